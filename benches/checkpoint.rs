@@ -34,7 +34,6 @@ fn main() {
     };
     let fixed64 = rows.iter().map(|row| row.map(|v| (v * 2f64.powi(40)) as i64)).collect();
     let fixed128 = rows.iter().map(|row| row.map(|v| (v * 2f64.powi(80)) as i128)).collect();
-    let f32s = rows.iter().map(|row| row.map(|v| v as f32)).collect();
     let mixture = |totals| StoredModel::Mixture {
         normalization: Normalization { offset: [0.0; 3], scale: [1.0; 3] },
         hyper: Hyper::paper(n, n as f64),
@@ -42,7 +41,6 @@ fn main() {
     };
     time("fixed64", n, mixture(Totals::Fixed64 { rows: fixed64, carries: Vec::new() }));
     time("fixed128", n, mixture(Totals::Fixed128(fixed128)));
-    time("f32", n, mixture(Totals::F32(f32s)));
     let direction = [0.6, 0.0, 0.8];
     let quanta = |sums: [f32; scene::N_SUMS]| sums.map(|sum| (f64::from(sum) / QUANTUM) as i32);
     let scene = SceneState {
@@ -51,7 +49,7 @@ fn main() {
         seeds: rows.iter().map(|r| [r[1], r[2], r[3]].map(|v| v as f32)).collect(),
         shares: None,
         components: None,
-        sums: StoredSums::Mixed {
+        sums: StoredSums {
             rows: vec![quanta(scene::terms([0.1; 3], [0.5; 3], [0.0; 3], direction)); n],
             wide: Vec::new(),
         },
@@ -60,7 +58,6 @@ fn main() {
         trajectory: Vec::new(),
         poses: Vec::new(),
         photometric: None,
-        stored_frames: Vec::new(),
     };
     time("scene", n, StoredModel::Scene(scene));
 }

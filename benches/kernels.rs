@@ -102,7 +102,7 @@ fn totals(criterion: &mut Criterion) {
         TileRecord { id: rng.below(COMPONENTS) as u32, tile, sums }
     };
     let mut group = criterion.benchmark_group("totals");
-    for width in [UpdateWidth::F32, UpdateWidth::Fixed64, UpdateWidth::Fixed128] {
+    for width in [UpdateWidth::Fixed64, UpdateWidth::Fixed128] {
         let mut statistics = Statistics::new(COMPONENTS, width);
         let mut shards = vec![Vec::new(); statistics.shards()];
         for tile in 0..30_000 {

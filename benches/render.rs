@@ -10,7 +10,7 @@ mod common;
 use common::times_ms;
 use glam::DVec3;
 use std::time::Instant;
-use vbgs_studio::eval::ssim::{SsimPadding, ssim};
+use vbgs_studio::eval::ssim::ssim;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
@@ -90,7 +90,7 @@ fn ssim_row() {
     };
     let (a, b) = (noise(), noise());
     let (best, median) = time(|| {
-        ssim(&a, &b, SsimPadding::Valid).expect("images of one size");
+        ssim(&a, &b).expect("images of one size");
     });
     println!("ssim 400x400: {best:.2} / {median:.2}");
 }

@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let posterior = scene.posterior(surest.ok_or("no points in any frame")?);
     println!("most points: a component at {:.3} m, from {}", posterior.mean_space, posterior.count);
     let path = std::env::temp_dir().join("robot.ply");
-    let written = write(&path, &scene.stored_splats(), &WriteOptions::new(ModelFormat::Ply))?;
+    let written = write(&path, &scene.splats(), &WriteOptions::new(ModelFormat::Ply))?;
     println!("{} splats, {} bytes: {}", written.n_written, written.bytes, path.display());
     Ok(())
 }

@@ -40,7 +40,7 @@ struct View {
     right: vec3<f32>,
     near: f32,                  // world units
     down: vec3<f32>,
-    extent_cap: f32,            // maximum support of a splat, in standard deviations
+    paint: u32,                 // one of PAINT_*
     forward: vec3<f32>,
     scale: f32,                 // factor on standard deviations
     centre: vec3<f32>,          // camera centre, world units
@@ -56,7 +56,6 @@ struct View {
     depth_range: vec2<f32>,     // range of the depth paint, world units
     antialias: u32,             // one of ANTIALIAS_*
     lens: u32,                  // one of LENS_*
-    paint: u32,                 // one of PAINT_*
 }
 
 struct Composite {

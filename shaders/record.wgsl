@@ -43,16 +43,11 @@ struct Record {
     reach: f32,
 }
 
-// Region where alpha can reach the cut.
+// Bounding box, in px, of the region where alpha can reach the cut. Not clipped; values beyond FAR_AWAY are
+// unbounded.
 struct Outline {
-    // Bounding box in px, not clipped; values beyond FAR_AWAY are unbounded.
     low: vec2<f32>,
     high: vec2<f32>,
-    // Ellipse inside the box: centre, matrix (xx, xy, yy) of its squared semi-axes, and determinant, in px. A
-    // determinant of 0 means that only the box is valid.
-    centre: vec2<f32>,
-    matrix: vec3<f32>,
-    det: f32,
 }
 
 // Splat in camera coordinates.
@@ -167,8 +162,7 @@ fn draw_projected(out: ptr<function, Drawn>) {
         unit * vec3<f32>(sqrt(yy / det), -xy / sqrt(yy * det), 1.0 / sqrt(yy));
     let k = (*out).record.reach / unit;
     let half_box = k * sqrt(vec2<f32>(xx, yy));
-    (*out).outline = ellipse(centre, centre - half_box, centre + half_box,
-        k * k * vec3<f32>(xx, xy, yy), k * k * k * k * det);
+    (*out).outline = widened_box(centre, centre - half_box, centre + half_box);
 }
 
 fn draw_exact(out: ptr<function, Drawn>) {
@@ -243,22 +237,16 @@ fn across_of(n: vec3<f32>) -> mat2x3<f32> {
     );
 }
 
-// Support in standard deviations: o·exp(−k²/2) = 1/255, limited by the extent cap.
+// Support in standard deviations: o·exp(−k²/2) = 1/255.
 fn reach_of(opacity: f32) -> f32 {
-    return min(sqrt(max(2.0 * log(255.0 * opacity), 0.0)), view.extent_cap);
+    return sqrt(max(2.0 * log(255.0 * opacity), 0.0));
 }
 
 // -------------------------------------------------------------------------------------------------
 // Outlines
 
-fn ellipse(centre: vec2<f32>, low: vec2<f32>, high: vec2<f32>, matrix: vec3<f32>, det: f32) -> Outline {
-    var out: Outline;
-    out.low = low - slack(low - centre);
-    out.high = high + slack(high - centre);
-    out.centre = centre;
-    out.matrix = matrix;
-    out.det = det;
-    return out;
+fn widened_box(centre: vec2<f32>, low: vec2<f32>, high: vec2<f32>) -> Outline {
+    return Outline(low - slack(low - centre), high + slack(high - centre));
 }
 
 fn slack(size: vec2<f32>) -> vec2<f32> {
@@ -279,23 +267,7 @@ fn outline_of_ellipsoid(placed: Placed, centre: vec2<f32>, tangent: vec2<f32>, k
     let range_y = tangent_range(v, ahead, margin);
     let low = centre + view.focal * vec2<f32>(range_x.x, range_y.x);
     let high = centre + view.focal * vec2<f32>(range_x.y, range_y.y);
-    if margin < 1e-3 {
-        return ellipse(centre, low, high, vec3<f32>(0.0), 0.0);
-    }
-    // E = κVᵀV + κ²wwᵀ about the centre shifted by −κw; the determinant follows from the matrix determinant
-    // lemma.
-    let kappa = 1.0 / margin;
-    let row_u = view.focal.x * u;
-    let row_v = view.focal.y * v;
-    let w = vec2<f32>(dot(row_u, ahead), dot(row_v, ahead));
-    let square = vec3<f32>(dot(row_u, row_u), dot(row_u, row_v), dot(row_v, row_v));
-    let shifted = vec3<f32>(w.x * w.x, w.x * w.y, w.y * w.y);
-    let minors = cross(row_u, row_v);
-    let mixed = w.x * row_v - w.y * row_u;
-    let det = kappa * kappa * (dot(minors, minors) + kappa * dot(mixed, mixed));
-    var out = ellipse(centre, low, high, kappa * (square + kappa * shifted), det);
-    out.centre = centre - kappa * w;
-    return out;
+    return widened_box(centre, low, high);
 }
 
 // Range of tan − tan_x over an ellipsoid. Unbounded if the camera is in its shadow or if it crosses the
@@ -336,8 +308,8 @@ fn outline_of_cone(placed: Placed, k: f32) -> Outline {
             high = middle + half_box;
         }
     }
-    return ellipse(view.principal, view.principal + view.focal * low,
-        view.principal + view.focal * high, vec3<f32>(0.0), 0.0);
+    return widened_box(view.principal, view.principal + view.focal * low,
+        view.principal + view.focal * high);
 }
 
 // -------------------------------------------------------------------------------------------------

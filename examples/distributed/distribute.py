@@ -21,12 +21,9 @@ import sys
 import tempfile
 import time
 
-# Components on a lattice do not depend on the order of frames, so the sum of shards is the scene of
-# one run, bit for bit. They learn from points alone.
-EXACT = ["--set", "births=lattice"]
-# Components born from points are each shard's own, unless all go on from one scene: that of a short
-# run over every so-many-th frame, before them.
-OWN = ["--set", "births=seeds"]
+# Components of a scene are born from points, so each shard would have its own. All shards therefore
+# resume one short run over every so-many-th frame. Mixtures have the same components from the start.
+MIXTURE = ["--preset", "paper"]
 
 
 def run_program(program, arguments):
@@ -141,7 +138,7 @@ def parse():
     parser.add_argument("--out", required=True, help="folder for checkpoint.vbgs and scene.ply")
     parser.add_argument("--shards", type=int, required=True, help="tasks that share the frames")
     parser.add_argument("--fan-in", type=int, default=8, help="checkpoints that one merge adds [8]")
-    start = "every so-many-th frame is in the run that shards with --set births=seeds go on from [8]"
+    start = "every so-many-th frame is in the run that shards of a scene resume [8]"
     parser.add_argument("--start", type=int, default=8, help=start)
     parser.add_argument("--threads", type=int, default=0, help="threads per shard [one per core]")
     parser.add_argument("--local", action="store_true", help="run on this machine, without Ray")
@@ -164,10 +161,8 @@ def main():
     executor = Local(asked.workers) if asked.local else Cluster(asked.threads)
     dataset = os.path.abspath(asked.dataset)
     options = asked.train_options
-    if not any(option.startswith("births=") for option in options):
-        options = [*EXACT, *options]
     start = None
-    if any(options[i : i + 2] == OWN for i in range(len(options))):
+    if not any(options[i : i + 2] == MIXTURE for i in range(len(options))):
         task = (train_shard, asked.program, dataset, f"1/{asked.start}", asked.threads, options)
         start = executor.share(executor.result(executor.submit(*task)))
     n = asked.shards

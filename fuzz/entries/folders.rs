@@ -1,11 +1,12 @@
 //! Recordings: whole folders, and single files of folders that are sound otherwise.
 
+use crate::common::layouts::{TestLayout, write};
 use crate::common::scratch::Files;
 use std::path::{Component, Path};
 use std::sync::{Arc, OnceLock};
 use vbgs_studio::dataset::fingerprint::Fingerprint;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
+use vbgs_studio::dataset::synthetic::write::DepthBits;
 use vbgs_studio::dataset::wild_poses::outlier_poses;
 use vbgs_studio::dataset::{Dataset, LoadOptions, capture_check, open, pose_check, range};
 use vbgs_studio::pipeline::plan::Selection;
@@ -18,35 +19,35 @@ const MAX_FILES: usize = 24;
 const MAX_FRAMES: usize = 3;
 
 /// Text files with poses, lists and intrinsics, with the layout that has them.
-pub const POSE_FILES: [(SyntheticLayout, &str); 18] = [
-    (SyntheticLayout::Tum, "groundtruth.txt"),
-    (SyntheticLayout::Tum, "rgb.txt"),
-    (SyntheticLayout::Tum, "camera-intrinsics.txt"),
-    (SyntheticLayout::Open3d, "trajectory.log"),
-    (SyntheticLayout::Open3d, "camera.json"),
-    (SyntheticLayout::Replica, "traj.txt"),
-    (SyntheticLayout::Replica, "cam_params.json"),
-    (SyntheticLayout::Scannet, "pose/1.txt"),
-    (SyntheticLayout::Scannet, "intrinsic/intrinsic_color.txt"),
-    (SyntheticLayout::SevenScenes, "train/frame-000001.pose.txt"),
-    (SyntheticLayout::Blender(DepthBits::Eight), "transforms_train.json"),
-    (SyntheticLayout::Nerfstudio, "transforms.json"),
-    (SyntheticLayout::Record3d, "metadata.json"),
-    (SyntheticLayout::StrayScanner, "odometry.csv"),
-    (SyntheticLayout::StrayScanner, "camera_matrix.csv"),
-    (SyntheticLayout::Arkit, "frames.jsonl"),
-    (SyntheticLayout::RtabMap, "poses.txt"),
-    (SyntheticLayout::RtabMap, "calib/1.yaml"),
+pub const POSE_FILES: [(TestLayout, &str); 18] = [
+    (TestLayout::Tum, "groundtruth.txt"),
+    (TestLayout::Tum, "rgb.txt"),
+    (TestLayout::Tum, "camera-intrinsics.txt"),
+    (TestLayout::Open3d, "trajectory.log"),
+    (TestLayout::Open3d, "camera.json"),
+    (TestLayout::Replica, "traj.txt"),
+    (TestLayout::Replica, "cam_params.json"),
+    (TestLayout::Scannet, "pose/1.txt"),
+    (TestLayout::Scannet, "intrinsic/intrinsic_color.txt"),
+    (TestLayout::SevenScenes, "train/frame-000001.pose.txt"),
+    (TestLayout::Blender(DepthBits::Eight), "transforms_train.json"),
+    (TestLayout::Nerfstudio, "transforms.json"),
+    (TestLayout::Record3d, "metadata.json"),
+    (TestLayout::StrayScanner, "odometry.csv"),
+    (TestLayout::StrayScanner, "camera_matrix.csv"),
+    (TestLayout::Arkit, "frames.jsonl"),
+    (TestLayout::RtabMap, "poses.txt"),
+    (TestLayout::RtabMap, "calib/1.yaml"),
 ];
 
 /// Photographs, depth and confidence.
-pub const IMAGE_FILES: [(SyntheticLayout, &str); 6] = [
-    (SyntheticLayout::Blender(DepthBits::Eight), "train/r_0.png"),
-    (SyntheticLayout::Blender(DepthBits::Eight), "train/r_0_depth_0001.png"),
-    (SyntheticLayout::Replica, "results/frame000000.jpg"),
-    (SyntheticLayout::Replica, "results/depth000000.png"),
-    (SyntheticLayout::StrayScanner, "confidence/000000.png"),
-    (SyntheticLayout::Arkit, "depth/000000.bin"),
+pub const IMAGE_FILES: [(TestLayout, &str); 6] = [
+    (TestLayout::Blender(DepthBits::Eight), "train/r_0.png"),
+    (TestLayout::Blender(DepthBits::Eight), "train/r_0_depth_0001.png"),
+    (TestLayout::Replica, "results/frame000000.jpg"),
+    (TestLayout::Replica, "results/depth000000.png"),
+    (TestLayout::StrayScanner, "confidence/000000.png"),
+    (TestLayout::Arkit, "depth/000000.bin"),
 ];
 
 /// A folder in one text: [`MARK`], a path, a new line, the file's bytes, and so on.
@@ -93,27 +94,27 @@ pub fn images(data: &[u8]) {
 
 /// Depth of Record3D.
 pub fn exr(data: &[u8]) {
-    in_place(SyntheticLayout::Record3d, "depth/0.exr", data);
+    in_place(TestLayout::Record3d, "depth/0.exr", data);
 }
 
 /// Depth of nerfstudio as arrays of NumPy, or TIFF: the content says which.
 pub fn npy(data: &[u8]) {
-    in_place(SyntheticLayout::Nerfstudio, "depths/frame_00001.png", data);
+    in_place(TestLayout::Nerfstudio, "depths/frame_00001.png", data);
 }
 
 /// An archive of Record3D.
 pub fn r3d(data: &[u8]) {
-    in_place(SyntheticLayout::Record3dArchive, "recording.r3d", data);
+    in_place(TestLayout::Record3dArchive, "recording.r3d", data);
 }
 
-fn chosen(files: &[(SyntheticLayout, &str)], data: &[u8]) {
+fn chosen(files: &[(TestLayout, &str)], data: &[u8]) {
     let Some((first, rest)) = data.split_first() else { return };
     let (layout, file) = files[usize::from(*first) % files.len()];
     in_place(layout, file, rest);
 }
 
 /// A sound folder in which one file holds other bytes.
-fn in_place(layout: SyntheticLayout, file: &str, data: &[u8]) {
+fn in_place(layout: TestLayout, file: &str, data: &[u8]) {
     let folder = tempfile::tempdir().expect("a folder");
     sound(layout).write(folder.path());
     let path = folder.path().join(file);
@@ -123,11 +124,10 @@ fn in_place(layout: SyntheticLayout, file: &str, data: &[u8]) {
 }
 
 /// The smallest recording of a layout.
-pub fn sound(layout: SyntheticLayout) -> &'static Files {
-    static KEPT: [OnceLock<Files>; SyntheticLayout::ALL.len()] =
-        [const { OnceLock::new() }; SyntheticLayout::ALL.len()];
-    let slot =
-        SyntheticLayout::ALL.iter().position(|other| *other == layout).expect("a known layout");
+pub fn sound(layout: TestLayout) -> &'static Files {
+    static KEPT: [OnceLock<Files>; TestLayout::ALL.len()] =
+        [const { OnceLock::new() }; TestLayout::ALL.len()];
+    let slot = TestLayout::ALL.iter().position(|other| *other == layout).expect("a known layout");
     KEPT[slot].get_or_init(|| {
         let folder = tempfile::tempdir().expect("a folder");
         let params = SyntheticParams {

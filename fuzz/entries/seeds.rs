@@ -3,8 +3,8 @@
 
 use super::folders::{IMAGE_FILES, MARK, POSE_FILES, sound};
 use super::training::{FIRST_OF_PAPER, steps_wider};
+use crate::common::layouts::TestLayout;
 use std::path::Path;
-use vbgs_studio::dataset::synthetic::write::SyntheticLayout;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::to_bytes;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
@@ -15,19 +15,18 @@ use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::pipeline::settings::preset_file;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};
-use vbgs_studio::train::scene::config::BirthRule;
 use vbgs_studio::train::setting::Preset;
 
 /// A folder of every layout in one text.
 pub fn layouts() -> Vec<Vec<u8>> {
-    let text = |layout: &SyntheticLayout| {
+    let text = |layout: &TestLayout| {
         let files = sound(*layout).iter();
         files.fold(Vec::new(), |text, (name, bytes)| {
             let name = name.to_str().expect("a plain name").as_bytes();
             [&text[..], MARK, name, b"\n", bytes].concat()
         })
     };
-    SyntheticLayout::ALL.iter().map(text).collect()
+    TestLayout::ALL.iter().map(text).collect()
 }
 
 /// Every file of poses behind its number.
@@ -40,12 +39,12 @@ pub fn images() -> Vec<Vec<u8>> {
     numbered(&IMAGE_FILES)
 }
 
-fn numbered(files: &[(SyntheticLayout, &str)]) -> Vec<Vec<u8>> {
+fn numbered(files: &[(TestLayout, &str)]) -> Vec<Vec<u8>> {
     let numbered = files.iter().zip(0..);
     numbered.map(|((layout, file), i)| [&[i][..], &file_of(*layout, file)].concat()).collect()
 }
 
-fn file_of(layout: SyntheticLayout, file: &str) -> Vec<u8> {
+fn file_of(layout: TestLayout, file: &str) -> Vec<u8> {
     let (_, bytes) = sound(layout)
         .iter()
         .find(|(name, _)| *name == Path::new(file))
@@ -55,7 +54,7 @@ fn file_of(layout: SyntheticLayout, file: &str) -> Vec<u8> {
 
 /// A file as Record3D has it.
 pub fn exr() -> Vec<Vec<u8>> {
-    vec![file_of(SyntheticLayout::Record3d, "depth/0.exr")]
+    vec![file_of(TestLayout::Record3d, "depth/0.exr")]
 }
 
 /// Arrays of the types that are read, and a TIFF of 16 bits.
@@ -81,7 +80,7 @@ pub fn npy() -> Vec<Vec<u8>> {
 
 /// A recording.
 pub fn r3d() -> Vec<Vec<u8>> {
-    vec![file_of(SyntheticLayout::Record3dArchive, "recording.r3d")]
+    vec![file_of(TestLayout::Record3dArchive, "recording.r3d")]
 }
 
 fn splats() -> [Splat; 2] {
@@ -168,17 +167,15 @@ pub fn glb() -> Vec<Vec<u8>> {
     vec![glb, json.to_string().into()]
 }
 
-/// A room of a handful of components of each preset and form of sums.
+/// A room of a handful of components of each preset.
 pub fn checkpoint() -> Vec<Vec<u8>> {
     let paper = PaperOverrides { components: Some(4), ..PaperOverrides::default() };
     let paper = PaperConfig::paper().with(&paper).expect("settings");
-    let scene = |births, budget| SceneOverrides {
-        births: Some(births),
-        budget: Some(vbgs_studio::train::scene::units::Budget::Components(budget)),
+    let scene = SceneOverrides {
+        budget: Some(vbgs_studio::train::scene::units::Budget::Components(8)),
         ..SceneOverrides::default()
     };
-    let asked: [MethodRequest; 3] =
-        [paper.into(), scene(BirthRule::Seeds, 8).into(), scene(BirthRule::Lattice, 8).into()];
+    let asked: [MethodRequest; 2] = [paper.into(), scene.into()];
     asked.into_iter().map(trained).collect()
 }
 
@@ -196,13 +193,13 @@ pub fn ron() -> Vec<Vec<u8>> {
     let calibration = "(color_camera: Some((focal: (522.0, 522.0), principal: (320.0, 238.5), \
                        offset: (0.02, 0.0, 0.0), rotation: (0.0, 0.0, 0.0))), depth_offset: 0.0, \
                        depth_scale: 1.0, exposure: [(frame: \"0\", gain: (1.0, 1.0, 1.0))])";
-    let few = "(scale: \"2.5px\", births: seeds, budget: \"5MB\", seed: 7)";
+    let few = "(scale: \"2.5px\", refine: false, budget: \"5MB\", seed: 7)";
     let texts = [preset_file(Preset::Paper), preset_file(Preset::Scene), few, calibration];
     texts.into_iter().map(Into::into).collect()
 }
 
-/// Settings and frames of a plane, then everything once: for each kind of births and sums, and for each
-/// policy of reassignment and precision.
+/// Settings and frames of a plane, then everything once: for each kind of scene, and for each policy
+///  of reassignment and precision.
 pub fn training() -> Vec<Vec<u8>> {
     let commands = [
         0, 15, 11, 0, 1, 0, 0, 0, 0, 24, 1, 24, 3, 0, 90, 1, // a frame
@@ -210,7 +207,7 @@ pub fn training() -> Vec<Vec<u8>> {
         4, 5, 6, 3, 7, 1, 3, 5,
     ];
     let scene = |kind: u8, flags: u8| {
-        let config = [kind, 4, kind % 3, kind / 3, flags, 20, kind, 0];
+        let config = [kind, 4, flags, 20, kind, 0];
         [&config[..], &commands].concat()
     };
     // Eight components of three candidates, an eighth of which may move; a room of 12 units.
@@ -218,10 +215,10 @@ pub fn training() -> Vec<Vec<u8>> {
         let config = [FIRST_OF_PAPER + kind, 8, 3, flags, 1, 2, precision, 0, 0, 0, 16];
         [&config[..], &commands].concat()
     };
-    let scenes = (0..9).flat_map(|kind| [scene(kind, 0), scene(kind, 0b1001_0111)]);
-    // A budget far too small for a fine scale, by what sums and features there are; fused with itself.
+    let scenes = (0..3).flat_map(|kind| [scene(kind, 0), scene(kind, 0b1001_0111)]);
+    // A budget far too small for a fine scale, by what features there are; fused with itself.
     let narrow = (0..3).flat_map(|kind| {
-        let config = |flags| [kind, 1, 0, kind, flags, 2, kind, 0];
+        let config = |flags| [kind, 1, flags, 2, kind, 0];
         [0, 0b1101_0111].map(|flags| [&config(flags)[..], &commands, &[6]].concat())
     });
     let narrow: Vec<Vec<u8>> = narrow.collect();

@@ -1,4 +1,6 @@
 //! What tests share, as far as targets need it.
 
+#[path = "../../tests/common/layouts.rs"]
+pub mod layouts;
 #[path = "../../tests/common/scratch.rs"]
 pub mod scratch;

@@ -9,18 +9,13 @@ use eframe::egui::{
     Align, Button, Context, Id, Key, Modal, Modifiers, RichText, ScrollArea, TextEdit, Ui, Vec2,
 };
 
-/// Width and height, points.
 const LIST: Vec2 = Vec2::new(440.0, 300.0);
 
-/// Action available from the menus and the finder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     Command(UiCommand),
-    /// Show a tab of the side panel.
     Tab(SideTab),
-    /// Switch the comparison mode of the viewport.
     Mode(ViewMode),
-    /// Switch the colour mode of the viewport.
     Color(ColorMode),
 }
 
@@ -60,7 +55,7 @@ impl Action {
     pub fn tooltip(self) -> &'static str {
         match self {
             Self::Command(command) => command.tooltip(),
-            Self::Tab(_) => "Show this panel",
+            Self::Tab(tab) => tab.tooltip(),
             Self::Mode(mode) => mode.tooltip(),
             Self::Color(mode) => mode.tooltip(),
         }
@@ -207,11 +202,6 @@ mod tests {
         names.dedup();
         assert_eq!(names.len(), n);
     }
-}
-
-#[cfg(test)]
-mod fuzzy_tests {
-    use super::*;
 
     #[test]
     fn letters_in_order_are_found_and_beginnings_of_words_come_first() {

@@ -1,5 +1,6 @@
 //! Colour modes of the viewport.
 
+use super::command::labelled;
 use crate::render::Paint;
 use crate::render::attributes::Attribute;
 use serde::{Deserialize, Serialize};
@@ -17,46 +18,17 @@ pub enum ColorMode {
     Normal,
 }
 
+labelled! { ColorMode:
+    Color: "Colour", "Learned colours";
+    Evidence: "Evidence", "Number of points assigned to each component";
+    Uncertainty: "Uncertainty", "Standard deviation of each component's position";
+    Elbo: "Per-point ELBO", "How well the current frame's points fit each component";
+    Birth: "Birth frame", "Frame in which each component was created";
+    Depth: "Depth", "Distance from the camera, from violet (near) to yellow (far)";
+    Normal: "Normal", "Direction of each splat's shortest axis, coded as RGB";
+}
+
 impl ColorMode {
-    pub const ALL: [ColorMode; 7] = [
-        ColorMode::Color,
-        ColorMode::Evidence,
-        ColorMode::Uncertainty,
-        ColorMode::Elbo,
-        ColorMode::Birth,
-        ColorMode::Depth,
-        ColorMode::Normal,
-    ];
-
-    /// Label and tooltip in menus.
-    fn texts(self) -> (&'static str, &'static str) {
-        match self {
-            ColorMode::Color => ("Colour", "Learned colours"),
-            ColorMode::Evidence => ("Evidence", "Number of points assigned to each component"),
-            ColorMode::Uncertainty => {
-                ("Uncertainty", "Standard deviation of each component's position")
-            }
-            ColorMode::Elbo => {
-                ("Per-point ELBO", "How well the current frame's points fit each component")
-            }
-            ColorMode::Birth => ("Birth frame", "Frame in which each component was created"),
-            ColorMode::Depth => {
-                ("Depth", "Distance from the camera, from violet (near) to yellow (far)")
-            }
-            ColorMode::Normal => {
-                ("Normal", "Direction of each splat's shortest axis, coded as RGB")
-            }
-        }
-    }
-
-    pub fn label(self) -> &'static str {
-        self.texts().0
-    }
-
-    pub fn tooltip(self) -> &'static str {
-        self.texts().1
-    }
-
     /// Paint mode of the renderer, with depths (world units) mapped from `range`. Attributes known only to
     /// the trainer are baked into the splats' stored colours.
     pub fn paint(self, range: [f32; 2]) -> Paint {

@@ -20,7 +20,6 @@ pub const FINEST_PX: f64 = 0.5;
 /// Forecast for a run that differs only in its structural scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DetailForecast {
-    /// Components after the same number of frames.
     pub components: f64,
     pub model_bytes: f64,
     pub frame_ms: f64,
@@ -28,7 +27,6 @@ pub struct DetailForecast {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectiveScale {
-    /// World units.
     pub length: f64,
     /// True if noise limits the scale to more than was requested.
     pub is_noise_limited: bool,

@@ -16,8 +16,7 @@ pub enum ViewRenderer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DrawStage {
     Picture,
-    /// Depth sort on a CPU thread.
-    Order,
+    /// Projection of the splats on the GPU.
     Preprocess,
     /// Depth sort on the GPU.
     Sort,
@@ -25,18 +24,12 @@ pub enum DrawStage {
 }
 
 impl DrawStage {
-    pub const ALL: [DrawStage; 5] = [
-        DrawStage::Picture,
-        DrawStage::Order,
-        DrawStage::Preprocess,
-        DrawStage::Sort,
-        DrawStage::Draw,
-    ];
+    pub const ALL: [DrawStage; 4] =
+        [DrawStage::Picture, DrawStage::Preprocess, DrawStage::Sort, DrawStage::Draw];
 
     pub fn label(self) -> &'static str {
         match self {
             DrawStage::Picture => "Picture (CPU)",
-            DrawStage::Order => "Order (CPU)",
             DrawStage::Preprocess => "Preprocess (GPU)",
             DrawStage::Sort => "Sort (GPU)",
             DrawStage::Draw => "Draw (GPU)",

@@ -1,5 +1,6 @@
 //! Export options of the dialog: conversion to plain splats, preview, and its report.
 
+use super::panels::card::choices;
 use super::viewer::export_preview::PreviewReport;
 use crate::export::ModelFormat;
 use crate::export::mapping::{GradientSplit, Mapping, OpacityMapping, is_plain};
@@ -12,38 +13,26 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
     ui.weak("A scene trained with Splats: Plain (Settings) is exported exactly.");
     Grid::new("mapping").num_columns(2).show(ui, |ui| {
         ui.label("Split each splat into");
-        ui.horizontal(|ui| {
-            for (split, label, tooltip) in [
-                (GradientSplit::One, "1", "Drops the colour gradient"),
-                (
-                    GradientSplit::Two,
-                    "2",
-                    "Splits along the longest axis; colours follow the gradient",
-                ),
-                (
-                    GradientSplit::Four,
-                    "4",
-                    "Splits along both surface axes; colours follow the gradient",
-                ),
-            ] {
-                let is_chosen = mapping.split == split;
-                if ui.selectable_label(is_chosen, label).on_hover_text(tooltip).clicked() {
-                    // Also sets the opacity mapping that measured best with this split; the user can still
-                    // change it below.
-                    *mapping = Mapping::for_split(split);
-                }
-            }
-        });
+        let two = "Splits along the longest axis; colours follow the gradient";
+        let four = "Splits along both surface axes; colours follow the gradient";
+        let splits = [
+            (GradientSplit::One, "1", "Drops the colour gradient"),
+            (GradientSplit::Two, "2", two),
+            (GradientSplit::Four, "4", four),
+        ];
+        let mut split = mapping.split;
+        if ui.horizontal(|ui| choices(&mut split, &splits, ui)).inner {
+            // Also sets the opacity mapping that measured best with this split; the user can still change
+            // it below.
+            *mapping = Mapping::for_split(split);
+        }
         ui.end_row();
         ui.label("Opacity above 1");
-        ui.horizontal(|ui| {
-            for (opacity, label, tooltip) in [
-                (OpacityMapping::EqualArea, "Equal area", "Splats grow to cover the same area"),
-                (OpacityMapping::Clip, "Clip", "Limits the opacity; splats keep their size"),
-            ] {
-                ui.selectable_value(&mut mapping.opacity, opacity, label).on_hover_text(tooltip);
-            }
-        });
+        let opacities = [
+            (OpacityMapping::EqualArea, "Equal area", "Splats grow to cover the same area"),
+            (OpacityMapping::Clip, "Clip", "Limits the opacity; splats keep their size"),
+        ];
+        ui.horizontal(|ui| choices(&mut mapping.opacity, &opacities, ui));
         ui.end_row();
     });
     ui.add_space(4.0);

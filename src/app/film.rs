@@ -3,16 +3,16 @@
 //! Uses the renderer of `render --path`, so that both give the same film. While training runs, one thread
 //! renders.
 
-use super::background_job::BackgroundJob;
 use super::edit::marks::LeftOut;
 use super::settings_file::unused;
 use super::state::NoticeKind;
 use super::view_thread::{one_thread, run_in, take_finished};
-use super::worker::{FileProgress, Waker};
+use super::worker::Waker;
 use crate::export::camera_path::PacedPath;
 use crate::export::video::{FilmError, FilmWriter, write_png};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::job::{Job, Progress};
 use crate::render::RenderOptions;
 use crate::render::cpu::CpuRenderer;
 use std::path::{Path, PathBuf};
@@ -37,18 +37,11 @@ enum FilmOutcome {
 
 struct RunningFilm {
     output: PathBuf,
-    progress: Arc<FileProgress>,
-    drawing: BackgroundJob<Result<FilmOutcome, FilmError>>,
+    drawing: Job<Result<FilmOutcome, FilmError>>,
 }
 
 #[derive(Default)]
 pub struct FilmThread(Option<RunningFilm>);
-
-impl Drop for FilmThread {
-    fn drop(&mut self) {
-        self.cancel();
-    }
-}
 
 impl FilmThread {
     /// Starts rendering a film of this scene; cancels the current one.
@@ -58,23 +51,21 @@ impl FilmThread {
         order: FilmRequest,
         waker: Waker,
     ) -> std::io::Result<()> {
-        self.cancel();
-        let progress = Arc::new(FileProgress::default());
-        progress.begin();
-        let (told, output) = (progress.clone(), order.output.clone());
+        self.0 = None;
+        let output = order.output.clone();
         let pool = order.is_beside_training.then(one_thread).transpose()?;
         let drawn = waker.clone();
-        let draw = move || {
+        let draw = move |progress: &Progress| {
             let scene = order.left_out.remaining(scene);
-            run_in(pool.as_ref(), || render_film(scene, &order, &told, &drawn))
+            run_in(pool.as_ref(), || render_film(scene, &order, progress, &drawn))
         };
-        let drawing = BackgroundJob::start("film", waker, draw)?;
-        self.0 = Some(RunningFilm { output, progress, drawing });
+        let drawing = Job::start_reporting("film", waker, draw)?;
+        self.0 = Some(RunningFilm { output, drawing });
         Ok(())
     }
 
     pub fn share(&self) -> Option<f32> {
-        self.0.as_ref().map(|running| running.progress.share().unwrap_or(0.0))
+        self.0.as_ref().map(|running| running.drawing.progress().share().unwrap_or(0.0))
     }
 
     pub fn output(&self) -> Option<&Path> {
@@ -83,7 +74,7 @@ impl FilmThread {
 
     pub fn cancel(&self) {
         if let Some(running) = &self.0 {
-            running.progress.cancel();
+            running.drawing.progress().cancel();
         }
     }
 
@@ -111,7 +102,7 @@ impl FilmThread {
 fn render_film(
     scene: Arc<SplatSet>,
     order: &FilmRequest,
-    progress: &FileProgress,
+    progress: &Progress,
     waker: &Waker,
 ) -> Result<FilmOutcome, FilmError> {
     let mut film = FilmWriter::new(&order.output, order.size, order.path.fps)?;
@@ -142,7 +133,7 @@ pub struct Still {
 }
 
 #[derive(Default)]
-pub struct StillJob(Option<(PathBuf, BackgroundJob<Result<PathBuf, String>>)>);
+pub struct StillJob(Option<(PathBuf, Job<Result<PathBuf, String>>)>);
 
 impl StillJob {
     /// Renders a picture and writes it to `path`, or to an unused name if that exists. A picture in
@@ -155,7 +146,7 @@ impl StillJob {
             let path = unused(&asked);
             write_png(&path, &picture).map(|()| path).map_err(|error| error.to_string())
         };
-        self.0 = Some((path, BackgroundJob::start("picture", waker, draw)?));
+        self.0 = Some((path, Job::start_waking("picture", waker, draw)?));
         Ok(())
     }
 

@@ -10,23 +10,18 @@ use crate::train::outcome::{OutlierReason, PhotographOutcome};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// State of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FrameState {
-    /// Not part of the run.
     NotInRun,
     /// Pending, at this position of the training order.
     Pending(usize),
     /// Trained, at this position of the order, with its figures if the window received them.
     Trained(usize, Option<TrainedFrame>),
-    /// Unusable, with the reason.
     Skipped(String),
 }
 
-/// Figures of a trained frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainedFrame {
-    /// Points trained on.
     pub points: usize,
     /// Mean ELBO of its points, nats.
     pub elbo_mean: f64,
@@ -51,7 +46,6 @@ impl From<&FrameReport> for TrainedFrame {
     }
 }
 
-/// States of all frames of the open dataset.
 #[derive(Default)]
 pub struct FrameOutcomes {
     serial: u64,
@@ -69,7 +63,6 @@ pub struct FrameOutcomes {
 }
 
 impl FrameOutcomes {
-    /// Adds the news of a snapshot.
     pub fn update(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         if self.serial != opened.serial {

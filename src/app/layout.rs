@@ -5,6 +5,7 @@
 //! shares are sizes in points: if the window is resized, panels keep their size and the viewport takes the
 //! rest.
 
+use super::command::labelled;
 use super::settings_file;
 use eframe::egui::{Id, Vec2};
 use egui_tiles::{Container, LinearDir, Tile, TileId, Tiles, Tree};
@@ -13,7 +14,6 @@ use std::collections::{BTreeSet, HashSet};
 
 /// Version of the stored format; other versions are rejected.
 const VERSION: u32 = 1;
-/// Initial width of the panels, points.
 const WIDTH: f32 = 370.0;
 /// Share of the room for panels newly docked beside the viewport.
 const NEW_SHARE: f32 = 0.24;
@@ -25,10 +25,8 @@ const MIN_POINTS: f32 = 60.0;
 /// Least width of the panels, points, which takes precedence over the largest share.
 const MIN_WIDTH: f32 = 240.0;
 
-/// Content of a tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum DockPane {
-    /// The viewport.
     Picture,
     Panel(SideTab),
 }
@@ -81,11 +79,6 @@ impl WindowLayout {
         (Self::default(), Some(notice))
     }
 
-    pub fn to_text(&self) -> Result<String, ron::Error> {
-        ron::to_string(self)
-    }
-
-    /// Activates the tab of a panel.
     pub fn activate(&mut self, tab: SideTab) {
         let is_it =
             |tile: &Tile<DockPane>| matches!(tile, Tile::Pane(DockPane::Panel(of)) if *of == tab);
@@ -184,28 +177,14 @@ pub enum SideTab {
     Settings,
 }
 
-impl SideTab {
-    pub const ALL: [SideTab; 7] = [
-        SideTab::Latency,
-        SideTab::Quality,
-        SideTab::Scene,
-        SideTab::Inspector,
-        SideTab::Edit,
-        SideTab::Path,
-        SideTab::Settings,
-    ];
-
-    pub fn label(self) -> &'static str {
-        match self {
-            SideTab::Latency => "Latency",
-            SideTab::Quality => "Quality",
-            SideTab::Scene => "Scene",
-            SideTab::Inspector => "Inspector",
-            SideTab::Edit => "Edit",
-            SideTab::Path => "Path",
-            SideTab::Settings => "Settings",
-        }
-    }
+labelled! { SideTab:
+    Latency: "Latency", "Show this panel";
+    Quality: "Quality", "Show this panel";
+    Scene: "Scene", "Show this panel";
+    Inspector: "Inspector", "Show this panel";
+    Edit: "Edit", "Show this panel";
+    Path: "Path", "Show this panel";
+    Settings: "Settings", "Show this panel";
 }
 
 #[cfg(test)]
@@ -229,7 +208,7 @@ mod tests {
         let mut layout = WindowLayout { shows_frames: false, ..WindowLayout::default() };
         layout.activate(SideTab::Inspector);
         layout.resize(Vec2::new(1000.0, 600.0), 0.0);
-        let (read, notice) = WindowLayout::from_text(&layout.to_text().unwrap());
+        let (read, notice) = WindowLayout::from_text(&ron::to_string(&layout).unwrap());
         assert_eq!((read, notice), (layout, None));
     }
 
@@ -256,7 +235,7 @@ mod tests {
             root.children.push(own);
         }
         let mut texts: Vec<String> =
-            [older, lacking, twice, buried, circle].map(|l| l.to_text().unwrap()).into();
+            [older, lacking, twice, buried, circle].map(|l| ron::to_string(&l).unwrap()).into();
         texts.extend(["", "(version: 1)", "no RON at all"].map(str::to_owned));
         for text in texts {
             let (read, notice) = WindowLayout::from_text(&text);

@@ -4,9 +4,7 @@
 //! [`splat_updates`]. [`command`] holds the table of commands available in each state.
 #![allow(missing_docs, reason = "no other crate uses this room")]
 
-pub mod abandoned;
 mod action_finder;
-mod background_job;
 pub mod camera;
 pub mod color_mode;
 pub mod command;
@@ -18,10 +16,10 @@ mod export_options;
 mod film;
 pub mod frame_outcomes;
 mod layout;
+mod mailbox;
 pub mod opening;
 mod palette;
 mod panels;
-pub mod panic_report;
 mod pass_times;
 mod path_dialog;
 mod path_editor;
@@ -36,7 +34,6 @@ pub mod splat_updates;
 pub mod state;
 mod studio;
 pub mod training;
-pub mod unattended;
 mod user_folders;
 mod view_thread;
 pub mod viewer;

@@ -34,9 +34,7 @@ pub enum Content {
 /// Freshly opened subject, with everything that the window needs.
 pub struct OpenedSubject {
     pub content: Content,
-    /// Splats to show first.
     pub splats: SplatSet,
-    /// Name, properties and home view.
     pub opened: Opened,
     pub notices: Vec<(NoticeKind, String)>,
 }
@@ -143,7 +141,6 @@ fn home_of(session: &Session) -> HomeView {
     HomeView { camera, up: session.up(), target, radius }
 }
 
-/// Horizontal field of view for models without a camera, radians.
 const MODEL_FOV: f64 = 1.0;
 
 /// Resumes the run of a checkpoint; if that fails, shows its scene.
@@ -234,7 +231,6 @@ fn notices_of(model: &Imported, path: &Path) -> Vec<(NoticeKind, String)> {
     notices
 }
 
-/// Opens splats for viewing, with their up direction and local origin.
 fn view(
     path: &Path,
     splats: SplatSet,
@@ -280,7 +276,6 @@ fn view(
     OpenedSubject { splats: splats.clone(), opened, notices, content: Content::Model(splats) }
 }
 
-/// Action that waits.
 #[derive(Clone, Debug)]
 pub enum Continuation {
     Send(WorkerOrder),
@@ -298,11 +293,9 @@ pub enum Pending {
     Writing(Continuation, u64),
 }
 
-/// Result of checking for a written file.
 #[derive(Debug)]
 pub enum AfterWrite {
     Wait(Pending),
-    /// The action proceeds.
     GoAhead(Continuation),
     /// The action is dropped, because the file was not written.
     GiveUp,
@@ -337,7 +330,6 @@ impl Pending {
     }
 }
 
-/// File name for the built-in demo, which has no path.
 const DEMO: &str = "demo";
 
 /// Default folder and file name without extension.
@@ -345,7 +337,6 @@ const DEMO: &str = "demo";
 pub struct FileProposal {
     /// Folder of the open file or dataset; the current folder for the demo. Absolute if it can be determined.
     pub folder: PathBuf,
-    /// File name without extension.
     pub stem: String,
 }
 
@@ -374,7 +365,7 @@ impl FileProposal {
 }
 
 /// Absolute path; unchanged if the current folder is unknown.
-fn absolute_or_same(path: &Path) -> PathBuf {
+pub fn absolute_or_same(path: &Path) -> PathBuf {
     absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 

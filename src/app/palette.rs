@@ -7,7 +7,6 @@ use crate::model::splat::splats::Splat;
 use crate::render::attributes::{Attribute, Range};
 use std::sync::Arc;
 
-/// All splats of the scene and their displayed colours.
 #[derive(Default)]
 pub struct Palette {
     learned: Arc<SplatSet>,
@@ -86,7 +85,6 @@ impl Palette {
         &self.attributes
     }
 
-    /// Splats in displayed colours.
     pub fn splats(&self) -> &Arc<SplatSet> {
         if self.attribute.is_some() { &self.shown } else { &self.learned }
     }

@@ -4,15 +4,14 @@
 //! the replacement of a file; for the field this module does. The path is checked on a separate thread,
 //! because a drive that does not respond must not block the window.
 
-use super::background_job::BackgroundJob;
 use super::opening::FileProposal;
 use super::panels::card::named;
-use super::panic_report::PanicReport;
 use super::worker::Waker;
 use crate::export::format::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
+use crate::pipeline::job::Job;
 use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
 use std::path::{Path, PathBuf, absolute};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Offset of a dialog beside the picture from the upper right corner of the window, points.
 const ASIDE: [f32; 2] = [-8.0, 72.0];
@@ -93,11 +92,12 @@ pub struct PathDialog {
     /// Serial of the subject of the proposed path.
     proposed_for: u64,
     /// Native dialog in progress, on its own thread so that the window keeps drawing.
-    native: Option<BackgroundJob<Option<PathBuf>>>,
+    native: Option<Job<Option<PathBuf>>>,
     no_native: bool,
     /// Path whose replacement a native dialog has confirmed.
     approved: Option<PathBuf>,
-    looking: Option<PathCheck>,
+    /// Entered path, while a thread checks what exists there.
+    checking: Option<(PathBuf, Job<Occupant>)>,
     /// Existing file or folder whose replacement is to be confirmed.
     replacing: Option<(PathBuf, Occupant)>,
     problem: Option<String>,
@@ -135,7 +135,7 @@ impl PathDialog {
             native: None,
             no_native: false,
             approved: None,
-            looking: None,
+            checking: None,
             replacing: None,
             problem: None,
             takes_focus: false,
@@ -192,8 +192,8 @@ impl PathDialog {
                 told(ui);
                 // Below everything else, because it appears later: buttons must not move under the
                 // pointer.
-                if let Some(look) = &self.looking {
-                    look.show_waiting(ui);
+                if let Some((path, job)) = &self.checking {
+                    show_waiting(path, job.elapsed(), ui);
                 }
             });
         if let Some(answer) = self.take_path_check() {
@@ -207,7 +207,7 @@ impl PathDialog {
             return self.confirm(waker);
         }
         if !stays || ui.input(|i| i.key_pressed(Key::Escape)) {
-            (self.is_open, self.looking) = (false, None);
+            (self.is_open, self.checking) = (false, None);
             return Some(PathAnswer::Cancelled);
         }
         None
@@ -225,8 +225,9 @@ impl PathDialog {
         if !self.purpose.writes() {
             return Some(self.answer(path));
         }
-        match PathCheck::start(path.clone(), waker.clone()) {
-            Ok(look) => self.looking = Some(look),
+        let checked = path.clone();
+        match Job::start_waking("dialog", waker.clone(), move || Occupant::of(&checked)) {
+            Ok(job) => self.checking = Some((path, job)),
             Err(error) => {
                 let path = path.display();
                 self.problem = Some(format!(
@@ -239,8 +240,9 @@ impl PathDialog {
 
     /// Takes the result of a check: accepts the path, or prompts for the replacement of what exists.
     fn take_path_check(&mut self) -> Option<PathAnswer> {
-        let looked = self.looking.as_ref()?.take()?;
-        let path = self.looking.take()?.path;
+        let (_, job) = self.checking.as_ref()?;
+        let looked = job.poll()?;
+        let (path, _) = self.checking.take()?;
         // The user has entered another path meanwhile.
         if path != self.entered() {
             return None;
@@ -269,7 +271,7 @@ impl PathDialog {
         self.is_open = false;
         // By the next time the file exists, so its replacement must be confirmed again.
         (self.approved, self.replacing, self.problem) = (None, None, None);
-        self.looking = None;
+        self.checking = None;
         PathAnswer::Path(path)
     }
 
@@ -377,12 +379,12 @@ impl PathDialog {
         pick: impl FnOnce() -> Option<PathBuf> + Send + 'static,
     ) {
         if ui.add_enabled(self.native.is_none(), Button::new(label)).clicked() {
-            self.native = BackgroundJob::start("dialog", waker.clone(), pick).ok();
+            self.native = Job::start_waking("dialog", waker.clone(), pick).ok();
         }
     }
 
     fn take_picked(&mut self) {
-        let Some(answer) = self.native.as_ref().and_then(BackgroundJob::poll) else { return };
+        let Some(answer) = self.native.as_ref().and_then(Job::poll) else { return };
         self.native = None;
         // A cancelled dialog, a missing portal and a panic have the same result, so the hint covers all
         // of them.
@@ -397,23 +399,14 @@ impl PathDialog {
     }
 }
 
-/// What exists where a file is to be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Occupant {
+enum Occupant {
     Nothing,
     /// A file or link, which would be replaced.
     File,
     Folder,
 }
 
-/// Check of a path, which may take as long as its drive needs.
-pub struct PathCheck {
-    pub path: PathBuf,
-    since: Instant,
-    job: BackgroundJob<Occupant>,
-}
-
-/// Time after which the dialog shows what it waits for.
 const HINT_DELAY: Duration = Duration::from_secs(1);
 
 impl Occupant {
@@ -427,32 +420,15 @@ impl Occupant {
     }
 }
 
-impl PathCheck {
-    /// Starts the check; `waker` is called when it is done.
-    ///
-    /// # Errors
-    /// If no thread can be started.
-    pub fn start(path: PathBuf, waker: Waker) -> std::io::Result<Self> {
-        let looked_at = path.clone();
-        let job = BackgroundJob::start("dialog", waker, move || Occupant::of(&looked_at))?;
-        Ok(Self { path, since: Instant::now(), job })
-    }
-
-    /// Takes the result, once.
-    pub fn take(&self) -> Option<Result<Occupant, PanicReport>> {
-        self.job.poll()
-    }
-
-    /// Shows what the dialog waits for, if that takes long.
-    pub fn show_waiting(&self, ui: &mut Ui) {
-        match HINT_DELAY.checked_sub(self.since.elapsed()) {
-            Some(rest) => ui.ctx().request_repaint_after(rest),
-            None => {
-                let folder = self.path.parent().unwrap_or(&self.path).display();
-                ui.label(format!(
-                    "{folder}: the drive has not responded yet; wait, or choose another folder"
-                ));
-            }
+/// Shows what the dialog waits for, if that takes long.
+fn show_waiting(path: &Path, elapsed: Duration, ui: &mut Ui) {
+    match HINT_DELAY.checked_sub(elapsed) {
+        Some(rest) => ui.ctx().request_repaint_after(rest),
+        None => {
+            let folder = path.parent().unwrap_or(path).display();
+            ui.label(format!(
+                "{folder}: the drive has not responded yet; wait, or choose another folder"
+            ));
         }
     }
 }
@@ -472,11 +448,6 @@ mod tests {
         }
         assert_eq!(at_home(Path::new("~/room"), None), Path::new("~/room"));
     }
-}
-
-#[cfg(test)]
-mod path_look_tests {
-    use super::*;
 
     #[test]
     fn files_folders_and_links_to_nowhere_are_told_apart() {

@@ -5,7 +5,6 @@ use crate::math::camera_path::{CameraPath, Keyframe};
 use glam::DVec3;
 use std::path::Path;
 
-/// Time between new keyframes, seconds.
 const STEP_S: f64 = 2.0;
 
 #[derive(Clone, Debug)]
@@ -14,13 +13,11 @@ pub struct PathEditor {
     pub fps: f64,
     /// True if the path returns from the last keyframe to the first.
     pub is_loop: bool,
-    /// Duration of this return, seconds.
     pub way_back: f64,
     /// Playback position, seconds from the first keyframe.
     pub moment: f64,
     pub is_playing: bool,
     pub file: String,
-    /// Size of the film's pictures, pixels.
     pub size: [u32; 2],
 }
 
@@ -79,7 +76,6 @@ impl PathEditor {
         self.keyframes[from..].iter_mut().for_each(|keyframe| keyframe.time += by);
     }
 
-    /// Loads the keyframes and settings of another path.
     pub fn take(&mut self, paced: &PacedPath) {
         let path = &paced.path;
         let all = path.keyframes();
@@ -93,9 +89,6 @@ impl PathEditor {
     }
 
     /// Reads a file; `up` is the up direction of cameras without their own.
-    ///
-    /// # Errors
-    /// Those of [`PacedPath::read`].
     pub fn open(&mut self, file: &Path, up: DVec3) -> Result<(), CameraPathError> {
         PacedPath::read(file, up).map(|paced| self.take(&paced))
     }

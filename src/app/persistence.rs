@@ -1,12 +1,12 @@
 //! Settings stored between sessions: the parts of the settings file, each a RON text under its name.
 
 use super::layout::WindowLayout;
+use super::settings_file::from_text;
 use super::training::TrainSettings;
 use super::user_folders::RecentPaths;
 use super::viewer::settings::ViewSettings;
 use crate::render::gpu::adapters::AdapterChoice;
 
-/// Names of the parts.
 const VIEWPORT: &str = "viewport";
 const TRAINING: &str = "training";
 const RECENT: &str = "recent";
@@ -15,10 +15,7 @@ const LAYOUT: &str = "layout";
 pub const CAVEAT: &str = "caveat";
 /// Part with the adapter chosen for further windows.
 pub const ADAPTER: &str = "adapter";
-/// Part with the version of the file; a part may also have its own version.
 pub const VERSION: &str = "version";
-/// Version of files written by this program. Version 1 had no part of this name and was in another
-/// folder.
 pub const FILE_VERSION: u32 = 2;
 
 #[derive(Default)]
@@ -27,57 +24,48 @@ pub struct StoredSettings {
     pub training: TrainSettings,
     pub recent: RecentPaths,
     pub layout: WindowLayout,
-    /// Notices about parts that could not be read.
     pub problems: Vec<String>,
 }
 
 impl StoredSettings {
     /// Reads the settings of the previous session; `text` returns a part by its name.
     pub fn read(text: impl Fn(&str) -> Option<String>) -> Self {
-        let mut stored = Self::default();
-        if let Some(text) = text(VIEWPORT) {
-            let (read, problem) = ViewSettings::from_text(&text);
-            stored.view = read;
-            stored.problems.extend(problem);
+        fn parsed<T: Default>(
+            text: Option<String>,
+            parse: impl Fn(&str) -> (T, Option<String>),
+            problems: &mut Vec<String>,
+        ) -> T {
+            let (read, problem) = text.map(|text| parse(&text)).unwrap_or_default();
+            problems.extend(problem);
+            read
         }
-        stored.recent = text(RECENT).map(|text| RecentPaths::from_text(&text)).unwrap_or_default();
-        if let Some(text) = text(LAYOUT) {
-            let (read, problem) = WindowLayout::from_text(&text);
-            stored.layout = read;
-            stored.problems.extend(problem);
+        let mut problems = Vec::new();
+        let recent = |text: &str| from_text("recent paths", text);
+        Self {
+            view: parsed(text(VIEWPORT), ViewSettings::from_text, &mut problems),
+            recent: parsed(text(RECENT), recent, &mut problems),
+            layout: parsed(text(LAYOUT), WindowLayout::from_text, &mut problems),
+            training: parsed(text(TRAINING), TrainSettings::from_text, &mut problems),
+            problems,
         }
-        if let Some(text) = text(TRAINING) {
-            let (read, problem) = TrainSettings::from_text(&text);
-            stored.training = read;
-            stored.problems.extend(problem);
-        }
-        stored
     }
-}
 
-/// Stores the settings; without `adapter`, the adapter stored before is retained.
-pub fn write(
-    storage: &mut dyn eframe::Storage,
-    view: &ViewSettings,
-    training: &TrainSettings,
-    recent: &RecentPaths,
-    layout: &WindowLayout,
-    adapter: Option<&AdapterChoice>,
-) {
-    storage.set_string(VERSION, FILE_VERSION.to_string());
-    if let Some(adapter) = adapter {
-        storage.set_string(ADAPTER, adapter.to_string());
-    }
-    let texts = [
-        (VIEWPORT, view.to_text()),
-        (TRAINING, training.to_text()),
-        (RECENT, recent.to_text()),
-        (LAYOUT, layout.to_text()),
-    ];
-    for (key, text) in texts {
-        match text {
-            Ok(text) => storage.set_string(key, text),
-            Err(error) => tracing::warn!("storing the settings of {key} failed: {error}"),
+    /// Stores the settings; without `adapter`, the adapter stored before is retained.
+    pub fn write(
+        storage: &mut dyn eframe::Storage,
+        view: &ViewSettings,
+        training: &TrainSettings,
+        recent: &RecentPaths,
+        layout: &WindowLayout,
+        adapter: Option<&AdapterChoice>,
+    ) {
+        storage.set_string(VERSION, FILE_VERSION.to_string());
+        if let Some(adapter) = adapter {
+            storage.set_string(ADAPTER, adapter.to_string());
         }
+        eframe::set_value(storage, VIEWPORT, view);
+        eframe::set_value(storage, TRAINING, training);
+        eframe::set_value(storage, RECENT, recent);
+        eframe::set_value(storage, LAYOUT, layout);
     }
 }

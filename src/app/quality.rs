@@ -5,7 +5,6 @@
 //! to training. At rest every view is measured once, then the views from the side. The metrics are
 //! those of `vbgs-studio eval`.
 
-use super::panic_report::PanicReport;
 use super::retention::{Retention, positions};
 use super::splat_updates::SplatChange;
 use super::state::{Opened, RunState, Snapshot};
@@ -20,6 +19,7 @@ use crate::eval::report::ViewReport;
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::panic_report::PanicReport;
 use crate::pipeline::settings::method::Method;
 use crate::render::{RenderMethod, RenderOptions};
 use eframe::egui::Context;
@@ -27,7 +27,6 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Number of views measured during training.
 const SAMPLED: usize = 3;
 /// Maximum number of views measured while training is paused, evenly spaced, as in the paper's protocol.
 const MAX_VIEWS: usize = 100;
@@ -39,29 +38,23 @@ const MIN_REST: Duration = Duration::from_millis(500);
 /// Mean metrics over the same few views after a number of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QualityPoint {
-    /// Number of trained frames.
     pub frames: usize,
-    /// Training time, seconds.
     pub seconds: f64,
-    /// Number of components with statistics.
     pub components: usize,
-    /// Mean PSNR, dB.
     pub psnr: f64,
     /// Mean PSNR of the pixels that splats cover, dB, and the mean share of these pixels.
     pub covered: Option<(f64, f64)>,
-    /// Mean SSIM.
     pub ssim: f64,
     /// Mean absolute depth error, world units; `None` for views without depth.
     pub depth_error: Option<f64>,
 }
 
-/// Quality of the open subject.
 pub struct QualityMonitor {
     waker: Waker,
     thread: Option<ViewThread<QualityQuery, QualityAnswer>>,
-    serial: u64,
+    /// Serial of the subject, and how it is measured.
+    subject: Option<(u64, EvalOptions)>,
     evaluation: Option<Evaluation>,
-    options: Option<EvalOptions>,
     history: Vec<QualityPoint>,
     /// True if pending photographs are part of the newest scene.
     settled: bool,
@@ -81,14 +74,12 @@ pub struct QualityMonitor {
 }
 
 impl QualityMonitor {
-    /// Creates a monitor without measurements.
     pub fn new(waker: Waker) -> Self {
         Self {
             waker,
             thread: None,
-            serial: 0,
+            subject: None,
             evaluation: None,
-            options: None,
             history: Vec::new(),
             views: Vec::new(),
             settled: false,
@@ -149,17 +140,14 @@ impl QualityMonitor {
         (done == all).then(|| mean_quality(&self.side, at))?
     }
 
-    /// Retention of frames that were trained on.
     pub fn retention(&self) -> &Retention {
         &self.retention
     }
 
-    /// Reason why nothing can be measured, if so.
     pub fn problem(&self) -> Option<&str> {
         self.problem.as_deref()
     }
 
-    /// Applies a change of the splats.
     pub fn change(&self, change: &SplatChange) {
         if let Some(thread) = &self.thread {
             thread.change(change.clone());
@@ -205,11 +193,12 @@ impl QualityMonitor {
             poses: ViewPoses::Corrected,
             ..EvalOptions::plain(GroundTruth::Composited, render)
         };
-        if self.serial != opened.serial || self.options != Some(options) {
+        if self.subject != Some((opened.serial, options)) {
             // The thread retains its splats; an answer in progress belongs to other settings.
-            let thread = self.thread.take().filter(|_| self.serial == opened.serial);
-            *self = Self { thread, ..Self::new(self.waker.clone()) };
-            (self.serial, self.options) = (opened.serial, Some(options));
+            let is_same = self.subject.is_some_and(|(serial, _)| serial == opened.serial);
+            let thread = self.thread.take().filter(|_| is_same);
+            let subject = Some((opened.serial, options));
+            *self = Self { thread, subject, ..Self::new(self.waker.clone()) };
         }
         let hold_out = opened.selection.as_ref().map_or_else(HoldOut::default, |s| s.hold_out);
         // In every pass, which is cheap, because a followed recording gains views. A sector is fixed.
@@ -223,29 +212,31 @@ impl QualityMonitor {
     fn take_answer(&mut self) {
         let Some(answer) = self.thread.as_ref().and_then(ViewThread::take) else { return };
         let QualityAnswer { query, scores, took } = answer;
-        if self.options != Some(query.options) || self.settled != query.settled {
+        let is_current = self.subject.is_some_and(|(_, options)| options == query.options);
+        if !is_current || self.settled != query.settled {
             return;
         }
         self.rest_until = Instant::now() + (took * REST).max(MIN_REST);
-        match scores {
-            Err(problem) => self.problem = Some(problem),
-            Ok(scores) if query.purpose == QualityPurpose::Retention => {
-                self.problem = None;
+        let scores = match scores {
+            Ok(scores) => scores,
+            Err(problem) => return self.problem = Some(problem),
+        };
+        self.problem = None;
+        match query.purpose {
+            QualityPurpose::Retention => {
                 let psnr = |view| scores.iter().find(|s| s.index == view).map(|s| s.psnr);
                 let followed = positions(query.at.0).into_iter().zip(query.views);
                 let known = followed.filter_map(|(position, view)| Some((position, psnr(view)?)));
                 self.retention.add_measurements(query.at.0, known);
             }
-            Ok(scores) if query.purpose == QualityPurpose::FromTheSide => {
-                self.problem = None;
+            QualityPurpose::FromTheSide => {
                 if self.side_at != Some(query.at.0) {
                     self.side_at = Some(query.at.0);
                     self.side.clear();
                 }
                 self.side.extend(scores);
             }
-            Ok(scores) => {
-                self.problem = None;
+            QualityPurpose::HeldOut => {
                 if Some(query.at.0) != self.measured_at {
                     (self.measured_at, self.n_measured) = (Some(query.at.0), 0);
                 }
@@ -323,7 +314,6 @@ impl QualityMonitor {
         is_due.then(|| positions(snapshot.frames_done).into_iter().map_while(frame).collect())
     }
 
-    /// At most `most` of the new views, evenly chosen.
     fn chosen(&self, most: usize) -> Vec<usize> {
         evenly(self.evaluation.as_ref().map(|evaluation| &evaluation.new_views), most)
     }
@@ -343,8 +333,8 @@ impl QualityMonitor {
         (purpose, views): (QualityPurpose, Vec<usize>),
         splats: &Arc<SplatSet>,
     ) {
-        let (Some(dataset), Some(evaluation), Some(options)) =
-            (&opened.dataset, &self.evaluation, self.options)
+        let (Some(dataset), Some(evaluation), Some((_, options))) =
+            (&opened.dataset, &self.evaluation, self.subject)
         else {
             return;
         };
@@ -431,12 +421,10 @@ pub struct QualityQuery {
     pub near_rule: NearRule,
     /// Frames, seconds and components at the time of the query.
     pub at: (usize, f64, usize),
-    /// True if pending photographs are part of the scene.
     pub settled: bool,
 }
 
 impl QualityQuery {
-    /// Render options with the near plane of this series.
     fn options_for(&self, splats: &SplatSet) -> EvalOptions {
         let frames = &self.dataset.splits[self.split].frames;
         let cameras: Vec<Camera> = self.all.iter().map(|&view| frames[view].camera).collect();
@@ -501,11 +489,6 @@ mod tests {
         assert!(all.windows(2).all(|pair| pair[0] < pair[1]));
         assert!(held_out(0).chosen(3).is_empty());
     }
-}
-
-#[cfg(test)]
-mod quality_thread_tests {
-    use super::*;
 
     #[test]
     fn a_panic_of_measuring_is_a_problem_that_is_told() {

@@ -1,55 +1,55 @@
-//! Rescue of the scene after a panic.
+//! Autosave slots of training runs, and what becomes of a run when the program ends unexpectedly.
 //!
-//! A panic must not lose training. The training thread survives panics of the window and catches its
-//! own, so it always saves the scene: beside the dataset, where it is found first, else in the
-//! platform's state folder, else in the folder of temporary files.
+//! A run has one slot: a checkpoint named after its dataset in the platform's state folder, and a lock
+//! file beside it that stays locked while the window lives. A process loses its locks however it ends.
+//! So a checkpoint without a locked file belongs to a window that ended before the user chose to save
+//! or discard, and the next start offers it. Such a slot is never reused for another run.
 
-use super::panic_report::PanicReport;
+use super::opening::absolute_or_same;
 use super::user_folders;
+use crate::pipeline::checkpoint::SavedRun;
+use crate::pipeline::panic_report::PanicReport;
 use std::fmt;
+use std::fs::{File, TryLockError};
+use std::io;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
-/// Thread that panicked.
+/// Most slots of one dataset, occupied ones included.
+const MAX_SLOTS: usize = 100;
+const ENDING: &str = "vbgs";
+/// Subfolder of the slots.
+const FOLDER: &str = "autosave";
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CrashedThread {
-    /// The window's thread.
     Window,
-    /// The training thread.
     Training,
 }
 
-/// Panic, with the outcome of the rescue.
+/// Panic, with what became of the unsaved training.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{} crashed: {panic}; {rescue}", match thread {
     CrashedThread::Window => "the window",
     CrashedThread::Training => "training",
 })]
 pub struct Crash {
-    /// Thread that panicked.
     pub thread: CrashedThread,
-    /// Message and location of the panic.
     pub panic: PanicReport,
-    /// Outcome of the rescue.
     pub rescue: Rescue,
 }
 
-/// Outcome of a rescue.
+/// Outcome of storing training that no checkpoint holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Rescue {
-    /// There was no unsaved training.
     Nothing,
-    /// The scene was saved to a checkpoint.
-    Saved {
-        /// File of the checkpoint.
+    Stored {
         path: PathBuf,
-        /// Number of frames trained since the previous checkpoint, all of them included.
         frames: usize,
     },
-    /// The scene could not be saved.
+    /// Lost, with one problem for each folder that was tried.
     Lost {
-        /// Number of frames trained since the previous checkpoint.
         frames: usize,
-        /// Reasons, one for each folder that was tried.
         problems: Vec<String>,
     },
 }
@@ -58,11 +58,11 @@ impl fmt::Display for Rescue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Nothing => write!(f, "no training was unsaved"),
-            Self::Saved { path, frames } => {
+            Self::Stored { path, frames } => {
                 let path = path.display();
                 write!(
                     f,
-                    "the scene with its {frames} unsaved frames is in {path}: open that file to go on"
+                    "the scene with its {frames} unsaved frames is in {path}: the next start offers to continue it"
                 )
             }
             Self::Lost { frames, problems } => {
@@ -76,48 +76,144 @@ impl fmt::Display for Rescue {
     }
 }
 
-/// Folders to try after the one beside the dataset.
-pub fn fallback_folders() -> Vec<PathBuf> {
-    user_folders::state().into_iter().chain([std::env::temp_dir()]).collect()
+/// Folders for autosaves, in order of preference.
+pub fn default_folders() -> Vec<PathBuf> {
+    let temporary = std::env::temp_dir().join(user_folders::APP);
+    user_folders::state().into_iter().chain([temporary]).collect()
 }
 
-/// Writes `<stem>-rescued.vbgs`, or a numbered name if that exists, to the first folder that accepts
-/// it. Missing fallback folders are created.
-///
-/// # Errors
-/// The error of `write` for each folder.
-pub fn save(
-    beside: Option<&Path>,
-    fallbacks: &[PathBuf],
-    stem: &str,
-    mut write: impl FnMut(&Path) -> Result<(), String>,
-) -> Result<PathBuf, Vec<String>> {
-    let mut problems = Vec::new();
-    let fallbacks = fallbacks.iter().map(|folder| (folder.as_path(), true));
-    for (folder, is_ours) in beside.map(|folder| (folder, false)).into_iter().chain(fallbacks) {
-        // A dataset's folder is never created: if it is missing, its disk may be disconnected.
-        if is_ours {
-            // If this fails, `write` returns the more specific error.
-            let _ = std::fs::create_dir_all(folder);
-        }
-        let path = free_path(folder, stem);
-        match write(&path) {
-            Ok(()) => return Ok(path),
-            Err(problem) => problems.push(problem),
-        }
-    }
-    Err(problems)
+/// Exclusive place for one run's autosaves; the slot stays locked while this value lives.
+pub struct AutosaveSlot {
+    path: PathBuf,
+    /// Never written: only the lock matters.
+    _lock: File,
 }
 
-fn free_path(folder: &Path, stem: &str) -> PathBuf {
-    let mut path = folder.join(format!("{stem}-rescued.vbgs"));
-    let mut number = 2;
-    // Of the link itself, because a dangling link would also be replaced.
-    while path.symlink_metadata().is_ok() {
-        path = folder.join(format!("{stem}-rescued-{number}.vbgs"));
-        number += 1;
+impl AutosaveSlot {
+    /// Returns an empty, locked slot below `folder` for a run on `dataset`.
+    ///
+    /// # Errors
+    /// The folder is not writable, or all 100 slots of this dataset hold unfinished runs.
+    pub fn claim(folder: &Path, dataset: &Path) -> io::Result<Self> {
+        let folder = folder.join(FOLDER);
+        std::fs::create_dir_all(&folder)?;
+        for n in 1..=MAX_SLOTS {
+            let path = folder.join(slot_name(dataset, n));
+            if let Some(slot) = Self::lock_existing(&path)?
+                && !path.exists()
+                && !backup_path(&path).exists()
+            {
+                return Ok(slot);
+            }
+        }
+        Err(io::Error::other(format!(
+            "expected a free autosave slot, found {MAX_SLOTS} unfinished runs of this dataset; resume or discard some"
+        )))
     }
-    path
+
+    /// Locks the slot of an existing checkpoint; `None` if another window holds it.
+    ///
+    /// # Errors
+    /// The lock file cannot be created.
+    pub fn lock_existing(path: &Path) -> io::Result<Option<Self>> {
+        let lock = File::create(path.with_extension("lock"))?;
+        match lock.try_lock() {
+            Err(TryLockError::WouldBlock) => Ok(None),
+            // Some file systems have no locks. Two windows on one dataset are rarer than those.
+            Ok(()) | Err(TryLockError::Error(_)) => {
+                Ok(Some(Self { path: path.to_owned(), _lock: lock }))
+            }
+        }
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Deletes the checkpoint, its backup and the lock file: the run was saved elsewhere or discarded.
+    pub fn delete_files(self) {
+        for path in [&self.path, &backup_path(&self.path), &self.path.with_extension("lock")] {
+            // A file that cannot be removed is only offered again at the next start.
+            let _ = std::fs::remove_file(path);
+        }
+    }
+}
+
+/// Autosaved run of a window that ended before the run was saved or discarded.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AbandonedRun {
+    /// Checkpoint path of the slot; it may be missing if only its backup exists.
+    pub slot: PathBuf,
+    /// Readable checkpoint: the slot's file or its backup.
+    pub file: PathBuf,
+    pub dataset: PathBuf,
+    pub frames: u64,
+    pub planned_frames: usize,
+}
+
+/// Finds the newest abandoned run below `folders`, of `dataset` or of any dataset if `None`.
+pub fn find_newest(folders: &[PathBuf], dataset: Option<&Path>) -> Option<AbandonedRun> {
+    // Absolute, as checkpoints store their dataset.
+    let dataset = dataset.map(absolute_or_same);
+    let entries = folders.iter().flat_map(|folder| std::fs::read_dir(folder.join(FOLDER)));
+    let mut slots: Vec<(SystemTime, PathBuf)> =
+        entries.flatten().flatten().filter_map(|entry| slot_modified(&entry.path())).collect();
+    slots.sort();
+    // Newest first, and lazily: checkpoints are large, so older ones are not read at all.
+    let mut slots = slots.into_iter().rev().map(|(_, path)| path);
+    slots.find_map(|path| {
+        let is_meant = dataset.as_ref().is_none_or(|dataset| is_slot_of(&path, dataset));
+        let is_free = is_meant && matches!(AutosaveSlot::lock_existing(&path), Ok(Some(_)));
+        is_free.then(|| read_run(&path)).flatten().filter(|run| {
+            // The file name holds only a checksum of the dataset's path, which may collide.
+            dataset.as_ref().is_none_or(|dataset| run.dataset == *dataset)
+        })
+    })
+}
+
+/// Slot path and modification time of a checkpoint or backup file.
+fn slot_modified(path: &Path) -> Option<(SystemTime, PathBuf)> {
+    let path = match path.extension()?.to_str()? {
+        ENDING => path.to_owned(),
+        "bak" => path.with_extension(""),
+        _ => return None,
+    };
+    let file = if path.exists() { path.clone() } else { backup_path(&path) };
+    Some((file.metadata().ok()?.modified().ok()?, path))
+}
+
+fn read_run(path: &Path) -> Option<AbandonedRun> {
+    [path.to_owned(), backup_path(path)].into_iter().find_map(|file| {
+        let run = SavedRun::read(&file).ok()?;
+        Some(AbandonedRun {
+            slot: path.to_owned(),
+            file,
+            dataset: run.meta.dataset?,
+            frames: run.content.cursor.frames,
+            planned_frames: run.meta.planned_frames,
+        })
+    })
+}
+
+/// Previous version of the checkpoint, written by [`Autosave`](crate::pipeline::autosave::Autosave).
+fn backup_path(path: &Path) -> PathBuf {
+    path.with_added_extension("bak")
+}
+
+/// `<dataset>-<checksum of its path>.vbgs`; slots after the first have their number appended.
+fn slot_name(dataset: &Path, n: usize) -> String {
+    let stem = stem(&absolute_or_same(dataset));
+    if n == 1 { format!("{stem}.{ENDING}") } else { format!("{stem}-{n}.{ENDING}") }
+}
+
+fn is_slot_of(path: &Path, dataset: &Path) -> bool {
+    path.file_name().and_then(|n| n.to_str()).is_some_and(|name| name.starts_with(&stem(dataset)))
+}
+
+fn stem(dataset: &Path) -> String {
+    let name = dataset.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+    let plain: String = name.chars().filter(|c| c.is_ascii_alphanumeric() || *c == '_').collect();
+    format!("{plain}-{:08x}", crc32fast::hash(dataset.as_os_str().as_encoded_bytes()))
 }
 
 #[cfg(test)]
@@ -125,30 +221,37 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_folder_that_takes_the_file_gets_it_and_no_file_is_replaced() {
+    fn slots_are_taken_once_and_never_while_something_waits_in_them() {
         let folder = tempfile::tempdir().unwrap();
-        let (gone, state) = (folder.path().join("gone"), folder.path().join("state/vbgs"));
-        let write = |path: &Path| std::fs::write(path, "scene").map_err(|e| format!("a: {e}"));
-        let fallbacks = [state.clone()];
-        for name in ["room-rescued.vbgs", "room-rescued-2.vbgs", "room-rescued-3.vbgs"] {
-            let saved = save(Some(&gone), &fallbacks, "room", write);
-            assert_eq!(saved.unwrap(), state.join(name));
+        let (state, room) = (folder.path().join("state"), folder.path().join("my room"));
+        let slots = state.join(FOLDER);
+        let first = AutosaveSlot::claim(&state, &room).unwrap();
+        let second = AutosaveSlot::claim(&state, &room).unwrap();
+        let name = first.path().file_stem().unwrap().to_str().unwrap().to_owned();
+        assert!(name.starts_with("myroom-"), "{name}");
+        assert_eq!(second.path(), slots.join(format!("{name}-2.vbgs")));
+        std::fs::write(first.path(), "a run").unwrap();
+        assert!(AutosaveSlot::lock_existing(first.path()).unwrap().is_none(), "locked");
+        let kept = first.path().to_owned();
+        drop(first);
+        let third = AutosaveSlot::claim(&state, &room).unwrap();
+        assert_eq!(third.path(), slots.join(format!("{name}-3.vbgs")));
+        assert!(AutosaveSlot::lock_existing(&kept).unwrap().is_some(), "left behind");
+        for slot in [second, third, AutosaveSlot::lock_existing(&kept).unwrap().unwrap()] {
+            slot.delete_files();
         }
-        assert!(!gone.exists(), "a dataset's folder is not created anew");
-        let saved = save(Some(folder.path()), &fallbacks, "room", write).unwrap();
-        assert_eq!(saved, folder.path().join("room-rescued.vbgs"));
-        let problems = save(Some(&gone), &[saved.join("file")], "room", write).unwrap_err();
-        assert_eq!(problems.len(), 2, "{problems:?}");
+        assert_eq!(std::fs::read_dir(&slots).unwrap().count(), 0);
+        assert_eq!(find_newest(&[state], None), None);
     }
 
     #[test]
-    fn a_crash_says_what_happened_and_where_the_scene_is() {
+    fn a_crash_states_what_happened_and_where_the_scene_is() {
         let panic = PanicReport { message: "boom".into(), place: Some("a.rs:1:2".into()) };
-        let saved = Rescue::Saved { path: "/x/room-rescued.vbgs".into(), frames: 3 };
-        let crash = Crash { thread: CrashedThread::Window, panic: panic.clone(), rescue: saved };
+        let stored = Rescue::Stored { path: "/x/room.vbgs".into(), frames: 3 };
+        let crash = Crash { thread: CrashedThread::Window, panic: panic.clone(), rescue: stored };
         assert_eq!(
             crash.to_string(),
-            "the window crashed: boom (a.rs:1:2); the scene with its 3 unsaved frames is in /x/room-rescued.vbgs: open that file to go on"
+            "the window crashed: boom (a.rs:1:2); the scene with its 3 unsaved frames is in /x/room.vbgs: the next start offers to continue it"
         );
         let lost = Rescue::Lost { frames: 1, problems: vec!["full".into(), "gone".into()] };
         let crash = Crash { thread: CrashedThread::Training, panic, rescue: lost };

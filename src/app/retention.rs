@@ -3,19 +3,15 @@
 /// Position of the second tracked frame in training order. Positions double from there, so that a long
 /// run tracks few frames.
 const STEP: usize = 10;
-/// Maximum number of tracked frames.
 const MAX_FOLLOWED: usize = 8;
 
-/// PSNR of one frame over the run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RetainedFrame {
-    /// Position in training order.
     pub position: usize,
     /// Numbers of trained frames, and the PSNR after each of them, dB.
     pub psnr: Vec<[f64; 2]>,
 }
 
-/// PSNR of the tracked frames.
 #[derive(Clone, Debug, Default)]
 pub struct Retention {
     frames: Vec<RetainedFrame>,
@@ -23,7 +19,6 @@ pub struct Retention {
 }
 
 impl Retention {
-    /// Tracked frames.
     pub fn frames(&self) -> &[RetainedFrame] {
         &self.frames
     }

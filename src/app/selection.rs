@@ -1,12 +1,12 @@
 //! Selected splat in the viewport: picking by click, and outline.
 
-use super::background_job::BackgroundJob;
-use super::panic_report::PanicReport;
 use super::state::{Inspected, Snapshot};
 use super::viewer::photo::{Partner, PictureRequest};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::job::Job;
+use crate::pipeline::panic_report::PanicReport;
 use crate::render::RenderOptions;
 use crate::render::compare::Combination;
 use crate::render::pick::{outline, pick};
@@ -36,12 +36,9 @@ pub struct PickedSplat {
     pub splat: Option<u32>,
 }
 
-/// Picking of the splat under a click.
+/// Picking of the splat under a click; a click replaces a pick in progress.
 #[derive(Default)]
-pub struct SplatSelection {
-    picker: Picker,
-    asked: Option<(PickPurpose, Camera, DVec2)>,
-}
+pub struct SplatSelection(Option<(PickedSplat, Job<Option<u32>>)>);
 
 impl SplatSelection {
     /// Starts to pick the splat under a click, and draws the outline of the selected splat.
@@ -63,34 +60,30 @@ impl SplatSelection {
             // One outline for both sides of a wipe: it is the same with either renderer.
             draw(inspected, ui, response.rect, request);
         }
-        match response.interact_pointer_pos().filter(|_| response.clicked()) {
-            Some(at) => {
-                let pixel = (at - response.rect.min) * ui.ctx().pixels_per_point();
-                let pixel = DVec2::new(pixel.x.into(), pixel.y.into());
-                let options = options_at(request, pixel);
-                let purpose = match (response.double_clicked(), measures) {
-                    (true, _) => PickPurpose::Pivot,
-                    (false, true) => PickPurpose::Measure,
-                    (false, false) => PickPurpose::Select,
-                };
-                self.asked = Some((purpose, request.camera, pixel));
-                self.picker.start_pick(
-                    splats.clone(),
-                    request.camera,
-                    pixel,
-                    options,
-                    waker.clone(),
-                )
-            }
-            None => Ok(()),
-        }
+        let clicked = response.interact_pointer_pos().filter(|_| response.clicked());
+        let Some(at) = clicked else { return Ok(()) };
+        let pixel = (at - response.rect.min) * ui.ctx().pixels_per_point();
+        let pixel = DVec2::new(pixel.x.into(), pixel.y.into());
+        let purpose = match (response.double_clicked(), measures) {
+            (true, _) => PickPurpose::Pivot,
+            (false, true) => PickPurpose::Measure,
+            (false, false) => PickPurpose::Select,
+        };
+        let (options, splats, camera) =
+            (options_at(request, pixel), splats.clone(), request.camera);
+        // The job owns its reference to the splats and drops it before the result arrives, so that their
+        // next change need not copy them.
+        let find = move || pick(&splats, &camera, pixel, &options).map(|p| p.index as u32);
+        let job = Job::start_waking("picking", waker.clone(), find)?;
+        self.0 = Some((PickedSplat { purpose, camera, pixel, splat: None }, job));
+        Ok(())
     }
 
-    /// Takes the result of a click, once.
     pub fn take_picked(&mut self) -> Option<Result<PickedSplat, PanicReport>> {
-        let found = self.picker.take()?;
-        let (purpose, camera, pixel) = self.asked.take()?;
-        Some(found.map(|splat| PickedSplat { purpose, camera, pixel, splat }))
+        let (asked, job) = self.0.as_ref()?;
+        let (asked, found) = (*asked, job.poll()?);
+        self.0 = None;
+        Some(found.map(|splat| PickedSplat { splat, ..asked }))
     }
 }
 
@@ -121,34 +114,5 @@ fn draw(inspected: &Inspected, ui: &Ui, rect: Rect, request: &PictureRequest) {
         for line in lines {
             painter.line_segment(line.map(point), Stroke::new(width, LIGHT));
         }
-    }
-}
-
-/// Pick in progress, if any.
-#[derive(Default)]
-pub struct Picker(Option<BackgroundJob<Option<u32>>>);
-
-impl Picker {
-    /// Starts to pick the splat at a position of the viewport, pixels; replaces a pick in progress.
-    pub fn start_pick(
-        &mut self,
-        splats: Arc<SplatSet>,
-        camera: Camera,
-        position: DVec2,
-        options: RenderOptions,
-        waker: Waker,
-    ) -> std::io::Result<()> {
-        // The job owns its reference to the splats and drops it before the result arrives, so that
-        // their next change need not copy them.
-        let find = move || pick(&splats, &camera, position, &options).map(|p| p.index as u32);
-        self.0 = Some(BackgroundJob::start("picking", waker, find)?);
-        Ok(())
-    }
-
-    /// Takes the result, once: the splat, or `None` if there is none at that position.
-    pub fn take(&mut self) -> Option<Result<Option<u32>, PanicReport>> {
-        let answer = self.0.as_ref()?.poll()?;
-        self.0 = None;
-        Some(answer)
     }
 }

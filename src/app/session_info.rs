@@ -7,11 +7,9 @@ use crate::dataset::surface::Sensor;
 use crate::pipeline::any_preset::ComponentLimit;
 use crate::pipeline::session::Session;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::scene::config::BirthRule;
 use crate::train::scene::units::StructuralScale;
 use glam::DVec3;
 
-/// Lines for the scene panel: label and value.
 pub fn session_info(session: &Session) -> Vec<(String, String)> {
     let dataset: &Dataset = session.dataset();
     let path =
@@ -66,22 +64,9 @@ fn scene_info(run: &SceneRun) -> Vec<(String, String)> {
     ];
     let on: Vec<&str> = stages.iter().filter(|(is_on, _)| *is_on).map(|(_, name)| *name).collect();
     let preparation = if on.is_empty() { "depth as measured".to_owned() } else { on.join(", ") };
-    [
-        ("Structural scale", scale),
-        ("Births", birth_rule(engine.births).to_owned()),
-        ("Sensor", sensor(surface.sensor)),
-        ("Preparation", preparation),
-    ]
-    .map(|(label, value)| (label.to_owned(), value))
-    .into()
-}
-
-fn birth_rule(rule: BirthRule) -> &'static str {
-    match rule {
-        BirthRule::Seeds => "seeds, where a point has none within the structural scale",
-        BirthRule::Lattice => "cubic lattice: independent of the order of frames",
-        BirthRule::BodyCentred => "body-centred lattice: independent of the order of frames",
-    }
+    [("Structural scale", scale), ("Sensor", sensor(surface.sensor)), ("Preparation", preparation)]
+        .map(|(label, value)| (label.to_owned(), value))
+        .into()
 }
 
 fn sensor(sensor: Sensor) -> String {

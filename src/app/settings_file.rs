@@ -18,45 +18,35 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 const FILE: &str = "settings.ron";
-/// Files of version 1, in the data folder: settings, and the chosen adapter.
-const FORMER_FILE: &str = "app.ron";
-const FORMER_ADAPTER_FILE: &str = "adapter.ron";
 /// Maximum size of the file, which usually holds some kilobytes.
 const MAX_BYTES: u64 = 1 << 26;
 
 /// Content of a file: texts by the names of the parts.
 type Parts = BTreeMap<String, String>;
 
-/// Settings file, and the folder of older versions.
 pub struct SettingsFile {
     file: PathBuf,
-    former: Option<PathBuf>,
 }
 
 /// Settings that are known before there is a window.
 #[derive(Debug, Default, PartialEq)]
 pub struct FoundSettings {
-    /// Adapter chosen in an earlier window.
     pub adapter: Option<AdapterChoice>,
-    /// Notices about settings that could not be read.
     pub problems: Vec<String>,
 }
 
-/// Reason why a file is not used.
 enum Unusable {
     Missing,
-    /// The system cannot read it.
     Unread(io::Error),
     /// Its content is invalid, as described.
     Broken(String),
-    /// Written by a later version of the program.
     Newer(u32),
 }
 
 impl SettingsFile {
     /// The user's file, if the platform has a configuration folder.
     pub fn of_user() -> Option<Self> {
-        Some(Self { file: user_folders::config()?.join(FILE), former: user_folders::data() })
+        Some(Self { file: user_folders::config()?.join(FILE) })
     }
 
     pub fn path(&self) -> &Path {
@@ -67,7 +57,6 @@ impl SettingsFile {
     pub fn open(&self) -> FoundSettings {
         let (parts, problem) = match read(&self.file) {
             Ok(parts) => (Some(parts), None),
-            Err(Unusable::Missing) => self.import_former_settings(),
             Err(unusable) => self.replace(&unusable),
         };
         let Some(parts) = parts else {
@@ -115,7 +104,7 @@ impl SettingsFile {
                 "the disk may have been full: make room, and settings are saved again",
             ),
             Unusable::Newer(version) => (
-                format!("settings of version {FILE_VERSION} or older"),
+                format!("settings of version {FILE_VERSION}"),
                 format!("version {version}"),
                 format!("version-{version}"),
                 "rename it back before you start the newer program",
@@ -140,40 +129,6 @@ impl SettingsFile {
             "{place}: expected {expected}, found {found}; {used}, the file was renamed to {aside}; {advice}"
         );
         (parts, Some(text))
-    }
-
-    /// Copies the settings of an older version, whose files remain.
-    fn import_former_settings(&self) -> (Option<Parts>, Option<String>) {
-        let Some(former) = &self.former else { return (None, None) };
-        let adapter = std::fs::read_to_string(former.join(FORMER_ADAPTER_FILE)).ok();
-        let adapter = adapter.and_then(|text| ron::from_str::<String>(&text).ok());
-        let file = former.join(FORMER_FILE);
-        let (mut parts, problem) = match read(&file) {
-            Ok(parts) => (parts, None),
-            Err(Unusable::Broken(found)) => {
-                let text = format!(
-                    "{}: expected the settings of an older version, found {found}; the defaults are used, the file is left unchanged",
-                    file.display()
-                );
-                (Parts::new(), Some(text))
-            }
-            Err(_) => (Parts::new(), None),
-        };
-        parts.extend(adapter.map(|name| (ADAPTER.to_owned(), name)));
-        if parts.is_empty() {
-            return (None, problem);
-        }
-        parts.insert(VERSION.to_owned(), FILE_VERSION.to_string());
-        match write(&self.file, &parts) {
-            Ok(()) => (Some(parts), problem),
-            Err(error) => {
-                let text = format!(
-                    "copying the settings from {} failed: {error}; the defaults are used until the next start",
-                    file.display()
-                );
-                (Some(parts), Some(text))
-            }
-        }
     }
 
     /// Copies the whole file if a part cannot be read, because windows use the default of that part,
@@ -218,11 +173,10 @@ fn parse(text: &str) -> Result<Parts, Unusable> {
         return Err(Unusable::Broken("an empty file".to_owned()));
     }
     let parts: Parts = ron::from_str(text).map_err(|error| Unusable::Broken(error.to_string()))?;
-    let version = parts.get(VERSION).map_or(Ok(1), |version| version.parse::<u32>());
-    match version {
-        Ok(version) if version > FILE_VERSION => Err(Unusable::Newer(version)),
-        Ok(_) => Ok(parts),
-        Err(error) => Err(Unusable::Broken(format!("an invalid version: {error}"))),
+    match parts.get(VERSION).map(|version| version.parse::<u32>()) {
+        Some(Ok(version)) if version > FILE_VERSION => Err(Unusable::Newer(version)),
+        None | Some(Ok(_)) => Ok(parts),
+        Some(Err(error)) => Err(Unusable::Broken(format!("an invalid version: {error}"))),
     }
 }
 
@@ -242,7 +196,7 @@ pub fn unused(path: &Path) -> PathBuf {
     paths.find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
 }
 
-/// Reads settings, which messages call `what`. Unreadable text yields the defaults and a notice:
+/// Parses a part, which messages call `what`. Unreadable text yields the defaults and a notice, because
 /// settings of another version must not prevent the window from opening.
 pub fn from_text<T: DeserializeOwned + Default>(what: &str, text: &str) -> (T, Option<String>) {
     match ron::from_str(text) {
@@ -264,13 +218,11 @@ mod tests {
 
     const GOOD: &str = r#"{"version": "2", "adapter": "RTX \"9\""}"#;
 
-    /// A home without a settings folder, but with that of older versions.
+    /// A home without a settings folder.
     fn home() -> (TempDir, SettingsFile) {
         let home = tempfile::tempdir().unwrap();
-        let former = home.path().join("data");
-        std::fs::create_dir(&former).unwrap();
         let file = home.path().join("config").join(FILE);
-        (home, SettingsFile { file, former: Some(former) })
+        (home, SettingsFile { file })
     }
 
     fn put(settings: &SettingsFile, text: &str) {
@@ -339,47 +291,16 @@ mod tests {
                 settings.close();
             }
             put(&settings, newer);
-            let words = ["version 3", "version 2 or older", "settings.ron.version-3"];
+            let words = ["version 3", "version 2", "settings.ron.version-3"];
             assert_eq!(problem(&settings, &words), good.and_then(|_| named()));
             assert_eq!(beside(&settings, "version-3").as_deref(), Some(newer));
         }
     }
 
     #[test]
-    fn older_settings_are_taken_over_once_and_stay_where_they_were() {
-        let (_home, settings) = home();
-        let former = settings.former.clone().unwrap();
-        std::fs::write(former.join(FORMER_FILE), r#"{"recent": "([\"/rooms/a\"])"}"#).unwrap();
-        std::fs::write(former.join(FORMER_ADAPTER_FILE), r#""software""#).unwrap();
-        let software = Some(AdapterChoice::Software);
-        assert_eq!(settings.open(), FoundSettings { adapter: software.clone(), problems: vec![] });
-        let parts = read(&settings.file).ok().unwrap();
-        assert_eq!(parts["recent"], "([\"/rooms/a\"])");
-        assert_eq!(parts[VERSION], "2");
-        std::fs::write(former.join(FORMER_ADAPTER_FILE), r#""auto""#).unwrap();
-        assert_eq!(settings.open().adapter, software, "taken over already");
-        assert!(former.join(FORMER_FILE).exists());
-    }
-
-    #[test]
-    fn broken_older_settings_are_said_and_an_adapter_beside_them_is_taken_over() {
-        let (_home, settings) = home();
-        let former = settings.former.clone().unwrap();
-        std::fs::write(former.join(FORMER_FILE), "{").unwrap();
-        std::fs::write(former.join(FORMER_ADAPTER_FILE), r#""software""#).unwrap();
-        let FoundSettings { adapter, problems } = settings.open();
-        assert_eq!(adapter, Some(AdapterChoice::Software));
-        assert!(
-            problems[0].contains("app.ron") && problems[0].contains("expected"),
-            "{problems:?}"
-        );
-        assert_eq!(settings.open().problems, Vec::<String>::new());
-    }
-
-    #[test]
     fn a_part_that_cannot_be_read_leaves_a_copy_of_the_file() {
         let (_home, settings) = home();
-        let view = ViewSettings::default().to_text().unwrap();
+        let view = ron::to_string(&ViewSettings::default()).unwrap();
         let whole = Parts::from([("viewport".to_owned(), view)]);
         write(&settings.file, &whole).ok().unwrap();
         assert_eq!(settings.open(), FoundSettings::default());
@@ -397,11 +318,6 @@ mod tests {
         assert_eq!(problem(&settings, &["cannot be read"]), None);
         assert!(settings.file.is_dir());
     }
-}
-
-#[cfg(test)]
-mod unused_path_tests {
-    use super::*;
 
     #[test]
     fn older_files_keep_their_names() {

@@ -1,8 +1,8 @@
 //! State of a run, and the snapshot of it that panels draw.
 
-use super::abandoned::AbandonedRun;
 use super::color_mode::ColorMode;
 use super::opening::FileProposal;
+use super::rescue::AbandonedRun;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::pose_check::PoseCheck;
@@ -18,20 +18,16 @@ use crate::pipeline::settings::scene::SceneRun;
 use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Instant;
 
-/// State of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RunState {
-    /// Nothing is open.
     #[default]
     Empty,
-    /// A dataset or model is being opened.
     Loading,
     /// A recording is followed that has no complete frame yet.
     Waiting,
-    /// Opened, nothing trained yet.
     Ready,
-    /// Frames are being trained.
     Training,
     /// Stopped between two frames by the user.
     Paused,
@@ -42,7 +38,6 @@ pub enum RunState {
 }
 
 impl RunState {
-    /// Every state.
     pub const ALL: [RunState; 8] = [
         RunState::Empty,
         RunState::Loading,
@@ -54,7 +49,6 @@ impl RunState {
         RunState::Failed,
     ];
 
-    /// Label in the status line.
     pub fn label(self) -> &'static str {
         match self {
             RunState::Empty => "Empty",
@@ -69,52 +63,35 @@ impl RunState {
     }
 }
 
-/// Kind of the open subject.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Source {
-    /// Nothing is open.
     #[default]
     Nothing,
-    /// A dataset that can be trained on.
     Dataset,
-    /// A model file, for viewing and exporting.
     Model,
 }
 
-/// Subject to open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Subject {
-    /// The built-in demo.
     Demo,
-    /// A dataset folder or a model file.
     Path(PathBuf),
 }
 
-/// Initial view of a subject.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HomeView {
-    /// Initial camera.
     pub camera: Camera,
-    /// Up direction.
     pub up: DVec3,
-    /// Orbit centre.
     pub target: DVec3,
-    /// Radius of the scene, world units.
     pub radius: f64,
 }
 
 /// Properties of the open subject for panels; replaced when another subject is opened.
 #[derive(Clone, Debug)]
 pub struct Opened {
-    /// Name in the window's title.
     pub name: String,
-    /// Path; `None` for the demo.
     pub path: Option<PathBuf>,
-    /// Lines for the scene panel: label and value.
     pub info: Vec<(String, String)>,
-    /// Initial view.
     pub home: HomeView,
-    /// Proposed folder and name of its files.
     pub files: FileProposal,
     /// Serial, which increases with every opened subject.
     pub serial: u64,
@@ -126,18 +103,15 @@ pub struct Opened {
     pub local_origin: DVec3,
     /// Frames to train, in training order; `None` for a model.
     pub plan: Option<Arc<Plan>>,
-    /// Requested selection of frames; `None` for a model.
     pub selection: Option<Selection>,
     /// Colour modes that are available in addition to those of every splat.
     pub available_modes: &'static [ColorMode],
-    /// Training method; `None` for a model.
     pub method: Option<Method>,
     /// True if its splats are native ones, which an export may have to map to plain ones.
     pub is_native: bool,
 }
 
 impl Opened {
-    /// Settings of the scene preset, if it is used.
     pub fn scene(&self) -> Option<&SceneRun> {
         self.method.as_ref()?.scene()
     }
@@ -148,33 +122,20 @@ impl Opened {
     }
 }
 
-/// Calibration given by the user.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GivenCalibration {
-    /// Corrections of the cameras.
     pub calibration: Calibration,
     /// File of the corrections; `None` if a resumed run contained them.
     pub file: Option<PathBuf>,
 }
 
-/// Details of the selected splat.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Inspected {
-    /// A component of the model in training.
     Component(Box<Inspection>),
-    /// A splat of a file.
-    Splat {
-        /// Index in the file.
-        id: u32,
-        /// Splat in the file.
-        splat: Splat,
-        /// Variation of its colour.
-        appearance: Appearance,
-    },
+    Splat { id: u32, splat: Splat, appearance: Appearance },
 }
 
 impl Inspected {
-    /// Index of the component or splat.
     pub fn id(&self) -> u32 {
         match self {
             Self::Component(inspection) => inspection.id,
@@ -182,7 +143,6 @@ impl Inspected {
         }
     }
 
-    /// Splat as drawn.
     pub fn splat(&self) -> &Splat {
         match self {
             Self::Component(inspection) => &inspection.splat,
@@ -190,7 +150,6 @@ impl Inspected {
         }
     }
 
-    /// Variation of its colour.
     pub fn appearance(&self) -> &Appearance {
         match self {
             Self::Component(inspection) => &inspection.appearance,
@@ -202,27 +161,19 @@ impl Inspected {
 /// Snapshot of the run: small values only, shared without copying.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
-    /// State of the run.
     pub state: RunState,
-    /// Kind of the open subject.
     pub source: Source,
-    /// Open subject.
     pub opened: Option<Arc<Opened>>,
     /// Reports of the latest frames, oldest first, at most [`HISTORY`].
     pub recent: Arc<Vec<FrameReport>>,
     /// Reports of older frames whose pending photographs were compared since; the latest of them.
     pub late: Arc<Vec<FrameReport>>,
-    /// Number of trained frames.
     pub frames_done: usize,
-    /// Number of frames in the run.
     pub n_frames: usize,
     /// True if pending photographs are part of the drawn scene.
     pub includes_pending_photographs: bool,
-    /// Number of components, used or not.
     pub components: usize,
-    /// Number of components with statistics.
     pub used: usize,
-    /// Skipped frames.
     pub skipped: Arc<Vec<SkippedFrame>>,
     /// Reports of outlier frames, whose photographs do not fit the scene.
     pub outlier_reports: Arc<Vec<String>>,
@@ -230,30 +181,26 @@ pub struct Snapshot {
     pub frames_per_s: f64,
     /// Training time, seconds, including waits for frames.
     pub trained_s: f64,
-    /// Size of the model, bytes.
     pub model_bytes: usize,
     /// Number of frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
     /// True if the program was terminated and training was stored; windows then close.
     pub is_terminated: bool,
-    /// Outcome of the latest file.
     pub latest_write: Option<WriteOutcome>,
-    /// Details of the selected splat, if any.
     pub inspected: Option<Arc<Inspected>>,
     /// Agreement of the poses with depth, once it is known.
     pub poses: Option<Arc<PoseCheck>>,
     /// Pixel width and depth noise, once known; only for a dataset that the scene preset trains.
     pub sample: Option<FrameSample>,
-    /// Calibration of the open subject, if one was given.
     pub calibration: Option<Arc<GivenCalibration>>,
     /// Run that an earlier window left behind, offered for resuming.
     pub abandoned: Option<Arc<AbandonedRun>>,
-    /// Notices, newest last.
     pub notices: Arc<Vec<Notice>>,
     /// True if recordings are followed, the open one and those opened next.
     pub follows: bool,
-    /// Recording that is followed, if any.
     pub followed: Option<Followed>,
+    /// Since when training waits for a frame that has not been read, if it does.
+    pub unread_since: Option<Instant>,
 }
 
 impl Snapshot {
@@ -263,10 +210,8 @@ impl Snapshot {
     }
 }
 
-/// State of a followed recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Followed {
-    /// Folder of the recording.
     pub path: PathBuf,
     /// True if all complete frames were trained.
     pub is_waiting: bool,
@@ -282,28 +227,21 @@ impl Snapshot {
     }
 }
 
-/// Outcome of writing a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriteOutcome {
-    /// Number given with the order.
     pub number: u64,
-    /// True if the file is complete.
     pub is_written: bool,
 }
 
 /// Maximum number of latest frames whose reports a snapshot holds.
 pub const HISTORY: usize = 300;
 
-/// Notice for the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
     /// Serial, which increases with every notice, so that dismissed ones do not reappear.
     pub serial: u64,
-    /// Topic of the notice.
     pub topic: NoticeTopic,
-    /// Severity of the notice.
     pub kind: NoticeKind,
-    /// Text of the notice.
     pub text: String,
 }
 
@@ -314,17 +252,13 @@ pub enum NoticeTopic {
     Subject,
     /// The window and its adapter; until another adapter draws.
     Window,
-    /// A single event.
     Event,
 }
 
-/// Severity of a notice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoticeKind {
-    /// Information only.
     Info,
     /// Something was left out or is doubtful.
     Warning,
-    /// Something failed.
     Error,
 }

@@ -9,15 +9,11 @@ use crate::train::paper::config::PaperOverrides;
 use crate::train::setting::{ConfigError, Preset};
 use serde::{Deserialize, Serialize};
 
-/// Training settings of subjects opened next.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TrainSettings {
-    /// Preset: scene or paper.
     pub preset: Preset,
-    /// Settings of the scene preset.
     pub scene: SceneOverrides,
-    /// Settings of the paper preset.
     pub paper: PaperOverrides,
     /// Autosave interval, seconds; `None` disables autosave.
     pub autosave_s: Option<u32>,
@@ -39,28 +35,18 @@ impl Default for TrainSettings {
 }
 
 impl TrainSettings {
-    /// Reads settings written by [`Self::to_text`]. Unreadable text yields the defaults and a notice.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
         settings_file::from_text("training", text)
     }
 
-    /// Serializes the settings for the next session.
-    pub fn to_text(&self) -> Result<String, ron::Error> {
-        ron::to_string(self)
-    }
-
-    /// Returns the training method for a session.
-    ///
-    /// # Errors
-    /// [`RefusedSetting`] if a value is out of range: the panel prevents that, but stored settings may
-    /// be edited by hand.
+    /// Returns the training method for a session. A value can be out of range, since stored settings may be
+    /// edited by hand.
     pub fn request(&self) -> Result<MethodRequest, RefusedSetting> {
         let Self { scene, paper, .. } = self.clone();
         GivenSettings { paper, scene }.request(self.preset).map_err(RefusedSetting)
     }
 }
 
-/// Setting that cannot be used for training.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{0}; change it in Settings, under Training")]
 pub struct RefusedSetting(ConfigError);
@@ -69,14 +55,13 @@ pub struct RefusedSetting(ConfigError);
 mod tests {
     use super::*;
     use crate::train::paper::config::{Candidates, PaperConfig, ReassignPolicy};
-    use crate::train::scene::config::BirthRule;
     use crate::train::scene::units::{Budget, StructuralScale};
 
     #[test]
     fn settings_survive_a_restart() {
         let scene = SceneOverrides {
             scale: Some(StructuralScale::Pixels(3.5)),
-            births: Some(BirthRule::BodyCentred),
+            refine: Some(false),
             budget: Some(Budget::Components(9000)),
             cosine: Some(false),
             ..SceneOverrides::default()
@@ -88,7 +73,7 @@ mod tests {
             ..PaperOverrides::default()
         };
         let chosen = TrainSettings { preset: Preset::Paper, scene, paper, autosave_s: None };
-        assert_eq!(TrainSettings::from_text(&chosen.to_text().unwrap()), (chosen, None));
+        assert_eq!(TrainSettings::from_text(&ron::to_string(&chosen).unwrap()), (chosen, None));
         for text in ["", "(preset: tomorrow)", "(scene: (scale: Some(\"-1\")))"] {
             let (read, notice) = TrainSettings::from_text(text);
             assert_eq!(read, TrainSettings::default(), "{text}");

@@ -1,11 +1,10 @@
 //! Folders in the user's home to which the program writes without a prompt.
 
-use super::settings_file;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Name of the program's folder in each of them.
-const APP: &str = "vbgs-studio";
+pub const APP: &str = "vbgs-studio";
 
 /// Settings folder: `$XDG_CONFIG_HOME` or `~/.config`, else the platform's folder for application data.
 pub fn config() -> Option<PathBuf> {
@@ -17,15 +16,10 @@ pub fn state() -> Option<PathBuf> {
     by_convention("XDG_STATE_HOME", ".local/state")
 }
 
-/// Data folder, which held the settings file of version 1.
-pub fn data() -> Option<PathBuf> {
-    eframe::storage_dir(APP)
-}
-
 /// Folder named by a variable, else one in the user's home, on platforms with the XDG convention.
 fn by_convention(variable: &str, in_home: &str) -> Option<PathBuf> {
     if !cfg!(all(unix, not(target_os = "macos"))) {
-        return data();
+        return eframe::storage_dir(APP);
     }
     let named = std::env::var_os(variable).map(PathBuf::from);
     let home = || std::env::home_dir().map(|home| home.join(in_home));
@@ -39,21 +33,10 @@ const MAX_PATHS: usize = 8;
 pub struct RecentPaths(Vec<PathBuf>);
 
 impl RecentPaths {
-    /// Reads paths written by [`Self::to_text`]. Damaged text yields none, because paths can be opened
-    /// again by hand.
-    pub fn from_text(text: &str) -> Self {
-        settings_file::from_text("recent paths", text).0
-    }
-
-    pub fn to_text(&self) -> Result<String, ron::Error> {
-        ron::to_string(self)
-    }
-
     pub fn paths(&self) -> &[PathBuf] {
         &self.0
     }
 
-    /// Moves an opened path to the front.
     pub fn note(&mut self, path: &Path) {
         self.0.retain(|known| known != path);
         self.0.insert(0, path.to_owned());
@@ -73,7 +56,7 @@ mod recent_tests {
         }
         let names = [4, 8, 7, 6, 5, 3, 2, 1].map(|i| PathBuf::from(format!("/rooms/{i} a")));
         assert_eq!(recent.paths(), names);
-        assert_eq!(RecentPaths::from_text(&recent.to_text().unwrap()), recent);
-        assert_eq!(RecentPaths::from_text("(nonsense"), RecentPaths::default());
+        let read = ron::from_str::<RecentPaths>(&ron::to_string(&recent).unwrap());
+        assert_eq!(read.ok(), Some(recent));
     }
 }

@@ -4,11 +4,11 @@
 //! A panic of the thread is passed on to the window when it takes the answer. Otherwise the picture
 //! would silently stop changing.
 
-use super::background_job::BackgroundJob;
-use super::panic_report::PanicReport;
 use super::splat_updates::{SplatChange, apply};
 use super::worker::Waker;
 use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::job::Job;
+use crate::pipeline::panic_report::PanicReport;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -31,7 +31,7 @@ pub fn run_in<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Sen
 
 /// Takes finished work with its key out of a slot; `None` until it is finished.
 pub fn take_finished<K, T: Send + 'static>(
-    slot: &mut Option<(K, BackgroundJob<T>)>,
+    slot: &mut Option<(K, Job<T>)>,
 ) -> Option<(K, Result<T, PanicReport>)> {
     let done = slot.as_ref()?.1.poll()?;
     slot.take().map(|(key, _)| (key, done))
@@ -42,7 +42,7 @@ const REST: u32 = 15;
 
 /// One background job at a time. Beside training a rest follows, which leaves the cores to training.
 pub struct RestingJob<K, T> {
-    running: Option<(K, BackgroundJob<(T, Duration)>)>,
+    running: Option<(K, Job<(T, Duration)>)>,
     rests_until: Option<Instant>,
 }
 
@@ -70,7 +70,7 @@ impl<K, T: Send + 'static> RestingJob<K, T> {
             let started = Instant::now();
             (work(), started.elapsed())
         };
-        self.running = Some((key, BackgroundJob::start(name, waker, timed)?));
+        self.running = Some((key, Job::start_waking(name, waker, timed)?));
         Ok(())
     }
 

@@ -3,11 +3,9 @@
 
 use super::drawing::{DrawSample, DrawStage, ViewRenderer};
 use super::splat_updates::SplatChange;
-use super::view_thread::{Announce, ViewThread};
 use super::viewer::comparison::ComparedModel;
 use super::viewer::photo::{ComparedPicture, Partner, PictureRequest};
 use super::window_painter::{KeptWindow, WindowPass};
-use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
 use crate::model::splat::appearance::SplatSet;
@@ -16,15 +14,13 @@ use crate::render::finish::Finish;
 use crate::render::gpu::adapters::{AdapterChoice, AdapterInfo, GpuCaps};
 use crate::render::gpu::composite::{Compositor, PhotoTexture, SecondImage};
 use crate::render::gpu::error::GpuFaults;
-use crate::render::gpu::renderer::SplatRenderer;
-use crate::render::gpu::scene::{ComparedImage, GpuScene};
-use crate::render::gpu::sort::{SortScratch, back_to_front};
+use crate::render::gpu::renderer::{SETTLING_IMAGES, SplatRenderer};
+use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::{GpuError, adapters};
 use eframe::egui::{PaintCallback, PaintCallbackInfo, Rect, Ui};
 use eframe::egui_wgpu;
 use eframe::egui_wgpu::{CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
 
 pub fn capabilities(state: &RenderState) -> GpuCaps {
     GpuCaps::new(&state.adapter, &state.device)
@@ -68,8 +64,6 @@ pub enum ViewPaintError {
     Gpu(#[from] GpuError),
     #[error("{0}")]
     Fault(String),
-    #[error("starting the sorting thread failed: {0}")]
-    Thread(#[from] std::io::Error),
 }
 
 /// Buffers are released if their capacity exceeds the new scene by this factor.
@@ -89,10 +83,9 @@ pub struct GpuViewPainter {
     compositor: Arc<Mutex<Compositor>>,
     /// Slots to upload; `None` if everything must be uploaded.
     pending: Option<Vec<u32>>,
-    sorter: ViewThread<SortRequest, Sorted>,
-    sort_ms: Option<f64>,
-    sorted_for: Option<SortRequest>,
-    is_stale: bool,
+    drawn_view: Option<DrawnView>,
+    /// Further pictures until that of `drawn_view` is complete.
+    n_unsettled: usize,
     n_drawn: usize,
 }
 
@@ -103,45 +96,16 @@ struct GpuModel {
 }
 
 /// Camera, render options, and a partner if two sets of splats are compared.
-type SortRequest = (Camera, RenderOptions, Option<Partner>);
-
-struct Sorted {
-    first: Vec<u32>,
-    second: Option<(Partner, Vec<u32>)>,
-    ms: f64,
-}
+type DrawnView = (Camera, RenderOptions, Option<Partner>);
 
 impl GpuViewPainter {
-    pub fn new(
-        state: &RenderState,
-        faults: GpuFaults,
-        waker: Waker,
-    ) -> Result<Self, ViewPaintError> {
+    pub fn new(state: &RenderState, faults: GpuFaults) -> Result<Self, GpuError> {
         let capabilities = capabilities(state);
         capabilities.check()?;
         let (device, queue) = (state.device.clone(), state.queue.clone());
-        let mut scratch = SortScratch::default();
-        let sort = move |splats: &SplatSet, (camera, first, second): SortRequest| {
-            let started = Instant::now();
-            // Copied, because the order leaves this thread and the scratch memory stays.
-            let mut order = |splats: &SplatSet, options: &RenderOptions| {
-                back_to_front(splats, &camera, options, &mut scratch).to_vec()
-            };
-            let first = order(splats, &first);
-            let second = second.map(|partner| {
-                let order = match &partner {
-                    Partner::Splats(options) => order(splats, options),
-                    Partner::Model(model, options) => order(&model.splats, options),
-                    Partner::Photo(_) => Vec::new(),
-                };
-                (partner, order)
-            });
-            Sorted { first, second, ms: started.elapsed().as_secs_f64() * 1e3 }
-        };
-        let sorter = ViewThread::start("sorting", waker, sort)?;
         Ok(Self {
             scene: GpuScene::new(&device, &queue, &[])?,
-            renderer: SplatRenderer::new(&device, &queue, ComparedImage::First)?,
+            renderer: SplatRenderer::new(&device, &queue)?,
             second: None,
             photo: None,
             model: None,
@@ -155,10 +119,8 @@ impl GpuViewPainter {
             queue,
             faults,
             pending: None,
-            sorter,
-            sort_ms: None,
-            sorted_for: None,
-            is_stale: true,
+            drawn_view: None,
+            n_unsettled: 0,
             n_drawn: 0,
         })
     }
@@ -173,7 +135,7 @@ impl GpuViewPainter {
     }
 
     pub fn change(&mut self, change: SplatChange, splats: &SplatSet) {
-        match (&change, &mut self.pending) {
+        match (change, &mut self.pending) {
             // Changes accumulate while nothing is painted; beyond a limit everything is uploaded
             // instead.
             (SplatChange::Some { ids, .. }, Some(pending))
@@ -185,8 +147,6 @@ impl GpuViewPainter {
             (SplatChange::Some { .. }, None) => {}
             (_, pending) => *pending = None,
         }
-        self.sorter.change(change);
-        self.is_stale = true;
         self.n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
     }
 
@@ -204,12 +164,9 @@ impl GpuViewPainter {
         if let Some(fault) = self.faults.take_new().into_iter().next() {
             return Err(ViewPaintError::Fault(fault.message));
         }
-        // Uploaded before the order is set, which is rejected if it refers to splats that do not exist
-        // yet.
         let mut sample = DrawSample::new(self.upload(splats)?);
         self.update_second_model(request)?;
-        self.sort(request);
-        sample.add(DrawStage::Order, self.sort_ms);
+        self.settle(ui, request, sample.uploaded_bytes > 0);
         self.draw(request, &mut sample)?;
         self.compose(request)?;
         // egui runs the callback in the window's pass, where `self` is out of reach: hence the shared
@@ -225,8 +182,8 @@ impl GpuViewPainter {
         let mut draw = |renderer: &mut SplatRenderer, scene: &GpuScene, options: &RenderOptions| {
             renderer.render(device, queue, &mut encoder, scene, &request.camera, options)?;
             let times = renderer.gpu_times();
-            sample.add(DrawStage::Preprocess, times.and_then(|times| times.preprocess));
-            sample.add(DrawStage::Sort, times.and_then(|times| times.sort));
+            sample.add(DrawStage::Preprocess, times.map(|times| times.preprocess));
+            sample.add(DrawStage::Sort, times.map(|times| times.sort));
             sample.add(DrawStage::Draw, times.map(|times| times.draw));
             Ok(())
         };
@@ -235,7 +192,7 @@ impl GpuViewPainter {
         match request.second.as_ref().map(|second| &second.partner) {
             Some(Partner::Splats(options)) => {
                 if self.second.is_none() {
-                    self.second = Some(SplatRenderer::new(device, queue, ComparedImage::Second)?);
+                    self.second = Some(SplatRenderer::new(device, queue)?);
                 }
                 if let Some(second) = &mut self.second {
                     draw(second, scene, options)?;
@@ -313,45 +270,26 @@ impl GpuViewPainter {
             self.model = Some(GpuModel {
                 model: asked.clone(),
                 scene: GpuScene::new(device, queue, &asked.splats)?,
-                renderer: SplatRenderer::new(device, queue, ComparedImage::First)?,
+                renderer: SplatRenderer::new(device, queue)?,
             });
-            // An order computed for it before was released with its scene.
-            self.is_stale = true;
         }
         Ok(())
     }
 
-    /// Applies a finished order, and requests the next one if the view or the splats have changed.
-    fn sort(&mut self, request: &PictureRequest) {
-        let second = request.second.as_ref().map(|second| second.partner.clone());
-        let second = second.filter(|partner| !matches!(partner, Partner::Photo(_)));
-        let asked = (request.camera, request.options, second);
-        // The order may be of an older view, which is not noticeable for a frame or two
-        // (`rendering.md`, Uploads).
-        if let Some(sorted) = self.sorter.take() {
-            self.sort_ms = Some(sorted.ms);
-            let set = self.scene.set_order(&self.queue, ComparedImage::First, &sorted.first);
-            // Fails if the scene has shrunk meanwhile: a new order is needed.
-            self.is_stale |= set.is_err();
-            let set = match (&sorted.second, &mut self.model) {
-                (Some((Partner::Splats(_), order)), _) => {
-                    self.scene.set_order(&self.queue, ComparedImage::Second, order)
-                }
-                (Some((Partner::Model(of, _), order)), Some(there))
-                    if Arc::ptr_eq(of, &there.model) =>
-                {
-                    there.scene.set_order(&self.queue, ComparedImage::First, order)
-                }
-                _ => Ok(()),
-            };
-            self.is_stale |= set.is_err();
+    /// Requests further pictures after a change, because the first one may leave out the farthest splats and
+    /// an idle window draws no other.
+    fn settle(&mut self, ui: &Ui, request: &PictureRequest, is_uploaded: bool) {
+        let partner = request.second.as_ref().map(|second| &second.partner);
+        let partner = partner.filter(|partner| !matches!(partner, Partner::Photo(_)));
+        let view = Some((request.camera, request.options, partner.cloned()));
+        if is_uploaded || self.drawn_view != view {
+            self.drawn_view = view;
+            self.n_unsettled = SETTLING_IMAGES;
+        } else {
+            self.n_unsettled = self.n_unsettled.saturating_sub(1);
         }
-        // Not while the sorter is busy: its answer wakes the window, which then requests the newest
-        // view.
-        if (self.is_stale || self.sorted_for.as_ref() != Some(&asked)) && !self.sorter.is_busy() {
-            self.sorter.send_request(asked.clone(), Announce::Wake);
-            self.sorted_for = Some(asked);
-            self.is_stale = false;
+        if self.n_unsettled > 0 {
+            ui.ctx().request_repaint();
         }
     }
 }

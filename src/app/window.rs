@@ -3,14 +3,14 @@
 
 use super::drawing::{Painting, WindowWaker};
 use super::exit::{Exit, ExitReason};
-use super::panic_report::PanicReport;
-use super::rescue::{Crash, CrashedThread};
+use super::mailbox::Mailbox;
+use super::rescue::{Crash, CrashedThread, Rescue};
 use super::settings_file::SettingsFile;
-use super::state::{NoticeKind, RunState, Subject};
+use super::state::{NoticeKind, Subject};
 use super::studio::Studio;
-use super::unattended::Unattended;
 use super::worker::{Worker, WorkerOrder};
 use super::{persistence, viewport};
+use crate::pipeline::panic_report::PanicReport;
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Vec2, ViewportBuilder};
 use eframe::{App, CreationContext, NativeOptions};
@@ -18,7 +18,7 @@ use std::cell::RefCell;
 use std::error::Error;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Number of consecutive losses after which another adapter is tried.
@@ -119,10 +119,8 @@ pub fn run(
             None => Ok(()),
             Some(crash) => Err(WindowError::Crashed(Box::new(crash))),
         },
-        Err((error @ WindowError::Crashed(_), _)) => Err(error),
-        // The error owns the worker, because dropping it would end training.
-        Err((error, ever_open)) if ever_open && host.has_run() => {
-            Err(WindowError::Gone(Box::new(error), Unattended::new(host.worker)))
+        Err((error, ever_open)) if ever_open && !matches!(error, WindowError::Crashed(_)) => {
+            Err(WindowError::Gone(Box::new(error), host.worker.store()))
         }
         Err((error, _)) => Err(error),
     }
@@ -132,7 +130,7 @@ struct Host {
     worker: Arc<Worker>,
     /// Waker of the current window, because the training thread outlives windows.
     waker: Arc<WindowWaker>,
-    shown: Arc<Mutex<Option<String>>>,
+    shown: Arc<Mailbox<Option<String>>>,
     exit: RefCell<Exit>,
     started: Instant,
 }
@@ -142,13 +140,6 @@ impl Host {
         let waker = Arc::new(WindowWaker::default());
         let worker = Arc::new(Worker::start(waker.waker().clone())?);
         Ok(Self { worker, waker, shown: Arc::default(), exit: RefCell::default(), started })
-    }
-
-    fn has_run(&self) -> bool {
-        !matches!(
-            self.worker.snapshot().state,
-            RunState::Empty | RunState::Loading | RunState::Waiting
-        )
     }
 
     /// Runs one window to its end; `first` are the orders with which the run starts.
@@ -185,17 +176,16 @@ impl Host {
 fn report_caveat(
     creation: &eframe::CreationContext<'_>,
     worker: &Worker,
-    shown: &Mutex<Option<String>>,
+    shown: &Mailbox<Option<String>>,
 ) {
     let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
     // An earlier session has shown it.
     let known = creation.storage.and_then(|storage| storage.get_string(persistence::CAVEAT));
-    let mut shown = shown.lock().unwrap_or_else(PoisonError::into_inner);
     // After a lost device the same adapter is used, whose caveat was shown.
-    if let Some(text) = caveat.clone().filter(|_| *shown != caveat && known != caveat) {
+    if let Some(text) = caveat.clone().filter(|_| shown.get() != caveat && known != caveat) {
         worker.send(WorkerOrder::Report(NoticeKind::Info, text));
     }
-    *shown = caveat;
+    shown.set(caveat);
 }
 
 const ICON: &[u8] = include_bytes!("../../assets/icon.png");
@@ -263,7 +253,7 @@ pub fn run_window(
 /// window is reopened, since it could panic on the same picture forever.
 ///
 /// # Errors
-/// [`WindowError::Crashed`] with the path of the rescued scene, or the error of `window`.
+/// [`WindowError::Crashed`] with the path of the stored run, or the error of `window`.
 pub fn run_guarded(
     worker: &Worker,
     exit: &Exit,
@@ -278,7 +268,7 @@ pub fn run_guarded(
         Err(payload) => Err(WindowError::Crashed(Box::new(Crash {
             thread: CrashedThread::Window,
             panic: PanicReport::of(&*payload),
-            rescue: worker.rescue(),
+            rescue: worker.store(),
         }))),
     }
 }
@@ -301,7 +291,7 @@ pub fn watch(
             if is_asked(POLL_INTERVAL) {
                 if let Some(worker) = worker.upgrade() {
                     // A notice, which is logged, states the outcome.
-                    let _ = worker.store_for_next_window();
+                    let _ = worker.store();
                 }
                 return;
             }
@@ -319,12 +309,11 @@ pub enum WindowError {
     DisplaySilent,
     #[error("no usable graphics adapter found ({0})")]
     NoAdapter(String),
-    /// Several windows in a row have lost their device.
     #[error("the graphics device was lost {0} times in a row")]
     DeviceLost(usize),
-    /// The window was lost and cannot be reopened, but its run continues.
-    #[error("the window is gone for good: {0}")]
-    Gone(Box<WindowError>, Unattended),
+    /// The window was lost and cannot be reopened; its run was stored.
+    #[error("the window was lost and cannot be reopened: {0}; {1}")]
+    Gone(Box<WindowError>, Rescue),
     #[error(transparent)]
     Crashed(Box<Crash>),
     #[error("no window could be opened ({0})")]
@@ -344,8 +333,6 @@ impl From<eframe::Error> for WindowError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::panic_report::PanicReport;
-    use crate::app::rescue::{Crash, CrashedThread, Rescue};
 
     /// Runs windows that end as listed; returns the adapters that were opened, the result and the
     /// number of notices.
@@ -357,7 +344,7 @@ mod tests {
         let mut ends = ends.into_iter();
         let open = |adapter: &AdapterChoice| {
             asked.push(adapter.to_string());
-            ends.next().unwrap_or_else(|| Err(WindowError::NoDisplay))
+            ends.next().unwrap_or(Err(WindowError::NoDisplay))
         };
         let choice = AdapterChoice::parse(first);
         let ended = keep_open(choice, open, |_, _| told += 1).map_err(|(_, ever)| ever);

@@ -1,28 +1,8 @@
-//! Messages about values of the library, with the names that panels give the settings.
+//! Messages about values of the library.
 
 use crate::dataset::pose_check::{PoseCheck, PoseTrial};
 use crate::pipeline::plan::{Order, Plan, Selection};
-use crate::train::outcome::TrainingWarning;
 
-/// Message for a warning of training.
-pub fn warning(warning: &TrainingWarning) -> String {
-    match warning {
-        TrainingWarning::OverBudget { points } => format!(
-            "{points} points found no component within the budget and were left out; raise the Budget in Settings, or widen the Structural scale if depth is noisy"
-        ),
-        TrainingWarning::Coarsened { requested: asked, scale } => format!(
-            "the budget is far too small for a structural scale of {asked}, which was raised to {scale}; raise the Budget in Settings, or start with that Structural scale, which is faster"
-        ),
-        TrainingWarning::TooFarFromOrigin { points } => format!(
-            "{points} points lie more than a million structural scales from the scene's origin and were left out: a pose is wrong, or depth is in another unit; correct it, or widen the Structural scale in Settings"
-        ),
-        TrainingWarning::PrecisionReset { splats } => format!(
-            "photometric updates of {splats} splats were numerically unstable and were discarded; these splats are estimated from points only. Photometric in Settings turns these updates off"
-        ),
-    }
-}
-
-/// Agreement of a recording's poses with its depth.
 pub fn pose_agreement(check: &PoseCheck) -> String {
     let PoseTrial { agreement, poses, .. } = check.opened;
     let percent = 100.0 * agreement;
@@ -48,7 +28,6 @@ pub fn pose_warning(check: &PoseCheck) -> Option<String> {
     ))
 }
 
-/// Selection and order of a run's frames.
 pub fn run_order(selection: &Selection, plan: &Plan) -> String {
     let order = match selection.order {
         Order::Sequential => "In the dataset's order",
@@ -105,18 +84,5 @@ mod tests {
             run_order(&selection, &Plan { held_out, ..plan }),
             "Shuffled, one frame of 3, except those held out, shard 2/3, at most 40, 2 passes"
         );
-    }
-
-    #[test]
-    fn the_window_speaks_of_no_options() {
-        for value in [
-            TrainingWarning::OverBudget { points: 3 },
-            TrainingWarning::Coarsened { requested: 0.01, scale: 0.0141421 },
-            TrainingWarning::TooFarFromOrigin { points: 4 },
-            TrainingWarning::PrecisionReset { splats: 5 },
-        ] {
-            let text = warning(&value);
-            assert!(!text.contains("--") && text.contains("Settings"), "{text}");
-        }
     }
 }

@@ -4,8 +4,7 @@
 //! outputs of one run cannot disagree. Table and JSON state the machine, because a time is
 //! meaningless without it.
 
-use crate::bench::peers::PeerError;
-use crate::bench::plot::draw::PlotError;
+use crate::bench::plot::PlotError;
 use crate::dataset::synthetic::ParamsError;
 use crate::eval::report;
 use crate::eval::report::MachineReport;
@@ -20,17 +19,13 @@ use crate::train::setting::ConfigError;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Format tag in the JSON of every bench.
 pub const BENCH_FORMAT: &str = "vbgs-bench/1";
 
-/// Options shared by all benches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BenchOptions {
     /// Reduces all sizes so that a bench takes less than a minute on two cores.
     pub quick: bool,
-    /// Maximum number of frames.
     pub max_frames: Option<usize>,
-    /// Runs of every configuration.
     pub repeats: Option<usize>,
     pub seed: u64,
 }
@@ -55,8 +50,6 @@ pub enum BenchError {
     Csv(#[from] csv::Error),
     #[error("writing the result as JSON failed: {0}")]
     Json(#[from] serde_json::Error),
-    #[error("{0}")]
-    Peer(#[from] PeerError),
     #[error("starting {threads} threads failed: {reason}; close other programs and retry")]
     Threads { threads: usize, reason: String },
     #[cfg(feature = "gui")]
@@ -66,13 +59,9 @@ pub enum BenchError {
     Ron(#[from] ron::Error),
     /// No combination of widths keeps the bound.
     #[error(
-        "bound: expected at least {best:.1e}, the error of f64 operations on f32 points, found {bound:e}; choose a larger bound"
+        "bound (`--bound`): expected at least {best:.1e}, the error of f64 operations on f32 points, found {bound:e}; choose a larger bound"
     )]
-    Bound {
-        bound: f64,
-        /// Smallest error of any combination.
-        best: f64,
-    },
+    Bound { bound: f64, best: f64 },
     #[error("{}: {source}; check the folder and its permissions", path.display())]
     File { path: PathBuf, source: std::io::Error },
     #[error(
@@ -97,9 +86,7 @@ pub enum BenchError {
 /// Progress callback: steps done, total number of steps.
 pub type Progress<'a> = &'a mut dyn FnMut(usize, usize);
 
-/// Result of a bench, ready to print and write.
 pub struct Bench {
-    /// File name stem of its outputs.
     pub name: &'static str,
     /// Machine, table and notes, as printed.
     pub text: String,
@@ -120,19 +107,15 @@ struct BenchReport<'a, R, S> {
     summary: S,
 }
 
-/// Results of a bench, from which all outputs are derived.
 pub(super) struct Findings<'a, R, S> {
     pub name: &'static str,
     pub dataset: &'a str,
-    /// Graphics adapter that rendered, if any.
     pub adapter: Option<String>,
     pub options: BenchOptions,
     /// Meaning of the numbers, scaled values and skipped inputs.
     pub notes: Vec<String>,
     pub rows: Vec<R>,
-    /// Values derived from the rows.
     pub summary: S,
-    /// Human-readable table.
     pub table: String,
     pub plot: RgbImage,
 }
@@ -169,4 +152,13 @@ pub(super) fn csv(rows: &[impl Serialize]) -> Result<String, csv::Error> {
     }
     let bytes = writer.into_inner().map_err(|e| e.into_error())?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// Formats rows as text: a header and the cells of each column.
+pub(super) fn table<R, const N: usize>(
+    rows: &[R],
+    columns: [(&str, fn(&R) -> String); N],
+) -> String {
+    let cells = |row: &R| columns.map(|(_, cell)| cell(row));
+    report::text(columns.map(|(name, _)| name), &rows.iter().map(cells).collect::<Vec<_>>())
 }

@@ -12,7 +12,6 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A finished run as stored.
 #[derive(Serialize, Deserialize)]
 struct Kept<R> {
     /// Checksum of the executable that measured the rows.
@@ -41,7 +40,6 @@ pub(super) fn kept_or_new<R: Serialize + DeserializeOwned>(
     Ok(kept.rows)
 }
 
-/// CRC-32 of the running executable.
 fn program() -> Result<u32, BenchError> {
     let path = std::env::current_exe()
         .map_err(|source| BenchError::File { path: "running executable".into(), source })?;
@@ -50,7 +48,6 @@ fn program() -> Result<u32, BenchError> {
     Ok(crc32fast::hash(&bytes))
 }
 
-/// Creates the folder for finished runs.
 pub(super) fn make(folder: &Path) -> Result<(), BenchError> {
     std::fs::create_dir_all(folder)
         .map_err(|source| BenchError::File { path: folder.to_owned(), source })

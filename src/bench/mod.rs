@@ -4,7 +4,6 @@
 pub mod findings;
 mod folder;
 pub mod paper;
-pub mod peers;
 mod plot;
 pub mod protocol;
 pub mod render;

@@ -3,16 +3,13 @@
 //! the paper. Finished runs are stored, because eight scenes with two presets take hours on small
 //! machines.
 
-use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
 use super::folder;
 use super::paper::sample::spaced;
-use super::plot::draw;
-use super::plot::draw::{Mark, Panel, Series};
-use crate::bench::plot::Axis;
+use super::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::eval::choices::GroundTruth;
 use crate::eval::metrics::Spread;
-use crate::eval::report;
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::plan::Selection;
@@ -35,7 +32,6 @@ const QUICK: [usize; 2] = [12, 4];
 pub struct ProtocolPlan {
     /// Folder of scenes: all subfolders that can be opened and have depth.
     pub data: PathBuf,
-    /// Folder of finished runs.
     pub kept: PathBuf,
     pub options: BenchOptions,
 }
@@ -46,26 +42,19 @@ pub struct ProtocolRow {
     pub scene: String,
     pub preset: String,
     pub renderer: String,
-    /// Frames trained on.
     pub frames: usize,
     pub views: usize,
-    /// Components in use.
     pub components: usize,
-    /// Components that are drawn.
     pub drawn: usize,
-    /// Median milliseconds to train on a frame, as in the paper.
     pub train_ms: f64,
-    /// Median milliseconds to filter and unproject a frame on the decoding thread.
     pub prepare_ms: f64,
     /// Against photographs composited over black, dB.
     pub psnr: f64,
     /// Against photographs with alpha dropped, as in the paper, dB.
     pub psnr_rgb: f64,
-    /// Mean SSIM against photographs composited over black, −1 to 1.
     pub ssim: f64,
 }
 
-/// Measures all runs that are not stored yet.
 pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError> {
     let (scenes, left_out) = folder::scenes(&plan.data)?;
     folder::make(&plan.kept)?;
@@ -91,7 +80,7 @@ pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError>
         options: plan.options,
         notes,
         table: text(&rows),
-        plot: draw::draw("The paper's protocol", &panels(&rows, &names))?,
+        plot: plot::draw("The paper's protocol", &panels(&rows, &names))?,
         summary: json!({ "scenes": names }),
         rows,
     }
@@ -107,7 +96,6 @@ struct ProtocolRun<'a> {
 }
 
 impl ProtocolRun<'_> {
-    /// Returns the stored rows of this run. Measures and stores them if there are none.
     fn kept_or_new(&self, kept: &Path) -> Result<Vec<ProtocolRow>, BenchError> {
         let selection = Selection { max_frames: Some(self.frames), ..Selection::all_frames() };
         let asked: MethodRequest = match self.preset {
@@ -169,42 +157,29 @@ impl ProtocolRun<'_> {
 }
 
 fn text(rows: &[ProtocolRow]) -> String {
-    let header = [
-        "scene",
-        "preset",
-        "renderer",
-        "drawn",
-        "ms/frame",
-        "prepare ms",
-        "PSNR dB",
-        "PSNR rgb dB",
-        "SSIM",
-    ];
-    let cells = |row: &ProtocolRow| {
+    table(
+        rows,
         [
-            row.scene.clone(),
-            row.preset.clone(),
-            row.renderer.clone(),
-            row.drawn.to_string(),
-            format!("{:.1}", row.train_ms),
-            format!("{:.1}", row.prepare_ms),
-            format!("{:.2}", row.psnr),
-            format!("{:.2}", row.psnr_rgb),
-            format!("{:.4}", row.ssim),
-        ]
-    };
-    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+            ("scene", |row| row.scene.clone()),
+            ("preset", |row| row.preset.clone()),
+            ("renderer", |row| row.renderer.clone()),
+            ("drawn", |row| row.drawn.to_string()),
+            ("ms/frame", |row| format!("{:.1}", row.train_ms)),
+            ("prepare ms", |row| format!("{:.1}", row.prepare_ms)),
+            ("PSNR dB", |row| format!("{:.2}", row.psnr)),
+            ("PSNR rgb dB", |row| format!("{:.2}", row.psnr_rgb)),
+            ("SSIM", |row| format!("{:.4}", row.ssim)),
+        ],
+    )
 }
 
-/// Quality and latency by scene.
 fn panels(rows: &[ProtocolRow], scenes: &[String]) -> [Panel; 2] {
     let panel = |title: &str, x: Axis, of: fn(&ProtocolRow) -> f64, renderers: &[&str]| {
         let series = |preset: &str, renderer: &str| {
             let mine = rows.iter().filter(|row| row.preset == preset && row.renderer == renderer);
             let mark = |row: &ProtocolRow| {
                 let at = scenes.iter().position(|scene| *scene == row.scene)?;
-                let (x, y) = (Spread::exact(of(row)), Spread::exact(at as f64));
-                Some(Mark { x, y, label: None })
+                Some(Mark::new(of(row), at as f64))
             };
             let marks = mine.filter_map(mark).collect();
             Series { name: format!("{preset}, {renderer}"), marks, connected: false }

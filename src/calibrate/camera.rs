@@ -11,7 +11,6 @@ use glam::{DMat3, DQuat, DVec3};
 pub(super) const N: usize = 6;
 /// Index of the logarithm of the common focal length factor.
 pub(super) const FOCAL: usize = 3;
-/// Index of the roll, radians.
 pub(super) const ROLL: usize = 2;
 
 /// A colour camera and its parameters relative to the start of the search. Offset along the axis, pitch and
@@ -31,7 +30,6 @@ impl CameraUnknowns {
         Self { start, values: [x, y, 0.0, 0.0, cx, cy] }
     }
 
-    /// Parameters of another camera relative to the same start.
     pub fn parameters_of(&self, other: &ColorCamera) -> [f64; N] {
         let ([x, y, _], [cx, cy]) = (other.offset, other.principal);
         let roll = other.rotation[2] - self.start.rotation[2];
@@ -68,7 +66,6 @@ pub(super) fn registered(depth: &Intrinsics) -> ColorCamera {
     }
 }
 
-/// Projection with precomputed rotation.
 pub(super) struct Projector {
     turn: DMat3,
     offset: DVec3,
@@ -76,7 +73,6 @@ pub(super) struct Projector {
     principal: [f64; 2],
 }
 
-/// Projection of a point with its Jacobians.
 pub(super) struct ProjectedPoint {
     pub at: [f64; 2],
     pub jacobian: [[f64; N]; 2],

@@ -6,15 +6,14 @@
 use super::camera::Projector;
 use super::exposure::Patch;
 use super::matches::{MatchedPoint, Matches};
-use super::normal_equations::NormalEquations;
 use super::pyramid::Pyramid;
 use super::unknowns::{CAMERA, Estimate, N, Unknowns, WITH_POSE, split_twist};
+use crate::math::least_squares::NormalEquations;
 use glam::DVec3;
 
 #[derive(Clone, Copy)]
 pub(super) struct Photos<'a> {
     pub images: &'a [Pyramid],
-    /// Gains of red, green and blue per view.
     pub gains: &'a [[f64; 3]],
     /// Pyramid level; 0 is full resolution.
     pub level: usize,
@@ -23,7 +22,6 @@ pub(super) struct Photos<'a> {
 /// Colour residual of a point: its colour in its own view minus that in another view.
 #[derive(Clone, Copy)]
 pub(super) struct ColorResidual {
-    /// Index of the point in its component.
     pub index: usize,
     pub view: usize,
     pub color: [f64; 3],
@@ -31,7 +29,6 @@ pub(super) struct ColorResidual {
     slope: [[f64; WITH_POSE]; 3],
 }
 
-/// Sampled colour with its Jacobian by the unknowns and the view's pose.
 struct SampledColor {
     color: [f64; 3],
     slope: [[f64; WITH_POSE]; 3],
@@ -178,7 +175,6 @@ pub(super) fn rms_shift_per_unit(matches: &Matches, at: &Unknowns) -> [f64; N] {
     sum.map(|sum: f64| (sum / n).sqrt())
 }
 
-/// Root mean square distance, pixels, between the projections of the points by two cameras.
 pub(super) fn rms_pixel_distance(matches: &Matches, a: &Unknowns, b: &Unknowns) -> f64 {
     let (a, b) = (Projector::new(&a.camera), Projector::new(&b.camera));
     let (mut sum, mut n) = (0.0, 0.0);

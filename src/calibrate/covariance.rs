@@ -1,20 +1,18 @@
 //! Joint covariance of the estimated unknowns.
 
-use super::normal_equations::NormalEquations;
 use super::unknowns::{DEPTH, WITH_POSE};
 use crate::math::cholesky::Cholesky;
+use crate::math::least_squares::NormalEquations;
 
 #[derive(Clone, Debug)]
 pub(super) struct Covariance {
     n: usize,
-    /// Row-major.
     values: Vec<f64>,
     /// Additional variances without correlation.
     own: Vec<f64>,
 }
 
 impl Covariance {
-    /// Returns the covariance of exactly known values.
     pub fn zero(n: usize) -> Self {
         Self { n, values: vec![0.0; n * n], own: vec![0.0; n] }
     }
@@ -33,7 +31,6 @@ impl Covariance {
         }
     }
 
-    /// Raises a variance to at least `least` and preserves correlations.
     pub fn raise_variance(&mut self, place: usize, least: f64) {
         let factor = (least / self.variance(place)).max(1.0).sqrt();
         for other in 0..self.n {
@@ -42,7 +39,6 @@ impl Covariance {
         }
     }
 
-    /// Adds an uncorrelated variance to one unknown.
     pub fn add_independent_variance(&mut self, place: usize, variance: f64) {
         self.own[place] += variance;
     }
@@ -83,7 +79,6 @@ impl Covariance {
 
 const SCATTERED: usize = 5;
 
-/// Gradients of the views, centred on their mean.
 pub(super) struct Scatter {
     pub gradients: Vec<Vec<f64>>,
     /// Factor on the squares that corrects for the lost degrees of freedom.

@@ -14,9 +14,9 @@ use super::color::{ColorResidual, Photos, color_residuals};
 use super::covariance::overdispersion;
 use super::exposure::exposure;
 use super::matches::{MatchedPoint, Matches};
-use super::normal_equations::NormalEquations;
 use super::pyramid::Pyramid;
 use super::unknowns::{DEPTH, Estimate, SensorPrior, Twist, Unknowns, WITH_POSE};
+use crate::math::least_squares::NormalEquations;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -32,16 +32,13 @@ const LEAST_VARIANCE: [f64; 2] = [0.01, 3.0 / (255.0 * 255.0)];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ResidualKind {
-    /// Distance from the component's plane.
     Thickness,
-    /// Colour difference between views.
     Color,
 }
 
 type Both = [NormalEquations<WITH_POSE>; 2];
 const NOTHING: Both = [NormalEquations::ZERO; 2];
 
-/// Matched views and the robust weights of their points.
 pub(super) struct Evidence<'a> {
     pub matches: Matches,
     images: &'a [Pyramid],
@@ -88,7 +85,6 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Recomputes the robust weights of the points and the information of both kinds.
     pub fn update_weights(&mut self, at: &Estimate) {
         self.weights.iter_mut().for_each(|weights| weights.fill(1.0));
         self.half_weight_squares = self
@@ -135,22 +131,40 @@ impl<'a> Evidence<'a> {
         Photos { images: self.images, gains: &self.gains, level: self.level }
     }
 
-    /// Computes the residuals of a component's points into `buffers`; returns the index of its first point.
+    /// Adds the residuals of all components, in order, to one result per chunk.
+    fn collect_residuals<T: Send>(
+        &self,
+        at: &Estimate,
+        start: impl Fn() -> T + Sync,
+        add: impl Fn(&mut T, usize, &Buffers) + Sync,
+    ) -> Vec<T> {
+        let projector = Projector::new(&at.unknowns.camera);
+        let components = (0..self.matches.len()).into_par_iter().chunks(CHUNK);
+        let of_chunk = |components: Vec<usize>| {
+            let (mut found, mut buffers) = (start(), Buffers::default());
+            for component in components {
+                self.compute_residuals((&projector, at), component, &mut buffers);
+                add(&mut found, component, &buffers);
+            }
+            found
+        };
+        components.map(of_chunk).collect()
+    }
+
+    /// Computes the residuals of a component's points into `buffers`.
     fn compute_residuals(
         &self,
         at: (&Projector, &Estimate),
         component: usize,
         buffers: &mut Buffers,
-    ) -> usize {
+    ) {
         let first = self.matches.start_of(component);
         let run = self.matches.points_of(component);
         let weight = |k: usize| move |i: usize| f64::from(self.weights[k][first + i]);
         plane_residuals(&self.matches, run, at.1, weight(0), &mut buffers.planes);
         color_residuals(&self.matches, &self.photos(), run, at, &mut buffers.colors);
-        first
     }
 
-    /// Median squared residuals of planes and colours over a sample of the components.
     fn median_squares(&self, at: &Estimate) -> [f64; 2] {
         let projector = Projector::new(&at.unknowns.camera);
         let (mut buffers, mut found) = (Buffers::default(), [Vec::new(), Vec::new()]);
@@ -168,30 +182,19 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// Squared residual of each kind for every point; `None` without a residual.
     pub(super) fn squared_residuals(&self, at: &Estimate) -> [Vec<Option<f64>>; 2] {
-        let projector = Projector::new(&at.unknowns.camera);
-        let parts: Vec<[Vec<Option<f64>>; 2]> = (0..self.matches.len())
-            .into_par_iter()
-            .chunks(CHUNK)
-            .map(|components| {
-                let mut buffers = Buffers::default();
-                let mut found = [Vec::new(), Vec::new()];
-                for component in components {
-                    let end = found[0].len() + self.matches.points_of(component).len();
-                    let first = found[0].len();
-                    found.iter_mut().for_each(|squares| squares.resize(end, None));
-                    self.compute_residuals((&projector, at), component, &mut buffers);
-                    for (i, plane) in buffers.planes.iter().enumerate() {
-                        found[0][first + i] = Some(plane.off * plane.off * plane.precision);
-                    }
-                    for color in &buffers.colors {
-                        found[1][first + color.index] = Some(color.square());
-                    }
-                }
-                found
-            })
-            .collect();
+        let start = || [Vec::new(), Vec::new()];
+        let parts = self.collect_residuals(at, start, |found, component, buffers| {
+            let first = found[0].len();
+            let end = first + self.matches.points_of(component).len();
+            found.iter_mut().for_each(|squares| squares.resize(end, None));
+            for (i, plane) in buffers.planes.iter().enumerate() {
+                found[0][first + i] = Some(plane.off * plane.off * plane.precision);
+            }
+            for color in &buffers.colors {
+                found[1][first + color.index] = Some(color.square());
+            }
+        });
         let mut whole = [Vec::new(), Vec::new()];
         for part in parts {
             whole.iter_mut().zip(part).for_each(|(whole, part)| whole.extend(part));
@@ -201,27 +204,19 @@ impl<'a> Evidence<'a> {
 
     /// Normal equations of each view and kind; residuals are relative to the means over all views.
     pub fn equations_by_view(&self, at: &Estimate) -> Vec<Both> {
-        let projector = Projector::new(&at.unknowns.camera);
         let n = self.matches.poses.len();
-        let parts: Vec<Vec<Both>> = (0..self.matches.len())
-            .into_par_iter()
-            .chunks(CHUNK)
-            .map(|components| {
-                let (mut views, mut buffers) = (vec![NOTHING; n], Buffers::default());
-                for component in components {
-                    let first = self.compute_residuals((&projector, at), component, &mut buffers);
-                    for (i, plane) in buffers.planes.iter().enumerate() {
-                        let weight = f64::from(self.weights[0][first + i]);
-                        plane.add(weight, &mut views[plane.view][0]);
-                    }
-                    for color in &buffers.colors {
-                        let weight = f64::from(self.weights[1][first + color.index]);
-                        color.add(weight, &mut views[color.view][1]);
-                    }
-                }
-                views
-            })
-            .collect();
+        let start = || vec![NOTHING; n];
+        let parts = self.collect_residuals(at, start, |views, component, buffers| {
+            let first = self.matches.start_of(component);
+            for (i, plane) in buffers.planes.iter().enumerate() {
+                let weight = f64::from(self.weights[0][first + i]);
+                plane.add(weight, &mut views[plane.view][0]);
+            }
+            for color in &buffers.colors {
+                let weight = f64::from(self.weights[1][first + color.index]);
+                color.add(weight, &mut views[color.view][1]);
+            }
+        });
         let mut views = vec![NOTHING; n];
         for part in &parts {
             for (view, part) in views.iter_mut().zip(part) {
@@ -231,7 +226,6 @@ impl<'a> Evidence<'a> {
         views
     }
 
-    /// Mean weighted squared residual of a kind.
     pub fn variance(&self, at: &Estimate, kind: ResidualKind) -> f64 {
         let views = self.equations_by_view(at);
         NormalEquations::total(views.iter().map(|both| &both[kind as usize])).variance()
@@ -258,7 +252,6 @@ impl<'a> Evidence<'a> {
         views.iter().zip(&at.poses).map(of_view).collect()
     }
 
-    /// Divides the weight of all evidence by `times` from now on.
     pub fn scale_down(&mut self, times: f64) {
         self.overdispersion *= times;
         self.information = self.information.map(|information| information / times);
@@ -275,7 +268,6 @@ impl<'a> Evidence<'a> {
     }
 }
 
-/// Minimum length of a component's mean normal; below, it has no common plane.
 const MIN_COHERENCE: f64 = 0.9;
 
 /// Distance of a point from its component's plane, with derivatives by depth offset and scale.

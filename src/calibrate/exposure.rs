@@ -26,7 +26,6 @@ const BRIGHTEST: f64 = 0.92;
 /// Ridge that pulls gains towards 1, relative to the mean information of a view.
 const RIDGE: f64 = 1e-6;
 
-/// Summed colour of a component in a view.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
     component: u32,
@@ -45,11 +44,6 @@ impl Patch {
         self.sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += c);
     }
 
-    /// Sort key: component, then view.
-    pub fn key(&self) -> (u32, u32) {
-        (self.component, self.view)
-    }
-
     /// View, weight and logarithm of a channel's mean; `None` if too dark or clipped. The weight is the
     /// inverse variance of the logarithm.
     fn log(&self, channel: usize) -> Option<(usize, f64, f64)> {
@@ -60,7 +54,6 @@ impl Patch {
     }
 }
 
-/// Gains and their standard errors.
 #[derive(Clone, Debug)]
 pub(super) struct FittedExposure {
     /// Per view and channel; the product over the views is 1.
@@ -68,7 +61,6 @@ pub(super) struct FittedExposure {
     /// Relative standard error of a view's gains, maximum over the channels; infinite if the view shares no
     /// component.
     pub errors: Vec<f64>,
-    /// Relative reduction of the squared log-colour differences between views.
     pub relative_reduction: f64,
 }
 
@@ -125,7 +117,6 @@ impl GainEquations {
         equations
     }
 
-    /// Adds a component's patches, each as (view, weight, logarithm).
     fn add(&mut self, logs: &[(usize, f64, f64)]) {
         let total: f64 = logs.iter().map(|log| log.1).sum();
         let mean = logs.iter().map(|log| log.1 * log.2).sum::<f64>() / total;
@@ -164,7 +155,6 @@ impl GainEquations {
         (logs, own.iter().map(error).collect())
     }
 
-    /// Reduction of the squared differences by the solution.
     fn explained(&self, logs: &[f64]) -> f64 {
         logs.iter().zip(&self.right).map(|(x, r)| x * r).sum()
     }
@@ -175,7 +165,6 @@ const GROWTH: f64 = 2.0;
 const BATCH: usize = 8;
 /// Maximum number of frames; time grows with its cube.
 pub(super) const MAX_FRAMES: usize = 1000;
-/// Maximum relative standard error of gains that are written.
 const MAX_ERROR: f64 = 0.02;
 /// Minimum relative reduction of the colour differences between views.
 const MIN_FALL: f64 = 0.1;
@@ -212,7 +201,7 @@ pub(super) fn search(
         }
     }
     // Frames arrive in order; the equations need a component's views side by side.
-    patches.sort_by_key(Patch::key);
+    patches.sort_by_key(|patch| (patch.component, patch.view));
     let exposure = exposure(&patches, found);
     let names = plan.frames.iter().map(|&i| dataset.splits[plan.split].frames[i].name.clone());
     select_gains(&exposure, names.collect(), &before)
@@ -231,7 +220,6 @@ fn patches_of(partition: &mut Partition, points: &[SurfacePoint], view: u32) -> 
     owned.chunk_by(|a, b| a.0 == b.0).map(patch).collect()
 }
 
-/// Decides which gains are written; returns them with a summary value.
 fn select_gains(
     exposure: &FittedExposure,
     names: Vec<String>,
@@ -256,7 +244,6 @@ fn select_gains(
     (named.collect(), value)
 }
 
-/// Root mean square of the log gains.
 fn spread(gains: &[[f64; 3]]) -> f64 {
     let squares: f64 = gains.as_flattened().iter().map(|g| g.ln().powi(2)).sum();
     (squares / (3 * gains.len()).max(1) as f64).sqrt()

@@ -2,16 +2,15 @@
 
 use super::covariance::{Covariance, Scatter};
 use super::evidence::{Evidence, ResidualKind};
-use super::normal_equations::NormalEquations;
 use super::unknowns::{Estimate, N, SensorPrior, Unknowns, WITH_POSE};
 use crate::math::cholesky::Cholesky;
+use crate::math::least_squares::NormalEquations;
 
 /// Alternating fits of gains and poses before a loss is evaluated.
 const LOSS_ROUNDS: usize = 2;
 const MAX_STEPS: usize = 12;
 /// Relative decrease of the cost at which a fit has converged.
 const MIN_STEP: f64 = 1e-6;
-/// Initial and minimum damping.
 const MIN_DAMPING: f64 = 1e-3;
 /// Damping at which a fit stops. The cost is rough where points leave images, and shorter steps would end
 /// in spurious local minima.
@@ -20,11 +19,11 @@ const MAX_DAMPING: f64 = 10.0;
 impl Evidence<'_> {
     /// Minimises over the `free` unknowns and all poses by Levenberg-Marquardt; updates `at`.
     pub fn fit(&self, prior: &SensorPrior, at: &mut Estimate, free: &[usize]) {
-        let mut now = Linearised::new(self.weighted_equations(prior, at), prior, at);
+        let mut now = self.linearise(prior, at);
         let mut damping = MIN_DAMPING;
         for _ in 0..MAX_STEPS {
             let Some(next) = now.step(at, free, damping) else { break };
-            let then = Linearised::new(self.weighted_equations(prior, &next), prior, &next);
+            let then = self.linearise(prior, &next);
             let fall = 1.0 - then.cost / now.cost;
             if fall > 0.0 {
                 (*at, now) = (next, then);
@@ -39,6 +38,15 @@ impl Evidence<'_> {
         }
     }
 
+    fn linearise(&self, prior: &SensorPrior, at: &Estimate) -> Linearised {
+        let views = self.weighted_equations(prior, at);
+        let mut total = prior.equations(&at.unknowns);
+        let cost = total.cost + views.iter().map(|view| view.cost).sum::<f64>();
+        let eliminated = views.iter().filter_map(|view| view.eliminate_after());
+        eliminated.for_each(|view| total.add(&view, 1.0));
+        Linearised { views, total, cost }
+    }
+
     /// Refits the `free` unknowns and the poses with the `held` unknowns fixed to `values`.
     pub fn fit_with_held(
         &self,
@@ -47,7 +55,7 @@ impl Evidence<'_> {
         free: &[usize],
         (held, values): (&[usize], &Unknowns),
     ) -> Estimate {
-        let here = Linearised::new(self.weighted_equations(prior, at), prior, at);
+        let here = self.linearise(prior, at);
         let mut change = [0.0; N];
         held.iter().for_each(|&i| change[i] = values.get(i) - at.unknowns.get(i));
         // Starts from the quadratic prediction: from the old minimum the fit would not converge.
@@ -85,7 +93,7 @@ impl Evidence<'_> {
         free: &[usize],
         [a, b]: [&Unknowns; 2],
     ) -> f64 {
-        let total = Linearised::new(self.weighted_equations(prior, at), prior, at).total;
+        let total = self.linearise(prior, at).total;
         let apart = |i: usize| a.get(i) - b.get(i);
         let square: f64 = free
             .iter()
@@ -141,16 +149,6 @@ struct Linearised {
 }
 
 impl Linearised {
-    fn new(views: Vec<NormalEquations<WITH_POSE>>, prior: &SensorPrior, at: &Estimate) -> Self {
-        let mut total = prior.equations(&at.unknowns);
-        let cost = total.cost + views.iter().map(|view| view.cost).sum::<f64>();
-        views
-            .iter()
-            .filter_map(|view| view.eliminate_after())
-            .for_each(|view| total.add(&view, 1.0));
-        Self { views, total, cost }
-    }
-
     /// Damped step of the `free` unknowns, followed by the poses.
     fn step(&self, at: &Estimate, free: &[usize], damping: f64) -> Option<Estimate> {
         let step = self.total.damped_step(free, damping)?;
@@ -159,7 +157,6 @@ impl Linearised {
         self.apply_change(at, &change, 1.0 / (1.0 + damping))
     }
 
-    /// Prediction for a given change of some unknowns, with the `free` ones and the poses following.
     fn predict_change(
         &self,
         at: &Estimate,

@@ -27,9 +27,7 @@ pub(super) struct MatchedPoint {
 /// camera to world).
 #[derive(Clone, Copy)]
 pub(super) struct CameraPose {
-    /// World to camera.
     pub rotation: DMat3,
-    /// Relative to the origin of the points.
     pub centre: DVec3,
 }
 
@@ -55,7 +53,6 @@ impl CameraPose {
 pub(super) struct MatchedDepth {
     /// Offset (world units) and scale.
     pub values: [f64; 2],
-    /// True if depth is measured along the optical axis.
     pub along_z: bool,
 }
 
@@ -120,12 +117,10 @@ impl Matches {
         Self { depth, poses, samples: kept, starts, births: partition.components() }
     }
 
-    /// Number of components seen by several views.
     pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// Number of pairs of a component and a view that sees it.
     pub fn n_sightings(&self) -> usize {
         self.samples.chunk_by(|a, b| (a.component, a.view) == (b.component, b.view)).count()
     }
@@ -134,7 +129,6 @@ impl Matches {
         &self.samples
     }
 
-    /// Displaces every `every`-th point.
     #[cfg(test)]
     pub fn spoil(&mut self, every: usize, place: impl Fn(DVec3) -> DVec3) {
         for sample in self.samples.iter_mut().step_by(every) {

@@ -12,7 +12,6 @@ mod evidence;
 mod exposure;
 mod fit;
 mod matches;
-mod normal_equations;
 mod pyramid;
 mod report;
 #[cfg(test)]
@@ -77,7 +76,7 @@ pub enum CalibrateError {
     Calibration(#[from] CalibrationError),
     /// Fewer than two frames see the same surface.
     #[error(
-        "{dataset}: expected at least 2 frames that see the same surface, found {found}; add frames to the recording, ask for more of its frames or name another split"
+        "{dataset}: expected at least 2 frames that see the same surface, found {found}; add frames to the recording, use more of them (`--max-frames`) or name another split (`--split`)"
     )]
     NothingInCommon {
         /// Name of the dataset.
@@ -87,7 +86,7 @@ pub enum CalibrateError {
     },
     /// Too many frames for the exposure search.
     #[error(
-        "exposures: expected a split of at most {most} frames, found {found}; name a smaller one, or leave the exposures to training, which fits them as frames come"
+        "exposures (`--exposure`): expected a split of at most {most} frames, found {found}; name a smaller one (`--split`), or leave the exposures to training, which fits them as frames come"
     )]
     TooManyExposures {
         /// Maximum number of frames of an exposure search.
@@ -180,17 +179,21 @@ fn cameras(
     let known = known.or(given).unwrap_or(as_registered);
     let prior = SensorPrior::new(known, &start, metre);
     let free: Vec<usize> = (0..N).collect();
-    let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
-    let mut judge = CrossValidation::new(input, views, &prior, (start, best.unknowns), &free)?;
-    judge.scale_evidence(&mut evidence, &mut best, &free);
-    let verdict = judge.test_camera(&best.unknowns);
+    let mut fit = |free: &[usize]| -> Result<_, FrameError> {
+        let (mut best, mut evidence) = search(input, views, &prior, &start, free, &mut tick)?;
+        let mut judge = CrossValidation::new(input, views, &prior, (start, best.unknowns), free)?;
+        judge.scale_evidence(&mut evidence, &mut best, free);
+        Ok((best, evidence, judge))
+    };
+    let (mut best, mut evidence, mut judge) = fit(&free)?;
+    let (is_camera_accepted, found) = judge.test_camera(&best.unknowns);
     let of = |best: &Unknowns, color_camera| Calibration {
         color_camera,
         depth_offset: best.depth[0],
         depth_scale: best.depth[1],
         ..input.calibration.clone()
     };
-    if verdict.is_accepted {
+    if is_camera_accepted {
         let values = judge.accept_values(&mut evidence, &mut best, &free);
         // The second search is skipped.
         (0..STEPS).for_each(|_| tick());
@@ -202,9 +205,7 @@ fn cameras(
     // Small errors of poses and depth can be compensated by a slightly different camera. Depth found with
     // that camera does not hold for the original one, so it is searched again.
     let free = DEPTH.to_vec();
-    let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
-    let mut judge = CrossValidation::new(input, views, &prior, (start, best.unknowns), &free)?;
-    judge.scale_evidence(&mut evidence, &mut best, &free);
+    let (mut best, mut evidence, mut judge) = fit(&free)?;
     let mut values = judge.accept_values(&mut evidence, &mut best, &free);
     values.extend(staying);
     let kept = if given.is_some() {
@@ -212,7 +213,7 @@ fn cameras(
     } else {
         "the colour images are registered to depth"
     };
-    let note = Some(format!("{kept}: {}", verdict.found));
+    let note = Some(format!("{kept}: {found}"));
     Ok(FoundCameras { calibration: of(&best.unknowns, given), values, note })
 }
 
@@ -295,19 +296,16 @@ fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, 
 struct CalibrationInput {
     /// Even-numbered frames first, then odd-numbered: two halves that see the same places.
     pub frames: Vec<Frame>,
-    /// True if depth is measured along the optical axis, false along the ray.
     pub along_z: bool,
     /// Surface preparation, without the calibration.
     pub surface: SurfaceSettings,
     pub calibration: Calibration,
-    /// Structural scale, world units.
     pub h: f64,
     /// Pixel stride in columns and rows.
     pub step: usize,
 }
 
 impl CalibrationInput {
-    /// Surface preparation with another depth calibration and colour camera.
     pub fn settings(
         &self,
         [depth_offset, depth_scale]: [f64; 2],

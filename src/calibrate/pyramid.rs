@@ -15,7 +15,6 @@ pub(super) struct InterpolatedColor {
 }
 
 impl Pyramid {
-    /// Builds a pyramid with `levels` levels, at least one.
     pub fn new(image: Image<[u8; 4]>, levels: usize) -> Self {
         let mut sizes = vec![image];
         while sizes.len() < levels {

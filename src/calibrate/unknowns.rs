@@ -5,8 +5,8 @@
 //! recordings best, but no depth camera has that error.
 
 use super::camera::{CameraUnknowns, FOCAL, N as N_CAMERA, ROLL};
-use super::normal_equations::NormalEquations;
 use crate::dataset::calibration::{Calibration, ColorCamera};
+use crate::math::least_squares::NormalEquations;
 use glam::DVec3;
 use serde::Serialize;
 
@@ -14,11 +14,8 @@ use serde::Serialize;
 pub(super) const N: usize = 2 + N_CAMERA;
 /// Number including a view's own pose: translation and rotation of its camera, in the camera frame.
 pub(super) const WITH_POSE: usize = N + 6;
-/// Indices of depth offset and scale.
 pub(super) const DEPTH: [usize; 2] = [0, 1];
-/// Index of the first colour camera unknown.
 pub(super) const CAMERA: usize = 2;
-/// Names with units.
 pub(super) const NAMES: [&str; N] = [
     "depth offset, world units",
     "depth scale",
@@ -52,7 +49,6 @@ pub(super) struct Unknowns {
 }
 
 impl Unknowns {
-    /// Unknowns of a calibration with the given colour camera.
     pub fn of(calibration: &Calibration, camera: ColorCamera) -> Self {
         let depth = [calibration.depth_offset, calibration.depth_scale];
         Self { depth, camera: CameraUnknowns::of(camera) }
@@ -79,7 +75,6 @@ impl Unknowns {
         }
     }
 
-    /// Derivative of the natural value by the unknown.
     pub fn natural_slope(&self, i: usize) -> f64 {
         if i == CAMERA + FOCAL { self.natural_value(i) } else { 1.0 }
     }
@@ -101,18 +96,16 @@ pub(super) struct Estimate {
 }
 
 impl Estimate {
-    /// Starts with all poses as recorded.
     pub fn as_recorded(unknowns: Unknowns, n_views: usize) -> Self {
         Self { unknowns, poses: vec![[0.0; 6]; n_views] }
     }
 }
 
-/// Independent Gaussian prior on the unknowns.
 #[derive(Clone, Debug)]
 pub(super) struct SensorPrior {
     mean: [f64; N],
     deviation: [f64; N],
-    /// Precision of each pose's translation and rotation.
+    /// Standard deviation of each pose's translation and rotation.
     pose: [f64; 2],
 }
 
@@ -136,26 +129,20 @@ impl SensorPrior {
             principal,
             principal,
         ];
-        let pose = [(POSE_SHIFT_M * metre).powi(-2), POSE_TURN.powi(-2)];
+        let pose = [POSE_SHIFT_M * metre, POSE_TURN];
         Self { mean, deviation, pose }
     }
 
-    /// Adds the pose prior of a view to its equations.
     pub fn add_pose(&self, pose: &Twist, equations: &mut NormalEquations<WITH_POSE>) {
         for (i, value) in pose.iter().enumerate() {
-            let mut slope = [0.0; WITH_POSE];
-            slope[N + i] = 1.0;
-            equations.add_residual(*value, &slope, self.pose[i / 3]);
+            equations.add_prior(N + i, *value, self.pose[i / 3]);
         }
     }
 
-    /// Normal equations of the prior on all unknowns.
     pub fn equations(&self, at: &Unknowns) -> NormalEquations<N> {
         let mut equations = NormalEquations::ZERO;
         for i in 0..N {
-            let mut slope = [0.0; N];
-            slope[i] = 1.0;
-            equations.add_residual(at.get(i) - self.mean[i], &slope, self.deviation[i].powi(-2));
+            equations.add_prior(i, at.get(i) - self.mean[i], self.deviation[i]);
         }
         equations
     }
@@ -183,13 +170,11 @@ pub struct CalibratedValue {
 }
 
 impl CalibratedValue {
-    /// Creates a determined value that takes the best.
     pub(super) fn determined(name: &'static str, before: f64, best: f64, error: f64) -> Self {
         let (after, standard_error) = (best, error);
         Self { name, before, after, best, standard_error, determined: true, reason: None }
     }
 
-    /// Reverts to the initial value.
     pub(super) fn revert(&mut self, reason: String) {
         // `best` is retained, so that the report shows what was rejected and why.
         self.after = self.before;
@@ -201,16 +186,6 @@ impl CalibratedValue {
     pub(super) fn accept_as_correlated(&mut self, reason: String) {
         self.determined = false;
         self.reason = Some(format!("{reason}; taken with the others, which depend on it"));
-    }
-
-    /// Updates the best value after others reverted to their initial values.
-    pub(super) fn set_best(&mut self, best: f64) {
-        (self.after, self.best) = (best, best);
-    }
-
-    /// Absolute difference between the best and the initial value.
-    pub(super) fn change(&self) -> f64 {
-        (self.best - self.before).abs()
     }
 
     /// Keeps the initial value because the data confirms it.

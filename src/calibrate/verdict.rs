@@ -33,24 +33,15 @@ const SAME: f64 = 1.0;
 /// Shift of another value, in standard errors, up to which a value may revert alone.
 const LEANING: f64 = 1.0;
 
-/// Half of the frames with its own optimum.
 struct Half<'a> {
     evidence: Evidence<'a>,
     best: Estimate,
 }
 
-/// Cross-validation of both halves.
 pub(super) struct CrossValidation<'a> {
     prior: &'a SensorPrior,
     start: Unknowns,
     halves: [Half<'a>; 2],
-}
-
-/// Decision on another colour camera.
-pub(super) struct CameraVerdict {
-    pub is_accepted: bool,
-    /// Shift and decrease as text.
-    pub found: String,
 }
 
 impl<'a> CrossValidation<'a> {
@@ -90,8 +81,8 @@ impl<'a> CrossValidation<'a> {
         }
     }
 
-    /// Tests each half's camera on the other half.
-    pub fn test_camera(&mut self, best: &Unknowns) -> CameraVerdict {
+    /// Tests each half's camera on the other half; returns true if it is accepted, and what was found.
+    pub fn test_camera(&mut self, best: &Unknowns) -> (bool, String) {
         let mut falls = [0.0; 2];
         for (own, other) in [(0, 1), (1, 0)] {
             let found = self.halves[own].best.unknowns;
@@ -107,7 +98,7 @@ impl<'a> CrossValidation<'a> {
             "the best other camera shifts colours by {shift:.1} pixels and lowers their variance by {:.1} % in frames that it was not fitted to, an effect that errors of poses and depth can also cause",
             100.0 * fall.max(0.0)
         );
-        CameraVerdict { is_accepted: fall >= MIN_FALL && shift >= MIN_SHIFT, found }
+        (fall >= MIN_FALL && shift >= MIN_SHIFT, found)
     }
 
     /// Relative increase of each half's loss if the other half's optimum is refitted with some of the
@@ -186,10 +177,12 @@ impl<'a> CrossValidation<'a> {
         }
         let shifts = rms_shift_per_unit(&evidence.matches, &best.unknowns);
         for &i in &free {
-            values[i].set_best(best.unknowns.natural_value(i));
+            // Reverting some values shifts the others.
+            values[i].best = best.unknowns.natural_value(i);
+            values[i].after = values[i].best;
         }
         for &i in back.iter().filter(|&&i| i >= CAMERA) {
-            let apart = values[i].change() / best.unknowns.natural_slope(i);
+            let apart = (values[i].best - values[i].before).abs() / best.unknowns.natural_slope(i);
             if shifts[i] * apart <= SAME {
                 values[i].confirm_initial("the best is the same to a pixel".to_owned());
             }
@@ -197,7 +190,6 @@ impl<'a> CrossValidation<'a> {
         values
     }
 
-    /// Reason to reject the depth estimate, if any.
     fn depth_rejection(
         &mut self,
         best: &Unknowns,
@@ -213,7 +205,6 @@ impl<'a> CrossValidation<'a> {
         insignificance(rises, "thickness")
     }
 
-    /// Reason why a value is not determined by itself, if any.
     fn value_rejection(&mut self, i: usize, certainty: f64, free: &[usize]) -> Option<String> {
         if certainty < SIGNIFICANT {
             return Some(format!("the best is only {certainty:.1} standard errors away"));
@@ -225,7 +216,6 @@ impl<'a> CrossValidation<'a> {
         insignificance(rises, "colour variance")
     }
 
-    /// Result of an unknown in its natural parameterisation.
     pub fn value(&self, i: usize, best: &Unknowns, error: f64) -> CalibratedValue {
         let error = error * best.natural_slope(i);
         CalibratedValue::determined(
@@ -236,7 +226,6 @@ impl<'a> CrossValidation<'a> {
         )
     }
 
-    /// Results for a colour camera that is not changed.
     pub fn unchanged_camera_values(
         &self,
         evidence: &Evidence,
@@ -265,7 +254,6 @@ fn excluding(free: &[usize], held: &[usize]) -> Vec<usize> {
     free.iter().copied().filter(|i| !held.contains(i)).collect()
 }
 
-/// Reason to reject a value that hardly improves the other half.
 fn insignificance([a, b]: [f64; 2], of: &str) -> Option<String> {
     (a.min(b) < 0.5 * MIN_RISE || a + b < 2.0 * MIN_RISE).then(|| {
         format!(
@@ -280,7 +268,6 @@ fn insignificance([a, b]: [f64; 2], of: &str) -> Option<String> {
 pub(super) const LEVELS: usize = 4;
 /// Levels after the coarsest. The last repeats level 0, because aligned surfaces must be matched again.
 const ORDER: [usize; 4] = [2, 1, 0, 0];
-/// Progress steps of one search.
 pub(super) const STEPS: usize = 1 + ORDER.len();
 /// Maximum number of fits per level, with gains and weights updated in between.
 const MAX_ROUNDS: usize = 12;

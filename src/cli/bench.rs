@@ -1,8 +1,8 @@
 //! `bench`: measures speed, error and size; writes tables, files and plots.
 
 use super::args::{
-    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, PeersBenchArgs, PrecisionSearchArgs,
-    ReadArgs, RenderBenchArgs,
+    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, PrecisionSearchArgs, ReadArgs,
+    RenderBenchArgs,
 };
 use super::failure::Failure;
 use super::train::print_dataset_notes;
@@ -16,15 +16,14 @@ use vbgs_studio::bench::paper::ablation::AblationPlan;
 use vbgs_studio::bench::paper::pareto::ParetoPlan;
 use vbgs_studio::bench::paper::precision_search::SearchPlan;
 use vbgs_studio::bench::paper::scaling::ScalingPlan;
-use vbgs_studio::bench::paper::{ablation, pareto, precision_search, scaling, stability};
-use vbgs_studio::bench::peers::PeersPlan;
+use vbgs_studio::bench::paper::{ablation, pareto, precision_search, scaling};
 use vbgs_studio::bench::protocol::ProtocolPlan;
 #[cfg(feature = "gui")]
 use vbgs_studio::bench::render::BenchDevice;
 use vbgs_studio::bench::render::{BenchScene, RenderPlan};
 use vbgs_studio::bench::scene::real::RecordingsPlan;
 use vbgs_studio::bench::scene::{AccuracyPlan, real, retention};
-use vbgs_studio::bench::{peers, protocol, render, scene};
+use vbgs_studio::bench::{protocol, render, scene};
 use vbgs_studio::dataset;
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::pipeline::start;
@@ -54,7 +53,6 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
             }
             measure(&args.common, |progress| protocol::run(&plan, progress))
         }
-        BenchName::Peers(args) => peers(args),
         BenchName::Real(args) => {
             let on = &args.on;
             let plan = RecordingsPlan {
@@ -76,30 +74,11 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
         BenchName::Scaling(args) => {
             measure(args, |progress| scaling::run(&ScalingPlan::new(args.options(None)), progress))
         }
-        BenchName::Stability(args) => {
-            measure(args, |progress| stability::run(args.options(None), progress))
-        }
         BenchName::Render(args) => {
             let (scene, plan) = render_plan(args)?;
             measure(&args.common, |progress| render::run(&plan, &scene, progress))
         }
     }
-}
-
-fn peers(args: &PeersBenchArgs) -> Result<(), Failure> {
-    let (peers, on) = (args.peers(), &args.on);
-    if peers.is_empty() {
-        return Err(Failure::Usage(
-            "bench peers: expected --published, --open3d or --peer, found nothing to compare with"
-                .to_owned(),
-        ));
-    }
-    if on.common.repeats.is_some() {
-        return Err(once("peers"));
-    }
-    let options = on.common.options(on.max_frames);
-    let plan = PeersPlan { peers, components: args.components, options };
-    on_dataset(on, |dataset, progress| peers::run(&plan, &dataset, progress))
 }
 
 fn once(bench: &str) -> Failure {
@@ -121,7 +100,7 @@ fn render_plan(args: &RenderBenchArgs) -> Result<(BenchScene, RenderPlan), Failu
     #[cfg(feature = "gui")]
     if let (BenchDevice::Cpu, Some(adapter)) = (args.device, &args.adapter) {
         return Err(Failure::Usage(format!(
-            "--adapter: expected --device gpu, tiles or all, found --device cpu; leave `{adapter}` out"
+            "--adapter: expected --device gpu or all, found --device cpu; leave `{adapter}` out"
         )));
     }
     let scene = match &args.model {

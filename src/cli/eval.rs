@@ -25,7 +25,7 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     // Usage errors first: reading models and datasets takes seconds.
     let methods = args.comparison.protocol.methods(args.renderer)?;
     let model = model::load(&args.model)?;
-    let load = model.load_options(args.reading.read.load_options())?;
+    let load = model.load_options(args.reading.load_options())?;
     let dataset = dataset::open(&args.dataset, &load)?;
     print_dataset_notes(&dataset);
     if let Some(found) = &model.trajectory {
@@ -42,23 +42,16 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     let trained = learnt.as_ref().map(|learnt| learnt.split);
     let mut found = Vec::new();
     for group in choose_views(&dataset, args, hold_out, trained)? {
-        let placed = model.place_views(&dataset, group.views())?;
-        let (dataset, group) = match &placed {
-            Some(placed) => {
-                let frames = placed.frames.clone();
-                (&placed.dataset, ViewGroup { frames, ..group })
-            }
-            None => (&dataset, group),
-        };
         let comparison = QualityRequest {
             args: &args.comparison,
             near_rule: NearRule::of(model.method.as_ref().map(Method::preset)),
-            color_camera: color_camera(args, &model, dataset, group.split)?,
+            color_camera: color_camera(args, &model, &dataset, group.split)?,
             methods: &methods,
+            tracked: model.method.as_ref().zip(model.trajectory.as_ref()),
             learnt: learnt.as_ref().map(ViewGroup::views),
             hold_out,
         };
-        found.extend(quality::measure((&model.splats).into(), dataset, &group, &comparison)?);
+        found.extend(quality::measure(&model.splats, &dataset, &group, &comparison)?);
     }
     if args.json {
         let (eval, views): (_, Vec<_>) = found.into_iter().unzip();
@@ -78,13 +71,13 @@ fn color_camera(
     dataset: &Dataset,
     split: usize,
 ) -> Result<Option<ColorCamera>, Failure> {
-    let camera = match &args.reading.calibration {
+    let camera = match &args.calibration {
         Some(path) => Calibration::read(path)?.color_camera,
         None => model.color_camera(dataset),
     };
     if let Some(camera) = camera {
         let scaling = dataset.splits[split].camera_scaling(&camera).map_err(|error| {
-            let file = args.reading.calibration.as_deref().unwrap_or(&args.model);
+            let file = args.calibration.as_deref().unwrap_or(&args.model);
             Failure::failed(error).with_calibration_file(Some(file))
         })?;
         scaling.iter().for_each(|scaled| eprintln!("note: {scaled}"));
@@ -92,7 +85,6 @@ fn color_camera(
     Ok(camera)
 }
 
-/// Selects the groups of views to measure; `trained` is the split used for training, if known.
 fn choose_views(
     dataset: &Dataset,
     args: &EvalArgs,

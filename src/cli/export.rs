@@ -1,6 +1,6 @@
 //! `export`: converts a model to another format.
 
-use super::args::{AxesName, ExportArgs, FormatName, KindName, MergeArgs};
+use super::args::{ExportArgs, FormatName, KindName, MergeArgs};
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::model::{Model, Training};
@@ -15,7 +15,6 @@ use vbgs_studio::export::{
     local_origin, mapping, write,
 };
 use vbgs_studio::pipeline::checkpoint::{SavedRun, merge, merge_onto};
-use vbgs_studio::train::scene::config::BirthRule;
 
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     match args.kind {
@@ -119,16 +118,11 @@ fn options<'a>(
     progress: WriteProgress<'a>,
 ) -> WriteOptions<'a> {
     WriteOptions {
-        axes: match args.axes {
-            AxesName::AsIs => Axes::AsIs,
-            AxesName::Viewer => Axes::Viewer,
-            AxesName::YUp => Axes::YUp,
-            AxesName::ZUp => Axes::ZUp,
-        },
+        axes: args.axes,
         sh3_padding: args.sh3_padding,
         mapping: args.mapping.mapping(),
         comments: &model.comments,
-        up: args.up.map(|up| up.direction()).or(model.up).unwrap_or(DVec3::Z),
+        up: args.up.or(model.up).unwrap_or(DVec3::Z),
         local_origin: model.local_origin,
         metric: model.is_metric,
         unit_scale: args.unit_scale,
@@ -153,7 +147,6 @@ pub fn warn_of_origin(path: &Path, origin: DVec3, carrier: OriginCarrier) {
     }
 }
 
-/// Determines the format and checks that the given options apply to it.
 fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
     let format = match args.format {
         Some(FormatName::Ply) => ModelFormat::Ply,
@@ -178,11 +171,10 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
     }
 }
 
-/// Rejects other axes for formats with fixed axes.
 fn y_up_axes(args: &ExportArgs, format: &dyn std::fmt::Display) -> Result<(), Failure> {
     match args.axes {
-        AxesName::AsIs | AxesName::YUp => Ok(()),
-        AxesName::Viewer | AxesName::ZUp => Err(Failure::Usage(format!(
+        Axes::AsIs | Axes::YUp => Ok(()),
+        Axes::Viewer | Axes::ZUp => Err(Failure::Usage(format!(
             "--axes: expected y-up, which the format {format} prescribes, found other axes; leave the option out or write a PLY"
         ))),
     }
@@ -197,7 +189,7 @@ fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
             "note: {path}: no splat has an opacity above 1 or a colour gradient: {option} has no effect"
         );
     }
-    let is_turned = is_turned || !matches!(args.axes, AxesName::AsIs);
+    let is_turned = is_turned || !matches!(args.axes, Axes::AsIs);
     if is_turned && args.up.is_none() && model.up.is_none() {
         eprintln!(
             "note: {path}: the file has no up direction; z is assumed, use --up to change it"
@@ -226,10 +218,9 @@ pub fn run_merge(args: &MergeArgs) -> Result<(), Failure> {
 
 /// Warns about the quality lost by fusing models with different seeds.
 fn warn_about_fusing(runs: Vec<SavedRun>) -> Vec<SavedRun> {
-    let first = runs.first().and_then(|run| run.config.method.scene());
-    if first.is_some_and(|scene| scene.engine.births == BirthRule::Seeds) {
+    if runs.first().is_some_and(|run| run.config.method.scene().is_some()) {
         eprintln!(
-            "warning: setting `births`: expected \"lattice\" or \"body-centred\" for runs without a common start, found \"seeds\": surfaces seen by several runs will be blurred; resume all of them from one short run (train --resume START --shard K/N) and merge with --start START"
+            "warning: expected runs with a common start, found none: surfaces seen by several runs will be blurred; resume all of them from one short run (train --resume START --shard K/N) and merge with --start START"
         );
     }
     runs

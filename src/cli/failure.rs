@@ -1,6 +1,5 @@
 //! Failures of a command and their exit status.
 
-use super::wording;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::process::ExitCode;
@@ -8,7 +7,7 @@ use vbgs_studio::dataset::calibrated_size::AspectRatioMismatch;
 use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::synthetic::ParamsError;
 use vbgs_studio::pipeline::checkpoint::RunError;
-use vbgs_studio::pipeline::looks::{NO_MESSAGE, panic_text};
+use vbgs_studio::pipeline::panic_report::PanicReport;
 use vbgs_studio::pipeline::session::Session;
 use vbgs_studio::train::setting::ConfigError;
 
@@ -46,7 +45,7 @@ impl Failure {
     pub fn report(self) -> ExitCode {
         match self {
             Self::Failed(error) => {
-                eprintln!("error: {}", wording::error(&error));
+                eprintln!("error: {}", message(&error));
                 ExitCode::FAILURE
             }
             Self::Usage(message) => {
@@ -64,8 +63,19 @@ impl Failure {
 impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
         let error = error.into();
-        if is_usage(&error) { Self::Usage(wording::error(&error)) } else { Self::Failed(error) }
+        if is_usage(&error) { Self::Usage(message(&error)) } else { Self::Failed(error) }
     }
+}
+
+/// Formats an error with those of its causes that its text does not include.
+fn message(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }
 
 /// True if a setting is wrong. Searches the chain of causes, because sessions and benchmarks wrap errors
@@ -93,7 +103,7 @@ pub fn save_on_panic<T>(
     train: impl FnOnce(&mut Session) -> T,
 ) -> Result<T, Failure> {
     catch_unwind(AssertUnwindSafe(|| train(session))).map_err(|panic| {
-        let said = panic_text(&*panic).unwrap_or(NO_MESSAGE);
+        let said = PanicReport::of(&*panic);
         let (frames, path) = (session.learner().frames(), out.join(RESCUED));
         let save = || match session.save_after_panic(&path) {
             Ok(()) => format!(
@@ -122,7 +132,11 @@ mod tests {
 
     #[test]
     fn a_wrong_setting_is_wrong_usage_however_deep_it_lies() {
-        let config = || ConfigError { setting: "budget", expected: "1".into(), found: "0".into() };
+        let config = || ConfigError {
+            setting: "budget (`--budget`)",
+            expected: "1".into(),
+            found: "0".into(),
+        };
         let scene = || SceneError::from(config());
         let session = || SessionError::from(scene());
         for failure in [
@@ -134,8 +148,13 @@ mod tests {
             Failure::from(RunError::from(session())),
             Failure::from(anyhow::Error::new(session()).context("the first run")),
         ] {
-            assert!(matches!(&failure, Failure::Usage(text) if text.contains("--budget: ")));
+            assert!(
+                matches!(&failure, Failure::Usage(text) if text.contains("budget (`--budget`): expected"))
+            );
         }
+        let error = anyhow::Error::new(session()).context("the first run");
+        let expected = "the first run: budget (`--budget`): expected 1, found 0";
+        assert_eq!(message(&error), expected, "every cause once");
         let fault = ExportError { path: "a.ply".into(), fault: Fault::IsFolder };
         assert!(matches!(Failure::from(fault), Failure::Failed(_)));
         let noise = SceneError::BelowNoise { least: 1.0, found: 0.5, near: 1.0, far: 2.0 };

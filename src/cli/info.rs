@@ -2,19 +2,25 @@
 
 use super::args::InfoArgs;
 use super::failure::Failure;
-use super::{checkpoint_info, output, tracked};
+use super::{output, tracked};
 use glam::DVec3;
 use serde::Serialize;
+use std::path::PathBuf;
 use vbgs_studio::dataset::capture_check::CaptureCheck;
+use vbgs_studio::dataset::fingerprint::Fingerprint;
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind};
 use vbgs_studio::dataset::pose_check::PoseCheck;
 use vbgs_studio::dataset::splits::HELD_OUT;
 use vbgs_studio::dataset::wild_poses::outlier_poses;
 use vbgs_studio::dataset::{Dataset, FrameEntry};
+use vbgs_studio::eval::trajectory_error::TrajectoryError;
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::{Imported, ModelKind};
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::model::splat::splats::bounds;
+use vbgs_studio::pipeline::checkpoint::SavedRun;
+use vbgs_studio::pipeline::run::RunConfig;
+use vbgs_studio::pipeline::tracked::Trajectory;
 use vbgs_studio::{dataset, export};
 
 #[derive(Serialize)]
@@ -24,16 +30,13 @@ struct DatasetInfo {
     recognised_by: String,
     splits: Vec<SplitInfo>,
     evaluation: String,
-    /// Number of listed frames that cannot be used.
     skipped_frames: usize,
-    /// Frames per second, if the recording has timestamps.
     frame_rate: Option<f64>,
     poses: PosesInfo,
     notes: Vec<String>,
     defects: Vec<String>,
 }
 
-/// Convention of the poses and its check against depth.
 #[derive(Serialize)]
 struct PosesInfo {
     convention: &'static str,
@@ -42,10 +45,8 @@ struct PosesInfo {
     /// Median distance from neighbouring frames' depth, world units.
     median_error: Option<f64>,
     pairs: usize,
-    /// Result of the check.
     #[serde(skip)]
     summary: Option<String>,
-    /// Warning if another convention agrees far better.
     warning: Option<String>,
 }
 
@@ -58,7 +59,6 @@ struct SplitInfo {
     height: u32,
     focal_px: [f64; 2],
     principal_point_px: [f64; 2],
-    /// Width and height of the photographs.
     photo_size: [u32; 2],
     photo_focal_px: [f64; 2],
     /// Storage format and meaning of depth values.
@@ -75,7 +75,6 @@ struct ModelInfo {
     path: String,
     kind: &'static str,
     splats: usize,
-    /// Highest degree of the harmonics read.
     sh_degree: u8,
     skipped: usize,
     /// In world coordinates, including the local origin.
@@ -87,11 +86,10 @@ struct ModelInfo {
     notes: Vec<String>,
 }
 
-/// Describes a dataset (folder or archive) or a model (other file).
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     if args.path.is_file() && !dataset::is_archive(&args.path) {
         if is_checkpoint(&args.path) {
-            return checkpoint_info::run(args);
+            return describe_checkpoint(args);
         }
         let info = model_info(args, &export::read(&args.path)?);
         return if args.json { output::print_json(&info) } else { print_model(&info) };
@@ -143,7 +141,6 @@ fn poses_info(dataset: &Dataset) -> PosesInfo {
     }
 }
 
-/// Mean number of frames per second.
 fn frame_rate(frames: &[FrameEntry]) -> Option<f64> {
     let (first, last) = (frames.first()?.time?, frames.last()?.time?);
     let rate = (frames.len() as f64 - 1.0) / (last - first);
@@ -312,7 +309,6 @@ fn print_model(info: &ModelInfo) -> Result<(), Failure> {
 /// Maximum number of frames listed per kind; the others are counted.
 const NAMED: usize = 6;
 
-/// Formats the check of a split, one line per kind.
 pub fn lines(check: &CaptureCheck) -> Vec<String> {
     let CaptureCheck { looked_at, frames, blurred, brightness_jumps, usual_step_s, gaps } = check;
     let mut lines = vec![format!(
@@ -338,6 +334,128 @@ fn list(what: &str, found: impl ExactSizeIterator<Item = String>) -> Option<Stri
     let more = n - named.len();
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     (n > 0).then(|| format!("{what}: {}{more}", named.join(", ")))
+}
+
+#[derive(Serialize)]
+struct CheckpointInfo {
+    path: String,
+    kind: &'static str,
+    version: String,
+    program: String,
+    frames: u64,
+    skipped: u64,
+    planned_frames: usize,
+    points: u64,
+    components: usize,
+    used: usize,
+    drawn: usize,
+    bytes: u64,
+    bytes_per_component: f64,
+    dataset: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tracking: Option<TrackingInfo>,
+    config: RunConfig,
+    defects: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct TrackingInfo {
+    trajectory: Trajectory,
+    /// Deviation from recorded poses, if the dataset is available and has any.
+    error: Option<TrajectoryError>,
+    #[serde(skip)]
+    summary: String,
+}
+
+fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
+    let run = SavedRun::read(&args.path)?;
+    // Restored completely: the number of drawn splats is not stored but computed.
+    let learner = run.revive()?.learner;
+    let (used, components) = (learner.used(), learner.components());
+    let drawn = learner.splats().iter().filter(|splat| splat.is_drawable()).count();
+    let tracking = run.trajectory()?.map(|trajectory| tracking(trajectory, &run));
+    let defects = dataset_defect(&run).into_iter().chain(run.numerics_differ()).collect();
+    let SavedRun { version, bytes, config, meta, content, .. } = run;
+    let cursor = &content.cursor;
+    let info = CheckpointInfo {
+        path: args.path.display().to_string(),
+        kind: "checkpoint",
+        version: format!("{}.{}", version.0, version.1),
+        program: meta.program,
+        frames: cursor.frames,
+        skipped: cursor.visited.len() as u64 - cursor.frames,
+        planned_frames: meta.planned_frames,
+        points: cursor.points,
+        components,
+        used,
+        drawn,
+        bytes,
+        bytes_per_component: bytes as f64 / components.max(1) as f64,
+        dataset: meta.dataset,
+        tracking,
+        config,
+        defects,
+    };
+    if args.json { output::print_json(&info) } else { print_checkpoint(&info) }
+}
+
+fn tracking(trajectory: Trajectory, run: &SavedRun) -> TrackingInfo {
+    let path = run.meta.dataset.as_ref();
+    let dataset = path.and_then(|path| dataset::open(path, &run.load_options()).ok());
+    let error = dataset.and_then(|dataset| trajectory.error(&dataset));
+    let summary = tracked::summary(&trajectory, error.as_ref());
+    TrackingInfo { trajectory, error, summary }
+}
+
+/// Describes why the run cannot be resumed with its dataset, if so.
+fn dataset_defect(run: &SavedRun) -> Option<String> {
+    let path = run.meta.dataset.as_ref()?;
+    let dataset = match dataset::open(path, &run.load_options()) {
+        Ok(dataset) => dataset,
+        Err(error) => return Some(format!("its dataset cannot be opened: {error}")),
+    };
+    let split = match &run.config.selection.split {
+        Some(name) => dataset.split_named(name),
+        None => dataset.training_split(),
+    };
+    let difference = match split {
+        // `?` returns `None` if there is no difference, thus no defect.
+        Ok(split) => run.meta.fingerprint.difference(&Fingerprint::of(&dataset, split))?,
+        Err(error) => error.to_string(),
+    };
+    Some(format!("its dataset {} has changed: {difference}", path.display()))
+}
+
+fn print_checkpoint(info: &CheckpointInfo) -> Result<(), Failure> {
+    let CheckpointInfo { config, .. } = info;
+    output::print_line(format!(
+        "{}: checkpoint, version {}, by {}, {:.1} MB ({:.0} bytes a component)",
+        info.path,
+        info.version,
+        info.program,
+        info.bytes as f64 * 1e-6,
+        info.bytes_per_component
+    ));
+    output::print_line(format!(
+        "  {} of {} frames trained, {} skipped, {} points",
+        info.frames, info.planned_frames, info.skipped, info.points
+    ));
+    output::print_line(format!(
+        "  {} of {} components used, {} drawn",
+        info.used, info.components, info.drawn
+    ));
+    let dataset = info.dataset.as_ref().map_or("built in".into(), |path| path.to_string_lossy());
+    output::print_line(format!("  dataset: {dataset}"));
+    if let Some(TrackingInfo { summary, trajectory, .. }) = &info.tracking {
+        output::print_line(format!("  {summary}"));
+        let lost = trajectory.skipped();
+        (!lost.is_empty())
+            .then(|| output::print_line(format!("    not placed: {}", lost.join(", "))));
+    }
+    output::print_line(format!("  config: {}", serde_json::to_string(config)?));
+    info.defects.iter().for_each(|defect| output::print_line(format!("  defect: {defect}")));
+    output::print_line(format!("  {} defects found", info.defects.len()));
+    Ok(())
 }
 
 #[cfg(test)]

@@ -13,9 +13,8 @@ use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
-use vbgs_studio::pipeline::looks::DriveWork;
+use vbgs_studio::pipeline::job::Job;
 
-/// Handlers are installed once per process.
 static LISTENING: OnceLock<Interrupt> = OnceLock::new();
 
 /// Polling interval if signals cannot wake the thread.
@@ -24,7 +23,6 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Time allowed for cancelled work to remove its own files.
 const GRACE: Duration = Duration::from_millis(500);
 
-/// Flag set when the user or system requests a stop.
 #[derive(Clone)]
 pub struct Interrupt {
     is_stop_requested: Arc<AtomicBool>,
@@ -58,15 +56,13 @@ impl Interrupt {
     fn new() -> Result<Self, Failure> {
         let asked = Arc::new(AtomicBool::new(false));
         listen(&asked, || ())?;
-        Ok(Self { asked })
+        Ok(Self { is_stop_requested: asked })
     }
 
-    /// True if a stop was requested.
     pub fn is_requested(&self) -> bool {
         self.is_stop_requested.load(Ordering::SeqCst)
     }
 
-    /// Waits at most `longest` for a stop request; returns true if there is one.
     pub fn wait_for_request(&self, longest: Duration) -> bool {
         if !self.is_requested() {
             self.sleep(longest);
@@ -80,11 +76,11 @@ impl Interrupt {
         &self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, Failure> {
-        let work = DriveWork::start("opening", work)?;
+        let work = Job::start("opening", work)?;
         let mut asked: Option<Instant> = None;
         while asked.is_none_or(|since| since.elapsed() < GRACE) {
             if let Some(ended) = work.wait(LOOK) {
-                return Ok(ended.unwrap_or_else(|panic| resume_unwind(panic)));
+                return Ok(ended.unwrap_or_else(|panic| resume_unwind(Box::new(panic.message))));
             }
             asked = asked.or_else(|| self.is_requested().then(Instant::now));
         }
@@ -106,7 +102,6 @@ impl Interrupt {
     }
 }
 
-/// Installs a handler for Ctrl-C, which calls `wake`.
 fn listen(asked: &Arc<AtomicBool>, mut wake: impl FnMut() + Send + 'static) -> Result<(), Failure> {
     let flag = asked.clone();
     ctrlc::set_handler(move || {

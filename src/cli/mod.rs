@@ -4,7 +4,6 @@ mod args;
 #[cfg(feature = "bench")]
 mod bench;
 mod calibrate;
-mod checkpoint_info;
 mod demo;
 mod eval;
 mod export;
@@ -15,13 +14,11 @@ mod model;
 mod output;
 mod quality;
 mod render;
-mod settings;
 mod synth;
 mod tracked;
 mod train;
 #[cfg(feature = "gui")]
 mod window;
-mod wording;
 
 use args::{Arguments, Command};
 use failure::Failure;
@@ -73,7 +70,6 @@ fn open_window(arguments: Arguments, started: Instant) -> Result<(), Failure> {
     window::run(path, calibration, adapter.as_deref(), started)
 }
 
-/// Trains the demo headless in builds without a window.
 #[cfg(not(feature = "gui"))]
 fn open_window(arguments: Arguments, _: Instant) -> Result<(), Failure> {
     match arguments.path {

@@ -20,31 +20,23 @@ use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::pipeline::tracked::{PlacedViews, Trajectory, surfels};
 
-/// A model with its metadata, independent of the file format.
 pub struct Model {
     pub splats: SplatSet,
-    /// Up direction, if stated by the file.
     pub up: Option<DVec3>,
     /// Origin of the positions, in the dataset's world.
     pub local_origin: DVec3,
-    /// True if the world is known to be in metres.
     pub is_metric: bool,
-    /// Training settings, if stated by the file.
     pub method: Option<Method>,
-    /// Tracked poses of the training frames, if stated by the file.
     pub trajectory: Option<Trajectory>,
     /// This program's comments on the conversion to splats.
     pub comments: Vec<String>,
-    /// Training frames, if stated by the file.
     pub trained_frames: Option<TrainedFrames>,
 }
 
-/// Frames visited by a run.
 pub struct TrainedFrames {
     fingerprint: Fingerprint,
     split: Option<String>,
     visited: Vec<u32>,
-    /// Hold-out rule of the run.
     pub hold_out: HoldOut,
 }
 
@@ -82,10 +74,6 @@ impl Model {
         }
     }
 
-    /// Places views by tracking them against the model, if it was tracked.
-    ///
-    /// # Errors
-    /// No view could be placed.
     pub fn place_views(
         &self,
         dataset: &Dataset,
@@ -105,13 +93,10 @@ impl Model {
     }
 }
 
-/// Training state of a model's components.
 pub struct Training {
-    /// Number of points, by component.
     pub evidence: Vec<f64>,
     /// Standard deviation of the position, world units, by component.
     pub uncertainty: Vec<f64>,
-    /// Surface patches with their components.
     pub surfels: Vec<(usize, Surfel)>,
 }
 

@@ -11,10 +11,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::eval::cracks::{CrackReport, Cracks};
-use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
+use vbgs_studio::eval::report::{AlignedView, EvalReport, SeenReport, SharpnessBand, ViewReport};
 use vbgs_studio::eval::seen::SeenQuality;
-use vbgs_studio::eval::sharpness::SharpnessBand;
-use vbgs_studio::eval::view_alignment::AlignedView;
 use vbgs_studio::export::atomic::write_atomic;
 use vbgs_studio::export::video;
 use vbgs_studio::math::image::RgbImage;
@@ -22,7 +20,6 @@ use vbgs_studio::math::image::RgbImage;
 /// First error of stdout: printing continues, and the command fails at its end.
 static STDOUT: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
-/// Prints one line.
 pub fn print_line(text: impl std::fmt::Display) {
     // `println!` would panic on an error.
     note(writeln!(std::io::stdout(), "{text}"));
@@ -38,7 +35,6 @@ fn note(written: std::io::Result<()>) {
     }
 }
 
-/// Fails if any output could not be written.
 pub fn check_stdout() -> Result<(), Failure> {
     note(std::io::stdout().flush());
     match STDOUT.lock().unwrap_or_else(PoisonError::into_inner).take() {
@@ -49,26 +45,22 @@ pub fn check_stdout() -> Result<(), Failure> {
     }
 }
 
-/// Prints a value as JSON.
 pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
     print_line(serde_json::to_string_pretty(value)?);
     Ok(())
 }
 
-/// Writes a JSON file atomically.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_vec_pretty(value)?;
     write_atomic(path, |out| out.write_all(&text))?;
     Ok(())
 }
 
-/// Writes a text file atomically.
 pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     write_atomic(path, |out| out.write_all(text.as_bytes()))?;
     Ok(())
 }
 
-/// Writes an 8-bit PNG atomically.
 pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), Failure> {
     video::write_png(path, image)?;
     Ok(())
@@ -110,7 +102,6 @@ pub fn warn_skipped_views(dataset: &Dataset, eval: &EvalReport) {
     untold.for_each(|view| eprintln!("warning: {}", view.message));
 }
 
-/// Formats the quality of one view as a line.
 pub fn view(view: &ViewReport) -> String {
     let aligned = view
         .psnr_aligned_covered
@@ -121,7 +112,6 @@ pub fn view(view: &ViewReport) -> String {
     )
 }
 
-/// Formats the quality of one split as a few lines.
 pub fn quality(eval: &EvalReport) -> String {
     let depth =
         eval.depth_mae_mean.map_or_else(String::new, |mae| format!(", depth error {mae:.4}"));
@@ -162,13 +152,11 @@ pub fn quality(eval: &EvalReport) -> String {
     std::iter::once(plain).chain(more.into_iter().flatten()).collect::<Vec<_>>().join("\n  ")
 }
 
-/// Formats an intermediate measurement of training views.
 pub fn format_early(report: &SeenReport) -> String {
     let SeenReport { after_frames, renderer, seen: early } = report;
     format!("{renderer}, frames trained: {after_frames}; {}", seen(early))
 }
 
-/// Notes that views were used for training.
 fn format_trained_views(eval: &EvalReport) -> Option<String> {
     let n = eval.learnt_views.filter(|n| *n > 0)?;
     Some(format!(
@@ -225,7 +213,6 @@ fn cracks(report: &CrackReport) -> String {
     )
 }
 
-/// Creates a bar over `n` steps named `what`.
 pub fn bar(n: usize, what: &'static str) -> ProgressBar {
     let bar = ProgressBar::new(n as u64);
     let shown = std::io::stderr().is_terminal();
@@ -240,7 +227,6 @@ pub fn bar(n: usize, what: &'static str) -> ProgressBar {
     bar
 }
 
-/// Shows a bar while `work` reports the number of steps done and the total.
 pub fn steps<T>(what: &'static str, work: impl FnOnce(&mut dyn FnMut(usize, usize)) -> T) -> T {
     let bar = bar(0, what);
     let result = work(&mut |done, all| {
@@ -252,7 +238,6 @@ pub fn steps<T>(what: &'static str, work: impl FnOnce(&mut dyn FnMut(usize, usiz
     result
 }
 
-/// Shows a bar while `work` reports the share done.
 pub fn share<T>(what: &'static str, work: impl FnOnce(&dyn Fn(f64)) -> T) -> T {
     let bar = bar(100, what);
     let result = work(&|share| bar.set_position((100.0 * share) as u64));

@@ -17,33 +17,38 @@ use vbgs_studio::eval::{choices, cracks};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::model::splat::appearance::{SplatSet, SplatView};
 use vbgs_studio::pipeline::session::Session;
+use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::pipeline::tracked::Trajectory;
 use vbgs_studio::render::{Exposing, RenderMethod, RenderOptions};
 
-/// Options for comparing splats with photographs.
 pub struct QualityRequest<'a> {
-    /// Rules, background and scale, as given.
     pub args: &'a ComparisonArgs,
-    /// Rule for the near plane.
     pub near_rule: NearRule,
     /// Colour camera of the photographs, if it differs from the depth camera.
     pub color_camera: Option<ColorCamera>,
-    /// Renderers to use in turn.
     pub methods: &'a [RenderMethod],
-    /// Frames the model was trained on, if known.
+    /// Settings and poses of a tracked model, against which views are placed.
+    pub tracked: Option<(&'a Method, &'a Trajectory)>,
     pub learnt: Option<Views<'a>>,
-    /// Hold-out rule of training.
     pub hold_out: HoldOut,
 }
 
 /// Measures a group of views with each renderer; results are grouped by renderer.
 pub fn measure(
-    splats: SplatView,
+    splats: &SplatSet,
     dataset: &Dataset,
     group: &ViewGroup,
     request: &QualityRequest,
 ) -> Result<Vec<(EvalReport, Vec<ViewReport>)>, Failure> {
-    let (methods, views) = (request.methods, group.views());
+    let placed = match request.tracked {
+        Some((method, poses)) => tracked::place(dataset, method, splats, poses, group.views())?,
+        None => None,
+    };
+    let (dataset, views) = match &placed {
+        Some(placed) => (&placed.dataset, (group.split, placed.frames.as_slice())),
+        None => (dataset, group.views()),
+    };
+    let (splats, methods) = (splats.view(), request.methods);
     if request.color_camera.is_some() {
         eprintln!(
             "note: views are rendered with the colour camera of the photographs, not the depth camera"
@@ -128,7 +133,6 @@ pub struct RunQuality {
     pub seen: Vec<SeenReport>,
 }
 
-/// True if quality is measured at the end of the run.
 pub fn is_measured(session: &Session, args: &TrainArgs) -> bool {
     args.eval.is_some() || hold_out(session) == HoldOut::Sector
 }
@@ -152,12 +156,13 @@ pub fn measure_run(
     early: &[(usize, SplatSet)],
     args: &TrainArgs,
 ) -> Result<RunQuality, Failure> {
-    let (dataset, plan) = (session.dataset(), session.plan());
+    let (dataset, plan, trajectory) = (session.dataset(), session.plan(), trajectory(session));
     let comparison = &QualityRequest {
         args: &ComparisonArgs::default(),
         near_rule: NearRule::of(Some(session.config().method.preset())),
         color_camera: session.config().method.as_any().color_camera(),
         methods: &[RenderMethod::PROJECTED],
+        tracked: trajectory.as_ref().map(|poses| (&session.config().method, poses)),
         learnt: Some((plan.split, &plan.frames[..session.visited()])),
         hold_out: hold_out(session),
     };
@@ -167,27 +172,14 @@ pub fn measure_run(
         let frames = (plan.split, &plan.frames[..*visited]);
         measured.seen.extend(measure_training_views(splats.into(), dataset, frames, comparison)?);
     }
-    let (splats, trajectory) = (session.stored_splats(), trajectory(session));
+    let splats = session.stored_splats();
     for group in groups(session, args)? {
-        let method = &session.config().method;
-        let placed = match &trajectory {
-            Some(found) => tracked::place(dataset, method, &splats, found, group.views())?,
-            None => None,
-        };
-        let (dataset, group) = match &placed {
-            Some(placed) => {
-                let frames = placed.frames.clone();
-                (&placed.dataset, ViewGroup { frames, ..group })
-            }
-            None => (&**dataset, group),
-        };
-        let found = measure((&splats).into(), dataset, &group, comparison)?;
+        let found = measure(&splats, dataset, &group, comparison)?;
         measured.eval.extend(found.into_iter().map(|(report, _)| report));
     }
     Ok(measured)
 }
 
-/// Tracked poses of a run, if poses were tracked.
 pub fn trajectory(session: &Session) -> Option<Trajectory> {
     Trajectory::of(session.frames(), session.skipped())
 }

@@ -1,6 +1,6 @@
 //! `render`: draws a view, a turntable or a camera path with each requested renderer.
 
-use super::args::{AxisName, PaintName, RenderArgs};
+use super::args::{PaintName, RenderArgs};
 use super::failure::Failure;
 use super::model::Model;
 use super::train::print_dataset_notes;
@@ -54,7 +54,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     let framing = painter.framing.ok_or_else(|| {
         anyhow!("{}: expected at least one drawable splat, found none", args.model.display())
     })?;
-    let up = args.up.map(axis).or(model.up).unwrap_or(DVec3::Z);
+    let up = args.up.or(model.up).unwrap_or(DVec3::Z);
     if let Some(file) = &args.path {
         return render_path(&mut painter, &PacedPath::read(file, up)?, framing.radius, args);
     }
@@ -90,7 +90,6 @@ fn render_orbit(
     Ok(())
 }
 
-/// Renders along a path, to a folder or a video.
 fn render_path(
     painter: &mut Painter,
     paced: &PacedPath,
@@ -179,7 +178,6 @@ fn render_view(
     Ok(())
 }
 
-/// Renders views of one model.
 struct Painter<'a> {
     splats: SplatView<'a>,
     framing: Option<Framing>,
@@ -309,17 +307,6 @@ fn narrower_fov(args: &RenderArgs) -> f64 {
 
 fn is_png(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
-}
-
-fn axis(name: AxisName) -> DVec3 {
-    match name {
-        AxisName::X => DVec3::X,
-        AxisName::Y => DVec3::Y,
-        AxisName::Z => DVec3::Z,
-        AxisName::NegX => DVec3::NEG_X,
-        AxisName::NegY => DVec3::NEG_Y,
-        AxisName::NegZ => DVec3::NEG_Z,
-    }
 }
 
 #[cfg(test)]

@@ -1,14 +1,12 @@
 //! `synth`: writes the procedural room as a dataset.
 
-use super::args::{CameraName, DepthBitsName, LayoutName, SceneName, SynthArgs};
+use super::args::SynthArgs;
 use super::failure::Failure;
 use super::output;
-use clap::ValueEnum;
-use clap::builder::PossibleValue;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write, write_live};
-use vbgs_studio::dataset::synthetic::{PhoneScene, SyntheticCamera, SyntheticParams};
+use vbgs_studio::dataset::synthetic::{SyntheticCamera, SyntheticParams};
 
 pub fn run(args: &SynthArgs) -> Result<(), Failure> {
     let camera = camera(args)?;
@@ -54,48 +52,27 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
 
 fn camera(args: &SynthArgs) -> Result<SyntheticCamera, Failure> {
     match (args.camera, args.scene) {
-        (CameraName::Room, None) => Ok(SyntheticCamera::Room),
-        (CameraName::Room, Some(_)) => {
+        (SyntheticCamera::Phone(_), Some(scene)) => Ok(SyntheticCamera::Phone(scene)),
+        (SyntheticCamera::Room, Some(_)) => {
             let message = "--scene: expected --camera phone with it, found --camera room";
             Err(Failure::Usage(message.to_owned()))
         }
-        (CameraName::Phone, None | Some(SceneName::Room)) => {
-            Ok(SyntheticCamera::Phone(PhoneScene::Room))
-        }
-        (CameraName::Phone, Some(SceneName::Door)) => Ok(SyntheticCamera::Phone(PhoneScene::Door)),
+        (camera, None) => Ok(camera),
     }
 }
 
 fn layout(args: &SynthArgs) -> Result<SyntheticLayout, Failure> {
-    let name = args.layout.unwrap_or(match args.camera {
-        CameraName::Room => LayoutName::Blender,
-        CameraName::Phone => LayoutName::Record3d,
+    let bits = args.depth_bits.unwrap_or_default();
+    let layout = args.layout.unwrap_or(match args.camera {
+        SyntheticCamera::Room => SyntheticLayout::Blender(bits),
+        SyntheticCamera::Phone(_) => SyntheticLayout::Record3d,
     });
-    if let (LayoutName::Blender, bits) = (name, args.depth_bits) {
-        return Ok(SyntheticLayout::Blender(match bits {
-            Some(DepthBitsName::Eight) => DepthBits::Eight,
-            Some(DepthBitsName::Sixteen) | None => DepthBits::Sixteen,
-        }));
-    }
-    if let Some(DepthBitsName::Eight) = args.depth_bits {
-        let name = name.to_possible_value();
-        return Err(Failure::Usage(format!(
+    match (layout, bits) {
+        (SyntheticLayout::Blender(_), bits) => Ok(SyntheticLayout::Blender(bits)),
+        (layout, DepthBits::Sixteen) => Ok(layout),
+        (layout, DepthBits::Eight) => Err(Failure::Usage(format!(
             "--depth-bits: expected 16, the only choice for --layout {}, found 8",
-            name.as_ref().map_or("", PossibleValue::get_name)
-        )));
+            <&str>::from(layout)
+        ))),
     }
-    Ok(match name {
-        LayoutName::Blender => SyntheticLayout::Blender(DepthBits::Sixteen),
-        LayoutName::SevenScenes => SyntheticLayout::SevenScenes,
-        LayoutName::Tum => SyntheticLayout::Tum,
-        LayoutName::Open3d => SyntheticLayout::Open3d,
-        LayoutName::Replica => SyntheticLayout::Replica,
-        LayoutName::Scannet => SyntheticLayout::Scannet,
-        LayoutName::Nerfstudio => SyntheticLayout::Nerfstudio,
-        LayoutName::Record3d => SyntheticLayout::Record3d,
-        LayoutName::Record3dArchive => SyntheticLayout::Record3dArchive,
-        LayoutName::StrayScanner => SyntheticLayout::StrayScanner,
-        LayoutName::Arkit => SyntheticLayout::Arkit,
-        LayoutName::RtabMap => SyntheticLayout::RtabMap,
-    })
 }

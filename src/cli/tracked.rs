@@ -57,14 +57,13 @@ pub fn summary(trajectory: &Trajectory, error: Option<&TrajectoryError>) -> Stri
     });
     format!(
         "tracked: {} frames placed, {} skipped; deviations up to {:.2} degrees and {:.2} cm{error}",
-        trajectory.len(),
+        trajectory.n_placed(),
         trajectory.skipped().len(),
         turn.to_degrees(),
         100.0 * shift
     )
 }
 
-/// Formats the result as one line.
 pub fn pose_summary(check: &PoseCheck) -> String {
     format!(
         "{:.0} % of depth agrees with {} neighbouring frames, median error {:.4} ({} poses)",

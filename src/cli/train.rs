@@ -4,13 +4,13 @@
 //! complete. The report is written before quality is measured, which may take longer than training and be
 //! interrupted, and again with the results.
 
+use super::args::settings::{calibration_file, method_request, resume_request, selection};
 use super::args::{DeviceName, TrainArgs};
 use super::export::warn_of_origin;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::quality::{RunQuality, is_measured, measure_run, photo_pixels, trajectory};
-use super::settings::{calibration_file, method_request, resume_request, selection};
-use super::{failure, output, tracked, wording};
+use super::{failure, output, tracked};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -54,7 +54,9 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
                 rayon::spawn(move || warn_about_poses(&dataset));
             }
             if is_measured(session, args) && SEEN_AFTER.contains(&trained_frames(session)) {
-                early.push((session.visited(), settled_splats(session)));
+                // As they would be exported if the run ended here.
+                session.settle();
+                early.push((session.visited(), session.stored_splats()));
             }
             // A failed autosave is reported but does not stop the run.
             if let Some(Err(error)) = autosave.poll(session) {
@@ -93,16 +95,9 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     }
 }
 
-/// Splats as they would be exported if the run ended here.
-fn settled_splats(session: &mut Session) -> SplatSet {
-    session.settle();
-    session.stored_splats()
-}
-
-/// Reports the learner's warnings.
 fn print_warnings(session: &Session) {
     let warnings = session.learner().warnings();
-    warnings.iter().for_each(|found| eprintln!("warning: {}", wording::warning(found)));
+    warnings.iter().for_each(|found| eprintln!("warning: {found}"));
 }
 
 /// Creates the output folder, checks its files and removes temporary files of killed runs.
@@ -115,7 +110,6 @@ fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
     output::check_files(&files.into_iter().chain(kept).collect::<Vec<_>>())
 }
 
-/// Interval of autosaves.
 fn interval(args: &TrainArgs) -> AutosaveInterval {
     args.settings.run.autosave
 }
@@ -133,7 +127,6 @@ fn create_session(
     interrupt.run_interruptibly(move || open_session(&args, start))?
 }
 
-/// Creates a session for a complete dataset.
 fn open_session(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     let dataset = Arc::new(dataset::open(&args.dataset, &start.load_options(args))?);
     if let Some(split) = &args.eval {
@@ -147,7 +140,6 @@ fn open_session(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     })
 }
 
-/// Creates a session on the first frames of a recording in progress.
 fn follow_session(
     args: &Arc<TrainArgs>,
     start: Start,
@@ -171,7 +163,6 @@ fn follow_session(
     Ok(session)
 }
 
-/// Prepares a new run, or the one of a checkpoint if its settings agree.
 fn start(args: &TrainArgs) -> Result<Start, Failure> {
     let Some(path) = &args.resume else { return Ok(Start::New(Box::new(method_request(args)?))) };
     let run = SavedRun::read(path)?;
@@ -181,10 +172,6 @@ fn start(args: &TrainArgs) -> Result<Start, Failure> {
     Ok(Start::Saved(Box::new(run), Box::new(asked)))
 }
 
-/// Prints notes before the first frame.
-///
-/// # Errors
-/// The run, including measurements, would not fit in memory.
 fn print_notes(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
@@ -219,7 +206,6 @@ fn trained_frames(session: &Session) -> usize {
     session.learner().frames() as usize
 }
 
-/// Starting point of training.
 enum Start {
     New(Box<MethodRequest>),
     Saved(Box<SavedRun>, Box<ResumeRequest>),
@@ -228,7 +214,7 @@ enum Start {
 impl Start {
     fn load_options(&self, args: &TrainArgs) -> LoadOptions {
         match self {
-            Self::New(_) => args.load_options(),
+            Self::New(_) => args.reading.load_options(),
             Self::Saved(run, _) => run.load_options(),
         }
     }
@@ -326,7 +312,6 @@ fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, F
     Ok("scene.ply, checkpoint.vbgs and ")
 }
 
-/// Writes `report.json` and prints a summary.
 fn save_report(
     session: &Session,
     args: &TrainArgs,
@@ -385,49 +370,37 @@ fn warn_about_poses(dataset: &Dataset) {
     }
 }
 
-/// Prints a dataset's notes and warnings to stderr.
 pub fn print_dataset_notes(dataset: &Dataset) {
     dataset.notes.iter().for_each(|note| eprintln!("note: {note}"));
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
 }
 
-/// Kind of work for a device.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Task {
-    /// Passes over frames.
     Passes,
     /// Seeds and sums of a scene's points.
     Points,
-    /// Comparing photographs.
     Photographs,
 }
 
-/// Attaches the requested devices to the session.
 pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
-    let tasks = [Task::Points, Task::Passes, Task::Photographs];
+    let used = session.learner().device_use();
+    let tasks = [
+        (Task::Points, used.points.is_some()),
+        (Task::Passes, used.passes.is_some()),
+        (Task::Photographs, used.photographs.is_some()),
+    ];
     // Drivers are not loaded if there is no work for them.
-    let needed: Vec<Task> = tasks.into_iter().filter(|task| task.is_needed(session)).collect();
+    let needed: Vec<Task> =
+        tasks.into_iter().filter(|(_, is_needed)| *is_needed).map(|(task, _)| task).collect();
     match args.device {
         DeviceName::Cpu => Ok(()),
         DeviceName::Gpu if needed.is_empty() => {
-            Err(Failure::Usage(format!("--device gpu: expected a run that {}", Task::NEEDS)))
+            let message = "--device gpu: expected a run with work that a GPU supports, found none in these settings; use --device auto";
+            Err(Failure::Usage(message.to_owned()))
         }
         DeviceName::Auto | DeviceName::Gpu => {
             needed.into_iter().try_for_each(|task| attach_gpu(session, task, args.device))
-        }
-    }
-}
-
-impl Task {
-    /// Runs with work for a GPU.
-    const NEEDS: &str = "a GPU supports, found one that it does not; use it with --photometric light or full, with births=seeds and visibility=projected, or with --preset paper, precision=mixed, index=grid, statistics=fused and at most 4 candidates";
-
-    /// True if the run has this kind of work.
-    fn is_needed(self, session: &Session) -> bool {
-        match self {
-            Self::Passes => session.learner().pass_use().is_some(),
-            Self::Points => session.learner().point_use().is_some(),
-            Self::Photographs => session.learner().comparer_use().is_some(),
         }
     }
 }
@@ -437,6 +410,7 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
     use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_have_gpu};
     use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
     use vbgs_studio::train::device_trial::DevicePolicy;
+    use vbgs_studio::train::learner::TrainingDevice;
 
     let must = asked == DeviceName::Gpu;
     if !must && !may_have_gpu() {
@@ -449,18 +423,12 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
     let error = match gpu {
         Ok(gpu) => {
             let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
-            let handed = match task {
-                Task::Passes => session.compute_on(Box::new(gpu.mixture()), policy),
-                Task::Points => {
-                    session.fit_on(Box::new(gpu.points()), policy);
-                    Ok(())
-                }
-                Task::Photographs => {
-                    session.compare_on(Box::new(gpu.comparer()), policy);
-                    Ok(())
-                }
+            let device = match task {
+                Task::Passes => TrainingDevice::Passes(Box::new(gpu.mixture())),
+                Task::Points => TrainingDevice::Points(Box::new(gpu.points())),
+                Task::Photographs => TrainingDevice::Photographs(Box::new(gpu.comparer())),
             };
-            let Err(error) = handed else { return Ok(()) };
+            let Err(error) = session.add_device(device, policy) else { return Ok(()) };
             error.to_string()
         }
         Err(HeadlessError::NoHardware { .. }) if !must => return Ok(()),
@@ -478,7 +446,6 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
     Ok(())
 }
 
-/// Reports missing GPU support in builds without the `gui` feature.
 #[cfg(not(feature = "gui"))]
 fn attach_gpu(_: &mut Session, _: Task, asked: DeviceName) -> Result<(), Failure> {
     if asked == DeviceName::Auto {
@@ -521,7 +488,6 @@ pub fn begin(
     Err(Failure::Interrupted)
 }
 
-/// The problem that currently delays frames.
 #[derive(Default)]
 pub struct ReportedProblem {
     /// The problem, its start, and true if it was reported.

@@ -1,18 +1,14 @@
 //! Opens the window; without one, falls back to headless training.
 
+use super::demo;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
-use super::{demo, output};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 use vbgs_studio::app;
 use vbgs_studio::app::adapters::AdapterChoice;
-use vbgs_studio::app::state::{NoticeKind, Subject};
-use vbgs_studio::app::unattended::Unattended;
+use vbgs_studio::app::state::Subject;
 use vbgs_studio::app::{WindowError, adapters};
-
-/// Output folder of a run that lost its window.
-const FOLDER: &str = "vbgs-unattended";
 
 /// Opens the window. Falls back to training the demo headless if there is no display or usable adapter.
 pub fn run(
@@ -38,8 +34,9 @@ fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Fail
     match (ended, path) {
         (Ok(()), _) => Ok(()),
         // Training the demo headless would hide the program's error.
-        (Err(error @ WindowError::Crashed(_)), _) => Err(Failure::failed(error)),
-        (Err(WindowError::Gone(error, run)), _) => continue_headless(&error, run),
+        (Err(error @ (WindowError::Crashed(_) | WindowError::Gone(..))), _) => {
+            Err(Failure::failed(error))
+        }
         (Err(error), None) => demo::run(&error.to_string()),
         (Err(error), Some(path)) => Err(Failure::failed(anyhow::anyhow!(
             "{}: {error}, so it cannot be opened in a window; use `train`, `eval`, `render`, `export` or `info`",
@@ -48,28 +45,12 @@ fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Fail
     }
 }
 
-/// Trains a run that lost its window to its end and writes its files.
-fn continue_headless(reason: &WindowError, run: Unattended) -> Result<(), Failure> {
-    output::print_line(format!(
-        "{reason}: the run continues without a window, output in {FOLDER}/"
-    ));
-    output::create_folder(Path::new(FOLDER))?;
-    let notices = run.finish(Path::new(FOLDER));
-    match notices.iter().find(|(kind, _)| *kind == NoticeKind::Error) {
-        Some((_, text)) => Err(Failure::failed(anyhow::anyhow!("{text}"))),
-        None => {
-            notices.iter().for_each(|(_, text)| output::print_line(text));
-            Ok(())
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::process::ExitCode;
-    use vbgs_studio::app::panic_report::PanicReport;
     use vbgs_studio::app::rescue::{Crash, CrashedThread, Rescue};
+    use vbgs_studio::pipeline::panic_report::PanicReport;
 
     /// Exit codes cannot be compared, but formatted.
     fn status(ended: Result<(), WindowError>, path: Option<PathBuf>) -> String {

@@ -47,12 +47,10 @@ impl Archive {
         &self.path
     }
 
-    /// Names of the members; names that cannot be decoded are left out.
     pub fn names(&self) -> Vec<String> {
         self.lock().file_names().filter_map(Result::ok).map(Cow::into_owned).collect()
     }
 
-    /// Reads and unpacks a member; refuses implausible sizes.
     pub fn read(&self, name: &str) -> Result<Vec<u8>, FrameProblem> {
         let mut zip = self.lock();
         let mut member = zip.by_name(name).map_err(archive_error)?;

@@ -69,13 +69,11 @@ impl DatasetSplit {
     }
 }
 
-/// True if the aspect ratios agree up to the rounding of sides to whole pixels.
 fn have_same_aspect_ratio(one: [u32; 2], other: [u32; 2]) -> bool {
     let ([w, h], [width, height]) = (one.map(i64::from), other.map(i64::from));
     (w * height - h * width).abs() < w.max(h).max(width).max(height)
 }
 
-/// Parts of a message about invalid intrinsics.
 pub(super) struct IntrinsicsDefect {
     pub expected: String,
     pub found: String,
@@ -87,10 +85,6 @@ pub(super) fn is_plausible_field_of_view(degrees: f64) -> bool {
     degrees > 0.1 && degrees < 179.0
 }
 
-/// Intrinsics given by the user, for images of `size` (columns, rows).
-///
-/// # Errors
-/// [`DatasetError::Option`] if no camera has them.
 pub(super) fn from_user(
     [fx, fy, cx, cy]: [f64; 4],
     size: (u32, u32),

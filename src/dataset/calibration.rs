@@ -215,8 +215,6 @@ impl ColorCamera {
         Self { focal: [fx * sx, fy * sy], principal: [cx * sx, cy * sy], size: Some(size), ..self }
     }
 
-    /// Sets the extrinsics from the poses of the depth and colour image, for a camera that moved between
-    /// them.
     pub(super) fn with_extrinsics_between(self, depth: &Pose, color: &Pose) -> Self {
         let (offset, turn) = depth.offset_to(color);
         Self { offset: offset.to_array(), rotation: turn.to_scaled_axis().to_array(), ..self }
@@ -231,14 +229,12 @@ impl ColorCamera {
         }
     }
 
-    /// Intrinsics for the stored image size, or for the depth camera's if none is stored.
     pub(super) fn intrinsics(&self, depth: Intrinsics) -> Intrinsics {
         let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
         let [width, height] = self.size.unwrap_or([depth.width, depth.height]);
         Intrinsics { width, height, fx, fy, cx, cy }
     }
 
-    /// Rotation from the colour camera's axes to the depth camera's.
     pub(super) fn rotation_quat(&self) -> DQuat {
         DQuat::from_scaled_axis(DVec3::from_array(self.rotation))
     }

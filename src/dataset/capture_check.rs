@@ -12,7 +12,6 @@ use std::ops::Range;
 
 /// Limit of decoded photographs: two to three seconds for a phone's, on two cores.
 const MAX_FRAMES: usize = 160;
-/// Consecutive frames per run.
 const RUN: usize = 8;
 /// Neighbours before and after a frame that its sharpness is compared with, and the fewest in total.
 const REACH: usize = 3;
@@ -109,7 +108,6 @@ struct MeasuredFrame<'a> {
     measure: PhotoQuality,
 }
 
-/// All frames, or evenly spaced runs of them.
 fn runs(n: usize) -> Vec<Range<usize>> {
     if n <= MAX_FRAMES {
         return std::iter::once(0..n).collect();
@@ -157,7 +155,6 @@ fn find_brightness_jumps(runs: &[Vec<MeasuredFrame>]) -> Vec<BrightnessJump> {
     far.map(|(frame, factor)| BrightnessJump { frame: frame.to_owned(), factor }).collect()
 }
 
-/// Median time step, and the steps that deviate from it.
 fn find_time_gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
     let steps: Vec<(&str, f64)> = frames
         .array_windows()
@@ -170,7 +167,6 @@ fn find_time_gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
     (Some(usual), gaps.collect())
 }
 
-/// Median; `None` for an empty list.
 fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
@@ -209,7 +205,6 @@ impl PhotoQuality {
     }
 }
 
-/// Means of whole blocks of `side`×`side` pixels.
 fn blocks(picture: &Image<f32>, side: usize) -> Image<f32> {
     if side == 1 {
         return picture.clone();
@@ -224,7 +219,6 @@ fn blocks(picture: &Image<f32>, side: usize) -> Image<f32> {
     small
 }
 
-/// Mean squared difference to the left and upper neighbours; 0 without neighbours.
 fn energy(picture: &Image<f32>) -> f64 {
     let Image { width, height, data } = picture;
     let (mut sum, mut n) = (0.0, 0usize);

@@ -8,19 +8,19 @@ use super::options::ByteSource;
 use super::surface::sensor::Sensor;
 use crate::math::image::Image;
 use bytemuck::allocation::try_cast_vec;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Storage of a split's depth files.
+/// What an image of another size is called in messages.
+const DEPTH: &str = "depth";
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DepthEncoding {
     pub codes: CodeKind,
     pub kind: DepthKind,
     pub trusted: [f64; 2],
-    /// World units per metre.
     pub units_per_metre: f64,
-    /// Kind of depth sensor, known from the layout and not from the file.
     pub sensor: Sensor,
 }
 
@@ -31,7 +31,6 @@ impl DepthEncoding {
     }
 }
 
-/// Pixel format of a depth image and its conversion to depths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CodeKind {
     /// First channel of an 8-bit image.
@@ -50,7 +49,6 @@ pub(super) struct ImageHeader {
     pub bits_per_channel: u16,
 }
 
-/// Reads an image's header only.
 pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
     match source {
         // Not read whole: opening a dataset reads thousands of headers.
@@ -70,7 +68,6 @@ fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
     })
 }
 
-/// Columns and rows of a depth file, from its header.
 pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem> {
     if let ByteSource::File(path) = source {
         let mut magic = [0; 4];
@@ -86,11 +83,9 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
     Ok((width as u32, height as u32))
 }
 
-/// Decodes a colour image that must have `size` (columns, rows).
 pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
-    let wrong = |found| FrameProblem::CameraSize { expected: size, found };
     // Grey and RGB become opaque RGBA, so that later stages handle one format.
-    let image = decode(&source.read()?, size, wrong)?;
+    let image = decode(&source.read()?, size, "an image")?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let data = match image {
         DynamicImage::ImageRgb8(rgb) => {
@@ -102,19 +97,17 @@ pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 
     Ok(Image::from_vec(width, height, data))
 }
 
-/// Converts RGBA bytes to pixels, without a copy if possible.
 fn pixels(rgba: Vec<u8>) -> Vec<[u8; 4]> {
     try_cast_vec(rgba).unwrap_or_else(|(_, rgba)| rgba.as_chunks().0.to_vec())
 }
 
-/// Decodes a depth file that must have `size` (columns, rows) and the format of `encoding`.
 pub(super) fn depth(
     source: &ByteSource,
     encoding: &DepthEncoding,
     size: (u32, u32),
 ) -> Result<Depth, FrameProblem> {
     let bytes = source.read()?;
-    let image = || decode(&bytes, size, |depth| FrameProblem::SizeMismatch { camera: size, depth });
+    let image = || decode(&bytes, size, DEPTH);
     let codes = match encoding.codes {
         CodeKind::BareFloats => lengths::bare_floats(&bytes, size)?,
         CodeKind::ByContent(unit) if lengths::is_known(&bytes) => {
@@ -130,78 +123,64 @@ pub(super) fn depth(
 /// Decodes a sensor's confidence per pixel, 0 to 2: a grey image, or bytes without header of `size`.
 pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<u8>, FrameProblem> {
     let bytes = source.read()?;
-    let image = match image::guess_format(&bytes) {
+    match image::guess_format(&bytes) {
         Ok(_) => {
-            let wrong = |depth| FrameProblem::SizeMismatch { camera: size, depth };
-            let gray = decode(&bytes, size, wrong)?.into_luma8();
-            Image::from_vec(gray.width() as usize, gray.height() as usize, gray.into_raw())
+            let gray = decode(&bytes, size, DEPTH)?.into_luma8();
+            Ok(Image::from_vec(gray.width() as usize, gray.height() as usize, gray.into_raw()))
         }
-        Err(_) => lengths::bare_bytes(&bytes, size)?,
-    };
-    let found = (image.width as u32, image.height as u32);
-    match found == size {
-        true => Ok(image),
-        false => Err(FrameProblem::SizeMismatch { camera: size, depth: found }),
+        Err(_) => lengths::bare_bytes(&bytes, size),
     }
 }
 
 fn inverse8(image: DynamicImage) -> Result<DepthCodes, FrameProblem> {
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let found = format!("{:?}", image.color());
-    // Exporters write grey depth into every colour channel; the first one suffices.
-    Ok(match image {
-        DynamicImage::ImageLuma8(i) => {
-            DepthCodes::Inverse8(Image::from_vec(width, height, i.into_raw()))
-        }
-        DynamicImage::ImageLumaA8(i) => inverse8_channel(width, height, &i, 2),
-        DynamicImage::ImageRgb8(i) => inverse8_channel(width, height, &i, 3),
-        DynamicImage::ImageRgba8(i) => inverse8_channel(width, height, &i, 4),
+    let color = image.color();
+    let raw = match image {
+        DynamicImage::ImageLuma8(i) => i.into_raw(),
+        DynamicImage::ImageLumaA8(i) => i.into_raw(),
+        DynamicImage::ImageRgb8(i) => i.into_raw(),
+        DynamicImage::ImageRgba8(i) => i.into_raw(),
         _ => {
             let hint = "export all depth of a split in one format";
+            let found = format!("{color:?}");
             return Err(FrameProblem::DepthFormat { expected: "8-bit", found, hint });
         }
-    })
+    };
+    Ok(DepthCodes::Inverse8(Image::from_vec(width, height, first_channel(raw, color))))
 }
 
 fn linear16(image: DynamicImage, unit: f64) -> Result<DepthCodes, FrameProblem> {
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let found = format!("{:?}", image.color());
-    Ok(match image {
-        DynamicImage::ImageLuma16(i) => {
-            DepthCodes::Linear16 { codes: Image::from_vec(width, height, i.into_raw()), unit }
-        }
-        DynamicImage::ImageLumaA16(i) => linear16_channel(width, height, &i, 2, unit),
-        DynamicImage::ImageRgb16(i) => linear16_channel(width, height, &i, 3, unit),
-        DynamicImage::ImageRgba16(i) => linear16_channel(width, height, &i, 4, unit),
+    let color = image.color();
+    let raw = match image {
+        DynamicImage::ImageLuma16(i) => i.into_raw(),
+        DynamicImage::ImageLumaA16(i) => i.into_raw(),
+        DynamicImage::ImageRgb16(i) => i.into_raw(),
+        DynamicImage::ImageRgba16(i) => i.into_raw(),
         _ => {
             let hint = "export depth as 16-bit gray PNG";
+            let found = format!("{color:?}");
             return Err(FrameProblem::DepthFormat { expected: "16-bit gray", found, hint });
         }
-    })
+    };
+    let codes = Image::from_vec(width, height, first_channel(raw, color));
+    Ok(DepthCodes::Linear16 { codes, unit })
 }
 
-fn inverse8_channel(width: usize, height: usize, raw: &[u8], channels: usize) -> DepthCodes {
-    let data = raw.iter().copied().step_by(channels).collect();
-    DepthCodes::Inverse8(Image::from_vec(width, height, data))
+fn first_channel<T>(raw: Vec<T>, color: ColorType) -> Vec<T> {
+    match usize::from(color.channel_count()) {
+        1 => raw,
+        // Exporters write grey depth into every colour channel; the first one suffices.
+        n => raw.into_iter().step_by(n).collect(),
+    }
 }
 
-fn linear16_channel(
-    width: usize,
-    height: usize,
-    raw: &[u16],
-    channels: usize,
-    unit: f64,
-) -> DepthCodes {
-    let data = raw.iter().copied().step_by(channels).collect();
-    DepthCodes::Linear16 { codes: Image::from_vec(width, height, data), unit }
-}
-
-/// Decodes an image if its header states `size`; `wrong` makes the error for another size. The decoder's
-/// default limits bound the memory that a header can request.
+/// Decodes an image of `what` if its header states `size`. The decoder's default limits bound the memory that
+/// a header can request.
 fn decode(
     bytes: &[u8],
     size: (u32, u32),
-    wrong: impl FnOnce((u32, u32)) -> FrameProblem,
+    what: &'static str,
 ) -> Result<DynamicImage, FrameProblem> {
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
     // Decoders silently fill the rest of a truncated JPEG with grey. A truncated PNG is an error of its
@@ -214,14 +193,13 @@ fn decode(
         let decoder = reader.into_decoder()?;
         // Checked before decoding: a small file may unpack to a thousand times its bytes.
         if decoder.dimensions() != size {
-            return Err(wrong(decoder.dimensions()));
+            let found = decoder.dimensions();
+            return Err(FrameProblem::Size { what, expected: size, found });
         }
-        let most = (bytes.len() as u64).saturating_mul(lengths::MAX_FACTOR as u64);
-        if format == Some(ImageFormat::Png) && decoder.total_bytes() > most {
-            return Err(FrameProblem::DepthFile {
-                expected: "a size that the file's bytes can hold",
-                found: format!("{}x{} pixels in {} bytes", size.0, size.1, bytes.len()),
-            });
+        if format == Some(ImageFormat::Png) {
+            let (width, height) = size;
+            let size = [width as usize, height as usize];
+            lengths::check_unpacked(bytes, size, decoder.total_bytes())?;
         }
         Limits::default().reserve(decoder.total_bytes())?;
         Ok(DynamicImage::from_decoder(decoder)?)

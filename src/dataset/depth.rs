@@ -79,12 +79,11 @@ impl Depth {
         value > self.trusted[0] && value < self.trusted[1]
     }
 
-    /// Checks that it has the camera's width and height and at least one surface.
     pub(super) fn check(&self, camera: (u32, u32)) -> Result<(), FrameProblem> {
         let (width, height) = self.size();
         let depth = (width as u32, height as u32);
         if depth != camera {
-            return Err(FrameProblem::SizeMismatch { camera, depth });
+            return Err(FrameProblem::Size { what: "depth", expected: camera, found: depth });
         }
         if self.is_empty() {
             return Err(FrameProblem::NoDepthValues);
@@ -92,7 +91,6 @@ impl Depth {
         Ok(())
     }
 
-    /// Makes holes at the pixel indices for which `is_hole` holds.
     pub(super) fn make_holes(&mut self, is_hole: impl Fn(usize) -> bool) {
         fn punched<T: Copy>(data: &mut [T], hole: T, is_hole: impl Fn(usize) -> bool) {
             data.iter_mut().enumerate().filter(|(i, _)| is_hole(*i)).for_each(|(_, v)| *v = hole);
@@ -104,7 +102,6 @@ impl Depth {
         }
     }
 
-    /// Resamples to the undistorted pinhole camera `k`.
     pub(super) fn undistort(&mut self, lens: &Distortion, k: &Intrinsics) {
         fn replace<T>(image: &mut Image<T>, new: impl Fn(&Image<T>) -> Option<Image<T>>) {
             if let Some(new) = new(image) {

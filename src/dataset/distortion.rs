@@ -15,16 +15,12 @@ use glam::{DVec2, Vec4};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Lens distortion and rolling shutter of a frame's images.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Distortion {
     /// `k₁`, `k₂`, `k₃`, in normalised image coordinates (pixels over focal length).
     pub radial: [f64; 3],
-    /// `p₁`, `p₂`.
     pub tangential: [f64; 2],
-    /// Rolling shutter of the photograph.
     pub color: RollingShutter,
-    /// Rolling shutter of the depth image.
     pub depth: RollingShutter,
 }
 
@@ -39,7 +35,6 @@ impl Distortion {
         (self.radial, self.tangential) == ([0.0; 3], [0.0; 2])
     }
 
-    /// Maps a pinhole camera's normalised image coordinates to distorted ones.
     pub fn distort(&self, slope: DVec2) -> DVec2 {
         let DVec2 { x, y } = slope;
         let ([k1, k2, k3], [p1, p2]) = (self.radial, self.tangential);
@@ -94,7 +89,6 @@ impl Distortion {
         })
     }
 
-    /// `beyond` also samples outside the image.
     fn resample<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
@@ -154,7 +148,6 @@ impl Dataset {
 }
 
 impl FrameEntry {
-    /// Takes the images of another entry of the same frame; true if they differ.
     fn replace_images(&mut self, other: &Self) -> bool {
         let lens = |entry: &Self| match &entry.source {
             FrameSource::Files(files) => Some(files.lens),

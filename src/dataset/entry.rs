@@ -54,17 +54,18 @@ pub struct FrameEntry {
 
 #[derive(Clone, Debug)]
 pub(super) enum FrameSource {
-    /// Image files; depth if the split has it.
     Files(Box<FrameFiles>),
     /// Procedural room; `noise_stream` selects the frame's depth noise, `None` is exact depth.
-    Synthetic { scene: Arc<SyntheticScene>, noise_stream: Option<u64> },
+    Synthetic {
+        scene: Arc<SyntheticScene>,
+        noise_stream: Option<u64>,
+    },
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct FrameFiles {
     pub color: ByteSource,
     pub depth: Option<DepthSource>,
-    /// Lens distortion of both cameras, and rolling shutter.
     pub lens: Distortion,
 }
 
@@ -74,6 +75,12 @@ pub(super) struct DepthSource {
     pub encoding: DepthEncoding,
     /// Confidence of each pixel, and the least confidence that is used.
     pub confidence: Option<(ByteSource, u8)>,
+}
+
+impl DepthSource {
+    pub fn new(file: ByteSource, encoding: DepthEncoding) -> Self {
+        Self { file, encoding, confidence: None }
+    }
 }
 
 impl FrameEntry {
@@ -144,7 +151,6 @@ impl FrameEntry {
         color.map_or(camera, |color| color.camera_at(&camera))
     }
 
-    /// True if the frame has a photograph.
     pub(super) fn has_photograph(&self) -> bool {
         match &self.source {
             FrameSource::Files(files) => !matches!(files.color, ByteSource::Grey(_)),
@@ -180,7 +186,6 @@ impl FrameEntry {
         })
     }
 
-    /// Sensor of the frame's depth; `None` without depth.
     pub(super) fn sensor(&self) -> Option<Sensor> {
         match &self.source {
             FrameSource::Synthetic { scene, .. } => {
@@ -200,7 +205,6 @@ impl FrameEntry {
         }
     }
 
-    /// Storage of its depth; `None` without depth files.
     pub(super) fn depth_source(&self) -> Option<&DepthSource> {
         match &self.source {
             FrameSource::Files(files) => files.depth.as_ref(),
@@ -208,7 +212,6 @@ impl FrameEntry {
         }
     }
 
-    /// Stand-in for a missing photograph.
     fn grey_image(&self) -> Image<[u8; 4]> {
         let k = &self.camera.intrinsics;
         Image::filled(k.width as usize, k.height as usize, [128, 128, 128, 255])

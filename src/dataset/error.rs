@@ -14,158 +14,77 @@ pub const VIDEO_BY_HAND: &str = "mkdir rgb && ffmpeg -noautorotate -i rgb.mp4 -f
      rgb/%06d.jpg (-vsync in place of -fps_mode before ffmpeg 5.1)";
 
 /// Reason why a whole dataset cannot be used.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
     /// The path does not exist.
     #[error(
         "{}: expected a dataset folder, found nothing at this path; check the spelling", path.display()
     )]
-    NotFound {
-        /// The path as it was given.
-        path: PathBuf,
-    },
+    NotFound { path: PathBuf },
     /// A file instead of a folder.
     #[error(
         "{}: expected a dataset folder, found a file; give the folder that holds it", path.display()
     )]
-    NotAFolder {
-        /// The path as it was given.
-        path: PathBuf,
-    },
+    NotAFolder { path: PathBuf },
     /// A file or folder that exists but cannot be read.
     #[error("{}: expected a readable file or folder, found: {source}; check its permissions", path.display())]
-    Read {
-        /// The file or folder.
-        path: PathBuf,
-        /// Error of the system.
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// No layout matches the folder.
     #[error(
         "{}: expected a dataset in one of the known layouts ({expected}), found {found}; give the folder that directly holds these files", path.display()
     )]
-    NotRecognised {
-        /// The folder that was opened.
-        path: PathBuf,
-        /// The layouts and the files that identify each.
-        expected: String,
-        /// A summary of what the folder holds.
-        found: String,
-    },
+    NotRecognised { path: PathBuf, expected: String, found: String },
     /// More than one layout matches the folder.
     #[error(
         "{}: expected one recording, found two layouts at once ({found}); give each a folder of its own", path.display()
     )]
-    TwoLayouts {
-        /// The folder that was opened.
-        path: PathBuf,
-        /// The layouts and the files that identified each.
-        found: String,
-    },
+    TwoLayouts { path: PathBuf, found: String },
     /// Text that is not JSON.
     #[error(
         "{}: expected JSON, found: {source}; export the file again (JSON has neither NaN nor infinity)", file.display()
     )]
-    Json {
-        /// The metadata file inside the dataset.
-        file: PathBuf,
-        /// Where parsing stopped and why.
-        source: serde_json::Error,
-    },
+    Json { file: PathBuf, source: serde_json::Error },
     /// A metadata file whose content has the wrong form.
     #[error("{}: expected {expected}, found {found}; {hint}", file.display())]
-    Metadata {
-        /// The metadata file inside the dataset.
-        file: PathBuf,
-        /// Expected content.
-        expected: String,
-        /// Content found.
-        found: String,
-        /// What to do.
-        hint: String,
-    },
+    Metadata { file: PathBuf, expected: String, found: String, hint: String },
     /// Every frame was skipped.
     #[error(
         "{}: expected at least one usable frame, found none in {skipped} listed; the first problem: {first}", path.display()
     )]
-    NoUsableFrame {
-        /// Folder of the dataset, or its name if it has no files.
-        path: PathBuf,
-        /// Number of skipped frames.
-        skipped: usize,
-        /// Problem of the first one.
-        first: Box<FrameError>,
-    },
+    NoUsableFrame { path: PathBuf, skipped: usize, first: Box<FrameError> },
     /// Frames of an ongoing recording.
     #[error("{}: expected a complete frame, found {frames} that are still being written", path.display())]
-    Unfinished {
-        /// Folder of the recording.
-        path: PathBuf,
-        /// Frames listed with pose and depth.
-        frames: usize,
-    },
+    Unfinished { path: PathBuf, frames: usize },
     /// Training needs depth.
     #[error(
         "{}: expected a split with depth images to train on, found only colour (splits: {splits}); add the depth images to one split", path.display()
     )]
-    NoDepth {
-        /// Folder of the dataset, or its name if it has no files.
-        path: PathBuf,
-        /// Names of the splits.
-        splits: String,
-    },
+    NoDepth { path: PathBuf, splits: String },
     /// The split chosen for training cannot be used.
     #[error(
         "{}: expected usable frames with depth in the split `{split}` to train on, found {found}; repair them, or choose another split", path.display()
     )]
-    TrainingSplit {
-        /// Folder of the dataset, or its name if it has no files.
-        path: PathBuf,
-        /// The split.
-        split: String,
-        /// What was found.
-        found: String,
-    },
+    TrainingSplit { path: PathBuf, split: String, found: String },
     /// A split given by the user does not exist.
     #[error("{}: expected one of the splits {splits}, found `{asked}`; name one of them", path.display())]
-    NoSuchSplit {
-        /// Folder of the dataset, or its name if it has no files.
-        path: PathBuf,
-        /// Name that the user gave.
-        asked: String,
-        /// Names of the splits.
-        splits: String,
-    },
+    NoSuchSplit { path: PathBuf, asked: String, splits: String },
     /// The hold-out sector leaves too few views.
     #[error(
         "{}: --hold-out sector: expected at least 2 training frames, 1 new view and 1 view from the side, found {training}, {new_views} and {from_the_side} (recognised as {kind}, {frames} frames); {hint}, or omit the option", path.display()
     )]
     Sector {
-        /// Folder of the dataset, or its name if it has no files.
         path: PathBuf,
-        /// Kind of recording, according to its poses.
         kind: &'static str,
-        /// Frames of the training split.
         frames: usize,
-        /// Frames that would remain for training.
         training: usize,
-        /// Held-out views on the camera path.
         new_views: usize,
-        /// Held-out views off the camera path.
         from_the_side: usize,
-        /// What to do.
         hint: &'static str,
     },
     /// A depth scale, depth range or other option given by the user is out of range.
     #[error("setting {setting}: expected {expected}, found {found}; correct it or leave it out")]
-    Option {
-        /// Name of the option.
-        setting: &'static str,
-        /// Allowed values of the option, with their unit.
-        expected: &'static str,
-        /// The value that was given.
-        found: String,
-    },
+    Option { setting: &'static str, expected: &'static str, found: String },
 }
 
 /// Reason why one frame cannot be used: a [`Warning`] at opening, an error at loading.
@@ -199,6 +118,7 @@ impl std::fmt::Display for Warning {
 }
 
 /// Defects of a frame.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum FrameProblem {
     /// No colour image.
@@ -228,12 +148,7 @@ pub enum FrameProblem {
     Decode(#[from] image::ImageError),
     /// A damaged depth file, or one of an unknown format.
     #[error("expected {expected}, found {found}; copy or export the file again")]
-    DepthFile {
-        /// Expected content.
-        expected: &'static str,
-        /// Content found.
-        found: String,
-    },
+    DepthFile { expected: &'static str, found: String },
     /// An archive whose directory or member is damaged.
     #[error("expected a whole zip archive, found: {0}; copy or export the recording again")]
     Archive(String),
@@ -241,12 +156,7 @@ pub enum FrameProblem {
     #[error(
         "expected a member of the size that the archive states and at most 256 MiB, found {packed} bytes that unpack to {unpacked} or more; do not trust this archive"
     )]
-    ZipBomb {
-        /// Bytes inside the archive.
-        packed: u64,
-        /// Unpacked bytes, stated or found.
-        unpacked: u64,
-    },
+    ZipBomb { packed: u64, unpacked: u64 },
     /// A video that cannot be decoded.
     #[error(
         "expected a video that ffmpeg can decode, found: {0}; extract its frames by hand: {hand}", hand = VIDEO_BY_HAND
@@ -255,40 +165,14 @@ pub enum FrameProblem {
     /// Two files or lines for one frame.
     #[error("expected one of each frame, found {0} as well; the first is used: remove the other")]
     Duplicate(String),
-    /// No pose close to the time of a frame.
+    /// No pose or photograph close to the time of a depth image.
     #[error(
-        "expected a pose within {tolerance_ms} ms of {time:.6} s, found {found}; the frame is skipped: record poses for it or remove it"
+        "expected {what} within {tolerance_ms} ms of {time:.6} s, found {found}; the frame is skipped: record {what} for it or remove it"
     )]
-    NoPoseInTime {
-        /// Time of the frame's depth, seconds.
-        time: f64,
-        /// Largest accepted difference, milliseconds.
-        tolerance_ms: f64,
-        /// Description of the nearest pose.
-        found: String,
-    },
-    /// No photograph close to the time of a depth image.
-    #[error(
-        "expected a colour image within {tolerance_ms} ms of {time:.6} s, found {found}; the frame is skipped"
-    )]
-    NoColorInTime {
-        /// Time of the depth image, seconds.
-        time: f64,
-        /// Largest accepted difference, milliseconds.
-        tolerance_ms: f64,
-        /// Description of the nearest photograph.
-        found: String,
-    },
+    NotInTime { what: &'static str, time: f64, tolerance_ms: f64, found: String },
     /// A malformed line of a trajectory.
     #[error("expected {expected}, found {found} in line {line}; correct the line or remove it")]
-    Line {
-        /// Expected content.
-        expected: &'static str,
-        /// Content found.
-        found: String,
-        /// Number of the line, from 1.
-        line: usize,
-    },
+    Line { expected: &'static str, found: String, line: usize },
     /// A truncated JPEG; decoders would silently fill the rest with grey.
     #[error(
         "expected a whole JPEG image, found no end-of-image marker: the file is truncated; copy or export it again"
@@ -301,34 +185,13 @@ pub enum FrameProblem {
     DecoderCrash,
     /// A depth image of another pixel format.
     #[error("expected {expected} depth, found {found}; {hint}")]
-    DepthFormat {
-        /// Format of the split.
-        expected: &'static str,
-        /// Format of this file.
-        found: String,
-        /// What to do.
-        hint: &'static str,
-    },
-    /// Depth differs in size from the frame's camera.
+    DepthFormat { expected: &'static str, found: String, hint: &'static str },
+    /// An image differs in size from the frame's camera, which follows from the split's other images or its
+    /// metadata.
     #[error(
-        "expected depth of the camera's size {}x{}, found {}x{}; export both at one size", camera.0, camera.1, depth.0, depth.1
+        "expected {what} of the camera's size {}x{}, found {}x{}; export all images of a split at one size", expected.0, expected.1, found.0, found.1
     )]
-    SizeMismatch {
-        /// Width and height of the camera, from the split's other images or its metadata.
-        camera: (u32, u32),
-        /// Width and height of the depth image.
-        depth: (u32, u32),
-    },
-    /// An image differs in size from the camera.
-    #[error(
-        "expected an image of the camera's size {}x{}, found {}x{}; export all frames of a split at one size", expected.0, expected.1, found.0, found.1
-    )]
-    CameraSize {
-        /// Width and height of the camera.
-        expected: (u32, u32),
-        /// Width and height of the file.
-        found: (u32, u32),
-    },
+    Size { what: &'static str, expected: (u32, u32), found: (u32, u32) },
     /// A matrix that is not a camera pose.
     #[error("pose: {0}; export the pose again or remove the frame")]
     Pose(#[from] PoseError),
@@ -339,12 +202,7 @@ pub enum FrameProblem {
     PoseShape(String),
     /// A frame entry with missing or malformed fields.
     #[error("expected {expected}, found {found}; export the frame list again or remove the frame")]
-    Entry {
-        /// Expected content.
-        expected: &'static str,
-        /// Content found.
-        found: String,
-    },
+    Entry { expected: &'static str, found: String },
     /// A path that leads outside the dataset.
     #[error(
         "expected a path inside the dataset folder, found `{0}` which leads outside; copy the file into the folder and use a relative path"
@@ -357,49 +215,33 @@ pub enum FrameProblem {
     NoDepthValues,
     /// Intrinsics of an in-memory frame that no camera has.
     #[error("camera: expected {expected}, found {found}; {hint}")]
-    Intrinsics {
-        /// Allowed values.
-        expected: String,
-        /// Values given.
-        found: String,
-        /// What to do.
-        hint: &'static str,
-    },
+    Intrinsics { expected: String, found: String, hint: &'static str },
     /// An in-memory buffer of another size than the camera's image.
     #[error(
         "expected {expected} {what} for the camera's {}x{} pixels, found {found}; pass whole images without padding between rows", size.0, size.1
     )]
-    BufferSize {
-        /// Contents of the buffer.
-        what: &'static str,
-        /// Width and height of the camera's image, pixels.
-        size: (u32, u32),
-        /// Expected number of values.
-        expected: usize,
-        /// Number of values found.
-        found: usize,
-    },
+    BufferSize { what: &'static str, size: (u32, u32), expected: usize, found: usize },
     /// An empty trusted interval of depth.
     #[error(
         "trusted depth: expected 0 ≤ near < far in world units, found {near} to {far}; correct it"
     )]
-    TrustedDepth {
-        /// Lower end of the interval, world units.
-        near: f64,
-        /// Upper end of the interval, world units.
-        far: f64,
-    },
+    TrustedDepth { near: f64, far: f64 },
     /// Points were requested from a frame without depth.
     #[error("expected a frame with depth, found colour only; choose a split with depth")]
     NoDepth,
     /// A frame number out of range.
     #[error("expected a frame number below {available}, found {asked}; choose another frame")]
-    NoSuchFrame {
-        /// Number of frames in the split.
-        available: usize,
-        /// Frame number requested.
-        asked: usize,
-    },
+    NoSuchFrame { available: usize, asked: usize },
+}
+
+impl FrameProblem {
+    /// Replaces the system's error about a file that does not exist.
+    pub(super) fn or_missing(self, missing: impl FnOnce() -> Self) -> Self {
+        match self {
+            Self::Read(e) if e.kind() == std::io::ErrorKind::NotFound => missing(),
+            other => other,
+        }
+    }
 }
 
 /// Limits text from files in a message: one line, and of long text its start and end.

@@ -36,10 +36,8 @@ pub struct Fingerprint {
     /// trusted interval of depth, least confidence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     reading: Option<u32>,
-    /// CRC-32 over the size of every file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sizes: Option<u32>,
-    /// CRC-32 over the sampled bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     content: Option<u32>,
 }
@@ -135,7 +133,6 @@ impl Fingerprint {
     }
 }
 
-/// True if both are known and differ.
 fn differs(a: Option<u32>, b: Option<u32>) -> bool {
     a.zip(b).is_some_and(|(a, b)| a != b)
 }
@@ -249,7 +246,7 @@ mod tests {
             n_eval: 1,
             ..SyntheticParams::demo()
         };
-        write(&small, folder.path(), SyntheticLayout::Open3d, &mut |_, _| ()).unwrap();
+        write(&small, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
         let plain = LoadOptions::default();
         let before = of(folder.path(), &plain);
         let difference = |options: &LoadOptions| before.difference(&of(folder.path(), options));
@@ -257,7 +254,7 @@ mod tests {
         let scaled = LoadOptions { depth_scale: Some(0.002), ..plain };
         assert!(difference(&scaled).unwrap().contains("depth"));
 
-        let file = folder.path().join("depth/00006.png");
+        let file = folder.path().join("depth/1000.200000.png");
         let bytes = std::fs::read(&file).unwrap();
         let mut edited = bytes.clone();
         edited[bytes.len() / 2] ^= 1;

@@ -23,7 +23,6 @@ const SMALL_TEXT_LIMIT: u64 = 1 << 16;
 /// Limit for trajectories and frame lists; those of a day-long recording are shorter.
 const TEXT_LIMIT: u64 = 256 << 20;
 
-/// The root of a dataset.
 pub(super) struct Folder {
     /// Path as the user gave it; messages and file paths start with it.
     pub path: PathBuf,
@@ -36,16 +35,13 @@ pub(super) struct Folder {
     unread: RefCell<Option<DatasetError>>,
 }
 
-/// State of an ongoing recording.
 #[derive(Clone, Default)]
 pub(super) struct RecordingState {
-    /// True if files may still grow.
     pub is_growing: bool,
     /// Names of frames that were taken before; they are not read again.
     pub taken: Arc<HashSet<String>>,
 }
 
-/// Entries of one folder, by name.
 pub(super) struct FolderListing {
     // Sorted: the system lists a folder in any order, and frames without a list are ordered by name.
     entries: BTreeMap<String, EntryKind>,
@@ -60,7 +56,6 @@ enum EntryKind {
 }
 
 impl Folder {
-    /// Opens and lists the root folder, or the folder of an archive.
     pub fn open(path: &Path, recorded: RecordingState) -> Result<Self, DatasetError> {
         let read = |source| DatasetError::Read { path: path.to_owned(), source };
         // Resolved once: the targets of links are compared with the real path.
@@ -92,7 +87,6 @@ impl Folder {
         })
     }
 
-    /// A folder that contains nothing but the given archive.
     fn of_file(path: &Path, canonical: &Path) -> Result<Self, DatasetError> {
         let not_a_folder = || DatasetError::NotAFolder { path: path.to_owned() };
         let name = path.file_name().and_then(|name| name.to_str()).ok_or_else(not_a_folder)?;
@@ -110,12 +104,10 @@ impl Folder {
         })
     }
 
-    /// True if files may still grow: missing files may follow.
     pub fn is_growing(&self) -> bool {
         self.recorded.is_growing
     }
 
-    /// True if the frame was taken before.
     pub fn was_taken(&self, frame: &str) -> bool {
         self.recorded.taken.contains(frame)
     }
@@ -132,12 +124,10 @@ impl Folder {
         [vec![self.path.clone()], folders, texts].concat()
     }
 
-    /// Name of the archive, if one was opened instead of a folder.
     pub fn opened_archive(&self) -> Option<&str> {
         self.only_file.as_deref()
     }
 
-    /// Lists a folder below the root; later calls return the stored listing.
     pub fn list(&self, relative: &Path) -> Result<Rc<FolderListing>, FrameProblem> {
         if let Some(listing) = self.listed.borrow().get(relative) {
             return Ok(Rc::clone(listing));
@@ -178,7 +168,6 @@ impl Folder {
         self.peek_with(name, read_small_text)
     }
 
-    /// The same for the whole text.
     pub fn peek_whole(&self, name: &str) -> String {
         self.peek_with(name, read_text)
     }
@@ -216,7 +205,6 @@ impl Folder {
         self.unread.take()
     }
 
-    /// Reads a whole metadata file below the root.
     pub fn text(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
         let file = self.path.join(name);
         self.texts.borrow_mut().insert(file.clone());
@@ -246,7 +234,6 @@ impl Folder {
         Ok(self.path.join(relative))
     }
 
-    /// True if the root contains a folder of that name, or a link to one.
     pub fn has_folder(&self, name: &str) -> bool {
         match self.listing.entries.get(name) {
             Some(EntryKind::Folder) => true,
@@ -255,7 +242,6 @@ impl Folder {
         }
     }
 
-    /// Names of the folders in the root, including links to folders.
     pub fn subfolders(&self) -> Vec<String> {
         self.listing.entries.keys().filter(|name| self.has_folder(name)).cloned().collect()
     }
@@ -291,7 +277,6 @@ impl FolderListing {
         Ok(Self { entries })
     }
 
-    /// True if there is a file or link of that name.
     pub fn has_file(&self, name: &str) -> bool {
         matches!(self.entries.get(name), Some(EntryKind::File | EntryKind::Link))
     }
@@ -301,7 +286,6 @@ impl FolderListing {
         self.entries.iter().filter(|(_, k)| **k != EntryKind::Folder).map(|(n, _)| n.as_str())
     }
 
-    /// Short description of the contents, for messages.
     pub fn summary(&self) -> String {
         let n_folders = self.entries.values().filter(|k| **k == EntryKind::Folder).count();
         let mut names: Vec<&str> = self.entries.keys().take(4).map(String::as_str).collect();
@@ -316,7 +300,6 @@ impl FolderListing {
     }
 }
 
-/// Converts the problem of an unreadable metadata file to an error.
 fn metadata_error(file: PathBuf, problem: FrameProblem) -> DatasetError {
     let found = match problem {
         FrameProblem::Read(source) => return DatasetError::Read { path: file, source },
@@ -331,7 +314,6 @@ fn metadata_error(file: PathBuf, problem: FrameProblem) -> DatasetError {
     }
 }
 
-/// Converts a path from a dataset file to a normalised relative path.
 pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
     let escapes = || FrameProblem::OutsideFolder(text.to_owned());
     // Lists exported on Windows name their files with backslashes.
@@ -352,12 +334,10 @@ pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
     Ok(clean)
 }
 
-/// Reads a whole text file; invalid UTF-8 becomes replacement characters.
 pub(super) fn read_text(path: &Path) -> std::io::Result<String> {
     Ok(String::from_utf8_lossy(&read_bytes(path, TEXT_LIMIT)?).into_owned())
 }
 
-/// Reads the start of a small text file; invalid UTF-8 becomes replacement characters.
 pub(super) fn read_small_text(path: &Path) -> std::io::Result<String> {
     let mut bytes = Vec::new();
     // Bounded: a pose file of an untrusted dataset may be of any length.
@@ -415,7 +395,6 @@ impl Seek for RetryingFile {
     }
 }
 
-/// Reads a whole file of at most `most` bytes.
 pub(super) fn read_bytes(path: &Path, most: u64) -> IoResult<Vec<u8>> {
     let mut file = open_file(path)?;
     let size = file.metadata()?.len();

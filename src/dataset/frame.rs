@@ -157,7 +157,6 @@ impl Frame {
         Cow::Owned(Self { color: color.into(), color_camera: None, ..self.clone() })
     }
 
-    /// Nearest texel to a point in the depth camera's frame.
     fn nearest_color(&self, camera: &ColorCamera, point: DVec3) -> Option<[u8; 4]> {
         let at = camera.project(point)?;
         let is_inside = at.min_element() >= 0.0
@@ -166,10 +165,6 @@ impl Frame {
         is_inside.then(|| *self.color.at(at.x as usize, at.y as usize))
     }
 
-    /// Depth from which points are made.
-    ///
-    /// # Errors
-    /// [`FrameProblem::NoDepth`] for a frame with colour only.
     pub(super) fn require_depth(&self) -> Result<&Depth, FrameError> {
         self.depth.as_ref().ok_or_else(|| FrameError {
             // The frame's name replaces the file, which a frame in memory does not store.

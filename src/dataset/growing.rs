@@ -30,7 +30,6 @@ const MAX_DELAY_S: f64 = 1.0;
 pub struct GrowingRecording {
     path: PathBuf,
     options: LoadOptions,
-    /// Name of the split, once known from the options or the first frames.
     split: Option<String>,
     layout: Option<Layout>,
     taken: Arc<HashSet<String>>,
@@ -43,7 +42,6 @@ pub struct GrowingRecording {
     /// True if they had changed since the poll before. They may have changed again within one tick of the
     /// file system's clock, so another poll is due.
     has_recent_changes: bool,
-    /// True if the last poll found an entry that is not a complete frame yet.
     is_unresolved: bool,
 }
 
@@ -248,7 +246,6 @@ impl GrowingRecording {
     }
 }
 
-/// Returns the frames with depth; the others become warnings.
 fn with_depth(
     frames: Vec<FrameEntry>,
     split: &str,
@@ -271,7 +268,6 @@ const PNG_END: [u8; 12] = *b"\0\0\0\0IEND\xaeB`\x82";
 const JPEG: [u8; 2] = [0xFF, 0xD8];
 
 impl FrameEntry {
-    /// True if all of its files exist and are complete.
     pub(super) fn is_complete(&self) -> bool {
         let FrameSource::Files(files) = &self.source else { return true };
         let Some(depth) = files.depth.as_ref().filter(|_| is_whole(&files.color)) else {
@@ -292,12 +288,7 @@ impl FrameEntry {
 
     /// Current marks of its files.
     pub fn marks(&self) -> FrameMarks {
-        let FrameSource::Files(files) = &self.source else { return FrameMarks(Vec::new()) };
-        let depth = files.depth.iter().flat_map(|depth| {
-            std::iter::once(&depth.file).chain(depth.confidence.iter().map(|(map, _)| map))
-        });
-        let sources = std::iter::once(&files.color).chain(depth);
-        FrameMarks(sources.filter_map(|source| FileMark::of(source.path())).collect())
+        FrameMarks(self.files().filter_map(FileMark::of).collect())
     }
 }
 
@@ -321,7 +312,6 @@ pub(super) struct FileMark {
 }
 
 impl FileMark {
-    /// `None` if the path does not exist.
     pub fn of(path: &Path) -> Option<Self> {
         let metadata = path.metadata().ok()?;
         let changed = metadata.modified().ok().and_then(|at| at.duration_since(UNIX_EPOCH).ok());
@@ -362,7 +352,6 @@ fn has_image_end(path: &Path) -> Option<bool> {
     (is_begun).then_some(false)
 }
 
-/// True if a defect may be caused by a file that is still being written.
 fn may_still_grow(problem: &FrameProblem) -> bool {
     matches!(
         problem,

@@ -21,13 +21,11 @@ pub(super) fn parse_numbers<const N: usize>(text: &str) -> Result<[f64; N], Stri
     if count == N { Ok(values) } else { Err(format!("{count} numbers")) }
 }
 
-/// Parses the row-major text of a 4×4 matrix.
 pub(super) fn from_text(text: &str) -> Result<DMat4, FrameProblem> {
     let values = parse_numbers::<16>(text).map_err(FrameProblem::PoseShape)?;
     Ok(from_rows(&values))
 }
 
-/// Parses a JSON array of 4 (or 3) rows of 4 numbers.
 pub(super) fn from_json(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     let wrong = |found: String| Err(FrameProblem::PoseShape(found));
     let Some(value) = value else {
@@ -53,7 +51,6 @@ pub(super) fn from_json(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     Ok(from_rows(&values))
 }
 
-/// Describes a JSON value for a message.
 pub(super) fn describe_json(value: &Value) -> String {
     match value {
         Value::Null => "null".to_owned(),

@@ -76,7 +76,6 @@ pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
     }
 }
 
-/// Reads a folder; the dataset may have no frames.
 pub(super) fn read(
     folder: &Folder,
     path: &Path,
@@ -114,7 +113,6 @@ pub(super) fn read(
     Ok(dataset)
 }
 
-/// Converts cameras and the known range to coordinates relative to the local origin.
 fn apply_local_origin(dataset: &mut Dataset) {
     let split = dataset.splits.get(dataset.training_split().unwrap_or(0));
     let Some(split) = split else { return };
@@ -163,7 +161,6 @@ pub fn is_archive(path: &Path) -> bool {
     Archive::is_zip_archive(path).unwrap_or(false)
 }
 
-/// Reinterprets poses by another convention than the layout's.
 fn reinterpret(splits: &mut [DatasetSplit], stated: PoseConvention, asked: PoseConvention) {
     for frame in splits.iter_mut().flat_map(|split| &mut split.frames) {
         // A rigid pose is rigid in every convention.
@@ -173,7 +170,6 @@ fn reinterpret(splits: &mut [DatasetSplit], stated: PoseConvention, asked: PoseC
     }
 }
 
-/// Sets all poses to the identity: tracking estimates them.
 fn clear_poses(parsed: &mut ParsedFolder) {
     for frame in parsed.splits.iter_mut().flat_map(|split| &mut split.frames) {
         frame.camera.pose = Pose::IDENTITY;
@@ -182,7 +178,6 @@ fn clear_poses(parsed: &mut ParsedFolder) {
     parsed.known_range = None;
 }
 
-/// Error of a dataset without a usable frame.
 pub(super) fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetError {
     let skipped = warnings.len();
     // The warnings are not shared yet, so the first error can be taken out of its `Arc`.
@@ -249,7 +244,6 @@ impl Dataset {
         self.extend_held_out(split);
     }
 
-    /// Extends the held-out split to the current frames of `split`, the training split.
     pub(super) fn extend_held_out(&mut self, split: usize) {
         let held_out = self.splits.iter().position(|split| split.name == HELD_OUT);
         let Some(at) = held_out.filter(|at| *at != split) else { return };
@@ -307,7 +301,6 @@ const FAR: f64 = 64.0;
 /// Least distance in spreads of the cameras: moving a world as wide as it is far gains nothing.
 const FAR_BESIDE_SPREAD: f64 = 8.0;
 
-/// Origin of the returned camera poses, and a notice for the user.
 pub(super) struct LocalOrigin {
     /// In the files' world frame, world units.
     pub origin: DVec3,
@@ -349,12 +342,10 @@ fn far_origin(split: &DatasetSplit, metre: f64, origin: DVec3) -> Option<DVec3> 
     let distance = from_origin.length();
     let is_far = distance > FAR * FARTHEST_SENSED * metre
         && distance > FAR_BESIDE_SPREAD * spread(split, centre);
-    // Whole metres: short numbers for files and users, and the phase of lattices does not depend on the
-    // unit.
+    // Whole metres: short numbers for files and users.
     is_far.then(|| (from_origin / metre).round() * metre)
 }
 
-/// Position of the first camera whose pose is not an outlier.
 fn first_inlier_position(split: &DatasetSplit) -> Option<DVec3> {
     let wild = outlier_poses(split);
     let is_sound = |i: &usize| wild.iter().all(|wild| wild.index != *i);
@@ -362,7 +353,6 @@ fn first_inlier_position(split: &DatasetSplit) -> Option<DVec3> {
     Some(split.frames.get(first)?.camera.pose.centre())
 }
 
-/// Median distance of the cameras from a position.
 fn spread(split: &DatasetSplit, centre: DVec3) -> f64 {
     let distance = |frame: &FrameEntry| frame.camera.pose.centre().distance(centre);
     let mut distances: Vec<f64> = split.frames.iter().map(distance).collect();

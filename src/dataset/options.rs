@@ -83,7 +83,6 @@ impl LoadOptions {
         Self { local_origin: Some(self.local_origin.unwrap_or_default()), ..*self }
     }
 
-    /// Checks that every number is in range.
     pub(super) fn check(&self) -> Result<(), DatasetError> {
         // Both conditions are negated, so that NaN is refused too; an infinite far end is allowed.
         if let Some(scale) = self.depth_scale.filter(|s| !(s.is_finite() && *s > 0.0)) {
@@ -130,12 +129,17 @@ impl LoadOptions {
 
 #[derive(Clone, Debug)]
 pub(super) enum ByteSource {
-    /// A separate file.
     File(PathBuf),
     /// A member of an archive; `shown` is its path in messages.
-    Member { archive: Arc<Archive>, name: String, shown: PathBuf },
-    /// A frame of a video, counted from 0.
-    VideoFrame { video: Arc<Video>, index: usize },
+    Member {
+        archive: Arc<Archive>,
+        name: String,
+        shown: PathBuf,
+    },
+    VideoFrame {
+        video: Arc<Video>,
+        index: usize,
+    },
     /// Grey stand-in for a photograph that was not recorded; the file is the depth file.
     Grey(PathBuf),
 }
@@ -146,7 +150,6 @@ impl ByteSource {
         Self::Member { archive: Arc::clone(archive), name: name.to_owned(), shown }
     }
 
-    /// The path shown in messages.
     pub fn path(&self) -> &Path {
         match self {
             Self::File(path) | Self::Grey(path) => path,
@@ -155,7 +158,6 @@ impl ByteSource {
         }
     }
 
-    /// The file on disk that contains the bytes.
     pub fn disk_path(&self) -> &Path {
         match self {
             Self::Member { archive, .. } => archive.path(),

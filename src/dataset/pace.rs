@@ -22,7 +22,6 @@ const SHARE: u32 = 20;
 pub struct PollSchedule {
     last_check: Option<Duration>,
     last_poll: Option<Duration>,
-    /// Durations of the latest polls, at most `LATEST`.
     costs: VecDeque<Duration>,
     last_growth: Duration,
 }

@@ -13,9 +13,8 @@ use crate::math::image::Image;
 use crate::math::pose::{Pose, PoseError};
 use glam::{DMat4, DVec3, DVec4};
 use serde::{Deserialize, Serialize};
-use strum::IntoEnumIterator;
+use strum::{EnumIter, EnumMessage, EnumString, IntoEnumIterator, IntoStaticStr, VariantNames};
 
-/// Evenly spaced pairs that are compared.
 const MAX_PAIRS: usize = 8;
 /// Frame distances tried for a pair, until the camera has moved enough.
 const GAPS: [usize; 6] = [1, 2, 4, 8, 16, 32];
@@ -121,7 +120,6 @@ fn pairs(split: &DatasetSplit) -> Vec<FramePair> {
     (0..anchors).filter_map(|i| pair(split.frames.get(i * n / anchors..)?)).collect()
 }
 
-/// Pairs the first frame with the nearest later one from which the camera has moved.
 fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
     let first = frames.first()?;
     let depth = depth_z(first)?;
@@ -220,7 +218,18 @@ impl PoseTrial {
 /// assert_ne!(PoseConvention::Opencv.pose(opengl), Ok(Pose::IDENTITY));
 /// ```
 #[derive(
-    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, strum::EnumIter, strum::IntoStaticStr,
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    Serialize,
+    Deserialize,
+    EnumIter,
+    EnumMessage,
+    EnumString,
+    IntoStaticStr,
+    VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]

@@ -7,7 +7,6 @@ use super::wild_poses::outlier_poses;
 use crate::math::measured_pixel::Normalization;
 use glam::DVec3;
 
-/// Evenly spaced frames that are sampled.
 const MAX_FRAMES: usize = 12;
 /// Step between sampled columns and rows.
 const STRIDE: usize = 8;

@@ -16,7 +16,6 @@ const SIDE_THIRDS: usize = 2;
 const TRAINING_AZIMUTH: f64 = 60.0;
 /// Largest azimuth of side views, degrees: beyond it, the object's far side was never trained.
 const SIDE_AZIMUTH: f64 = 110.0;
-/// Least number of training frames.
 const MIN_TRAINING: usize = 2;
 
 /// Share of the cameras that must face the object.
@@ -113,7 +112,6 @@ impl Dataset {
     }
 }
 
-/// Training frames and both groups of views.
 struct Parts {
     training: Vec<usize>,
     new_views: ViewGroup,
@@ -148,7 +146,6 @@ fn recording(split: usize, n_frames: usize) -> Parts {
     Parts::new(split, training, (new_views, side), why)
 }
 
-/// Separates every eighth frame: the others, and those.
 fn hold_out_eighth(frames: Vec<usize>) -> (Vec<usize>, Vec<usize>) {
     let numbered = frames.into_iter().enumerate();
     let (held_out, training): (Vec<_>, Vec<_>) =
@@ -157,7 +154,6 @@ fn hold_out_eighth(frames: Vec<usize>) -> (Vec<usize>, Vec<usize>) {
     (frames(training), frames(held_out))
 }
 
-/// Cameras around an object, facing inward.
 struct CameraRing {
     centre: DVec3,
     /// Unit vectors perpendicular to the up axis: towards the first camera, and a quarter turn further.
@@ -165,7 +161,6 @@ struct CameraRing {
 }
 
 impl CameraRing {
-    /// `None` if the cameras do not surround an object.
     fn around(poses: &[Pose], up: DVec3) -> Option<Self> {
         let centre = axes_intersection(poses)?;
         let from_centre = |pose: &Pose| pose.centre() - centre;
@@ -194,7 +189,6 @@ impl CameraRing {
         y.atan2(x)
     }
 
-    /// Smallest arc that contains all azimuths.
     fn span(&self, poses: &[Pose]) -> f64 {
         let mut azimuths: Vec<f64> = poses.iter().map(|pose| self.azimuth(pose)).collect();
         azimuths.sort_by(f64::total_cmp);
@@ -236,13 +230,11 @@ mod tests {
         (0..n).map(pose).collect()
     }
 
-    /// Cameras that move along a wall, facing it.
     fn walk(n: usize) -> Vec<Pose> {
         let eye = |i: usize| DVec3::new(0.1 * i as f64, 0.05 * (i as f64).sin(), 1.0);
         (0..n).map(|i| Pose::look_at(eye(i), eye(i) + DVec3::Y, DVec3::Z).unwrap()).collect()
     }
 
-    /// A dataset with these poses in `train` and, if not empty, `eval`.
     fn dataset(train: &[Pose], eval: &[Pose]) -> Dataset {
         let (n_train, n_eval) = (train.len(), eval.len());
         let params =

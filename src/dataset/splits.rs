@@ -15,7 +15,6 @@ const TRAINING_NAMES: [&str; 2] = ["train", "test"];
 /// Names of evaluation splits, in order of preference; the training split is excluded.
 const EVALUATION_NAMES: [&str; 3] = ["val", "eval", "test"];
 
-/// Name of the split of ground-truth images from free viewpoints.
 const FREE: &str = "free";
 
 /// Method by which frames are held out of training.
@@ -146,7 +145,6 @@ impl Dataset {
         }
     }
 
-    /// First problem of a split without usable frames, and the number of its skipped frames.
     fn unusable_split(&self, name: &str) -> Option<(String, usize)> {
         if self.find(|s| s.name == name).is_some() {
             return None;
@@ -156,7 +154,6 @@ impl Dataset {
         Some((first, 1 + refused.count()))
     }
 
-    /// Path or name shown in messages.
     pub(super) fn display_path(&self) -> PathBuf {
         self.path.clone().unwrap_or_else(|| self.name.clone().into())
     }
@@ -195,7 +192,6 @@ impl Dataset {
         ViewGroup { name, split, frames: (0..found.map_or(0, |s| s.frames.len())).collect() }
     }
 
-    /// The evaluation split and its index; `None` if there is none besides the training split.
     pub(super) fn evaluation_split(&self, training_split: usize) -> Option<(usize, &DatasetSplit)> {
         let of = |name: &&str| {
             let mut splits = self.splits.iter().enumerate();
@@ -204,7 +200,6 @@ impl Dataset {
         EVALUATION_NAMES.iter().find_map(of)
     }
 
-    /// Ground-truth images from free viewpoints.
     pub(super) fn free_views(&self, training_split: usize) -> Vec<ViewGroup> {
         let free = self.find(|s| s.name == FREE).filter(|free| *free != training_split);
         free.map(|free| self.whole_split(free)).into_iter().collect()

@@ -11,9 +11,7 @@ use super::depth::DepthKind;
 use crate::math::simd::{Kernel, Vector};
 use crate::observation::points::Points;
 
-/// Pixels on a side of a tile.
 pub(super) const TILE: usize = 8;
-/// Pixels on a side of a quad.
 const QUAD: usize = 4;
 
 /// Column and row offsets of the rows of four in a tile, in order.
@@ -47,16 +45,13 @@ pub(super) struct Slopes {
     pub stretches: Vec<f64>,
 }
 
-/// One element of [`Slopes`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slope {
     pub tangent: f64,
     pub stretch: f64,
 }
 
-/// Transform from camera space to model space.
 pub(super) struct Placement {
-    /// Columns of the matrix.
     pub axes: [[f64; 3]; 3],
     pub origin: [f64; 3],
 }
@@ -65,9 +60,7 @@ pub(super) struct Placement {
 pub(super) struct Emission<'a, C, L> {
     /// One [`Status`] per pixel; rows and columns are padded to whole tiles with holes.
     pub statuses: &'a [u8],
-    /// Slopes of the columns, padded like the statuses.
     pub columns: &'a Slopes,
-    /// Slopes of the rows, padded likewise.
     pub rows: &'a [Slope],
     pub width: usize,
     pub codes: &'a [C],
@@ -75,10 +68,8 @@ pub(super) struct Emission<'a, C, L> {
     pub length: L,
     pub kind: DepthKind,
     pub colors: &'a [[u8; 4]],
-    /// Lookup table of colour bytes.
     pub channel: &'a [f32; 256],
     pub placement: Placement,
-    /// Largest coordinate of a point.
     pub farthest: f32,
     pub out: &'a mut Points<f32>,
 }
@@ -108,7 +99,6 @@ pub(super) fn local_points<const N: usize>(
 }
 
 impl Slopes {
-    /// Replaces the slopes by those of pixels 0 to `n`.
     pub fn fill(&mut self, n: usize, slope: impl Fn(usize) -> Slope) {
         self.tangents.clear();
         self.stretches.clear();
@@ -187,7 +177,6 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Emission<'_, C, L> {
 }
 
 impl Placement {
-    /// Transforms camera-space coordinates to model space.
     #[inline(always)]
     fn points(&self, [x, y, z]: [[f64; QUAD]; 3]) -> [[f32; QUAD]; 3] {
         std::array::from_fn(|k| {

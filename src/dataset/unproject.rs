@@ -64,7 +64,6 @@ pub struct PointCounts {
     pub dropped_far: usize,
 }
 
-/// Lists the pixels that became no points.
 impl std::fmt::Display for PointCounts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { holes, dropped_edge, dropped_range, dropped_alpha, .. } = self;
@@ -347,7 +346,6 @@ struct ClassifyPixels<'a, C, P, M> {
     mixed: &'a mut Vec<u8>,
     tally: &'a mut [usize; 5],
     codes: &'a [C],
-    /// Status of a code, without its neighbours.
     plain: P,
     /// Writes 1 for each mixed pixel of a row, else 0.
     find_mixed: M,
@@ -408,7 +406,6 @@ pub(super) struct Padded<T> {
 }
 
 impl<T: Copy> Padded<T> {
-    /// Converts the values, `width` per row, and replicates the borders.
     pub fn fill<S: Copy>(&mut self, width: usize, data: &[S], mut convert: impl FnMut(S) -> T) {
         self.values.clear();
         self.stride = width + 2;
@@ -426,14 +423,12 @@ impl<T: Copy> Padded<T> {
         }
     }
 
-    /// The padded rows above, at and below row `row` of the image.
     fn padded_rows(&self, row: usize) -> [&[T]; 3] {
         let at = |i: usize| &self.values[(row + i) * self.stride..(row + i + 1) * self.stride];
         [at(0), at(1), at(2)]
     }
 }
 
-/// Writes 1 for each mixed pixel of the row, else 0.
 #[inline(always)]
 pub(super) fn mark_mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]) {
     mark_between_opposite(image, row, mixed, |a, d, b| {

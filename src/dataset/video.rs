@@ -13,7 +13,6 @@ use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
-/// A video among a recording's files.
 #[derive(Debug)]
 pub(super) struct Video {
     path: PathBuf,
@@ -25,7 +24,6 @@ impl Video {
         Self { path, frames: OnceLock::new() }
     }
 
-    /// True if `ffmpeg` can be run.
     pub fn is_ffmpeg_available() -> bool {
         let quiet = Command::new("ffmpeg").arg("-version").stdin(Stdio::null()).output();
         quiet.is_ok_and(|output| output.status.success())
@@ -35,7 +33,6 @@ impl Video {
         &self.path
     }
 
-    /// Image file of a frame, counted from 0.
     pub fn frame(&self, index: usize) -> Result<PathBuf, FrameProblem> {
         let unpacked = self.frames.get_or_init(|| extract_frames(&self.path));
         let folder = unpacked.as_ref().map_err(|found| FrameProblem::Video(found.clone()))?;
@@ -84,7 +81,6 @@ pub(super) const KINECT_COLOR: f64 = 0.0261;
 /// Readout time of a Kinect v1 depth image, seconds.
 pub(super) const KINECT_DEPTH: f64 = 0.0305;
 
-/// Camera rotation during the readout of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct RollingShutter {
     /// Rotation vector from the first to the last row, radians, in camera axes (x right, y down).

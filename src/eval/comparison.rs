@@ -6,72 +6,46 @@
 //! exposure change it per frame.
 
 use super::metrics::{MetricError, decibels, same_size};
-use super::ssim::{SsimPadding, ssim};
+use super::ssim::ssim;
 use crate::math::image::{Image, RgbImage};
 use rayon::prelude::*;
-use std::fs;
-use std::path::{Path, PathBuf};
 
 /// Accumulated opacity from which a pixel counts as covered.
-pub const COVERED: f32 = 0.5;
+pub(super) const COVERED: f32 = 0.5;
 
-/// Similarity of a render and its photograph.
+/// Similarity of a render and its photograph; PSNR in dB.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Comparison {
-    /// PSNR over the whole frame, dB.
+pub(super) struct Comparison {
     pub psnr: f64,
-    /// SSIM of the whole frame, `valid` padding.
     pub ssim: f64,
     /// Share of pixels with coverage ≥ [`COVERED`].
     pub coverage: f64,
-    /// Scores of covered pixels; `None` if no pixel is covered.
+    /// `None` if no pixel is covered.
     pub covered: Option<Covered>,
 }
 
-/// Scores that require covered pixels.
+/// Scores that require covered pixels: `aligned` ones with colours aligned.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Covered {
-    /// PSNR over covered pixels, dB.
+pub(super) struct Covered {
     pub psnr: f64,
-    /// PSNR over covered pixels with colours aligned, dB.
     pub aligned_psnr: f64,
-    /// PSNR over the whole frame with colours aligned, dB.
+    /// Over the whole frame, as is SSIM.
     pub aligned_psnr_frame: f64,
-    /// SSIM of the whole frame with colours aligned, `valid` padding.
     pub aligned_ssim: f64,
-    /// The fitted colour alignment.
     pub alignment: Alignment,
 }
 
 /// Colour alignment per channel, `gain · colour + offset`: the least-squares fit of a render to its
 /// photograph. It compensates differences of exposure and white balance.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Alignment {
-    /// Gain per channel.
+pub(super) struct Alignment {
     pub gain: [f64; 3],
-    /// Offset per channel.
     pub offset: [f64; 3],
 }
 
 /// Compares a render with its photograph. The alignment is fitted to covered pixels and applied only to
 /// them; the others show the background, which is not part of the model.
-///
-/// ```
-/// use vbgs_studio::eval::comparison::compare;
-/// use vbgs_studio::math::image::Image;
-///
-/// let grey = |i: usize| [0.2 + 0.002 * (i % 16) as f32; 3];
-/// let render = Image::from_vec(16, 12, (0..192).map(grey).collect());
-/// let brighter = render.map(|p| p.map(|v| 1.5 * v + 0.1));
-/// let found = compare(&render, &Image::filled(16, 12, 1.0), &brighter).unwrap();
-/// let covered = found.covered.unwrap();
-/// assert!(found.psnr < 16.0 && covered.aligned_psnr > 100.0);
-/// assert!((covered.alignment.gain[0] - 1.5).abs() < 1e-4);
-/// ```
-///
-/// # Errors
-/// The images differ in size, or have no pixels.
-pub fn compare(
+pub(super) fn compare(
     render: &RgbImage,
     coverage: &Image<f32>,
     truth: &RgbImage,
@@ -94,23 +68,20 @@ pub fn compare(
                 psnr: sums.psnr_covered(),
                 aligned_psnr: after.psnr_covered(),
                 aligned_psnr_frame: after.psnr(n_pixels),
-                aligned_ssim: ssim(&aligned, truth, SsimPadding::Valid)?,
+                aligned_ssim: ssim(&aligned, truth)?,
                 alignment,
             })
         }
     };
     Ok(Comparison {
         psnr: sums.psnr(n_pixels),
-        ssim: ssim(render, truth, SsimPadding::Valid)?,
+        ssim: ssim(render, truth)?,
         coverage: sums.n_covered as f64 / n_pixels as f64,
         covered,
     })
 }
 
 /// Mean squared error over the whole frame and all channels, with the colours of covered pixels aligned.
-///
-/// # Errors
-/// The images differ in size.
 pub(super) fn aligned_error(
     render: &RgbImage,
     coverage: &Image<f32>,
@@ -127,7 +98,6 @@ pub(super) fn aligned_error(
 }
 
 impl Alignment {
-    /// Applies the alignment to covered pixels of a render, clamped to `[0, 1]`.
     pub(super) fn apply(&self, render: &RgbImage, coverage: &Image<f32>) -> RgbImage {
         let aligned = render.data.par_iter().zip(&coverage.data).map(|(&pixel, &coverage)| {
             // The background is not part of the model; aligning it would reward guessing its colour.
@@ -142,7 +112,6 @@ impl Alignment {
     }
 }
 
-/// Sums over the pixels of an image or of a part of it.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     n_covered: usize,
@@ -240,51 +209,6 @@ impl Moments {
     }
 }
 
-/// File names of a cgroup version: limit, usage, and the field of `memory.stat` with reclaimable memory.
-struct Names {
-    limit: &'static str,
-    used: &'static str,
-    reclaimable: &'static str,
-}
-
-const V1: Names = Names {
-    limit: "memory.limit_in_bytes",
-    used: "memory.usage_in_bytes",
-    reclaimable: "total_inactive_file",
-};
-const V2: Names =
-    Names { limit: "memory.max", used: "memory.current", reclaimable: "inactive_file" };
-
-/// Bytes available under the tightest of the process's groups, for cgroup v1 and v2; `None` without a
-/// limit. `groups` is the content of `/proc/self/cgroup`, `root` the cgroup mount point.
-pub(super) fn available_bytes(groups: &str, root: &Path) -> Option<u64> {
-    let of_line = |line: &str| {
-        let mut fields = line.splitn(3, ':').skip(1);
-        let (controllers, group) = (fields.next()?, fields.next()?.trim_start_matches('/'));
-        let is_memory = controllers.split(',').any(|name| name == "memory");
-        let (top, names) = match (controllers.is_empty(), is_memory) {
-            (true, _) => (root.to_owned(), V2),
-            (_, true) => (root.join("memory"), V1),
-            _ => return None,
-        };
-        // Limits of all ancestor groups apply as well; in a container the path may not exist at all.
-        let below: PathBuf = top.join(group);
-        let all = below.ancestors().take_while(|path| path.starts_with(&top));
-        all.filter_map(|path| available_in_group(path, &names)).min()
-    };
-    groups.lines().filter_map(of_line).min()
-}
-
-fn available_in_group(group: &Path, names: &Names) -> Option<u64> {
-    let number = |name: &str| fs::read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
-    // `max` does not parse: no limit.
-    let (limit, used) = (number(names.limit)?, number(names.used)?);
-    let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
-    let field = |line: &str| line.strip_prefix(names.reclaimable)?.trim().parse::<u64>().ok();
-    let reclaimable = stat.lines().find_map(field).unwrap_or(0);
-    Some(limit.saturating_sub(used.saturating_sub(reclaimable)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -309,7 +233,7 @@ mod tests {
         assert!((covered.psnr - expected).abs() < 1e-10);
         let share = mask.data.iter().filter(|&&c| c).count() as f64 / 1200.0;
         assert_eq!(found.coverage, share);
-        assert_eq!(found.ssim, ssim(&render, &truth, SsimPadding::Valid).unwrap());
+        assert_eq!(found.ssim, ssim(&render, &truth).unwrap());
     }
 
     /// No other gain and offset yields a smaller error.
@@ -354,51 +278,5 @@ mod tests {
         assert_eq!((found.coverage, found.covered), (0.0, None));
         let small = Image::filled(16, 11, 1.0);
         assert!(matches!(compare(&image, &small, &image), Err(MetricError::SizeMismatch { .. })));
-    }
-}
-
-#[cfg(test)]
-mod control_group_tests {
-    use super::*;
-
-    fn written(root: &Path, files: &[(&str, &str)]) {
-        for (name, text) in files {
-            let path = root.join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        }
-    }
-
-    #[test]
-    fn the_tightest_group_of_either_version_counts() {
-        let folder = tempfile::tempdir().unwrap();
-        let root = folder.path();
-        assert_eq!(available_bytes("0::/a/b\n", root), None, "no files");
-        written(root, &[("a/b/memory.max", "max\n"), ("a/b/memory.current", "5000\n")]);
-        assert_eq!(available_bytes("0::/a/b\n", root), None, "no limit");
-        written(
-            root,
-            &[
-                ("a/memory.max", "9000\n"),
-                ("a/memory.current", "6000\n"),
-                ("a/memory.stat", "anon 5000\ninactive_file 500\nactive_file 1\n"),
-            ],
-        );
-        assert_eq!(available_bytes("0::/a/b\n", root), Some(3500));
-        // A container sees its own group at the root, regardless of the stated path.
-        written(root, &[("memory.max", "2000"), ("memory.current", "1500")]);
-        assert_eq!(available_bytes("0::/not/here\n", root), Some(500));
-        let v1 = "7:cpu:/x\n3:memory:/job\n";
-        assert_eq!(available_bytes(v1, root), None);
-        written(
-            root,
-            &[
-                ("memory/job/memory.limit_in_bytes", "800"),
-                ("memory/job/memory.usage_in_bytes", "900"),
-                ("memory/job/memory.stat", "total_inactive_file 300\n"),
-            ],
-        );
-        assert_eq!(available_bytes(v1, root), Some(200));
-        assert_eq!(available_bytes(&format!("{v1}0::/a\n"), root), Some(200));
     }
 }

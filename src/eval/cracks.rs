@@ -2,12 +2,13 @@
 //! training distance and at half of it.
 //!
 //! At half the distance, the camera is moved along its optical axis by half the median depth z of the
-//! view's interior pixels. The view's depth is projected into the moved camera ([`Surfaces::project_into`]);
+//! view's interior pixels. The view's depth is projected into the moved camera;
 //! interior pixels satisfy the rule in both images.
 //!
 //! Half the distance reveals splats that just touch at the training distance and separate when the camera
 //! approaches. Only pixels inside a surface count, because the background is visible next to a silhouette.
 
+use super::metrics::mean;
 use super::scale::visit_views;
 use super::surfaces::Surfaces;
 use crate::dataset::Dataset;
@@ -22,7 +23,7 @@ use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// Every `TRAINING_VIEWS_EVERY`-th training view is measured if the evaluated split has no depth.
-pub const TRAINING_VIEWS_EVERY: usize = 10;
+const TRAINING_VIEWS_EVERY: usize = 10;
 
 /// Surfaces nearer than this multiple of the near plane are ignored: the renderer drops splats there.
 const NEAR_PLANES: f64 = 2.0;
@@ -153,12 +154,10 @@ impl Cracks {
     }
 
     fn mean(views: &[Self]) -> Option<Self> {
-        let mean =
-            |share: fn(&Self) -> f64| views.iter().map(share).sum::<f64>() / views.len() as f64;
-        (!views.is_empty()).then(|| Self {
-            interior: mean(|v| v.interior),
-            over_01: mean(|v| v.over_01),
-            over_03: mean(|v| v.over_03),
+        Some(Self {
+            interior: mean(views.iter().map(|v| v.interior))?,
+            over_01: mean(views.iter().map(|v| v.over_01))?,
+            over_03: mean(views.iter().map(|v| v.over_03))?,
         })
     }
 }

@@ -3,6 +3,7 @@
 //! Images are sRGB-encoded [`RgbImage`](crate::math::image::RgbImage)s with values in `[0, 1]`, or the same
 //! in f64 for tests that need more digits than a renderer has.
 
+use super::comparison::COVERED;
 use super::report::quantile;
 use crate::math::image::Image;
 use crate::math::real::Real;
@@ -70,30 +71,9 @@ pub(super) fn decibels(mse: f64) -> f64 {
     -10.0 * if mse < MSE_FLOOR { MSE_FLOOR } else { mse }.log10()
 }
 
-/// Coverage from which a pixel's depth counts.
-const COVERED: f32 = 0.5;
-/// Maximum ratio of the `delta_125` measure.
-const DELTA: f64 = 1.25;
-
-/// Depth error over pixels with ground truth and coverage ≥ ½. The four errors are NaN if there are none
-/// (`completeness` 0).
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct DepthError {
-    /// Mean absolute error, world units.
-    pub mae: f64,
-    /// Root mean squared error, world units.
-    pub rmse: f64,
-    /// Mean of absolute error over true depth.
-    pub abs_rel: f64,
-    /// Share of pixels with `max(p/t, t/p) < 1.25`.
-    pub delta_125: f64,
-    /// Share of pixels with ground truth whose coverage is at least ½.
-    pub completeness: f64,
-}
-
-/// Compares depth maps of the same kind in world units: both view depth `z` (as from
-/// [`CpuRenderer`](crate::render::cpu::CpuRenderer)) or both ray distance. Ground truth that is not finite
-/// or not positive counts as missing.
+/// Mean absolute error, over pixels with ground truth and coverage ≥ ½, of depth maps of the same kind in world
+/// units: both view depth `z` (as from [`CpuRenderer`](crate::render::cpu::CpuRenderer)) or both ray distance.
+/// NaN without such pixels. Ground truth that is not finite or not positive counts as missing.
 ///
 /// # Errors
 /// The images differ in size, or there is no ground truth.
@@ -101,11 +81,10 @@ pub fn depth_error(
     prediction: &Image<f32>,
     coverage: &Image<f32>,
     truth: &Image<f32>,
-) -> Result<DepthError, MetricError> {
+) -> Result<f64, MetricError> {
     same_size(prediction, coverage, "coverage")?;
     same_size(prediction, truth, "ground truth depth")?;
-    let (mut n_truth, mut n_used, mut n_close) = (0usize, 0usize, 0usize);
-    let (mut absolute, mut squared, mut relative) = (0.0, 0.0, 0.0);
+    let (mut n_truth, mut n_used, mut sum) = (0usize, 0usize, 0.0);
     for ((p, a), t) in prediction.data.iter().zip(&coverage.data).zip(&truth.data) {
         let (p, t) = (f64::from(*p), f64::from(*t));
         // Written so that NaN counts as missing.
@@ -114,25 +93,14 @@ pub fn depth_error(
         }
         n_truth += 1;
         if *a >= COVERED {
-            let error = (p - t).abs();
             n_used += 1;
-            absolute += error;
-            squared += error * error;
-            relative += error / t;
-            n_close += usize::from(p < DELTA * t && t < DELTA * p);
+            sum += (p - t).abs();
         }
     }
     if n_truth == 0 {
         return Err(MetricError::NoPixels);
     }
-    let n = n_used as f64;
-    Ok(DepthError {
-        mae: absolute / n,
-        rmse: (squared / n).sqrt(),
-        abs_rel: relative / n,
-        delta_125: n_close as f64 / n,
-        completeness: n / n_truth as f64,
-    })
+    Ok(sum / n_used as f64)
 }
 
 /// Mean and population standard deviation (ddof 0); NaN without values.
@@ -144,6 +112,12 @@ pub fn mean_std(values: &[f64]) -> (f64, f64) {
     (mean, variance.sqrt())
 }
 
+/// `None` without values.
+pub(super) fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let values: Vec<f64> = values.into_iter().collect();
+    (!values.is_empty()).then(|| mean_std(&values).0)
+}
+
 /// Side of the SSIM window in pixels (Wang et al. 2004).
 pub(super) const SSIM_WINDOW: usize = 11;
 
@@ -152,19 +126,16 @@ pub(super) const SSIM_WINDOW: usize = 11;
 pub enum MetricError {
     /// The planes differ in size.
     #[error(
-        "{what}: expected {expected_width}x{expected_height} like the prediction, found {width}x{height}; render at the size of the ground truth"
+        "{what}: expected {}x{} like the prediction, found {}x{}; render at the size of the ground truth",
+        expected[0], expected[1], found[0], found[1]
     )]
     SizeMismatch {
         /// The plane of wrong size.
         what: &'static str,
-        /// Width of the prediction, pixels.
-        expected_width: usize,
-        /// Height of the prediction, pixels.
-        expected_height: usize,
-        /// Width found, pixels.
-        width: usize,
-        /// Height found, pixels.
-        height: usize,
+        /// Width and height of the prediction, pixels.
+        expected: [usize; 2],
+        /// Width and height found, pixels.
+        found: [usize; 2],
     },
     /// No pixel, or none under the mask.
     #[error(
@@ -173,7 +144,7 @@ pub enum MetricError {
     NoPixels,
     /// The image is smaller than the SSIM window.
     #[error(
-        "SSIM without padding: expected at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, found {width}x{height}; use larger images or zero padding"
+        "SSIM: expected at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, found {width}x{height}; use larger images"
     )]
     TooSmall {
         /// Width found, pixels.
@@ -189,16 +160,8 @@ pub(super) fn same_size<A, B>(
     other: &Image<B>,
     what: &'static str,
 ) -> Result<(), MetricError> {
-    if (prediction.width, prediction.height) == (other.width, other.height) {
-        return Ok(());
-    }
-    Err(MetricError::SizeMismatch {
-        what,
-        expected_width: prediction.width,
-        expected_height: prediction.height,
-        width: other.width,
-        height: other.height,
-    })
+    let (expected, found) = ([prediction.width, prediction.height], [other.width, other.height]);
+    (expected == found).then_some(()).ok_or(MetricError::SizeMismatch { what, expected, found })
 }
 
 /// Median and quartiles of repeated measurements.

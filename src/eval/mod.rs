@@ -2,16 +2,17 @@
 #![doc = include_str!("../../docs/design/evaluation.md")]
 
 pub mod choices;
-pub mod comparison;
+mod comparison;
 pub mod cracks;
+mod machine;
 pub mod metrics;
 pub mod near;
 pub mod report;
 pub mod scale;
 pub mod seen;
-pub mod sharpness;
+mod sharpness;
 pub mod ssim;
-pub mod surfaces;
+mod surfaces;
 pub mod trajectory_error;
-pub mod view_alignment;
+mod view_alignment;
 pub mod views;

@@ -4,24 +4,23 @@
 //! Missing values are `Option`, because JSON cannot represent NaN.
 
 use super::choices::ViewPoses;
-use super::comparison;
 use super::cracks::CrackReport;
 use super::scale::EvalScale;
 use super::seen::SeenQuality;
 use super::trajectory_error::TrajectoryError;
-use super::view_alignment::AlignedView;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
 use crate::dataset::splits::ViewGroupName;
-use crate::math::simd::Isa;
 use crate::model::scene::state::TrackedPose;
 use crate::render::{Antialias, Exposing, Renderer, Response};
 use crate::train::device_trial::{ComparerUse, PassUse};
 use crate::train::outcome::{MemoryEstimate, OutlierReason, PhotographOutcome};
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
-use std::fs;
-use std::path::Path;
+
+pub use super::machine::{available_bytes, describe, numerics, peak_rss_bytes, rss_bytes};
+pub use super::sharpness::SharpnessBand;
+pub use super::view_alignment::AlignedView;
 
 /// Version tag of [`Report`].
 pub const REPORT_FORMAT: &str = "vbgs-report/1";
@@ -303,7 +302,7 @@ pub struct ViewReport {
     pub coverage: f64,
     /// SSIM, `valid` padding.
     pub ssim: f64,
-    /// PSNR over the whole frame with colours aligned ([`Alignment`](super::comparison::Alignment)), dB;
+    /// PSNR over the whole frame with colours aligned by least squares, dB;
     /// `None` if no pixel is covered, as are the next two.
     pub psnr_aligned: Option<f64>,
     /// PSNR over covered pixels with colours aligned, dB.
@@ -343,66 +342,6 @@ pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     let below = position.floor() as usize;
     let above = (below + 1).min(last);
     sorted[below] + (sorted[above] - sorted[below]) * (position - below as f64)
-}
-
-/// Threads of the current pool, processor, instruction set, and the graphics adapter that renders, if any.
-pub fn describe(adapter: Option<String>) -> MachineReport {
-    MachineReport {
-        threads: rayon::current_num_threads(),
-        cpu: cpu_name(),
-        simd: Isa::best().name().to_owned(),
-        adapter,
-    }
-}
-
-/// Name of the processor as reported by the system, else its architecture.
-fn cpu_name() -> String {
-    let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
-}
-
-/// Properties that determine the last bits of results besides the settings, as JSON: processor, math
-/// library of the system, fused multiply-add, and build profile.
-pub fn numerics() -> String {
-    let numerics = serde_json::json!({
-        "arch": std::env::consts::ARCH,
-        "os": std::env::consts::OS,
-        "fma": cfg!(target_feature = "fma"),
-        "avx2": cfg!(target_feature = "avx2"),
-        "profile": if cfg!(debug_assertions) { "debug" } else { "release" },
-    });
-    numerics.to_string()
-}
-
-/// Peak resident memory of this process, bytes; `None` if unavailable.
-pub fn peak_rss_bytes() -> Option<u64> {
-    status_bytes("VmHWM:")
-}
-
-/// Current resident memory of this process, bytes; `None` if unavailable.
-pub fn rss_bytes() -> Option<u64> {
-    status_bytes("VmRSS:")
-}
-
-/// Memory available to this process without swapping, bytes, within the limits of its container; `None` if
-/// unavailable.
-pub fn available_bytes() -> Option<u64> {
-    let free = file_bytes("/proc/meminfo", "MemAvailable:");
-    let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
-    let left = comparison::available_bytes(&groups, Path::new("/sys/fs/cgroup"));
-    free.into_iter().chain(left).min()
-}
-
-fn status_bytes(field: &str) -> Option<u64> {
-    file_bytes("/proc/self/status", field)
-}
-
-fn file_bytes(path: &str, field: &str) -> Option<u64> {
-    let text = fs::read_to_string(path).ok()?;
-    let value = text.lines().find_map(|line| line.strip_prefix(field))?;
-    let kilobytes: u64 = value.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kilobytes * 1024)
 }
 
 /// Per pixel: render, photograph, depth, surfaces and buffers of the metrics.

@@ -3,7 +3,7 @@
 
 use super::choices::Views;
 use super::comparison::COVERED;
-use super::metrics::{MetricError, mean_std, psnr_masked};
+use super::metrics::{MetricError, mean, psnr_masked};
 use super::surfaces::Surfaces;
 use crate::dataset::{Dataset, FrameEntry};
 use crate::math::image::{Image, RgbImage};
@@ -18,18 +18,14 @@ pub struct SeenQuality {
     pub psnr: f64,
     /// Share of seen pixels with coverage ≥ 0.5.
     pub coverage: f64,
-    /// Share of seen interior pixels ([`Surfaces::interior`]) with coverage ≥ 0.5; `None` if there are
-    /// none.
+    /// Share of seen pixels away from depth jumps and holes with coverage ≥ 0.5; `None` if there are none.
     pub coverage_interior: Option<f64>,
 }
 
 impl SeenQuality {
     /// Compares a render with its photograph; `surfaces` are those of the view in the same image. `None` if
     /// no pixel has depth.
-    ///
-    /// # Errors
-    /// The images differ in size.
-    pub fn compare(
+    pub(super) fn compare(
         render: &RgbImage,
         coverage: &Image<f32>,
         truth: &RgbImage,
@@ -45,18 +41,15 @@ impl SeenQuality {
         }))
     }
 
-    /// Mean over views; `None` without views.
-    pub fn mean(views: &[Self]) -> Option<Self> {
-        let mean = |values: Vec<f64>| (!values.is_empty()).then(|| mean_std(&values).0);
+    pub(super) fn mean(views: &[Self]) -> Option<Self> {
         Some(Self {
-            psnr: mean(views.iter().map(|v| v.psnr).collect())?,
-            coverage: mean(views.iter().map(|v| v.coverage).collect())?,
-            coverage_interior: mean(views.iter().filter_map(|v| v.coverage_interior).collect()),
+            psnr: mean(views.iter().map(|v| v.psnr))?,
+            coverage: mean(views.iter().map(|v| v.coverage))?,
+            coverage_interior: mean(views.iter().filter_map(|v| v.coverage_interior)),
         })
     }
 }
 
-/// Share of masked pixels that are covered; `None` without masked pixels.
 fn covered_share(coverage: &Image<f32>, mask: &Image<bool>) -> Option<f64> {
     let (mut n_masked, mut n_covered) = (0usize, 0usize);
     for (&coverage, _) in coverage.data.iter().zip(&mask.data).filter(|(_, masked)| **masked) {
@@ -76,7 +69,6 @@ pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> u
     marks(views).iter().filter(|view| learnt.contains(*view)).count()
 }
 
-/// Identifies a photograph across splits.
 fn photograph_key(frame: &FrameEntry) -> (String, Option<&Path>) {
     (frame.name.clone(), frame.color_path())
 }

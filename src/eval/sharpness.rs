@@ -8,14 +8,15 @@
 //! detail.
 
 use super::comparison::COVERED;
-use super::metrics::{MetricError, mean_std};
-use super::ssim::{SsimPadding, ssim};
+use super::metrics;
+use super::metrics::MetricError;
+use super::ssim::ssim;
 use crate::math::image::{Image, RgbImage};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Number of octave bands: details of about 1, 2, 4 and 8 pixels.
-pub const N_BANDS: usize = 4;
+pub(super) const N_BANDS: usize = 4;
 /// Binomial taps of the blur between two bands (Burt and Adelson 1983).
 const TAPS: [f64; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 /// Weights of red, green and blue in luma (BT.601), on encoded values.
@@ -37,7 +38,7 @@ pub struct SharpnessBand {
 
 /// Compares luma over covered pixels, per band from the finest. `None` if the photograph has no detail in
 /// some band, or no pixel is covered. All images have equal size.
-pub fn bands(
+pub(super) fn bands(
     render: &RgbImage,
     coverage: &Image<f32>,
     truth: &RgbImage,
@@ -74,26 +75,19 @@ pub fn bands(
     Some(found)
 }
 
-/// Mean of each band over views; `None` without views.
-pub fn mean(views: &[[SharpnessBand; N_BANDS]]) -> Option<[SharpnessBand; N_BANDS]> {
-    let mean = |value: &dyn Fn(&[SharpnessBand; N_BANDS]) -> f64| {
-        mean_std(&views.iter().map(value).collect::<Vec<_>>()).0
-    };
-    (!views.is_empty()).then(|| {
-        std::array::from_fn(|i| SharpnessBand {
-            energy_ratio: mean(&|bands| bands[i].energy_ratio),
-            correlation: mean(&|bands| bands[i].correlation),
-        })
-    })
+pub(super) fn mean(views: &[[SharpnessBand; N_BANDS]]) -> Option<[SharpnessBand; N_BANDS]> {
+    let mut means = *views.first()?;
+    for (i, band) in means.iter_mut().enumerate() {
+        band.energy_ratio = metrics::mean(views.iter().map(|bands| bands[i].energy_ratio))?;
+        band.correlation = metrics::mean(views.iter().map(|bands| bands[i].correlation))?;
+    }
+    Some(means)
 }
 
 /// SSIM of the gradient magnitudes per channel (after Chen, Yang and Xie 2006): insensitive to brightness,
 /// low if edges are missing or blurred.
-///
-/// # Errors
-/// As [`ssim`] with `valid` padding.
-pub fn gradient_ssim(render: &RgbImage, truth: &RgbImage) -> Result<f64, MetricError> {
-    ssim(&gradients(render), &gradients(truth), SsimPadding::Valid)
+pub(super) fn gradient_ssim(render: &RgbImage, truth: &RgbImage) -> Result<f64, MetricError> {
+    ssim(&gradients(render), &gradients(truth))
 }
 
 /// A quarter of the Sobel gradient magnitude, so that a step from 0 to 1 has length 1; borders are clamped.

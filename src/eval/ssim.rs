@@ -11,15 +11,6 @@ use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
 use rayon::prelude::*;
 
-/// Treatment of the image border.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SsimPadding {
-    /// Only windows inside the image: `(W − 10)(H − 10)` positions. Used in reports.
-    Valid,
-    /// Zeros outside, one window per pixel: reproduces 3DGS figures and reads higher on dark borders.
-    Zero,
-}
-
 const SSIM_RADIUS: usize = SSIM_WINDOW / 2;
 const SSIM_SIGMA: f64 = 1.5;
 /// Stabilising constants for a value range of 1.
@@ -30,41 +21,36 @@ const N_MOMENTS: usize = 5;
 /// Channel values of neighbouring pixels summed side by side, so that the compiler vectorises.
 const BLOCK: usize = 8;
 
-/// Structural similarity with an 11×11 Gaussian window (σ = 1.5) and biased moments, averaged over
-/// positions and channels. Values are nominally in `[0, 1]` and not clamped.
+/// Structural similarity with an 11×11 Gaussian window (σ = 1.5) and biased moments, averaged over channels and
+/// the `(W − 10)(H − 10)` positions inside the image. Values are nominally in `[0, 1]` and not clamped.
 ///
 /// # Errors
-/// The images differ in size, have no pixels, or are smaller than the window with `valid` padding.
+/// The images differ in size, have no pixels, or are smaller than the window.
 pub fn ssim<R: Real>(
     prediction: &Image<[R; 3]>,
     truth: &Image<[R; 3]>,
-    padding: SsimPadding,
 ) -> Result<f64, MetricError> {
     same_size(prediction, truth, "ground truth")?;
     let (width, height) = (prediction.width, prediction.height);
     if width == 0 || height == 0 {
         return Err(MetricError::NoPixels);
     }
-    // Zeros beyond the border reward dark borders, so reports use inner windows only.
-    let pad = match padding {
-        SsimPadding::Zero => SSIM_RADIUS,
-        SsimPadding::Valid if width < SSIM_WINDOW || height < SSIM_WINDOW => {
-            return Err(MetricError::TooSmall { width, height });
-        }
-        SsimPadding::Valid => 0,
-    };
+    // Inner windows only: zeros beyond the border would reward dark borders.
+    if width < SSIM_WINDOW || height < SSIM_WINDOW {
+        return Err(MetricError::TooSmall { width, height });
+    }
     let (isa, window) = (Isa::best(), gaussian_window());
-    let n_rows = height + 2 * pad + 1 - SSIM_WINDOW;
+    let n_rows = height + 1 - SSIM_WINDOW;
     // Collected rather than reduced: the order of a parallel sum would change the last digits.
     // Each row sums its eleven pixel rows anew, so that rows are independent and carry no rounding over.
     let row_sums: Vec<f64> = (0..n_rows)
         .into_par_iter()
         .map_init(Vec::new, |moments, row| {
             let images = [prediction, truth];
-            isa.run(SsimRow { images, row, pad, window: &window, moments })
+            isa.run(SsimRow { images, row, window: &window, moments })
         })
         .collect();
-    let n_positions = n_rows * (width + 2 * pad + 1 - SSIM_WINDOW);
+    let n_positions = n_rows * (width + 1 - SSIM_WINDOW);
     Ok(row_sums.iter().sum::<f64>() / (3 * n_positions) as f64)
 }
 
@@ -78,15 +64,12 @@ fn gaussian_window() -> [f64; SSIM_WINDOW] {
     weights.map(|w| w / sum)
 }
 
-/// Sum of SSIM over all positions and channels of one row.
 struct SsimRow<'a, R> {
     /// Prediction and ground truth.
     images: [&'a Image<[R; 3]>; 2],
     row: usize,
-    pad: usize,
     window: &'a [f64; SSIM_WINDOW],
-    /// Scratch: column moments under the window at `row`, five planes of interleaved RGB with `pad` zero
-    /// pixels on both sides.
+    /// Scratch: column moments under the window at `row`, five planes of interleaved RGB.
     moments: &'a mut Vec<f64>,
 }
 
@@ -103,19 +86,16 @@ impl<R: Real> Kernel for SsimRow<'_, R> {
 impl<R: Real> SsimRow<'_, R> {
     #[inline(always)]
     fn sum_columns(&mut self) {
-        let (width, height) = (self.images[0].width, self.images[0].height);
-        let plane = 3 * (width + 2 * self.pad);
+        let width = self.images[0].width;
+        let n = 3 * width;
         self.moments.clear();
-        self.moments.resize(N_MOMENTS * plane, 0.0);
-        let source = |tap: usize| (self.row + tap).checked_sub(self.pad).filter(|y| *y < height);
-        let (first, n) = (3 * self.pad, 3 * width);
+        self.moments.resize(N_MOMENTS * n, 0.0);
         let mut at = 0;
         while at < n {
             let mut sums = [[0.0; BLOCK]; N_MOMENTS];
             for (tap, &weight) in self.window.iter().enumerate() {
-                let Some(y) = source(tap) else { continue };
-                let [x, y] =
-                    self.images.map(|i| &i.data[y * width..][..width].as_flattened()[at..]);
+                let row = (self.row + tap) * width;
+                let [x, y] = self.images.map(|i| &i.data[row..][..width].as_flattened()[at..]);
                 if let (Some(x), Some(y)) = (x.first_chunk(), y.first_chunk()) {
                     add(&mut sums, weight, x, y);
                 } else {
@@ -123,8 +103,8 @@ impl<R: Real> SsimRow<'_, R> {
                 }
             }
             let end = n.min(at + BLOCK);
-            for (plane, sums) in self.moments.chunks_exact_mut(plane).zip(&sums) {
-                plane[first + at..first + end].copy_from_slice(&sums[..end - at]);
+            for (plane, sums) in self.moments.chunks_exact_mut(n).zip(&sums) {
+                plane[at..end].copy_from_slice(&sums[..end - at]);
             }
             at = end;
         }
@@ -154,7 +134,6 @@ impl<R: Real> SsimRow<'_, R> {
     }
 }
 
-/// Adds a row's values to the moments of a block.
 #[inline(always)]
 fn add<R: Real>(sums: &mut [[f64; BLOCK]; N_MOMENTS], weight: f64, x: &[R; BLOCK], y: &[R; BLOCK]) {
     for i in 0..BLOCK {
@@ -167,7 +146,6 @@ fn add<R: Real>(sums: &mut [[f64; BLOCK]; N_MOMENTS], weight: f64, x: &[R; BLOCK
     }
 }
 
-/// Pads a list shorter than a block with zeros.
 #[inline(always)]
 fn padded<R: Real>(values: &[R]) -> [R; BLOCK] {
     std::array::from_fn(|i| values.get(i).copied().unwrap_or(R::of(0.0)))

@@ -12,17 +12,15 @@ use crate::math::image::Image;
 use rayon::prelude::*;
 
 /// Interior pixels have no edge within this many pixels along rows and columns (`evaluation.md`, Cracks).
-pub const EDGE_MARGIN: usize = 5;
+const EDGE_MARGIN: usize = 5;
 
 /// Surfaces in one camera's image.
 #[derive(Clone, Debug)]
 pub struct Surfaces {
-    /// Camera of `z` and `interior`.
     pub camera: Camera,
     /// Depth along the optical axis per pixel, world units; 0 if unknown.
     pub z: Image<f32>,
-    /// Pixels inside a surface: more than [`EDGE_MARGIN`] pixels (along rows and columns) away from depth
-    /// jumps and holes. The image border is not an edge.
+    /// Pixels away from depth jumps and holes. The image border is not an edge.
     pub interior: Image<bool>,
     jump: [f32; 2],
 }
@@ -171,23 +169,18 @@ fn dilate(marks: &Image<bool>) -> Image<bool> {
     square
 }
 
-/// Grid point projected into the other image.
+/// Grid point projected into the other image; `at` in continuous pixel coordinates.
 #[derive(Clone, Copy, Debug)]
-pub struct Corner {
-    /// Continuous pixel coordinates.
-    pub at: [f32; 2],
-    /// Depth `z` in the other camera, world units, positive.
-    pub z: f32,
-    /// True if the surface is marked.
-    pub is_marked: bool,
+struct Corner {
+    at: [f32; 2],
+    z: f32,
+    is_marked: bool,
 }
 
-/// Depth image of the other camera.
-pub struct Reprojection {
-    /// Depth of the nearest square; 0 if there is none.
-    pub z: Image<f32>,
-    /// True if all corners of that square are marked.
-    pub marked: Image<bool>,
+/// Depth image of the other camera: the nearest squares, and whether all corners of each are marked.
+struct Reprojection {
+    z: Image<f32>,
+    marked: Image<bool>,
 }
 
 /// Tolerance of the triangle test, px²: adjacent triangles must not leave gaps.
@@ -195,7 +188,7 @@ const EDGE_SLACK: f32 = 1e-3;
 
 /// Draws the squares of a grid with `width` columns that have four corners and satisfy `is_square`. Its
 /// argument holds the indices of the upper left, upper right, lower left and lower right corner.
-pub fn draw(
+fn draw(
     corners: &[Option<Corner>],
     width: usize,
     is_square: impl Fn([usize; 4]) -> bool,

@@ -13,7 +13,7 @@
 //! recorded pose.
 
 use super::comparison::{COVERED, Comparison, aligned_error, compare};
-use super::metrics::{MetricError, mean_std};
+use super::metrics::{MetricError, mean};
 use super::scale::area_averaged;
 use super::sharpness;
 use super::sharpness::{N_BANDS, SharpnessBand};
@@ -27,7 +27,6 @@ use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Image scales, with one render each.
 const SCALES: [f64; 4] = [0.25, 0.5, 1.0, 1.0];
 /// Maximum number of Gauss-Newton steps per render.
 const ROUNDS: usize = 10;
@@ -41,25 +40,18 @@ const SHIFT_DEVIATION: f64 = 0.02;
 const CORRELATED_PIXELS: f64 = 100.0;
 /// Residual, in multiples of the mean, at which a point has weight ½.
 const HALF_WEIGHT_MEANS: f64 = 2.0;
-/// Minimum number of pixels that determine a motion.
 const MIN_PIXELS: usize = 200;
 /// Pixels per partial sum; sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
 
-/// A camera near the recorded one, with its render.
-pub struct AlignedCamera {
-    /// Aligned pose.
+pub(super) struct AlignedCamera {
     pub pose: Pose,
-    /// Render from this pose.
     pub rendered: Rendered,
 }
 
 /// Moves a camera to minimise the colour-aligned error of its view against the photograph. `draw` renders
 /// from a camera; `rendered` is the view from `camera` by the same renderer.
-///
-/// # Errors
-/// Photograph and view differ in size.
-pub fn aligned(
+pub(super) fn aligned(
     camera: &Camera,
     rendered: Rendered,
     truth: &RgbImage,
@@ -85,7 +77,6 @@ pub fn aligned(
     Ok(best)
 }
 
-/// World point with the colour rendered from the splats.
 struct RenderedPoint {
     place: DVec3,
     color: [f64; 3],
@@ -163,7 +154,6 @@ struct PhotographedPoints {
 }
 
 impl PhotographedPoints {
-    /// Replaces all points by the results of `look_up`.
     fn fill(
         &mut self,
         points: &[RenderedPoint],
@@ -210,7 +200,6 @@ fn align_pose(
     Some(pose)
 }
 
-/// Samples the photograph at a point `p` of the camera frame; `None` outside.
 fn sample_photograph(
     photograph: &RgbImage,
     k: &Intrinsics,
@@ -362,10 +351,7 @@ pub struct AlignedView {
 impl AlignedView {
     /// Compares the render from the aligned camera with the photograph. `None` if no pixel is covered or
     /// the photograph has no detail.
-    ///
-    /// # Errors
-    /// The images differ in size, or are smaller than an SSIM window.
-    pub fn compare(
+    pub(super) fn compare(
         [from, to]: [&Pose; 2],
         shown: &RgbImage,
         coverage: &Image<f32>,
@@ -390,21 +376,19 @@ impl AlignedView {
         }))
     }
 
-    /// Mean over views; `None` without views.
-    pub fn mean(views: &[Self]) -> Option<Self> {
-        let mean =
-            |value: fn(&Self) -> f64| mean_std(&views.iter().map(value).collect::<Vec<_>>()).0;
+    pub(super) fn mean(views: &[Self]) -> Option<Self> {
+        let of = |value: fn(&Self) -> f64| mean(views.iter().map(value));
         let bands: Vec<_> = views.iter().map(|view| view.bands).collect();
         Some(Self {
             bands: sharpness::mean(&bands)?,
-            shift: mean(|view| view.shift),
-            turn: mean(|view| view.turn),
-            psnr: mean(|view| view.psnr),
-            psnr_covered: mean(|view| view.psnr_covered),
-            psnr_aligned_covered: mean(|view| view.psnr_aligned_covered),
-            ssim: mean(|view| view.ssim),
-            ssim_aligned: mean(|view| view.ssim_aligned),
-            gradient_ssim: mean(|view| view.gradient_ssim),
+            shift: of(|view| view.shift)?,
+            turn: of(|view| view.turn)?,
+            psnr: of(|view| view.psnr)?,
+            psnr_covered: of(|view| view.psnr_covered)?,
+            psnr_aligned_covered: of(|view| view.psnr_aligned_covered)?,
+            ssim: of(|view| view.ssim)?,
+            ssim_aligned: of(|view| view.ssim_aligned)?,
+            gradient_ssim: of(|view| view.gradient_ssim)?,
         })
     }
 }

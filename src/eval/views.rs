@@ -50,12 +50,10 @@ impl EvalOptions {
         Self { ground_truth, color_camera, poses, align_poses, scale, render }
     }
 
-    /// Camera of the photograph, scaled to the compared image.
     fn photo_camera(&self, frame: &Frame) -> Camera {
         self.scale.camera(frame.photo_camera(self.color_camera.as_ref()))
     }
 
-    /// True if the compared image has the same pixels as the depth image.
     fn is_depth_image(&self, frame: &Frame) -> bool {
         self.scale.is_full() && frame.photographed_by(self.color_camera.as_ref()).is_none()
     }
@@ -74,7 +72,7 @@ pub enum EvalError {
     },
     /// The split has no views.
     #[error(
-        "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another split"
+        "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another one (`--split`)"
     )]
     NoViews {
         /// Name of the dataset.
@@ -197,8 +195,8 @@ fn score(
     let depth_mae = match measured_depth(frame, surfaces, options) {
         // Without a covered pixel the error would be a mean over nothing.
         Some(depth) if covered.is_some() => {
-            let error = metrics::depth_error(&rendered.depth, coverage, &depth)?;
-            error.mae.is_finite().then_some(error.mae)
+            Some(metrics::depth_error(&rendered.depth, coverage, &depth)?)
+                .filter(|mae| mae.is_finite())
         }
         _ => None,
     };
@@ -220,7 +218,6 @@ fn score(
     })
 }
 
-/// Scores the view at the pose aligned to its photograph.
 fn aligned_view(
     frame: &Frame,
     rendered: Rendered,
@@ -234,7 +231,6 @@ fn aligned_view(
     AlignedView::compare(poses, &view.color, &view.coverage, &truth)
 }
 
-/// Reference image at the compared size.
 fn reference_image(frame: &Frame, options: &EvalOptions) -> RgbImage {
     let truth = ground_truth(frame, options.ground_truth, options.render.background);
     options.scale.photograph(truth, &options.photo_camera(frame).intrinsics)
@@ -250,7 +246,6 @@ fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -
     }
 }
 
-/// Measured depth in the photograph's image, in the renderer's convention.
 fn measured_depth(
     frame: &Frame,
     surfaces: Option<&Surfaces>,
@@ -274,10 +269,8 @@ fn depth_kind(method: RenderMethod) -> DepthKind {
 
 fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> EvalReport {
     // Over the views that have a value.
-    let mean = |value: fn(&ViewReport) -> Option<f64>| {
-        let values: Vec<f64> = scores.iter().filter_map(value).collect();
-        (!values.is_empty()).then(|| metrics::mean_std(&values).0)
-    };
+    let mean =
+        |value: fn(&ViewReport) -> Option<f64>| metrics::mean(scores.iter().filter_map(value));
     let of_all = |value: fn(&ViewReport) -> f64| {
         metrics::mean_std(&scores.iter().map(value).collect::<Vec<_>>())
     };

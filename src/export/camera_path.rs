@@ -26,40 +26,22 @@ pub struct PacedPath {
 }
 
 /// Error of reading a camera path.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum CameraPathError {
     /// The file could not be read.
     #[error("{}: expected a readable camera path, found: {error}; check the name and the \
              permissions", path.display())]
-    Io {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error of the system.
-        error: io::Error,
-    },
+    Io { path: PathBuf, error: io::Error },
     /// The file is not JSON of the expected form.
     #[error(
         "{}: expected JSON such as {{\"version\": 1, \"fps\": 30, \"keyframes\": [{{\"time\": 0, \"eye\": [0, -3, 1], \"target\": [0, 0, 0]}}, …]}}, found: {error}",
         path.display()
     )]
-    Json {
-        /// Path of the file.
-        path: PathBuf,
-        /// Position and cause of the parse error.
-        error: serde_json::Error,
-    },
+    Json { path: PathBuf, error: serde_json::Error },
     /// A value is out of range.
     #[error("{}: {of}: expected {expected}, found {found}", path.display())]
-    Value {
-        /// Path of the file.
-        path: PathBuf,
-        /// JSON path of the value.
-        of: String,
-        /// Permitted values.
-        expected: &'static str,
-        /// Value in the file.
-        found: String,
-    },
+    Value { path: PathBuf, of: String, expected: &'static str, found: String },
 }
 
 #[derive(Serialize, Deserialize)]
@@ -86,7 +68,6 @@ struct KeyframeText {
     target: Option<[f64; 3]>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     up: Option<[f64; 3]>,
-    /// Vertical field of view, in degrees.
     #[serde(default = "usual_fov")]
     fov_y: f64,
 }

@@ -18,6 +18,7 @@ pub struct ExportError {
 }
 
 /// Reason why a file could not be written or read.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
     /// Drawable splats exist, but the options exclude all of them.
@@ -25,46 +26,28 @@ pub enum Fault {
         "nothing to export: expected some of {n_drawable} splats inside the crop box, with enough \
          evidence and low enough uncertainty, found none; relax these limits"
     )]
-    NothingSelected {
-        /// Number of drawable splats.
-        n_drawable: usize,
-    },
+    NothingSelected { n_drawable: usize },
     /// No splat can be drawn.
     #[error(
         "nothing to export: expected at least one finite splat with opacity above 0, found none \
          among {n_splats}; train some frames first"
     )]
-    NothingToExport {
-        /// Number of splats given, drawable or not.
-        n_splats: usize,
-    },
+    NothingToExport { n_splats: usize },
     /// The file name has no known model extension.
     #[error("expected a name ending in {}, found {found:?}; rename it or name a format", listed(&WRITTEN_ENDINGS))]
-    UnknownExtension {
-        /// The extension, possibly empty.
-        found: String,
-    },
+    UnknownExtension { found: String },
     /// The file name has no known mesh extension.
     #[error("expected a mesh file name ending in .ply, .glb or .obj, found {found:?}; rename it")]
-    UnknownMeshExtension {
-        /// The extension, possibly empty.
-        found: String,
-    },
+    UnknownMeshExtension { found: String },
     /// The evidence is nowhere sufficient for a surface.
     #[error(
         "no surface: expected enough evidence for one from {n_components} components, found too \
          little; use a larger cell or leave fewer components out"
     )]
-    NoSurface {
-        /// Number of components used.
-        n_components: usize,
-    },
+    NoSurface { n_components: usize },
     /// The target folder is missing.
     #[error("the folder {} does not exist; create it or choose another", folder.display())]
-    NoFolder {
-        /// The missing folder.
-        folder: PathBuf,
-    },
+    NoFolder { folder: PathBuf },
     /// The model file does not exist.
     #[error("expected a model ({}), found nothing at this path; check the spelling", listed(&READ_ENDINGS))]
     Missing,
@@ -81,103 +64,52 @@ pub enum Fault {
     IsStream,
     /// The operating system reported an error.
     #[error("cannot {action}: {source}")]
-    Io {
-        /// The failed action, as a verb phrase.
-        action: &'static str,
-        /// Error of the operating system.
-        source: io::Error,
-    },
+    Io { action: &'static str, source: io::Error },
     /// The disk is full.
     #[error(
         "the disk is full after {written} bytes; free some space or choose another folder (an \
          existing file of this name is unchanged)"
     )]
-    DiskFull {
-        /// Bytes written before the disk was full.
-        written: u64,
-    },
+    DiskFull { written: u64 },
     /// An option has an invalid value.
     #[error("{setting}: expected {expected}, found {found}")]
-    Setting {
-        /// Name of the option.
-        setting: &'static str,
-        /// Permitted values.
-        expected: String,
-        /// The value given.
-        found: String,
-    },
+    Setting { setting: &'static str, expected: String, found: String },
     /// The file would exceed GLB's 32-bit length.
     #[error(
         "{n_splats} splats need {needed} bytes as GLB, whose limit is {}; export PLY instead",
         u32::MAX
     )]
-    TooLargeForGlb {
-        /// Number of splats to write.
-        n_splats: usize,
-        /// Required file size in bytes.
-        needed: u64,
-    },
+    TooLargeForGlb { n_splats: usize, needed: u64 },
     /// The content has no known format.
     #[error("expected a model ({}), found {found}; convert it to PLY", listed(&READ_ENDINGS))]
-    NotAModel {
-        /// Description of the first bytes.
-        found: String,
-    },
+    NotAModel { found: String },
     /// The content violates its format.
     #[error("{place}: expected {expected}, found {found}; export the file again")]
-    Malformed {
-        /// Line, accessor, chunk or element.
-        place: String,
-        /// What the format requires.
-        expected: String,
-        /// What the file holds.
-        found: String,
-    },
+    Malformed { place: String, expected: String, found: String },
     /// A required PLY property is missing.
     #[error(
         "element vertex: expected property {property}, found only {found}; export it as 3DGS or \
          point-cloud PLY"
     )]
-    MissingProperty {
-        /// Name of the missing property.
-        property: String,
-        /// Names of the existing properties.
-        found: String,
-    },
+    MissingProperty { property: String, found: String },
     /// The file is valid, but this program does not support it.
     #[error("unsupported: {feature}; {advice}")]
-    Unsupported {
-        /// The unsupported feature.
-        feature: String,
-        /// What to do instead.
-        advice: &'static str,
-    },
+    Unsupported { feature: String, advice: &'static str },
     /// The file has more rows than the caller permits.
     #[error("expected at most {cap} splats, found {declared}; reduce the model first")]
-    TooMany {
-        /// Number of rows declared in the file.
-        declared: u64,
-        /// Maximum number of rows.
-        cap: usize,
-    },
+    TooMany { declared: u64, cap: usize },
     /// The allocation failed.
     #[error(
         "expected {bytes} bytes of free memory, found less; close other programs or reduce the \
          model"
     )]
-    OutOfMemory {
-        /// Requested bytes.
-        bytes: u64,
-    },
+    OutOfMemory { bytes: u64 },
     /// The caller cancelled the export.
     #[error("cancelled: no file was written and an existing file of this name is unchanged")]
     Cancelled,
     /// Every row was unusable.
     #[error("expected at least one finite row, found none ({skipped} skipped); export it again")]
-    NothingToImport {
-        /// Number of rows with NaN or infinity.
-        skipped: usize,
-    },
+    NothingToImport { skipped: usize },
 }
 
 /// Error by which a cancelled writer stops; becomes [`Fault::Cancelled`].
@@ -204,7 +136,6 @@ pub(super) fn shorten(text: &str) -> String {
     shorten_to(text, 60)
 }
 
-/// Like [`shorten`], with at most `most` characters, counted after escaping.
 pub(super) fn shorten_to(text: &str, most: usize) -> String {
     let mut short = String::new();
     for c in text.chars() {
@@ -218,7 +149,6 @@ pub(super) fn shorten_to(text: &str, most: usize) -> String {
     short
 }
 
-/// Returns an empty vector with capacity `n`, or [`Fault::OutOfMemory`].
 pub(super) fn try_with_capacity<T>(n: usize) -> Result<Vec<T>, Fault> {
     let mut items = Vec::new();
     let bytes = n as u64 * size_of::<T>() as u64;

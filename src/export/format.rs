@@ -8,6 +8,7 @@ use glam::DVec3;
 use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
+use strum::{EnumMessage, EnumString, VariantNames};
 
 /// File format of an exported model.
 ///
@@ -105,8 +106,21 @@ impl FromStr for ModelFormat {
 }
 
 /// Axes of a written PLY. GLB and SPZ prescribe y-up and ignore this option.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    serde::Serialize,
+    serde::Deserialize,
+    EnumMessage,
+    EnumString,
+    VariantNames,
+)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum Axes {
     /// World axes of the model, unchanged.
     #[default]

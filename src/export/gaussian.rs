@@ -29,7 +29,6 @@ pub(super) struct Gaussian {
     pub color: DVec3,
     pub scale: DVec3,
     pub rotation: DQuat,
-    /// Change of colour per unit direction from the camera.
     pub directional: DMat3,
 }
 
@@ -37,12 +36,10 @@ pub(super) struct Gaussian {
 /// one, as a length of the difference of unit vectors: 60° to either side.
 const VIEW_RANGE: f64 = 1.0;
 
-/// Iterates over the drawable splats with their indices.
 pub(super) fn drawable(view: SplatView) -> impl Iterator<Item = (usize, Gaussian)> + Clone {
     (0..view.splats().len()).filter_map(move |i| Some((i, drawable_at(view, i)?)))
 }
 
-/// Returns splat `i` if it is drawable.
 pub(super) fn drawable_at(view: SplatView, i: usize) -> Option<Gaussian> {
     let (splat, appearance) = (view.splats().get(i)?, view.appearance().get(i));
     let appearance = appearance.copied().unwrap_or_default();
@@ -79,7 +76,6 @@ impl Gaussian {
         Self { color: raw.bounded_color(), ..raw }
     }
 
-    /// Rotates position, orientation and view dependence into other axes.
     pub fn rotated(self, turn: &AxisRotation) -> Self {
         Self {
             mean: turn.rotate_vector(self.mean),
@@ -89,7 +85,6 @@ impl Gaussian {
         }
     }
 
-    /// Scales the splat about the origin.
     pub fn scaled(self, factor: f64) -> Self {
         Self { mean: factor * self.mean, scale: factor * self.scale, ..self }
     }
@@ -100,7 +95,6 @@ impl Gaussian {
         Self { rotation, ..self }
     }
 
-    /// Colour seen from the point `eye`.
     pub fn color_from(&self, eye: DVec3) -> DVec3 {
         self.color + self.directional * (self.mean - eye).normalize_or_zero()
     }
@@ -142,7 +136,6 @@ impl Gaussian {
     }
 }
 
-/// Smallest scale written for a splat with these scales.
 pub(super) fn scale_floor(scales: DVec3) -> f64 {
     let largest = scales.max_element();
     if largest > 0.0 { SCALE_FLOOR.min(FLATTEST * largest) } else { SCALE_FLOOR }
@@ -170,17 +163,14 @@ pub(super) fn logit(opacity: f64) -> f64 {
     (o / (1.0 - o)).ln()
 }
 
-/// Inverse of [`logit`].
 pub(super) fn sigmoid(x: f64) -> f64 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// Decodes an sRGB channel in `[0, 1]` (IEC 61966-2-1).
 pub(super) fn srgb_to_linear(encoded: f64) -> f64 {
     if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Inverse of [`srgb_to_linear`].
 pub(super) fn linear_to_srgb(linear: f64) -> f64 {
     if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
@@ -203,7 +193,6 @@ impl AxisRotation {
         quaternion: DQuat::from_xyzw(-FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2),
     };
 
-    /// The y-up of glTF to z-up.
     pub const Y_UP_TO_Z_UP: AxisRotation = AxisRotation {
         matrix: DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y),
         quaternion: DQuat::from_xyzw(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2),
@@ -215,7 +204,6 @@ impl AxisRotation {
         quaternion: DQuat::from_xyzw(0.0, FRAC_1_SQRT_2, -FRAC_1_SQRT_2, 0.0),
     };
 
-    /// Shortest rotation from `up`, a unit vector, to z.
     pub fn to_z_up(up: DVec3) -> AxisRotation {
         let quaternion = DQuat::from_rotation_arc(up, DVec3::Z);
         // A half turn has many possible axes; x is chosen because it keeps x unchanged.
@@ -231,7 +219,6 @@ impl AxisRotation {
         AxisRotation { matrix: DMat3::from_cols(columns[0], columns[1], columns[2]), quaternion }
     }
 
-    /// Composes this rotation with a following one.
     pub fn then(self, next: AxisRotation) -> AxisRotation {
         AxisRotation {
             matrix: next.matrix * self.matrix,
@@ -247,13 +234,11 @@ impl AxisRotation {
         self.matrix == DMat3::IDENTITY
     }
 
-    /// Transforms a position or direction.
     pub fn rotate_vector(&self, v: DVec3) -> DVec3 {
         // Adding zero turns −0 into 0, which some JSON readers print differently.
         self.matrix * v + DVec3::ZERO
     }
 
-    /// Transforms an orientation.
     pub fn rotate_quaternion(&self, q: DQuat) -> DQuat {
         self.quaternion * q
     }

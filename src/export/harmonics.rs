@@ -9,12 +9,10 @@ const C0: f64 = 0.282_094_791_773_878_14;
 /// Degree 1, `√(3/(4π))`.
 const C1: f64 = 0.488_602_511_902_919_9;
 
-/// Converts a colour to the coefficient of degree 0.
 pub(super) fn from_color(color: DVec3) -> DVec3 {
     (color - 0.5) / C0
 }
 
-/// Converts a coefficient of degree 0 to a colour.
 pub(super) fn to_color(coefficient: DVec3) -> DVec3 {
     coefficient * C0 + 0.5
 }
@@ -26,7 +24,6 @@ pub(super) fn from_directional(w: DMat3) -> [DVec3; 3] {
     [-w.y_axis, w.z_axis, -w.x_axis].map(|change| change / C1 + DVec3::ZERO)
 }
 
-/// Inverse of [`from_directional`].
 pub(super) fn to_directional([y, z, x]: [DVec3; 3]) -> DMat3 {
     DMat3::from_cols(-x, -y, z) * C1
 }

@@ -127,7 +127,6 @@ impl fmt::Display for Note {
     }
 }
 
-/// Collects and checks imported rows.
 pub(super) struct Rows {
     splats: SplatSet,
     skipped: usize,
@@ -136,7 +135,6 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// Reserves `n` rows; the file must be known to hold them.
     pub fn with_capacity(n: usize) -> Result<Self, Fault> {
         let splats: Vec<Splat> = try_with_capacity(n)?;
         Ok(Self { splats: splats.into(), skipped: 0, n_zero_rotations: 0, n_wild_colors: 0 })
@@ -163,7 +161,6 @@ impl Rows {
         }
     }
 
-    /// Completes the import and adds notes about the rows.
     pub fn finish(
         mut self,
         kind: ModelKind,

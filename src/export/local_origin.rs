@@ -5,9 +5,7 @@
 
 use glam::DVec3;
 
-/// Start of the PLY comment with the local origin.
 const COMMENT: &str = "vbgs local origin ";
-/// Key of the local origin in `asset.extras` of a glTF.
 pub(super) const EXTRA: &str = "local_origin";
 
 /// How a format stores the local origin.
@@ -57,7 +55,6 @@ pub(super) fn comment(origin: DVec3) -> Option<String> {
     (origin != DVec3::ZERO).then(|| format!("{COMMENT}{x} {y} {z}"))
 }
 
-/// Reads the local origin from comments; zero if there is none.
 pub(super) fn from_comments(comments: &[String]) -> DVec3 {
     let named = comments.iter().find_map(|line| line.strip_prefix(COMMENT));
     named.and_then(parse_origin).unwrap_or(DVec3::ZERO)

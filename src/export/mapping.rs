@@ -28,6 +28,7 @@ use crate::model::splat::appearance::{
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
+use strum::{EnumMessage, EnumString, VariantNames};
 
 /// Conversion of native splats to plain ones; `default()` writes one splat for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -39,8 +40,21 @@ pub struct Mapping {
 }
 
 /// Treatment of opacities above 0.99.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Serialize,
+    Deserialize,
+    EnumMessage,
+    EnumString,
+    VariantNames,
+)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum OpacityMapping {
     /// Sets the opacity to 0.99 and enlarges the splat so that it covers the area of its flat top.
     #[default]
@@ -50,15 +64,30 @@ pub enum OpacityMapping {
 }
 
 /// Number of plain splats per native one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Serialize,
+    Deserialize,
+    EnumMessage,
+    EnumString,
+    VariantNames,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum GradientSplit {
     /// One splat; the colour gradient is lost.
     #[default]
+    #[strum(serialize = "1")]
     One,
     /// Two splats along the longest axis, coloured by the colour gradient.
+    #[strum(serialize = "2")]
     Two,
     /// Four splats along both tangential axes, coloured by the colour gradient.
+    #[strum(serialize = "4")]
     Four,
 }
 
@@ -145,7 +174,6 @@ pub(super) fn plain_piece(
     to_plain_opacity(piece, full_coverage, mapping).to_splat()
 }
 
-/// Number of plain splats that replace a native one.
 pub(super) fn n_pieces(native: &Gaussian, mapping: Mapping) -> usize {
     1 << split_axes(native, mapping.split).count()
 }
@@ -186,7 +214,6 @@ fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> 
     }
 }
 
-/// Limits the opacity to that of plain files.
 fn to_plain_opacity(splat: Gaussian, full_coverage: f64, mapping: Mapping) -> Gaussian {
     let mut factor = mapping.scale(full_coverage);
     // Undoes crack filling, exactly where a single splat covers a pixel.

@@ -36,7 +36,6 @@ pub fn read_up_to(path: &Path, max_splats: usize) -> Result<Imported, ExportErro
     import().map_err(|fault: Fault| fault.with_path(path))
 }
 
-/// Reads a model from memory, without sibling files.
 pub(super) fn decode(bytes: &[u8]) -> Result<Imported, Fault> {
     parse(bytes, Path::new(""), DEFAULT_MAX_SPLATS)
 }
@@ -64,7 +63,6 @@ fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fau
     }
 }
 
-/// Reads a complete file into memory reserved for its actual size.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
     let io = |source: std::io::Error| match source.kind() {
         std::io::ErrorKind::NotFound => Fault::Missing,

@@ -20,9 +20,7 @@ pub(super) struct ExportRows<'a> {
     unit_scale: f64,
     rows: Vec<Row>,
     has_directions: bool,
-    /// Number of drawable splats, selected or not.
     n_drawable: usize,
-    /// Number of drawable splats that are not selected.
     n_left_out: usize,
 }
 
@@ -33,7 +31,6 @@ struct Row {
 }
 
 impl<'a> ExportRows<'a> {
-    /// Selects the rows according to the options.
     pub fn new(view: SplatView<'a>, options: &WriteOptions) -> Result<Self, Fault> {
         check(view.splats().len(), options)?;
         let is_points = options.format == ModelFormat::PointCloudPly;
@@ -70,12 +67,10 @@ impl<'a> ExportRows<'a> {
         })
     }
 
-    /// Number of drawable splats, selected or not.
     pub fn n_drawable(&self) -> usize {
         self.n_drawable
     }
 
-    /// Number of drawable splats that are not selected.
     pub fn n_left_out(&self) -> usize {
         self.n_left_out
     }
@@ -85,7 +80,6 @@ impl<'a> ExportRows<'a> {
         self.rows[row].splat as usize
     }
 
-    /// Splat of a row in the model's axes and units.
     #[expect(clippy::indexing_slicing, reason = "rows are below the number of rows")]
     pub fn in_world(&self, row: usize) -> Gaussian {
         let row = self.rows[row];
@@ -93,7 +87,6 @@ impl<'a> ExportRows<'a> {
         plain(self.view, row, self.mapping).unwrap_or(Gaussian::INVISIBLE)
     }
 
-    /// Rotates a direction into the axes of the file.
     pub fn direction(&self, v: DVec3) -> DVec3 {
         self.turn.rotate_vector(v)
     }
@@ -122,7 +115,6 @@ fn plain(view: SplatView, row: Row, mapping: Option<Mapping>) -> Option<Gaussian
     Some(Gaussian::from_splat(&splat, &appearance))
 }
 
-/// Rotation from the model's world to the axes of the file.
 pub(super) fn file_rotation(options: &WriteOptions) -> AxisRotation {
     let to_z_up = AxisRotation::to_z_up(options.up.normalize());
     match (options.format, options.axes) {
@@ -139,7 +131,6 @@ pub(super) fn file_origin(options: &WriteOptions) -> DVec3 {
     file_rotation(options).rotate_vector(options.local_origin) * options.unit_scale
 }
 
-/// Refuses invalid axes and units.
 pub(super) fn check_axes(options: &WriteOptions) -> Result<(), Fault> {
     let setting = |setting, expected: &str, found: String| {
         Err(Fault::Setting { setting, expected: expected.into(), found })

@@ -17,14 +17,12 @@ const PART_ROWS: usize = 1 << 12;
 pub(super) trait SplatRows: Sync {
     fn n_rows(&self) -> usize;
 
-    /// Returns the splat of a row below [`SplatRows::n_rows`].
     fn row(&self, row: usize) -> Gaussian;
 
     /// True if any colour depends on the view direction.
     fn has_directions(&self) -> bool;
 }
 
-/// Writes the bytes that `encode` appends for each row, in order.
 pub(super) fn write_rows(
     out: &mut dyn Write,
     n_rows: usize,
@@ -47,7 +45,6 @@ pub(super) fn write_rows(
     Ok(())
 }
 
-/// Appends values as little-endian f32.
 pub(super) fn put_floats(row: &mut Vec<u8>, values: &[f64]) {
     for value in values {
         row.extend_from_slice(&(*value as f32).to_le_bytes());
@@ -87,7 +84,6 @@ impl<'a> ProgressCounter<'a> {
         Self { progress, done: 0, total }
     }
 
-    /// Counts `n` more rows and reports the progress.
     pub fn advance(&mut self, n: usize) -> io::Result<()> {
         self.done += n;
         let share = self.done as f64 / self.total.max(1) as f64;

@@ -48,7 +48,6 @@ pub fn write<'a>(
     Ok(WriteSummary { n_written: source.n_rows(), n_skipped, n_left_out, bytes })
 }
 
-/// Returns the bytes that [`write()`] would write.
 pub(super) fn encode(view: SplatView, options: &WriteOptions) -> Result<Vec<u8>, Fault> {
     let source = select_rows(view, options)?;
     let content = prepare_content(&source, options)?;
@@ -57,7 +56,6 @@ pub(super) fn encode(view: SplatView, options: &WriteOptions) -> Result<Vec<u8>,
     Ok(bytes)
 }
 
-/// Selects the rows of the file; fails if there are none.
 fn select_rows<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<ExportRows<'a>, Fault> {
     check_comments(options.comments)?;
     let source = ExportRows::new(view, options)?;
@@ -70,7 +68,6 @@ fn select_rows<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<Export
 
 type Content<'a> = Box<dyn Fn(&mut dyn Write) -> io::Result<()> + 'a>;
 
-/// Checks all options before a file is created, and returns the writer of its content.
 fn prepare_content<'a>(
     source: &'a ExportRows<'a>,
     options: &'a WriteOptions,

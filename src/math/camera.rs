@@ -64,7 +64,11 @@ impl Intrinsics {
     pub fn scaled(&self, factor: f64) -> Self {
         let width = ((self.width as f64 * factor).round() as u32).max(1);
         let height = ((self.height as f64 * factor).round() as u32).max(1);
-        // Sides are rounded independently, so each axis has its own effective factor.
+        self.resized(width, height)
+    }
+
+    /// Scales the image to `width`×`height` pixels at the same view. Each axis has its own factor.
+    pub fn resized(&self, width: u32, height: u32) -> Self {
         let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
         Self {
             width,

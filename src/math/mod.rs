@@ -8,6 +8,7 @@ pub mod camera_path;
 pub mod cholesky;
 pub mod fixed;
 pub mod image;
+pub mod least_squares;
 pub mod measured_pixel;
 pub mod orbit;
 pub mod pose;

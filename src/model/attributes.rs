@@ -65,16 +65,6 @@ pub enum StoredModel {
     Scene(SceneState),
 }
 
-impl StoredModel {
-    /// Drops the stored frames that await a second alignment. If several runs continue from one start, each
-    /// would move the contributions of these frames, and fusion would add up all the motions.
-    pub fn drop_stored_frames(&mut self) {
-        if let Self::Scene(state) = self {
-            state.stored_frames.clear();
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

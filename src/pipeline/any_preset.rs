@@ -42,14 +42,6 @@ pub trait AnyPreset {
     /// Upper bound on the memory of a run with frames of `pixels` pixels.
     fn memory(&self, pixels: usize) -> MemoryEstimate;
 
-    /// Setting by which a model with this number of components depends on the order of frames. `None` if it
-    /// does not, or if only its start can show it.
-    fn order_dependence(&self, components: usize) -> Option<OrderDependence>;
-
-    /// True if runs create their own components, so that models are fused. Otherwise all runs have the same
-    /// components from the start, and statistics are added.
-    fn is_fused(&self) -> bool;
-
     /// Fuses the models in this order, within the limits of these settings. `origin` is the model that all of
     /// them continued, if any. `None` unless they are fusible and match these settings.
     fn fuse(&self, origin: Option<&StoredModel>, models: &[&StoredModel]) -> Option<StoredModel>;
@@ -92,15 +84,6 @@ pub struct RestoredLearner {
     pub learner: Box<dyn Learner>,
     /// World to model coordinates.
     pub normalization: Normalization,
-}
-
-/// Reason why a model depends on the order of frames.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct OrderDependence {
-    /// The setting responsible, in the spelling of the command line.
-    pub found: String,
-    /// Setting to use instead.
-    pub advice: &'static str,
 }
 
 /// How a stored model contradicts the settings stored with it.

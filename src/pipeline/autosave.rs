@@ -5,11 +5,11 @@
 //! neither frames nor memory.
 
 use super::checkpoint::{RunError, SessionSnapshot};
-use super::looks::{NO_MESSAGE, panic_text};
+use super::job::Job;
+use super::panic_report::PanicReport;
 use super::session::Session;
 use crate::export::{atomic, checkpoint};
 use std::path::{Path, PathBuf};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Autosave interval, in frames or time, whichever comes first.
@@ -45,12 +45,12 @@ pub enum AutosaveError {
         source: std::io::Error,
     },
     /// The save thread panicked.
-    #[error("{}: this save failed by a defect of this program, please report it: {said}; training continues, and the next save is attempted when it is due", path.display())]
+    #[error("{}: this save failed by a defect of this program, please report it: {panic}; training continues, and the next save is attempted when it is due", path.display())]
     Panicked {
         /// Path of the file.
         path: PathBuf,
-        /// Message of the panic.
-        said: String,
+        /// The panic.
+        panic: PanicReport,
     },
 }
 
@@ -87,7 +87,7 @@ pub struct Autosave {
     interval: AutosaveInterval,
     /// Number of trained frames and time at the start of the latest save.
     begun: (u64, Instant),
-    in_flight: Option<JoinHandle<SaveOutcome>>,
+    in_flight: Option<Job<SaveOutcome>>,
 }
 
 impl Autosave {
@@ -112,10 +112,10 @@ impl Autosave {
     /// Starts a save if one is due and none is in progress; call it between frames. Returns the result of the
     /// previous save, once, when it has finished.
     pub fn poll(&mut self, session: &Session) -> Option<SaveOutcome> {
-        if self.in_flight.as_ref().is_some_and(|save| !save.is_finished()) {
+        let ended = self.take_outcome(Duration::ZERO);
+        if self.in_flight.is_some() {
             return None;
         }
-        let ended = self.wait();
         let is_due = self.is_due(session.learner().frames());
         let refused = is_due.then(|| self.start_save(session).err()).flatten();
         // A thread that did not start takes precedence over the success of the previous save.
@@ -145,9 +145,7 @@ impl Autosave {
         let snapshot = session.snapshot();
         self.begun = (snapshot.frames(), Instant::now());
         let path = self.path.clone();
-        let save = std::thread::Builder::new()
-            .name("autosave".into())
-            .spawn(move || save(&path, snapshot))
+        let save = Job::start("autosave", move || save(&path, snapshot))
             .map_err(|source| AutosaveError::Thread { path: self.path.clone(), source })?;
         self.in_flight = Some(save);
         Ok(())
@@ -155,10 +153,14 @@ impl Autosave {
 
     /// Waits for the save in progress and returns its result.
     pub fn wait(&mut self) -> Option<SaveOutcome> {
-        let outcome = self.in_flight.take()?.join();
+        self.take_outcome(Duration::MAX)
+    }
+
+    fn take_outcome(&mut self, patience: Duration) -> Option<SaveOutcome> {
+        let outcome = self.in_flight.as_ref()?.wait(patience)?;
+        self.in_flight = None;
         Some(outcome.unwrap_or_else(|panic| {
-            let said = panic_text(&*panic).unwrap_or(NO_MESSAGE).to_owned();
-            Err(AutosaveError::Panicked { path: self.path.clone(), said })
+            Err(AutosaveError::Panicked { path: self.path.clone(), panic })
         }))
     }
 

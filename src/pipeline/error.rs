@@ -35,7 +35,7 @@ pub enum SessionError {
     )]
     Passes(usize),
     /// Tracking excludes another setting.
-    #[error("--poses track: expected {expected}, found {found}")]
+    #[error("poses (`--poses track`): expected {expected}, found {found}")]
     Tracking {
         /// Setting that tracking requires.
         expected: &'static str,

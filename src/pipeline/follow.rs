@@ -1,9 +1,10 @@
 //! Polling of a recording in progress: when to scan it, and what to do with the result.
 //!
-//! The training thread polls between frames with a short timeout; no background watcher exists.
+//! The training thread polls between frames with a short timeout; no background watcher exists. Each scan has
+//! a thread of its own: a drive that does not respond never blocks saving.
 
 use super::error::SessionError;
-use super::looks::{ScanFindings, Scans};
+use super::job::Job;
 use super::plan::{Order, Plan, Selection};
 use super::settings::scene::SceneError;
 use crate::dataset::error::DatasetError;
@@ -11,8 +12,9 @@ use crate::dataset::growing::GrowingRecording;
 use crate::dataset::pace::PollSchedule;
 use crate::dataset::splits::{HELD_OUT, HoldOut};
 use crate::dataset::{Dataset, FrameMarks, LoadOptions};
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Maximum time that training waits for a scan; most take less, and it is not noticeable.
@@ -24,7 +26,11 @@ const DRIVE_TIMEOUT: Duration = Duration::from_secs(3);
 /// Recording that is followed while it grows.
 pub struct Follow {
     path: PathBuf,
-    looks: Scans,
+    // Locked by the scan thread for as long as the drive takes.
+    recording: Arc<Mutex<GrowingRecording>>,
+    scan: Option<Job<ScanResult>>,
+    /// Frames given back during a scan.
+    returned: Vec<(String, FrameMarks)>,
     selection: Selection,
     /// Frames found before a session has started.
     dataset: Option<Arc<Dataset>>,
@@ -76,7 +82,9 @@ impl Follow {
     fn with(recording: GrowingRecording, selection: &Selection) -> Self {
         Self {
             path: recording.path().to_owned(),
-            looks: Scans::new(recording),
+            recording: Arc::new(Mutex::new(recording)),
+            scan: None,
+            returned: Vec::new(),
             selection: Selection { follow: true, ..selection.clone() },
             dataset: None,
             started: Instant::now(),
@@ -98,7 +106,8 @@ impl Follow {
             return Ok(None);
         };
         self.unfit = None;
-        let Some(recording) = self.looks.recording() else { return Ok(None) };
+        // The scan has ended, so its thread no longer holds the lock.
+        let recording = lock(&self.recording);
         let dataset = match self.dataset.take() {
             None if found.splits.is_empty() => return Err(recording.empty_poll_error(found)),
             None => Arc::new(found),
@@ -133,10 +142,10 @@ impl Follow {
 
     /// Time until the next scan may find something.
     pub fn time_to_next_scan(&self) -> Duration {
-        match self.looks.scan_elapsed() {
-            Some(_) => Duration::ZERO,
-            None => self.pace.time_to_next_check(self.started.elapsed()),
+        if self.scan.is_some() {
+            return Duration::ZERO;
         }
+        self.pace.time_to_next_check(self.started.elapsed())
     }
 
     /// Why the last scan found nothing, or why no session started with its result. `None` if there are simply
@@ -159,29 +168,24 @@ impl Follow {
     ///
     /// # Errors
     /// A defect of a recording that has ended. Before the end it may be temporary.
+    ///
+    /// # Panics
+    /// If the scan panicked.
     pub(super) fn poll(&mut self) -> Result<ScanFindings, DatasetError> {
         if self.is_over {
             return Ok(ScanFindings::End(None));
         }
         let now = self.started.elapsed();
-        if self.looks.scan_elapsed().is_none() {
-            if !self.pace.time_to_next_check(now).is_zero() {
-                return Ok(ScanFindings::Nothing);
-            }
-            self.pace.record_check(now);
-            if let Err(source) =
-                self.looks.start_scan(self.pace.is_retry_due(now), now.as_secs_f64())
-            {
-                self.problem =
-                    Some(format!("{}: no thread to scan it: {source}", self.path.display()));
-            }
-        }
-        let Some(looked) = self.looks.wait(POLL_TIMEOUT) else {
-            self.silence =
-                self.looks.scan_elapsed().and_then(|elapsed| silence(&self.path, elapsed));
+        let Some(scan) = self.scan.take().or_else(|| self.start_scan(now)) else {
+            return Ok(ScanFindings::Nothing);
+        };
+        let Some(ended) = scan.wait(POLL_TIMEOUT) else {
+            self.silence = silence(&self.path, scan.elapsed());
+            self.scan = Some(scan);
             return Ok(ScanFindings::Nothing);
         };
         self.silence = None;
+        let looked = ended.unwrap_or_else(|panic| resume_unwind(Box::new(panic.message)));
         if looked.has_ended {
             self.is_over = true;
             return looked.found;
@@ -196,10 +200,73 @@ impl Follow {
         Ok(found)
     }
 
+    /// Starts a scan, if one is due.
+    fn start_scan(&mut self, now: Duration) -> Option<Job<ScanResult>> {
+        if !self.pace.time_to_next_check(now).is_zero() {
+            return None;
+        }
+        self.pace.record_check(now);
+        for (frame, marks) in self.returned.drain(..) {
+            lock(&self.recording).return_frame(frame, marks);
+        }
+        let (recording, retries) = (self.recording.clone(), self.pace.is_retry_due(now));
+        let scan =
+            Job::start("scan", move || scan(&mut lock(&recording), retries, now.as_secs_f64()));
+        let no_thread = |source| format!("{}: no thread to scan it: {source}", self.path.display());
+        scan.map_err(|source| self.problem = Some(no_thread(source))).ok()
+    }
+
     /// Allows an unreadable frame to be found again once its files have changed.
     pub(super) fn give_back(&mut self, frame: String, marks: FrameMarks) {
-        self.looks.give_back(frame, marks);
+        match self.scan {
+            Some(_) => self.returned.push((frame, marks)),
+            None => lock(&self.recording).return_frame(frame, marks),
+        }
     }
+}
+
+/// Result of a scan.
+pub(super) enum ScanFindings {
+    /// No complete new frame.
+    Nothing,
+    Frames(Dataset),
+    /// The recording has ended; with the frames found before the end.
+    End(Option<Dataset>),
+}
+
+struct ScanResult {
+    found: Result<ScanFindings, DatasetError>,
+    /// True if the recorder has written its last file.
+    has_ended: bool,
+    /// Time spent reading; `None` if there was nothing to read.
+    took: Option<Duration>,
+}
+
+fn lock(recording: &Mutex<GrowingRecording>) -> MutexGuard<'_, GrowingRecording> {
+    recording.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Scans a recording, `now_s` seconds after the first scan. With `retries`, it also scans if unresolved frames
+/// exist although no folder or list has changed.
+fn scan(recording: &mut GrowingRecording, retries: bool, now_s: f64) -> ScanResult {
+    // Checked before the scan: once the recorder has ended, the scan is complete.
+    let has_ended = recording.has_ended();
+    let retries = retries && recording.is_unresolved();
+    if !(has_ended || retries || recording.has_changed()) {
+        return ScanResult { found: Ok(ScanFindings::Nothing), has_ended, took: None };
+    }
+    let begun = Instant::now();
+    let found = recording.poll(!has_ended, now_s);
+    let found = match (found, has_ended) {
+        (Err(error), _) => Err(error),
+        (Ok(found), true) => Ok(ScanFindings::End(Some(found))),
+        (Ok(found), false) => match recording.mark_taken(&found) {
+            0 if !recording.has_begun() => Err(recording.empty_poll_error(found)),
+            0 => Ok(ScanFindings::Nothing),
+            _ => Ok(ScanFindings::Frames(found)),
+        },
+    };
+    ScanResult { found, has_ended, took: Some(begun.elapsed()) }
 }
 
 fn follow_error(setting: &'static str, expected: &'static str, found: &str) -> DatasetError {

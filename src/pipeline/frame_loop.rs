@@ -1,10 +1,12 @@
-//! Inner training loop: takes prepared frames and updates the learner.
+//! Inner training loop: takes prepared frames and updates the learner. The only place that distinguishes the
+//! presets of a run.
 
 use super::any_preset::{AnyPreset, Mismatch, RestoredLearner};
 use super::error::SessionError;
-use super::prefetch::{NextFrame, PlannedFrame, Prefetch, Prepared, PreparedFrame};
+use super::plan::Plan;
+use super::prefetch::{Next, PlannedFrame, Prefetch, Prepare, Prepared, PreparedFrame};
 use super::run::RunConfig;
-use super::start::Prepare;
+use super::settings::method::Method;
 use crate::dataset::range::PositionRange;
 use crate::dataset::{Dataset, FrameMarks};
 use crate::math::measured_pixel::Normalization;
@@ -13,12 +15,13 @@ use crate::train::candidates::IndexError;
 use crate::train::learner::{Learner, Learns};
 use crate::train::outcome::{FrameOutcome, FrameTracking};
 use crate::train::scene::track::TrackingLoss;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Prefetch and learner of one preset, with their types erased.
 pub(super) trait FrameLoop: Send {
     /// Trains on the next frame, waiting at most `patience` for it to be decoded.
-    fn step(&mut self, patience: Duration) -> StepResult;
+    fn step(&mut self, patience: Duration) -> Next<SteppedFrame>;
 
     /// Appends frames to the queue.
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>);
@@ -26,14 +29,6 @@ pub(super) trait FrameLoop: Send {
     fn learner(&self) -> &dyn Learner;
 
     fn learner_mut(&mut self) -> &mut dyn Learner;
-}
-
-/// Result of a step.
-pub(super) enum StepResult {
-    Frame(SteppedFrame),
-    /// The next frame is not decoded yet.
-    Unread,
-    Finished,
 }
 
 pub(super) struct SteppedFrame {
@@ -71,12 +66,12 @@ pub(super) struct PresetLoop<P: Prepare> {
 }
 
 impl<P: Prepare> FrameLoop for PresetLoop<P> {
-    fn step(&mut self, patience: Duration) -> StepResult {
+    fn step(&mut self, patience: Duration) -> Next<SteppedFrame> {
         let Prepared { position, is_repeat, name, marks, result } =
             match self.prefetch.next_within(patience) {
-                NextFrame::Ready(frame) => frame,
-                NextFrame::Unread => return StepResult::Unread,
-                NextFrame::None => return StepResult::Finished,
+                Next::Ready(frame) => frame,
+                Next::Unread => return Next::Unread,
+                Next::End => return Next::End,
             };
         let status = match result {
             Err(message) => FrameStatus::Skipped(message),
@@ -98,7 +93,7 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
                 }
             }
         };
-        StepResult::Frame(SteppedFrame { position, name, marks, status })
+        Next::Ready(SteppedFrame { position, name, marks, status })
     }
 
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>) {
@@ -112,6 +107,49 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
     fn learner_mut(&mut self) -> &mut dyn Learner {
         &mut *self.learner
     }
+}
+
+/// Initial state of a learner.
+pub(super) enum InitialState<'a> {
+    /// Untrained; positions lie in this range.
+    Fresh(&'a PositionRange),
+    /// Stored model after this number of frames. It must match the run's settings.
+    Stored(&'a StoredModel, u64),
+}
+
+/// Starts decoding the frames of a plan from position `first`, for a learner of the run's preset. Also
+/// returns the transform from world to model coordinates.
+pub(super) fn frame_loop(
+    dataset: &Arc<Dataset>,
+    run: &RunConfig,
+    plan: &Plan,
+    first: usize,
+    origin: &InitialState,
+) -> Result<(Box<dyn FrameLoop>, Normalization), SessionError> {
+    match &run.method {
+        Method::Paper(config) => preset_loop(config, dataset, run, plan, first, origin),
+        Method::Scene(scene) => preset_loop(&**scene, dataset, run, plan, first, origin),
+    }
+}
+
+fn preset_loop<P: TypedPreset>(
+    preset: &P,
+    dataset: &Arc<Dataset>,
+    run: &RunConfig,
+    plan: &Plan,
+    first: usize,
+    origin: &InitialState,
+) -> Result<(Box<dyn FrameLoop>, Normalization), SessionError> {
+    let beginning: InitialLearner<ObservationOf<P>> = match origin {
+        InitialState::Fresh(range) => preset.begin(dataset, run, range, plan.pixels(dataset))?,
+        InitialState::Stored(model, frames) => {
+            preset.restore(model, *frames).map_err(SessionError::Stored)?
+        }
+    };
+    let InitialLearner { learner, normalization } = beginning;
+    let preparation = preset.preparation(run, normalization);
+    let prefetch = Prefetch::start(dataset.clone(), plan, first, preparation)?;
+    Ok((Box::new(PresetLoop { prefetch, learner }), normalization))
 }
 
 /// Observation type of a preset's learner.

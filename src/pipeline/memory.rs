@@ -58,7 +58,7 @@ fn check_against(
     }
     let (setting, found) = match limit {
         ComponentLimit::Fixed(n) => ("components", n),
-        ComponentLimit::Asked(n) => ("budget", n),
+        ComponentLimit::Asked(n) => ("budget (`--budget`)", n),
         ComponentLimit::Default(_) => return Ok(()),
     };
     if estimate.total() <= available {
@@ -73,7 +73,7 @@ fn check_against(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::paper::config::{Candidates, PaperConfig, PaperOverrides, StatisticsForm};
+    use crate::train::paper::config::{PaperConfig, PaperOverrides};
     use crate::train::scene::config::SceneConfig;
 
     #[test]
@@ -91,26 +91,16 @@ mod tests {
             MemoryError::Frames { .. } => unreachable!(),
         };
         assert_eq!(most(error), ("components", 99_999, 100_000));
-        let dense = estimate(PaperOverrides {
-            candidates: Some(Candidates::Dense),
-            statistics: Some(StatisticsForm::Unfused),
-            ..PaperOverrides::default()
-        });
-        assert!(dense.total() > 500_000_000_000, "{dense:?}");
         let asked = SceneConfig { max_components: 20_000_000, ..SceneConfig::fine(0.02) };
         let scene = asked.memory(300_000, 3);
         let error = check_against(scene, ComponentLimit::Asked(20_000_000), scene.frames * 3);
         let (setting, would_fit, found) = most(error.unwrap_err());
-        assert_eq!((setting, found), ("budget", 20_000_000));
+        assert_eq!((setting, found), ("budget (`--budget`)", 20_000_000));
         let fits = SceneConfig { max_components: would_fit as usize, ..asked };
         assert!(fits.memory(300_000, 3).total() <= scene.frames * 3, "{would_fit}");
         let default = ComponentLimit::Default(20_000_000);
-        assert_eq!(
-            check_against(scene, default, scene.frames),
-            Ok(()),
-            "a default limit is not \
-                                                                         counted"
-        );
+        let found = check_against(scene, default, scene.frames);
+        assert_eq!(found, Ok(()), "a default limit is not counted");
         let error = check_against(scene, default, scene.frames - 1).unwrap_err();
         assert!(matches!(error, MemoryError::Frames { .. }), "{error}");
     }

@@ -172,7 +172,6 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Appends the further passes.
     fn repeat(&mut self, selection: &Selection, seed: u64) {
         let first = self.frames.clone();
         let further =

@@ -4,13 +4,18 @@
 //!
 //! A drive that does not respond only blocks a prefetch thread; the consumer waits with a timeout.
 
-use super::looks::{NO_MESSAGE, panic_text};
+use super::panic_report::PanicReport;
 use super::plan::Plan;
-use super::start::Prepare;
 use crate::dataset::error::FrameError;
+use crate::dataset::frame::Frame;
+use crate::dataset::surface::{Preparer, SurfaceSettings};
+use crate::dataset::unproject::{UnprojectSettings, Unprojector};
 use crate::dataset::{Dataset, FrameEntry, FrameMarks};
+use crate::observation::points::Points;
+use crate::observation::surface::Observation;
 use crate::train::timing::Stopwatch;
 use std::collections::VecDeque;
+use std::fmt::Display;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -98,7 +103,10 @@ impl PlannedFrame {
 /// Queue of prepared frames. When dropped, its threads end after their current frame.
 pub struct Prefetch<P: Prepare> {
     upcoming: VecDeque<PlannedFrame>,
-    pace: Pace,
+    /// True if frames are prepared continuously, otherwise only while the trainer waits.
+    is_ahead: bool,
+    /// Maximum number of requested frames.
+    most: usize,
     asked: Sender<Task<P>>,
     /// Receivers of the requested frames, in order.
     coming: VecDeque<Receiver<Prepared<P::Observation>>>,
@@ -107,22 +115,92 @@ pub struct Prefetch<P: Prepare> {
     recycle: SyncSender<P::Observation>,
 }
 
-/// Scheduling of the preparation.
-enum Pace {
-    /// Continuously, with this number of frames ahead.
-    Ahead(usize),
-    /// While the trainer waits, with this number of frames at once.
-    Between(usize),
-}
-
 /// State of the next frame.
-pub enum NextFrame<O> {
-    /// Prepared.
-    Ready(Prepared<O>),
+pub enum Next<T> {
+    /// Available.
+    Ready(T),
     /// Not decoded yet.
     Unread,
     /// There are no more frames.
-    None,
+    End,
+}
+
+/// Preparation of frames, implemented by its settings, which the threads share.
+pub trait Prepare: Send + Sync + 'static {
+    /// Input of a learner.
+    type Observation: Send + 'static;
+    /// Buffers reused between frames, one per thread.
+    type Memory: Default + Send + 'static;
+
+    /// Returns an observation without points, whose memory frames reuse.
+    fn empty() -> Self::Observation;
+
+    /// Replaces `observation` by that of a frame; returns the number of measured pixels without a point.
+    ///
+    /// # Errors
+    /// Reason to skip a frame that lacks required data, such as depth.
+    fn prepare(
+        &self,
+        frame: &Frame,
+        memory: &mut Self::Memory,
+        observation: &mut Self::Observation,
+    ) -> Result<usize, String>;
+}
+
+/// Prepares coloured points for the published algorithm.
+impl Prepare for UnprojectSettings {
+    type Observation = Points<f32>;
+    type Memory = Unprojector;
+
+    fn empty() -> Points<f32> {
+        Points::new()
+    }
+
+    fn prepare(
+        &self,
+        frame: &Frame,
+        unprojector: &mut Unprojector,
+        points: &mut Points<f32>,
+    ) -> Result<usize, String> {
+        let counts = unprojector.unproject(frame, self, points).map_err(message)?;
+        check_points(frame, points.len(), &counts)?;
+        Ok(counts.dropped())
+    }
+}
+
+/// Prepares surface points and ranges for the scene preset.
+impl Prepare for SurfaceSettings {
+    type Observation = Observation;
+    type Memory = Preparer;
+
+    fn empty() -> Observation {
+        Observation::empty()
+    }
+
+    fn prepare(
+        &self,
+        frame: &Frame,
+        preparer: &mut Preparer,
+        surfaces: &mut Observation,
+    ) -> Result<usize, String> {
+        let counts = preparer.prepare(frame, self, surfaces).map_err(message)?;
+        check_points(frame, surfaces.points.len(), &counts)?;
+        Ok(counts.dropped())
+    }
+}
+
+fn message(error: FrameError) -> String {
+    error.to_string()
+}
+
+fn check_points(frame: &Frame, n_points: usize, counts: &impl Display) -> Result<(), String> {
+    if n_points > 0 {
+        return Ok(());
+    }
+    Err(format!(
+        "{}: expected pixels with usable depth, found none ({counts}); check the depth unit and range",
+        frame.name
+    ))
 }
 
 /// Frame to prepare, and the sender for the result.
@@ -165,10 +243,9 @@ impl<P: Prepare> Prefetch<P> {
         match decoder_count() {
             0 => {
                 let at_once = rayon::current_num_threads().clamp(1, MAX_AT_ONCE);
-                Self::with_threads(upcoming, preparation, at_once, Pace::Between(at_once))
+                Self::with_threads(upcoming, preparation, at_once, false)
             }
-            // One frame ready besides those in preparation.
-            n => Self::with_threads(upcoming, preparation, n, Pace::Ahead(n + 1)),
+            n => Self::with_threads(upcoming, preparation, n, true),
         }
     }
 
@@ -176,7 +253,7 @@ impl<P: Prepare> Prefetch<P> {
         upcoming: VecDeque<PlannedFrame>,
         preparation: P,
         n_threads: usize,
-        pace: Pace,
+        is_ahead: bool,
     ) -> Result<Self, SpawnError> {
         let (asked, tasks) = channel();
         let (recycle, recycled) = sync_channel(n_threads + 1);
@@ -187,27 +264,27 @@ impl<P: Prepare> Prefetch<P> {
             thread::Builder::new().name("prefetch".into()).spawn(move || shared.run())?;
         }
         let (coming, ready) = (VecDeque::new(), VecDeque::new());
-        let mut prefetch = Self { upcoming, pace, asked, coming, ready, recycle };
-        prefetch.run_ahead();
+        // Ahead, one frame is ready besides those in preparation.
+        let most = n_threads + usize::from(is_ahead);
+        let mut prefetch = Self { upcoming, is_ahead, most, asked, coming, ready, recycle };
+        prefetch.request_ahead();
         Ok(prefetch)
     }
 
     /// Appends frames to the queue.
     pub fn append(&mut self, frames: impl Iterator<Item = PlannedFrame>) {
         self.upcoming.extend(frames);
-        self.run_ahead();
+        self.request_ahead();
     }
 
-    /// Requests more frames in ahead mode.
-    fn run_ahead(&mut self) {
-        if let Pace::Ahead(most) = self.pace {
-            self.request_frames(most);
+    fn request_ahead(&mut self) {
+        if self.is_ahead {
+            self.request();
         }
     }
 
-    /// Requests frames until `most` are outstanding.
-    fn request_frames(&mut self, most: usize) {
-        while self.coming.len() < most
+    fn request(&mut self) {
+        while self.coming.len() < self.most
             && let Some(frame) = self.upcoming.pop_front()
         {
             let (slot, prepared) = sync_channel(1);
@@ -220,19 +297,15 @@ impl<P: Prepare> Prefetch<P> {
     /// Waits for the next frame; `None` after the last one.
     pub fn next_frame(&mut self) -> Option<Prepared<P::Observation>> {
         match self.next_within(Duration::MAX) {
-            NextFrame::Ready(frame) => Some(frame),
-            NextFrame::Unread | NextFrame::None => None,
+            Next::Ready(frame) => Some(frame),
+            Next::Unread | Next::End => None,
         }
     }
 
     /// Returns the next frame, waiting at most `patience`.
-    pub fn next_within(&mut self, patience: Duration) -> NextFrame<P::Observation> {
-        self.run_ahead();
-        if let Pace::Between(at_once) = self.pace
-            && self.ready.is_empty()
-            && self.coming.is_empty()
-        {
-            self.request_frames(at_once);
+    pub fn next_within(&mut self, patience: Duration) -> Next<Prepared<P::Observation>> {
+        if self.is_ahead || self.ready.is_empty() && self.coming.is_empty() {
+            self.request();
         }
         let begun = Instant::now();
         while let Some(first) = self.coming.front() {
@@ -243,14 +316,14 @@ impl<P: Prepare> Prefetch<P> {
                 Err(RecvTimeoutError::Disconnected) => {}
             }
             self.coming.pop_front();
-            if matches!(self.pace, Pace::Ahead(_)) {
+            if self.is_ahead {
                 break;
             }
         }
         match self.ready.pop_front() {
-            Some(frame) => NextFrame::Ready(frame),
-            None if self.coming.is_empty() => NextFrame::None,
-            None => NextFrame::Unread,
+            Some(frame) => Next::Ready(frame),
+            None if self.coming.is_empty() => Next::End,
+            None => Next::Unread,
         }
     }
 
@@ -300,7 +373,7 @@ impl<P: Prepare> Worker<P> {
             *self = Self::default();
             Err(format!(
                 "{name}: skipped because of a defect of this program, please report it: {}",
-                panic_text(&*panic).unwrap_or(NO_MESSAGE)
+                PanicReport::of(&*panic)
             ))
         });
         Prepared { position: *position, is_repeat: *is_repeat, name, marks, result }
@@ -311,28 +384,18 @@ impl<P: Prepare> Worker<P> {
         preparation: &P,
         entry: &FrameEntry,
     ) -> Result<PreparedFrame<P::Observation>, String> {
-        let message = |e: FrameError| e.to_string();
         let mut clock = Stopwatch::start();
         let frame = entry.load().map_err(message)?;
         let load_ms = clock.lap_ms();
         let mut observation = self.recycled.take().unwrap_or_else(P::empty);
-        let counts =
-            preparation.prepare(&frame, &mut self.memory, &mut observation).map_err(message)?;
-        let prepare_ms = clock.lap_ms();
-        if P::n_points(&observation) == 0 {
-            return Err(format!(
-                "{}: expected pixels with usable depth, found none ({counts}); check the depth unit and range",
-                frame.name
-            ));
-        }
-        Ok(PreparedFrame { observation, dropped: P::dropped(&counts), load_ms, prepare_ms })
+        let dropped = preparation.prepare(&frame, &mut self.memory, &mut observation)?;
+        Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms: clock.lap_ms() })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::frame::Frame;
     use crate::dataset::synthetic::{SyntheticParams, dataset};
     use crate::pipeline::plan::Selection;
     use std::time::Duration;
@@ -345,7 +408,6 @@ mod tests {
     impl Prepare for Slow {
         type Observation = String;
         type Memory = usize;
-        type Counts = usize;
 
         fn empty() -> String {
             String::new()
@@ -356,21 +418,13 @@ mod tests {
             frame: &Frame,
             calls: &mut usize,
             name: &mut String,
-        ) -> Result<usize, FrameError> {
+        ) -> Result<usize, String> {
             assert!(Some(&frame.name) != self.defect.as_ref(), "a defect of {}", frame.name);
             let number = frame.name.chars().filter_map(|c| c.to_digit(10)).next_back().unwrap();
             thread::sleep(Duration::from_millis(10 * u64::from(9 - number)));
             name.clone_from(&frame.name);
             *calls += 1;
             Ok(*calls)
-        }
-
-        fn n_points(name: &String) -> usize {
-            name.len()
-        }
-
-        fn dropped(calls: &usize) -> usize {
-            *calls
         }
     }
 
@@ -393,8 +447,7 @@ mod tests {
         for decoders in [1, 4] {
             let upcoming = PlannedFrame::of(&room, &plan, 0).collect();
             let slow = Slow { defect: None };
-            let pace = Pace::Ahead(decoders + 1);
-            let mut prefetch = Prefetch::with_threads(upcoming, slow, decoders, pace).unwrap();
+            let mut prefetch = Prefetch::with_threads(upcoming, slow, decoders, true).unwrap();
             let mut calls = 0;
             for position in 0..plan.frames.len() {
                 let prepared = prefetch.next_frame().unwrap();

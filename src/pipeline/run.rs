@@ -115,6 +115,7 @@ impl Session {
         let split = &dataset.splits[plan.split];
         let first = plan.frames.first().map(|&i| split.frames[i].camera.intrinsics);
         let path = dataset.path.as_ref();
+        let used = self.learner().device_use();
         Report {
             format: REPORT_FORMAT,
             dataset: DatasetReport {
@@ -140,9 +141,9 @@ impl Session {
             eval,
             seen: Vec::new(),
             tracking: None,
-            comparer: self.learner().comparer_use(),
-            passes: self.learner().pass_use(),
-            points: self.learner().point_use(),
+            comparer: used.photographs,
+            passes: used.passes,
+            points: used.points,
         }
     }
 }

@@ -1,25 +1,20 @@
 //! Training session: a dataset, its settings and a model trained frame by frame.
 
 use super::error::SessionError;
-use super::follow::Follow;
-use super::frame_loop::{FrameLoop, FrameStatus, StepResult, SteppedFrame};
-use super::looks::ScanFindings;
+use super::follow::{Follow, ScanFindings};
+use super::frame_loop::{FrameLoop, FrameStatus, InitialState, SteppedFrame, frame_loop};
 use super::memory;
 use super::plan::{Plan, Selection};
-use super::prefetch::PlannedFrame;
+use super::prefetch::{Next, PlannedFrame};
 use super::run::{RunConfig, RunProgress};
 use super::settings::method::MethodRequest;
-use super::start::{InitialState, frame_loop};
 use crate::dataset::{Dataset, FrameMarks, range};
 use crate::eval::report::{FrameMs, FrameReport, SkippedFrame};
 use crate::math::measured_pixel::Normalization;
 use crate::model::inspection::DeviceError;
-use crate::model::paper::mixture_device::MixtureDevice;
-use crate::model::scene::points_device::PointsDevice;
 use crate::model::splat::appearance::SplatSet;
-use crate::render::cpu::photometric::PhotometricComparer;
 use crate::train::device_trial::DevicePolicy;
-use crate::train::learner::Learner;
+use crate::train::learner::{Learner, TrainingDevice};
 use crate::train::outcome::{BirthLog, FrameOutcome, FrameTracking, MemoryEstimate};
 use glam::DVec3;
 use std::sync::Arc;
@@ -108,7 +103,7 @@ impl Session {
         memory::check(preset.memory(pixels), preset.component_limit())?;
         let (frames, normalization) = frame_loop(&dataset, &config, &plan, past.visited, origin)?;
         let passes = config.selection.passes;
-        if passes > 1 && frames.learner().comparer_use().is_none() {
+        if passes > 1 && frames.learner().device_use().photographs.is_none() {
             return Err(SessionError::Passes(passes));
         }
         let (started, wall_before_s) = (Instant::now(), past.wall_s);
@@ -209,9 +204,9 @@ impl Session {
             return Ok(Some(Step::Waiting));
         }
         let SteppedFrame { position, name, marks, status } = match self.frames.step(patience) {
-            StepResult::Frame(frame) => frame,
-            StepResult::Unread => return Ok(None),
-            StepResult::Finished => return self.finish().map(Some),
+            Next::Ready(frame) => frame,
+            Next::Unread => return Ok(None),
+            Next::End => return self.finish().map(Some),
         };
         // Set before the result is handled: no resumed run may train on this frame twice.
         self.past.visited = position + 1;
@@ -428,7 +423,7 @@ impl Session {
     /// Splats for files and measurements, in the component order of checkpoints. Equal models give equal
     /// files, and the budget is never exceeded.
     pub fn stored_splats(&self) -> SplatSet {
-        self.learner().stored_splats()
+        self.learner().splats()
     }
 
     /// Splats of the listed components.
@@ -444,25 +439,15 @@ fn latency_ms(marks: &FrameMarks) -> Option<f64> {
 }
 
 impl Session {
-    /// Compares photographs on a device from now on, if they are trained on.
-    pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
-        self.learner_mut().compare_on(comparer, policy);
-    }
-
-    /// Assigns points to seeds and sums them on a device from now on, if the learner supports it.
-    pub fn fit_on(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
-        self.learner_mut().fit_on(device, policy);
-    }
-
-    /// Computes mixture passes over frames on a device from now on, if the learner supports it.
+    /// Uses a device for a part of training from now on, if the learner has that part.
     ///
     /// # Errors
     /// [`DeviceError`] if the device has too little memory for the model; it is then not used.
-    pub fn compute_on(
+    pub fn add_device(
         &mut self,
-        device: Box<dyn MixtureDevice>,
+        device: TrainingDevice,
         policy: DevicePolicy,
     ) -> Result<(), DeviceError> {
-        self.learner_mut().compute_on(device, policy)
+        self.learner_mut().add_device(device, policy)
     }
 }

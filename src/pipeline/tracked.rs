@@ -58,13 +58,8 @@ impl Trajectory {
     }
 
     /// Number of placed frames.
-    pub fn len(&self) -> usize {
+    pub fn n_placed(&self) -> usize {
         self.frames.len()
-    }
-
-    /// True if no frame was placed.
-    pub fn is_empty(&self) -> bool {
-        self.frames.is_empty()
     }
 
     /// Names of the frames that were not placed, or were unreadable.

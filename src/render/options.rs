@@ -243,6 +243,14 @@ pub const LOW_PASS_PX2: f64 = 0.3;
 /// clamped tangent `x/z`, `y/z` (`rendering.md`, Projected renderer).
 pub const FRUSTUM_MARGIN: f64 = 0.3;
 
+/// Range of `x/z` and `y/z` within which the Jacobian follows the splat's centre.
+pub(super) fn tangent_range(k: &Intrinsics) -> [DVec2; 2] {
+    let (focal, principal) = (DVec2::new(k.fx, k.fy), DVec2::new(k.cx, k.cy));
+    let size = DVec2::new(k.width.into(), k.height.into());
+    let margin = FRUSTUM_MARGIN * 0.5 * size / focal;
+    [-principal / focal - margin, (size - principal) / focal + margin]
+}
+
 /// Maximum alpha of one splat in one pixel (`rendering.md`, Projected renderer).
 pub const ALPHA_CAP: f64 = 0.99;
 

@@ -5,12 +5,12 @@
 //! f32 records, so that rounding does not decide the result; a test checks that both agree. The weight
 //! decides rather than depth, because the first splat of a pixel is often a faint one.
 
+use super::cpu::projected::distance_squared;
+use super::cpu::view::{CameraSplat, CpuView};
 use super::options::{
-    ALPHA_CAP, ALPHA_CUT, Antialias, DisplayStyle, ExactOptions, FOOTPRINT_PX2, FRUSTUM_MARGIN,
-    LOW_PASS_PX2, Lens, REFERENCE_VARIANCE, RenderMethod, RenderOptions, Response,
-    TRANSMITTANCE_STOP,
+    ALPHA_CAP, ALPHA_CUT, DisplayStyle, RenderMethod, RenderOptions, Response, TRANSMITTANCE_STOP,
 };
-use crate::math::camera::{Camera, Intrinsics};
+use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
@@ -66,116 +66,49 @@ struct Layer {
 }
 
 struct PixelView {
-    camera_from_world: DMat3,
-    centre: DVec3,
-    intrinsics: Intrinsics,
+    view: CpuView,
     position: DVec2,
     /// Ray through the pixel in camera axes; any length.
     ray: DVec3,
-    near: f64,
-    method: RenderMethod,
-    look: DisplayStyle,
 }
 
 impl PixelView {
     /// `None` outside the lens's field of view.
     fn new(camera: &Camera, position: DVec2, options: &RenderOptions) -> Option<Self> {
-        Some(Self {
-            camera_from_world: camera.pose.rotation().transpose(),
-            centre: camera.pose.centre(),
-            intrinsics: camera.intrinsics,
-            position,
-            ray: options.method.lens().ray(&camera.intrinsics, position)?,
-            near: options.near.max(0.0),
-            method: options.method,
-            look: options.style,
-        })
+        let ray = options.method.lens().ray(&camera.intrinsics, position)?;
+        Some(Self { view: CpuView::new(camera, options), position, ray })
     }
 
     /// Sort depth and alpha of a splat; `None` if it is invisible in the pixel.
     fn depth_and_alpha(&self, splat: &Splat) -> Option<(f64, f64)> {
-        let opacity = f64::from(splat.opacity);
-        let is_cut = splat.opacity < self.look.opacity_cut || opacity < ALPHA_CUT;
-        if is_cut || !splat.is_drawable() {
+        if !splat.is_drawable() {
             return None;
         }
-        // Subtracted before rotation: far from the origin, rotated coordinates would lose the difference.
-        let mean = DVec3::from_array(splat.mean.map(f64::from)) - self.centre;
-        let m = self.camera_from_world * mean;
-        let near_depth = match self.method.lens() {
-            Lens::Pinhole => m.z,
-            Lens::Fisheye => m.length(),
-        };
-        if near_depth <= self.near {
-            return None;
-        }
-        let [w, x, y, z] = splat.rotation.map(f64::from);
-        let axes =
-            self.camera_from_world * DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
-        let scale = self.look.display_scales(splat);
-        let (depth, opacity, distance2) = match self.method {
-            RenderMethod::Projected(_) => (m.z, opacity, self.projected(m, axes, scale)?),
+        let placed = self.view.to_camera(splat)?;
+        let (depth, opacity, distance2) = match self.view.method {
+            RenderMethod::Projected(_) => {
+                (placed.m.z, placed.opacity, distance_squared(&self.view, &placed, self.position))
+            }
             RenderMethod::Exact(exact) => {
-                let (opacity, distance2) = self.exact(exact, m, axes, scale, opacity)?;
-                (m.length(), opacity, distance2)
+                let placed = placed.apply_antialiasing(exact, &self.view.intrinsics)?;
+                (placed.m.length(), placed.opacity, self.exact(&placed, exact.response))
             }
         };
         let alpha = ALPHA_CAP.min(opacity * (-0.5 * distance2).exp());
-        (alpha >= ALPHA_CUT).then_some((depth, alpha))
+        // `min` ignores NaN, so the distance is compared too.
+        (distance2 >= 0.0 && alpha >= ALPHA_CUT).then_some((depth, alpha))
     }
 
-    /// Squared Mahalanobis distance in the projected covariance (`rendering.md`, Projected renderer).
-    fn projected(&self, m: DVec3, axes: DMat3, scale: DVec3) -> Option<f64> {
-        let k = &self.intrinsics;
-        let focal = DVec2::new(k.fx, k.fy);
-        let (principal, size) =
-            (DVec2::new(k.cx, k.cy), DVec2::new(k.width.into(), k.height.into()));
-        let tangent = m.truncate() / m.z;
-        let margin = FRUSTUM_MARGIN * 0.5 * size / focal;
-        let clamped =
-            tangent.max(-principal / focal - margin).min((size - principal) / focal + margin);
-        let row = |e: DVec3, tangent: f64, f: f64| {
-            axes.transpose_mul_vec3((e - DVec3::Z * tangent) * (f / m.z)) * scale
-        };
-        let (x, y) = (row(DVec3::X, clamped.x, k.fx), row(DVec3::Y, clamped.y, k.fy));
-        let (xx, yy, xy) =
-            (x.length_squared() + LOW_PASS_PX2, y.length_squared() + LOW_PASS_PX2, x.dot(y));
-        let det = xx * yy - xy * xy;
-        let d = self.position - (tangent * focal + principal);
-        let distance2 = (yy * d.x * d.x - 2.0 * xy * d.x * d.y + xx * d.y * d.y) / det;
-        (det > 0.0 && distance2 >= 0.0).then_some(distance2)
-    }
-
-    /// Opacity after antialiasing, and squared Mahalanobis distance (`rendering.md`, Exact renderer).
-    fn exact(
-        &self,
-        exact: ExactOptions,
-        m: DVec3,
-        axes: DMat3,
-        scale: DVec3,
-        opacity: f64,
-    ) -> Option<(f64, f64)> {
-        let k = &self.intrinsics;
-        let variance = match exact.antialias {
-            Antialias::None => 0.0,
-            Antialias::Footprint => FOOTPRINT_PX2 * m.length_squared() / (k.fx * k.fy),
-            Antialias::Reference => REFERENCE_VARIANCE,
-        };
-        let widened = (scale * scale + variance).map(f64::sqrt);
-        let opacity = match exact.antialias {
-            Antialias::Reference => opacity * (scale / widened).element_product(),
-            Antialias::None | Antialias::Footprint => opacity,
-        };
-        let p = axes.transpose_mul_vec3(m) / widened;
-        let g = axes.transpose_mul_vec3(self.ray) / widened;
+    /// Squared Mahalanobis distance of the ray (`rendering.md`, Exact renderer).
+    fn exact(&self, placed: &CameraSplat, response: Response) -> f64 {
+        let p = placed.axes.transpose_mul_vec3(placed.m) / placed.scale;
+        let g = placed.axes.transpose_mul_vec3(self.ray) / placed.scale;
         // If the maximum lies behind the camera, the response on the ray is largest at the camera.
-        let is_ahead = exact.response == Response::Line || g.dot(p) >= 0.0;
-        let distance2 = if is_ahead {
+        if response == Response::Line || g.dot(p) >= 0.0 {
             g.cross(p).length_squared() / g.length_squared()
         } else {
             p.length_squared()
-        };
-        (opacity >= ALPHA_CUT && distance2.is_finite()).then_some((opacity, distance2))
+        }
     }
 }
 
@@ -224,8 +157,10 @@ pub fn outline(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::render::cpu::CpuRenderer;
+    use crate::render::options::{Antialias, ExactOptions, Lens};
 
     fn camera() -> Camera {
         Camera { intrinsics: Intrinsics::from_horizontal_fov(64, 48, 1.0), pose: Pose::IDENTITY }

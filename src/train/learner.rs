@@ -71,38 +71,18 @@ pub trait Learner: Send + Sync {
         None
     }
 
-    /// Adds a device for comparing photographs; ignored if the model does not train on them.
-    fn compare_on(&mut self, _comparer: Box<dyn PhotometricComparer>, _policy: DevicePolicy) {}
-
-    /// Devices used to compare photographs; `None` if the model does not train on them.
-    fn comparer_use(&self) -> Option<ComparerUse> {
-        None
-    }
-
-    /// Adds a device for passes over frames; ignored if the model does not support one.
+    /// Adds a device for a part of training; ignored if the model has no such part.
     ///
     /// # Errors
     /// [`DeviceError`] if the device has too little memory for the model; it is then not used.
-    fn compute_on(
+    fn add_device(
         &mut self,
-        _device: Box<dyn MixtureDevice>,
-        _policy: DevicePolicy,
-    ) -> Result<(), DeviceError> {
-        Ok(())
-    }
+        device: TrainingDevice,
+        policy: DevicePolicy,
+    ) -> Result<(), DeviceError>;
 
-    /// Devices used for passes over frames; `None` if the model does not support one.
-    fn pass_use(&self) -> Option<PassUse> {
-        None
-    }
-
-    /// Adds a device that finds the seeds of points and sums them; ignored if not supported.
-    fn fit_on(&mut self, _device: Box<dyn PointsDevice>, _policy: DevicePolicy) {}
-
-    /// Devices used to fit points; `None` if the model does not support one.
-    fn point_use(&self) -> Option<PassUse> {
-        None
-    }
+    /// Devices used so far.
+    fn device_use(&self) -> DeviceUse;
 
     /// Unit normal of a component's surface in world axes, towards the cameras that saw it; `None` if
     /// unknown.
@@ -115,13 +95,9 @@ pub trait Learner: Send + Sync {
     /// Computed on demand. For many components, [`Self::splats_of`] uses all threads.
     fn splat(&self, component: usize) -> (Splat, Appearance);
 
-    /// Splats of all components, in world units; slot `k` is component `k`.
+    /// Splats of all components, in world units; slot `k` is component `k`. Equal models give the same order,
+    /// so equal files.
     fn splats(&self) -> SplatSet;
-
-    /// Splats for files and metrics, within the budget. Equal models give the same order, so equal files.
-    fn stored_splats(&self) -> SplatSet {
-        self.splats()
-    }
 
     /// Splats of the listed components, in world units and in the order of the list.
     fn splats_of(&self, components: &[u32]) -> SplatSet;
@@ -162,4 +138,25 @@ pub enum Changed<'a> {
     Listed(&'a [u32]),
     /// All components, whether or not they received a point.
     All,
+}
+
+/// Device for a part of training.
+pub enum TrainingDevice {
+    /// Compares photographs.
+    Photographs(Box<dyn PhotometricComparer>),
+    /// Computes the passes of a mixture over a frame.
+    Passes(Box<dyn MixtureDevice>),
+    /// Finds the seeds of points and sums them.
+    Points(Box<dyn PointsDevice>),
+}
+
+/// Devices used for each part of training; `None` if the model has no such part.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DeviceUse {
+    /// Comparison of photographs.
+    pub photographs: Option<ComparerUse>,
+    /// Passes over frames.
+    pub passes: Option<PassUse>,
+    /// Search and sums of points.
+    pub points: Option<PassUse>,
 }

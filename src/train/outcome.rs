@@ -131,14 +131,20 @@ impl MemoryEstimate {
 }
 
 /// A warning about a trained model.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TrainingWarning {
     /// Points without a component were dropped because the budget was exhausted.
+    #[error(
+        "{points} points were dropped because the budget was exhausted; raise the budget (`--budget`), or increase the structural scale (`--scale`) if depth is noisy"
+    )]
     OverBudget {
         /// Number of points since training began.
         points: u64,
     },
     /// The structural scale grew because merging could not meet the budget.
+    #[error(
+        "the budget is too small for a structural scale of {requested}, which was increased to {scale}; raise the budget (`--budget`), or start with that structural scale (`--scale {scale}`), which is faster"
+    )]
     Coarsened {
         /// Requested structural scale, world units.
         requested: f64,
@@ -146,11 +152,17 @@ pub enum TrainingWarning {
         scale: f64,
     },
     /// Points were dropped: too many structural scales from the origin to distinguish neighbours.
+    #[error(
+        "{points} points lie more than a million structural scales from the scene's origin and were dropped; correct outlier poses (listed by `info`) or the depth unit, or increase the structural scale (`--scale`)"
+    )]
     TooFarFromOrigin {
         /// Number of points since training began.
         points: u64,
     },
     /// A splat's photometric precision was not positive definite and was reset.
+    #[error(
+        "photometric precisions of {splats} splats were not positive definite and were reset; these splats again follow from points alone. `--photometric off` disables training on photographs"
+    )]
     PrecisionReset {
         /// Number of resets since training began or resumed.
         splats: u64,

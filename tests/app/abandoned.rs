@@ -184,9 +184,7 @@ fn a_run_that_is_ended_from_outside_is_kept_and_offered() {
         wait(&mut window, "ready", is(RunState::Ready));
         click(&mut window, "Step");
         wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
-        let Rescue::Saved { path, frames } = worker.store_for_next_window() else {
-            panic!("not kept")
-        };
+        let Rescue::Stored { path, frames } = worker.store() else { panic!("not kept") };
         assert_eq!(frames, 1);
         window.step();
         let commands = &window.output().viewport_output[&ViewportId::ROOT].commands;

@@ -1,4 +1,4 @@
-//! Panics of the program: the report, and where the scene is saved. Tests inject them through egui's hooks
+//! Panics of the program: the report, and what becomes of the run. Tests inject them through egui's hooks
 //! and the waker, so the program needs no code for it.
 
 use super::device_loss::draw_film;
@@ -24,8 +24,7 @@ struct Hosted {
     device: wgpu::Device,
 }
 
-/// Opens a window on a new worker; `None` without a Vulkan adapter. Scenes without a dataset folder are
-/// rescued into `folder`.
+/// Opens a window on a new worker; `None` without a Vulkan adapter. Runs are stored below `folder`.
 fn hosted(subject: Subject, waker: Waker, folder: &Path) -> Option<Hosted> {
     vulkan()?;
     let worker = Arc::new(Worker::start_with(waker, vec![folder.to_owned()]).unwrap());
@@ -70,7 +69,7 @@ fn panic_in(window: Window, worker: &Worker, exit: &Exit) -> Result<(), WindowEr
 }
 
 #[test]
-fn a_panic_of_the_window_saves_the_scene_and_says_where() {
+fn a_panic_of_the_window_stores_the_run_and_states_where() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path(), 3);
@@ -84,15 +83,15 @@ fn a_panic_of_the_window_saves_the_scene_and_says_where() {
     let Err(WindowError::Crashed(crash)) = panic_in(window, &worker, &exit) else {
         panic!("a crash")
     };
-    let saved = folder.path().join("room-rescued.vbgs");
     assert_eq!(crash.thread, CrashedThread::Window);
-    assert_eq!(crash.rescue, Rescue::Saved { path: saved.clone(), frames: 1 });
+    let Rescue::Stored { path: saved, frames: 1 } = crash.rescue.clone() else { panic!("{crash}") };
+    assert!(saved.starts_with(state.join("autosave")), "{crash}");
     let text = crash.to_string();
     for part in ["injected into the window", "crash.rs:", &saved.display().to_string()] {
         assert!(text.contains(part), "{text}");
     }
-    assert!(!state.exists(), "the scene must be rescued into the dataset's folder");
     drop(worker);
+    assert!(saved.is_file(), "the end of the worker removed the stored run");
 
     let Some(mut again) = harness::window(Some(Subject::Path(saved)), Painting::Auto) else {
         return;
@@ -116,12 +115,12 @@ fn a_panic_after_the_device_was_lost_is_the_devices_loss() {
     assert!(ended.is_ok(), "{ended:?}");
     assert_eq!(exit.reason(), ExitReason::DeviceLost);
     assert!(worker.crash().is_none());
-    assert!(!folder.path().join("room-rescued.vbgs").exists(), "training goes on");
+    assert!(!folder.path().join("autosave").exists(), "training goes on");
     assert_eq!(worker.snapshot().unsaved_frames, 3, "in the next window");
 }
 
 #[test]
-fn a_panic_of_training_saves_the_scene_and_leaves_the_window() {
+fn a_panic_of_training_stores_the_run_and_leaves_the_window() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let state = folder.path().join("state");
@@ -130,25 +129,27 @@ fn a_panic_of_training_saves_the_scene_and_leaves_the_window() {
     let waker: Waker = Arc::new(move || {
         assert!(!trigger.swap(false, Ordering::SeqCst), "injected into training");
     });
-    let Some(mut hosted) = hosted(Subject::Demo, waker, &state) else { return };
+    let path = dataset(folder.path(), 30);
+    let Some(mut hosted) = hosted(Subject::Path(path), waker, &state) else { return };
     let Hosted { window, worker, .. } = &mut hosted;
-    wait(window, "frames", |s| s.snapshot().frames_done >= 2);
+    wait(window, "ready", is(RunState::Ready));
+    for frames in 1..=2 {
+        click(window, "Step");
+        wait(window, "a frame", |s| s.snapshot().frames_done == frames);
+    }
     armed.store(true, Ordering::SeqCst);
+    worker.send(WorkerOrder::Inspect(None));
     wait(window, "the crash", is(RunState::Failed));
     let crash = worker.crash().unwrap();
     assert_eq!(crash.thread, CrashedThread::Training);
-    let saved = state.join("demo-rescued.vbgs");
-    assert!(
-        matches!(&crash.rescue, Rescue::Saved { path, frames } if *path == saved && *frames >= 2),
-        "{crash}"
-    );
-    assert!(saved.is_file());
+    let Rescue::Stored { path, frames: 2 } = &crash.rescue else { panic!("{crash}") };
+    assert!(path.starts_with(&state) && path.is_file(), "{crash}");
     assert!(crash.to_string().contains("injected into training"), "{crash}");
     wait_for_label(window, &crash.to_string());
     wait(window, "splats", |s| s.n_drawn() > 100);
     assert!(window.get_by_label("Export…").rect().is_positive());
-    assert_eq!(worker.rescue(), crash.rescue, "the rescue is repeated");
     assert!(worker.is_alive());
+    assert_eq!(worker.store(), crash.rescue, "the run is stored once");
 }
 
 /// Makes the next pool thread that wakes the window panic, once. Pool threads are those without a name.

@@ -17,6 +17,7 @@ use egui_kittest::kittest::Queryable;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use vbgs_studio::app::edit::marks::Mark;
 use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Subject};
 use vbgs_studio::app::worker::{Worker, WorkerOrder};
 use vbgs_studio::app::{Exit, ExitReason, Painting};
@@ -51,8 +52,8 @@ impl Run {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         dataset(folder.path(), FRAMES);
-        let rescued = vec![folder.path().join("rescued")];
-        let worker = Arc::new(Worker::start_with(Arc::new(|| {}), rescued).unwrap());
+        let folders = vec![folder.path().join("rescued")];
+        let worker = Arc::new(Worker::start_with(Arc::new(|| {}), folders).unwrap());
         worker.send(WorkerOrder::Open(Subject::Path(folder.path().join("room"))));
         Self { folder, worker, exit: Exit::default() }
     }
@@ -261,7 +262,7 @@ fn edits_camera_and_path_go_on_in_the_next_window() {
     press(&mut window, Key::B);
     press(&mut window, Key::Delete);
     let edits = window.state().view().editor().edits().clone();
-    assert!(!edits.deleted.is_empty(), "the box holds no splat");
+    assert!(edits.count(Mark::Deleted) > 0, "the box holds no splat");
     wait(&mut window, "fewer splats", move |s| s.n_drawn() < all);
     let (eye, drawn) = (window.state().view().camera.eye(), window.state().n_drawn());
     device.destroy();

@@ -12,7 +12,7 @@ use egui_kittest::kittest::Queryable;
 use std::path::Path;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::color_mode::ColorMode;
-use vbgs_studio::app::edit::history::Edits;
+use vbgs_studio::app::edit::marks::{Edits, Mark};
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::export;
 
@@ -37,7 +37,7 @@ fn select_box(window: &mut Window) {
     press(window, Key::B);
     drag_between(window, PointerButton::Primary, BOX[0], BOX[1]);
     press(window, Key::B);
-    assert!(!edits(window).selected.is_empty(), "the box holds no splat");
+    assert!(edits(window).count(Mark::Selected) > 0, "the box holds no splat");
 }
 
 /// Number of pixels in the selection colour.
@@ -75,7 +75,7 @@ fn what_a_box_selects_is_seen_in_every_colour_and_is_hidden_and_comes_back() {
             choose(&mut window, 1, mode.label());
             wait_for_marks(&mut window, mode.label(), |n| n > 500);
         }
-        let (all, selected) = (window.state().n_drawn(), edits(&window).selected.len());
+        let (all, selected) = (window.state().n_drawn(), edits(&window).count(Mark::Selected));
         press(&mut window, Key::K);
         wait(&mut window, "hidden", move |s| s.n_drawn() == all - selected);
         wait_for_marks(&mut window, "hidden", |n| n == 0);
@@ -113,7 +113,7 @@ fn exports_lack_what_was_deleted_or_cropped_and_the_model_keeps_it() {
     let (all, words) = exported(&mut window, &file("all"));
     assert!(!words.contains("left out"), "{words}");
     select_box(&mut window);
-    let n = edits(&window).selected.len();
+    let n = edits(&window).count(Mark::Selected);
     press(&mut window, Key::Delete);
     let (without, words) = exported(&mut window, &file("without"));
     assert!(without < all, "{without} of {all}");
@@ -126,12 +126,12 @@ fn exports_lack_what_was_deleted_or_cropped_and_the_model_keeps_it() {
     window.run_steps(2);
     window.get_by_role_and_label(Role::Button, "Crop box").click_accesskit();
     window.run_steps(2);
-    let [low, high] = edits(&window).crop.unwrap();
+    let [low, high] = edits(&window).crop().unwrap();
     assert!(low.cmplt(high).all());
     wait(&mut window, "the crop", move |s| s.n_drawn() < all);
     let (cropped, words) = exported(&mut window, &file("cropped"));
     assert!(cropped < all && words.contains("left out"), "{cropped}: {words}");
-    while window.state().view().editor().can_undo() {
+    while window.state().view().editor().log.can_undo() {
         window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
         window.run_steps(2);
     }
@@ -172,17 +172,17 @@ fn one_slider_selects_by_evidence_while_it_moves_and_is_one_step() {
         for i in 0..=4 {
             window.event(Event::PointerMoved(place(0.3 + 0.1 * i as f32)));
             window.run_steps(2);
-            selected.push(edits(&window).selected.len());
+            selected.push(edits(&window).count(Mark::Selected));
         }
         window.event(press(false));
         window.run_steps(2);
         assert!(selected.iter().any(|n| *n != selected[0]), "{doubt}: {selected:?}");
-        let last = edits(&window).selected.len();
+        let last = edits(&window).count(Mark::Selected);
         let all = window.state().snapshot().used;
         assert!(last > 0 && last < all, "{doubt}: {last} of {all}");
         window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
         window.run_steps(2);
-        assert!(edits(&window).selected.is_empty(), "the whole drag is one step");
+        assert!(edits(&window).count(Mark::Selected) == 0, "the whole drag is one step");
     }
 }
 
@@ -197,7 +197,7 @@ fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
     wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1 && s.n_drawn() > 100);
     settled(&mut window);
     select_box(&mut window);
-    let deleted = edits(&window).selected.len();
+    let deleted = edits(&window).count(Mark::Selected);
     press(&mut window, Key::Delete);
     let before = window.state().n_drawn();
     window.key_press(Key::Space);

@@ -3,6 +3,7 @@
 use super::harness::{PATIENCE, Window, dataset, is, train, wait, wait_for_label, window};
 use super::viewer::{position, press};
 use crate::common::adapter::turn;
+use crate::common::layouts::{TestLayout, write};
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2};
 use egui_kittest::kittest::Queryable;
 use std::fs;
@@ -11,7 +12,6 @@ use std::time::Instant;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::dataset::synthetic::SyntheticParams;
-use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 
 fn middle(window: &Window, label: &str) -> Pos2 {
     window.get_by_label(label).rect().center()
@@ -130,7 +130,7 @@ fn ten_thousand_frames_cost_what_is_on_screen() {
         depth_noise: 0.0,
         ..SyntheticParams::demo()
     };
-    write(&params, &path, SyntheticLayout::Nerfstudio, &mut |_, _| {}).unwrap();
+    write(&params, &path, TestLayout::Nerfstudio, &mut |_, _| {}).unwrap();
     let file = path.join("transforms.json");
     let mut json: serde_json::Value =
         serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();

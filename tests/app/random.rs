@@ -363,8 +363,8 @@ fn a_device_may_be_lost_at_any_moment() {
     let files = [room.clone(), folder.path().join("missing")];
     let mut rng = Rng::new(asked("VBGS_WINDOW_SEED").unwrap_or(2), Purpose::Synthetic, 0);
     let alive = watchdog();
-    let rescued = vec![folder.path().to_owned()];
-    let worker = Arc::new(Worker::start_with(Arc::new(|| {}), rescued).unwrap());
+    let folders = vec![folder.path().to_owned()];
+    let worker = Arc::new(Worker::start_with(Arc::new(|| {}), folders).unwrap());
     let mut first = vec![WorkerOrder::Open(Subject::Path(room.clone()))];
     for round in 0..asked("VBGS_WINDOW_LOSSES").unwrap_or(5) {
         let exit = Exit::default();

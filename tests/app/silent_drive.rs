@@ -135,7 +135,7 @@ fn a_program_that_is_ended_keeps_its_training_and_waits_for_no_drive() {
     worker.send(WorkerOrder::Open(Subject::Path(silent.folder.clone())));
     wait("the start of opening", &|| worker.snapshot().state == RunState::Loading);
     let started = Instant::now();
-    let kept = worker.store_for_next_window();
+    let kept = worker.store();
     assert!(started.elapsed() < PASS, "{:?}", started.elapsed());
     assert!(format!("{kept}").contains("1"), "{kept}");
     assert!(worker.snapshot().is_terminated);

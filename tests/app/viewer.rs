@@ -225,7 +225,7 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
 fn the_latency_panel_tells_what_drawing_takes() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
-    for (painting, stage) in [(Painting::Auto, "Picture (CPU)"), (Painting::Gpu, "Order (CPU)")] {
+    for (painting, stage) in [(Painting::Auto, "Picture (CPU)"), (Painting::Gpu, "Uploaded, KiB")] {
         let Some(mut window) = trained(folder.path(), painting) else { return };
         wait_for_label(&mut window, stage);
         let uploads = window.query_by_label("Uploaded, KiB").is_some();

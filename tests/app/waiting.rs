@@ -11,6 +11,7 @@ use eframe::egui::{Key, PointerButton, Vec2};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
+use vbgs_studio::app::edit::marks::Mark;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
@@ -142,7 +143,7 @@ fn only_splats_that_changed_are_uploaded() {
     let corners = [-60.0, 60.0].map(|side| MIDDLE + Vec2::splat(side));
     drag_between(&mut window, PointerButton::Primary, corners[0], corners[1]);
     settled(&mut window);
-    let n_selected = window.state().view().editor().edits().selected.len();
+    let n_selected = window.state().view().editor().edits().count(Mark::Selected);
     let n_all = window.state().view().learned().len();
     assert!(0 < n_selected && 4 * n_selected < n_all, "{n_selected} of {n_all}");
     // Only the latest pictures count, since selecting uploads the shown set once.

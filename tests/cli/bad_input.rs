@@ -2,12 +2,13 @@
 //! found and what to do. A bad frame is skipped; a dataset without a usable frame is an error.
 
 use super::runner::Scratch;
+use crate::common::layouts::TestLayout;
 use crate::common::scratch::{edit_json, edit_pose, tiny, tiny_blender, tiny_seven_scenes};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
+use vbgs_studio::dataset::synthetic::write::DepthBits;
 
 const LIST: &str = "transforms_train.json";
 const DEPTH: &str = "train/r_1_depth_0001.png";
@@ -70,7 +71,7 @@ fn missing_depth_file() {
 fn mismatched_sizes() {
     let data = tiny_blender();
     image::GrayImage::from_pixel(16, 12, image::Luma([9])).save(data.path().join(DEPTH)).unwrap();
-    skips_one(&data, &[DEPTH, "expected depth", "32x24", "found 16x12", "export both"]);
+    skips_one(&data, &[DEPTH, "expected depth", "32x24", "found 16x12", "export all"]);
     let data = tiny_seven_scenes();
     let color = data.path().join("train/frame-000001.color.png");
     image::RgbImage::new(8, 8).save(color).unwrap();
@@ -213,7 +214,7 @@ fn no_usable_frame() {
 
 #[test]
 fn a_depth_scale_that_leaves_nothing() {
-    let data = tiny(SyntheticLayout::Blender(DepthBits::Sixteen));
+    let data = tiny(TestLayout::Blender(DepthBits::Sixteen));
     let scratch = Scratch::empty();
     let path = data.path().to_str().unwrap();
     let train =

@@ -47,8 +47,8 @@ fn options_that_contradict_the_checkpoint_are_wrong_usage() {
             &["components: expected 2000", "out/checkpoint.vbgs", "found 5"][..],
         ),
         ("--config other.ron", &["components: expected 2000", "found 7"]),
-        ("--set stride=2", &["stride: expected 1", "found 2", "leave the option out"]),
-        ("--depth-scale 0.5", &["--depth-scale: expected no value", "found 0.5"]),
+        ("--set stride=2", &["stride: expected 1", "found 2", "leave it out"]),
+        ("--depth-scale 0.5", &["depth scale (`--depth-scale`): expected no value", "found 0.5"]),
     ] {
         let run = format!("train room --out out --resume out/checkpoint.vbgs {options}");
         scratch.run(&run).fails(2, parts);
@@ -91,11 +91,11 @@ fn another_dataset_needs_force() {
 fn scenes_are_merged_onto_the_run_they_went_on_from() {
     let scratch = Scratch::with_room();
     let saved = |out: &str| format!("{out}/checkpoint.vbgs");
-    scratch.run("train room --set births=seeds --shard 1/4 --out start").succeeds();
+    scratch.run("train room --shard 1/4 --out start").succeeds();
     let start = saved("start");
     for k in 1..=2 {
         let shard = format!("--resume {start} --shard {k}/2 --out s{k}");
-        scratch.run(&format!("train room --set births=seeds {shard}")).succeeds();
+        scratch.run(&format!("train room {shard}")).succeeds();
     }
     let [a, b] = ["s1", "s2"].map(saved);
     let onto = scratch.run(&format!("merge --start {start} {b} {a} -o all.vbgs"));
@@ -106,12 +106,12 @@ fn scenes_are_merged_onto_the_run_they_went_on_from() {
     scratch.run(&format!("merge {a} {b} -o m.vbgs")).fails(1, &["no frame in both", "--start"]);
     // Runs without a common start are merged, with a warning.
     for k in 1..=2 {
-        let shard = format!("--set births=seeds --shard {k}/2 --out own{k}");
+        let shard = format!("--shard {k}/2 --out own{k}");
         scratch.run(&format!("train room {shard}")).succeeds();
     }
     let [c, d] = ["own1", "own2"].map(saved);
     let apart = scratch.run(&format!("merge {c} {d} -o m.vbgs")).succeeds().stderr;
-    assert!(apart.contains("setting `births`") && apart.contains("--start START"), "{apart}");
+    assert!(apart.contains("a common start") && apart.contains("--start START"), "{apart}");
     let parts = [d.as_str(), &start, "other frames at its beginning"];
     scratch.run(&format!("merge --start {start} {a} {d} -o no.vbgs")).fails(1, &parts);
     scratch.run(&format!("merge --start none.vbgs {a} {b} -o no.vbgs")).fails(1, &["none.vbgs"]);
@@ -173,14 +173,14 @@ fn info_tells_what_a_checkpoint_holds() {
     scratch.run(&format!("{TRAIN} --out out --max-frames 5")).succeeds();
     let info = scratch.run("info out/checkpoint.vbgs --json").succeeds().json();
     let summary = scratch.json("out/report.json")["summary"].clone();
-    assert_eq!((&info["kind"], &info["version"]), (&"checkpoint".into(), &"1.1".into()));
+    assert_eq!((&info["kind"], &info["version"]), (&"checkpoint".into(), &"1.2".into()));
     assert_eq!((&info["frames"], &info["planned_frames"]), (&5.into(), &5.into()));
     assert_eq!((&info["components"], &info["used"]), (&2000.into(), &summary["used"]));
     assert_eq!(info["bytes"], scratch.bytes("out/checkpoint.vbgs").len());
     assert_eq!(info["config"]["components"], 2000);
     assert_eq!(info["defects"], serde_json::json!([]));
     let said = scratch.run("info out/checkpoint.vbgs").succeeds().stdout;
-    for part in ["checkpoint, version 1.1", "5 of 5 frames", "of 2000 components", "0 defects"] {
+    for part in ["checkpoint, version 1.2", "5 of 5 frames", "of 2000 components", "0 defects"] {
         assert!(said.contains(part), "`{part}` is missing from: {said}");
     }
     fs::rename(scratch.path("room"), scratch.path("elsewhere")).unwrap();

@@ -21,11 +21,12 @@ fn distribute(scratch: &Scratch, arguments: &str) -> Option<Run> {
 #[test]
 fn shards_and_their_tree_of_merges_are_one_run() {
     let scratch = Scratch::with_room();
+    let paper = "--preset paper --set components=500 --set reassign=off";
     let recipe = "room --out tree --shards 5 --fan-in 2 --workers 2 --threads 1";
-    let Some(run) = distribute(&scratch, recipe) else { return };
+    let Some(run) = distribute(&scratch, &format!("{recipe} -- {paper}")) else { return };
     let said = run.succeeds().stdout;
     assert!(said.contains("5 shards, 3 levels of merges by 2"), "{said}");
-    scratch.run("train room --out whole --set births=lattice").succeeds();
+    scratch.run(&format!("train room --out whole {paper}")).succeeds();
     assert!(scratch.bytes("tree/scene.ply") == scratch.bytes("whole/scene.ply"), "other splats");
     let read = |name: &str| SavedRun::read(&scratch.path(name)).unwrap().content;
     let (tree, whole) = (read("tree/checkpoint.vbgs"), read("whole/checkpoint.vbgs"));
@@ -36,7 +37,7 @@ fn shards_and_their_tree_of_merges_are_one_run() {
 #[test]
 fn one_shard_needs_no_merge_and_options_go_to_every_shard() {
     let scratch = Scratch::with_room();
-    let options = "--set births=body-centred --max-frames 3";
+    let options = "--preset paper --set components=500 --max-frames 3";
     let Some(run) = distribute(&scratch, &format!("room --out one --shards 1 -- {options}")) else {
         return;
     };
@@ -45,15 +46,14 @@ fn one_shard_needs_no_merge_and_options_go_to_every_shard() {
     assert!(scratch.bytes("one/scene.ply") == scratch.bytes("whole/scene.ply"));
 }
 
-/// Shards of a scene with seed births resume from one common start, which is counted once.
+/// Shards of a scene resume from one common start, which is counted once.
 #[test]
 fn shards_of_the_default_scene_go_on_from_one_start() {
     let scratch = Scratch::with_room();
-    let recipe =
-        "room --out tree --shards 3 --start 4 --fan-in 2 --threads 1 -- --set births=seeds";
+    let recipe = "room --out tree --shards 3 --start 4 --fan-in 2 --threads 1";
     let Some(run) = distribute(&scratch, recipe) else { return };
     assert!(run.succeeds().stdout.contains("3 shards, 2 levels"));
-    scratch.run("train room --out whole --set births=seeds").succeeds();
+    scratch.run("train room --out whole").succeeds();
     let read = |name: &str| SavedRun::read(&scratch.path(name)).unwrap();
     let (tree, whole) = (read("tree/checkpoint.vbgs"), read("whole/checkpoint.vbgs"));
     let (ours, theirs) = (&tree.content.cursor, &whole.content.cursor);
@@ -72,8 +72,8 @@ fn what_a_shard_says_is_what_the_recipe_says() {
     for (arguments, parts) in [
         ("nowhere --out tree --shards 2", ["train", "nowhere"]),
         (
-            "room --out tree --shards 2 -- --set births=lattice --set gain=true",
-            ["merge", "gain=false"],
+            "room --out tree --shards 2 -- --preset paper --set components=500",
+            ["merge", "reassign=off"],
         ),
     ] {
         let Some(run) = distribute(&scratch, arguments) else { return };

@@ -3,6 +3,7 @@
 #![cfg(target_os = "linux")]
 
 use super::runner::{Run, Scratch};
+use crate::common::layouts::TestLayout;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -105,8 +106,7 @@ fn run(scratch: &Scratch, under: &str, failing: Failing, arguments: &str) -> End
 /// Records four frames and one held-out frame, and trains the reference scene without disk errors.
 fn recorded(layout: &str) -> (Scratch, Vec<u8>) {
     let scratch = Scratch::empty();
-    let size = "--size 64x48 --frames 4 --eval-frames 1";
-    scratch.run(&format!("synth room --layout {layout} {size}")).succeeds();
+    scratch.record("room", TestLayout::named(layout), 4, 1);
     scratch.run(TRAIN).succeeds();
     let scene = scratch.bytes("out/scene.ply");
     (scratch, scene)

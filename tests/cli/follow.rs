@@ -1,6 +1,7 @@
 //! `train --follow` beside a recorder (`synth --live`).
 
 use super::runner::{Run, Scratch};
+use crate::common::layouts::TestLayout;
 use crate::common::silent::{SilentFile, image_of_holes};
 use serde_json::Value;
 use std::fs;
@@ -205,7 +206,7 @@ fn what_cannot_be_followed_is_refused() {
     fs::create_dir(scratch.path("empty")).unwrap();
     fs::write(scratch.path("empty/recording.done"), "").unwrap();
     scratch.run("train empty --out out --follow").fails(1, &["expected a dataset in one of"]);
-    let live = "synth live --layout nerfstudio --live 30";
+    let live = "synth live --layout blender --live 30";
     scratch.run(live).fails(1, &["expected one that can be recorded frame by frame", "tum"]);
     assert!(!scratch.path("live").exists());
     scratch.run("synth live --live 0").fails(2, &["--live", "expected a number above 0"]);
@@ -218,7 +219,7 @@ fn what_cannot_be_followed_is_refused() {
 #[ignore = "records and trains 450 frames: half a minute"]
 fn figures_of_thirty_frames_a_second() {
     let n = 150_usize;
-    for layout in ["tum", "seven-scenes", "scannet"] {
+    for layout in ["tum", "seven-scenes"] {
         let scratch = Scratch::empty();
         let train = start(&scratch, "train room --out out --follow --threads 2");
         let size = format!("--size 640x480 --frames {n} --eval-frames 0");
@@ -251,8 +252,7 @@ fn figures_of_ten_thousand_frames() {
     let n = 10_000;
     for layout in ["tum", "scannet", "seven-scenes", "replica", "arkit", "nerfstudio", "blender"] {
         let scratch = Scratch::empty();
-        let size = "--size 64x48 --frames 40 --eval-frames 0";
-        scratch.run(&format!("synth few --layout {layout} {size}")).succeeds();
+        scratch.record("few", TestLayout::named(layout), 40, 0);
         multiply(&scratch.path("few"), &scratch.path("room"), layout, 40, n);
         let started = Instant::now();
         scratch.run("train room --out one --max-frames 1").succeeds();

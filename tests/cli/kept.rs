@@ -2,6 +2,7 @@
 #![cfg(unix)]
 
 use super::runner::{Run, Scratch};
+use crate::common::layouts::TestLayout;
 use serde_json::json;
 use std::ffi::OsStr;
 use std::fs;
@@ -245,7 +246,7 @@ fn views_that_were_trained_on_are_counted() {
     assert!(run.stderr.contains("does not state which of these views"), "{}", run.stderr);
 
     // A split chosen by name is trained whole; without it every eighth frame is held out.
-    scratch.run("synth one --layout open3d --size 64x48 --frames 9 --eval-frames 1").succeeds();
+    scratch.record("one", TestLayout::Open3d, 9, 1);
     scratch.run(&format!("train one --out whole {PAPER} --split all")).succeeds();
     let run = scratch.run("eval whole/checkpoint.vbgs one").succeeds();
     assert!(!format!("{}{}", run.stdout, run.stderr).contains("held out"), "{}", run.stderr);
@@ -276,10 +277,7 @@ fn absurd_and_contradicting_options_are_wrong_usage() {
         ("train room --out o --scale 1e30px", &["--scale", "at most the depth", "px"]),
         ("train room --out o --preset paper --config custom.ron", &["precision", "custom alone"]),
         ("train room --out o --intrinsics 1e30 1e30 0 0", &["intrinsics", "expected", "degrees"]),
-        (
-            "train room --out o --set confidence=2",
-            &["confidence", "with confidence maps, found none"],
-        ),
+        ("train room --out o --confidence 2", &["confidence", "with confidence maps, found none"]),
         ("export out/scene.ply -o a.glb --axes viewer", &["--axes", "glb", "leave"]),
         ("export out/scene.ply -o a.spz --sh3-padding", &["--sh3-padding", "spz", "leave it out"]),
         (

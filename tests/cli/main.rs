@@ -24,7 +24,6 @@ mod interrupt;
 mod kept;
 mod killed;
 mod models;
-mod peers;
 
 mod real;
 mod reference;

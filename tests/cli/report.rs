@@ -8,14 +8,11 @@ use vbgs_studio::model::splat::splats::Splat;
 /// Fields of `report.json` with one evaluated split: the documented names and those this version adds.
 const REPORT: &str = "
 config.camera_convention string
-config.batch string
-config.index string
 config.operations.distance string
 config.operations.log_score string
 config.operations.moments string
 config.operations.normaliser string
 config.operations.update string
-config.statistics string
 config.candidates number
 config.components number
 config.conversion.form string

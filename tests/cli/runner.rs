@@ -1,5 +1,6 @@
 //! Runs the binary in a temporary folder and checks how it ended.
 
+use crate::common::layouts::{TestLayout, write};
 use crate::common::scratch::Files;
 use serde_json::Value;
 use std::fs;
@@ -7,6 +8,7 @@ use std::path::PathBuf;
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 use tempfile::TempDir;
+use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::export::Imported;
 
 /// A temporary folder, removed after the test.
@@ -32,6 +34,13 @@ impl Scratch {
             scratch.run("synth room --size 64x48 --frames 8 --eval-frames 3").succeeds();
             scratch
         })
+    }
+
+    /// Writes a recording of 64×48 pixels in any layout, also those that `synth` does not write.
+    pub fn record(&self, name: &str, layout: TestLayout, n_train: usize, n_eval: usize) {
+        let params =
+            SyntheticParams { width: 64, height: 48, n_train, n_eval, ..SyntheticParams::demo() };
+        write(&params, &self.path(name), layout, &mut |_, _| ()).unwrap();
     }
 
     /// Creates the room and a small scene `out/scene.ply` trained on it.

@@ -74,7 +74,7 @@ fn a_run_that_goes_on_keeps_its_sector() {
     let report = scratch.json("on/report.json");
     assert_eq!(report["config"]["hold_out"], "sector");
     assert_eq!(groups(&report["eval"]), BOTH);
-    let parts = ["--hold-out: expected sector", "found every-8th"];
+    let parts = ["hold out (`--hold-out`): expected sector", "found every-8th"];
     scratch.run(&format!("{resume} --hold-out every-8th")).fails(2, &parts);
     scratch.run(&format!("{TRAIN} --out plain --max-frames 3")).succeeds();
     let plain = scratch.json("plain/report.json");

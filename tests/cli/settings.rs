@@ -139,11 +139,11 @@ fn options_of_the_other_preset_are_wrong_usage() {
     for (options, option, preset) in [
         ("--set components=5", "components", "--preset paper"),
         ("--set covariance_form=right", "covariance_form", "--preset paper"),
-        ("--preset paper --budget 5", "--budget", "--preset scene"),
+        ("--preset paper --budget 5", "budget (`--budget`)", "--preset scene"),
         ("--preset paper --set align=false", "align", "--preset scene"),
     ] {
         let run = scratch.run(&format!("train room --out out {options}"));
-        run.fails(2, &[&format!("{option}: expected {preset} with it")]);
+        run.fails(2, &[&format!("{option}: expected `{preset}` with it")]);
     }
 }
 
@@ -157,6 +157,7 @@ fn help_is_short_and_names_what_sets_the_rest() {
         assert!(options.len() <= most, "{command} has {} options: {options:#?}", options.len());
     }
     let help = scratch.run("train --help").succeeds().stdout;
+    assert!(help.contains("--confidence and --geometry-only, as in `info`"), "{help}");
     assert!(help.contains("--set <NAME=VALUE>") && help.contains("docs/reference/settings.md"));
     let help = scratch.run("eval --help").succeeds().stdout;
     assert!(help.contains("--depth-scale, --depth-range") && !help.contains("<UNITS>"), "{help}");
@@ -174,8 +175,7 @@ fn settings_are_set_by_name() {
         ("order=random", &["--set order: expected sequential or shuffled, found `random`"]),
         ("autosave=0s", &["--set autosave: expected a number of seconds above 0"]),
         ("stride=0", &["--set stride: expected a whole number, 1 or more"]),
-        ("confidence=x", &["--set confidence: expected 0, 1 or 2"]),
-        ("geometry_only=yes", &["--set geometry_only: expected true or false"]),
+        ("confidence=1", &["--set confidence: no such setting"]),
     ] {
         scratch.run(&format!("train room --out no --set {assignment}")).fails(2, parts);
     }

@@ -96,7 +96,7 @@ fn arguments_of_the_other_commands() {
         ("synth new --depth-noise -1", &["depth noise", "0 to 100", "found -1"]),
         ("synth new --size 4x4", &["width", "8 to 8192", "found 4"]),
         ("synth new --scene door", &["--scene", "expected --camera phone"]),
-        ("synth new --camera phone --layout tum", &["layout", "record3d", "found Tum"]),
+        ("synth new --camera phone --layout tum", &["layout", "record3d", "found tum"]),
         ("synth new --free-frames 200000", &["free frames", "0 to 100000"]),
         ("room train room --out out", &["`room` precedes the command"]),
         ("--no-such-option", &["--no-such-option"]),

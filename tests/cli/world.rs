@@ -50,7 +50,7 @@ fn measured(metre: f64, options: &str) -> (Value, String) {
 /// Near plane, sensor noise and all thresholds in metres scale with the unit of the world.
 #[test]
 fn figures_do_not_depend_on_the_unit_of_the_world() {
-    for options in ["", "--set births=lattice"] {
+    for options in ["", "--set refine=false"] {
         let (one, _) = measured(1.0, options);
         for metre in [1e-4, 1e4] {
             let (other, said) = measured(metre, options);
@@ -105,7 +105,7 @@ fn share_in_both(scratch: [&Scratch; 2], metre: f32) -> f64 {
 /// converted to the unit of the world, so the scene is the same.
 #[test]
 fn the_scene_does_not_depend_on_the_unit_of_depth() {
-    for options in ["", "--set births=lattice"] {
+    for options in ["", "--set refine=false"] {
         // Codes of TUM are fifths of a millimetre: here whole ones, which no layout says.
         let trained = |by: f64, metre: f64, depth: &str| {
             let scratch = recorded("64x48", 9);
@@ -303,7 +303,7 @@ fn a_far_run_is_resumed_and_drawn() {
 #[test]
 fn other_origins_are_refused_or_said() {
     let scratch = far_recording();
-    scratch.run("train room --out far --shard 1/2 --set births=lattice").succeeds();
+    scratch.run("train room --out far --shard 1/2").succeeds();
     scratch.run("export far/checkpoint.vbgs -o far.spz").succeeds();
     let eval = scratch.run("eval far.spz room --split held-out").succeeds();
     assert!(
@@ -312,7 +312,7 @@ fn other_origins_are_refused_or_said() {
         eval.stderr
     );
     move_cameras(&scratch, |_, place| moved_by(place, [5e5, 0.0, 0.0]));
-    scratch.run("train room --out other --shard 2/2 --set births=lattice").succeeds();
+    scratch.run("train room --out other --shard 2/2").succeeds();
     let merge = "merge far/checkpoint.vbgs other/checkpoint.vbgs -o both.vbgs";
     scratch.run(merge).fails(1, &["the same local origin in both", "10000", "10500"]);
     let eval = scratch.run("eval far/checkpoint.vbgs room --split held-out").succeeds();
@@ -397,7 +397,9 @@ fn glb_of_a_world_with_y_down_stands_upright() {
 #[test]
 fn what_memory_cannot_hold_is_refused_before_work() {
     let scratch = Scratch::with_room();
-    let huge = "train room --out run --set births=lattice --photometric light --budget 20000000";
-    scratch.run(huge).fails(1, &["--budget: expected at most", "found 20000000", "free memory"]);
+    let huge = "train room --out run --photometric light --budget 20000000";
+    scratch
+        .run(huge)
+        .fails(1, &["budget (`--budget`): expected at most", "found 20000000", "free memory"]);
     assert!(!scratch.path("run/report.json").exists());
 }

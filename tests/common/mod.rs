@@ -6,6 +6,7 @@ pub mod adapter;
 pub mod agreement;
 pub mod exactness;
 pub mod golden;
+pub mod layouts;
 pub mod live;
 pub mod mutation;
 pub mod oracle;

@@ -1,11 +1,12 @@
 //! Small datasets that tests may damage, with a fresh copy for each test.
 
+use super::layouts::{TestLayout, write};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use tempfile::TempDir;
 use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
+use vbgs_studio::dataset::synthetic::write::DepthBits;
 use vbgs_studio::dataset::{Dataset, LoadOptions, open};
 
 /// Opens a dataset with default options.
@@ -62,10 +63,10 @@ fn collect(root: &Path, relative: &Path, files: &mut Vec<(PathBuf, Vec<u8>)>) {
 }
 
 /// Writes a fresh copy of [`TINY`] in a layout; frames are rendered once per test program.
-pub fn tiny(layout: SyntheticLayout) -> TempDir {
-    static KEPT: [OnceLock<Files>; SyntheticLayout::ALL.len()] =
-        [const { OnceLock::new() }; SyntheticLayout::ALL.len()];
-    let slot = SyntheticLayout::ALL.iter().position(|other| *other == layout).unwrap();
+pub fn tiny(layout: TestLayout) -> TempDir {
+    static KEPT: [OnceLock<Files>; TestLayout::ALL.len()] =
+        [const { OnceLock::new() }; TestLayout::ALL.len()];
+    let slot = TestLayout::ALL.iter().position(|other| *other == layout).unwrap();
     let files = KEPT[slot].get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
         write(&TINY, folder.path(), layout, &mut |_, _| ()).unwrap();
@@ -78,12 +79,12 @@ pub fn tiny(layout: SyntheticLayout) -> TempDir {
 
 /// [`TINY`] in the Blender layout with 8-bit depth.
 pub fn tiny_blender() -> TempDir {
-    tiny(SyntheticLayout::Blender(DepthBits::Eight))
+    tiny(TestLayout::Blender(DepthBits::Eight))
 }
 
 /// [`TINY`] in the 7-Scenes layout, with one folder per split.
 pub fn tiny_seven_scenes() -> TempDir {
-    tiny(SyntheticLayout::SevenScenes)
+    tiny(TestLayout::SevenScenes)
 }
 
 /// Rewrites a JSON file of a scratch dataset.

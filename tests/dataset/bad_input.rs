@@ -1,13 +1,14 @@
 //! One test per kind of damage to a dataset. The message states the file, what was expected, what
 //! was found and what to do; the rest of the dataset stays usable.
 
+use crate::common::layouts::TestLayout;
 use crate::common::scratch::{
     edit_json, edit_pose, open_plain, tiny, tiny_blender, tiny_seven_scenes,
 };
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
+use vbgs_studio::dataset::synthetic::write::DepthBits;
 use vbgs_studio::dataset::unproject::{
     CameraConvention, EdgeFilter, UnprojectSettings, Unprojector,
 };
@@ -119,7 +120,7 @@ fn mismatched_sizes() {
     let folder = tiny_blender();
     let depth = folder.path().join("train/r_1_depth_0001.png");
     image::GrayImage::from_pixel(16, 12, image::Luma([9])).save(&depth).unwrap();
-    let parts = ["r_1_depth_0001.png", "expected", "32x24", "found 16x12", "export both"];
+    let parts = ["r_1_depth_0001.png", "expected", "32x24", "found 16x12", "export all"];
     fails_to_load_one(folder.path(), &parts);
     let color = folder.path().join("train/r_1.png");
     image::RgbImage::new(16, 12).save(&color).unwrap();
@@ -184,7 +185,7 @@ fn depth_of_another_format() {
 #[test]
 fn sixteen_bit_depth_with_a_bad_scale() {
     for scale in [json!(0.0), json!(-1.0), json!("1 mm"), json!(null)] {
-        let folder = tiny(SyntheticLayout::Blender(DepthBits::Sixteen));
+        let folder = tiny(TestLayout::Blender(DepthBits::Sixteen));
         edit_json(&folder.path().join(LIST), |json| json["integer_depth_scale"] = scale);
         refuses(folder.path(), &[LIST, "`integer_depth_scale`", "expected a"]);
     }

@@ -1,9 +1,9 @@
 //! Seeded mutations of the text files give a clean dataset or a precise error, never a panic.
 
+use crate::common::layouts::TestLayout;
 use crate::common::mutation::mutate;
 use crate::common::scratch::{open_plain, tiny, tiny_blender, tiny_seven_scenes};
 use std::path::Path;
-use vbgs_studio::dataset::synthetic::write::SyntheticLayout;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
 const ROUNDS: u64 = 400;
@@ -71,8 +71,8 @@ fn mutated_images() {
 
 #[test]
 fn mutated_recordings() {
-    use SyntheticLayout::*;
-    let recordings: [(SyntheticLayout, &[&str]); 10] = [
+    use TestLayout::*;
+    let recordings: [(TestLayout, &[&str]); 10] = [
         (Tum, &["groundtruth.txt", "rgb.txt", "depth.txt", "camera-intrinsics.txt"]),
         (Open3d, &["trajectory.log", "camera.json"]),
         (Replica, &["traj.txt", "cam_params.json"]),

@@ -1,13 +1,14 @@
 //! Recordings polled while they are written: each frame is found once, when it is complete, and is
 //! the same as in the finished recording.
 
+use crate::common::layouts::{TestLayout, write, write_live};
 use crate::common::scratch::open_plain;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use vbgs_studio::dataset::growing::{END_MARKER, GrowingRecording};
 use vbgs_studio::dataset::synthetic::SyntheticParams;
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write, write_live};
+use vbgs_studio::dataset::synthetic::write::DepthBits;
 use vbgs_studio::dataset::{Dataset, FrameEntry, LoadOptions};
 
 const ROOM: SyntheticParams = SyntheticParams {
@@ -52,15 +53,15 @@ fn same(found: &[FrameEntry], expected: &[FrameEntry]) {
     }
 }
 
-const LIVE: [SyntheticLayout; 8] = [
-    SyntheticLayout::SevenScenes,
-    SyntheticLayout::Tum,
-    SyntheticLayout::Open3d,
-    SyntheticLayout::Replica,
-    SyntheticLayout::Scannet,
-    SyntheticLayout::StrayScanner,
-    SyntheticLayout::Arkit,
-    SyntheticLayout::RtabMap,
+const LIVE: [TestLayout; 8] = [
+    TestLayout::SevenScenes,
+    TestLayout::Tum,
+    TestLayout::Open3d,
+    TestLayout::Replica,
+    TestLayout::Scannet,
+    TestLayout::StrayScanner,
+    TestLayout::Arkit,
+    TestLayout::RtabMap,
 ];
 
 #[test]
@@ -93,9 +94,9 @@ fn every_frame_is_found_as_soon_as_it_is_there() {
 #[test]
 fn lists_that_are_written_anew_are_followed() {
     for (layout, name, key) in [
-        (SyntheticLayout::Nerfstudio, "transforms.json", "frames"),
-        (SyntheticLayout::Record3d, "metadata.json", "poses"),
-        (SyntheticLayout::Blender(DepthBits::Sixteen), "transforms_train.json", "frames"),
+        (TestLayout::Nerfstudio, "transforms.json", "frames"),
+        (TestLayout::Record3d, "metadata.json", "poses"),
+        (TestLayout::Blender(DepthBits::Sixteen), "transforms_train.json", "frames"),
     ] {
         let folder = tempfile::tempdir().unwrap();
         write(&ROOM, folder.path(), layout, &mut |_, _| ()).unwrap();
@@ -124,13 +125,13 @@ fn a_half_written_file_is_never_taken() {
     let two = SyntheticParams { n_train: 2, ..ROOM };
     for (layout, files) in [
         (
-            SyntheticLayout::SevenScenes,
+            TestLayout::SevenScenes,
             &["train/frame-000001.color.png", "train/frame-000001.depth.png"][..],
         ),
-        (SyntheticLayout::Scannet, &["color/1.jpg", "depth/1.png"]),
-        (SyntheticLayout::Arkit, &["depth/000001.bin", "confidence/000001.bin"]),
-        (SyntheticLayout::Record3d, &["rgb/1.jpg", "depth/1.exr"]),
-        (SyntheticLayout::StrayScanner, &["rgb/000001.png", "confidence/000001.png"]),
+        (TestLayout::Scannet, &["color/1.jpg", "depth/1.png"]),
+        (TestLayout::Arkit, &["depth/000001.bin", "confidence/000001.bin"]),
+        (TestLayout::Record3d, &["rgb/1.jpg", "depth/1.exr"]),
+        (TestLayout::StrayScanner, &["rgb/000001.png", "confidence/000001.png"]),
     ] {
         let folder = tempfile::tempdir().unwrap();
         write(&two, folder.path(), layout, &mut |_, _| ()).unwrap();
@@ -159,15 +160,15 @@ fn a_half_written_file_is_never_taken() {
 fn a_half_written_line_is_never_read() {
     let three = SyntheticParams { n_train: 3, ..ROOM };
     for (layout, lists) in [
-        (SyntheticLayout::Tum, &["groundtruth.txt", "depth.txt", "rgb.txt"][..]),
-        (SyntheticLayout::Replica, &["traj.txt"]),
-        (SyntheticLayout::Open3d, &["trajectory.log"]),
-        (SyntheticLayout::StrayScanner, &["odometry.csv"]),
-        (SyntheticLayout::RtabMap, &["poses.txt"]),
-        (SyntheticLayout::Arkit, &["frames.jsonl"]),
-        (SyntheticLayout::Scannet, &["pose/0.txt", "pose/2.txt"]),
-        (SyntheticLayout::SevenScenes, &["train/frame-000001.pose.txt", "camera-intrinsics.txt"]),
-        (SyntheticLayout::Tum, &["camera-intrinsics.txt"]),
+        (TestLayout::Tum, &["groundtruth.txt", "depth.txt", "rgb.txt"][..]),
+        (TestLayout::Replica, &["traj.txt"]),
+        (TestLayout::Open3d, &["trajectory.log"]),
+        (TestLayout::StrayScanner, &["odometry.csv"]),
+        (TestLayout::RtabMap, &["poses.txt"]),
+        (TestLayout::Arkit, &["frames.jsonl"]),
+        (TestLayout::Scannet, &["pose/0.txt", "pose/2.txt"]),
+        (TestLayout::SevenScenes, &["train/frame-000001.pose.txt", "camera-intrinsics.txt"]),
+        (TestLayout::Tum, &["camera-intrinsics.txt"]),
     ] {
         let folder = tempfile::tempdir().unwrap();
         write(&three, folder.path(), layout, &mut |_, _| ()).unwrap();
@@ -193,7 +194,7 @@ fn a_half_written_line_is_never_read() {
 fn frames_keep_their_order_as_long_as_patience_lasts() {
     let folder = tempfile::tempdir().unwrap();
     let room = SyntheticParams { n_train: 5, ..ROOM };
-    write(&room, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| ()).unwrap();
+    write(&room, folder.path(), TestLayout::SevenScenes, &mut |_, _| ()).unwrap();
     let file = |i: usize| folder.path().join(format!("train/frame-{i:06}.color.png"));
     let late = [1, 3].map(|i| (file(i), fs::read(file(i)).unwrap()));
     let names = |found: Vec<FrameEntry>| -> String {
@@ -221,7 +222,7 @@ fn frames_keep_their_order_as_long_as_patience_lasts() {
 #[test]
 fn a_pose_may_come_after_its_images() {
     let folder = tempfile::tempdir().unwrap();
-    write(&ROOM, folder.path(), SyntheticLayout::Scannet, &mut |_, _| ()).unwrap();
+    write(&ROOM, folder.path(), TestLayout::Scannet, &mut |_, _| ()).unwrap();
     let pose = folder.path().join("pose/10.txt");
     let text = fs::read(&pose).unwrap();
     fs::remove_file(&pose).unwrap();
@@ -239,7 +240,7 @@ fn a_pose_may_come_after_its_images() {
 fn a_pose_is_interpolated_only_between_two_that_are_there() {
     let folder = tempfile::tempdir().unwrap();
     let three = SyntheticParams { n_train: 3, ..ROOM };
-    write(&three, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
+    write(&three, folder.path(), TestLayout::Tum, &mut |_, _| ()).unwrap();
     let file = folder.path().join("groundtruth.txt");
     let text = fs::read_to_string(&file).unwrap();
     // Poses 5 ms before and 5 ms after the last depth image.
@@ -261,7 +262,7 @@ fn a_pose_is_interpolated_only_between_two_that_are_there() {
 #[test]
 fn after_the_end_nothing_is_waited_for() {
     let folder = tempfile::tempdir().unwrap();
-    write(&ROOM, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| ()).unwrap();
+    write(&ROOM, folder.path(), TestLayout::SevenScenes, &mut |_, _| ()).unwrap();
     let file = |i: usize, part: &str| folder.path().join(format!("train/frame-{i:06}.{part}"));
     let color = fs::read(file(4, "color.png")).unwrap();
     fs::write(file(4, "color.png"), &color[..color.len() / 2]).unwrap();
@@ -283,7 +284,7 @@ fn after_the_end_nothing_is_waited_for() {
 #[test]
 fn a_frame_that_cannot_be_read_comes_again_when_its_files_change() {
     let folder = tempfile::tempdir().unwrap();
-    write(&ROOM, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| ()).unwrap();
+    write(&ROOM, folder.path(), TestLayout::SevenScenes, &mut |_, _| ()).unwrap();
     let file = folder.path().join("train/frame-000010.depth.png");
     let whole = fs::read(&file).unwrap();
     // The end of the file is intact, the part before it is not. The length differs because
@@ -318,7 +319,7 @@ fn a_followed_dataset_holds_out_what_an_opened_one_does() {
         }
     };
     let path = folder.path().join("room");
-    write_live(&ROOM, &path, SyntheticLayout::Scannet, &mut |_, _| look(true)).unwrap();
+    write_live(&ROOM, &path, TestLayout::Scannet, &mut |_, _| look(true)).unwrap();
     look(false);
     let (grown, opened) = (grown.unwrap(), open_plain(&path).unwrap());
     assert_eq!(grown.splits.len(), 2);
@@ -334,7 +335,7 @@ fn a_followed_dataset_holds_out_what_an_opened_one_does() {
 fn a_far_recording_keeps_the_origin_of_its_first_frames() {
     let folder = tempfile::tempdir().unwrap();
     let near = folder.path().join("near");
-    write(&ROOM, &near, SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
+    write(&ROOM, &near, TestLayout::Tum, &mut |_, _| ()).unwrap();
     let poses = near.join("groundtruth.txt");
     let text = fs::read_to_string(&poses).unwrap();
     let moved = text.lines().map(|line| {
@@ -389,11 +390,11 @@ fn what_a_dataset_was_read_from_is_known_and_the_drive_is_not_asked() {
         drop(folder);
         GrowingRecording::of(&dataset, dataset.training_split().unwrap())
     };
-    let mut gone = recording(SyntheticLayout::Tum, "").unwrap();
+    let mut gone = recording(TestLayout::Tum, "").unwrap();
     assert!(gone.has_begun());
     let error = gone.poll(true, 0.0).err().unwrap().to_string();
     assert!(error.contains("found nothing at this path"), "{error}");
-    assert!(recording(SyntheticLayout::Record3dArchive, "recording.r3d").is_none());
+    assert!(recording(TestLayout::Record3dArchive, "recording.r3d").is_none());
     let built_in = vbgs_studio::dataset::synthetic::dataset(&ROOM).unwrap();
     assert!(GrowingRecording::of(&built_in, 0).is_none());
 }

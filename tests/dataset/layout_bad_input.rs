@@ -1,16 +1,16 @@
 //! Damaged recordings of every layout. One message states the file, what was expected, what was
 //! found and what to do; the other frames stay usable.
 
+use crate::common::layouts::TestLayout::{self, *};
 use crate::common::scratch::{edit_json, open_plain, tiny};
 use serde_json::{Value, json};
 use std::fs;
 use std::io::Write;
 use std::path::Path;
 use vbgs_studio::dataset::Dataset;
-use vbgs_studio::dataset::synthetic::write::SyntheticLayout::{self, *};
 
 /// Layouts of single files, with colour and depth file of their second frame.
-const FILES: [(SyntheticLayout, &str, &str); 9] = [
+const FILES: [(TestLayout, &str, &str); 9] = [
     (Tum, "rgb/1000.033333.png", "depth/1000.033333.png"),
     (Open3d, "color/00001.png", "depth/00001.png"),
     (Replica, "results/frame000001.jpg", "results/depth000001.png"),
@@ -217,7 +217,7 @@ fn times_out_of_order_and_out_of_reach() {
     }
     let folder = tiny(Tum);
     edit_line(&folder.path().join("groundtruth.txt"), 2, |_| "# lost".to_owned());
-    skips(folder.path(), 3, &["depth/1000.033333.png", "within 20 ms", "record poses"]);
+    skips(folder.path(), 3, &["depth/1000.033333.png", "within 20 ms", "record a pose"]);
     let folder = tiny(Tum);
     edit_line(&folder.path().join("rgb.txt"), 2, |_| String::new());
     skips(folder.path(), 3, &["expected a colour image within 20 ms", "33 ms away"]);

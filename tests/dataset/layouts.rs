@@ -1,10 +1,11 @@
 //! Variants of the layouts found in real folders.
 
+use crate::common::layouts::TestLayout;
 use crate::common::scratch::{edit_json, open_plain, tiny, tiny_blender, tiny_seven_scenes};
 use std::fs;
 use std::path::Path;
 use vbgs_studio::dataset::frame::DepthCodes;
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
+use vbgs_studio::dataset::synthetic::write::DepthBits;
 use vbgs_studio::dataset::{Dataset, Layout, LoadOptions, open, range};
 use vbgs_studio::math::pose::Pose;
 
@@ -116,7 +117,7 @@ fn gray_and_rgb_depth_mean_the_same() {
 
 #[test]
 fn a_user_may_override_scale_and_range() {
-    let folder = tiny(SyntheticLayout::Blender(DepthBits::Sixteen));
+    let folder = tiny(TestLayout::Blender(DepthBits::Sixteen));
     for name in ["train", "eval"] {
         edit_json(&folder.path().join(format!("transforms_{name}.json")), |json| {
             json.as_object_mut().unwrap().remove("integer_depth_scale");
@@ -171,7 +172,7 @@ fn seven_scenes_estimates_its_range_from_depth() {
 
 #[test]
 fn a_photograph_was_taken_where_the_camera_was_at_its_own_time() {
-    let folder = tiny(SyntheticLayout::Tum);
+    let folder = tiny(TestLayout::Tum);
     let at_once = open_plain(folder.path()).unwrap();
     let frames = |dataset: &Dataset| dataset.splits[0].frames.clone();
     assert!(frames(&at_once).iter().all(|frame| frame.color_camera.is_none()));

@@ -1,16 +1,16 @@
 //! A single damaged frame among good ones is skipped, at any position. Camera data in the files are
 //! used or refused, never ignored.
 
+use crate::common::layouts::TestLayout::{self, *};
 use crate::common::scratch::{edit_json, open_plain, tiny};
 use image::GenericImageView;
 use serde_json::json;
 use std::path::Path;
 use vbgs_studio::dataset::synthetic::write::DepthBits;
-use vbgs_studio::dataset::synthetic::write::SyntheticLayout::{self, *};
 use vbgs_studio::dataset::{Dataset, LoadOptions, capture_check, open};
 
 /// Layouts and the photograph of their first frame.
-const FIRST: [(SyntheticLayout, &str); 9] = [
+const FIRST: [(TestLayout, &str); 9] = [
     (Blender(DepthBits::Sixteen), "train/r_0.png"),
     (SevenScenes, "train/frame-000000.color.png"),
     (Tum, "rgb/1000.000000.png"),
@@ -71,7 +71,7 @@ fn a_first_depth_of_eight_bits_costs_one_frame() {
 
 #[track_caller]
 fn refuses(
-    layout: SyntheticLayout,
+    layout: TestLayout,
     list: &str,
     edit: impl FnOnce(&mut serde_json::Value),
     parts: &[&str],

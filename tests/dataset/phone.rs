@@ -1,10 +1,9 @@
 //! Synthetic phone recordings: the stored files, and the ground-truth views beside them.
 
+use crate::common::layouts::{TestLayout, write};
 use crate::common::scratch::{TINY, open_plain, tiny};
 use tempfile::TempDir;
-use vbgs_studio::dataset::synthetic::write::{
-    DepthBits, FREE_FOLDER, SyntheticLayout, WriteError, write,
-};
+use vbgs_studio::dataset::synthetic::write::{DepthBits, FREE_FOLDER, WriteError};
 use vbgs_studio::dataset::synthetic::{
     PhoneScene, SyntheticCamera, SyntheticParams, SyntheticScene, dataset,
 };
@@ -25,7 +24,7 @@ const DOOR: SyntheticParams = SyntheticParams {
 const ROOM: SyntheticParams =
     SyntheticParams { n_free: 0, camera: SyntheticCamera::Phone(PhoneScene::Room), ..DOOR };
 
-fn written(params: &SyntheticParams, layout: SyntheticLayout) -> TempDir {
+fn written(params: &SyntheticParams, layout: TestLayout) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     write(params, folder.path(), layout, &mut |_, _| ()).unwrap();
     folder
@@ -43,10 +42,10 @@ fn mean(image: &Image<[u8; 4]>) -> f64 {
 #[test]
 fn recordings_open_beside_their_true_views() {
     for (layout, recognised) in [
-        (SyntheticLayout::Record3d, Layout::Record3d),
-        (SyntheticLayout::Record3dArchive, Layout::Record3dArchive),
-        (SyntheticLayout::StrayScanner, Layout::StrayScanner),
-        (SyntheticLayout::Arkit, Layout::Arkit),
+        (TestLayout::Record3d, Layout::Record3d),
+        (TestLayout::Record3dArchive, Layout::Record3dArchive),
+        (TestLayout::StrayScanner, Layout::StrayScanner),
+        (TestLayout::Arkit, Layout::Arkit),
     ] {
         let folder = written(&DOOR, layout);
         let recording = open_plain(folder.path()).unwrap();
@@ -82,7 +81,7 @@ fn recordings_open_beside_their_true_views() {
 #[test]
 fn depth_has_holes_confidence_and_small_errors() {
     let scene = SyntheticScene::new(&DOOR).unwrap();
-    let folder = written(&DOOR, SyntheticLayout::StrayScanner);
+    let folder = written(&DOOR, TestLayout::StrayScanner);
     let every = LoadOptions { confidence: Some(0), ..LoadOptions::default() };
     let sure = LoadOptions { confidence: Some(2), ..LoadOptions::default() };
     let [every, sure] = [every, sure].map(|options| open(folder.path(), &options).unwrap());
@@ -112,7 +111,7 @@ fn depth_has_holes_confidence_and_small_errors() {
 #[test]
 fn depth_is_smooth_across_edges() {
     let scene = SyntheticScene::new(&ROOM).unwrap();
-    let folder = written(&ROOM, SyntheticLayout::StrayScanner);
+    let folder = written(&ROOM, TestLayout::StrayScanner);
     let every = LoadOptions { confidence: Some(0), ..LoadOptions::default() };
     let recording = open(folder.path(), &every).unwrap();
     let (mut n_edges, mut n_mixed) = (0, 0);
@@ -137,7 +136,7 @@ fn depth_is_smooth_across_edges() {
 #[test]
 fn photographs_are_exposed_in_steps() {
     let scene = SyntheticScene::new(&DOOR).unwrap();
-    let folder = written(&SyntheticParams { n_free: 0, ..DOOR }, SyntheticLayout::StrayScanner);
+    let folder = written(&SyntheticParams { n_free: 0, ..DOOR }, TestLayout::StrayScanner);
     let recording = open_plain(folder.path()).unwrap();
     let ratio = |entry: &FrameEntry| {
         let frame = entry.load().unwrap();
@@ -154,7 +153,7 @@ fn photographs_are_exposed_in_steps() {
 fn the_seed_decides_everything() {
     let few = SyntheticParams { n_train: 3, n_free: 1, ..DOOR };
     let bytes = |params: &SyntheticParams| {
-        let folder = written(params, SyntheticLayout::Record3d);
+        let folder = written(params, TestLayout::Record3d);
         let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
         ["metadata.json", "rgb/1.jpg", "depth/1.exr", "confidence/1.png", "free/free/r_0.png"]
             .map(read)
@@ -171,23 +170,23 @@ fn the_room_camera_has_free_views_too() {
     let made = dataset(&params).unwrap();
     let names: Vec<&str> = made.splits.iter().map(|split| split.name.as_str()).collect();
     assert_eq!(names, ["train", "eval", "free"]);
-    let blender = written(&params, SyntheticLayout::Blender(DepthBits::Sixteen));
+    let blender = written(&params, TestLayout::Blender(DepthBits::Sixteen));
     let read = open_plain(blender.path()).unwrap();
     let split = read.split_named("free").unwrap();
     let (a, b) = (made.load(2, 1).unwrap(), read.load(split, 1).unwrap());
     assert_eq!(a.color.data, b.color.data);
     // A layout without splits still holds the evaluation frames, and the free views lie beside it.
-    let tum = written(&params, SyntheticLayout::Tum);
+    let tum = written(&params, TestLayout::Tum);
     assert_eq!(all(&open_plain(tum.path()).unwrap()).len(), 12 + TINY.n_eval);
     let beside = open_plain(&tum.path().join(FREE_FOLDER)).unwrap();
     assert_eq!(beside.splits.len(), 1);
-    assert!(!tiny(SyntheticLayout::Tum).path().join(FREE_FOLDER).exists());
+    assert!(!tiny(TestLayout::Tum).path().join(FREE_FOLDER).exists());
 }
 
 #[test]
 fn what_the_phone_cannot_do_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let error = write(&DOOR, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap_err();
+    let error = write(&DOOR, folder.path(), TestLayout::Tum, &mut |_, _| ()).unwrap_err();
     assert!(matches!(&error, WriteError::Params(error) if error.setting == "layout"), "{error}");
     assert!(error.to_string().contains("record3d"), "{error}");
     assert_eq!(dataset(&DOOR).unwrap_err().setting, "camera");

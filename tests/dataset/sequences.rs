@@ -1,5 +1,6 @@
 //! Every sequence layout: poses, depth and colours written by `synth` are read back.
 
+use crate::common::layouts::{TestLayout, write};
 use crate::common::scratch::open_plain;
 use crate::common::shared;
 use glam::DMat4;
@@ -7,7 +8,6 @@ use std::path::Path;
 use strum::IntoEnumIterator;
 use tempfile::TempDir;
 use vbgs_studio::dataset::frame::Frame;
-use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams, SyntheticScene, SyntheticView};
 use vbgs_studio::dataset::{
     Dataset, FrameEntry, Layout, LoadOptions, PoseConvention, open, pose_check,
@@ -27,20 +27,20 @@ const ROOM: SyntheticParams = SyntheticParams {
 
 /// Layout, recognised layout, largest depth error (metres, and a share of depth), and whether
 /// colours are stored without loss.
-const SEQUENCES: [(SyntheticLayout, Layout, [f64; 2], bool); 10] = [
-    (SyntheticLayout::Tum, Layout::Tum, [0.5 / 5000.0, 0.0], true),
-    (SyntheticLayout::Open3d, Layout::Open3d, [0.5e-3, 0.0], true),
-    (SyntheticLayout::Replica, Layout::Replica, [0.5 / 6553.5, 0.0], false),
-    (SyntheticLayout::Scannet, Layout::Scannet, [0.5e-3, 0.0], false),
-    (SyntheticLayout::Nerfstudio, Layout::Nerfstudio, [0.5e-3, 0.0], true),
-    (SyntheticLayout::Record3d, Layout::Record3d, [0.0, 0.5 / 1024.0], false),
-    (SyntheticLayout::Record3dArchive, Layout::Record3dArchive, [0.0, 1e-7], false),
-    (SyntheticLayout::StrayScanner, Layout::StrayScanner, [0.5e-3, 0.0], true),
-    (SyntheticLayout::Arkit, Layout::Arkit, [0.0, 1e-7], true),
-    (SyntheticLayout::RtabMap, Layout::RtabMap, [0.5e-3, 0.0], true),
+const SEQUENCES: [(TestLayout, Layout, [f64; 2], bool); 10] = [
+    (TestLayout::Tum, Layout::Tum, [0.5 / 5000.0, 0.0], true),
+    (TestLayout::Open3d, Layout::Open3d, [0.5e-3, 0.0], true),
+    (TestLayout::Replica, Layout::Replica, [0.5 / 6553.5, 0.0], false),
+    (TestLayout::Scannet, Layout::Scannet, [0.5e-3, 0.0], false),
+    (TestLayout::Nerfstudio, Layout::Nerfstudio, [0.5e-3, 0.0], true),
+    (TestLayout::Record3d, Layout::Record3d, [0.0, 0.5 / 1024.0], false),
+    (TestLayout::Record3dArchive, Layout::Record3dArchive, [0.0, 1e-7], false),
+    (TestLayout::StrayScanner, Layout::StrayScanner, [0.5e-3, 0.0], true),
+    (TestLayout::Arkit, Layout::Arkit, [0.0, 1e-7], true),
+    (TestLayout::RtabMap, Layout::RtabMap, [0.5e-3, 0.0], true),
 ];
 
-fn written(layout: SyntheticLayout) -> TempDir {
+fn written(layout: TestLayout) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     write(&ROOM, folder.path(), layout, &mut |_, _| ()).unwrap();
     folder
@@ -97,19 +97,15 @@ fn what_is_written_is_read_back() {
             }
         }
     }
-    assert_eq!(
-        SyntheticLayout::ALL.len(),
-        SEQUENCES.len() + 3,
-        "every layout is read back somewhere"
-    );
+    assert_eq!(TestLayout::ALL.len(), SEQUENCES.len() + 3, "every layout is read back somewhere");
 }
 
 #[test]
 fn photographs_and_depth_have_cameras_of_their_own() {
     for (layout, size) in [
-        (SyntheticLayout::StrayScanner, [16, 12]),
-        (SyntheticLayout::Record3dArchive, [16, 12]),
-        (SyntheticLayout::Scannet, [32, 24]),
+        (TestLayout::StrayScanner, [16, 12]),
+        (TestLayout::Record3dArchive, [16, 12]),
+        (TestLayout::Scannet, [32, 24]),
     ] {
         let folder = written(layout);
         let dataset = open_plain(folder.path()).unwrap();
@@ -130,7 +126,7 @@ fn photographs_and_depth_have_cameras_of_their_own() {
 
 #[test]
 fn every_eighth_frame_is_held_out_under_a_name() {
-    let folder = written(SyntheticLayout::Tum);
+    let folder = written(TestLayout::Tum);
     let dataset = open_plain(folder.path()).unwrap();
     let names: Vec<_> = dataset.splits.iter().map(|s| (s.name.as_str(), s.frames.len())).collect();
     assert_eq!(names, [("all", 11), ("held-out", 2)]);
@@ -145,7 +141,7 @@ fn every_eighth_frame_is_held_out_under_a_name() {
 
 #[test]
 fn an_archive_opens_by_itself() {
-    let folder = written(SyntheticLayout::Record3dArchive);
+    let folder = written(TestLayout::Record3dArchive);
     let path = folder.path().join("recording.r3d");
     let dataset = open_plain(&path).unwrap();
     assert_eq!((dataset.layout, all(&dataset).len()), (Layout::Record3dArchive, 11));
@@ -155,7 +151,7 @@ fn an_archive_opens_by_itself() {
 
 #[test]
 fn options_change_what_a_recording_means() {
-    let folder = written(SyntheticLayout::Tum);
+    let folder = written(TestLayout::Tum);
     let options = LoadOptions {
         poses: Some(PoseConvention::Opengl),
         intrinsics: Some([50.0, 51.0, 32.0, 24.0]),
@@ -183,7 +179,7 @@ fn options_change_what_a_recording_means() {
 /// Pixels of low confidence are holes, unless the options accept them.
 #[test]
 fn doubtful_depth_is_left_out() {
-    let folder = written(SyntheticLayout::StrayScanner);
+    let folder = written(TestLayout::StrayScanner);
     let map = folder.path().join("confidence/000002.png");
     let doubts = image::GrayImage::from_fn(16, 12, |x, _| image::Luma([if x < 4 { 0 } else { 1 }]));
     doubts.save(map).unwrap();
@@ -201,7 +197,7 @@ fn doubtful_depth_is_left_out() {
 /// Depth as TIFF, NPY and EXR, lens distortion, and a camera for each frame.
 #[test]
 fn nerfstudio_takes_every_kind_of_depth() {
-    let folder = written(SyntheticLayout::Nerfstudio);
+    let folder = written(TestLayout::Nerfstudio);
     let list = folder.path().join("transforms.json");
     let lengths = open_plain(folder.path()).unwrap().load(0, 1).unwrap().depth_z().unwrap();
     let raw: Vec<f32> = lengths.data.iter().map(|z| z * 1000.0).collect();
@@ -239,7 +235,7 @@ fn nerfstudio_takes_every_kind_of_depth() {
 
 #[test]
 fn a_bent_lens_is_made_straight() {
-    let folder = written(SyntheticLayout::Nerfstudio);
+    let folder = written(TestLayout::Nerfstudio);
     let list = folder.path().join("transforms.json");
     let straight = open_plain(folder.path()).unwrap().load(0, 1).unwrap();
     crate::common::scratch::edit_json(&list, |json| json["k1"] = 0.1.into());
@@ -320,7 +316,7 @@ fn images_of_tracked_frames_are_straightened_by_recorded_poses() {
     assert_eq!(offset(&straight), offset(&expected));
     assert_eq!(straight.camera.pose, Pose::IDENTITY, "tracking alone determines the poses");
     let folder = tempfile::tempdir().unwrap();
-    write(&ROOM, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
+    write(&ROOM, folder.path(), TestLayout::Tum, &mut |_, _| ()).unwrap();
     let track = LoadOptions { track: true, ..LoadOptions::default() };
     let exact = open(folder.path(), &track).unwrap();
     assert!(exact.rectified().is_none(), "the images are not from a Kinect");
@@ -332,10 +328,10 @@ fn conventions_are_stated() {
     for (layout, recognised, ..) in SEQUENCES {
         let is_opengl = matches!(
             layout,
-            SyntheticLayout::Nerfstudio
-                | SyntheticLayout::Record3d
-                | SyntheticLayout::Record3dArchive
-                | SyntheticLayout::Arkit
+            TestLayout::Nerfstudio
+                | TestLayout::Record3d
+                | TestLayout::Record3dArchive
+                | TestLayout::Arkit
         );
         let expected = if is_opengl { PoseConvention::Opengl } else { PoseConvention::Opencv };
         assert_eq!(recognised.pose_convention(), expected, "{layout:?}");
@@ -347,7 +343,7 @@ fn conventions_are_stated() {
 fn wrong_poses_and_units_are_told_from_depth() {
     let folder = tempfile::tempdir().unwrap();
     let walk = SyntheticParams { n_train: 48, n_eval: 0, ..ROOM };
-    write(&walk, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
+    write(&walk, folder.path(), TestLayout::Tum, &mut |_, _| ()).unwrap();
     let check = |options| pose_check::check(&open(folder.path(), &options).unwrap(), 0).unwrap();
     let right = check(LoadOptions::default());
     assert!(right.opened.agreement > 0.8 && !right.has_better_reading(), "{right:?}");
@@ -366,7 +362,7 @@ fn wrong_poses_and_units_are_told_from_depth() {
 /// Poses of a robot, whose camera points along its x axis and is mounted above it, become camera poses.
 #[test]
 fn rtabmap_poses_of_a_robot() {
-    let folder = written(SyntheticLayout::RtabMap);
+    let folder = written(TestLayout::RtabMap);
     let optical = "0., 0., 1., 0.125, -1., 0., 0., 0., 0., -1., 0., 0.5";
     let said = format!("local_transform:\n   rows: 3\n   cols: 4\n   data: [ {optical} ]\n");
     for file in std::fs::read_dir(folder.path().join("calib")).unwrap() {

@@ -1,10 +1,11 @@
 //! The procedural scene: its geometry, and what the written layouts give back.
 
+use crate::common::layouts::{TestLayout, write};
 use crate::common::scratch::{TINY, open_plain, tiny};
 use crate::real::disagreement;
 use std::time::Instant;
 use vbgs_studio::dataset::frame::{DepthCodes, DepthKind};
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, WriteError, write};
+use vbgs_studio::dataset::synthetic::write::{DepthBits, WriteError};
 use vbgs_studio::dataset::synthetic::{SyntheticParams, SyntheticScene, dataset, demo};
 use vbgs_studio::dataset::unproject::{
     CameraConvention, EdgeFilter, UnprojectSettings, Unprojector,
@@ -82,9 +83,9 @@ fn written_layouts_load_back() {
     let truth = dataset(&TINY).unwrap();
     let scene = SyntheticScene::new(&TINY).unwrap();
     for (layout, kind, step) in [
-        (SyntheticLayout::Blender(DepthBits::Eight), DepthKind::RayDistance, 8.0 / 255.0),
-        (SyntheticLayout::Blender(DepthBits::Sixteen), DepthKind::RayDistance, 0.00025),
-        (SyntheticLayout::SevenScenes, DepthKind::Z, 0.001),
+        (TestLayout::Blender(DepthBits::Eight), DepthKind::RayDistance, 8.0 / 255.0),
+        (TestLayout::Blender(DepthBits::Sixteen), DepthKind::RayDistance, 0.00025),
+        (TestLayout::SevenScenes, DepthKind::Z, 0.001),
     ] {
         let folder = tiny(layout);
         let loaded = open_plain(folder.path()).unwrap();
@@ -123,7 +124,7 @@ fn written_layouts_load_back() {
 
 #[test]
 fn blender_folders_keep_the_range_of_the_room() {
-    let folder = tiny(SyntheticLayout::Blender(DepthBits::Eight));
+    let folder = tiny(TestLayout::Blender(DepthBits::Eight));
     let range = range::estimate(&open_plain(folder.path()).unwrap(), 0).unwrap();
     assert_eq!(range.lo().to_array(), [-2.6, -2.2, 0.0]);
     assert_eq!(range.hi().to_array(), [2.6, 2.2, 2.6]);
@@ -132,7 +133,7 @@ fn blender_folders_keep_the_range_of_the_room() {
 #[test]
 fn bit_depths_differ_in_codes_only() {
     let load = |bits| {
-        let folder = tiny(SyntheticLayout::Blender(bits));
+        let folder = tiny(TestLayout::Blender(bits));
         open_plain(folder.path()).unwrap().load(0, 0).unwrap().depth.unwrap().codes
     };
     assert!(matches!(load(DepthBits::Eight), DepthCodes::Inverse8(_)));
@@ -141,8 +142,8 @@ fn bit_depths_differ_in_codes_only() {
 
 #[test]
 fn nothing_is_overwritten_and_parameters_are_checked() {
-    let folder = tiny(SyntheticLayout::SevenScenes);
-    let error = write(&TINY, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| ());
+    let folder = tiny(TestLayout::SevenScenes);
+    let error = write(&TINY, folder.path(), TestLayout::SevenScenes, &mut |_, _| ());
     assert!(matches!(&error, Err(WriteError::NotEmpty(p)) if p == folder.path()), "{error:?}");
     for (params, setting) in [
         (SyntheticParams { width: 0, ..TINY }, "width"),

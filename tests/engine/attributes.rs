@@ -9,7 +9,7 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::train::learner::Changed;
 use vbgs_studio::train::paper::config::{
-    Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy, StatisticsForm,
+    Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
 use vbgs_studio::train::setting::table::SettingLayer;
 
@@ -38,12 +38,11 @@ fn all() -> Vec<u32> {
     (0..COMPONENTS as u32).collect()
 }
 
-/// Fused, plain and materialised statistics find each point's component by different code.
+/// The fused kernels and the plain engine find each point's component by different code.
 #[test]
 fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
     let ways = [
         PaperOverrides::default(),
-        PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..PaperOverrides::default() },
         PaperOverrides { precision: Some(Precision::F64), ..PaperOverrides::default() },
         PaperOverrides { candidates: Some(Candidates::Nearest(1)), ..PaperOverrides::default() },
     ];

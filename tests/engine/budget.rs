@@ -1,5 +1,4 @@
-//! Component budgets hold for any frames: for used components with seeds, for drawn ones with lattices.
-//! Scenes merged by their budget read back from a checkpoint.
+//! Component budgets hold for any frames. Scenes merged by their budget read back from a checkpoint.
 
 use glam::DVec3;
 use proptest::collection::vec;
@@ -9,7 +8,7 @@ use vbgs_studio::model::attributes::StoredModel;
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 use vbgs_studio::train::outcome::TrainingWarning;
-use vbgs_studio::train::scene::config::{BirthRule, SceneConfig};
+use vbgs_studio::train::scene::config::SceneConfig;
 use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
@@ -38,30 +37,22 @@ pub fn frame(most: usize) -> impl Strategy<Value = Observation> {
     })
 }
 
-pub fn births() -> impl Strategy<Value = BirthRule> {
-    prop_oneof![Just(BirthRule::Seeds), Just(BirthRule::Lattice), Just(BirthRule::BodyCentred)]
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(150))]
     #[test]
     fn no_scene_exceeds_its_budget(
-        births in births(),
         budget in 1..150usize,
         frames in vec(frame(250), 1..4),
     ) {
-        let fine = SceneConfig::fine(H);
-        let config = SceneConfig { births, max_components: budget, ..fine };
+        let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
         let mut scene = engine::begin(&config, DVec3::ZERO);
         for (frame, n) in frames.iter().zip(1..) {
             let outcome = scene.learn(frame).unwrap();
-            prop_assert!(births != BirthRule::Seeds || scene.used() <= budget, "{}", scene.used());
-            prop_assert!(scene.used() <= 8 * budget);
-            prop_assert!(outcome.points <= frame.points.len());
-            // With seeds no point is lost: if merging frees too little, the scale coarsens.
-            prop_assert!(births != BirthRule::Seeds || outcome.points == frame.points.len());
+            prop_assert!(scene.used() <= budget, "{}", scene.used());
+            // No point is lost: if merging frees too little, the scale coarsens.
+            prop_assert!(outcome.points == frame.points.len());
             let drawn = |splat: &&Splat| splat.opacity > 0.0;
-            let n_drawn = scene.stored_splats().iter().filter(drawn).count();
+            let n_drawn = scene.splats().iter().filter(drawn).count();
             prop_assert!(n_drawn <= budget, "{n_drawn} drawn");
             let stored = checkpoint(&*scene, n);
             prop_assert_eq!(parse(&to_bytes(&stored)).unwrap().checkpoint, stored);

@@ -8,7 +8,7 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::Isa;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::candidates::{
-    CandidateSearch, KdTree, MeanGrid, nearest_in_tile, nearest_in_tile_wide,
+    CandidateSearch, MeanGrid, nearest_in_tile, nearest_in_tile_wide,
 };
 
 type Mean = [f32; 3];
@@ -323,18 +323,15 @@ fn points_that_are_no_numbers_have_neighbours_and_harm_no_others() {
     assert!(search(&index, &Points::new(), 4).is_empty());
 }
 
-/// The lowest ids win ties in f64 too: in the tree, and in the grid over rounded means.
+/// The lowest ids win ties in f64 too, in the grid over rounded means.
 #[test]
 fn f64_searches_break_ties_by_id() {
     let lattice: Vec<[f64; 3]> =
         (0..1000).map(|k| [k % 10, k / 10 % 10, k / 100].map(|v: i32| f64::from(v))).collect();
-    let tree = KdTree::new(&lattice).unwrap();
     for n in [1, 2, 4, 8, 9, 999, 1000, 1001] {
         for query in [[4.5; 3], [4.0; 3], [4.5, 4.0, 4.0], [-3.0, 4.5, 20.0]] {
-            let mut found = Vec::new();
-            tree.nearest(query, NonZero::new(n).unwrap(), &mut found);
+            let found = search_wide(&lattice, &[query], n);
             assert_eq!(found, brute_force_wide(&lattice, query, n), "C = {n}, {query:?}");
-            assert_eq!(found, search_wide(&lattice, &[query], n), "C = {n}, {query:?}");
         }
     }
 }

@@ -8,6 +8,7 @@ use vbgs_studio::model::paper::mixture_device::{
 };
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::device_trial::PassUse;
+use vbgs_studio::train::learner::TrainingDevice;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};
 use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::paper::learner;
@@ -54,7 +55,7 @@ fn used(leaves_all: bool, passes_left: usize, policy: DevicePolicy) -> PassUse {
     let begin = || learner::begin(&config, &draw, Normalization::IDENTITY).unwrap();
     let (mut alone, mut beside) = (begin(), begin());
     let idle = Idle { leaves_all, passes_left, q: Vec::new(), tiles: Vec::new() };
-    beside.compute_on(Box::new(idle), policy).unwrap();
+    beside.add_device(TrainingDevice::Passes(Box::new(idle)), policy).unwrap();
     for t in 0..FRAMES {
         let points = wavy_frame(0.2 * t as f32, 9);
         let outcomes = [&mut alone, &mut beside].map(|learner| learner.learn(&points).unwrap());
@@ -62,7 +63,7 @@ fn used(leaves_all: bool, passes_left: usize, policy: DevicePolicy) -> PassUse {
         assert_eq!(alone.point_elbo(), beside.point_elbo());
         assert!(alone.state() == beside.state());
     }
-    beside.pass_use().unwrap()
+    beside.device_use().passes.unwrap()
 }
 
 #[test]

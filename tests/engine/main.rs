@@ -19,7 +19,6 @@ mod inference;
 mod kinect;
 mod lego;
 mod mishaps;
-mod near_detail;
 mod photometric;
 mod point_devices;
 mod properties;

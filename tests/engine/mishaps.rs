@@ -1,13 +1,13 @@
 //! Dataset files that change or vanish during training: unreadable frames are skipped and reported, and
 //! the model trained before is retained.
 
+use crate::common::layouts::{TestLayout, write};
 use crate::common::scratch::{Files, open_plain};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use tempfile::TempDir;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
-use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
@@ -43,7 +43,7 @@ fn recording() -> TempDir {
             n_eval: 0,
             ..SyntheticParams::demo()
         };
-        write(&room, folder.path(), SyntheticLayout::Open3d, &mut |_, _| {}).unwrap();
+        write(&room, folder.path(), TestLayout::Open3d, &mut |_, _| {}).unwrap();
         Files::read(folder.path())
     });
     let folder = tempfile::tempdir().unwrap();

@@ -148,7 +148,8 @@ fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
         session.frames().iter().filter(|frame| frame.photograph.is_some()).count()
     };
     assert_eq!(compared(&session), 12, "eight of twenty are in the shuffle buffer");
-    let used = |session: &Session| session.learner().comparer_use().unwrap().processor_frames;
+    let used =
+        |session: &Session| session.learner().device_use().photographs.unwrap().processor_frames;
     assert_eq!(used(&session), 12, "only trained photographs count");
     let before = session.stored_splats();
     let model = session.checkpoint().unwrap().model;
@@ -219,7 +220,7 @@ fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
     scene.settle();
     doubted.extend(contradictions(scene.compared_photographs()));
     doubted.sort_unstable();
-    (scene.stored_splats(), doubted)
+    (scene.splats(), doubted)
 }
 
 fn pixels_of(frame: &mut Frame) -> &mut Vec<[u8; 4]> {

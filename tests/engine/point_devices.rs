@@ -9,6 +9,7 @@ use vbgs_studio::model::scene::sums::N_SUMS;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::device_trial::PassUse;
+use vbgs_studio::train::learner::TrainingDevice;
 use vbgs_studio::train::scene::config::SceneConfig;
 use vbgs_studio::train::scene::engine;
 
@@ -65,7 +66,7 @@ fn used(seed: u32, sums_left: usize, length: f32, policy: DevicePolicy) -> PassU
     let begin = || engine::begin(&SceneConfig::fine(0.05), DVec3::ZERO);
     let (mut alone, mut beside) = (begin(), begin());
     let idle = Idle { seed, sums_left, seeds: Vec::new(), sums: Vec::new() };
-    beside.fit_on(Box::new(idle), policy);
+    beside.add_device(TrainingDevice::Points(Box::new(idle)), policy).unwrap();
     for t in 0..FRAMES {
         let frame = wall(t, length);
         let outcomes = [&mut alone, &mut beside].map(|learner| learner.learn(&frame).unwrap());
@@ -73,7 +74,7 @@ fn used(seed: u32, sums_left: usize, length: f32, policy: DevicePolicy) -> PassU
         assert_eq!(alone.changed(), beside.changed());
         assert!(alone.checkpoint_model() == beside.checkpoint_model());
     }
-    beside.point_use().unwrap()
+    beside.device_use().points.unwrap()
 }
 
 fn counts(used: &PassUse) -> (u64, u64, Option<&str>) {

@@ -1,7 +1,7 @@
-//! Invariants of every scene: merging is commutative and associative, evidence is conserved, and
-//! the position, rotation and unit of the world do not matter.
+//! Invariants: merging mixtures is commutative and associative, a scene conserves evidence, and the
+//! position, rotation and unit of the world do not matter.
 
-use super::budget::{H, births, checkpoint, frame};
+use super::budget::{H, checkpoint, frame};
 use glam::{DMat4, DQuat, DVec3};
 use proptest::array::uniform13;
 use proptest::collection::vec;
@@ -13,11 +13,9 @@ use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::{StoredModel, parse, to_bytes};
 use vbgs_studio::model::paper::merging;
 use vbgs_studio::model::paper::state::Totals;
-use vbgs_studio::model::scene::merging::add;
 use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
-use vbgs_studio::train::scene::config::SumForm;
-use vbgs_studio::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
+use vbgs_studio::train::scene::config::SceneConfig;
 use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
@@ -37,12 +35,6 @@ fn state(scene: &dyn SceneLearner) -> SceneState {
     state
 }
 
-/// Settings whose result does not depend on the order of frames.
-fn lattice(births: BirthRule) -> SceneConfig {
-    let (refine, visibility) = (false, VisibilityRule::Returned);
-    SceneConfig { births, refine, visibility, ..SceneConfig::fine(H) }
-}
-
 fn with_threads<T: Send>(n_threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap().install(work)
 }
@@ -60,37 +52,15 @@ fn broad() -> impl Strategy<Value = Totals> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 60, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Shards merged in any tree and order equal the run over all frames in any order.
-    #[test]
-    fn merging_lattices_is_commutative_and_associative(
-        births in prop_oneof![Just(BirthRule::Lattice), Just(BirthRule::BodyCentred)],
-        frames in (frame(120), frame(120), frame(120)),
-    ) {
-        let config = lattice(births);
-        let [a, b, c] = [&frames.0, &frames.1, &frames.2];
-        let one = |frame: &Observation| state(&*learnt(&config, std::slice::from_ref(frame)));
-        let (x, y, z) = (one(a), one(b), one(c));
-        let xy = add(&x, &y).unwrap();
-        prop_assert!(xy == add(&y, &x).unwrap());
-        let whole = add(&xy, &z).unwrap();
-        prop_assert!(whole == add(&x, &add(&y, &z).unwrap()).unwrap());
-        prop_assert!(whole == add(&add(&z, &x).unwrap(), &y).unwrap());
-        let run = |order: [&Observation; 3]| state(&*learnt(&config, &order.map(Clone::clone)));
-        prop_assert!(run([a, b, c]) == whole);
-        prop_assert!(run([c, a, b]) == whole);
-    }
-
     /// Every point a frame reports as used counts in some component, merged or not, and every
     /// covariance is positive definite.
     #[test]
     fn evidence_is_conserved_and_covariances_are_definite(
-        births in births(),
-        sums in prop_oneof![Just(SumForm::Mixed), Just(SumForm::F32), Just(SumForm::F64)],
         // Budgets below 6 also coarsen the scale.
         budget in prop_oneof![1..6usize, 6..100usize],
         frames in vec(frame(200), 1..4),
     ) {
-        let config = SceneConfig { sums, max_components: budget, ..lattice(births) };
+        let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
         let mut scene = engine::begin(&config, DVec3::ZERO);
         let mut points = 0;
         for frame in &frames {
@@ -121,12 +91,10 @@ proptest! {
     /// the saved one.
     #[test]
     fn checkpoints_of_what_was_read_are_the_same_files(
-        births in births(),
-        sums in prop_oneof![Just(SumForm::Mixed), Just(SumForm::F32), Just(SumForm::F64)],
         budget in 1..200usize,
         frames in vec(frame(200), 1..4),
     ) {
-        let config = SceneConfig { sums, max_components: budget, ..lattice(births) };
+        let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
         let scene = learnt(&config, &frames);
         let n = frames.len() as u64;
         let bytes = to_bytes(&checkpoint(&*scene, n));
@@ -135,18 +103,15 @@ proptest! {
         let StoredModel::Scene(state) = read.model else { panic!("expected a stored scene") };
         let again = engine::restore(&config, state, n).unwrap();
         prop_assert!(to_bytes(&checkpoint(&*again, n)) == bytes);
-        prop_assert!(again.stored_splats() == scene.stored_splats());
+        prop_assert!(again.splats() == scene.splats());
     }
 
-    /// Holds for every storage form of the sums.
     #[test]
     fn any_number_of_threads_gives_the_same_scene(
-        births in births(),
-        sums in prop_oneof![Just(SumForm::Mixed), Just(SumForm::F32), Just(SumForm::F64)],
         budget in 20..200usize,
         frames in vec(frame(200), 2..4),
     ) {
-        let config = SceneConfig { sums, max_components: budget, ..lattice(births) };
+        let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
         let run = |n_threads| with_threads(n_threads, || state(&*learnt(&config, &frames)));
         prop_assert!(run(1) == run(5));
     }

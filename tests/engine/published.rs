@@ -96,10 +96,10 @@ fn the_tables_say_a_scenes_defaults() {
     let run = SceneRun::new(&room, &plan, &SceneOverrides::default()).unwrap();
     for setting in SceneOverrides::TABLE.iter().filter(|s| s.about.is_default_fixed) {
         let layer = layer_of(setting);
-        assert_eq!((setting.differs)(&layer, &run), None, "{}", setting.about.field);
+        assert_eq!(setting.conflict(&layer, &run), None, "{}", setting.about.field);
         let mut changed = run.clone();
         (setting.apply)(&layer, &mut changed);
-        assert_eq!((setting.differs)(&layer, &changed), None, "{}", setting.about.field);
+        assert_eq!(setting.conflict(&layer, &changed), None, "{}", setting.about.field);
     }
 }
 

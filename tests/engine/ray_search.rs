@@ -3,7 +3,7 @@
 use super::budget::H;
 use glam::DVec3;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
-use vbgs_studio::train::scene::config::{BirthRule, SceneConfig};
+use vbgs_studio::train::scene::config::SceneConfig;
 use vbgs_studio::train::scene::engine;
 
 /// Half-width of the wall's depth noise, world units.
@@ -51,12 +51,4 @@ fn a_noisy_wall_is_one_layer() {
     println!("{without} components within {spread_without:.4}, {used} within {spread:.4}");
     assert!(used * 3 < without * 2, "{without} -> {used} components");
     assert!(spread < 0.6 * spread_without, "{spread_without} -> {spread}");
-}
-
-#[test]
-fn cells_of_a_lattice_are_where_they_are() {
-    let config = SceneConfig { births: BirthRule::Lattice, near: None, ..SceneConfig::coarse(H) };
-    let error = config.clone().check().err().unwrap();
-    assert_eq!((error.setting, error.found.as_str()), ("ray_search", "on"));
-    assert!(SceneConfig { ray_search: 0.0, ..config }.check().is_ok());
 }

@@ -6,8 +6,8 @@ use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::model::paper::state::ModelState;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::paper::config::{
-    Batch, Candidates, IndexKind, Operations, PaperConfig, PaperOverrides, Precision,
-    ReassignPolicy, StatisticsForm, UpdateWidth, Width,
+    Candidates, Operations, PaperConfig, PaperOverrides, Precision, ReassignPolicy, UpdateWidth,
+    Width,
 };
 use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::paper::learner;
@@ -15,12 +15,8 @@ use vbgs_studio::train::paper::learner::PaperLearner;
 use vbgs_studio::train::setting::table::SettingLayer;
 
 const COMPONENTS: usize = 3000;
-const POLICIES: [ReassignPolicy; 4] = [
-    ReassignPolicy::Off,
-    ReassignPolicy::Truncated,
-    ReassignPolicy::Padded,
-    ReassignPolicy::Forwarded,
-];
+const POLICIES: [ReassignPolicy; 3] =
+    [ReassignPolicy::Off, ReassignPolicy::Padded, ReassignPolicy::Forwarded];
 
 fn frames() -> Vec<Points<f32>> {
     (0..4).map(|t| wavy_frame(0.3 * t as f32, 40)).collect()
@@ -32,9 +28,17 @@ fn config(overrides: &PaperOverrides) -> PaperConfig {
 }
 
 fn trained(overrides: &PaperOverrides, frames: &[Points<f32>]) -> Box<dyn PaperLearner> {
-    let config = config(overrides);
+    trained_by(&config(overrides), frames)
+}
+
+/// Trains the plain engine, the reference of the fused kernels.
+fn plain(overrides: &PaperOverrides, frames: &[Points<f32>]) -> Box<dyn PaperLearner> {
+    trained_by(&PaperConfig { is_plain: true, ..config(overrides) }, frames)
+}
+
+fn trained_by(config: &PaperConfig, frames: &[Points<f32>]) -> Box<dyn PaperLearner> {
     let draw = InitialDraw::random(config.components, config.seed);
-    let mut engine = learner::begin(&config, &draw, Normalization::IDENTITY).unwrap();
+    let mut engine = learner::begin(config, &draw, Normalization::IDENTITY).unwrap();
     for frame in frames {
         engine.learn(frame).unwrap();
     }
@@ -55,12 +59,7 @@ fn ways_of_computing_give_the_same_bits() {
     for reassign in POLICIES {
         let base = PaperOverrides { reassign: Some(reassign), ..PaperOverrides::default() };
         let expected = state(&base, &frames);
-        let batch = |n| PaperOverrides { batch: Some(Batch::Points(n)), ..base.clone() };
-        let unfused = PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..base.clone() };
-        let unfused_batch = PaperOverrides { batch: Some(Batch::Points(1000)), ..unfused.clone() };
-        for overrides in [batch(1), batch(100), batch(5000), unfused, unfused_batch] {
-            assert!(state(&overrides, &frames) == expected, "{overrides:?}");
-        }
+        assert!(plain(&base, &frames).state() == expected, "{reassign:?}");
         for threads in [1, 2, 3] {
             let found = in_pool(threads, || state(&base, &frames));
             assert!(found == expected, "{threads} threads, {reassign:?}");
@@ -75,13 +74,13 @@ fn fits_ahead_of_moves_give_the_bits_of_two_passes() {
     let frames: Vec<_> = (0..24).map(|t| wavy_frame(0.05 * t as f32, 24)).collect();
     for fraction in [0.2, 0.02, 0.004] {
         let once = PaperOverrides {
-            reassign: Some(ReassignPolicy::Truncated),
+            reassign: Some(ReassignPolicy::Padded),
             reassign_fraction: Some(fraction),
             ..PaperOverrides::default()
         };
-        let twice = PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..once.clone() };
-        let [mut once, mut twice] =
-            [once, twice].map(|overrides| trained(&overrides, &frames[..1]));
+        // The plain engine always runs two passes.
+        let mut twice = plain(&once, &frames[..1]);
+        let mut once = trained(&once, &frames[..1]);
         once.component_elbo_mut().start();
         twice.component_elbo_mut().start();
         for frame in &frames[1..] {
@@ -96,16 +95,6 @@ fn fits_ahead_of_moves_give_the_bits_of_two_passes() {
         }
         assert!(once.state() == twice.state(), "{fraction}");
     }
-}
-
-#[test]
-fn padding_moves_what_truncation_moves() {
-    let frames = frames();
-    let with = |reassign| {
-        state(&PaperOverrides { reassign: Some(reassign), ..PaperOverrides::default() }, &frames)
-    };
-    assert!(with(ReassignPolicy::Padded) == with(ReassignPolicy::Truncated));
-    assert!(with(ReassignPolicy::Padded) != with(ReassignPolicy::Off));
 }
 
 #[test]
@@ -127,7 +116,7 @@ fn without_reassignment_the_order_of_frames_does_not_matter() {
 fn a_restored_engine_goes_on_to_the_same_bits() {
     let frames = frames();
     for reassign in POLICIES {
-        for precision in [Precision::Mixed, Precision::F32, Precision::F64] {
+        for precision in [Precision::Mixed, Precision::F64] {
             let overrides = PaperOverrides {
                 reassign: Some(reassign),
                 precision: Some(precision),
@@ -148,17 +137,6 @@ fn a_restored_engine_goes_on_to_the_same_bits() {
             assert!(other.state() == state(&overrides, &frames), "{reassign:?}, {precision:?}");
         }
     }
-}
-
-#[test]
-fn the_grid_and_the_tree_agree_in_f64() {
-    let frames = frames();
-    let with = |index| PaperOverrides {
-        index: Some(index),
-        precision: Some(Precision::F64),
-        ..PaperOverrides::default()
-    };
-    assert!(state(&with(IndexKind::KdTree), &frames) == state(&with(IndexKind::Grid), &frames));
 }
 
 /// With the paper's hyper-parameters, C = 4 candidates assign every point as all components do.
@@ -187,7 +165,7 @@ fn precisions_stay_close_to_the_oracle() {
     let base = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
     let f64 = PaperOverrides { precision: Some(Precision::F64), ..base.clone() };
     let oracle = posteriors(trained(&f64, &frames));
-    let mut single = vec![Operations::MIXED, Operations::F32];
+    let mut single = vec![Operations::MIXED];
     for operation in 0..4 {
         let mut widths = [Width::F32; 4];
         widths[operation] = Width::F64;
@@ -230,14 +208,14 @@ fn points_that_are_no_numbers_are_left_out() {
         }
     }
     for precision in [Precision::Mixed, Precision::F64] {
-        for statistics in [StatisticsForm::Fused, StatisticsForm::Unfused] {
+        for is_plain in [false, true] {
             let overrides = PaperOverrides {
                 precision: Some(precision),
-                statistics: Some(statistics),
                 reassign: Some(ReassignPolicy::Off),
                 ..PaperOverrides::default()
             };
-            let mut engine = trained(&overrides, &[]);
+            let mut engine =
+                if is_plain { plain(&overrides, &[]) } else { trained(&overrides, &[]) };
             let outcome = engine.learn(&dirty).unwrap();
             // The square of 1e30 overflows f32 only, so f64 accepts the last point.
             let left_out = if precision == Precision::F64 { 4 } else { 5 };
@@ -245,7 +223,7 @@ fn points_that_are_no_numbers_are_left_out() {
             assert!(outcome.elbo_mean.is_finite());
             if precision == Precision::Mixed {
                 let expected = state(&overrides, std::slice::from_ref(&clean));
-                assert!(engine.state() == expected, "{statistics:?}");
+                assert!(engine.state() == expected, "plain: {is_plain}");
             }
         }
     }

@@ -3,12 +3,12 @@
 
 use crate::checkpoint::samples;
 use std::cell::Cell;
-use std::fs::{File, Metadata};
 use std::io;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use vbgs_studio::export::atomic::{
-    SaveDisk, SystemDisk, remove_leftovers, write_with_backup, write_with_backup_on,
+    SaveStep, remove_leftovers, write_with_backup, write_with_backup_on,
 };
 use vbgs_studio::export::checkpoint::{self, Checkpoint};
 
@@ -35,46 +35,23 @@ enum Fault {
 const ERRORS: [i32; 5] = [28, 27, 5, 122, 13];
 
 impl FaultyDisk {
-    fn step<T>(&self, operation: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
+    fn check(&self, step: SaveStep) -> io::Result<()> {
         let now = self.done.replace(self.done.get() + 1);
         match self.fault {
             Fault::Once(error) if now == self.at => Err(io::Error::from_raw_os_error(error)),
             Fault::Always(error) if now >= self.at => Err(io::Error::from_raw_os_error(error)),
             Fault::Kill if now >= self.at => Err(io::Error::other("killed")),
-            _ => operation(),
+            _ if step == SaveStep::Link && !self.has_links => {
+                Err(io::ErrorKind::Unsupported.into())
+            }
+            _ => Ok(()),
         }
     }
 }
 
-impl SaveDisk for FaultyDisk {
-    fn create(&self, path: &Path) -> io::Result<File> {
-        self.step(|| SystemDisk.create(path))
-    }
-    fn copy_permissions(&self, file: &File, older: &Metadata) -> io::Result<()> {
-        self.step(|| SystemDisk.copy_permissions(file, older))
-    }
-    fn write(&self, file: &File, bytes: &[u8]) -> io::Result<usize> {
-        // A disk may write fewer bytes than requested.
-        self.step(|| SystemDisk.write(file, &bytes[..bytes.len().min(700)]))
-    }
-    fn sync(&self, file: &File) -> io::Result<()> {
-        self.step(|| SystemDisk.sync(file))
-    }
-    fn link(&self, file: &Path, second: &Path) -> io::Result<()> {
-        self.step(|| match self.has_links {
-            true => SystemDisk.link(file, second),
-            false => Err(io::ErrorKind::Unsupported.into()),
-        })
-    }
-    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
-        self.step(|| SystemDisk.rename(from, to))
-    }
-    fn remove(&self, path: &Path) -> io::Result<()> {
-        self.step(|| SystemDisk.remove(path))
-    }
-    fn sync_folder(&self, folder: &Path) -> io::Result<()> {
-        self.step(|| SystemDisk.sync_folder(folder))
-    }
+/// Writes in pieces, each of which reaches the disk by itself.
+fn write_in_pieces(out: &mut dyn Write, bytes: &[u8]) -> io::Result<()> {
+    bytes.chunks(700).try_for_each(|piece| out.write_all(piece).and_then(|()| out.flush()))
 }
 
 /// Checkpoint identified by its number of frames.
@@ -122,7 +99,9 @@ impl Saves {
     fn save(&self, at: usize, fault: Fault, has_links: bool) -> (bool, usize) {
         let disk = FaultyDisk { at, fault, has_links, done: Cell::new(0) };
         let path = self.path("run.vbgs");
-        let outcome = write_with_backup_on(&disk, &path, |out| out.write_all(&self.bytes[2]));
+        let outcome = write_with_backup_on(&|step| disk.check(step), &path, |out| {
+            write_in_pieces(out, &self.bytes[2])
+        });
         (outcome.is_ok(), disk.done.get())
     }
 }

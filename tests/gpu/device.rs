@@ -2,6 +2,7 @@
 
 use super::fixture::Fixture;
 use glam::DVec3;
+use std::cell::RefCell;
 use std::ops::Deref;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
@@ -12,18 +13,27 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::Exposing;
 use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatRenderer;
-use vbgs_studio::render::gpu::scene::{ComparedImage, GpuScene};
-use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
+use vbgs_studio::render::gpu::scene::GpuScene;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 /// A device and the renderer's objects on it.
-pub struct Gpu(Fixture);
+pub struct Gpu {
+    fixture: Fixture,
+    /// Draws [`Self::image_of`]; shared, because creating its pipelines takes longer than drawing.
+    renderer: RefCell<Option<SplatRenderer>>,
+}
 
 impl Deref for Gpu {
     type Target = Fixture;
 
     fn deref(&self) -> &Fixture {
-        &self.0
+        &self.fixture
+    }
+}
+
+impl From<Fixture> for Gpu {
+    fn from(fixture: Fixture) -> Self {
+        Self { fixture, renderer: RefCell::default() }
     }
 }
 
@@ -31,13 +41,23 @@ impl Gpu {
     /// Uses the shared device; `None` if Vulkan is missing and not required.
     #[track_caller]
     pub fn new() -> Option<Self> {
-        Fixture::shared().map(Self)
+        Fixture::shared().map(Self::from)
     }
 
     /// Creates a separate device, which the test will lose.
     #[track_caller]
     pub fn to_be_lost() -> Option<Self> {
-        Fixture::own(|_| ()).map(Self)
+        Fixture::own(|_| ()).map(Self::from)
+    }
+
+    /// Creates a separate device with smaller buffers than the adapter allows.
+    #[track_caller]
+    pub fn with_buffers_up_to(bytes: u64) -> Option<Self> {
+        let limit = |limits: &mut wgpu::Limits| {
+            limits.max_storage_buffer_binding_size =
+                limits.max_storage_buffer_binding_size.min(bytes);
+        };
+        Fixture::own(limit).map(Self::from)
     }
 
     pub fn scene<'a>(&self, splats: impl Into<SplatView<'a>>) -> GpuScene {
@@ -45,21 +65,17 @@ impl Gpu {
     }
 
     pub fn renderer(&self) -> SplatRenderer {
-        SplatRenderer::new(&self.device, &self.queue, ComparedImage::First).unwrap()
+        SplatRenderer::new(&self.device, &self.queue).unwrap()
     }
 
-    /// Sorts, uploads the order and draws once.
+    /// Draws once.
     pub fn draw(
         &self,
         renderer: &mut SplatRenderer,
-        scene: &mut GpuScene,
-        splats: &[Splat],
+        scene: &GpuScene,
         camera: &Camera,
         options: &RenderOptions,
     ) {
-        let mut scratch = SortScratch::default();
-        let order = back_to_front(splats, camera, options, &mut scratch);
-        scene.set_order(&self.queue, ComparedImage::First, order).unwrap();
         let mut encoder = self.device.create_command_encoder(&Default::default());
         renderer.render(&self.device, &self.queue, &mut encoder, scene, camera, options).unwrap();
         self.queue.submit([encoder.finish()]);
@@ -70,17 +86,26 @@ impl Gpu {
         readback::read_premultiplied(&self.device, &self.queue, renderer.target()).unwrap()
     }
 
-    /// Draws `splats` through a scene that already holds them.
-    pub fn image_of(
+    /// Draws one image and waits for it.
+    pub fn drawn(
         &self,
-        scene: &mut GpuScene,
-        splats: &[Splat],
+        renderer: &mut SplatRenderer,
+        scene: &GpuScene,
         camera: &Camera,
         options: &RenderOptions,
     ) -> Image<[f32; 4]> {
-        let mut renderer = self.renderer();
-        self.draw(&mut renderer, scene, splats, camera, options);
-        self.read(&renderer)
+        self.draw(renderer, scene, camera, options);
+        self.read(renderer)
+    }
+
+    pub fn image_of(
+        &self,
+        scene: &GpuScene,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Image<[f32; 4]> {
+        let mut renderer = self.renderer.borrow_mut();
+        self.drawn(renderer.get_or_insert_with(|| self.renderer()), scene, camera, options)
     }
 
     pub fn image<'a>(
@@ -89,8 +114,7 @@ impl Gpu {
         camera: &Camera,
         options: &RenderOptions,
     ) -> Image<[f32; 4]> {
-        let view: SplatView<'a> = splats.into();
-        self.image_of(&mut self.scene(view), view.splats(), camera, options)
+        self.image_of(&self.scene(splats), camera, options)
     }
 }
 

@@ -9,18 +9,19 @@ fn a_lost_device_is_reported_and_rebuilt_from_the_splats() {
     let Some(gpu) = Gpu::to_be_lost() else { return };
     let view = outside(64, 48);
     let splats = random_scene(13, 100, 0.3);
-    let before = gpu.image(&splats, &view, &PLAIN);
+    let scene = gpu.scene(&splats);
+    let mut renderer = gpu.renderer();
+    let before = gpu.drawn(&mut renderer, &scene, &view, &PLAIN);
     assert!(!gpu.faults.is_lost());
     gpu.device.destroy();
     let _ = gpu.device.poll(wgpu::PollType::Poll);
     assert!(gpu.faults.is_lost());
     assert_eq!(gpu.faults.take_new().len(), 1);
     // Reading from a lost device gives an error, not a panic or a hang.
-    let mut renderer = gpu.renderer();
-    gpu.draw(&mut renderer, &mut gpu.scene(&splats), &splats, &view, &PLAIN);
+    gpu.draw(&mut renderer, &scene, &view, &PLAIN);
     assert!(readback::read_premultiplied(&gpu.device, &gpu.queue, renderer.target()).is_err());
 
-    drop((renderer, gpu));
+    drop((renderer, scene, gpu));
     let fresh = Gpu::to_be_lost().unwrap();
     assert_eq!(largest_difference(&before, &fresh.image(&splats, &view, &PLAIN)), 0.0);
 }

@@ -1,4 +1,4 @@
-//! A whole view of a trained scene: every GPU path against the f64 oracle.
+//! A whole view of a trained scene against the f64 oracle.
 
 use super::device::Gpu;
 use crate::common::oracle::Oracle;
@@ -11,7 +11,6 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::gpu::DrawPath;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
 
@@ -36,15 +35,10 @@ fn a_view_of_lego_is_what_the_oracle_sees() {
             .map(|sample| [sample.rgba[0], sample.rgba[1], sample.rgba[2]]);
         let cpu = CpuRenderer::new().render(&splats, &camera, &options).color;
         report("CPU", method, &cpu.map(|&color| color.map(f64::from)), &expected);
-        for path in [DrawPath::Quads, DrawPath::Tiles] {
-            let mut renderer = gpu.renderer();
-            renderer.set_path(path);
-            let mut scene = gpu.scene(&splats);
-            gpu.draw(&mut renderer, &mut scene, &splats, &camera, &options);
-            let found = gpu.read(&renderer).map(|&[r, g, b, _]| [r, g, b].map(f64::from));
-            let (mean, psnr) = report(&path.to_string(), method, &found, &expected);
-            assert!(mean <= MOST_MEAN_ERROR && psnr >= LEAST_PSNR, "{path}: {mean:e}, {psnr}");
-        }
+        let image = gpu.image(&splats, &camera, &options);
+        let found = image.map(|&[r, g, b, _]| [r, g, b].map(f64::from));
+        let (mean, psnr) = report("GPU", method, &found, &expected);
+        assert!(mean <= MOST_MEAN_ERROR && psnr >= LEAST_PSNR, "{mean:e}, {psnr}");
     }
     gpu.assert_no_faults();
 }

@@ -9,6 +9,7 @@ use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::mixture::GpuMixture;
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::device_trial::PassUse;
+use vbgs_studio::train::learner::TrainingDevice;
 use vbgs_studio::train::paper::config::{
     Candidates, Init, PaperConfig, PaperOverrides, ReassignPolicy,
 };
@@ -55,7 +56,9 @@ fn compared(
     before: impl Fn(usize),
 ) -> PassUse {
     let [mut alone, mut beside] = [(); 2].map(|()| begun(asked, &frames[0]));
-    beside.compute_on(Box::new(mixture(gpu)), DevicePolicy::Device).unwrap();
+    beside
+        .add_device(TrainingDevice::Passes(Box::new(mixture(gpu))), DevicePolicy::Device)
+        .unwrap();
     let bits = |learner: &dyn PaperLearner| -> Vec<u64> {
         learner.point_elbo().into_iter().map(f64::to_bits).collect()
     };
@@ -71,7 +74,7 @@ fn compared(
         assert!(bits(&*beside) == bits(&*alone), "{asked:?}: scores of frame {i}");
         assert!(beside.state() == alone.state(), "{asked:?}: sums of frame {i}");
     }
-    beside.pass_use().unwrap()
+    beside.device_use().passes.unwrap()
 }
 
 fn counts(used: &PassUse) -> [u64; 2] {
@@ -86,7 +89,6 @@ fn every_policy_trains_to_the_processors_bits() {
     let Some(gpu) = Fixture::shared() else { return };
     for reassign in [
         ReassignPolicy::Off,
-        ReassignPolicy::Truncated,
         ReassignPolicy::Padded,
         ReassignPolicy::Forwarded,
         ReassignPolicy::Dense,
@@ -180,10 +182,12 @@ fn what_the_device_has_no_room_for_is_said() {
     let frames = frames();
     let many = PaperOverrides { components: Some(5000), ..PaperOverrides::default() };
     let mut learner = begun(&many, &frames[0]);
-    let refused = learner.compute_on(Box::new(mixture(&gpu)), DevicePolicy::Device).unwrap_err();
+    let refused = learner
+        .add_device(TrainingDevice::Passes(Box::new(mixture(&gpu))), DevicePolicy::Device)
+        .unwrap_err();
     let why = refused.to_string();
     assert!(why.contains("means of components need a buffer of 1 MiB"), "{why}");
-    assert_eq!(learner.pass_use().unwrap().device, None);
+    assert_eq!(learner.device_use().passes.unwrap().device, None);
     // Few components, but a frame that is too large for the device: the CPU trains it.
     let few = PaperOverrides { components: Some(2000), ..PaperOverrides::default() };
     let used = compared(&gpu, &few, &frames, |_| ());
@@ -209,11 +213,13 @@ fn figures_of_a_frame_of_the_papers_size() {
                 ..PaperOverrides::default()
             };
             let [mut alone, mut beside] = [(); 2].map(|()| begun(&asked, &frames[0]));
-            beside.compute_on(Box::new(mixture(&gpu)), DevicePolicy::Device).unwrap();
+            beside
+                .add_device(TrainingDevice::Passes(Box::new(mixture(&gpu))), DevicePolicy::Device)
+                .unwrap();
             let [on_processor, on_device] =
                 [&mut alone, &mut beside].map(|learner| milliseconds(&mut **learner, &frames));
             assert!(beside.state() == alone.state(), "{asked:?}");
-            let used = beside.pass_use().unwrap();
+            let used = beside.device_use().passes.unwrap();
             println!(
                 "{reassign:?} {init:?}: device {on_device}, processor {on_processor}, open tiles {:.4}",
                 used.open_share

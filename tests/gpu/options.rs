@@ -1,10 +1,9 @@
-//! Display options: styles, paints and the cap on a splat's extent.
+//! Display options: styles and paints.
 
 use super::compare::{assert_close, largest_difference, oracle};
 use super::device::{Gpu, PLAIN, outside, random_scene};
 use crate::common::scenes::random_appearance;
 use vbgs_studio::model::splat::appearance::SplatView;
-use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::finish::MARKER_COLOR;
 use vbgs_studio::render::{DisplayStyle, Paint, RenderMethod, RenderOptions};
 
@@ -58,27 +57,5 @@ fn an_appearance_of_zeros_is_none() {
         let difference = largest_difference(&plain, &gpu.image(native, &view, &options));
         assert!(difference < ROUNDING, "{method:?}: {difference}");
         assert!(plain.data.iter().any(|p| p[3] > 0.5), "some pixels are covered");
-    }
-}
-
-#[test]
-fn a_capped_extent_only_loses_tails() {
-    let Some(gpu) = Gpu::new() else { return };
-    let view = outside(64, 48);
-    let splat = Splat {
-        mean: [0.1, 0.2, 0.0],
-        opacity: 0.9,
-        color: [1.0; 3],
-        scale: [0.2; 3],
-        rotation: [1.0, 0.0, 0.0, 0.0],
-    };
-    for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
-        let options = RenderOptions { method, ..PLAIN };
-        let whole = gpu.image(&[splat], &view, &options);
-        let mut renderer = gpu.renderer();
-        renderer.set_extent_cap(3.0);
-        gpu.draw(&mut renderer, &mut gpu.scene(&[splat]), &[splat], &view, &options);
-        let lost = largest_difference(&whole, &gpu.read(&renderer));
-        assert!(lost > 0.0 && lost <= 0.9 * (-4.5f32).exp() + 1e-5, "{method:?}: {lost}");
     }
 }

@@ -13,6 +13,7 @@ use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::device_trial::ComparerUse;
 use vbgs_studio::train::device_trial::DevicePolicy;
+use vbgs_studio::train::learner::TrainingDevice;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 
 const FRAMES: usize = 12;
@@ -40,7 +41,9 @@ fn session(room: &Arc<Dataset>) -> Session {
 /// Trains on a device; `before` runs before each frame and may break it.
 fn on_device(room: &Arc<Dataset>, gpu: &Fixture, before: impl Fn(usize)) -> Session {
     let mut session = session(room);
-    session.compare_on(Box::new(comparer(gpu)), DevicePolicy::Device);
+    session
+        .add_device(TrainingDevice::Photographs(Box::new(comparer(gpu))), DevicePolicy::Device)
+        .unwrap();
     for frame in 0.. {
         before(frame);
         if matches!(session.step().unwrap(), Step::Finished) {
@@ -51,7 +54,7 @@ fn on_device(room: &Arc<Dataset>, gpu: &Fixture, before: impl Fn(usize)) -> Sess
 }
 
 fn used(session: &Session) -> ComparerUse {
-    session.learner().comparer_use().unwrap()
+    session.learner().device_use().photographs.unwrap()
 }
 
 fn frames(used: &ComparerUse) -> [u64; 2] {
@@ -105,5 +108,5 @@ fn a_view_too_large_for_the_device_is_the_processors() {
     let refused = used(&on_device(&room, &gpu, |_| ()));
     assert_eq!(frames(&refused), [0, 12], "{refused:?}");
     let why = refused.given_up.unwrap();
-    assert!(why.contains("MiB") && why.contains("the processor compares instead"), "{why}");
+    assert!(why.contains("MiB") && why.contains("the processor is used instead"), "{why}");
 }

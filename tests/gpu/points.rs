@@ -18,10 +18,10 @@ use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::points::GpuPoints;
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::device_trial::PassUse;
-use vbgs_studio::train::scene::config::{BirthRule, SceneConfig};
+use vbgs_studio::train::learner::TrainingDevice;
+use vbgs_studio::train::scene::config::SceneConfig;
 use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
-use vbgs_studio::train::scene::spacing::NearSpacing;
 
 /// Structural scale of the synthetic frames, world units.
 const H: f64 = 0.05;
@@ -77,7 +77,7 @@ fn compared(
     before: impl Fn(usize),
 ) -> PassUse {
     let [mut alone, mut beside] = [(); 2].map(|()| engine::begin(config, DVec3::ZERO));
-    beside.fit_on(Box::new(points(gpu)), DevicePolicy::Device);
+    beside.add_device(TrainingDevice::Points(Box::new(points(gpu))), DevicePolicy::Device).unwrap();
     for (i, frame) in frames.iter().enumerate() {
         before(i);
         let expected = alone.learn(frame).unwrap();
@@ -95,14 +95,13 @@ fn compared(
         assert!(beside.checkpoint_model() == alone.checkpoint_model(), "statistics of frame {i}");
         assert_eq!(beside.changed(), alone.changed(), "frame {i}");
     }
-    beside.point_use().unwrap()
+    beside.device_use().points.unwrap()
 }
 
 #[test]
 fn frames_of_every_kind_are_learnt_to_the_processors_bits() {
     let Some(gpu) = Fixture::shared() else { return };
-    let near = Some(NearSpacing { pixels: 10.0, least: 0.4 });
-    let room = SceneConfig { near, gain: true, ..SceneConfig::fine(H) };
+    let room = SceneConfig { gain: true, ..SceneConfig::fine(H) };
     for config in [SceneConfig::fine(H), room.clone(), SceneConfig { refine: false, ..room }] {
         for weight in [1, 4] {
             let weighted = |frame| Observation { point_weight: weight, ..frame };
@@ -150,15 +149,6 @@ fn what_only_the_processor_can_sum_is_left_to_it() {
     let used = compared(&gpu, &SceneConfig::fine(H), &none, |_| ());
     assert_eq!((used.device_frames + used.processor_frames, used.given_up), (4, None));
     gpu.assert_no_faults();
-}
-
-#[test]
-fn lattices_are_the_processors() {
-    let Some(gpu) = Fixture::shared() else { return };
-    let config = SceneConfig { births: BirthRule::Lattice, ..SceneConfig::fine(H) };
-    let mut scene = engine::begin(&config, DVec3::ZERO);
-    scene.fit_on(Box::new(points(&gpu)), DevicePolicy::Device);
-    assert_eq!(scene.point_use(), None);
 }
 
 #[test]
@@ -313,15 +303,20 @@ fn a_session_trains_to_the_processors_bits() {
             let asked = SceneOverrides { photometric, ..SceneOverrides::default() };
             let mut session = Session::new(room.clone(), asked, Selection::all_frames()).unwrap();
             if is_on_device {
-                session.fit_on(Box::new(points(&gpu)), DevicePolicy::Device);
+                session
+                    .add_device(
+                        TrainingDevice::Points(Box::new(points(&gpu))),
+                        DevicePolicy::Device,
+                    )
+                    .unwrap();
             }
             while !matches!(session.step().unwrap(), Step::Finished) {}
             session
         };
         let [alone, beside] = [false, true].map(trained);
         // Outlier frames of the photometric check are not summed.
-        let [_, summed] = counts(&alone.learner().point_use().unwrap());
-        assert_eq!(counts(&beside.learner().point_use().unwrap()), [summed - 1, 1]);
+        let [_, summed] = counts(&alone.learner().device_use().points.unwrap());
+        assert_eq!(counts(&beside.learner().device_use().points.unwrap()), [summed - 1, 1]);
         assert!(summed > 5);
         assert!(beside.learner().checkpoint_model() == alone.learner().checkpoint_model());
     }

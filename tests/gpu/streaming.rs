@@ -1,12 +1,10 @@
-//! Uploads: changed records only, growth, shrinking, and what stays drawn meanwhile.
+//! Uploads: changed records only, growth and shrinking.
 
 use super::compare::largest_difference;
 use super::device::{Gpu, PLAIN, outside, random_scene};
 use crate::common::scenes::random_appearance;
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::gpu::GpuError;
-use vbgs_studio::render::gpu::scene::ComparedImage;
 
 #[test]
 fn sparse_updates_equal_a_whole_upload() {
@@ -27,29 +25,27 @@ fn sparse_updates_equal_a_whole_upload() {
     assert_eq!(bytes, 140 * 80, "140 of 1000 splats are uploaded as sparse records");
     let bytes = scene.update(&gpu.device, &gpu.queue, &changed[140..], &splats).unwrap();
     assert_eq!(bytes, 12 * 80);
-    let sparse = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
+    let sparse = gpu.image_of(&scene, &view, &PLAIN);
     assert_eq!(largest_difference(&sparse, &gpu.image(&splats, &view, &PLAIN)), 0.0);
 
     assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap(), 0);
     let many: Vec<u32> = (0..200).collect();
     assert_eq!(scene.update(&gpu.device, &gpu.queue, &many, &splats).unwrap(), 64_000);
 
-    // Growth keeps the old splats and their order drawn; the new capacity fits 50 more.
+    // The new capacity fits 50 more.
     splats.extend_from_slice(&others[1000..1001]);
     assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap(), 64 * 1001);
     assert_eq!(scene.capacity(), 1500);
-    assert_eq!(scene.n_drawn(ComparedImage::First), 1000);
     splats.extend_from_slice(&others[1001..1051]);
     assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap(), 50 * 80);
-    let grown = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
+    let grown = gpu.image_of(&scene, &view, &PLAIN);
     assert_eq!(largest_difference(&grown, &gpu.image(&splats, &view, &PLAIN)), 0.0);
 
-    // Shrinking clears the order, because it may refer to removed splats.
     splats.truncate(900);
     scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
-    assert_eq!((scene.n_splats(), scene.n_drawn(ComparedImage::First)), (900, 0));
-    let stale = scene.set_order(&gpu.queue, ComparedImage::First, &[3, 900]).unwrap_err();
-    assert_eq!(stale, GpuError::StaleOrder { index: 900, n_splats: 900 });
+    assert_eq!((scene.n_splats(), scene.capacity()), (900, 1500));
+    let shrunk = gpu.image_of(&scene, &view, &PLAIN);
+    assert_eq!(largest_difference(&shrunk, &gpu.image(&splats, &view, &PLAIN)), 0.0);
     gpu.assert_no_faults();
 }
 
@@ -87,28 +83,19 @@ fn appearance_follows_sparse_updates_and_comes_and_goes() {
     let all = SplatView::new(&splats, &appearance).unwrap();
     let bytes = scene.update(&gpu.device, &gpu.queue, &changed, all).unwrap();
     assert_eq!(bytes, 50 * (80 + 112), "sparse records");
-    let sparse = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
+    let sparse = gpu.image_of(&scene, &view, &PLAIN);
     let whole = gpu.image(all, &view, &PLAIN);
     assert_eq!(largest_difference(&sparse, &whole), 0.0);
 
     let bytes = scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
     assert_eq!(bytes, 400 * 64, "removal changes every splat");
-    assert_eq!(
-        scene.n_drawn(ComparedImage::First),
-        400 - n_hidden(&splats),
-        "the order is retained"
-    );
-    let plain = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
+    let plain = gpu.image_of(&scene, &view, &PLAIN);
     assert_eq!(largest_difference(&plain, &gpu.image(&splats, &view, &PLAIN)), 0.0);
     assert!(largest_difference(&plain, &whole) > 0.1);
     assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], all).unwrap(), 400 * (64 + 108));
-    let again = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
+    let again = gpu.image_of(&scene, &view, &PLAIN);
     assert_eq!(largest_difference(&again, &whole), 0.0);
     gpu.assert_no_faults();
-}
-
-fn n_hidden(splats: &[Splat]) -> usize {
-    splats.iter().filter(|splat| !splat.is_drawable()).count()
 }
 
 #[test]
@@ -135,26 +122,5 @@ fn broken_splats_are_counted_through_every_kind_of_update() {
     assert_eq!(scene.n_invalid(), 3, "an appearance can be invalid too");
     scene.update(&gpu.device, &gpu.queue, &[], &[]).unwrap();
     assert_eq!(scene.n_invalid(), 0);
-    gpu.assert_no_faults();
-}
-
-#[test]
-fn growth_draws_the_old_order_until_a_new_one_comes() {
-    let Some(gpu) = Gpu::new() else { return };
-    let view = outside(48, 40);
-    let mut splats = random_scene(8, 50, 0.3);
-    let mut scene = gpu.scene(&splats);
-    let mut renderer = gpu.renderer();
-    gpu.draw(&mut renderer, &mut scene, &splats, &view, &PLAIN);
-    let before = gpu.read(&renderer);
-
-    splats.extend(random_scene(9, 100, 0.3));
-    scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    renderer.render(&gpu.device, &gpu.queue, &mut encoder, &scene, &view, &PLAIN).unwrap();
-    gpu.queue.submit([encoder.finish()]);
-    let after = gpu.read(&renderer);
-    assert_eq!(largest_difference(&before, &after), 0.0);
-    assert!(before.data.iter().any(|p| p[3] > 0.5), "some pixels are covered");
     gpu.assert_no_faults();
 }

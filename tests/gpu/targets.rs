@@ -11,9 +11,9 @@ fn every_target_format_shows_the_same_values() {
     let Some(gpu) = Gpu::new() else { return };
     let view = outside(70, 50);
     let splats = random_scene(10, 200, 0.3);
-    let mut scene = gpu.scene(&splats);
+    let scene = gpu.scene(&splats);
     let mut renderer = gpu.renderer();
-    gpu.draw(&mut renderer, &mut scene, &splats, &view, &PLAIN);
+    gpu.draw(&mut renderer, &scene, &view, &PLAIN);
     let background = [0.9, 0.1, 0.3];
     let image = gpu.read(&renderer);
     let shown = |format| {
@@ -40,9 +40,9 @@ fn composites_into_part_of_a_foreign_pass() {
     let Some(gpu) = Gpu::new() else { return };
     let view = outside(16, 12);
     let splats = random_scene(11, 60, 0.5);
-    let mut scene = gpu.scene(&splats);
+    let scene = gpu.scene(&splats);
     let mut renderer = gpu.renderer();
-    gpu.draw(&mut renderer, &mut scene, &splats, &view, &PLAIN);
+    gpu.draw(&mut renderer, &scene, &view, &PLAIN);
     let (device, queue) = (&gpu.device, &gpu.queue);
     let alone = gpu.read(&renderer);
 
@@ -91,10 +91,10 @@ fn pass_times_come_back_where_the_adapter_has_them() {
     let caps = GpuCaps::new(&gpu.adapter, &gpu.device);
     let view = outside(64, 48);
     let splats = random_scene(12, 300, 0.3);
-    let mut scene = gpu.scene(&splats);
+    let scene = gpu.scene(&splats);
     let mut renderer = gpu.renderer();
     for _ in 0..8 {
-        gpu.draw(&mut renderer, &mut scene, &splats, &view, &PLAIN);
+        gpu.draw(&mut renderer, &scene, &view, &PLAIN);
         gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
     }
     // Encoders that are never submitted must not exhaust the timer's slots.

@@ -14,8 +14,8 @@ use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::learner::Changed;
 use vbgs_studio::train::outcome::FrameOutcome;
 use vbgs_studio::train::paper::config::{
-    Batch, Candidates, IndexKind, Init, Operations, PaperConfig, PaperOverrides, Precision,
-    ReassignPolicy, StatisticsForm, UpdateWidth, Width,
+    Candidates, Init, Operations, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+    UpdateWidth, Width,
 };
 use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::paper::learner;
@@ -69,7 +69,6 @@ pub fn train(kind: u8, mut input: Bytes) {
 fn config(kind: u8, input: &mut Bytes) -> Option<PaperConfig> {
     let policies = [
         ReassignPolicy::Padded,
-        ReassignPolicy::Truncated,
         ReassignPolicy::Dense,
         ReassignPolicy::Forwarded,
         ReassignPolicy::Off,
@@ -85,9 +84,6 @@ fn config(kind: u8, input: &mut Bytes) -> Option<PaperConfig> {
         seed: Some(input.byte().into()),
         components: Some(components),
         candidates: Some(candidates),
-        batch: (flags & 1 != 0).then(|| Batch::Points(input.byte().into())),
-        statistics: (flags & 2 != 0).then_some(StatisticsForm::Unfused),
-        index: (flags & 4 != 0).then_some(IndexKind::KdTree),
         init: (flags & 8 != 0).then_some(Init::Data),
         reassign: Some(reassign),
         reassign_fraction: Some(input.number().into()),
@@ -97,6 +93,7 @@ fn config(kind: u8, input: &mut Bytes) -> Option<PaperConfig> {
     let mut config = PaperConfig::paper().with(&overrides).ok()?;
     // No option sets it: runs have the published one, tests others.
     config.low_elbo_floor = 1 + usize::from(input.byte());
+    config.is_plain = flags & 1 != 0;
     if flags & 32 != 0 {
         config.conversion = Conversion::legacy();
     }
@@ -108,18 +105,16 @@ fn precision(input: &mut Bytes) -> PaperOverrides {
     let bits = input.byte();
     let named = |precision| PaperOverrides { precision: Some(precision), ..Default::default() };
     let width = |place: u8| if bits >> place & 1 == 0 { Width::F32 } else { Width::F64 };
-    match bits % 4 {
+    match bits % 3 {
         0 => named(Precision::Mixed),
         1 => named(Precision::F64),
-        2 => named(Precision::F32),
         _ => PaperOverrides {
             operations: Some(Operations {
                 distance: width(2),
                 log_score: width(3),
                 normaliser: width(4),
                 moments: width(5),
-                update: [UpdateWidth::F32, UpdateWidth::Fixed64, UpdateWidth::Fixed128]
-                    [usize::from(bits >> 6) % 3],
+                update: [UpdateWidth::Fixed64, UpdateWidth::Fixed128][usize::from(bits >> 6) % 2],
             }),
             ..Default::default()
         },
@@ -216,7 +211,7 @@ fn check_shares(mixture: &mut dyn PaperLearner, points: &Points<f32>) {
 fn check(mixture: &dyn PaperLearner) {
     let components = mixture.components();
     assert!(mixture.used() <= components, "{} of {components} used", mixture.used());
-    let stored = mixture.stored_splats();
+    let stored = mixture.splats();
     let drawn = stored.iter().filter(|splat| splat.opacity > 0.0);
     drawn.for_each(|splat| assert!(splat.is_valid(), "{splat:?}"));
     if let Changed::Listed(changed) = mixture.changed() {

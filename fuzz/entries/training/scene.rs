@@ -7,8 +7,7 @@ use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
 use vbgs_studio::export::checkpoint::StoredModel;
 use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
-use vbgs_studio::train::scene::config::SumForm;
-use vbgs_studio::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
+use vbgs_studio::train::scene::config::SceneConfig;
 use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
@@ -47,9 +46,7 @@ pub fn train(kind: u8, mut input: Bytes) -> u32 {
                 scene = reopened(&config, &*scene);
                 earlier = state(&*scene);
             }
-            // Lattices are added, never fused.
-            6 if !config.births.is_order_invariant() => scene = fused(&config, &*scene, &earlier),
-            6 => {}
+            6 => scene = fused(&config, &*scene, &earlier),
             _ => match input.flag() {
                 true => scene.component_elbo_mut().start(),
                 false => scene.component_elbo_mut().stop(),
@@ -74,23 +71,14 @@ fn config(kind: u8, input: &mut Bytes) -> SceneConfig {
         1 => SceneConfig::exact(h),
         _ => SceneConfig::coarse(h),
     };
-    config.births = [BirthRule::Seeds, BirthRule::Lattice, BirthRule::BodyCentred]
-        [usize::from(input.byte() % 3)];
-    config.sums = [SumForm::Mixed, SumForm::F32, SumForm::F64][usize::from(input.byte() % 3)];
     let flags = input.byte();
-    // As files of settings have it: a lattice is neither moved nor corrected by what was seen.
-    let moves = !config.births.is_order_invariant();
-    config.refine = moves && flags & 1 != 0;
-    config.align = moves && flags & 2 != 0;
-    config.gain = moves && flags & 4 != 0;
-    config.track = moves && flags & 8 != 0;
-    config.visibility = match moves && flags & 16 != 0 {
-        true => VisibilityRule::Projected,
-        false => VisibilityRule::Returned,
-    };
-    config.photometric = match (moves, flags >> 6) {
-        (true, 2) => PhotometricMode::Light.rule(),
-        (true, 3) => PhotometricMode::Full.rule(),
+    config.refine = flags & 1 != 0;
+    config.align = flags & 2 != 0;
+    config.gain = flags & 4 != 0;
+    config.track = flags & 8 != 0;
+    config.photometric = match flags >> 6 {
+        2 => PhotometricMode::Light.rule(),
+        3 => PhotometricMode::Full.rule(),
         _ => None,
     };
     if let Some(rule) = &mut config.photometric {
@@ -104,7 +92,7 @@ fn config(kind: u8, input: &mut Bytes) -> SceneConfig {
 fn reopened(config: &SceneConfig, scene: &dyn SceneLearner) -> Box<dyn SceneLearner> {
     let state = read_back(scene.checkpoint_model(), scene.frames());
     let StoredModel::Scene(state) = state else { panic!("a scene is stored as one") };
-    let restored = engine::restore(config, state, scene.frames()).expect("sums of its own form");
+    let restored = engine::restore(config, state, scene.frames()).expect("seeds within reach");
     assert!(restored.checkpoint_model() == scene.checkpoint_model(), "another scene comes back");
     restored
 }
@@ -122,18 +110,16 @@ fn fused(
     let StoredModel::Scene(fused) = read_back(StoredModel::Scene(fused), 2 * scene.frames()) else {
         panic!("a scene is stored as one")
     };
-    engine::restore(config, fused, 2 * scene.frames()).expect("sums of its own form")
+    engine::restore(config, fused, 2 * scene.frames()).expect("seeds within reach")
 }
 
 /// What holds whatever was seen.
 fn check(config: &SceneConfig, scene: &dyn SceneLearner) {
-    let stored = scene.stored_splats();
+    let stored = scene.splats();
     let drawn = stored.iter().filter(|splat| splat.opacity > 0.0);
     let n_drawn = drawn.inspect(|splat| assert!(splat.is_valid(), "{splat:?}")).count();
     assert!(n_drawn <= config.max_components, "{n_drawn} of {}", config.max_components);
-    if !config.births.is_order_invariant() {
-        assert!(scene.used() <= config.max_components, "{} used", scene.used());
-    }
+    assert!(scene.used() <= config.max_components, "{} used", scene.used());
     for component in 0..scene.components() {
         let posterior = scene.posterior(component);
         assert!(posterior.count >= 0.0, "{}", posterior.count);

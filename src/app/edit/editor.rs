@@ -1,7 +1,6 @@
 //! Edits of the open scene and the state of the editing tools.
 
-use super::history::{EditHistory, Edits, SelectMode};
-use super::marks::{LeftOut, SelectCriterion, SplatMarks};
+use super::marks::{EditLog, Edits, LeftOut, Mark, SelectCriterion, SelectMode};
 use super::past::{PastScene, PastScenes};
 use super::visible::{SceneParts, VisibilityRules, VisibleSplats};
 use crate::app::command::UiCommand;
@@ -17,46 +16,37 @@ use std::sync::Arc;
 /// Number of splats in each editing state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EditCounts {
-    /// Drawable splats.
     pub all: usize,
-    /// Selected splats.
     pub selected: usize,
-    /// Hidden splats; exports include them.
     pub hidden: usize,
     /// Splats excluded from exports: deleted or outside the crop box.
     pub left_out: usize,
-    /// Deleted splats.
     pub deleted: usize,
-    /// Splats whose birth frame is unknown.
     pub unknown_birth: usize,
 }
 
 /// What the viewport shows for an earlier frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EarlierView {
-    /// Stored copy of the scene at that time.
     #[default]
     StoredCopy,
     /// Current splats that already existed then.
     BornByThen,
 }
 
-/// Edit history, visible splats and tool state.
+/// Undo log, visible splats and tool state.
 #[derive(Default)]
 pub struct Editor {
-    history: EditHistory,
+    pub log: EditLog,
     visible: VisibleSplats,
     /// True while dragging over the viewport selects splats.
     pub is_box_selecting: bool,
-    /// Criterion of the threshold slider.
     pub criterion: SelectCriterion,
     /// Value of the threshold slider; `None` until it is moved.
     pub threshold: Option<f64>,
     /// Number of frames seen by the scene on display; `None` shows the current scene.
     pub earlier_frames: Option<usize>,
-    /// How an earlier frame is shown.
     pub earlier_view: EarlierView,
-    /// Stored copies of the scene after earlier frames.
     pub stored_scenes: PastScenes,
     /// True if a panel needs component attributes; set in every pass that needs them.
     pub needs_attributes: bool,
@@ -79,24 +69,8 @@ impl Editor {
         Self { visible: VisibleSplats::default(), revision: self.revision + 1, ..self }
     }
 
-    /// Current edits.
     pub fn edits(&self) -> &Edits {
-        self.history.current()
-    }
-
-    /// Edit history.
-    pub fn history(&mut self) -> &mut EditHistory {
-        &mut self.history
-    }
-
-    /// True if an edit can be undone.
-    pub fn can_undo(&self) -> bool {
-        self.history.can_undo()
-    }
-
-    /// True if an undone edit can be redone.
-    pub fn can_redo(&self) -> bool {
-        self.history.can_redo()
+        self.log.current()
     }
 
     /// Applies a splat change that `palette` already contains; returns the change for painters, if any.
@@ -105,7 +79,6 @@ impl Editor {
         self.visible.apply_change(change, parts(palette, None))
     }
 
-    /// Stored earlier scene on display, if any.
     pub fn displayed_past(&self) -> Option<&PastScene> {
         match self.earlier_view {
             EarlierView::StoredCopy => self.stored_scenes.latest_at(self.earlier_frames?),
@@ -136,7 +109,6 @@ impl Editor {
         change
     }
 
-    /// Splats as displayed.
     pub fn displayed_splats<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {
         self.visible.splats().unwrap_or(palette.splats())
     }
@@ -154,10 +126,14 @@ impl Editor {
         }
     }
 
-    /// Selects displayed splats by slot, in ascending order.
-    pub fn select(&mut self, slots: Vec<u32>, palette: &Palette, how: SelectMode) {
-        let next = self.edits().with_selection(self.displayed_marks(slots, palette), how);
-        self.history.step(next);
+    pub fn select(
+        &mut self,
+        slots: impl IntoIterator<Item = u32>,
+        palette: &Palette,
+        how: SelectMode,
+    ) {
+        let next = self.with_displayed(slots, palette, how);
+        self.log.step(next);
     }
 
     /// Selects the splats that meet the threshold; one undo step while the slider is dragged.
@@ -165,70 +141,76 @@ impl Editor {
         self.return_to_current();
         self.threshold = Some(threshold);
         let slots = self.criterion.slots(threshold, palette.learned(), palette.attributes());
-        let marks = self.displayed_marks(slots, palette);
-        let next = self.edits().with_selection(marks, SelectMode::Replace);
-        self.history.drag(next);
+        let next = self.with_displayed(slots, palette, SelectMode::Replace);
+        self.log.drag(next);
     }
 
-    /// Selects the displayed splats that are not selected.
     pub fn invert(&mut self, palette: &Palette) {
         self.return_to_current();
-        let all = self.displayed_marks(0..palette.learned().len() as u32, palette);
-        let next = self
-            .edits()
-            .with_selection(all.difference(&self.edits().selected), SelectMode::Replace);
-        self.history.step(next);
+        let (edits, all) = (self.edits().clone(), (0..).zip(palette.learned().iter()));
+        let others = all.filter(|(slot, splat)| edits.mark(*slot, splat) != Some(Mark::Selected));
+        self.select(others.map(|(slot, _)| slot), palette, SelectMode::Replace);
     }
 
-    fn displayed_marks(
+    fn with_displayed(
         &self,
         slots: impl IntoIterator<Item = u32>,
         palette: &Palette,
-    ) -> SplatMarks {
+        how: SelectMode,
+    ) -> Edits {
         let shown = self.displayed_splats(palette);
         let is_shown = |slot: &u32| shown.get(*slot as usize).is_some_and(Splat::is_drawable);
-        SplatMarks::from_slots(slots.into_iter().filter(is_shown), palette.learned())
+        self.edits().with_selection(slots.into_iter().filter(is_shown), palette.learned(), how)
     }
 
-    /// Executes an editing command.
+    /// Reason why an edit command would change nothing; `None` for other commands.
+    pub fn unavailable_reason(&self, command: UiCommand) -> Option<&'static str> {
+        let has = |mark| self.edits().count(mark) > 0;
+        let is_of_use = match command {
+            UiCommand::Undo => self.log.can_undo(),
+            UiCommand::Redo => self.log.can_redo(),
+            UiCommand::HideSelected | UiCommand::DeleteSelected => has(Mark::Selected),
+            UiCommand::ShowHidden => has(Mark::Hidden),
+            UiCommand::RestoreDeleted => has(Mark::Deleted),
+            _ => true,
+        };
+        (!is_of_use).then_some("Nothing to apply it to")
+    }
+
+    /// Executes an editing command; ignores others.
     pub fn execute(&mut self, command: UiCommand, palette: &Palette) {
         let now = self.edits();
         let next = match command {
-            UiCommand::Undo => return self.history.undo(),
-            UiCommand::Redo => return self.history.redo(),
+            UiCommand::Undo => return self.log.undo(),
+            UiCommand::Redo => return self.log.redo(),
             UiCommand::BoxSelect => {
                 self.is_box_selecting = !self.is_box_selecting;
                 return self.return_to_current();
             }
-            UiCommand::Deselect => now.with_selection(SplatMarks::default(), SelectMode::Replace),
-            UiCommand::HideSelected => now.with_selection_hidden(),
-            UiCommand::ShowHidden => Edits { hidden: Arc::default(), ..now.clone() },
-            UiCommand::DeleteSelected => now.with_selection_deleted(),
-            UiCommand::RestoreDeleted => Edits { deleted: Arc::default(), ..now.clone() },
-            UiCommand::CropBox => {
-                let crop = match now.crop {
-                    Some(_) => None,
-                    None => self.selection_bounds(palette),
-                };
-                Edits { crop, ..now.clone() }
-            }
+            UiCommand::Deselect => now.with_replaced(Mark::Selected, None),
+            UiCommand::HideSelected => now.with_replaced(Mark::Selected, Some(Mark::Hidden)),
+            UiCommand::ShowHidden => now.with_replaced(Mark::Hidden, None),
+            UiCommand::DeleteSelected => now.with_replaced(Mark::Selected, Some(Mark::Deleted)),
+            UiCommand::RestoreDeleted => now.with_replaced(Mark::Deleted, None),
+            UiCommand::CropBox if now.crop().is_some() => now.with_crop(None),
+            UiCommand::CropBox => now.with_crop(self.selection_bounds(palette)),
             _ => return,
         };
-        self.history.step(next);
+        self.log.step(next);
     }
 
     /// Bounding box of the centres of the selected splats, or of all displayed ones if none is selected.
     fn selection_bounds(&self, palette: &Palette) -> Option<[DVec3; 2]> {
-        let (shown, selected) = (self.displayed_splats(palette), &self.edits().selected);
+        let (shown, edits) = (self.displayed_splats(palette), self.edits());
+        let all = edits.count(Mark::Selected) == 0;
         let is_meant = |(slot, splat): &(u32, &Splat)| {
-            splat.is_drawable() && (selected.is_empty() || selected.contains(*slot, splat))
+            splat.is_drawable() && (all || edits.mark(*slot, splat) == Some(Mark::Selected))
         };
         let meant: Vec<Splat> =
             (0..).zip(shown.iter()).filter(is_meant).map(|(_, splat)| *splat).collect();
         bounds(&meant).map(|(low, high)| [low, high])
     }
 
-    /// Splats excluded from exports.
     pub fn left_out(&self) -> LeftOut {
         LeftOut::new(self.edits())
     }
@@ -237,11 +219,7 @@ impl Editor {
     pub fn counts(&mut self, palette: &Palette) -> EditCounts {
         match self.counted {
             Some((revision, counts)) if revision == self.revision => counts,
-            _ => {
-                let counts = self.count(palette);
-                self.counted = Some((self.revision, counts));
-                counts
-            }
+            _ => self.counted.insert((self.revision, self.count(palette))).1,
         }
     }
 
@@ -255,18 +233,18 @@ impl Editor {
     }
 
     fn count(&self, palette: &Palette) -> EditCounts {
-        let (edits, left_out) = (self.edits(), self.left_out());
-        let mut counts = EditCounts::default();
+        let (edits, mut counts) = (self.edits(), EditCounts::default());
         for (slot, splat) in (0..).zip(palette.learned().iter()) {
             if !splat.is_drawable() {
                 continue;
             }
-            counts.all += 1;
-            counts.selected += usize::from(edits.selected.contains(slot, splat));
-            counts.hidden += usize::from(edits.hidden.contains(slot, splat));
-            counts.deleted += usize::from(edits.deleted.contains(slot, splat));
-            counts.left_out += usize::from(!left_out.is_exported(slot, splat));
+            let mark = edits.mark(slot, splat);
             let known = palette.attributes().get(slot as usize);
+            counts.all += 1;
+            counts.selected += usize::from(mark == Some(Mark::Selected));
+            counts.hidden += usize::from(mark == Some(Mark::Hidden));
+            counts.deleted += usize::from(mark == Some(Mark::Deleted));
+            counts.left_out += usize::from(!edits.is_exported(slot, splat));
             counts.unknown_birth += usize::from(known.is_none_or(|known| known.birth.is_none()));
         }
         counts

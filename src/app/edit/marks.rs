@@ -1,146 +1,263 @@
-//! Sets of splats that stay valid while training moves and replaces splats.
+//! Marks of selected, hidden and deleted splats, the crop box, and their undo log.
 
-use super::history::Edits;
 use crate::export::WriteSelection;
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::splats::Splat;
 use crate::render::attributes::{Attribute, Range};
 use glam::{DVec3, Vec3};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// A marked splat is still the same one if it moved by at most this many standard deviations of its longest
 /// axis at marking time. Training moves a mean by less; a slot reused for another splat exceeds it.
 const REACH_DEVIATIONS: f32 = 3.0;
 
-/// Slot and position of a splat when it was marked.
+/// A splat has at most one mark, because only displayed splats can be selected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mark {
+    /// The next command applies to it.
+    Selected,
+    /// Not displayed but exported.
+    Hidden,
+    /// Neither displayed nor exported.
+    Deleted,
+}
+
+/// Mark with the position of the splat when it was marked.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Mark {
-    slot: u32,
-    mean: [f32; 3],
+struct MarkedSplat {
+    mark: Mark,
+    mean: Vec3,
     /// Largest accepted displacement, world units.
     reach: f32,
 }
 
-/// Set of splats, identified by slot and position.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SplatMarks {
-    /// One bit per slot; answers most membership tests without a search.
-    bits: Vec<u64>,
-    /// Sorted by slot.
-    marks: Vec<Mark>,
+/// How a new selection combines with the current one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SelectMode {
+    Replace,
+    Add,
+    Remove,
 }
 
-impl SplatMarks {
-    /// Marks the splats in these slots (ascending); slots beyond the end are ignored.
-    pub fn from_slots(slots: impl IntoIterator<Item = u32>, splats: &[Splat]) -> Self {
-        let there = |slot: u32| Some((slot, splats.get(slot as usize)?));
-        let mark = |(slot, splat): (u32, &Splat)| Mark {
-            slot,
-            mean: splat.mean,
-            reach: REACH_DEVIATIONS * splat.scale.into_iter().fold(0.0, f32::max),
-        };
-        Self::from_marks(slots.into_iter().filter_map(there).map(mark).collect())
-    }
-
-    fn from_marks(marks: Vec<Mark>) -> Self {
-        let n = marks.last().map_or(0, |last| last.slot as usize / 64 + 1);
-        let mut bits = vec![0; n];
-        for mark in &marks {
-            bits[mark.slot as usize / 64] |= 1 << (mark.slot % 64);
-        }
-        Self { bits, marks }
-    }
-
-    /// True if the splat now in `slot` belongs to the set.
-    pub fn contains(&self, slot: u32, splat: &Splat) -> bool {
-        let word = self.bits.get(slot as usize / 64);
-        if word.is_none_or(|word| word >> (slot % 64) & 1 == 0) {
-            return false;
-        }
-        let Ok(at) = self.marks.binary_search_by_key(&slot, |mark| mark.slot) else { return false };
-        let Mark { mean, reach, .. } = self.marks[at];
-        Vec3::from_array(mean).distance(Vec3::from_array(splat.mean)) <= reach
-    }
-
-    /// Number of splats.
-    pub fn len(&self) -> usize {
-        self.marks.len()
-    }
-
-    /// True if the set is empty.
-    pub fn is_empty(&self) -> bool {
-        self.marks.is_empty()
-    }
-
-    /// Union of both sets; for splats in both, the mark of `other` is taken.
-    pub fn union(&self, other: &Self) -> Self {
-        let mut marks = self.difference(other).marks;
-        marks.extend(&other.marks);
-        marks.sort_unstable_by_key(|mark| mark.slot);
-        Self::from_marks(marks)
-    }
-
-    /// Difference of both sets.
-    pub fn difference(&self, other: &Self) -> Self {
-        let is_other =
-            |mark: &&Mark| other.marks.binary_search_by_key(&mark.slot, |o| o.slot).is_ok();
-        Self::from_marks(self.marks.iter().filter(|mark| !is_other(mark)).copied().collect())
-    }
-}
-
-/// Deleted splats and crop box, as applied to exported files.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct LeftOut {
-    deleted: Arc<SplatMarks>,
+#[derive(Clone, Debug, Default)]
+pub struct Edits {
+    /// By slot; states of an undo log share them.
+    marked: Arc<HashMap<u32, MarkedSplat>>,
+    counts: [usize; 3],
     crop: Option<[DVec3; 2]>,
 }
 
+impl PartialEq for Edits {
+    fn eq(&self, other: &Self) -> bool {
+        // Unchanged edits are compared in every pass, so their marks must not be.
+        let same_marks = Arc::ptr_eq(&self.marked, &other.marked) || self.marked == other.marked;
+        self.crop == other.crop && same_marks
+    }
+}
+
+impl Edits {
+    fn with_marks(&self, marked: HashMap<u32, MarkedSplat>) -> Self {
+        let mut counts = [0; 3];
+        marked.values().for_each(|splat| counts[splat.mark as usize] += 1);
+        Self { marked: Arc::new(marked), counts, crop: self.crop }
+    }
+
+    pub fn count(&self, mark: Mark) -> usize {
+        self.counts[mark as usize]
+    }
+
+    /// Mark of the splat now in `slot`.
+    pub fn mark(&self, slot: u32, splat: &Splat) -> Option<Mark> {
+        let marked = self.marked.get(&slot)?;
+        let is_same = marked.mean.distance(Vec3::from_array(splat.mean)) <= marked.reach;
+        is_same.then_some(marked.mark)
+    }
+
+    /// Least and largest corner of the crop box, world units relative to the local origin. Splats with
+    /// centres outside are neither displayed nor exported.
+    pub fn crop(&self) -> Option<[DVec3; 2]> {
+        self.crop
+    }
+
+    pub fn with_crop(&self, crop: Option<[DVec3; 2]>) -> Self {
+        Self { crop, ..self.clone() }
+    }
+
+    /// Combines the splats in these slots with the selection. Ignores slots beyond the end, and hidden and
+    /// deleted splats.
+    pub fn with_selection(
+        &self,
+        slots: impl IntoIterator<Item = u32>,
+        splats: &[Splat],
+        how: SelectMode,
+    ) -> Self {
+        let mut marked = HashMap::clone(&self.marked);
+        if how == SelectMode::Replace {
+            marked.retain(|_, splat| splat.mark != Mark::Selected);
+        }
+        for slot in slots {
+            let Some(splat) = splats.get(slot as usize) else { continue };
+            match (self.mark(slot, splat), how) {
+                (Some(Mark::Hidden | Mark::Deleted), _) => {}
+                (_, SelectMode::Remove) => drop(marked.remove(&slot)),
+                _ => {
+                    let reach = REACH_DEVIATIONS * splat.scale.into_iter().fold(0.0, f32::max);
+                    let mean = Vec3::from_array(splat.mean);
+                    marked.insert(slot, MarkedSplat { mark: Mark::Selected, mean, reach });
+                }
+            }
+        }
+        self.with_marks(marked)
+    }
+
+    /// Replaces a mark by another one, or removes it.
+    pub fn with_replaced(&self, from: Mark, to: Option<Mark>) -> Self {
+        let mut marked = HashMap::clone(&self.marked);
+        match to {
+            Some(to) => {
+                let matching = marked.values_mut().filter(|splat| splat.mark == from);
+                matching.for_each(|splat| splat.mark = to);
+            }
+            None => marked.retain(|_, splat| splat.mark != from),
+        }
+        self.with_marks(marked)
+    }
+
+    pub fn affects_display(&self) -> bool {
+        !self.marked.is_empty() || self.crop.is_some()
+    }
+
+    pub fn is_exported(&self, slot: u32, splat: &Splat) -> bool {
+        let mean = DVec3::from_array(splat.mean.map(f64::from));
+        let inside = WriteSelection { crop: self.crop, ..WriteSelection::default() };
+        self.mark(slot, splat) != Some(Mark::Deleted) && inside.selects(0, mean, None)
+    }
+}
+
+/// Maximum number of states. Each stores its marked splats at about 40 bytes a splat.
+const MAX_STATES: usize = 101;
+
+#[derive(Debug)]
+pub struct EditLog {
+    states: Vec<Edits>,
+    /// Index of the current state; later ones can be redone.
+    at: usize,
+    /// True while the last step is still in progress, such as a slider drag.
+    is_dragging: bool,
+}
+
+impl Default for EditLog {
+    fn default() -> Self {
+        Self { states: vec![Edits::default()], at: 0, is_dragging: false }
+    }
+}
+
+impl EditLog {
+    pub fn current(&self) -> &Edits {
+        &self.states[self.at]
+    }
+
+    /// Adds an undo step unless `next` equals the current edits.
+    pub fn step(&mut self, next: Edits) {
+        self.drag(next);
+        self.end_drag();
+    }
+
+    /// Adds a step that continues until [`Self::end_drag`] and is undone as a whole.
+    pub fn drag(&mut self, next: Edits) {
+        if next == *self.current() {
+            return;
+        }
+        if std::mem::replace(&mut self.is_dragging, true) {
+            self.states[self.at] = next;
+            return;
+        }
+        self.states.truncate(self.at + 1);
+        self.states.push(next);
+        if self.states.len() > MAX_STATES {
+            self.states.remove(0);
+        }
+        self.at = self.states.len() - 1;
+    }
+
+    pub fn end_drag(&mut self) {
+        self.is_dragging = false;
+    }
+
+    pub fn can_undo(&self) -> bool {
+        self.at > 0
+    }
+
+    pub fn can_redo(&self) -> bool {
+        self.at + 1 < self.states.len()
+    }
+
+    pub fn undo(&mut self) {
+        self.end_drag();
+        self.at = self.at.saturating_sub(1);
+    }
+
+    pub fn redo(&mut self) {
+        self.end_drag();
+        self.at += usize::from(self.can_redo());
+    }
+}
+
+/// Edits as applied to exported files.
+#[derive(Clone, Debug, Default)]
+pub struct LeftOut(Edits);
+
+impl PartialEq for LeftOut {
+    /// Ignores marks that exports do not depend on, so that a preview survives another selection.
+    fn eq(&self, other: &Self) -> bool {
+        let is_deleted = |mark: &MarkedSplat| mark.mark == Mark::Deleted;
+        let marks = [&self.0, &other.0].map(|edits| &edits.marked);
+        let n_deleted = [&self.0, &other.0].map(|edits| edits.count(Mark::Deleted));
+        let mut deleted = marks[0].iter().filter(|(_, mark)| is_deleted(mark));
+        let is_same = |(slot, mark)| marks[1].get(slot) == Some(mark);
+        self.0.crop == other.0.crop
+            && (Arc::ptr_eq(marks[0], marks[1])
+                || n_deleted[0] == n_deleted[1] && deleted.all(is_same))
+    }
+}
+
 impl LeftOut {
-    /// Takes deletions and crop box from the edits.
     pub fn new(edits: &Edits) -> Self {
-        Self { deleted: edits.deleted.clone(), crop: edits.crop }
+        Self(edits.clone())
     }
 
     /// True if exports contain all splats.
     pub fn is_empty(&self) -> bool {
-        self.deleted.is_empty() && self.crop.is_none()
+        self.0.count(Mark::Deleted) == 0 && self.0.crop.is_none()
     }
 
     /// Flag for each splat: true if it is deleted.
     pub fn deleted_flags(&self, splats: &[Splat]) -> Vec<bool> {
-        let is_deleted = |(slot, splat): (usize, &Splat)| self.deleted.contains(slot as u32, splat);
-        splats.iter().enumerate().map(is_deleted).collect()
+        let mark = |(slot, splat)| self.0.mark(slot, splat);
+        (0..).zip(splats).map(|splat| mark(splat) == Some(Mark::Deleted)).collect()
     }
 
     /// Selection for the file writer, with the flags returned by [`Self::deleted_flags`].
     pub fn selection<'a>(&self, flags: &'a [bool]) -> WriteSelection<'a> {
-        WriteSelection { crop: self.crop, left_out: Some(flags), ..WriteSelection::default() }
+        WriteSelection { crop: self.0.crop, left_out: Some(flags), ..WriteSelection::default() }
     }
 
-    /// Returns the splats that remain.
     pub fn remaining(&self, scene: Arc<SplatSet>) -> Arc<SplatSet> {
         if self.is_empty() {
             return scene;
         }
         let mut kept = SplatSet::default().finished(scene.finishing().clone());
         for (i, splat) in scene.iter().enumerate() {
-            if self.is_exported(i as u32, splat) {
+            if self.0.is_exported(i as u32, splat) {
                 kept.push(*splat, scene.appearance_of(i));
             }
         }
         Arc::new(kept)
     }
-
-    /// True if the splat is exported.
-    pub fn is_exported(&self, slot: u32, splat: &Splat) -> bool {
-        let is_left_out = [self.deleted.contains(slot, splat)];
-        let mean = DVec3::from_array(splat.mean.map(f64::from));
-        self.selection(&is_left_out).selects(0, mean, None)
-    }
 }
 
-/// Criterion for selecting splats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SelectCriterion {
     /// Evidence below the threshold, points.
@@ -151,10 +268,8 @@ pub enum SelectCriterion {
 }
 
 impl SelectCriterion {
-    /// Both criteria, in the order of the panel.
     pub const ALL: [Self; 2] = [Self::LowEvidence, Self::HighUncertainty];
 
-    /// Label in the panel.
     pub fn label(self) -> &'static str {
         match self {
             Self::LowEvidence => "Evidence below",
@@ -162,7 +277,6 @@ impl SelectCriterion {
         }
     }
 
-    /// Component attribute that is compared.
     pub fn attribute(self) -> Attribute {
         match self {
             Self::LowEvidence => Attribute::Evidence,
@@ -170,26 +284,20 @@ impl SelectCriterion {
         }
     }
 
-    /// True if a splat meets the criterion; false if its attribute is unknown.
-    pub fn is_met(self, known: &ComponentAttributes, threshold: f64) -> bool {
-        match self {
-            Self::LowEvidence => known.evidence.is_some_and(|n| f64::from(n) < threshold),
-            Self::HighUncertainty => known.uncertainty.is_some_and(|d| f64::from(d) > threshold),
-        }
-    }
-
-    /// Slots of drawable splats that meet the criterion.
+    /// Slots of drawable splats that meet the criterion; those with an unknown attribute do not.
     pub fn slots<'a>(
         self,
         threshold: f64,
         splats: &'a [Splat],
         known: &'a [ComponentAttributes],
     ) -> impl Iterator<Item = u32> + 'a {
+        let is_met = move |known: &ComponentAttributes| match self {
+            Self::LowEvidence => known.evidence.is_some_and(|n| f64::from(n) < threshold),
+            Self::HighUncertainty => known.uncertainty.is_some_and(|d| f64::from(d) > threshold),
+        };
         let all = splats.iter().zip(known).zip(0..);
-        let met = all.filter(move |((splat, known), _)| {
-            splat.is_drawable() && self.is_met(known, threshold)
-        });
-        met.map(|(_, slot)| slot)
+        all.filter(move |((splat, known), _)| splat.is_drawable() && is_met(known))
+            .map(|(_, slot)| slot)
     }
 
     /// Range of the slider; `None` if no attribute is known. It extends the central range of the values
@@ -208,51 +316,82 @@ mod tests {
         Splat { mean: [x, 0.0, 0.0], scale: [0.1, 0.2, 0.01], opacity: 1.0, ..Splat::default() }
     }
 
+    fn selected(slots: &[u32], how: SelectMode, before: &Edits) -> Edits {
+        let splats: Vec<Splat> = (0..100).map(|i| at(i as f32)).collect();
+        before.with_selection(slots.iter().copied(), &splats, how)
+    }
+
     #[test]
     fn a_splat_is_met_where_it_was_and_not_where_another_has_its_number() {
-        let splats: Vec<Splat> = (0..100).map(|i| at(i as f32)).collect();
-        let marks = SplatMarks::from_slots([3, 70, 500], &splats);
-        assert_eq!(marks.len(), 2, "there is no splat 500");
-        assert!(marks.contains(3, &at(3.5)) && marks.contains(70, &at(69.5)));
-        assert!(
-            !marks.contains(3, &at(3.7))
-                && !marks.contains(4, &at(4.0))
-                && !marks.contains(500, &at(0.0))
-        );
+        let edits = selected(&[3, 70, 500], SelectMode::Replace, &Edits::default());
+        assert_eq!(edits.count(Mark::Selected), 2, "there is no splat 500");
+        for (slot, x, expected) in
+            [(3, 3.5, true), (70, 69.5, true), (3, 3.7, false), (4, 4.0, false), (500, 0.0, false)]
+        {
+            assert_eq!(edits.mark(slot, &at(x)).is_some(), expected, "{slot} at {x}");
+        }
     }
 
     #[test]
-    fn sets_are_added_and_taken_away() {
-        let splats: Vec<Splat> = (0..9).map(|i| at(i as f32)).collect();
-        let (a, b) =
-            (SplatMarks::from_slots([1, 2, 5], &splats), SplatMarks::from_slots([2, 8], &splats));
-        assert_eq!(a.union(&b), SplatMarks::from_slots([1, 2, 5, 8], &splats));
-        assert_eq!(a.difference(&b), SplatMarks::from_slots([1, 5], &splats));
-        assert!(a.difference(&a).is_empty() && a.difference(&a) == SplatMarks::default());
-    }
-}
+    fn selections_are_added_and_taken_away_and_marks_replace_each_other() {
+        let none = Edits::default();
+        let a = selected(&[1, 2, 5], SelectMode::Replace, &none);
+        let union = selected(&[1, 2, 5, 8], SelectMode::Replace, &none);
+        assert_eq!(selected(&[2, 8], SelectMode::Add, &a), union);
+        let rest = selected(&[1, 5], SelectMode::Replace, &none);
+        assert_eq!(selected(&[2, 8], SelectMode::Remove, &a), rest);
+        assert_eq!(selected(&[1, 2, 5], SelectMode::Remove, &a), none);
 
-#[cfg(test)]
-mod threshold_tests {
-    use super::*;
+        let deleted = a.with_replaced(Mark::Selected, Some(Mark::Deleted));
+        assert_eq!((deleted.count(Mark::Selected), deleted.count(Mark::Deleted)), (0, 3));
+        let again = selected(&[2, 8], SelectMode::Replace, &deleted);
+        assert_eq!(again.mark(2, &at(2.0)), Some(Mark::Deleted), "not displayed");
+        assert_eq!(again.count(Mark::Selected), 1);
+        assert!(!again.is_exported(2, &at(2.0)) && again.is_exported(8, &at(8.0)));
+        let restored = again.with_replaced(Mark::Deleted, None);
+        assert_eq!(restored, selected(&[8], SelectMode::Replace, &none));
+    }
+
+    #[test]
+    fn steps_are_taken_back_and_made_again_and_a_drag_is_one() {
+        let cropped = |x| Edits::default().with_crop(Some([DVec3::ZERO, DVec3::splat(x)]));
+        let mut log = EditLog::default();
+        log.step(cropped(1.0));
+        for x in [2.0, 3.0, 4.0] {
+            log.drag(cropped(x));
+        }
+        log.end_drag();
+        log.undo();
+        assert_eq!(log.current(), &cropped(1.0));
+        log.redo();
+        assert_eq!(log.current(), &cropped(4.0));
+        log.undo();
+        log.undo();
+        assert_eq!(log.current(), &Edits::default());
+        assert!(!log.can_undo() && log.can_redo());
+        log.step(cropped(7.0));
+        assert!(!log.can_redo(), "a new step clears what could be redone");
+        log.step(cropped(7.0));
+        log.undo();
+        assert!(!log.can_undo(), "a step without a change is not recorded");
+        for i in 0..200 {
+            log.step(cropped(f64::from(i)));
+        }
+        let undone = std::iter::from_fn(|| log.can_undo().then(|| log.undo())).count();
+        assert_eq!(undone, MAX_STATES - 1);
+    }
 
     #[test]
     fn what_is_not_known_is_not_doubted() {
-        let splat = Splat {
-            opacity: 1.0,
-            scale: [1.0; 3],
-            rotation: [1.0, 0.0, 0.0, 0.0],
-            ..Splat::default()
-        };
         let known = |evidence, uncertainty| ComponentAttributes {
             evidence,
             uncertainty,
             ..ComponentAttributes::default()
         };
         let all = [known(Some(5.0), Some(0.1)), known(None, None), known(Some(50.0), Some(0.9))];
-        let splats = [splat, splat, splat, splat];
-        let slots = |doubt: SelectCriterion, threshold| -> Vec<u32> {
-            doubt.slots(threshold, &splats, &all).collect()
+        let splat = Splat { rotation: [1.0, 0.0, 0.0, 0.0], ..at(0.0) };
+        let slots = |criterion: SelectCriterion, threshold| -> Vec<u32> {
+            criterion.slots(threshold, &[splat; 4], &all).collect()
         };
         assert_eq!(slots(SelectCriterion::LowEvidence, 20.0), [0]);
         assert_eq!(slots(SelectCriterion::HighUncertainty, 0.5), [2]);

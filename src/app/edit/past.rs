@@ -14,19 +14,16 @@ use std::thread::{Builder, JoinHandle};
 /// Maximum number of copies; a slider needs no more.
 const MAX_MOMENTS: usize = 32;
 
-/// Scene after some frame.
 #[derive(Clone, Debug)]
 pub struct PastScene {
     /// Frames seen until then, skipped ones included.
     pub n_frames: usize,
     /// Splats in their learned colours.
     pub splats: Arc<SplatSet>,
-    /// Unique number of this copy.
     serial: u64,
 }
 
 impl PartialEq for PastScene {
-    /// Compares by identity of the copy.
     fn eq(&self, other: &Self) -> bool {
         self.serial == other.serial
     }
@@ -44,7 +41,6 @@ pub struct PastScenes {
     moments: Vec<PastScene>,
     /// Least number of frames between two copies.
     interval: usize,
-    /// Number of the latest copy.
     serial: u64,
     /// Copying threads by the number of their copy.
     copies: Vec<(u64, JoinHandle<SplatSet>)>,
@@ -91,7 +87,6 @@ impl PastScenes {
         }
     }
 
-    /// Applies another budget, bytes.
     pub fn set_budget(&mut self, budget: usize) {
         self.thin(MAX_MOMENTS, budget);
     }
@@ -101,7 +96,6 @@ impl PastScenes {
         self.moments.iter().rev().find(|moment| moment.n_frames <= n_frames)
     }
 
-    /// All copies.
     pub fn moments(&self) -> &[PastScene] {
         &self.moments
     }

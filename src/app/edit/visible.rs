@@ -1,7 +1,6 @@
 //! Derives the displayed splats: hidden ones made transparent, selected ones highlighted.
 
-use super::history::Edits;
-use super::marks::LeftOut;
+use super::marks::{Edits, Mark};
 use super::past::PastScene;
 use crate::app::splat_updates::{SplatChange, apply};
 use crate::math::camera::Camera;
@@ -13,25 +12,12 @@ use crate::render::finish::MARKER_COLOR;
 use glam::{DVec2, DVec3};
 use std::sync::Arc;
 
-/// Display state of a splat.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum DisplayState {
-    #[default]
-    Plain,
-    /// In the highlight colour.
-    Marked,
-    /// Not displayed.
-    Invisible,
-}
-
-/// Conditions that determine the display state of every splat.
+/// Conditions that determine how every splat is displayed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VisibilityRules {
-    /// Current edits.
     pub edits: Edits,
     /// Latest birth frame displayed; splats with unknown birth are always displayed.
     pub born_until: Option<u32>,
-    /// Earlier scene displayed instead of the current one.
     pub past: Option<PastScene>,
 }
 
@@ -40,23 +26,23 @@ impl VisibilityRules {
         !self.edits.affects_display() && self.born_until.is_none() && self.past.is_none()
     }
 
-    fn display_state(
+    fn displayed(
         &self,
         slot: u32,
-        splat: &Splat,
-        known: Option<&ComponentAttributes>,
-    ) -> DisplayState {
-        let birth = known.and_then(|known| known.birth);
+        SceneParts { colored, known }: SceneParts<'_>,
+    ) -> (Splat, Appearance) {
+        let at = slot as usize;
+        let (splat, appearance) = (colored[at], colored.appearance_of(at));
+        let birth = known.get(at).and_then(|known| known.birth);
         let is_later = birth.zip(self.born_until).is_some_and(|(birth, until)| birth > until);
-        if is_later
-            || self.edits.hidden.contains(slot, splat)
-            || !LeftOut::new(&self.edits).is_exported(slot, splat)
-        {
-            DisplayState::Invisible
-        } else if self.edits.selected.contains(slot, splat) {
-            DisplayState::Marked
-        } else {
-            DisplayState::Plain
+        let mark = self.edits.mark(slot, &splat);
+        if is_later || mark == Some(Mark::Hidden) || !self.edits.is_exported(slot, &splat) {
+            return (Splat { opacity: 0.0, ..splat }, appearance);
+        }
+        match mark {
+            // Without gradient and view dependence, which would alter the highlight colour.
+            Some(_) => (Splat { color: MARKER_COLOR, ..splat }, Appearance::default()),
+            None => (splat, appearance),
         }
     }
 }
@@ -74,7 +60,6 @@ pub struct SceneParts<'a> {
 #[derive(Default)]
 pub struct VisibleSplats {
     rules: VisibilityRules,
-    states: Vec<DisplayState>,
     shown: Arc<SplatSet>,
 }
 
@@ -93,7 +78,7 @@ impl VisibleSplats {
         }
         Some(match change {
             SplatChange::All(_) => self.rebuild(parts),
-            SplatChange::Some { ids, .. } => self.update(&ids, parts),
+            SplatChange::Some { ids, .. } => self.update(ids, parts),
         })
     }
 
@@ -110,16 +95,21 @@ impl VisibleSplats {
         let is_another = self.rules.are_inactive() || self.rules.past != rules.past;
         self.rules = rules;
         if self.rules.are_inactive() {
-            (self.states, self.shown) = (Vec::new(), Arc::default());
+            self.shown = Arc::default();
             return Some(SplatChange::All(parts.colored.clone()));
         }
         if is_another {
             return Some(self.rebuild(parts));
         }
-        let looks = (0..).zip(&self.states);
-        let changed = looks.filter(|(slot, look)| self.display_state(*slot, parts) != **look);
-        let ids: Vec<u32> = changed.map(|(slot, _)| slot).collect();
-        (!ids.is_empty()).then(|| self.update(&ids, parts))
+        // Only the difference is sent, since this runs in every pass of a drag.
+        let shown = |slot: u32| {
+            let at = slot as usize;
+            (self.shown[at], self.shown.appearance_of(at))
+        };
+        let all = 0..self.shown.len() as u32;
+        let differs = |&slot: &u32| self.rules.displayed(slot, parts) != shown(slot);
+        let ids: Arc<[u32]> = all.filter(differs).collect();
+        (!ids.is_empty()).then(|| self.update(ids, parts))
     }
 
     /// Displayed splats; `None` if they equal the coloured splats.
@@ -127,51 +117,25 @@ impl VisibleSplats {
         (!self.rules.are_inactive()).then_some(&self.shown)
     }
 
-    fn display_state(
-        &self,
-        slot: u32,
-        SceneParts { colored, known }: SceneParts<'_>,
-    ) -> DisplayState {
-        self.rules.display_state(slot, &colored[slot as usize], known.get(slot as usize))
+    fn displayed(&self, slots: impl Iterator<Item = u32>, parts: SceneParts<'_>) -> Arc<SplatSet> {
+        let mut splats = SplatSet::default().finished(parts.colored.finishing().clone());
+        for slot in slots {
+            let (splat, appearance) = self.rules.displayed(slot, parts);
+            splats.push(splat, appearance);
+        }
+        Arc::new(splats)
     }
 
     fn rebuild(&mut self, parts: SceneParts<'_>) -> SplatChange {
-        self.states =
-            (0..parts.colored.len() as u32).map(|slot| self.display_state(slot, parts)).collect();
-        let mut all = SplatSet::default().finished(parts.colored.finishing().clone());
-        for slot in 0..parts.colored.len() {
-            let (splat, appearance) = self.displayed_splat(slot, parts);
-            all.push(splat, appearance);
-        }
-        self.shown = Arc::new(all);
+        self.shown = self.displayed(0..parts.colored.len() as u32, parts);
         SplatChange::All(self.shown.clone())
     }
 
-    fn update(&mut self, ids: &[u32], parts: SceneParts<'_>) -> SplatChange {
-        self.states.resize(parts.colored.len(), DisplayState::default());
-        let mut splats = SplatSet::default().finished(parts.colored.finishing().clone());
-        for &id in ids {
-            self.states[id as usize] = self.display_state(id, parts);
-            let (splat, appearance) = self.displayed_splat(id as usize, parts);
-            splats.push(splat, appearance);
-        }
-        let change = SplatChange::Some { ids: ids.into(), splats: Arc::new(splats) };
+    fn update(&mut self, ids: Arc<[u32]>, parts: SceneParts<'_>) -> SplatChange {
+        let splats = self.displayed(ids.iter().copied(), parts);
+        let change = SplatChange::Some { ids, splats };
         apply(&mut self.shown, change.clone());
         change
-    }
-
-    fn displayed_splat(
-        &self,
-        slot: usize,
-        SceneParts { colored, .. }: SceneParts<'_>,
-    ) -> (Splat, Appearance) {
-        let (splat, appearance) = (colored[slot], colored.appearance_of(slot));
-        match self.states[slot] {
-            DisplayState::Plain => (splat, appearance),
-            // Without gradient and view dependence, which would alter the highlight colour.
-            DisplayState::Marked => (Splat { color: MARKER_COLOR, ..splat }, Appearance::default()),
-            DisplayState::Invisible => (Splat { opacity: 0.0, ..splat }, appearance),
-        }
     }
 }
 
@@ -204,9 +168,9 @@ pub fn slots_within<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::edit::history::SelectMode;
-    use crate::app::edit::marks::SplatMarks;
-    use glam::DVec3;
+    use crate::app::edit::marks::SelectMode;
+    use crate::math::camera::Intrinsics;
+    use crate::math::pose::Pose;
 
     fn scene(n: usize) -> Arc<SplatSet> {
         let splat = |i: usize| Splat {
@@ -240,13 +204,13 @@ mod tests {
         assert!(
             visible.splats().is_none() && visible.set_rules(Default::default(), parts).is_none()
         );
-        let marks = |slots: &[u32]| SplatMarks::from_slots(slots.iter().copied(), &colored);
-        let mut edits = Edits::default()
-            .with_selection(marks(&[0]), SelectMode::Replace)
-            .with_selection_hidden();
-        edits = edits.with_selection(marks(&[1]), SelectMode::Replace).with_selection_deleted();
-        edits = edits.with_selection(marks(&[2]), SelectMode::Replace);
-        edits.crop = Some([DVec3::splat(-1.0), DVec3::new(4.5, 1.0, 1.0)]);
+        let select =
+            |edits: Edits, slot| edits.with_selection([slot], &colored, SelectMode::Replace);
+        let mut edits = Edits::default();
+        for (slot, mark) in [(0, Mark::Hidden), (1, Mark::Deleted), (2, Mark::Selected)] {
+            edits = select(edits, slot).with_replaced(Mark::Selected, Some(mark));
+        }
+        let edits = edits.with_crop(Some([DVec3::splat(-1.0), DVec3::new(4.5, 1.0, 1.0)]));
         let rules = VisibilityRules { edits: edits.clone(), ..VisibilityRules::default() };
         visible.set_rules(rules, parts);
         assert_eq!(seen(visible.splats().unwrap()), "..mss.");
@@ -262,9 +226,9 @@ mod tests {
     #[test]
     fn what_training_changes_stays_edited_and_what_it_bears_is_shown() {
         let mut colored = scene(3);
-        let marks = SplatMarks::from_slots([1], &colored);
-        let edits =
-            Edits::default().with_selection(marks, SelectMode::Replace).with_selection_deleted();
+        let edits = Edits::default()
+            .with_selection([1], &colored, SelectMode::Replace)
+            .with_replaced(Mark::Selected, Some(Mark::Deleted));
         let mut visible = VisibleSplats::default();
         let rules = VisibilityRules { edits, ..VisibilityRules::default() };
         visible.set_rules(rules, SceneParts { colored: &colored, known: &[] });
@@ -282,13 +246,6 @@ mod tests {
         visible.apply_change(change, SceneParts { colored: &colored, known: &[] });
         assert_eq!(seen(visible.splats().unwrap()), "ssss");
     }
-}
-
-#[cfg(test)]
-mod screen_box_tests {
-    use super::*;
-    use crate::math::camera::Intrinsics;
-    use crate::math::pose::Pose;
 
     #[test]
     fn centres_ahead_of_the_camera_are_found_however_deep() {

@@ -1,10 +1,13 @@
 //! Card over the lower left of the viewport. It grows with its contents as far as there is room. The
 //! contents scroll; the footer with the buttons is always visible.
 
+use crate::app::command::UiCommand;
+use eframe::egui::emath::Numeric;
 use eframe::egui::{
-    Align2, Area, Color32, Frame, Id, Label, Pos2, Response, RichText, Role, ScrollArea, Sense, Ui,
-    Vec2, WidgetInfo,
+    Align2, Area, Button, Color32, DragValue, Frame, Id, Label, Pos2, Response, RichText, Role,
+    ScrollArea, Sense, Ui, Vec2, WidgetInfo,
 };
+use std::ops::RangeInclusive;
 
 /// Distance from the edges of the viewport and from notices above, points.
 const MARGIN: f32 = 12.0;
@@ -13,10 +16,8 @@ const FOOTER_HEIGHT: f32 = 44.0;
 /// Least height of the contents, points; with less room the card covers the notices.
 const MIN_HEIGHT: f32 = 40.0;
 
-/// Position of a card and the room for its contents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CardPlace {
-    /// Lower left corner.
     corner: Pos2,
     /// Largest height of the contents, points.
     pub max_height: f32,
@@ -74,13 +75,63 @@ pub fn ui(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool {
 
 pub const SLIDER: f32 = 200.0;
 
+/// Draws the button of a command, disabled with the reason `why_not` if there is one; true if it is clicked.
+pub fn command_button(command: UiCommand, is_on: bool, why_not: Option<&str>, ui: &mut Ui) -> bool {
+    let button = ui.add_enabled(why_not.is_none(), Button::new(command.label()).selected(is_on));
+    let button = button.on_hover_text(command.hint(ui.ctx()));
+    button.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
+}
+
+/// Draws an entry of a menu, disabled with the reason `why_not` if there is one; true if it is clicked.
+pub fn entry(is_on: bool, [label, tooltip]: [&str; 2], why_not: Option<&str>, ui: &mut Ui) -> bool {
+    let button = ui.add_enabled(why_not.is_none(), Button::selectable(is_on, label));
+    let button = button.on_hover_text(tooltip);
+    button.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
+}
+
+/// Draws buttons of which one is chosen, each with value, label and tooltip; true if one is clicked.
+pub fn choices<T: PartialEq + Copy>(chosen: &mut T, all: &[(T, &str, &str)], ui: &mut Ui) -> bool {
+    let mut is_clicked = false;
+    for &(value, label, tooltip) in all {
+        let button = ui.selectable_value(chosen, value, label);
+        let button = if tooltip.is_empty() { button } else { button.on_hover_text(tooltip) };
+        is_clicked |= button.clicked();
+    }
+    is_clicked
+}
+
+/// Draws a checkbox that switches a number on, and the number; both have an accessible name.
+pub fn optional_number<T: Numeric>(
+    value: &mut Option<T>,
+    default: T,
+    range: RangeInclusive<T>,
+    [label, help, name, suffix]: [&str; 4],
+    ui: &mut Ui,
+) {
+    ui.horizontal(|ui| {
+        let mut is_on = value.is_some();
+        if ui.checkbox(&mut is_on, label).on_hover_text(help).changed() {
+            *value = is_on.then_some(default);
+        }
+        let mut shown = value.unwrap_or(default);
+        let number = DragValue::new(&mut shown).range(range).suffix(suffix);
+        if named(ui.add_enabled(is_on, number), name).changed() {
+            *value = Some(shown);
+        }
+    });
+}
+
 /// Sets the accessible name of a control whose visible label is elsewhere.
 pub fn named(control: Response, name: &str) -> Response {
     control.ctx.accesskit_node_builder(control.id, |node| node.set_label(name));
     control
 }
 
-/// Adds an explanation in weak text.
+pub fn section(title: &str, ui: &mut Ui) {
+    ui.add_space(8.0);
+    ui.label(RichText::new(title).strong());
+}
+
 pub fn weak(ui: &mut Ui, text: &str) {
     ui.add(Label::new(RichText::new(text).weak()).wrap());
 }

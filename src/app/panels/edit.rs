@@ -1,16 +1,15 @@
 //! Panel of edits: selection, crop box, hidden and deleted splats, earlier frames.
 
-use super::card::{SLIDER, named, weak};
+use super::card::{SLIDER, choices, command_button, named, section, weak};
 use super::signal_color::format_number;
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::{EarlierView, EditCounts, Editor};
-use crate::app::edit::history::Edits;
 use crate::app::edit::marks::SelectCriterion;
 use crate::app::palette::Palette;
 use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::SceneView;
 use crate::app::viewer::settings::MAX_PAST_MB;
-use eframe::egui::{Button, DragValue, Grid, Response, RichText, ScrollArea, Slider, Ui};
+use eframe::egui::{Button, DragValue, Grid, Response, ScrollArea, Slider, Ui};
 
 pub fn ui(
     view: &mut SceneView,
@@ -18,82 +17,65 @@ pub fn ui(
     opened: &Opened,
     ui: &mut Ui,
 ) -> Option<UiCommand> {
-    let is_boxing = view.editor().is_box_selecting;
     let mut asked = None;
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
-        let mut row = |ui: &mut Ui, commands: &[UiCommand]| {
-            ui.horizontal_wrapped(|ui| {
-                for &command in commands {
-                    let is_on = command == UiCommand::BoxSelect && is_boxing;
-                    let button = Button::new(command.label()).selected(is_on);
-                    let button = ui.add_enabled(view.is_of_use(command), button);
-                    if button.on_hover_text(command.hint(ui.ctx())).clicked() {
-                        asked = Some(command);
-                    }
-                }
-            });
-        };
-        row(ui, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo]);
-        weak(ui, "Drag a box in the viewport to select splats, including occluded ones. Shift adds, Ctrl removes; the right button still pans.");
-        section(ui, "Select by threshold");
         let (editor, palette) = view.editor_and_palette();
         editor.needs_attributes = true;
         let counts = editor.counts(palette);
+        commands(editor, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo], &mut asked, ui);
+        weak(ui, "Drag a box in the viewport to select splats, including occluded ones. Shift adds, Ctrl removes; the right button still pans.");
+        section("Select by threshold", ui);
         threshold(editor, palette, ui);
-        section(ui, "Selected");
+        section("Selected", ui);
         ui.label(format!("{} of {} splats", counts.selected, counts.all));
-        let row_of_selection =
-            [UiCommand::HideSelected, UiCommand::DeleteSelected, UiCommand::Deselect];
-        let mut inverts = false;
+        let of_selection = [UiCommand::HideSelected, UiCommand::DeleteSelected, UiCommand::Deselect];
         ui.horizontal_wrapped(|ui| {
-            for command in row_of_selection {
-                let is_of_use = counts.selected > 0;
-                let button = ui.add_enabled(is_of_use, Button::new(command.label()));
-                if button.on_hover_text(command.hint(ui.ctx())).clicked() {
-                    asked = Some(command);
-                }
+            of_selection.into_iter().for_each(|command| button(editor, command, &mut asked, ui));
+            let invert = ui.button("Invert");
+            if invert.on_hover_text("Select the visible splats that are not selected").clicked() {
+                editor.invert(palette);
             }
-            inverts = ui.button("Invert").on_hover_text("Select the visible splats that are not selected").clicked();
         });
-        if inverts {
-            editor.invert(palette);
-        }
+        section("Crop box", ui);
         crop(editor, opened, &mut asked, ui);
-        section(ui, "Hidden and deleted");
+        section("Hidden and deleted", ui);
         hidden_and_deleted(editor, &counts, &mut asked, ui);
-        section(ui, "Earlier frames");
+        section("Earlier frames", ui);
         walk_back(view, counts.unknown_birth, snapshot, ui);
     });
     asked
 }
 
-fn section(ui: &mut Ui, title: &str) {
-    ui.add_space(8.0);
-    ui.label(RichText::new(title).strong());
+fn commands(editor: &Editor, commands: &[UiCommand], asked: &mut Option<UiCommand>, ui: &mut Ui) {
+    ui.horizontal_wrapped(|ui| {
+        commands.iter().for_each(|&command| button(editor, command, asked, ui));
+    });
 }
 
-fn command(ui: &mut Ui, command: UiCommand, is_of_use: bool, asked: &mut Option<UiCommand>) {
-    let button = ui.add_enabled(is_of_use, Button::new(command.label()));
-    if button.on_hover_text(command.hint(ui.ctx())).clicked() {
+fn button(editor: &Editor, command: UiCommand, asked: &mut Option<UiCommand>, ui: &mut Ui) {
+    let is_on = command == UiCommand::BoxSelect && editor.is_box_selecting;
+    let why_not = editor.unavailable_reason(match command {
+        UiCommand::Deselect => UiCommand::HideSelected,
+        other => other,
+    });
+    if command_button(command, is_on, why_not, ui) {
         *asked = Some(command);
     }
 }
 
-/// Slider that selects splats by threshold while it moves.
 fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
-        for doubt in SelectCriterion::ALL {
-            if ui.selectable_label(editor.criterion == doubt, doubt.label()).clicked() {
-                (editor.criterion, editor.threshold) = (doubt, None);
-            }
+        let all = SelectCriterion::ALL.map(|criterion| (criterion, criterion.label(), ""));
+        if choices(&mut editor.criterion, &all, ui) {
+            editor.threshold = None;
         }
     });
-    let doubt = editor.criterion;
-    let Some([low, high]) = doubt.range(palette.attributes()) else {
+    let criterion = editor.criterion;
+    let Some([low, high]) = criterion.range(palette.attributes()) else {
         weak(ui, "Not available for the open file: it needs a trained scene or a checkpoint.");
         return;
     };
-    let start = match doubt {
+    let start = match criterion {
         SelectCriterion::LowEvidence => low,
         SelectCriterion::HighUncertainty => high,
     };
@@ -102,7 +84,7 @@ fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
     let slider = Slider::new(&mut value, low..=high)
         .logarithmic(true)
         .custom_formatter(|value, _| format_number(value))
-        .suffix(format!(" {}", doubt.attribute().unit()));
+        .suffix(format!(" {}", criterion.attribute().unit()));
     let slider = named(ui.add(slider), "Select by threshold")
         .on_hover_text("Splats beyond the threshold are selected while the slider moves");
     if slider.changed() {
@@ -114,19 +96,17 @@ fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
 /// Ends the undo step when a control is released: a whole drag is one step.
 fn end_step(editor: &mut Editor, control: &Response) {
     if control.drag_stopped() || control.changed() && !control.dragged() {
-        editor.history().end_drag();
+        editor.log.end_drag();
     }
 }
 
 fn crop(editor: &mut Editor, opened: &Opened, asked: &mut Option<UiCommand>, ui: &mut Ui) {
-    section(ui, "Crop box");
-    let Some(now) = editor.edits().crop else {
-        command(ui, UiCommand::CropBox, true, asked);
-        return;
+    let Some(now) = editor.edits().crop() else {
+        return button(editor, UiCommand::CropBox, asked, ui);
     };
-    let crop = UiCommand::CropBox;
-    if ui.button("Remove crop box").on_hover_text(crop.tooltip()).clicked() {
-        *asked = Some(crop);
+    let remove = ui.button("Remove crop box").on_hover_text(UiCommand::CropBox.tooltip());
+    if remove.clicked() {
+        *asked = Some(UiCommand::CropBox);
     }
     let origin = opened.local_origin;
     let [mut low, mut high] = now.map(|corner| corner + origin);
@@ -142,8 +122,8 @@ fn crop(editor: &mut Editor, opened: &Opened, asked: &mut Option<UiCommand>, ui:
             for control in [from, to] {
                 if control.changed() {
                     let crop = Some([low, high].map(|corner| corner - origin));
-                    let next = Edits { crop, ..editor.edits().clone() };
-                    editor.history().drag(next);
+                    let next = editor.edits().with_crop(crop);
+                    editor.log.drag(next);
                 }
                 end_step(editor, &control);
             }
@@ -162,7 +142,6 @@ fn hidden_and_deleted(
     asked: &mut Option<UiCommand>,
     ui: &mut Ui,
 ) {
-    let edits = editor.edits();
     let written = counts.all - counts.left_out;
     ui.label(format!("An export writes {written} of {} splats.", counts.all));
     if counts.left_out > 0 {
@@ -172,15 +151,12 @@ fn hidden_and_deleted(
     if counts.hidden > 0 {
         ui.label(format!("{} hidden, but still exported", counts.hidden));
     }
-    ui.horizontal_wrapped(|ui| {
-        command(ui, UiCommand::ShowHidden, !edits.hidden.is_empty(), asked);
-        command(ui, UiCommand::RestoreDeleted, !edits.deleted.is_empty(), asked);
-    });
+    commands(editor, &[UiCommand::ShowHidden, UiCommand::RestoreDeleted], asked, ui);
     weak(ui, "The model, its checkpoints and its quality figures include all splats.");
 }
 
 /// Draws the controls; `n_unborn` is the number of splats with unknown birth frame.
-pub fn walk_back(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mut Ui) {
+fn walk_back(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mut Ui) {
     let last = snapshot.n_seen();
     let (editor, palette) = view.editor_and_palette();
     let knows_births = palette.attributes().iter().any(|known| known.birth.is_some());
@@ -191,9 +167,7 @@ pub fn walk_back(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui:
         return;
     }
     ui.horizontal_wrapped(|ui| {
-        for (walk, label, hint) in VIEW_CHOICES {
-            ui.selectable_value(&mut editor.earlier_view, walk, label).on_hover_text(hint);
-        }
+        choices(&mut editor.earlier_view, &VIEW_CHOICES, ui);
     });
     slider(editor, last, ui);
     weak(ui, &describe_display(editor));
@@ -222,13 +196,12 @@ fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
             editor.earlier_frames = (frames < last).then_some(frames);
         }
         let is_away = editor.earlier_frames.is_some();
-        if ui.add_enabled(is_away, eframe::egui::Button::new("Back to now")).clicked() {
+        if ui.add_enabled(is_away, Button::new("Back to now")).clicked() {
             editor.earlier_frames = None;
         }
     });
 }
 
-/// Describes the displayed scene.
 fn describe_display(editor: &Editor) -> String {
     let Some(asked) = editor.earlier_frames else { return "Showing the current scene.".to_owned() };
     match (editor.earlier_view, editor.displayed_past()) {
@@ -248,7 +221,6 @@ fn describe_display(editor: &Editor) -> String {
     }
 }
 
-/// Memory budget of the copies.
 fn budget(view: &mut SceneView, ui: &mut Ui) {
     let mut budget = view.settings.past_mb;
     let past = &view.editor().stored_scenes;

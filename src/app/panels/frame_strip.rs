@@ -19,7 +19,6 @@ use eframe::egui::{
 
 /// Least and largest height of the strip with its header, points.
 pub const HEIGHTS: Rangef = Rangef { min: 76.0, max: 320.0 };
-/// Font size of the header, points.
 const SIZE: f32 = 11.0;
 /// Least width of a frame, points; leaves room for its number and error.
 const MIN_WIDTH: f32 = 56.0;
@@ -35,15 +34,12 @@ pub struct StripContext<'a> {
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum StripAnswer {
-    /// Fold or unfold the strip.
     Fold,
-    /// Move to the camera of a frame.
     Show(FrameRef),
     /// Show the camera of a frame while the pointer is held down.
     Preview(FrameRef),
 }
 
-/// Scroll position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StripPosition {
     /// Serial of the open dataset and index of the frame last scrolled to.
@@ -62,14 +58,12 @@ pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<
         }
         let live = recording_status(snapshot);
         if let Some((text, hint)) = &live {
-            let color = SignalColor::Green.for_theme(ui.visuals().dark_mode);
-            ui.label(RichText::new(text).size(SIZE).color(color)).on_hover_text(hint);
+            ui.label(SignalColor::Green.text(text, ui).size(SIZE)).on_hover_text(hint);
         }
         if !snapshot.skipped.is_empty() {
-            let color = SignalColor::Red.for_theme(ui.visuals().dark_mode);
             let text = format!("{} skipped", snapshot.skipped.len());
             let hint = "Unusable frames are crossed out; hover over one for the reason";
-            ui.label(RichText::new(text).size(SIZE).color(color)).on_hover_text(hint);
+            ui.label(SignalColor::Red.text(text, ui).size(SIZE)).on_hover_text(hint);
         }
         if let (Some(plan), Some(selection)) = (&opened.plan, &opened.selection) {
             let order = RichText::new(wording::run_order(selection, plan)).size(SIZE).weak();
@@ -96,7 +90,6 @@ fn recording_status(snapshot: &Snapshot) -> Option<(String, String)> {
     Some((text, followed.problem.clone().unwrap_or(path)))
 }
 
-/// Draws the frames in the remaining room.
 pub fn ui(
     context: &StripContext<'_>,
     position: &mut StripPosition,
@@ -211,11 +204,8 @@ fn draw_frame(
     })
 }
 
-/// Height of the caption below the pictures, points.
 const CAPTION: f32 = 13.0;
-/// Height of the bar above the pictures, coloured by the frame's state, points.
 const BAR: f32 = 3.0;
-/// Margin around the pictures, points.
 const MARGIN: f32 = 2.0;
 const FONT: FontId = FontId::proportional(10.0);
 /// Colour of the last trained frame, as in the viewport.
@@ -227,9 +217,7 @@ pub struct FrameCell<'a> {
     /// Error of the frame as a held-out view, if measured.
     pub measured: Option<&'a ViewReport>,
     pub pictures: FramePictures<'a>,
-    /// True for the last trained frame.
     pub is_latest: bool,
-    /// True if the viewport shows the frame's camera.
     pub is_shown: bool,
     /// True if the caption includes the split's name.
     pub is_first_of_split: bool,
@@ -251,7 +239,6 @@ impl FrameCell<'_> {
     }
 }
 
-/// Height available for both pictures.
 fn pictures_height(height: f32) -> f32 {
     height - BAR - CAPTION - 3.0 * MARGIN
 }
@@ -291,7 +278,6 @@ pub fn draw(cell: &FrameCell<'_>, response: &Response, ui: &Ui) {
     caption(cell, rect, ui);
 }
 
-/// Paints a picture as large as fits, centred.
 fn picture(texture: &TextureHandle, room: Rect, ui: &Ui) {
     let size = texture.size_vec2();
     let scale = (room.width() / size.x).min(room.height() / size.y);
@@ -333,7 +319,6 @@ fn color(cell: &FrameCell<'_>, is_dark: bool) -> Color32 {
     }
 }
 
-/// Tooltip text.
 pub fn tooltip_text(cell: &FrameCell<'_>) -> String {
     let (frame, split) = (cell.frame, &cell.frame.split().name);
     let name = &frame.entry().name;

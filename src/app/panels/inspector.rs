@@ -1,5 +1,6 @@
 //! Inspector of the selected splat: posterior and drawing parameters.
 
+use super::card::section;
 use super::signal_color::{SignalColor, format_number};
 use crate::app::state::{Inspected, Snapshot};
 use crate::app::wording;
@@ -177,7 +178,6 @@ fn numbers(values: &[f64]) -> String {
     values.iter().map(|&v| format_number(v)).collect::<Vec<_>>().join("  ")
 }
 
-/// Formats four numbers short enough for one line of the panel.
 fn quaternion(wxyz: [f64; 4]) -> String {
     wxyz.map(|v| format!("{v:.3}")).join(" ")
 }
@@ -201,7 +201,7 @@ pub fn scene_section(snapshot: &Snapshot, ui: &mut Ui) {
         Grid::new("info").num_columns(2).striped(true).show(ui, |ui| {
             for (label, value) in &opened.info {
                 ui.label(RichText::new(label).weak());
-                ui.add(eframe::egui::Label::new(value).wrap());
+                ui.add(Label::new(value).wrap());
                 ui.end_row();
             }
         });
@@ -215,24 +215,19 @@ pub fn scene_section(snapshot: &Snapshot, ui: &mut Ui) {
     });
 }
 
-/// Agreement of poses and depth, with a warning if it is poor.
 fn poses(check: &PoseCheck, ui: &mut Ui) {
-    ui.add_space(8.0);
-    ui.label(RichText::new("Poses").strong());
+    section("Poses", ui);
     ui.label(wording::pose_agreement(check));
     if let Some(warning) = wording::pose_warning(check) {
-        let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
-        ui.label(RichText::new(warning).color(color));
+        ui.label(SignalColor::Yellow.text(warning, ui));
     }
 }
 
-/// Titled list; omitted if it is empty.
 fn list(title: &str, messages: &[&str], ui: &mut Ui) {
     if messages.is_empty() {
         return;
     }
-    ui.add_space(8.0);
-    ui.label(RichText::new(format!("{title}: {}", messages.len())).strong());
+    section(&format!("{title}: {}", messages.len()), ui);
     for message in messages {
         ui.label(*message);
     }

@@ -1,7 +1,7 @@
 //! Timings of the latest frames: stacked plot and table.
 
 use super::card::named;
-use super::plot_axes::with_axes;
+use super::plot_axes;
 use crate::app::drawing::{DrawHistory, DrawStage, ViewRenderer};
 use crate::app::state::Snapshot;
 use crate::eval::report::{FrameReport, Summary, quantile};
@@ -9,7 +9,7 @@ use crate::train::timing::{MAX_STAGES, TrainStage};
 use eframe::egui::{
     Align, Color32, DragValue, Grid, Layout, Response, RichText, ScrollArea, Sense, Ui, Vec2,
 };
-use egui_plot::{FilledArea, HLine, HoverPosition, Plot};
+use egui_plot::{FilledArea, HLine, HoverPosition};
 use std::ops::RangeInclusive;
 
 /// Colours of the stages in order of execution, distinguishable with red-green colour blindness (Okabe and
@@ -87,14 +87,8 @@ fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
     let mut totals: Vec<f64> = frames.iter().map(|f| f.ms.stages.train).collect();
     totals.sort_by(f64::total_cmp);
     let top = (1.25 * quantile(&totals, 0.98)).max(f64::MIN_POSITIVE);
-    with_axes(Plot::new("latency"), ["frame", "ms"])
-        .height(190.0)
+    plot_axes::plot("latency", ["frame", "ms"], 190.0)
         .include_y(0.0)
-        // No gestures: the wheel scrolls the panel, and the bounds follow the newest frames.
-        .allow_drag(false)
-        .allow_zoom(false)
-        .allow_scroll(false)
-        .allow_boxed_zoom(false)
         .label_formatter(|at| {
             let x = match at {
                 HoverPosition::NearDataPoint { position, .. }
@@ -118,13 +112,11 @@ fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
         });
 }
 
-/// Frame nearest to an x coordinate of the plot.
 fn frame_at(frames: &[FrameReport], x: f64) -> Option<&FrameReport> {
     let distance = |frame: &FrameReport| (frame.index as f64 - x).abs();
     frames.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
-/// Tooltip text of a frame.
 fn tooltip_text(frame: &FrameReport) -> String {
     let ms = &frame.ms.stages;
     let mut text = format!("Frame {} ({}): {:.1} ms", frame.index, frame.frame, ms.train);
@@ -148,7 +140,6 @@ fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
     ui.label(format!("{:.2} million points/s", rate * 1e-6));
 }
 
-/// Share of frames trained within the budget.
 fn share_within_budget(frames: &[FrameReport], budget_ms: f64) -> f64 {
     let n = frames.iter().filter(|frame| frame.ms.stages.train <= budget_ms).count();
     n as f64 / frames.len().max(1) as f64
@@ -220,19 +211,16 @@ fn number(ui: &mut Ui, text: RichText) {
     });
 }
 
-/// Frames, then pictures, as CSV.
-pub fn timings(frames: &[FrameReport], drawn: &DrawHistory) -> String {
+fn timings(frames: &[FrameReport], drawn: &DrawHistory) -> String {
     frames_csv(frames) + &drawing_csv(drawn)
 }
 
-/// Training stages of the preset.
-pub fn stages(frames: &[FrameReport]) -> &'static [TrainStage] {
+fn stages(frames: &[FrameReport]) -> &'static [TrainStage] {
     frames.last().map_or(&[], |frame| frame.ms.stages.names())
 }
 
-/// Time of the stage at index `at` of [`stages`] per frame, milliseconds; 0 for frames with other stages,
-/// such as those trained by version 0.1.0 before the run was resumed.
-pub fn stage_ms(frames: &[FrameReport], at: usize) -> impl Iterator<Item = f64> {
+/// Time of the stage at index `at` of [`stages`] per frame, milliseconds; 0 for frames with other stages.
+fn stage_ms(frames: &[FrameReport], at: usize) -> impl Iterator<Item = f64> {
     let stages = stages(frames);
     frames.iter().map(move |frame| match &frame.ms.stages {
         ms if ms.names() == stages => ms.values()[at],
@@ -316,13 +304,13 @@ pub mod timings_tests {
     fn pictures_leave_stages_empty_that_did_not_happen() {
         let mut drawn = DrawHistory::new(ViewRenderer::Gpu);
         let mut sample = DrawSample::new(640);
-        sample.add(DrawStage::Order, Some(0.5));
+        sample.add(DrawStage::Sort, Some(0.5));
         sample.add(DrawStage::Draw, Some(1.25));
         drawn.push(sample);
         let text = drawing_csv(&drawn);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[1].split(',').count(), lines[2].split(',').count());
-        assert_eq!(lines[2], "0,,0.5000,,,1.2500,640");
+        assert_eq!(lines[2], "0,,,0.5000,1.2500,640");
     }
 }
 

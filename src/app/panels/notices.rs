@@ -6,17 +6,13 @@ use eframe::egui::{Align2, Area, Color32, Frame, Id, Label, RichText, ScrollArea
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-/// Maximum number of notices shown at once, newest first.
 const SHOWN: usize = 3;
-/// Largest width of the text, points.
 const WIDTH: f32 = 620.0;
-/// Distance from the top of the viewport, points.
 const MARGIN: f32 = 10.0;
 /// Share of the viewport's height beyond which notices scroll, and the height (points) they always get.
 /// Cards and viewport below need room in small windows.
 const MAX_SHARE: f32 = 0.35;
 const MIN_HEIGHT: f32 = 60.0;
-/// Display time of information.
 const INFO_DURATION: Duration = Duration::from_secs(20);
 
 /// Closed notices and display times of the others, by serial.
@@ -72,7 +68,6 @@ impl NoticeBoard {
         !self.closed.contains(&notice.serial) && !has_faded
     }
 
-    /// Forgets notices that the worker has dropped.
     fn remove_old(&mut self, notices: &[Notice]) {
         let oldest = notices.first().map_or(u64::MAX, |notice| notice.serial);
         self.closed.retain(|&serial| serial >= oldest);

@@ -2,50 +2,46 @@
 
 use super::card::named;
 use crate::app::path_editor::PathEditor;
-use crate::math::camera_path::Keyframe;
+use crate::app::viewer::SceneView;
+use crate::export::camera_path::PacedPath;
 use eframe::egui::{
     Button, DragValue, Grid, ProgressBar, RichText, ScrollArea, Slider, TextEdit, Ui,
 };
 use std::path::{Path, PathBuf};
 
-/// Width and height of a film, pixels.
 const FILM_SIDES: std::ops::RangeInclusive<u32> = 16..=8192;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum PathRequest {
-    /// Append the current view as a keyframe.
-    Add,
-    /// Replace a keyframe by the current view.
-    Replace(usize),
-    /// Create an orbit around the camera's target.
-    Turntable,
-    /// Move to a moment of the path.
-    Show(Keyframe),
     /// Save the path (JSON).
     Save(String),
-    /// Load a path.
     Open(PathBuf),
     /// Render the path to files.
     Film,
-    /// Cancel rendering.
     CancelFilm,
 }
 
 /// Draws the panel. `file` is the path of the saved file, `film` the rendered share of a running film.
 pub fn ui(
     editor: &mut PathEditor,
+    view: &mut SceneView,
     file: &Path,
     film: Option<f32>,
     ui: &mut Ui,
 ) -> Option<PathRequest> {
-    let mut asked = None;
     ui.horizontal_wrapped(|ui| {
-        if ui.button("Add keyframe").on_hover_text("Append the current view").clicked() {
-            asked = Some(PathRequest::Add);
+        let add = ui.button("Add keyframe").on_hover_text("Append the current view");
+        if add.clicked()
+            && let Some(camera) = view.camera.keyframe()
+        {
+            editor.add(camera);
         }
         let hint = "Replaces the keyframes by an orbit around the camera's target";
-        if ui.button("Turntable").on_hover_text(hint).clicked() {
-            asked = Some(PathRequest::Turntable);
+        let turntable = ui.button("Turntable").on_hover_text(hint);
+        if turntable.clicked()
+            && let Some(path) = view.camera.turntable()
+        {
+            editor.take(&PacedPath { path, fps: editor.fps });
         }
     });
     if editor.keyframes().is_empty() {
@@ -53,18 +49,18 @@ pub fn ui(
     }
     ScrollArea::vertical().max_height(260.0).show(ui, |ui| {
         Grid::new("keyframes").num_columns(5).striped(true).show(ui, |ui| {
-            asked = keyframes(editor, ui).or(asked.take());
+            keyframes(editor, view, ui);
         });
     });
     ui.add_space(6.0);
-    asked = playback(editor, ui).or(asked);
+    playback(editor, view, ui);
     ui.add_space(6.0);
-    asked = self::film(editor, film, ui).or(asked);
+    let asked = self::film(editor, film, ui);
     files(editor, file, ui).or(asked)
 }
 
-fn keyframes(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
-    let (mut asked, mut removed) = (None, None);
+fn keyframes(editor: &mut PathEditor, view: &mut SceneView, ui: &mut Ui) {
+    let mut removed = None;
     for i in 0..editor.keyframes().len() {
         let keyframe = editor.keyframes()[i];
         let name = ui.label(format!("{}", i + 1)).id;
@@ -80,10 +76,13 @@ fn keyframes(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
         }
         if ui.button("Go").on_hover_text("Move the view to this keyframe").clicked() {
             editor.moment = keyframe.time;
-            asked = Some(PathRequest::Show(keyframe));
+            view.move_to_keyframe(keyframe);
         }
-        if ui.button("Set").on_hover_text("Replace this keyframe by the current view").clicked() {
-            asked = Some(PathRequest::Replace(i));
+        let set = ui.button("Set").on_hover_text("Replace this keyframe by the current view");
+        if set.clicked()
+            && let Some(camera) = view.camera.keyframe()
+        {
+            editor.replace(i, camera);
         }
         if ui.button("Remove").clicked() {
             removed = Some(i);
@@ -93,13 +92,10 @@ fn keyframes(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
     if let Some(i) = removed {
         editor.remove(i);
     }
-    asked
 }
 
-/// Playback controls and time slider.
-fn playback(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
-    let path = editor.paced()?;
-    let mut asked = None;
+fn playback(editor: &mut PathEditor, view: &mut SceneView, ui: &mut Ui) {
+    let Some(path) = editor.paced() else { return };
     ui.horizontal(|ui| {
         let text = if editor.is_playing { "Stop" } else { "Play" };
         if ui.button(text).clicked() {
@@ -114,7 +110,7 @@ fn playback(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
         let slider = slider.custom_formatter(|seconds, _| format!("{seconds:.1}"));
         if named(ui.add(slider), "Moment").on_hover_text("Time along the path").changed() {
             editor.is_playing = false;
-            asked = Some(PathRequest::Show(path.path.at(editor.moment)));
+            view.move_to_keyframe(path.path.at(editor.moment));
         }
     });
     ui.horizontal(|ui| {
@@ -129,7 +125,6 @@ fn playback(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
         named(ui.add(fps), "Pictures per second");
     });
     ui.label(RichText::new(format!("{} pictures", path.keyframe_per_frame().len())).weak());
-    asked
 }
 
 fn film(editor: &PathEditor, drawn: Option<f32>, ui: &mut Ui) -> Option<PathRequest> {
@@ -153,7 +148,6 @@ fn film(editor: &PathEditor, drawn: Option<f32>, ui: &mut Ui) -> Option<PathRequ
     asked
 }
 
-/// Options in the dialog for the film's output path.
 pub fn film_choices(editor: &mut PathEditor, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (side, (suffix, name)) in

@@ -1,14 +1,22 @@
 //! Plot axes with round numbers at readable distances.
 
+use eframe::egui::AsIdSalt;
 use egui_plot::{GridInput, GridMark, Plot, uniform_grid_spacer};
 
 /// Least distance of two labels in x and y, in units of the closest grid lines of a plot (8 points). Labels
 /// are wide but not high.
 const MIN_LABEL_DISTANCE: [f64; 2] = [10.0, 4.0];
 
-/// Adds axis names and labels to a plot.
-pub fn with_axes<'a>(plot: Plot<'a>, [x, y]: [&'a str; 2]) -> Plot<'a> {
-    plot.x_axis_label(x)
+/// Creates a plot of this height (points). It has no gestures: the wheel scrolls the panel, and the bounds
+/// follow the newest values.
+pub fn plot<'a>(id: impl AsIdSalt, [x, y]: [&'a str; 2], height: f32) -> Plot<'a> {
+    Plot::new(id)
+        .height(height)
+        .allow_drag(false)
+        .allow_zoom(false)
+        .allow_scroll(false)
+        .allow_boxed_zoom(false)
+        .x_axis_label(x)
         .y_axis_label(y)
         .x_grid_spacer(uniform_grid_spacer(|input| steps(&input, MIN_LABEL_DISTANCE[0])))
         .y_grid_spacer(uniform_grid_spacer(|input| steps(&input, MIN_LABEL_DISTANCE[1])))
@@ -26,7 +34,6 @@ fn steps(input: &GridInput, apart: f64) -> [f64; 3] {
     [step, 10.0 * step, 100.0 * step]
 }
 
-/// Formats a label with as many decimals as its step.
 fn number(mark: &GridMark) -> String {
     let decimals = (-mark.step_size.log10()).ceil().max(0.0) as usize;
     format!("{:.decimals$}", mark.value)

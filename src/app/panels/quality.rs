@@ -1,7 +1,7 @@
 //! Quality panel: error of held-out views over frames or seconds, and per view.
 
-use super::card::named;
-use super::plot_axes::with_axes;
+use super::card::{optional_number, section, weak};
+use super::plot_axes::plot;
 use super::signal_color::{SignalColor, format_number};
 use crate::app::quality::{QualityMonitor, QualityPoint};
 use crate::app::retention::RetainedFrame;
@@ -12,12 +12,9 @@ use crate::eval::report::ViewReport;
 use crate::math::image::unit_to_byte;
 use crate::model::attributes::ComponentAttributes;
 use crate::render::finish::ramp;
-use eframe::egui::{
-    Button, Color32, DragValue, Frame, Grid, Image, Label, Margin, RichText, ScrollArea, Ui, Vec2,
-};
-use egui_plot::{Bar, BarChart, Legend, Line, Plot, PlotPoints, Points};
+use eframe::egui::{Button, Color32, Frame, Grid, Image, Margin, RichText, ScrollArea, Ui, Vec2};
+use egui_plot::{Bar, BarChart, Legend, Line, PlotPoints, PlotUi, Points};
 
-/// Metric and x axis of the quality plot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QualityPlot {
     metric: Metric,
@@ -64,13 +61,9 @@ impl Metric {
     }
 }
 
-/// Range of the measuring interval, frames.
 const EVERY: std::ops::RangeInclusive<usize> = 1..=1000;
-/// Default measuring interval, frames.
 pub const DEFAULT_INTERVAL: usize = 10;
-/// Height of a photograph in the table, points.
 const ROW: f32 = 28.0;
-/// Width of a view's name in the table, points.
 const NAME: f32 = 96.0;
 
 /// Draws the panel; returns the view to move to, if one is clicked.
@@ -95,12 +88,9 @@ pub fn ui(
         inner.show(ui, |ui| {
             summary(quality, snapshot, ui);
             groups(quality, snapshot.frames_done, ui);
-            ui.add(
-                Label::new(RichText::new(format!("Measured on {}", evaluation.why)).weak()).wrap(),
-            );
+            weak(ui, &format!("Measured on {}", evaluation.why));
             if let Some(problem) = quality.problem() {
-                let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
-                ui.label(RichText::new(problem).color(color));
+                ui.label(SignalColor::Yellow.text(problem, ui));
             }
             if !quality.history().is_empty() {
                 curve(quality.history(), plot, ui);
@@ -108,10 +98,11 @@ pub fn ui(
             retention(quality.retention().frames(), ui);
             let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
             histogram(evidence, is_at_rest, ui);
-            interval_setting(every, ui);
+            let help = "Measures a few views on one thread that is idle 15/16 of the time; all views are measured when training pauses";
+            let texts = ["While training, every", help, "Measure every", " frames"];
+            optional_number(every, DEFAULT_INTERVAL, EVERY, texts, ui);
             if !quality.views().is_empty() {
-                ui.add_space(6.0);
-                ui.label(RichText::new("Views, worst first").strong());
+                section("Views, worst first", ui);
                 let split = evaluation.new_views.split;
                 asked = table(quality.views(), opened, split, thumbnails, ui);
             }
@@ -120,7 +111,6 @@ pub fn ui(
     asked
 }
 
-/// Latest figures in large type.
 fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     let (done, all) = quality.progress();
     let after = |point: &QualityPoint| match point.frames {
@@ -198,33 +188,9 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
     let points: Vec<[f64; 2]> =
         history.iter().filter_map(|point| Some([x(point), metric.value_of(point)?])).collect();
     let unit = if against_seconds { "seconds of training" } else { "frames" };
-    with_axes(Plot::new(("quality", metric.label(), against_seconds)), [unit, metric.axis()])
-        .height(180.0)
-        .allow_drag(false)
-        .allow_zoom(false)
-        .allow_scroll(false)
-        .allow_boxed_zoom(false)
-        .show(ui, |plot| {
-            plot.line(Line::new(metric.label(), PlotPoints::from(points.clone())).color(color));
-            plot.points(
-                Points::new(metric.label(), PlotPoints::from(points)).radius(2.5).color(color),
-            );
-        });
-}
-
-/// Setting of the measuring interval during training.
-fn interval_setting(every: &mut Option<usize>, ui: &mut Ui) {
-    ui.horizontal(|ui| {
-        let mut is_on = every.is_some();
-        let help = "Measures a few views on one thread that is idle 15/16 of the time; all views are measured when training pauses";
-        if ui.checkbox(&mut is_on, "While training, every").on_hover_text(help).changed() {
-            *every = is_on.then_some(DEFAULT_INTERVAL);
-        }
-        let mut shown = every.unwrap_or(DEFAULT_INTERVAL);
-        let value = DragValue::new(&mut shown).range(EVERY).suffix(" frames");
-        if named(ui.add_enabled(is_on, value), "Measure every").changed() {
-            *every = Some(shown);
-        }
+    let id = ("quality", metric.label(), against_seconds);
+    plot(id, [unit, metric.axis()], 180.0).show(ui, |plot| {
+        add_curve(plot, metric.label(), points, color);
     });
 }
 
@@ -276,9 +242,8 @@ fn table(
 const BAR: Color32 = Color32::from_rgb(86, 180, 233);
 
 /// Draws the histogram while training is paused or finished; counting would slow training down.
-pub fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) {
-    ui.add_space(6.0);
-    ui.label(RichText::new("Evidence of the components").strong());
+fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) {
+    section("Evidence of the components", ui);
     let (true, Some(EvidenceHistogram { first, counts })) = (is_at_rest, histogram) else {
         ui.label(RichText::new("Shown while training is paused or finished.").weak());
         return;
@@ -289,27 +254,18 @@ pub fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &m
     });
     let chart = BarChart::new("Components", bars.collect()).color(BAR);
     let axes = ["log10 of the points per component", "components"];
-    with_axes(Plot::new("evidence"), axes)
-        .height(150.0)
-        .allow_drag(false)
-        .allow_zoom(false)
-        .allow_scroll(false)
-        .allow_boxed_zoom(false)
-        .show(ui, |plot| plot.bar_chart(chart));
+    plot("evidence", axes, 150.0).show(ui, |plot| plot.bar_chart(chart));
     let n: usize = counts.iter().sum();
-    let text = format!("{n} components. The Edit tab can select those with low evidence.");
-    ui.add(Label::new(RichText::new(text).weak()).wrap());
+    weak(ui, &format!("{n} components. The Edit tab can select those with low evidence."));
 }
 
-/// Bars per factor of ten.
-pub const PER_DECADE: f64 = 4.0;
+const PER_DECADE: f64 = 4.0;
 
 /// Components counted by the logarithm of their evidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EvidenceHistogram {
     /// Index of the first bar; bar `i` begins at `10^(i / PER_DECADE)` points.
     pub first: i32,
-    /// Components per bar.
     pub counts: Vec<usize>,
 }
 
@@ -329,31 +285,26 @@ impl EvidenceHistogram {
     }
 }
 
-/// Draws one curve per tracked frame.
-pub fn retention(frames: &[RetainedFrame], ui: &mut Ui) {
+fn retention(frames: &[RetainedFrame], ui: &mut Ui) {
     if frames.is_empty() {
         return;
     }
     ui.add_space(6.0);
     ui.label(RichText::new("Retention").strong())
         .on_hover_text("PSNR of earlier frames, measured again during training: a falling curve means that the frame is forgotten");
-    with_axes(Plot::new("retention"), ["frames trained", "PSNR, dB"])
-        .height(180.0)
-        .legend(Legend::default())
-        .allow_drag(false)
-        .allow_zoom(false)
-        .allow_scroll(false)
-        .allow_boxed_zoom(false)
-        .show(ui, |plot| {
-            for (i, frame) in frames.iter().enumerate() {
-                let name = format!("frame {}", frame.position);
-                let [r, g, b] = ramp(0.15 + 0.8 * i as f32 / frames.len() as f32).map(unit_to_byte);
-                let color = Color32::from_rgb(r, g, b);
-                let points = || PlotPoints::from(frame.psnr.clone());
-                plot.line(Line::new(name.clone(), points()).color(color));
-                plot.points(Points::new(name, points()).radius(2.5).color(color));
-            }
-        });
+    let axes = ["frames trained", "PSNR, dB"];
+    plot("retention", axes, 180.0).legend(Legend::default()).show(ui, |plot| {
+        for (i, frame) in frames.iter().enumerate() {
+            let [r, g, b] = ramp(0.15 + 0.8 * i as f32 / frames.len() as f32).map(unit_to_byte);
+            let name = format!("frame {}", frame.position);
+            add_curve(plot, &name, frame.psnr.clone(), Color32::from_rgb(r, g, b));
+        }
+    });
+}
+
+fn add_curve(plot: &mut PlotUi<'_>, name: &str, points: Vec<[f64; 2]>, color: Color32) {
+    plot.line(Line::new(name, PlotPoints::from(points.clone())).color(color));
+    plot.points(Points::new(name, PlotPoints::from(points)).radius(2.5).color(color));
 }
 
 #[cfg(test)]

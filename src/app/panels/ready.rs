@@ -12,16 +12,13 @@ use eframe::egui::{
     Button, Color32, Frame, Grid, Id, Image, Label, RichText, Stroke, TextureHandle, Ui, Vec2,
 };
 
-/// Width of the card, points.
 const WIDTH: f32 = 250.0;
-/// Largest height of the photograph, points.
 const PHOTO_HEIGHT: f32 = 190.0;
 /// Height assumed for the text before its first layout, points.
 const TEXT_HEIGHT: f32 = 170.0;
 /// A smaller photograph is omitted, points.
 const MIN_PHOTO_HEIGHT: f32 = 40.0;
 
-/// Draws the card; returns the command if the button is clicked.
 pub fn ui(
     snapshot: &Snapshot,
     opened: &Opened,
@@ -58,9 +55,7 @@ fn dataset_facts(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) {
     }
     if let Some(check) = &snapshot.poses {
         let text = match wording::pose_warning(check) {
-            Some(warning) => {
-                RichText::new(warning).color(SignalColor::Yellow.for_theme(ui.visuals().dark_mode))
-            }
+            Some(warning) => SignalColor::Yellow.text(warning, ui),
             None => RichText::new(wording::pose_agreement(check)).weak(),
         };
         ui.add(Label::new(text).wrap().selectable(false));
@@ -75,7 +70,6 @@ fn button(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     train.clicked().then_some(UiCommand::Train)
 }
 
-/// Layout, frames, image size and depth of each split.
 fn describe_layout(opened: &Opened) -> Vec<String> {
     let Some(dataset) = &opened.dataset else { return Vec::new() };
     let mut lines = vec![format!("Recognised as {}", dataset.layout.name())];
@@ -95,7 +89,6 @@ fn describe_layout(opened: &Opened) -> Vec<String> {
     lines
 }
 
-/// Purpose of the program in one sentence.
 pub const WHAT_HAPPENS: &str = "Turns photographs with depth into a Gaussian-splat scene while you watch, \
                                 using each frame once";
 
@@ -160,11 +153,8 @@ fn target(ui: &mut Ui) {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SummaryAnswer {
     Command(UiCommand),
-    /// Train on the same frames with a finer structural scale.
     Finer,
-    /// Show the figures of every view.
     Quality,
-    /// Close the card.
     Close,
 }
 

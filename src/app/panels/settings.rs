@@ -1,6 +1,6 @@
 //! Settings panel: training, drawing and window.
 
-use super::card::named;
+use super::card::{choices, command_button, named, section};
 use super::{card, training};
 use crate::app::command::UiCommand;
 use crate::app::training::TrainSettings;
@@ -9,20 +9,20 @@ use crate::app::viewer::settings::{
 };
 use crate::render::gpu::adapters::{AdapterChoice, AdapterInfo};
 use crate::render::{Antialias, Exposing, Lens, Renderer};
-use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, ThemePreference, Ui};
+use eframe::egui::{Button, Grid, Label, RichText, ScrollArea, Slider, ThemePreference, Ui};
 
 pub struct SettingsContext<'a> {
-    /// Name of the renderer and its device.
     pub adapter: &'a str,
     /// Vertical field of view of the scene's own camera, degrees.
     pub own_fov_deg: f32,
 }
 
-/// Requests that are not changes of settings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SettingsAnswer {
-    Adapter(AdapterRequest),
     Command(UiCommand),
+    /// Reopen the window on another adapter.
+    Adapter(AdapterChoice),
+    RetryGpu,
 }
 
 /// Draws the panel; returns requests that are not changes of settings.
@@ -36,19 +36,18 @@ pub fn ui(
     let mut asked = None;
     // Scrolls both ways: wide rows must not extend over the viewport.
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
-        section(ui, "Training");
+        section("Training", ui);
         training::ui(train_settings, ui);
         let copy = UiCommand::CopyCommandLine;
-        if ui.button(copy.label()).on_hover_text(copy.tooltip()).clicked() {
+        if command_button(copy, false, None, ui) {
             asked = Some(SettingsAnswer::Command(copy));
         }
         viewport(settings, surroundings.own_fov_deg, ui);
-        section(ui, "Window");
+        section("Window", ui);
         theme(ui);
-        section(ui, "Graphics");
+        section("Graphics", ui);
         ui.add(Label::new(surroundings.adapter).wrap());
-        let request = adapters.and_then(|adapters| adapter(adapters, ui));
-        asked = request.map(SettingsAnswer::Adapter).or(asked.take());
+        asked = adapters.and_then(|adapters| adapter(adapters, ui)).or(asked.take());
         ui.add_space(12.0);
         if ui.button("Reset all").on_hover_text("Restores the default of every setting").clicked() {
             // The colour mode is chosen above the viewport and never stored, so it is retained.
@@ -63,15 +62,12 @@ pub fn ui(
 fn theme(ui: &mut Ui) {
     // Not egui's own buttons, whose symbols are missing from the window's fonts.
     let mut chosen = ui.options(|options| options.theme_preference);
-    ui.horizontal(|ui| {
-        for (theme, label) in [
-            (ThemePreference::System, "System theme"),
-            (ThemePreference::Dark, "Dark theme"),
-            (ThemePreference::Light, "Light theme"),
-        ] {
-            ui.selectable_value(&mut chosen, theme, label);
-        }
-    });
+    let themes = [
+        (ThemePreference::System, "System theme", ""),
+        (ThemePreference::Dark, "Dark theme", ""),
+        (ThemePreference::Light, "Light theme", ""),
+    ];
+    ui.horizontal(|ui| choices(&mut chosen, &themes, ui));
     ui.ctx().set_theme(chosen);
 }
 
@@ -107,12 +103,6 @@ fn viewport(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
     );
 }
 
-fn section(ui: &mut Ui, title: &str) {
-    ui.add_space(8.0);
-    ui.label(RichText::new(title).strong());
-    ui.add_space(2.0);
-}
-
 /// Title of a section with a marker if `reset` would change a setting; a click on it applies `reset`.
 fn marked_section(
     ui: &mut Ui,
@@ -143,29 +133,25 @@ fn renderer(settings: &mut ViewSettings, ui: &mut Ui) {
     });
     ui.horizontal(|ui| {
         ui.label("Antialiasing").on_hover_text("Applies to the exact renderer");
-        for (antialias, label, tooltip) in [
+        let all = [
             (Antialias::Footprint, "Footprint", "Enlarges splats to about a pixel"),
             (Antialias::None, "None", "No antialiasing: thin splats flicker"),
             (Antialias::Reference, "Reference", "As in the published renderer: thin splats fade"),
-        ] {
-            ui.selectable_value(&mut settings.antialias, antialias, label).on_hover_text(tooltip);
-        }
+        ];
+        choices(&mut settings.antialias, &all, ui);
     });
 }
 
 /// Draws lens and field of view; also used by the toolbar above the viewport.
 pub fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
-    ui.horizontal(|ui| {
-        for (choice, label, tooltip) in [
-            (Lens::Pinhole, "Pinhole", "Straight lines stay straight"),
-            (Lens::Fisheye, "Fisheye", "Equidistant, up to 360°; drawn by the exact renderer"),
-        ] {
-            let is_chosen = settings.lens == choice;
-            if ui.selectable_label(is_chosen, label).on_hover_text(tooltip).clicked() {
-                settings.set_lens(choice);
-            }
-        }
-    });
+    let lenses = [
+        (Lens::Pinhole, "Pinhole", "Straight lines stay straight"),
+        (Lens::Fisheye, "Fisheye", "Equidistant, up to 360°; drawn by the exact renderer"),
+    ];
+    let mut lens = settings.lens;
+    if ui.horizontal(|ui| choices(&mut lens, &lenses, ui)).inner {
+        settings.set_lens(lens);
+    }
     ui.horizontal(|ui| {
         let reset = match settings.lens {
             Lens::Pinhole => {
@@ -181,7 +167,7 @@ pub fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
                 false
             }
         };
-        let undo = ui.add_enabled(reset, eframe::egui::Button::new("Reset"));
+        let undo = ui.add_enabled(reset, Button::new("Reset"));
         if undo.on_hover_text("Resets to the scene's own camera").clicked() {
             settings.pinhole_fov_deg = None;
         }
@@ -189,7 +175,6 @@ pub fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
     ui.label(RichText::new(FOV).weak());
 }
 
-/// Label of the field of view slider.
 const FOV: &str = "Vertical field of view";
 
 fn degrees(fov: &mut f32, range: std::ops::RangeInclusive<f32>) -> Slider<'_> {
@@ -198,52 +183,40 @@ fn degrees(fov: &mut f32, range: std::ops::RangeInclusive<f32>) -> Slider<'_> {
 
 fn splats(settings: &mut ViewSettings, ui: &mut Ui) {
     let start = ViewSettings::default();
+    let row = |ui: &mut Ui, value: &mut f32, range, start: f32, [name, help]: [&str; 2]| {
+        ui.label(name).on_hover_text(help);
+        named(ui.add(Slider::new(value, range).max_decimals(2)), name);
+        if ui.add_enabled(*value != start, Button::new("Reset")).clicked() {
+            *value = start;
+        }
+        ui.end_row();
+    };
     Grid::new("splats").num_columns(3).show(ui, |ui| {
-        ui.label("Scale").on_hover_text("Factor on the size of every splat");
-        named(ui.add(Slider::new(&mut settings.scale, SCALES).max_decimals(2)), "Scale");
-        if ui.add_enabled(settings.scale != start.scale, reset()).clicked() {
-            settings.scale = start.scale;
-        }
-        ui.end_row();
-        ui.label("Minimum opacity").on_hover_text("Splats with lower opacity are not drawn");
-        let cut = Slider::new(&mut settings.opacity_cut, 0.0..=1.0).max_decimals(2);
-        named(ui.add(cut), "Minimum opacity");
-        if ui.add_enabled(settings.opacity_cut != start.opacity_cut, reset()).clicked() {
-            settings.opacity_cut = start.opacity_cut;
-        }
-        ui.end_row();
+        let texts = ["Scale", "Factor on the size of every splat"];
+        row(ui, &mut settings.scale, SCALES, start.scale, texts);
+        let texts = ["Minimum opacity", "Splats with lower opacity are not drawn"];
+        row(ui, &mut settings.opacity_cut, 0.0..=1.0, start.opacity_cut, texts);
     });
-}
-
-fn reset() -> eframe::egui::Button<'static> {
-    eframe::egui::Button::new("Reset")
 }
 
 fn exposure(settings: &mut ViewSettings, ui: &mut Ui) {
-    ui.horizontal(|ui| {
-        for (choice, label, tooltip) in [
-            (Exposing::Neutral, "Neutral", "Draws all views with the exposure of the first frames; next to a photograph, with its recorded exposure"),
-            (
-                Exposing::Recorded,
-                "As recorded",
-                "Draws each view with the exposure of nearby frames, if the camera used automatic exposure",
-            ),
-        ] {
-            ui.selectable_value(&mut settings.exposing, choice, label).on_hover_text(tooltip);
-        }
-    });
+    let neutral = "Draws all views with the exposure of the first frames; next to a photograph, with its recorded exposure";
+    let recorded =
+        "Draws each view with the exposure of nearby frames, if the camera used automatic exposure";
+    let all =
+        [(Exposing::Neutral, "Neutral", neutral), (Exposing::Recorded, "As recorded", recorded)];
+    ui.horizontal(|ui| choices(&mut settings.exposing, &all, ui));
 }
 
 fn background(settings: &mut ViewSettings, ui: &mut Ui) {
     ui.horizontal(|ui| {
-        for (choice, label) in [
-            (Background::Dark, "Dark"),
-            (Background::Grey, "Grey"),
-            (Background::White, "White"),
-            (Background::Black, "Black"),
-        ] {
-            ui.selectable_value(&mut settings.background, choice, label);
-        }
+        let all = [
+            (Background::Dark, "Dark", ""),
+            (Background::Grey, "Grey", ""),
+            (Background::White, "White", ""),
+            (Background::Black, "Black", ""),
+        ];
+        choices(&mut settings.background, &all, ui);
         let mut rgb = settings.background.rgb8();
         let name = "Any other colour";
         if named(ui.color_edit_button_srgb(&mut rgb), name).on_hover_text(name).changed() {
@@ -253,23 +226,13 @@ fn background(settings: &mut ViewSettings, ui: &mut Ui) {
 }
 
 pub struct Adapters<'a> {
-    /// Adapters that can draw the window.
     pub there: &'a [AdapterInfo],
-    /// Adapter in use.
     pub current: &'a AdapterInfo,
     /// True if the CPU draws the scene because the GPU failed.
     pub gpu_failed: bool,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum AdapterRequest {
-    /// Reopen the window on another adapter.
-    Adapter(AdapterChoice),
-    /// Retry drawing on the current GPU.
-    RetryGpu,
-}
-
-pub fn adapter(adapters: &Adapters, ui: &mut Ui) -> Option<AdapterRequest> {
+fn adapter(adapters: &Adapters, ui: &mut Ui) -> Option<SettingsAnswer> {
     let mut asked = None;
     ui.label(RichText::new("Graphics adapter").strong());
     let switch = "Reopens the window on this adapter; training continues";
@@ -279,16 +242,16 @@ pub fn adapter(adapters: &Adapters, ui: &mut Ui) -> Option<AdapterRequest> {
         let clicked = ui.selectable_label(is_current, &name).on_hover_text(switch).clicked();
         if clicked && !is_current {
             // By name, not by index: the choice is stored for the next start, when the list may differ.
-            asked = Some(AdapterRequest::Adapter(AdapterChoice::Named(name)));
+            asked = Some(SettingsAnswer::Adapter(AdapterChoice::Named(name)));
         }
     }
     if ui.button("Choose automatically").on_hover_text(switch).clicked() {
-        asked = Some(AdapterRequest::Adapter(AdapterChoice::Auto));
+        asked = Some(SettingsAnswer::Adapter(AdapterChoice::Auto));
     }
     if adapters.gpu_failed {
         ui.add(Label::new("The GPU failed, so the CPU draws the scene.").wrap());
         if ui.button("Retry GPU").on_hover_text("Reinitialises drawing on the GPU").clicked() {
-            asked = Some(AdapterRequest::RetryGpu);
+            asked = Some(SettingsAnswer::RetryGpu);
         }
     }
     asked

@@ -12,16 +12,13 @@ use eframe::egui::{
 pub enum SignalColor {
     /// Finished, or information.
     Blue,
-    /// Running.
     Green,
     /// Waiting, or a warning.
     Yellow,
-    /// Failed.
     Red,
 }
 
 impl SignalColor {
-    /// Shade for text in the dark or the light theme.
     pub fn for_theme(self, is_dark: bool) -> Color32 {
         let [on_dark, on_light] = match self {
             Self::Blue => [Color32::from_rgb(110, 170, 240), Color32::from_rgb(20, 90, 190)],
@@ -31,10 +28,14 @@ impl SignalColor {
         };
         if is_dark { on_dark } else { on_light }
     }
+
+    /// Text in this colour, for the theme of `ui`.
+    pub fn text(self, text: impl Into<String>, ui: &Ui) -> RichText {
+        RichText::new(text).color(self.for_theme(ui.visuals().dark_mode))
+    }
 }
 
 const BAR: Vec2 = Vec2::new(180.0, 12.0);
-/// Number of single-coloured strips in the ramp.
 const STRIPS: usize = 60;
 
 pub fn ui(attribute: Attribute, range: Option<&Range>, corner: Pos2, ui: &Ui) {
@@ -138,11 +139,6 @@ mod tests {
             }
         }
     }
-}
-
-#[cfg(test)]
-mod legend_tests {
-    use super::format_number;
 
     #[test]
     fn numbers_are_short() {

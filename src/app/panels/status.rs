@@ -1,7 +1,7 @@
 //! Status bar: state, speed, components, memory, adapter.
 
 use super::signal_color::SignalColor;
-use crate::app::abandoned::AbandonedRun;
+use crate::app::rescue::AbandonedRun;
 use crate::app::state::{Followed, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::eval::report;
@@ -11,9 +11,7 @@ use eframe::egui::{Color32, Label, ProgressBar, RichText, Ui};
 use std::time::Duration;
 
 pub struct StatusContext<'a> {
-    /// Name of the renderer and its device.
     pub adapter: &'a str,
-    /// Splats drawn in the viewport.
     pub n_drawn: usize,
     /// Share of the running export already written.
     pub file_progress: Option<f32>,
@@ -21,12 +19,9 @@ pub struct StatusContext<'a> {
     pub slow_frame: Option<Duration>,
 }
 
-/// Operation that the user cancels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CancelRequest {
-    /// The running export.
     File,
-    /// Opening a file or folder.
     Opening,
 }
 
@@ -86,7 +81,6 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
     line.inner
 }
 
-/// Draws the progress of an export; returns true if the user cancels it.
 fn export_progress(share: f32, ui: &mut Ui) -> bool {
     ui.separator();
     let text = format!("Exporting: {:.0} %", 100.0 * share);
@@ -94,28 +88,23 @@ fn export_progress(share: f32, ui: &mut Ui) -> bool {
     ui.button("Cancel export").on_hover_text("An existing file of this name is kept").clicked()
 }
 
-/// Draws a cancel button; returns true if it is clicked.
 fn opening(ui: &mut Ui) -> bool {
     ui.button("Cancel opening").on_hover_text("The previous dataset or model stays open").clicked()
 }
 
-/// Draws the number of skipped frames; the tooltip states the first reason.
 fn skipped(snapshot: &Snapshot, ui: &mut Ui) {
     let Some(first) = snapshot.skipped.first() else { return };
     ui.separator();
     let text = format!("{} frames skipped", snapshot.skipped.len());
-    let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
-    let said = ui.label(RichText::new(text).color(color));
-    said.on_hover_text(format!("First reason: {}", first.message));
+    let label = ui.label(SignalColor::Yellow.text(text, ui));
+    label.on_hover_text(format!("First reason: {}", first.message));
 }
 
-/// Draws a warning about a frame that is still being read.
 fn slow_frame_warning(snapshot: &Snapshot, time: Duration, ui: &mut Ui) {
     let next = snapshot.opened.as_ref().and_then(|o| FrameRef::trained(o, snapshot.n_seen()));
     let name = next.map_or_else(|| "a frame".to_owned(), |frame| frame.entry().name.clone());
     let text = format!("{name}: still reading after {} s", time.as_secs());
-    let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
-    ui.label(RichText::new(text).color(color)).on_hover_text(
+    ui.label(SignalColor::Yellow.text(text, ui)).on_hover_text(
         "The drive may be slow or disconnected: check it. Training continues when it responds; pausing, saving and exporting wait until then. The window can be closed",
     );
 }
@@ -152,11 +141,8 @@ fn color(state: RunState, is_dark: bool) -> Color32 {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// Resume the run.
     Resume,
-    /// Delete the autosave.
     Forget,
-    /// Offer it again at the next start.
     NotNow,
 }
 

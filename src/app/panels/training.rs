@@ -1,7 +1,7 @@
 //! Training settings for the next opened or reset run.
 
 use super::card;
-use super::card::named;
+use super::card::{choices, named, optional_number};
 use super::signal_color::SignalColor;
 use crate::app::training::{AUTOSAVE_S, TrainSettings};
 use crate::pipeline::settings::scene::SceneOverrides;
@@ -15,10 +15,8 @@ use eframe::egui::{
 };
 use std::ops::RangeInclusive;
 
-/// Initial budget, components.
 const FIRST_BUDGET: usize = 25_000;
 
-/// Range of the autosave interval, seconds.
 const AUTOSAVES_S: RangeInclusive<u32> = 1..=3600;
 
 /// Rows of the scene preset; the types of its settings validate their ranges.
@@ -35,44 +33,24 @@ const PAPER: SettingRows<PaperOverrides> = SettingRows {
 };
 
 pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
-    ui.horizontal(|ui| {
-        for (preset, label, tooltip) in [
-            (Preset::Scene, "Scene preset", "Creates components on observed surfaces"),
-            (
-                Preset::Paper,
-                "Paper preset",
-                "The published algorithm; 100,000 components unless changed in Details",
-            ),
-        ] {
-            ui.selectable_value(&mut settings.preset, preset, label).on_hover_text(tooltip);
-        }
-    });
+    const PAPER_HELP: &str =
+        "The published algorithm; 100,000 components unless changed in Details";
+    let presets = [
+        (Preset::Scene, "Scene preset", "Creates components on observed surfaces"),
+        (Preset::Paper, "Paper preset", PAPER_HELP),
+    ];
+    ui.horizontal(|ui| choices(&mut settings.preset, &presets, ui));
     if settings.preset == Preset::Scene {
         details(&SCENE, &mut settings.scene, ui);
     } else {
         details(&PAPER, &mut settings.paper, ui);
     }
     ui.label(RichText::new("Applies to the next opened dataset, and after Reset").weak());
-    autosave(&mut settings.autosave_s, ui);
+    let help = "Saves during training; after a crash, the next start offers to resume";
+    let texts = ["Autosave every", help, "Autosave every", " s"];
+    optional_number(&mut settings.autosave_s, AUTOSAVE_S, AUTOSAVES_S, texts, ui);
 }
 
-/// Setting of the autosave interval.
-fn autosave(seconds: &mut Option<u32>, ui: &mut Ui) {
-    ui.horizontal(|ui| {
-        let mut is_on = seconds.is_some();
-        let help = "Saves during training; after a crash, the next start offers to resume";
-        if ui.checkbox(&mut is_on, "Autosave every").on_hover_text(help).changed() {
-            *seconds = is_on.then_some(AUTOSAVE_S);
-        }
-        let mut shown = seconds.unwrap_or(AUTOSAVE_S);
-        let value = DragValue::new(&mut shown).range(AUTOSAVES_S).suffix(" s");
-        if named(ui.add_enabled(is_on, value), "Autosave every").changed() {
-            *seconds = Some(shown);
-        }
-    });
-}
-
-/// Collapsible list of a preset's settings.
 fn details<L: SettingLayer + Clone>(rows: &SettingRows<L>, layer: &mut L, ui: &mut Ui) {
     let n = n_changed(layer);
     let title = if n == 0 { "Details".to_owned() } else { format!("Details: {n} changed") };
@@ -97,27 +75,23 @@ fn budget(scene: &mut SceneOverrides, ui: &mut Ui) {
     });
 }
 
-/// Maximum number of values shown as buttons.
 const MAX_BUTTONS: usize = 3;
 const FIELD: f32 = 80.0;
 
 /// Setting with a custom control instead of that of its table entry.
-pub struct CustomRow<L> {
-    /// Field name in the table.
-    pub field: &'static str,
+struct CustomRow<L> {
+    field: &'static str,
     /// Default value as shown by the reset marker.
-    pub default: &'static str,
-    pub draw: fn(&mut L, &mut Ui),
+    default: &'static str,
+    draw: fn(&mut L, &mut Ui),
 }
 
-/// Preset-specific parts of the rows.
-pub struct SettingRows<L: 'static> {
-    pub custom: &'static [CustomRow<L>],
+struct SettingRows<L: 'static> {
+    custom: &'static [CustomRow<L>],
     /// Validates the settings; the error is a message for the user.
-    pub check: fn(&L) -> Result<(), String>,
+    check: fn(&L) -> Result<(), String>,
 }
 
-/// Text field being edited.
 #[derive(Clone)]
 struct Typed {
     text: String,
@@ -125,24 +99,21 @@ struct Typed {
     before: Option<String>,
 }
 
-/// Number of settings that differ from their default.
-pub fn n_changed<L: SettingLayer>(layer: &L) -> usize {
+fn n_changed<L: SettingLayer>(layer: &L) -> usize {
     listed::<L>().filter(|setting| differs(setting, layer)).count()
 }
 
-/// Settings with a label in the table.
 fn listed<L: SettingLayer>() -> impl Iterator<Item = &'static Setting<L>> {
     L::TABLE.iter().filter(|setting| setting.about.label.is_some())
 }
 
-/// True if a setting is given and differs from its default.
 fn differs<L: SettingLayer>(setting: &Setting<L>, layer: &L) -> bool {
     (setting.given)(layer).is_some_and(|value| value != setting.about.default)
 }
 
 impl<L: SettingLayer + Clone> SettingRows<L> {
     /// Draws the settings with values, then the switches.
-    pub fn ui(&self, layer: &mut L, ui: &mut Ui) {
+    fn ui(&self, layer: &mut L, ui: &mut Ui) {
         let is_part = |setting: &&Setting<L>| (setting.flag)(&mut L::default()).is_some();
         let mut problem = None;
         // The id depends on the preset: grids of the same id would share their column widths.
@@ -163,8 +134,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         });
         // Below the grid, where a long message wraps; inside, it would widen the panel.
         if let Some(problem) = problem {
-            let color = SignalColor::Red.for_theme(ui.visuals().dark_mode);
-            ui.add(Label::new(RichText::new(problem).color(color)).wrap());
+            ui.add(Label::new(SignalColor::Red.text(problem, ui)).wrap());
         }
         if listed::<L>().any(|setting| is_part(&setting)) {
             ui.label("Preparation of frames")
@@ -177,7 +147,6 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         self.custom.iter().find(|own| own.field == setting.about.field)
     }
 
-    /// Draws the marker of a changed setting; a click resets it.
     fn reset_marker(&self, setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
         let about = &setting.about;
         let default = self.custom_row(setting).map_or(about.default, |own| own.default);
@@ -227,14 +196,12 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         parsed.err()
     }
 
-    /// Settings with one of them parsed from a text.
     fn with_parsed(&self, setting: &Setting<L>, layer: &L, text: &str) -> Result<L, String> {
         let mut changed = layer.clone();
         (setting.parse)(&mut changed, text.trim().as_ref()).map_err(|error| error.to_string())?;
         (self.check)(&changed).map(|()| changed)
     }
 
-    /// Draws a switch that is on by default.
     fn part(&self, setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
         let Some(&mut part) = (setting.flag)(layer) else { return };
         let mut is_on = part.unwrap_or(true);

@@ -1,30 +1,23 @@
 //! Top bar: menus, transport buttons, name, progress and level of detail. One row for all leaves more room
 //! for the viewport.
 
+use super::card::command_button;
 use super::menus;
-use super::menus::{MenuAnswer, MenuContext};
+use super::menus::{BarAnswer, MenuContext};
 use super::signal_color::SignalColor;
+use crate::app::action_finder::Action;
 use crate::app::command::UiCommand;
 use crate::app::detail::{
     COARSEST_PX, EffectiveScale, FINEST_PX, effective_scale, forecast, retrainable_run,
 };
 use crate::app::state::{RunState, Snapshot};
 use crate::train::scene::units::StructuralScale;
-use eframe::egui::{Button, Label, ProgressBar, RichText, Slider, Tooltip, Ui};
+use eframe::egui::{Label, ProgressBar, RichText, Slider, Tooltip, Ui};
 
-/// Groups of buttons, in order.
 const BUTTONS: [&[UiCommand]; 2] = [
     &[UiCommand::Open, UiCommand::OpenDemo, UiCommand::Save, UiCommand::Export],
     &[UiCommand::Train, UiCommand::Step, UiCommand::Follow, UiCommand::Reset],
 ];
-
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum TransportAnswer {
-    Command(UiCommand),
-    Menu(MenuAnswer),
-    /// Train on the same frames with the chosen level of detail.
-    Retrain,
-}
 
 /// Draws the bar. `scale` is the structural scale of the next run; `None` means that of the open run.
 pub fn ui(
@@ -32,10 +25,10 @@ pub fn ui(
     menu: &MenuContext<'_>,
     scale: &mut Option<StructuralScale>,
     ui: &mut Ui,
-) -> Option<TransportAnswer> {
+) -> Option<BarAnswer> {
     let mut asked = None;
     ui.horizontal_wrapped(|ui| {
-        asked = menus::ui(menu, ui).map(TransportAnswer::Menu);
+        asked = menus::ui(menu, ui);
         for group in BUTTONS {
             ui.separator();
             for &command in group {
@@ -44,8 +37,10 @@ pub fn ui(
                     (UiCommand::Train, RunState::Training) => UiCommand::Pause,
                     (other, _) => other,
                 };
-                if button(snapshot, ui, command) {
-                    asked = Some(TransportAnswer::Command(command));
+                let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
+                let is_on = command == UiCommand::Follow && snapshot.follows;
+                if command_button(command, is_on, why_not, ui) {
+                    asked = Some(BarAnswer::Action(Action::Command(command)));
                 }
             }
         }
@@ -62,19 +57,10 @@ pub fn ui(
             ui.spinner();
         }
         if detail(scale, snapshot, ui) {
-            asked = Some(TransportAnswer::Retrain);
+            asked = Some(BarAnswer::Retrain);
         }
     });
     asked
-}
-
-fn button(snapshot: &Snapshot, ui: &mut Ui, command: UiCommand) -> bool {
-    let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
-    let is_on = command == UiCommand::Follow && snapshot.follows;
-    let button = Button::new(command.label()).selected(is_on);
-    let response = ui.add_enabled(why_not.is_none(), button);
-    let response = response.on_hover_text(command.hint(ui.ctx()));
-    response.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
 }
 
 const WIDTH: f32 = 90.0;
@@ -143,8 +129,7 @@ fn forecast_card(
             "Depth noise limits it to {:.2e} world units; in Settings, a scale in world units may be half of that",
             next.length
         );
-        let color = SignalColor::Yellow.for_theme(ui.visuals().dark_mode);
-        ui.add(Label::new(RichText::new(text).color(color)).wrap());
+        ui.add(Label::new(SignalColor::Yellow.text(text, ui)).wrap());
     }
     match forecast(snapshot, next.length) {
         Some(forecast) => {

@@ -1,18 +1,26 @@
 //! Executes commands from buttons, shortcuts and window events.
 
 use super::Studio;
+use super::command_line::command_line;
+use super::dialogs::{Dialogs, help};
+use super::dock::reset_layout;
+use super::film_tools::FilmTools;
 use crate::app::action_finder::Action;
 use crate::app::command::UiCommand;
-use crate::app::opening::{Continuation, Pending};
-use crate::app::state::{GivenCalibration, NoticeKind, Opened, Snapshot, Subject};
-use crate::app::training::TrainSettings;
-use crate::app::worker::WorkerOrder;
-use crate::train::setting::Preset;
-use crate::train::setting::table::{SettingLayer, Spelling};
-use eframe::egui::{
-    Context, FocusDirection, InputState, Key, Modifiers, Popup, Ui, ViewportCommand,
-};
-use std::path::{Path, PathBuf, absolute};
+use crate::app::edit::editor::EditCounts;
+use crate::app::export_options;
+use crate::app::film::FilmRequest;
+use crate::app::panels::path::film_choices;
+use crate::app::panels::status::Answer;
+use crate::app::path_dialog::PathAnswer;
+use crate::app::rescue::AbandonedRun;
+use crate::app::state::{NoticeKind, RunState, Snapshot, Subject};
+use crate::app::viewer::export_preview::ExportChoice;
+use crate::app::worker::{Waker, WorkerOrder};
+use crate::export::ModelFormat;
+use crate::render::{Lens, RenderOptions};
+use eframe::egui::{FocusDirection, InputState, Key, Modifiers, Popup, Ui, ViewportCommand};
+use std::path::PathBuf;
 
 impl Studio {
     pub(super) fn apply_command(&mut self, command: UiCommand, snapshot: &Snapshot) {
@@ -21,7 +29,7 @@ impl Studio {
         }
         tracing::debug!("command: {command:?}");
         match command {
-            UiCommand::Open => self.open_dialog.show(),
+            UiCommand::Open => self.dialogs.open.show(),
             UiCommand::OpenDemo => {
                 self.confirm_then_send(WorkerOrder::Open(Subject::Demo), snapshot)
             }
@@ -36,26 +44,28 @@ impl Studio {
             }
             UiCommand::Follow => self.worker.send(WorkerOrder::Follow(!snapshot.follows)),
             UiCommand::Reset => self.confirm_then_send(WorkerOrder::Reset, snapshot),
-            UiCommand::Save => self.save_dialog.show(),
-            UiCommand::Export => self.export_dialog.show(),
+            UiCommand::Save => self.dialogs.save.show(),
+            UiCommand::Export => self.dialogs.export.show(),
             UiCommand::SavePicture => self.save_picture(snapshot),
             UiCommand::FrameStrip => self.layout.shows_frames = !self.layout.shows_frames,
-            UiCommand::ResetLayout => self.reset_layout(),
-            UiCommand::CompareModel => self.compare_dialog.show(),
+            UiCommand::ResetLayout => reset_layout(&mut self.layout, &self.shell.egui),
+            UiCommand::CompareModel => self.dialogs.compare.show(),
             UiCommand::RemoveModel => self.view.comparison.remove_model(),
             UiCommand::Deselect => {
                 self.worker.send(WorkerOrder::Inspect(None));
                 self.apply_to_view(command, snapshot);
             }
             UiCommand::CopyCommandLine => self.copy_command_line(snapshot),
-            UiCommand::Find => self.finder.show(),
-            UiCommand::FocusControls => self.egui.memory_mut(|memory| match memory.focused() {
-                Some(control) => memory.surrender_focus(control),
-                None => memory.move_focus(FocusDirection::Next),
-            }),
-            UiCommand::Help => self.help_is_open = !self.help_is_open,
+            UiCommand::Find => self.dialogs.finder.show(),
+            UiCommand::FocusControls => {
+                self.shell.egui.memory_mut(|memory| match memory.focused() {
+                    Some(control) => memory.surrender_focus(control),
+                    None => memory.move_focus(FocusDirection::Next),
+                })
+            }
+            UiCommand::Help => self.dialogs.help_is_open = !self.dialogs.help_is_open,
             // Returns as a close request, which may ask for confirmation first.
-            UiCommand::Quit => self.egui.send_viewport_cmd(ViewportCommand::Close),
+            UiCommand::Quit => self.shell.egui.send_viewport_cmd(ViewportCommand::Close),
             of_view => {
                 debug_assert!(of_view.is_view_command(), "{of_view:?} does nothing");
                 self.apply_to_view(of_view, snapshot);
@@ -75,15 +85,14 @@ impl Studio {
         let (kind, text) = match line {
             Ok(line) => {
                 let text = format!("Copied: {line}");
-                self.egui.copy_text(line);
+                self.shell.egui.copy_text(line);
                 (NoticeKind::Info, text)
             }
             Err(error) => (NoticeKind::Warning, error.to_string()),
         };
-        self.worker.send(WorkerOrder::Report(kind, text));
+        self.report(kind, text);
     }
 
-    /// Reason why an action is unavailable, if any.
     pub(super) fn unavailable_reason(
         &self,
         action: Action,
@@ -94,7 +103,7 @@ impl Studio {
                 let removes = command == UiCommand::RemoveModel;
                 let vain =
                     removes.then(|| self.view.comparison.remove_unavailable_reason()).flatten();
-                let useless = (!self.view.is_of_use(command)).then_some("Nothing to apply it to");
+                let useless = self.view.editor().unavailable_reason(command);
                 command.unavailable_reason(snapshot.state, snapshot.source).or(vain).or(useless)
             }
             (Action::Tab(_), _) => None,
@@ -104,7 +113,6 @@ impl Studio {
         }
     }
 
-    /// True if a toggle command is on.
     pub(super) fn is_on(&self, command: UiCommand, snapshot: &Snapshot) -> bool {
         let is_open = snapshot.opened.is_some();
         match command {
@@ -133,24 +141,15 @@ impl Studio {
     /// Executes shortcuts. Text fields, dialogs and menus have priority; a focused control receives the keys
     /// that activate it, change it or move the focus.
     pub(super) fn handle_shortcuts(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        let dialogs = [
-            &self.open_dialog,
-            &self.compare_dialog,
-            &self.save_dialog,
-            &self.export_dialog,
-            &self.film_dialog,
-        ];
-        let asks = self.pending.is_some()
-            || self.finder.is_open()
-            || Popup::is_any_open(ui.ctx())
-            || dialogs.iter().any(|dialog| dialog.is_open());
+        let asks =
+            self.unsaved.is_pending() || self.dialogs.take_keys() || Popup::is_any_open(ui.ctx());
         if asks || ui.ctx().text_edit_focused() {
             return;
         }
         // Escape closes the help window before it clears the selection.
         let closes = |i: &mut InputState| i.consume_key(Modifiers::NONE, Key::Escape);
-        if self.help_is_open && ui.input_mut(closes) {
-            self.help_is_open = false;
+        if self.dialogs.help_is_open && ui.input_mut(closes) {
+            self.dialogs.help_is_open = false;
         }
         // Shift+Tab moves the focus to the controls even though Tab alone is a command.
         let leads_on = ui.input(|i| i.modifiers.shift && i.key_pressed(Key::Tab));
@@ -187,184 +186,157 @@ impl Studio {
         let paths: Vec<PathBuf> =
             ui.input(|i| i.raw.dropped_files.iter().map(|file| file.path().to_owned()).collect());
         match <[PathBuf; 1]>::try_from(paths) {
-            Ok([path]) => self.confirm_then_send(order_to_open(path), snapshot),
+            Ok([path]) => self.open_path(path, snapshot),
             Err(none) if none.is_empty() => {}
             Err(several) => self.confirm_then_send(WorkerOrder::OpenFirst(several), snapshot),
         }
     }
 
-    /// Handles a request to close the window: unsaved training must be confirmed.
-    pub(super) fn handle_close_request(&mut self, ctx: &Context, snapshot: &Snapshot) {
-        if snapshot.is_terminated && !self.may_close {
-            // The program is terminated from outside, so no confirmation is possible.
-            self.may_close = true;
-            ctx.send_viewport_cmd(ViewportCommand::Close);
+    pub(super) fn confirm_then_send(&mut self, order: WorkerOrder, snapshot: &Snapshot) {
+        self.unsaved.send(order, &self.worker, snapshot);
+    }
+
+    pub(super) fn report(&self, kind: NoticeKind, text: String) {
+        self.worker.send(WorkerOrder::Report(kind, text));
+    }
+
+    /// Reports that a thread could not be started; true if it was.
+    fn is_started(&self, purpose: &str, started: std::io::Result<()>) -> bool {
+        if let Err(error) = &started {
+            let text = format!("cannot start a thread to {purpose}: {error}");
+            self.report(NoticeKind::Error, text);
         }
-        let asked = ctx.input(|i| i.viewport().close_requested());
-        if !asked || self.may_close {
-            return;
+        started.is_ok()
+    }
+
+    pub(super) fn handle_abandoned_answer(
+        &mut self,
+        run: &AbandonedRun,
+        answer: Option<Answer>,
+        snapshot: &Snapshot,
+    ) {
+        match answer {
+            None => {}
+            Some(Answer::Resume) => self.confirm_then_send(WorkerOrder::ResumeAbandoned, snapshot),
+            Some(Answer::Forget) => self.worker.send(WorkerOrder::DiscardAbandoned),
+            Some(Answer::NotNow) => self.panels.postponed_slot = Some(run.slot.clone()),
         }
-        // A pending confirmation or file now leads to closing, so that the same training is not confirmed
-        // twice.
-        let waiting = self.pending.take();
-        if waiting.is_none() && !snapshot.has_training_to_lose() {
-            return;
+    }
+
+    /// Draws the dialogs and acts on their answers.
+    pub(super) fn show_dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        let waker = self.shell.waker().clone();
+        // No action waits for this dialog, so cancelling it has no effect.
+        if let Some(PathAnswer::Path(path)) = self.dialogs.open.ui(ui, &waker, |_| (), |_| ()) {
+            self.open_path(path, snapshot);
         }
-        // Must be sent in this pass: eframe closes unless it finds this command in the same pass.
-        ctx.send_viewport_cmd(ViewportCommand::CancelClose);
-        if ctx.input(|i| i.viewport().minimized == Some(true)) {
-            // A minimised window, closed from the task bar, would hide the confirmation.
-            ctx.send_viewport_cmd(ViewportCommand::Minimized(false));
-            ctx.send_viewport_cmd(ViewportCommand::Focus);
+        if let Some(PathAnswer::Path(path)) = self.dialogs.compare.ui(ui, &waker, |_| (), |_| ()) {
+            let started = self.view.compare_with(path);
+            self.is_started("read the model", started);
         }
-        self.pending = Some(match waiting {
-            Some(waiting) => waiting.instead(Continuation::Close),
-            None => Pending::Asking(Continuation::Close),
+        match self.dialogs.save.ui(ui, &waker, |_| (), |_| ()) {
+            None => {}
+            Some(PathAnswer::Cancelled) => self.unsaved.cancel_naming(),
+            Some(PathAnswer::Path(path)) => {
+                let number = self.unsaved.begin_write(&self.worker);
+                self.worker.send(WorkerOrder::Save(number, path));
+            }
+        }
+        self.ask_export(ui, &waker, snapshot);
+        self.ask_film(ui, &waker, snapshot);
+        let notices = [self.film.thread.poll_notice(), self.film.still.take()];
+        notices.into_iter().flatten().for_each(|(kind, text)| self.report(kind, text));
+        help(ui, &mut self.dialogs.help_is_open);
+        let mut finder = std::mem::take(&mut self.dialogs.finder);
+        let chosen = finder.ui(ui, |action| self.unavailable_reason(action, snapshot).is_none());
+        self.dialogs.finder = finder;
+        if let Some(action) = chosen {
+            self.apply_action(action, snapshot);
+        }
+        // After the dialogs, so that a file named in this pass is already taken into account.
+        self.unsaved.resolve(&mut self.dialogs, &self.worker, ui, snapshot);
+    }
+
+    fn ask_export(&mut self, ui: &Ui, waker: &Waker, snapshot: &Snapshot) {
+        self.preview_export(snapshot);
+        let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
+        let (editor, palette) = self.view.editor_and_palette();
+        let counts = self.dialogs.export.is_open().then(|| editor.counts(palette));
+        let report = self.view.comparison.export_preview_report();
+        let Dialogs { mapping, export, .. } = &mut self.dialogs;
+        let previews = &mut self.view.settings.previews_export;
+        let choices = |ui: &mut Ui| {
+            if is_native {
+                export_options::ui(mapping, ui);
+            }
+            if let Some(EditCounts { all, left_out: n @ 1.., .. }) = counts {
+                ui.label(format!("{n} of {all} splats are excluded by edits (Edit tab)."));
+            }
+            export_options::preview(previews, ui);
+        };
+        let below = |ui: &mut Ui| export_options::report(report.as_ref(), ui);
+        match export.ui(ui, waker, choices, below) {
+            None => {}
+            Some(PathAnswer::Cancelled) => self.unsaved.cancel_naming(),
+            Some(PathAnswer::Path(path)) => {
+                let number = self.unsaved.begin_write(&self.worker);
+                let left_out = self.view.editor().left_out();
+                let order = WorkerOrder::Export(number, path, self.dialogs.mapping, left_out);
+                self.worker.send(order);
+            }
+        }
+    }
+
+    /// Previews the choices of the export dialog while it is open.
+    fn preview_export(&mut self, snapshot: &Snapshot) {
+        let Some(opened) = &snapshot.opened else { return };
+        let Dialogs { mapping, export, .. } = &self.dialogs;
+        let is_wanted = export.is_open() && self.view.settings.previews_export;
+        let format = is_wanted.then(|| ModelFormat::from_path(&export.entered()).ok());
+        let choice = format.flatten().map(|format| ExportChoice {
+            format,
+            mapping: *mapping,
+            left_out: self.view.editor().left_out(),
         });
+        let started = self.view.preview_export(choice, opened, snapshot.state);
+        if !self.is_started("preview the file", started) {
+            self.view.settings.previews_export = false;
+        }
+    }
+
+    fn save_picture(&mut self, snapshot: &Snapshot) {
+        let (Some(opened), Some(still)) = (&snapshot.opened, self.view.still()) else { return };
+        let path = opened.files.path("view.png");
+        let started = self.film.still.start(still, path, self.shell.waker().clone());
+        self.is_started("draw the picture", started);
+    }
+
+    fn ask_film(&mut self, ui: &Ui, waker: &Waker, snapshot: &Snapshot) {
+        let FilmTools { path, thread, .. } = &mut self.film;
+        let choices = |ui: &mut Ui| film_choices(path, ui);
+        let answer = self.dialogs.film.ui(ui, waker, choices, |_| ());
+        let Some(PathAnswer::Path(output)) = answer else { return };
+        let (Some(opened), Some(paced)) = (&snapshot.opened, path.paced()) else { return };
+        let settings = &self.view.settings;
+        let method = settings.method(settings.renderer, Lens::Pinhole);
+        let plain = RenderOptions::viewport(method, settings.background.rgb(), opened.home.radius);
+        let order = FilmRequest {
+            path: paced,
+            size: path.size,
+            output,
+            options: RenderOptions { exposure_mode: settings.exposing, ..plain },
+            left_out: self.view.editor().left_out(),
+            is_beside_training: snapshot.state == RunState::Training,
+        };
+        let started = thread.start(self.view.learned().clone(), order, waker.clone());
+        self.is_started("render the film", started);
     }
 }
 
 /// Order for a path: calibration files apply to the open dataset, everything else is opened.
-pub(super) fn order_to_open(path: PathBuf) -> WorkerOrder {
+fn order_to_open(path: PathBuf) -> WorkerOrder {
     match path.extension() {
         Some(extension) if extension == "ron" => WorkerOrder::Calibrate(path),
         _ => WorkerOrder::Open(Subject::Path(path)),
-    }
-}
-
-/// Reason why no equivalent command exists.
-#[derive(Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoCommandLine {
-    /// The built-in scene, which is not on disk.
-    #[error("the built-in scene has no folder that a command could name: open a dataset first")]
-    BuiltIn,
-    /// A path that is not UTF-8.
-    #[error("{0}: expected a path in UTF-8 for use in a command; rename it first")]
-    Path(PathBuf),
-    /// The calibration in use has no file.
-    #[error(
-        "the calibration in use came with a run, not from a file that a command could name: open its calibration file here first"
-    )]
-    Calibration,
-}
-
-/// Returns the `train` command, quoted for this platform's shell. Its output folder lies next to the open
-/// dataset.
-///
-/// # Errors
-/// [`NoCommandLine`] if no command reproduces the run.
-pub fn command_line(
-    opened: &Opened,
-    training: &TrainSettings,
-    calibration: Option<&GivenCalibration>,
-) -> Result<String, NoCommandLine> {
-    let dataset = opened.dataset.as_ref().ok_or(NoCommandLine::BuiltIn)?;
-    let folder = dataset.path.as_deref().ok_or(NoCommandLine::BuiltIn)?;
-    let mut words = vec!["vbgs-studio".to_owned(), "train".to_owned(), path(folder)?];
-    words.extend(["--out".to_owned(), path(&opened.files.path("run"))?]);
-    match &opened.path {
-        // A checkpoint stores its own settings.
-        Some(run) if run != folder => words.extend(["--resume".to_owned(), path(run)?]),
-        _ => {
-            words.extend(settings(training));
-            if let Some(given) = calibration {
-                let file = given.file.as_deref().ok_or(NoCommandLine::Calibration)?;
-                words.extend(["--calibration".to_owned(), path(file)?]);
-            }
-        }
-    }
-    if let Some(plan) = &opened.plan {
-        let measured = dataset.evaluation(plan.split).new_views;
-        if measured.split != plan.split {
-            words.extend(["--eval".to_owned(), dataset.splits[measured.split].name.clone()]);
-        }
-    }
-    Ok(words.iter().map(|word| shell_quoted(word)).collect::<Vec<_>>().join(" "))
-}
-
-fn settings(training: &TrainSettings) -> Vec<String> {
-    if training.preset == Preset::Paper {
-        let preset = ["--preset", "paper"].map(str::to_owned);
-        return preset.into_iter().chain(layer_options(&training.paper)).collect();
-    }
-    layer_options(&training.scene)
-}
-
-/// Options of the settings that differ from the preset.
-fn layer_options<L: SettingLayer>(layer: &L) -> Vec<String> {
-    let given = L::TABLE.iter().filter_map(|setting| {
-        let value = (setting.given)(layer)?;
-        match setting.about.spelling {
-            Spelling::Option(option, _) => Some([option.to_owned(), value]),
-            Spelling::Name => {
-                Some(["--set".to_owned(), format!("{}={value}", setting.about.field)])
-            }
-        }
-    });
-    given.flatten().collect()
-}
-
-/// Absolute path, since the shell's current folder may differ from the window's.
-fn path(path: &Path) -> Result<String, NoCommandLine> {
-    let full = absolute(path).unwrap_or_else(|_| path.to_owned());
-    full.to_str().map(str::to_owned).ok_or(NoCommandLine::Path(full))
-}
-
-/// Quotes a word for the shell if necessary.
-fn shell_quoted(word: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-./:=,+@%\\".contains(c);
-    if !word.is_empty() && word.chars().all(is_plain) && (cfg!(windows) || !word.contains('\\')) {
-        return word.to_owned();
-    }
-    if cfg!(windows) {
-        // File names contain no quotes on Windows.
-        format!("\"{word}\"")
-    } else {
-        format!("'{}'", word.replace('\'', r"'\''"))
-    }
-}
-
-#[cfg(test)]
-mod command_line_tests {
-    use super::*;
-    use crate::pipeline::settings::scene::SceneOverrides;
-    use crate::train::paper::config::Candidates;
-    use crate::train::scene::config::BirthRule;
-    use crate::train::scene::units::StructuralScale;
-
-    #[test]
-    #[cfg(unix)]
-    fn words_with_anything_but_plain_letters_are_quoted() {
-        for (word, expected) in [
-            ("--scale", "--scale"),
-            ("/a/b_c.1", "/a/b_c.1"),
-            ("", "''"),
-            ("a room", "'a room'"),
-            ("it's $HOME", r"'it'\''s $HOME'"),
-            (r"back\slash", r"'back\slash'"),
-            ("Küche", "'Küche'"),
-        ] {
-            assert_eq!(shell_quoted(word), expected);
-        }
-    }
-
-    #[test]
-    fn settings_are_said_as_the_command_line_says_them() {
-        let mut training = TrainSettings::default();
-        assert!(settings(&training).is_empty(), "defaults need no options");
-        training.scene = SceneOverrides {
-            scale: Some(StructuralScale::Pixels(1.5)),
-            births: Some(BirthRule::BodyCentred),
-            cosine: Some(false),
-            ..SceneOverrides::default()
-        };
-        let words = "--scale 1.5px --set births=body-centred --set cosine=false";
-        assert_eq!(settings(&training).join(" "), words);
-        training.preset = Preset::Paper;
-        assert_eq!(settings(&training), ["--preset", "paper"]);
-        training.paper.components = Some(2000);
-        training.paper.candidates = Some(Candidates::Dense);
-        let words = "--preset paper --set components=2000 --set candidates=dense";
-        assert_eq!(settings(&training).join(" "), words);
     }
 }

@@ -6,9 +6,9 @@ use crate::app::state::Snapshot;
 use crate::app::viewer::toolbar;
 use eframe::egui::containers::panel::PanelState;
 use eframe::egui::{
-    Align2, CentralPanel, Color32, CursorIcon, Frame, Id, LayerId, Margin, Order, Painter, Panel,
-    Rect, Response, Role, Sense, Stroke, StrokeKind, Style, TextStyle, TextWrapMode, Ui, UiBuilder,
-    Vec2, Visuals, WidgetInfo, WidgetText,
+    Align2, CentralPanel, Color32, Context, CursorIcon, Frame, Id, LayerId, Margin, Order, Painter,
+    Panel, Rect, Response, Role, Sense, Stroke, StrokeKind, Style, TextStyle, TextWrapMode, Ui,
+    UiBuilder, Vec2, Visuals, WidgetInfo, WidgetText,
 };
 use egui_tiles::{
     Behavior, EditAction, ResizeState, SimplificationOptions, TabState, Tabs, TileId, Tiles, Tree,
@@ -24,7 +24,6 @@ const TAB_MARGIN: Vec2 = Vec2::new(6.0, 2.0);
 /// Least margin of a tab's title in a narrow panel, points.
 const MIN_TAB_MARGIN: f32 = 2.0;
 
-/// Behaviour of the tiles during one pass.
 struct Dock<'a> {
     studio: &'a mut Studio,
     snapshot: &'a Snapshot,
@@ -32,7 +31,6 @@ struct Dock<'a> {
     /// Rectangle of the viewport, which is drawn after the panels so that their changes apply at once.
     picture_rect: Option<Rect>,
     is_dropped: bool,
-    /// Margin of the tab titles in the current tab bar.
     tab_margin: Vec2,
 }
 
@@ -160,55 +158,52 @@ impl Behavior<DockPane> for Dock<'_> {
     }
 }
 
-impl Studio {
-    /// Draws panels and viewport in the remaining room.
-    pub(super) fn tiles(&mut self, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
-        self.layout.resize(ui.available_size(), GAP);
-        let before = self.layout.tree.clone();
-        let nothing = Tree::empty(before.id());
-        let mut tree = std::mem::replace(&mut self.layout.tree, nothing);
-        let picture = tree.tiles.find_pane(&DockPane::Picture);
-        let mut dock = Dock {
-            studio: self,
-            snapshot,
-            picture,
-            picture_rect: None,
-            is_dropped: false,
-            tab_margin: TAB_MARGIN,
-        };
-        tree.ui(&mut dock, ui);
-        let Dock { picture_rect: place, is_dropped, .. } = dock;
-        // A panel dropped on the middle of the viewport would hide it behind a tab.
-        self.layout.tree = if is_dropped && !is_valid(&tree) { before } else { tree };
-        let Some(place) = place else { return };
-        let mut ui = ui.new_child(UiBuilder::new().max_rect(place).id_salt("picture"));
-        ui.set_clip_rect(place);
-        self.picture(&mut ui, frame, snapshot);
-    }
+/// Draws panels and viewport in the remaining room.
+pub(super) fn tiles(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
+    studio.layout.resize(ui.available_size(), GAP);
+    let before = studio.layout.tree.clone();
+    let nothing = Tree::empty(before.id());
+    let mut tree = std::mem::replace(&mut studio.layout.tree, nothing);
+    let picture = tree.tiles.find_pane(&DockPane::Picture);
+    let mut dock = Dock {
+        studio: &mut *studio,
+        snapshot,
+        picture,
+        picture_rect: None,
+        is_dropped: false,
+        tab_margin: TAB_MARGIN,
+    };
+    tree.ui(&mut dock, ui);
+    let Dock { picture_rect: place, is_dropped, .. } = dock;
+    // A panel dropped on the middle of the viewport would hide it behind a tab.
+    studio.layout.tree = if is_dropped && !is_valid(&tree) { before } else { tree };
+    let Some(place) = place else { return };
+    let mut ui = ui.new_child(UiBuilder::new().max_rect(place).id_salt("picture"));
+    ui.set_clip_rect(place);
+    viewport(studio, &mut ui, frame, snapshot);
+}
 
-    /// Draws the viewport with its toolbar and overlays.
-    fn picture(&mut self, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
-        if let Some(opened) = &snapshot.opened {
-            let asked = Panel::top("viewport bar").frame(frame).show(ui, |ui| {
-                ui.add_space(2.0);
-                let asked = toolbar::ui(&mut self.view, snapshot, opened, ui);
-                ui.add_space(2.0);
-                asked
-            });
-            if let Some(command) = asked.inner {
-                self.apply_command(command, snapshot);
-            }
-        }
-        // The central panel comes last: egui gives it the room left by the others.
-        CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
-            let noticed = self.notices.ui(snapshot, ui);
-            self.central_view(ui, snapshot, noticed);
+/// Draws the viewport with its toolbar and overlays.
+fn viewport(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
+    if let Some(opened) = &snapshot.opened {
+        let asked = Panel::top("viewport bar").frame(frame).show(ui, |ui| {
+            ui.add_space(2.0);
+            let asked = toolbar::ui(&mut studio.view, snapshot, opened, ui);
+            ui.add_space(2.0);
+            asked
         });
+        if let Some(command) = asked.inner {
+            studio.apply_command(command, snapshot);
+        }
     }
+    // The central panel comes last: egui gives it the room left by the others.
+    CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
+        let noticed = studio.panels.notices.ui(snapshot, ui);
+        studio.central_view(ui, snapshot, noticed);
+    });
+}
 
-    /// Restores the default layout.
-    pub(super) fn reset_layout(&mut self) {
-        self.layout = WindowLayout::default();
-        self.egui.data_mut(|data| data.remove_by_type::<PanelState>());
-    }
+pub(super) fn reset_layout(layout: &mut WindowLayout, egui: &Context) {
+    *layout = WindowLayout::default();
+    egui.data_mut(|data| data.remove_by_type::<PanelState>());
 }

@@ -7,11 +7,10 @@ use crate::app::drawing::ViewRenderer;
 use crate::app::exit::ExitReason;
 use crate::app::layout::SideTab;
 use crate::app::panels::card::CardPlace;
-use crate::app::panels::path::PathRequest;
 use crate::app::panels::quality::EvidenceHistogram;
 use crate::app::panels::ready::SummaryAnswer;
-use crate::app::panels::settings::{AdapterRequest, SettingsAnswer};
-use crate::app::panels::{edit, inspector, latency, path, quality, ready, settings};
+use crate::app::panels::settings::SettingsAnswer;
+use crate::app::panels::{edit, inspector, latency, quality, ready, settings};
 use crate::app::state::{NoticeKind, Opened, RunState, Snapshot, Source};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::painter::ViewPainter;
@@ -19,7 +18,6 @@ use crate::app::viewer::toolbar::ViewMode;
 use crate::app::viewport;
 use crate::app::viewport::{GpuViewPainter, WindowDevice};
 use crate::app::worker::WorkerOrder;
-use crate::export::camera_path::PacedPath;
 use crate::train::scene::units::StructuralScale;
 use eframe::egui::Ui;
 
@@ -50,7 +48,7 @@ impl Studio {
         let opened = snapshot.opened.as_deref();
         let evidence = self.evidence(snapshot);
         let thumbnails = opened.and_then(|opened| self.view.thumbnails(opened));
-        let (known, plot) = (&self.quality, &mut self.quality_plot);
+        let (known, plot) = (&self.quality, &mut self.panels.quality_plot);
         let asked =
             quality::ui(known, snapshot, thumbnails, plot, &mut every, evidence.as_ref(), ui);
         self.view.settings.quality_every = every;
@@ -64,62 +62,16 @@ impl Studio {
             ui.label("Nothing is open.");
             return;
         };
-        let file = opened.files.path("path.json");
-        match path::ui(&mut self.path, &file, self.film.share(), ui) {
-            None => {}
-            Some(PathRequest::Add) => {
-                if let Some(camera) = self.view.camera.keyframe() {
-                    self.path.add(camera);
-                }
-            }
-            Some(PathRequest::Replace(i)) => {
-                if let Some(camera) = self.view.camera.keyframe() {
-                    self.path.replace(i, camera);
-                }
-            }
-            Some(PathRequest::Turntable) => {
-                if let Some(path) = self.view.camera.turntable() {
-                    self.path.take(&PacedPath { path, fps: self.path.fps });
-                }
-            }
-            Some(PathRequest::Film) => self.film_dialog.show(),
-            Some(PathRequest::CancelFilm) => self.film.cancel(),
-            Some(PathRequest::Show(moment)) => self.view.move_to_keyframe(moment),
-            Some(PathRequest::Save(json)) => self.worker.send(WorkerOrder::WriteText(file, json)),
-            Some(PathRequest::Open(file)) => {
-                if let Err(error) = self.path.open(&file, self.view.camera.up()) {
-                    self.worker.send(WorkerOrder::Report(NoticeKind::Error, error.to_string()));
-                }
-            }
-        }
-    }
-
-    /// Advances a playing path; moving the camera by hand stops it.
-    pub(super) fn play_path(&mut self, ui: &Ui) {
-        if !self.path.is_playing {
-            self.is_at_path_moment = false;
-            return;
-        }
-        if self.is_at_path_moment && !self.view.camera.is_along() {
-            (self.path.is_playing, self.is_at_path_moment) = (false, false);
-            return;
-        }
-        // The first pass shows the moment at which the path was stopped.
-        let seconds =
-            if self.is_at_path_moment { f64::from(ui.input(|i| i.stable_dt)) } else { 0.0 };
-        match self.path.advance(seconds) {
-            Some(moment) => self.view.move_to_keyframe(moment),
-            None => self.path.is_playing = false,
-        }
-        self.is_at_path_moment = true;
-        ui.ctx().request_repaint();
+        self.film.panel(&mut self.view, &mut self.dialogs.film, &self.worker, opened, ui);
     }
 
     fn settings(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         let own_fov_deg = self.view.camera.own_fov_deg();
-        let around =
-            settings::SettingsContext { adapter: &self.renderer_description(), own_fov_deg };
-        let adapters = self.device.as_ref().map(|device| settings::Adapters {
+        let around = settings::SettingsContext {
+            adapter: &self.shell.renderer(self.view.painter.gpu_failed()),
+            own_fov_deg,
+        };
+        let adapters = self.shell.device.as_ref().map(|device| settings::Adapters {
             there: &device.there,
             current: &device.adapter,
             gpu_failed: self.view.painter.gpu_failed(),
@@ -133,37 +85,27 @@ impl Studio {
         match asked {
             None => {}
             Some(SettingsAnswer::Command(command)) => self.apply_command(command, snapshot),
-            Some(SettingsAnswer::Adapter(AdapterRequest::RetryGpu)) => self.retry_gpu(),
-            Some(SettingsAnswer::Adapter(AdapterRequest::Adapter(choice))) => {
+            Some(SettingsAnswer::RetryGpu) => self.retry_gpu(),
+            Some(SettingsAnswer::Adapter(choice)) => {
                 // Reports about the current adapter would be misread as those of the next one.
                 self.worker.send(WorkerOrder::ForgetReports);
-                self.close_window(ExitReason::Adapter(choice), ui.ctx());
+                self.close_window(ExitReason::Adapter(choice));
             }
-        }
-    }
-
-    /// Description of the renderer in use, including a fallback to the CPU.
-    pub(super) fn renderer_description(&self) -> String {
-        match &self.device {
-            Some(device) if self.view.painter.gpu_failed() => {
-                format!("CPU renderer, since the GPU failed; window by {}", device.adapter)
-            }
-            _ => self.adapter.clone(),
         }
     }
 
     pub(super) fn retry_gpu(&mut self) {
-        let Some(WindowDevice { state, faults, .. }) = &self.device else { return };
+        let Some(WindowDevice { state, faults, .. }) = &self.shell.device else { return };
         faults.take_new(); // earlier errors are already reported
-        match GpuViewPainter::new(state, faults.clone(), self.window_waker.waker().clone()) {
+        match GpuViewPainter::new(state, faults.clone()) {
             Ok(painter) => {
                 self.view.set_painter(ViewPainter::Gpu(Box::new(painter)));
-                self.adapter = viewport::capabilities(state).to_string();
+                self.shell.adapter = viewport::capabilities(state).to_string();
                 self.worker.send(WorkerOrder::ForgetReports);
             }
             Err(error) => {
                 let text = format!("the GPU still cannot draw the scene: {error}");
-                self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
+                self.report(NoticeKind::Error, text);
             }
         }
     }
@@ -171,18 +113,16 @@ impl Studio {
     /// Reports errors of drawing the window itself, which no one else collects while the CPU draws the scene.
     pub(super) fn report_faults(&self) {
         let is_on_cpu = self.view.painter.drawn().drawer == ViewRenderer::Cpu;
-        let Some(device) = self.device.as_ref().filter(|_| is_on_cpu) else { return };
+        let Some(device) = self.shell.device.as_ref().filter(|_| is_on_cpu) else { return };
         for fault in device.faults.take_new() {
             let text = format!(
                 "drawing the window failed: {}; if parts of it are missing, choose another adapter in Settings",
                 fault.message
             );
-            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
+            self.report(NoticeKind::Error, text);
         }
     }
-}
 
-impl Studio {
     /// Draws the card of the current state, if it has one, below `noticed` points of notices.
     pub(super) fn cards(&mut self, ui: &Ui, snapshot: &Snapshot, noticed: f32) {
         let Some(opened) = &snapshot.opened else { return };
@@ -190,7 +130,7 @@ impl Studio {
         if snapshot.state == RunState::Ready && snapshot.frames_done == 0 {
             self.ready_card(opened, place, ui, snapshot);
         }
-        let is_read = self.closed_summary_serial == opened.serial;
+        let is_read = self.panels.closed_summary_serial == opened.serial;
         let is_plain = self.view.comparison.mode() == ViewMode::Single
             && self.view.settings.color_mode == ColorMode::Color;
         let is_done = snapshot.state == RunState::Finished && snapshot.source == Source::Dataset;
@@ -224,7 +164,7 @@ impl Studio {
         });
         match ready::summary(snapshot, &self.quality, forecast.as_deref(), place, ui) {
             None => {}
-            Some(SummaryAnswer::Close) => self.closed_summary_serial = opened.serial,
+            Some(SummaryAnswer::Close) => self.panels.closed_summary_serial = opened.serial,
             Some(SummaryAnswer::Quality) => self.layout.activate(SideTab::Quality),
             Some(SummaryAnswer::Command(command)) => self.apply_command(command, snapshot),
             Some(SummaryAnswer::Finer) => {
@@ -255,9 +195,7 @@ impl Studio {
             self.worker.send(WorkerOrder::Reset);
         }
     }
-}
 
-impl Studio {
     pub(super) fn edit_tab(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else {
             ui.label("Nothing is open.");

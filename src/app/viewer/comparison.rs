@@ -9,7 +9,6 @@ use super::photo::{
 use super::settings::ViewSettings;
 use super::toolbar::ViewMode;
 use super::viewpoint::Viewpoint;
-use crate::app::background_job::BackgroundJob;
 use crate::app::opening::{BareSplats, OpenError, read_splats};
 use crate::app::splat_updates::SplatChange;
 use crate::app::state::{NoticeKind, Opened};
@@ -19,6 +18,7 @@ use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::framing;
+use crate::pipeline::job::Job;
 use crate::render::compare::{Area, Combination};
 use crate::render::{Exposing, Lens, Paint, RenderOptions, Renderer};
 use eframe::egui::{Rect, Ui};
@@ -31,7 +31,7 @@ pub struct Comparison {
     /// Position of the wipe divider, as a share of the viewport's width.
     divider: f32,
     model: Option<Arc<ComparedModel>>,
-    reading: Option<(PathBuf, BackgroundJob<ReadModel>)>,
+    reading: Option<(PathBuf, Job<ReadModel>)>,
     /// Replaces `model` while an export is previewed.
     pub(super) preview: ExportPreview,
     mode_before_preview: Option<ViewMode>,
@@ -74,7 +74,7 @@ impl Comparison {
     /// Starts reading a checkpoint or splat file to compare with; replaces a read in progress.
     pub(super) fn read(&mut self, path: PathBuf, waker: &Waker) -> std::io::Result<()> {
         let file = path.clone();
-        let job = BackgroundJob::start("second model", waker.clone(), move || read(&file))?;
+        let job = Job::start_waking("second model", waker.clone(), move || read(&file))?;
         self.reading = Some((path, job));
         Ok(())
     }

@@ -3,7 +3,7 @@
 use super::photo::PictureRequest;
 use super::world_painter::WorldPainter;
 use crate::app::edit::editor::Editor;
-use crate::app::edit::history::{Edits, SelectMode};
+use crate::app::edit::marks::SelectMode;
 use crate::app::edit::visible::slots_within;
 use crate::app::palette::Palette;
 use eframe::egui::{Color32, PointerButton, Pos2, Rect, Response, Stroke, StrokeKind, Ui, Vec2};
@@ -71,15 +71,15 @@ impl EditTool {
                 }
             }
             Some(EditDrag::Face(face)) => {
-                if let (Some(crop), Some(world)) = (editor.edits().crop, world) {
+                if let (Some(crop), Some(world)) = (editor.edits().crop(), world) {
                     let crop = drag_face(world, crop, face, response.drag_delta());
-                    let next = Edits { crop: Some(crop), ..editor.edits().clone() };
-                    editor.history().drag(next);
+                    let next = editor.edits().with_crop(Some(crop));
+                    editor.log.drag(next);
                 }
             }
         }
         if !response.dragged_by(PointerButton::Primary) {
-            editor.history().end_drag();
+            editor.log.end_drag();
             self.drag = None;
         }
     }
@@ -117,24 +117,25 @@ fn select(
         modifiers if modifiers.shift => SelectMode::Add,
         _ => SelectMode::Replace,
     };
-    editor.select(slots.collect(), palette, how);
+    editor.select(slots, palette, how);
 }
 
 /// Crop box, while its panel is open.
 fn crop_shown(editor: &Editor) -> Option<[DVec3; 2]> {
-    editor.edits().crop.filter(|_| editor.needs_attributes)
+    editor.edits().crop().filter(|_| editor.needs_attributes)
 }
 
 const EDGE: Color32 = Color32::from_rgb(120, 220, 255);
 /// Radius of a handle and of its grab area, points.
 const HANDLE: f32 = 6.0;
 const GRIP: f32 = 12.0;
-const N_FACES: usize = 6;
 
-fn middle([low, high]: [DVec3; 2], face: usize) -> DVec3 {
-    let (axis, mut at) = (face / 2, 0.5 * (low + high));
-    at[axis] = if face.is_multiple_of(2) { low[axis] } else { high[axis] };
-    at
+fn face_centres(crop: [DVec3; 2]) -> [DVec3; 6] {
+    std::array::from_fn(|face| {
+        let mut at = 0.5 * (crop[0] + crop[1]);
+        at[face / 2] = crop[face % 2][face / 2];
+        at
+    })
 }
 
 fn draw(world: &WorldPainter, crop: [DVec3; 2]) {
@@ -146,22 +147,24 @@ fn draw(world: &WorldPainter, crop: [DVec3; 2]) {
             world.line(ends, Stroke::new(1.5, EDGE));
         }
     }
-    for at in (0..N_FACES).filter_map(|face| world.position(middle(crop, face))) {
+    for at in face_centres(crop).into_iter().filter_map(|centre| world.position(centre)) {
         world.painter().circle(at, HANDLE, EDGE, Stroke::new(1.5, Color32::BLACK));
     }
 }
 
 /// Returns the face whose handle is at a window position.
 fn face_at(world: &WorldPainter, crop: [DVec3; 2], at: Pos2) -> Option<usize> {
-    let distance = |face| Some((world.position(middle(crop, face))?.distance(at), face));
-    let nearest = (0..N_FACES).filter_map(distance).min_by(|a, b| a.0.total_cmp(&b.0));
+    let distance =
+        |(face, centre): (usize, DVec3)| Some((world.position(centre)?.distance(at), face));
+    let all = face_centres(crop).into_iter().enumerate().filter_map(distance);
+    let nearest = all.min_by(|a, b| a.0.total_cmp(&b.0));
     nearest.filter(|(distance, _)| *distance <= GRIP).map(|(_, face)| face)
 }
 
 /// Returns the box with one face moved along its axis by a drag of `by` points, at most to the opposite
 /// face.
 fn drag_face(world: &WorldPainter, crop: [DVec3; 2], face: usize, by: Vec2) -> [DVec3; 2] {
-    let (axis, at) = (face / 2, middle(crop, face));
+    let (axis, at) = (face / 2, face_centres(crop)[face]);
     // A small step along the axis gives its direction and scale on screen.
     let step = 1e-3 * (crop[1] - crop[0]).max_element().max(f64::MIN_POSITIVE);
     let ends = [at, at + step * DVec3::AXES[axis]].map(|end| world.position(end));

@@ -7,7 +7,6 @@
 use super::comparison::ComparedModel;
 use super::frame_refs::fit;
 use super::photo::PictureRequest;
-use crate::app::background_job::BackgroundJob;
 use crate::app::edit::marks::LeftOut;
 use crate::app::export_options::losses;
 use crate::app::view_thread::{one_thread, run_in, take_finished};
@@ -18,6 +17,7 @@ use crate::export::{Fault, ModelFormat, WriteOptions, WriteProgress, read_back};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::framing;
+use crate::pipeline::job::Job;
 use crate::render::cpu::CpuRenderer;
 use crate::render::{DisplayStyle, Paint, RenderOptions};
 use glam::DVec3;
@@ -62,7 +62,7 @@ struct Converted {
 
 /// Conversion in progress; dropping it cancels the work.
 struct Converting {
-    job: BackgroundJob<Result<Converted, String>>,
+    job: Job<Result<Converted, String>>,
     is_wanted: Arc<AtomicBool>,
 }
 
@@ -82,7 +82,7 @@ pub(super) struct ExportPreview {
     converted: Option<Result<Converted, String>>,
     is_stale: bool,
     begun_at: Option<Instant>,
-    measuring: Option<(Measure, BackgroundJob<f64>)>,
+    measuring: Option<(Measure, Job<f64>)>,
     measured: Option<(Measure, f64)>,
 }
 
@@ -137,7 +137,7 @@ impl ExportPreview {
             let converted = run_in(aside.as_ref(), || convert(scene, &choice, frame, &flag));
             converted.map_err(|fault| fault.to_string())
         };
-        let job = BackgroundJob::start("export preview", waker.clone(), convert)?;
+        let job = Job::start_waking("export preview", waker.clone(), convert)?;
         self.converting = Some(Converting { job, is_wanted });
         (self.is_stale, self.begun_at) = (false, Some(Instant::now()));
         Ok(())
@@ -197,7 +197,7 @@ impl ExportPreview {
         // The job owns its reference to the scene and drops it before the result arrives, so that the
         // next change of the splats need not copy them.
         let figure = move || run_in(aside.as_ref(), || psnr_between(&scene, &of));
-        let job = BackgroundJob::start("export figure", waker.clone(), figure)?;
+        let job = Job::start_waking("export figure", waker.clone(), figure)?;
         self.measuring = Some((measure, job));
         Ok(())
     }

@@ -280,25 +280,6 @@ impl SceneView {
         (&mut self.editor, &self.palette)
     }
 
-    /// Number of splats that an export leaves out, and of all splats; `None` if none are left out.
-    pub fn n_left_out(&mut self) -> Option<(usize, usize)> {
-        let counts = self.editor.counts(&self.palette);
-        (counts.left_out > 0).then_some((counts.left_out, counts.all))
-    }
-
-    /// True if an edit command would change anything; always true for other commands.
-    pub fn is_of_use(&self, command: UiCommand) -> bool {
-        let edits = self.editor.edits();
-        match command {
-            UiCommand::Undo => self.editor.can_undo(),
-            UiCommand::Redo => self.editor.can_redo(),
-            UiCommand::HideSelected | UiCommand::DeleteSelected => !edits.selected.is_empty(),
-            UiCommand::ShowHidden => !edits.hidden.is_empty(),
-            UiCommand::RestoreDeleted => !edits.deleted.is_empty(),
-            _ => true,
-        }
-    }
-
     /// Attribute that the worker delivers with components: the displayed one, else evidence if a panel
     /// or the birth filter needs attributes.
     fn watched_attribute(&self) -> Option<Attribute> {

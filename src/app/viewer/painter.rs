@@ -123,7 +123,7 @@ impl ViewPainter {
             let who = format!("CPU renderer; window by {capabilities}");
             return Ok((Self::software(waker)?, who));
         }
-        match GpuViewPainter::new(state, faults.clone(), waker.clone()) {
+        match GpuViewPainter::new(state, faults.clone()) {
             Ok(painter) => Ok((Self::Gpu(Box::new(painter)), capabilities.to_string())),
             Err(error) => {
                 // The adapter may still draw the window itself; only the scene falls back to the CPU.

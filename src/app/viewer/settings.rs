@@ -107,14 +107,9 @@ impl Default for ViewSettings {
 }
 
 impl ViewSettings {
-    /// Reads settings written by [`Self::to_text`]. Unreadable text yields the defaults and a notice.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
         let (read, notice) = settings_file::from_text::<Self>("the viewport", text);
         (read.in_range(), notice)
-    }
-
-    pub fn to_text(&self) -> Result<String, ron::Error> {
-        ron::to_string(self)
     }
 
     fn in_range(self) -> Self {
@@ -207,7 +202,7 @@ mod tests {
             color_mode: ColorMode::Depth,
             ..ViewSettings::default()
         };
-        let (read, notice) = ViewSettings::from_text(&chosen.to_text().unwrap());
+        let (read, notice) = ViewSettings::from_text(&ron::to_string(&chosen).unwrap());
         assert_eq!(read, ViewSettings { color_mode: ColorMode::Color, ..chosen });
         assert_eq!(notice, None);
     }

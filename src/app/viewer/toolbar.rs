@@ -4,12 +4,12 @@ use super::SceneView;
 use super::comparison::ComparedModel;
 use super::settings::GAINS;
 use crate::app::color_mode::ColorMode;
-use crate::app::command::UiCommand;
-use crate::app::panels::card::named;
+use crate::app::command::{UiCommand, labelled};
+use crate::app::panels::card::{command_button, entry, named};
 use crate::app::panels::settings::lens;
 use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
-use eframe::egui::{Button, ComboBox, DragValue, Label, RichText, Ui};
+use eframe::egui::{ComboBox, DragValue, Label, RichText, Ui};
 
 /// Maximum height of the comparison menu, points; it fits without scrolling.
 const MENU: f32 = 400.0;
@@ -63,22 +63,9 @@ pub fn ui(
     asked
 }
 
-fn entry(
-    (label, is_chosen): (&str, bool),
-    tooltip: &str,
-    why_not: Option<&str>,
-    ui: &mut Ui,
-) -> bool {
-    ui.add_enabled(why_not.is_none(), Button::selectable(is_chosen, label))
-        .on_hover_text(tooltip)
-        .on_disabled_hover_text(why_not.unwrap_or_default())
-        .clicked()
-}
-
 fn toggle(command: UiCommand, is_on: bool, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
-    let legal = command.is_available(snapshot.state, snapshot.source);
-    let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
-    response.on_hover_text(command.hint(ui.ctx())).clicked().then_some(command)
+    let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
+    command_button(command, is_on, why_not, ui).then_some(command)
 }
 
 fn renderers(view: &mut SceneView, ui: &mut Ui) {
@@ -87,9 +74,10 @@ fn renderers(view: &mut SceneView, ui: &mut Ui) {
         (Renderer::Projected, "Projected", "Each splat's covariance projected to the image (Tab)"),
         (Renderer::Exact, "Exact", "Each splat's response along the pixel's true ray (Tab)"),
     ] {
-        let is_unsupported = fisheye && renderer == Renderer::Projected;
-        let why_not = is_unsupported.then_some("Only the exact renderer supports a fisheye");
-        if entry((label, view.settings.renderer == renderer), tooltip, why_not, ui) {
+        let is_chosen = view.settings.renderer == renderer;
+        let why_not = (fisheye && renderer == Renderer::Projected)
+            .then_some("Only the exact renderer supports a fisheye");
+        if entry(is_chosen, [label, tooltip], why_not, ui) {
             view.settings.renderer = renderer;
         }
     }
@@ -105,7 +93,7 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand
         .show_ui(ui, |ui| {
             for mode in ViewMode::ALL {
                 let why_not = view.mode_unavailable_reason(mode, opened);
-                if entry((mode.label(), shown == mode), mode.tooltip(), why_not, ui) {
+                if entry(shown == mode, [mode.label(), mode.tooltip()], why_not, ui) {
                     view.set_mode(mode, opened);
                 }
             }
@@ -114,7 +102,7 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand
                 let removes = command == UiCommand::RemoveModel;
                 let why_not =
                     removes.then(|| view.comparison.remove_unavailable_reason()).flatten();
-                if entry((command.label(), false), command.tooltip(), why_not, ui) {
+                if entry(false, [command.label(), command.tooltip()], why_not, ui) {
                     asked = Some(command);
                 }
             }
@@ -132,7 +120,7 @@ fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
         .show_ui(ui, |ui| {
             for mode in ColorMode::ALL {
                 let why_not = mode.unavailable_reason(opened.available_modes);
-                if entry((mode.label(), shown == mode), mode.tooltip(), why_not, ui) {
+                if entry(shown == mode, [mode.label(), mode.tooltip()], why_not, ui) {
                     view.settings.color_mode = mode;
                 }
             }
@@ -178,55 +166,18 @@ pub enum ViewMode {
     Preparation,
 }
 
+labelled! { ViewMode:
+    Single: "Single", "The chosen renderer alone";
+    Wipe: "Wipe renderers", "Projected left of a draggable divider, exact right of it";
+    Difference: "Renderer difference", "Amplified difference between projected and exact renderer";
+    PhotoWipe: "Wipe photograph", "Render left of a draggable divider, photograph right of it";
+    PhotoDifference: "Photograph difference", "Amplified difference between render and photograph";
+    ModelWipe: "Wipe models", "Scene left of a draggable divider, second model right of it";
+    ModelDifference: "Model difference", "Amplified difference between the scene and the second model";
+    Preparation: "Preparation", "Which pixels of the photograph become points, and why the others are dropped";
+}
+
 impl ViewMode {
-    pub const ALL: [ViewMode; 8] = [
-        ViewMode::Single,
-        ViewMode::Wipe,
-        ViewMode::Difference,
-        ViewMode::PhotoWipe,
-        ViewMode::PhotoDifference,
-        ViewMode::ModelWipe,
-        ViewMode::ModelDifference,
-        ViewMode::Preparation,
-    ];
-
-    /// Label and tooltip in menus.
-    fn texts(self) -> (&'static str, &'static str) {
-        match self {
-            ViewMode::Single => ("Single", "The chosen renderer alone"),
-            ViewMode::Wipe => {
-                ("Wipe renderers", "Projected left of a draggable divider, exact right of it")
-            }
-            ViewMode::Difference => {
-                ("Renderer difference", "Amplified difference between projected and exact renderer")
-            }
-            ViewMode::PhotoWipe => {
-                ("Wipe photograph", "Render left of a draggable divider, photograph right of it")
-            }
-            ViewMode::PhotoDifference => {
-                ("Photograph difference", "Amplified difference between render and photograph")
-            }
-            ViewMode::ModelWipe => {
-                ("Wipe models", "Scene left of a draggable divider, second model right of it")
-            }
-            ViewMode::ModelDifference => {
-                ("Model difference", "Amplified difference between the scene and the second model")
-            }
-            ViewMode::Preparation => (
-                "Preparation",
-                "Which pixels of the photograph become points, and why the others are dropped",
-            ),
-        }
-    }
-
-    pub fn label(self) -> &'static str {
-        self.texts().0
-    }
-
-    pub fn tooltip(self) -> &'static str {
-        self.texts().1
-    }
-
     pub fn has_photo(self) -> bool {
         matches!(self, ViewMode::PhotoWipe | ViewMode::PhotoDifference)
     }

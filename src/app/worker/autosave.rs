@@ -1,218 +1,317 @@
-//! Autosave of the training run, and resuming a run that an earlier window left behind.
+//! Autosave of the training run, which is also stored when the program ends unexpectedly.
 //!
 //! Nothing is written before training has lasted the interval, and nothing of the demo, which can be
 //! recomputed. The autosave is removed once the user has saved the run to a file or discarded it.
 
-use super::thread::{RunAutosave, WorkerThread};
-use crate::app::abandoned::{AbandonedRun, AutosaveSlot};
-use crate::app::opening::Content;
-use crate::app::rescue::Rescue;
-use crate::app::state::{GivenCalibration, NoticeKind, RunState, Subject};
-use crate::app::{abandoned, opening};
-use crate::pipeline::autosave::{Autosave, AutosaveInterval, SaveOutcome};
+use crate::app::rescue::{self, AbandonedRun, AutosaveSlot, Rescue};
+use crate::pipeline::autosave::{Autosave, AutosaveInterval};
+use crate::pipeline::session::Session;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Subfolder of the first rescue folder.
-const FOLDER: &str = "autosave";
+/// Autosave of the open run.
+pub struct Files {
+    /// Folders for slots; the further ones are only used when the program ends unexpectedly.
+    folders: Vec<PathBuf>,
+    saver: Saver,
+    /// Number of trained frames that no checkpoint holds.
+    n_unsaved: usize,
+}
 
-impl WorkerThread {
-    /// Between two turns: starts an autosave if one is due, and reports a failed one.
-    pub(super) fn autosave(&mut self) {
-        let Some(seconds) = self.training.autosave_s else { return };
-        let time = Duration::from_secs(seconds.into());
-        let Some(Content::Session(session)) = &self.content else { return };
-        let outcome = match &mut self.saver {
-            RunAutosave::Off => None,
-            RunAutosave::On(autosave, _) => {
-                autosave.set_interval(AutosaveInterval { frames: None, time: Some(time) });
-                autosave.poll(session)
-            }
-            RunAutosave::Waiting(_) if self.frames_since_checkpoint == 0 => None,
-            RunAutosave::Waiting(since) => {
-                let is_due = since.get_or_insert_with(Instant::now).elapsed() >= time;
-                if is_due {
-                    self.start_autosave();
-                }
-                return;
-            }
-        };
-        self.report_autosave(outcome);
+enum Saver {
+    /// Nothing was saved yet; since this moment there is something to save, if there is.
+    Waiting(Option<Instant>),
+    On(Autosave, AutosaveSlot),
+    /// Off: it failed, of which the user was warned, or does not apply.
+    Off,
+    /// The run was stored because of a panic or a termination; its slot is released.
+    Stored(Rescue),
+}
+
+impl Files {
+    pub fn new(folders: Vec<PathBuf>) -> Self {
+        Self { folders, saver: Saver::Off, n_unsaved: 0 }
     }
 
-    /// True if an autosave may start or end without an order or a trained frame.
-    pub(super) fn has_pending_autosave(&self) -> bool {
-        let Some(Content::Session(session)) = &self.content else { return false };
-        match &self.saver {
-            _ if self.training.autosave_s.is_none() => false,
-            RunAutosave::Off => false,
-            RunAutosave::Waiting(_) => self.frames_since_checkpoint > 0,
-            RunAutosave::On(autosave, _) => autosave.is_pending(session),
+    pub fn record_frame(&mut self) {
+        self.n_unsaved += 1;
+    }
+
+    /// Records that the user has saved the run to a file.
+    pub fn record_save(&mut self) {
+        if let Saver::Stored(Rescue::Stored { path, .. }) = &self.saver
+            && let Ok(Some(slot)) = AutosaveSlot::lock_existing(path)
+        {
+            slot.delete_files();
         }
+        self.discard();
     }
 
-    /// Claims a slot and starts the first autosave.
-    fn start_autosave(&mut self) {
-        let Some(Content::Session(session)) = &self.content else { return };
-        let (Some(folder), Some(dataset)) = (self.autosave_folder(), &session.dataset().path)
-        else {
-            self.saver = RunAutosave::Off;
-            return;
-        };
-        match AutosaveSlot::claim(&folder, dataset) {
-            Ok(slot) => {
-                let path = slot.path().to_owned();
-                let mut autosave = Autosave::new(path, AutosaveInterval::default(), session);
-                let begun = autosave.start_save(session).err().map(Err);
-                self.saver = RunAutosave::On(autosave, slot);
-                self.report_autosave(begun);
-            }
-            Err(error) => {
-                self.saver = RunAutosave::Off;
-                let text = format!(
-                    "{}: autosave is off for this run: {error}; use Save to write it to a folder of your choice",
-                    folder.display()
-                );
-                self.notify(NoticeKind::Warning, text);
-            }
-        }
-    }
-
-    fn report_autosave(&mut self, outcome: Option<SaveOutcome>) {
-        if let Some(Err(error)) = outcome {
-            self.changed = true;
-            self.notify(NoticeKind::Warning, error.to_string());
-        }
-    }
-
-    /// Discards the autosave, because the run is in a file of the user's or is not wanted.
-    pub(super) fn discard_autosave(&mut self) {
-        let saver = std::mem::replace(&mut self.saver, RunAutosave::Waiting(None));
-        if let RunAutosave::On(autosave, slot) = saver {
+    /// Removes the autosave, because the run is in a file of the user's or is not wanted, and prepares
+    /// for the next run. A stored run stays for the next start.
+    pub fn discard(&mut self) {
+        self.n_unsaved = 0;
+        let saver = std::mem::replace(&mut self.saver, Saver::Waiting(None));
+        if let Saver::On(autosave, slot) = saver {
             // Dropped first, because it may still write to the slot.
             drop(autosave);
             slot.delete_files();
         }
     }
 
-    /// Stops training because the program is terminated, and stores training that no checkpoint holds
-    /// in a slot, else in a rescue folder. The demo is not stored, as it can be recomputed.
-    pub(super) fn store_for_next_window(&mut self) -> Rescue {
-        self.set_state(RunState::Paused);
-        let kept = self.store_unsaved_training();
-        match &kept {
-            Rescue::Nothing => {}
-            Rescue::Saved { .. } => self.notify(NoticeKind::Info, format!("terminated: {kept}")),
-            Rescue::Lost { .. } => self.notify(NoticeKind::Error, format!("terminated: {kept}")),
-        }
-        self.snapshot.is_terminated = true;
-        kept
-    }
-
-    fn store_unsaved_training(&mut self) -> Rescue {
-        let frames = self.frames_since_checkpoint;
-        let Some(Content::Session(session)) = &self.content else { return Rescue::Nothing };
-        if frames == 0 || session.dataset().path.is_none() {
-            return Rescue::Nothing;
-        }
+    /// Starts an autosave if one is due; returns a warning if one has failed.
+    pub fn poll(&mut self, session: &Session, time: Duration) -> Option<String> {
         match &mut self.saver {
-            RunAutosave::On(autosave, _) => {
-                let begun = autosave.start_save(session).err().map(Err);
-                self.report_autosave(begun);
+            Saver::Off | Saver::Stored(_) => None,
+            Saver::On(autosave, _) => {
+                autosave.set_interval(AutosaveInterval { frames: None, time: Some(time) });
+                autosave.poll(session)?.err().map(|error| error.to_string())
             }
-            // Even if autosave is off, because this is the last chance.
-            RunAutosave::Waiting(_) | RunAutosave::Off => self.start_autosave(),
-        }
-        // The slot is released, not discarded, so that the next window finds it.
-        if let RunAutosave::On(mut autosave, slot) =
-            std::mem::replace(&mut self.saver, RunAutosave::Off)
-            && let Some(Ok(_)) = autosave.wait()
-        {
-            return Rescue::Saved { path: slot.path().to_owned(), frames };
-        }
-        self.rescue()
-    }
-
-    /// Discards the autosave when the thread ends, because the user was prompted about unsaved training
-    /// before. After a crash whose rescue failed it is retained: then this file is the only copy.
-    pub(super) fn end_autosave(&mut self) {
-        if !matches!(self.rescued, Some(Rescue::Lost { .. })) {
-            self.discard_autosave();
+            Saver::Waiting(_) if self.n_unsaved == 0 => None,
+            Saver::Waiting(since) => {
+                let is_due = since.get_or_insert_with(Instant::now).elapsed() >= time;
+                if is_due { self.start(session).err() } else { None }
+            }
         }
     }
 
-    /// Offers the newest run that an earlier window left behind, of one dataset or of any.
-    pub(super) fn offer_abandoned_run(&mut self, dataset: Option<&Path>) {
-        let found =
-            self.autosave_folder().and_then(|folder| abandoned::find_newest(&folder, dataset));
-        if let Some(run) = found {
-            self.snapshot.abandoned = Some(Arc::new(run));
+    /// True if an autosave may start or end without an order or a trained frame.
+    pub fn is_pending(&self, session: &Session) -> bool {
+        match &self.saver {
+            Saver::Off | Saver::Stored(_) => false,
+            Saver::Waiting(_) => self.n_unsaved > 0,
+            Saver::On(autosave, _) => autosave.is_pending(session),
         }
     }
 
-    /// Resumes the offered run.
-    pub(super) fn resume_abandoned_run(&mut self) {
-        let Some(run) = self.snapshot.abandoned.take() else { return };
-        let before = self.snapshot.state;
-        let slot = match AutosaveSlot::lock_existing(&run.slot) {
-            Ok(Some(slot)) => slot,
-            Ok(None) => return self.keep_offer(&run, "another window has resumed it"),
-            Err(error) => return self.keep_offer(&run, &error.to_string()),
+    /// Claims a slot and starts the first autosave.
+    fn start(&mut self, session: &Session) -> Result<(), String> {
+        self.saver = Saver::Off;
+        let (Some(folder), Some(dataset)) = (self.folders.first(), &session.dataset().path) else {
+            return Ok(());
         };
-        self.snapshot.state = RunState::Loading;
-        self.publish(true);
-        let (file, serial) = (run.file.clone(), self.next_serial);
-        // The drive of the dataset may have been disconnected.
-        let read = self.read_cancellable(Some(&run.dataset), move || {
-            opening::open_run(&file, serial).map_err(|error| error.to_string())
-        });
-        match read.and_then(|opened| Ok(opened?)) {
-            Ok(opened) => {
-                self.next_serial += 1;
-                self.subject = Some(Subject::Path(run.dataset.clone()));
-                self.install_subject(opened);
-                self.take_over(slot);
-            }
-            Err(refusal) => {
-                self.restore_state(before);
-                self.keep_offer(&run, &refusal.text);
-            }
-        }
+        let slot = AutosaveSlot::claim(folder, dataset).map_err(|error| {
+            format!(
+                "{}: autosave is off for this run: {error}; use Save to write it to a folder of your choice",
+                folder.display()
+            )
+        })?;
+        let path = slot.path().to_owned();
+        let mut autosave = Autosave::new(path, AutosaveInterval::default(), session);
+        let begun = autosave.start_save(session).map_err(|error| error.to_string());
+        self.saver = Saver::On(autosave, slot);
+        begun
     }
 
-    /// Continues the autosave in the slot of the resumed run, none of whose frames are in a file of the
+    /// Continues the autosave in the slot of a resumed run, none of whose frames are in a file of the
     /// user's.
-    fn take_over(&mut self, slot: AutosaveSlot) {
-        let Some(Content::Session(session)) = &self.content else { return };
-        let method = &session.config().method;
-        let is_given = !method.assumes_calibration(session.dataset());
-        let calibration = method.as_any().calibration().filter(|_| is_given).cloned();
-        self.calibration =
-            calibration.map(|calibration| Arc::new(GivenCalibration { calibration, file: None }));
-        self.snapshot.calibration = self.calibration.clone();
+    pub fn adopt(&mut self, slot: AutosaveSlot, session: &Session) {
         let path = slot.path().to_owned();
         let autosave = Autosave::new(path, AutosaveInterval::default(), session);
-        self.saver = RunAutosave::On(autosave, slot);
-        self.frames_since_checkpoint = self.snapshot.frames_done;
-        self.snapshot.unsaved_frames = self.snapshot.frames_done;
+        self.saver = Saver::On(autosave, slot);
+        self.n_unsaved = session.learner().frames() as usize;
     }
 
-    fn keep_offer(&mut self, run: &Arc<AbandonedRun>, problem: &str) {
-        self.snapshot.abandoned = Some(run.clone());
-        let text = format!("{}: training cannot be resumed: {problem}", run.file.display());
-        self.notify(NoticeKind::Error, text);
+    /// Finds the newest run that an earlier window left behind, of one dataset or of any.
+    pub fn find_abandoned(&self, dataset: Option<&Path>) -> Option<AbandonedRun> {
+        rescue::find_newest(&self.folders, dataset)
     }
 
-    /// Discards the offered run.
-    pub(super) fn discard_abandoned_run(&mut self) {
-        let Some(run) = self.snapshot.abandoned.take() else { return };
-        if let Ok(Some(slot)) = AutosaveSlot::lock_existing(&run.slot) {
-            slot.delete_files();
+    /// Stores training that no checkpoint holds for the next start, once, even if autosave is off. The
+    /// demo is not stored.
+    pub fn store(&mut self, session: Option<&Session>) -> Rescue {
+        if let Saver::Stored(known) = &self.saver {
+            return known.clone();
+        }
+        let frames = self.n_unsaved;
+        let Some(session) = session.filter(|_| frames > 0) else { return Rescue::Nothing };
+        let Some(dataset) = &session.dataset().path else { return Rescue::Nothing };
+        let used = match std::mem::replace(&mut self.saver, Saver::Off) {
+            Saver::On(autosave, slot) => {
+                drop(autosave);
+                Some(slot)
+            }
+            _ => None,
+        };
+        let others = self.folders.iter().map(|folder| {
+            AutosaveSlot::claim(folder, dataset)
+                .map_err(|error| format!("{}: {error}", folder.display()))
+        });
+        let mut problems = Vec::new();
+        let mut rescue = None;
+        for slot in used.map(Ok).into_iter().chain(others) {
+            let stored = slot.and_then(|slot| {
+                let path = slot.path().to_owned();
+                session.save_after_panic(&path).map(|()| path)
+            });
+            match stored {
+                Ok(path) => {
+                    rescue = Some(Rescue::Stored { path, frames });
+                    break;
+                }
+                Err(problem) => problems.push(problem),
+            }
+        }
+        let rescue = rescue.unwrap_or(Rescue::Lost { frames, problems });
+        self.saver = Saver::Stored(rescue.clone());
+        rescue
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::app::edit::marks::LeftOut;
+    use crate::app::rescue::{CrashedThread, Rescue};
+    use crate::app::state::{RunState, Subject};
+    use crate::app::worker::{Waker, Worker, WorkerOrder};
+    use crate::dataset::synthetic::SyntheticParams;
+    use crate::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
+    use crate::export::mapping::Mapping;
+    use crate::pipeline::checkpoint::SavedRun;
+    use std::path::{Path, PathBuf};
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::{Arc, OnceLock, Weak};
+    use std::time::{Duration, Instant};
+
+    /// Longest wait for a condition, enough for a loaded machine.
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    fn wait(what: &str, condition: impl Fn() -> bool) {
+        let started = Instant::now();
+        while !condition() {
+            assert!(started.elapsed() < PATIENCE, "waited for {what}");
+            std::thread::sleep(Duration::from_millis(5));
         }
     }
 
-    fn autosave_folder(&self) -> Option<PathBuf> {
-        Some(self.rescue_folders.first()?.join(FOLDER))
+    fn room(folder: &Path) -> PathBuf {
+        let params = SyntheticParams {
+            width: 64,
+            height: 48,
+            n_train: 3,
+            n_eval: 0,
+            seed: 1,
+            depth_noise: 0.0,
+            ..SyntheticParams::demo()
+        };
+        let room = folder.join("room");
+        std::fs::create_dir_all(folder).unwrap();
+        write(&params, &room, SyntheticLayout::Blender(DepthBits::Sixteen), &mut |_, _| {})
+            .unwrap();
+        room
+    }
+
+    /// Starts a worker that has trained one frame of a room; it panics while `armed` is set.
+    fn worker(room: PathBuf, folders: &[&Path], armed: &Arc<AtomicBool>) -> Arc<Worker> {
+        let trigger = armed.clone();
+        let waker: Waker = Arc::new(move || {
+            assert!(!trigger.load(Ordering::SeqCst), "injected");
+        });
+        let folders = folders.iter().map(|folder| folder.to_path_buf()).collect();
+        let worker = Worker::start_with(waker, folders).unwrap();
+        worker.send(WorkerOrder::Open(Subject::Path(room)));
+        worker.send(WorkerOrder::Step);
+        wait("a frame", || worker.snapshot().frames_done == 1);
+        Arc::new(worker)
+    }
+
+    /// Checks that a run of one frame is stored below `folder`; returns its path.
+    fn stored(rescue: &Rescue, folder: &Path) -> PathBuf {
+        let Rescue::Stored { path, frames: 1 } = rescue else { panic!("{rescue}") };
+        assert!(path.starts_with(folder.join("autosave")), "{rescue}");
+        assert_eq!(SavedRun::read(path).unwrap().content.cursor.frames, 1);
+        path.clone()
+    }
+
+    #[test]
+    fn a_run_is_stored_once_in_the_first_folder_that_takes_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, state) = (folder.path().join("file"), folder.path().join("state"));
+        std::fs::write(&file, "").unwrap();
+        let worker = worker(room(folder.path()), &[&file, &state], &Arc::default());
+        let rescue = worker.store();
+        let path = stored(&rescue, &state);
+        assert_eq!(worker.store(), rescue, "the same state is stored once");
+        assert!(worker.snapshot().is_terminated);
+
+        let run = folder.path().join("run.vbgs");
+        worker.send(WorkerOrder::Save(1, run.clone()));
+        wait("the file", || worker.snapshot().latest_write.is_some_and(|w| w.is_written));
+        assert!(run.is_file() && !path.exists(), "the user's file replaces the stored run");
+    }
+
+    #[test]
+    fn a_run_that_no_folder_takes_is_lost_and_every_reason_is_given() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, "").unwrap();
+        let worker = worker(room(folder.path()), &[&file, &file.join("more")], &Arc::default());
+        let Rescue::Lost { frames: 1, problems } = worker.store() else { panic!("lost") };
+        assert_eq!(problems.len(), 2, "{problems:?}");
+    }
+
+    #[test]
+    fn a_second_panic_ends_the_thread_and_the_run_stays_stored() {
+        let folder = tempfile::tempdir().unwrap();
+        let armed = Arc::new(AtomicBool::new(false));
+        let worker = worker(room(folder.path()), &[folder.path()], &armed);
+        armed.store(true, Ordering::SeqCst);
+        worker.send(WorkerOrder::Inspect(None));
+        wait("the end", || !worker.is_alive());
+        let crash = worker.crash().unwrap();
+        assert_eq!(crash.thread, CrashedThread::Training);
+        assert!(crash.panic.place.as_ref().is_some_and(|place| place.contains("autosave.rs")));
+        assert_eq!(worker.store(), crash.rescue, "known although the thread has ended");
+        drop(worker);
+        stored(&crash.rescue, folder.path());
+    }
+
+    #[test]
+    fn a_panic_while_a_file_is_written_keeps_the_older_file_and_the_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let worker: Arc<OnceLock<Weak<Worker>>> = Arc::default();
+        let (writer, told) = (worker.clone(), AtomicBool::new(false));
+        // Panics in the trainer while it writes a file, after the older one exists.
+        let waker: Waker = Arc::new(move || {
+            let writer = writer.get().and_then(Weak::upgrade);
+            let writes = writer.is_some_and(|writer| writer.file_progress().is_some());
+            assert!(!writes || told.swap(true, Ordering::SeqCst), "injected into a file");
+        });
+        let started = Worker::start_with(waker, vec![folder.path().to_owned()]).unwrap();
+        let started = Arc::new(started);
+        started.send(WorkerOrder::Open(Subject::Path(room(folder.path()))));
+        started.send(WorkerOrder::Step);
+        let file = folder.path().join("scene.ply");
+        std::fs::write(&file, "older").unwrap();
+        wait("a frame", || started.snapshot().frames_done == 1);
+        worker.set(Arc::downgrade(&started)).unwrap();
+        let export = |number| {
+            let left_out = LeftOut::default();
+            WorkerOrder::Export(number, file.clone(), Mapping::default(), left_out)
+        };
+        started.send(export(1));
+        wait("the crash", || started.crash().is_some());
+        let crash = started.crash().unwrap();
+        stored(&crash.rescue, folder.path());
+        assert!(crash.panic.message.contains("injected into a file"), "{crash}");
+        assert_eq!(std::fs::read(&file).unwrap(), b"older");
+        assert!(started.file_progress().is_none(), "nothing is being written any more");
+
+        started.send(export(2));
+        wait("the file", || started.snapshot().latest_write.is_some_and(|w| w.is_written));
+        assert!(crate::export::read(&file).is_ok(), "the scene is still there to be exported");
+        let is_temporary = |name: &std::ffi::OsStr| name.to_string_lossy().ends_with(".tmp");
+        let left = std::fs::read_dir(folder.path()).unwrap();
+        assert_eq!(left.filter(|f| is_temporary(&f.as_ref().unwrap().file_name())).count(), 0);
+    }
+
+    #[test]
+    fn nothing_is_written_where_nothing_was_unsaved() {
+        let folder = tempfile::tempdir().unwrap();
+        let worker = worker(room(folder.path()), &[folder.path()], &Arc::default());
+        worker.send(WorkerOrder::Save(1, folder.path().join("run.vbgs")));
+        assert_eq!(worker.store(), Rescue::Nothing);
+        assert_eq!(worker.snapshot().state, RunState::Paused);
+        assert!(!folder.path().join("autosave").exists());
     }
 }

@@ -1,8 +1,9 @@
 //! Files written by the training thread.
 
-use super::thread::WorkerThread;
+use super::autosave::Files;
+use super::outbox::Outbox;
+use super::run::Run;
 use crate::app::edit::marks::LeftOut;
-use crate::app::opening::Content;
 use crate::app::settings_file::unused;
 use crate::app::state::{NoticeKind, WriteOutcome};
 use crate::export;
@@ -11,44 +12,47 @@ use crate::export::local_origin::warning;
 use crate::export::mapping::Mapping;
 use crate::export::{ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSummary};
 use crate::pipeline::any_preset::file_comments;
-use crate::pipeline::session::Session;
+use crate::pipeline::job::Progress;
 use glam::DVec3;
 use std::path::Path;
 
-impl WorkerThread {
-    pub(super) fn save(&mut self, number: u64, path: &Path) {
-        self.begin_write(number);
-        let Some(Content::Session(session)) = &self.content else { return };
+/// Model file to be written.
+pub struct Export<'a> {
+    /// Number by which the snapshot reports the outcome.
+    pub number: u64,
+    pub path: &'a Path,
+    pub mapping: Mapping,
+    pub left_out: &'a LeftOut,
+}
+
+impl Files {
+    pub fn save(&mut self, number: u64, path: &Path, run: &Run, out: &mut Outbox) {
+        let Some(session) = run.session() else { return };
         match session.save(path) {
             Ok(bytes) => {
-                // Not after an export: training cannot be resumed from one, so a crash still rescues
-                // these frames.
-                self.frames_since_checkpoint = 0;
-                self.discard_autosave();
+                // Not after an export: training cannot be resumed from one, so these frames
+                // are still stored after a crash.
+                self.record_save();
                 let text = format!(
                     "Saved {} frames ({:.1} MB) to {}",
-                    self.snapshot.frames_done,
+                    out.snapshot.frames_done,
                     bytes as f64 * 1e-6,
                     path.display()
                 );
-                self.end_write(number, text);
+                end_write(out, number, text);
             }
-            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
+            Err(error) => out.notify(NoticeKind::Error, error.to_string()),
         }
     }
+}
 
-    pub(super) fn export(
-        &mut self,
-        number: u64,
-        path: &Path,
-        mapping: Mapping,
-        left_out: &LeftOut,
-    ) {
-        self.begin_write(number);
-        self.settle();
-        self.shared.file.begin();
-        let written = self.write_model(path, mapping, left_out);
-        self.shared.file.end();
+impl Export<'_> {
+    /// Writes the file, reports its progress and then its outcome.
+    pub fn write(&self, run: &Run, out: &mut Outbox, progress: &Progress) {
+        progress.begin();
+        let written = self.write_model(run, out, progress);
+        progress.end();
+        let path = self.path.display();
         match written {
             Ok(summary) => {
                 let megabytes = summary.bytes as f64 * 1e-6;
@@ -57,104 +61,84 @@ impl WorkerThread {
                     n => format!("; {n} splats were left out by edits"),
                 };
                 let text = format!(
-                    "Wrote {} splats ({megabytes:.1} MB) to {}{left_out}",
+                    "Wrote {} splats ({megabytes:.1} MB) to {path}{left_out}",
                     summary.n_written,
-                    path.display()
                 );
-                self.end_write(number, text);
-                let carrier = ModelFormat::from_path(path).map(ModelFormat::origin_carrier);
-                let warning = carrier.ok().and_then(|by| warning(self.local_origin(), by));
-                if let Some(warning) = warning {
-                    let text = format!("{}: {warning}", path.display());
-                    self.notify(NoticeKind::Warning, text);
+                end_write(out, self.number, text);
+                let carrier = ModelFormat::from_path(self.path).map(ModelFormat::origin_carrier);
+                if let Some(warning) = carrier.ok().and_then(|by| warning(local_origin(out), by)) {
+                    out.notify(NoticeKind::Warning, format!("{path}: {warning}"));
                 }
             }
             // A cancellation by the user is no error.
             Err(ExportError { fault: Fault::Cancelled, .. }) => {
-                let text = format!("{}: {}", path.display(), Fault::Cancelled);
-                self.notify(NoticeKind::Info, text);
+                out.notify(NoticeKind::Info, format!("{path}: {}", Fault::Cancelled));
             }
-            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
-        }
-    }
-
-    /// Writes a text, under an unused name if the file exists.
-    pub(super) fn write_text(&mut self, path: &Path, text: &str) {
-        let path = unused(path);
-        // Atomically: half a path or half a table could be read as a whole one.
-        match write_atomic(&path, |out| out.write_all(text.as_bytes())) {
-            Ok(_) => self.notify(NoticeKind::Info, format!("Wrote {}", path.display())),
-            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
+            Err(error) => out.notify(NoticeKind::Error, error.to_string()),
         }
     }
 
     fn write_model(
         &self,
-        path: &Path,
-        mapping: Mapping,
-        left_out: &LeftOut,
+        run: &Run,
+        out: &Outbox,
+        progress: &Progress,
     ) -> Result<WriteSummary, ExportError> {
-        let told = |share: f64| {
-            if self.shared.file.set_share(share) {
-                (self.waker)();
+        let report = |share: f64| {
+            if progress.set_share(share) {
+                out.wake();
             }
-            self.shared.file.is_wanted()
+            progress.is_wanted()
         };
-        ModelFormat::from_path(path).and_then(|format| {
-            let comments = match &self.content {
-                Some(Content::Session(session)) => {
-                    file_comments(&session.config().method, session.learner().frames())
-                }
-                _ => Vec::new(),
-            };
-            // Edits refer to indices of splats in the window, not in files.
-            let (splats, flags) = match left_out.is_empty() {
-                true => (self.stored_splats(), None),
-                false => {
-                    let splats = self.splats();
-                    let flags = left_out.deleted_flags(&splats);
-                    (splats, Some(flags))
-                }
-            };
-            let selection = flags.as_deref().map(|flags| left_out.selection(flags));
-            let options = WriteOptions {
-                selection: selection.unwrap_or_default(),
-                comments: &comments,
-                metric: self.is_metric(),
-                up: self.up(),
-                local_origin: self.local_origin(),
-                mapping,
-                progress: WriteProgress::new(&told),
-                ..WriteOptions::new(format)
-            };
-            export::write(path, &splats, &options)
-        })
-    }
-
-    /// Records the file as not written until it is; after a panic this remains.
-    fn begin_write(&mut self, number: u64) {
-        self.snapshot.latest_write = Some(WriteOutcome { number, is_written: false });
-    }
-
-    fn end_write(&mut self, number: u64, text: String) {
-        self.snapshot.unsaved_frames = 0;
-        self.snapshot.latest_write = Some(WriteOutcome { number, is_written: true });
-        self.notify(NoticeKind::Info, text);
-    }
-
-    fn up(&self) -> DVec3 {
-        self.snapshot.opened.as_ref().map_or(DVec3::Z, |opened| opened.home.up)
-    }
-
-    fn local_origin(&self) -> DVec3 {
-        self.snapshot.opened.as_ref().map_or(DVec3::ZERO, |opened| opened.local_origin)
-    }
-
-    fn is_metric(&self) -> bool {
-        matches!(&self.content, Some(Content::Session(session)) if is_metric(session))
+        let format = ModelFormat::from_path(self.path)?;
+        let comments = run
+            .session()
+            .map(|session| file_comments(&session.config().method, session.learner().frames()));
+        // Edits refer to indices of splats in the window, not in files.
+        let (splats, flags) = match self.left_out.is_empty() {
+            true => (run.stored_splats(), None),
+            false => {
+                let splats = run.splats();
+                let flags = self.left_out.deleted_flags(&splats);
+                (splats, Some(flags))
+            }
+        };
+        let selection = flags.as_deref().map(|flags| self.left_out.selection(flags));
+        let options = WriteOptions {
+            selection: selection.unwrap_or_default(),
+            comments: &comments.unwrap_or_default(),
+            metric: run.session().is_some_and(|session| session.dataset().is_metric()),
+            up: out.snapshot.opened.as_ref().map_or(DVec3::Z, |opened| opened.home.up),
+            local_origin: local_origin(out),
+            mapping: self.mapping,
+            progress: WriteProgress::new(&report),
+            ..WriteOptions::new(format)
+        };
+        export::write(self.path, &splats, &options)
     }
 }
 
-fn is_metric(session: &Session) -> bool {
-    session.dataset().is_metric()
+/// Writes a text, under an unused name if the file exists.
+pub fn write_text(path: &Path, text: &str, out: &mut Outbox) {
+    let path = unused(path);
+    // Atomically: half a path or half a table could be read as a whole one.
+    match write_atomic(&path, |file| file.write_all(text.as_bytes())) {
+        Ok(_) => out.notify(NoticeKind::Info, format!("Wrote {}", path.display())),
+        Err(error) => out.notify(NoticeKind::Error, error.to_string()),
+    }
+}
+
+/// Records a file as not written until it is; after a panic this remains.
+pub fn begin_write(out: &mut Outbox, number: u64) {
+    out.snapshot.latest_write = Some(WriteOutcome { number, is_written: false });
+}
+
+fn end_write(out: &mut Outbox, number: u64, text: String) {
+    out.snapshot.unsaved_frames = 0;
+    out.snapshot.latest_write = Some(WriteOutcome { number, is_written: true });
+    out.notify(NoticeKind::Info, text);
+}
+
+fn local_origin(out: &Outbox) -> DVec3 {
+    out.snapshot.opened.as_ref().map_or(DVec3::ZERO, |opened| opened.local_origin)
 }

@@ -2,42 +2,35 @@
 //! waits for the window.
 
 mod autosave;
-mod awaited;
-mod crash;
 mod files;
 mod following;
-mod publishing;
+mod outbox;
+mod run;
 mod shared;
-mod step_clock;
 mod subject;
 mod thread;
 mod training;
 
-use super::panic_report::PanicReport;
-use super::rescue::{Crash, Rescue, fallback_folders};
+use super::rescue::{Crash, Rescue, default_folders};
 use super::splat_updates::SplatUpdates;
 use super::state::{RunState, Snapshot};
+use crate::pipeline::panic_report::PanicReport;
 use shared::Shared;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use thread::WorkerThread;
 
-pub use shared::{FileProgress, Waker};
+pub use crate::pipeline::job::Waker;
 pub use thread::WorkerOrder;
 
 /// Minimum time between two snapshots, if a GPU draws them.
 const INTERVAL: Duration = Duration::from_millis(33);
 
-/// Duration of a step from which the window reports a slow frame, and from which the program ends
-/// without waiting for it, losing unsaved training. A step does not wait for frames, but it reads the
-/// folder of a recording.
+/// Wait for a frame from which the window reports it: its drive may not respond.
 const SLOW_FRAME: Duration = Duration::from_secs(5);
-const STUCK_FRAME: Duration = Duration::from_secs(30);
-/// Interval of polls for the end of the thread.
-const POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 /// Maximum number of queued orders, more than a user gives while a dataset is opened. Beyond it the
 /// window waits for the trainer, so that memory stays bounded.
@@ -51,19 +44,19 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Starts the thread with the default rescue folders.
+    /// Starts the thread with the default folders for autosaves.
     pub fn start(waker: Waker) -> std::io::Result<Self> {
-        Self::start_with(waker, fallback_folders())
+        Self::start_with(waker, default_folders())
     }
 
-    /// Starts the thread. After a panic, a scene that cannot be saved beside its dataset goes to the
-    /// first usable rescue folder.
-    pub fn start_with(waker: Waker, rescue_folders: Vec<PathBuf>) -> std::io::Result<Self> {
+    /// Starts the thread; autosaves go to the first folder, and to the next ones if the program ends
+    /// unexpectedly and the first cannot be written.
+    pub fn start_with(waker: Waker, folders: Vec<PathBuf>) -> std::io::Result<Self> {
         PanicReport::install_hook();
         let (orders, inbox) = sync_channel(MAX_ORDERS);
         let shared = Arc::new(Shared::default());
         shared.set_interval(INTERVAL);
-        let state = WorkerThread::new(inbox, shared.clone(), waker, rescue_folders);
+        let state = WorkerThread::new(inbox, shared.clone(), waker, folders);
         let thread =
             std::thread::Builder::new().name("trainer".into()).spawn(move || state.run())?;
         Ok(Self { orders: Some(orders), shared, thread: Some(thread) })
@@ -74,7 +67,6 @@ impl Worker {
         self.shared.set_interval(interval);
     }
 
-    /// Queues an order; returns at once.
     pub fn send(&self, order: WorkerOrder) {
         let opens = matches!(order, WorkerOrder::Open(_) | WorkerOrder::OpenFirst(_));
         if opens && self.snapshot().state == RunState::Loading {
@@ -92,12 +84,10 @@ impl Worker {
         self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }
 
-    /// Newest snapshot.
     pub fn snapshot(&self) -> Arc<Snapshot> {
-        self.shared.snapshot()
+        self.shared.snapshot.get()
     }
 
-    /// Mailbox of changed splats for the viewport.
     pub fn splat_updates(&self) -> &SplatUpdates {
         &self.shared.updates
     }
@@ -113,7 +103,6 @@ impl Worker {
         self.shared.file.share()
     }
 
-    /// Cancels the file being exported; an older file of its name is retained.
     pub fn cancel_file(&self) {
         self.shared.file.cancel();
     }
@@ -123,59 +112,34 @@ impl Worker {
         self.shared.opening.cancel();
     }
 
-    /// Latest panic of the thread, and the outcome of its rescue.
+    /// Latest panic of the thread, and what became of its run.
     pub fn crash(&self) -> Option<Crash> {
-        self.shared.crash()
+        self.shared.crash.get()
     }
 
-    /// Rescues training that no checkpoint holds, after the orders before; blocks until done.
-    pub fn rescue(&self) -> Rescue {
-        self.rescue_by_order(WorkerOrder::Rescue)
-    }
-
-    /// Stops training and stores what no checkpoint holds for the next window to resume, after the
-    /// orders before; blocks until done. The snapshot then makes windows close.
-    pub fn store_for_next_window(&self) -> Rescue {
-        self.rescue_by_order(WorkerOrder::StoreForNextWindow)
-    }
-
-    fn rescue_by_order(&self, order: impl FnOnce(SyncSender<Rescue>) -> WorkerOrder) -> Rescue {
+    /// Stops training and stores what no checkpoint holds for the next start, after the orders before;
+    /// blocks until done. The snapshot then makes windows close.
+    pub fn store(&self) -> Rescue {
         // An opening is no longer wanted, and its drive may never respond.
-        self.shared.opening.end();
+        self.shared.close();
         let (sender, receiver) = sync_channel(1);
-        self.send(order(sender));
-        // Without a time limit unless a drive does not respond, because the program ends afterwards and
-        // loses what is unsaved. If the thread has ended, the sender is gone too, and the crash states
-        // what was saved.
-        let lost = |problem: &str| Rescue::Lost {
-            frames: self.snapshot().unsaved_frames,
-            problems: vec![problem.to_owned()],
-        };
-        loop {
-            match (receiver.recv_timeout(POLL_INTERVAL), self.crash()) {
-                (Ok(rescue), _) => return rescue,
-                (Err(RecvTimeoutError::Disconnected), Some(crash)) => return crash.rescue,
-                (Err(RecvTimeoutError::Disconnected), None) => {
-                    return lost("the training thread has ended");
-                }
-                (Err(RecvTimeoutError::Timeout), _) if self.is_stuck() => {
-                    return lost("the training thread waits for a drive that does not respond");
-                }
-                (Err(RecvTimeoutError::Timeout), _) => {}
-            }
+        self.send(WorkerOrder::Store(sender));
+        // Without a time limit, because the program ends afterwards and loses what is unsaved. If the
+        // thread has ended, the sender is gone too, and the crash states what was saved.
+        match (receiver.recv(), self.crash()) {
+            (Ok(rescue), _) => rescue,
+            (Err(_), Some(crash)) => crash.rescue,
+            (Err(_), None) => Rescue::Lost {
+                frames: self.snapshot().unsaved_frames,
+                problems: vec!["the training thread has ended".to_owned()],
+            },
         }
     }
 
-    /// Time spent at the current frame, if it is long: its drive may not respond.
+    /// Time spent waiting for the current frame, if it is long: its drive may not respond.
     pub fn slow_frame(&self) -> Option<Duration> {
-        let clocks = [&self.shared.step, &self.shared.unread];
-        let longest = clocks.into_iter().filter_map(|clock| clock.elapsed()).max();
-        longest.filter(|time| *time >= SLOW_FRAME)
-    }
-
-    /// True if the thread is in a step too long to wait for.
-    fn is_stuck(&self) -> bool {
-        self.shared.step.elapsed().is_some_and(|time| time >= STUCK_FRAME)
+        let waited = self.snapshot().unread_since?.elapsed();
+        (waited >= SLOW_FRAME).then_some(waited)
     }
 }
 
@@ -183,15 +147,8 @@ impl Drop for Worker {
     fn drop(&mut self) {
         // Closing the channel ends the loop of the thread, so it precedes the join.
         self.orders = None;
-        self.shared.opening.end();
+        self.shared.close();
         if let Some(thread) = self.thread.take() {
-            while !thread.is_finished() {
-                if self.is_stuck() {
-                    // Detached: the program ends without it.
-                    return;
-                }
-                std::thread::sleep(POLL_INTERVAL);
-            }
             // A panic of the thread was reported when it occurred.
             let _ = thread.join();
         }

@@ -1,16 +1,18 @@
 //! Opens subjects for training or viewing.
 
 use super::following::{follow_of, is_folder};
-use super::shared::{join_opening, start_opening};
-use super::thread::{Dirty, WorkerThread};
+use super::thread::WorkerThread;
 use crate::app::opening;
 use crate::app::opening::{Content, OpenedSubject};
+use crate::app::rescue::{AbandonedRun, AutosaveSlot};
 use crate::app::splat_updates::SplatChange;
-use crate::app::state::{
-    GivenCalibration, NoticeKind, NoticeTopic, RunState, Snapshot, Source, Subject,
-};
+use crate::app::state::{GivenCalibration, NoticeKind, NoticeTopic, RunState, Source, Subject};
+use crate::dataset::calibration::Calibration;
 use crate::eval::report::FrameReport;
 use crate::pipeline::follow::Follow;
+use crate::pipeline::job::Job;
+use crate::pipeline::panic_report::PanicReport;
+use crate::train::setting::Preset;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -28,7 +30,7 @@ impl WorkerThread {
         subject: Subject,
     ) {
         if let Err(refusal) = self.try_open(calibration, subject) {
-            self.notify(refusal.kind, refusal.text);
+            self.outbox.notify(refusal.kind, refusal.text);
         }
     }
 
@@ -41,7 +43,7 @@ impl WorkerThread {
             match self.try_open(None, Subject::Path(path.clone())) {
                 // Cancelled, together with the remaining paths.
                 Err(refusal) if refusal.kind == NoticeKind::Info => {
-                    return self.notify(refusal.kind, refusal.text);
+                    return self.outbox.notify(refusal.kind, refusal.text);
                 }
                 Err(refusal) => problem = problem.or(Some(refusal.text)),
                 Ok(()) if paths.len() == 1 => return,
@@ -54,7 +56,7 @@ impl WorkerThread {
                         path.display(),
                         list_paths(&others)
                     );
-                    return self.notify(NoticeKind::Warning, text);
+                    return self.outbox.notify(NoticeKind::Warning, text);
                 }
             }
         }
@@ -63,7 +65,7 @@ impl WorkerThread {
                 1 => problem,
                 n => format!("none of the {n} paths can be opened; the first: {problem}"),
             };
-            self.notify(NoticeKind::Error, text);
+            self.outbox.notify(NoticeKind::Error, text);
         }
     }
 
@@ -72,33 +74,47 @@ impl WorkerThread {
         calibration: Option<Arc<GivenCalibration>>,
         subject: Subject,
     ) -> Result<(), Refusal> {
-        let before = self.snapshot.state;
-        self.snapshot.state = RunState::Loading;
-        // Published at once, because this thread publishes nothing during the opening.
-        self.publish(true);
-        match self.find(calibration.as_ref(), &subject) {
-            Ok(Found::Recording(follow)) => {
+        let found = self.while_loading(|worker| worker.find(calibration.as_ref(), &subject))?;
+        match found {
+            Found::Recording(follow) => {
                 self.await_recording(*follow, calibration, subject);
-                Ok(())
             }
-            Ok(Found::Whole(opened)) => {
-                self.next_serial += 1;
-                (self.subject, self.calibration) = (Some(subject), calibration);
+            Found::Whole(opened) => {
+                self.outbox.advance_serial();
+                self.run.set_subject(subject, calibration);
                 self.install_subject(*opened);
-                let dataset = self.snapshot.opened.as_ref().and_then(|o| o.dataset.clone());
-                if let Some(path) = dataset.as_ref().and_then(|dataset| dataset.path.as_deref()) {
+                let opened = self.outbox.snapshot.opened.clone();
+                let dataset = opened.as_ref().and_then(|opened| opened.dataset.as_ref());
+                if let Some(path) = dataset.and_then(|dataset| dataset.path.as_deref()) {
                     self.offer_abandoned_run(Some(path));
                 }
-                if self.snapshot.follows {
+                if self.outbox.snapshot.follows {
                     self.set_follows(true);
                 }
-                Ok(())
-            }
-            Err(refusal) => {
-                self.restore_state(before);
-                Err(refusal)
             }
         }
+        Ok(())
+    }
+
+    /// Opens something in the state of loading. After a failure the subject opened before stays open,
+    /// paused.
+    fn while_loading<T>(
+        &mut self,
+        open: impl FnOnce(&mut Self) -> Result<T, Refusal>,
+    ) -> Result<T, Refusal> {
+        let before = self.outbox.snapshot.state;
+        self.outbox.set_state(RunState::Loading);
+        // Published at once, because this thread publishes nothing during the opening.
+        self.outbox.publish(&self.run, true);
+        let opened = open(self);
+        if opened.is_err() {
+            self.outbox.set_state(match before {
+                RunState::Training => RunState::Paused,
+                RunState::Loading => RunState::Empty,
+                other => other,
+            });
+        }
+        opened
     }
 
     /// Reads a subject, until the user cancels.
@@ -110,7 +126,8 @@ impl WorkerThread {
         let mut training = self.training.clone();
         // Into the copy, because settings outlive the dataset of the calibration.
         training.scene.calibration = calibration.map(|c| c.calibration.clone());
-        let (follows, serial, read) = (self.snapshot.follows, self.next_serial, subject.clone());
+        let (follows, serial) = (self.outbox.snapshot.follows, self.outbox.serial());
+        let read = subject.clone();
         let path = match subject {
             Subject::Path(path) => Some(path.as_path()),
             Subject::Demo => None,
@@ -126,69 +143,199 @@ impl WorkerThread {
         Ok(found??)
     }
 
-    /// Restores the state after a failed opening: the subject opened before stays open, paused.
-    pub(super) fn restore_state(&mut self, before: RunState) {
-        self.snapshot.state = match before {
-            RunState::Training => RunState::Paused,
-            RunState::Loading => RunState::Empty,
-            other => other,
-        };
+    /// Waits for a folder to hold a frame, which may take long; nothing else is open meanwhile.
+    fn await_recording(
+        &mut self,
+        follow: Follow,
+        calibration: Option<Arc<GivenCalibration>>,
+        subject: Subject,
+    ) {
+        self.run.set_subject(subject, calibration);
+        self.run.set_content(None);
+        self.files.discard();
+        self.outbox.replace_splats(SplatChange::All(Arc::default()));
+        self.outbox.reset_snapshot();
+        self.outbox.set_state(RunState::Waiting);
+        self.following.await_recording(Some(follow));
+        self.following.update(&mut self.run, &mut self.outbox);
     }
 
-    pub(super) fn install_subject(&mut self, opened: opening::OpenedSubject) {
-        self.ends.clear();
-        self.dirty = Dirty::default();
-        self.forget_notices(NoticeTopic::Subject);
-        let notices = self.snapshot.notices.clone();
-        self.snapshot = Snapshot {
-            opened: Some(Arc::new(opened.opened)),
-            notices,
-            // The window may not have read yet that its file was written.
-            latest_write: self.snapshot.latest_write,
-            abandoned: self.snapshot.abandoned.take(),
-            follows: self.snapshot.follows,
-            calibration: self.calibration.clone(),
-            ..Snapshot::default()
-        };
-        (self.frames_since_checkpoint, self.rescued) = (0, None);
-        (self.awaited, self.waiting_since) = (None, None);
-        self.discard_autosave();
-        // The index would refer to another component.
-        self.inspecting = None;
-        // Also drops pending updates of the previous scene.
-        self.shared.updates.push(SplatChange::all(opened.splats).into());
-        match &opened.content {
+    pub(super) fn install_subject(&mut self, opened: OpenedSubject) {
+        self.outbox.forget_notices(NoticeTopic::Subject);
+        self.outbox.reset_snapshot();
+        self.outbox.snapshot.opened = Some(Arc::new(opened.opened));
+        self.outbox.snapshot.calibration = self.run.calibration().cloned();
+        self.following.await_recording(None);
+        self.files.discard();
+        self.outbox.replace_splats(SplatChange::all(opened.splats));
+        self.show_content(&opened.content);
+        self.has_pending_step = false;
+        self.run.set_content(Some(opened.content));
+        self.run.start_sampling();
+        // The splats above were sent without attributes; these follow if the viewport needs them.
+        self.watch(self.run.watched());
+        for (kind, text) in opened.notices {
+            self.outbox.notify_of(NoticeTopic::Subject, kind, text);
+        }
+        self.refresh_session_info();
+    }
+
+    fn show_content(&mut self, content: &Content) {
+        let is_demo = self.run.subject() == Some(&Subject::Demo);
+        let snapshot = &mut self.outbox.snapshot;
+        match content {
             Content::Session(session) => {
-                self.snapshot.source = Source::Dataset;
-                self.snapshot.n_frames = session.plan().frames.len();
-                self.snapshot.frames_done = session.learner().frames() as usize;
-                self.snapshot.state = match session.visited() {
-                    0 if self.subject == Some(Subject::Demo) => RunState::Training,
+                snapshot.source = Source::Dataset;
+                snapshot.n_frames = session.plan().frames.len();
+                snapshot.frames_done = session.learner().frames() as usize;
+                snapshot.state = match session.visited() {
+                    0 if is_demo => RunState::Training,
                     0 => RunState::Ready,
-                    n if n < self.snapshot.n_frames => RunState::Paused,
+                    n if n < snapshot.n_frames => RunState::Paused,
                     _ => RunState::Finished,
                 };
                 let trained = session.frames().iter().map(|frame| frame.ms.stages.train);
-                self.snapshot.trained_s = 1e-3 * trained.sum::<f64>();
+                snapshot.trained_s = 1e-3 * trained.sum::<f64>();
                 let doubted = session.frames().iter().filter_map(FrameReport::outlier_warning);
-                self.snapshot.outlier_reports = Arc::new(doubted.collect());
+                snapshot.outlier_reports = Arc::new(doubted.collect());
             }
             Content::Model(splats) => {
-                self.snapshot.source = Source::Model;
-                self.snapshot.state = RunState::Finished;
-                self.snapshot.components = splats.len();
-                self.snapshot.used = splats.len();
+                snapshot.source = Source::Model;
+                snapshot.state = RunState::Finished;
+                snapshot.components = splats.len();
+                snapshot.used = splats.len();
             }
         }
-        self.has_pending_step = false;
-        self.content = Some(opened.content);
-        self.start_frame_sampling();
-        // The splats above were sent without attributes; these follow if the viewport needs them.
-        self.watch(self.watched);
-        for (kind, text) in opened.notices {
-            self.notify_of(NoticeTopic::Subject, kind, text);
+    }
+
+    /// Reopens the subject with its calibration and the current settings, which thus take effect.
+    pub(super) fn reset(&mut self) {
+        if let Some(subject) = self.run.subject().cloned() {
+            self.open_with(self.run.calibration().cloned(), subject);
         }
-        self.refresh_session_info();
+    }
+
+    pub(super) fn calibrate(&mut self, path: &Path) {
+        let read = match self.calibratable() {
+            Ok(subject) => {
+                let file = path.to_owned();
+                let read = self.read_cancellable(Some(path), move || Calibration::read(&file));
+                read.and_then(|read| read.map_err(|error| error.to_string().into()))
+                    .map(|calibration| (subject, calibration))
+            }
+            Err(why) => Err(format!("{}: {why}", path.display()).into()),
+        };
+        match read {
+            Ok((subject, calibration)) => {
+                let given = GivenCalibration { calibration, file: Some(path.to_owned()) };
+                self.open_with(Some(Arc::new(given)), subject);
+            }
+            Err(refusal) => self.outbox.notify(refusal.kind, refusal.text),
+        }
+    }
+
+    /// Subject to which a calibration applies, or the reason why there is none.
+    fn calibratable(&self) -> Result<Subject, &'static str> {
+        match self.run.subject() {
+            None => Err("a calibration applies to a dataset: open the dataset first"),
+            Some(Subject::Path(open)) if open.is_file() => {
+                Err("a calibration applies to a dataset but a file is open: open its dataset first")
+            }
+            Some(_) if self.training.preset != Preset::Scene => Err(
+                "the paper preset does not support a calibration: choose the scene preset in Settings first",
+            ),
+            Some(subject) => Ok(subject.clone()),
+        }
+    }
+
+    /// Offers the newest run that an earlier window left behind, of one dataset or of any.
+    pub(super) fn offer_abandoned_run(&mut self, dataset: Option<&Path>) {
+        if let Some(run) = self.files.find_abandoned(dataset) {
+            self.outbox.snapshot.abandoned = Some(Arc::new(run));
+        }
+    }
+
+    pub(super) fn resume_abandoned_run(&mut self) {
+        let Some(run) = self.outbox.snapshot.abandoned.take() else { return };
+        if let Err(problem) = self.try_resume(&run) {
+            self.outbox.snapshot.abandoned = Some(run.clone());
+            let text = format!("{}: training cannot be resumed: {problem}", run.file.display());
+            self.outbox.notify(NoticeKind::Error, text);
+        }
+    }
+
+    fn try_resume(&mut self, run: &AbandonedRun) -> Result<(), String> {
+        let slot = AutosaveSlot::lock_existing(&run.slot).map_err(|error| error.to_string())?;
+        let slot = slot.ok_or("another window has resumed it")?;
+        let (file, serial) = (run.file.clone(), self.outbox.serial());
+        let opened = self.while_loading(|worker| {
+            // The drive of the dataset may have been disconnected.
+            let read = worker.read_cancellable(Some(&run.dataset), move || {
+                opening::open_run(&file, serial).map_err(|error| error.to_string())
+            });
+            Ok(read??)
+        });
+        let opened = opened.map_err(|refusal| refusal.text)?;
+        self.outbox.advance_serial();
+        let calibration = match &opened.content {
+            Content::Session(session) => {
+                let method = &session.config().method;
+                let is_given = !method.assumes_calibration(session.dataset());
+                method.as_any().calibration().filter(|_| is_given).cloned()
+            }
+            Content::Model(_) => None,
+        };
+        let calibration =
+            calibration.map(|calibration| Arc::new(GivenCalibration { calibration, file: None }));
+        self.run.set_subject(Subject::Path(run.dataset.clone()), calibration);
+        self.install_subject(opened);
+        if let Some(session) = self.run.session() {
+            self.files.adopt(slot, session);
+            self.outbox.snapshot.unsaved_frames = self.outbox.snapshot.frames_done;
+        }
+        Ok(())
+    }
+
+    pub(super) fn discard_abandoned_run(&mut self) {
+        let Some(run) = self.outbox.snapshot.abandoned.take() else { return };
+        if let Ok(Some(slot)) = AutosaveSlot::lock_existing(&run.slot) {
+            slot.delete_files();
+        }
+    }
+
+    /// Returns the result of `work` on a path, or a [`Refusal`] if the user cancels.
+    fn read_cancellable<T: Send + 'static>(
+        &mut self,
+        path: Option<&Path>,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Refusal> {
+        let name = path.map_or_else(|| "the demo".to_owned(), |path| path.display().to_string());
+        self.shared.opening.begin();
+        let job = start_opening(&name, work)?;
+        let mut is_warned = false;
+        loop {
+            if let Some(ended) = job.wait(POLL_INTERVAL) {
+                return Ok(join_opening(&name, ended)?);
+            }
+            if !self.shared.is_opening_wanted() {
+                let text = format!("{name}: opening was cancelled");
+                return Err(Refusal { kind: NoticeKind::Info, text });
+            }
+            if !is_warned && job.elapsed() > SLOW {
+                is_warned = true;
+                self.warn_of_slow_drive(&name, job.elapsed());
+            }
+        }
+    }
+
+    fn warn_of_slow_drive(&mut self, name: &str, elapsed: Duration) {
+        let text = format!(
+            "{name}: expected it to be open, found it still being read after {} s; a drive may be slow or disconnected: wait, or press Cancel opening below and check the drive",
+            elapsed.as_secs()
+        );
+        // Of the subject, so that it disappears once that is open.
+        self.outbox.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
+        self.outbox.publish(&self.run, true);
     }
 }
 
@@ -204,16 +351,16 @@ fn list_paths(paths: &[&PathBuf]) -> String {
 }
 
 /// Interval at which cancellation is polled.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Time without a result after which the user is warned.
 const SLOW: Duration = Duration::from_secs(4);
 
 /// Reason why a subject was not opened.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Refusal {
+#[derive(Debug)]
+struct Refusal {
     /// Severity; a cancellation by the user is no error.
-    pub kind: NoticeKind,
-    pub text: String,
+    kind: NoticeKind,
+    text: String,
 }
 
 impl From<String> for Refusal {
@@ -222,39 +369,28 @@ impl From<String> for Refusal {
     }
 }
 
-impl WorkerThread {
-    /// Returns the result of `work` on a path, or a [`Refusal`] if the user cancels.
-    pub(super) fn read_cancellable<T: Send + 'static>(
-        &mut self,
-        path: Option<&Path>,
-        work: impl FnOnce() -> T + Send + 'static,
-    ) -> Result<T, Refusal> {
-        let name = path.map_or_else(|| "the demo".to_owned(), |path| path.display().to_string());
-        self.shared.opening.begin();
-        let work = start_opening(&name, work)?;
-        let mut is_told = false;
-        loop {
-            if let Some(ended) = work.wait(LOOK) {
-                return Ok(join_opening(&name, ended)?);
-            }
-            if self.shared.opening.is_cancelled() {
-                let text = format!("{name}: opening was cancelled");
-                return Err(Refusal { kind: NoticeKind::Info, text });
-            }
-            if !is_told && work.elapsed() > SLOW {
-                is_told = true;
-                self.warn_of_slow_drive(&name, work.elapsed());
-            }
+/// Starts work that opens the subject with this name.
+///
+/// # Errors
+/// If no thread can be started.
+pub fn start_opening<T: Send + 'static>(
+    name: &str,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<Job<T>, String> {
+    let n_threads = rayon::current_num_threads();
+    let reads = move || {
+        // In its own pool: a thread of the global pool that never returns would be missing for training
+        // and drawing.
+        match rayon::ThreadPoolBuilder::new().num_threads(n_threads).build() {
+            Ok(pool) => pool.install(work),
+            Err(_) => work(),
         }
-    }
+    };
+    Job::start("opening", reads)
+        .map_err(|error| format!("{name}: starting the thread that opens it failed: {error}"))
+}
 
-    fn warn_of_slow_drive(&mut self, name: &str, elapsed: Duration) {
-        let text = format!(
-            "{name}: expected it to be open, found it still being read after {} s; a drive may be slow or disconnected: wait, or press Cancel opening below and check the drive",
-            elapsed.as_secs()
-        );
-        // Of the subject, so that it disappears once that is open.
-        self.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
-        self.publish(true);
-    }
+/// Result of the work, or the notice about its panic.
+pub fn join_opening<T>(name: &str, ended: Result<T, PanicReport>) -> Result<T, String> {
+    ended.map_err(|panic| format!("{name}: {}", panic.failure_notice("opening it")))
 }

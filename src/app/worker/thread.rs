@@ -1,83 +1,41 @@
-//! Training thread: its state, its loop, and the execution of orders.
+//! Training thread: its loop, and the execution of orders.
 //!
 //! The loop survives panics: the open subject stays open and can be saved.
 
-use super::awaited::AwaitedRecording;
-use super::shared::{Shared, Waker};
-use crate::app::abandoned::AutosaveSlot;
+use super::autosave::Files;
+use super::files::{Export, begin_write, write_text};
+use super::following::Following;
+use super::outbox::Outbox;
+use super::run::Run;
+use super::shared::Shared;
 use crate::app::edit::marks::LeftOut;
-use crate::app::opening::Content;
-use crate::app::panic_report::PanicReport;
-use crate::app::rescue::Rescue;
-use crate::app::state::{
-    GivenCalibration, Notice, NoticeKind, NoticeTopic, RunState, Snapshot, Subject,
-};
+use crate::app::rescue::{Crash, CrashedThread, Rescue};
+use crate::app::state::{NoticeKind, NoticeTopic, RunState, Subject};
 use crate::app::training::TrainSettings;
-use crate::dataset::pose_check::PoseCheck;
-use crate::dataset::surface::sample::FrameSample;
 use crate::export::mapping::Mapping;
-use crate::pipeline::autosave::Autosave;
+use crate::pipeline::job::Waker;
+use crate::pipeline::panic_report::PanicReport;
 use crate::render::attributes::Attribute;
-use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
-
-/// Result of sampling the frames of the opened dataset.
-pub struct FrameSampling {
-    /// Agreement of poses with depth.
-    pub(super) poses: Option<PoseCheck>,
-    /// Pixel width and depth noise.
-    pub(super) sample: Option<FrameSample>,
-}
+use std::time::Duration;
 
 pub struct WorkerThread {
     pub(super) inbox: Receiver<WorkerOrder>,
     pub(super) shared: Arc<Shared>,
-    pub(super) waker: Waker,
-    pub(super) published: Instant,
     pub(super) training: TrainSettings,
-    /// Calibration of the open subject.
-    pub(super) calibration: Option<Arc<GivenCalibration>>,
-    pub(super) subject: Option<Subject>,
-    pub(super) content: Option<Content>,
-    pub(super) snapshot: Snapshot,
-    /// End times of recent frames, for the frame rate.
-    pub(super) ends: VecDeque<Instant>,
-    pub(super) dirty: Dirty,
-    /// Attribute by which the viewport colours components.
-    pub(super) watched: Option<Attribute>,
-    /// Component that snapshots inspect.
-    pub(super) inspecting: Option<u32>,
-    /// True if the snapshot differs from the published one.
-    pub(super) changed: bool,
-    pub(super) next_serial: u64,
-    /// Number of trained frames that no checkpoint holds.
-    pub(super) frames_since_checkpoint: usize,
-    /// Folders for a rescued scene that cannot be saved beside its dataset.
-    pub(super) rescue_folders: Vec<PathBuf>,
-    /// Outcome of the rescue of the newest state after a panic.
-    pub(super) rescued: Option<Rescue>,
-    /// Thread that samples the frames of the open dataset, until it is done.
-    pub(super) first_look: Option<JoinHandle<FrameSampling>>,
-    pub(super) saver: RunAutosave,
-    /// Recording on which no session has started.
-    pub(super) awaited: Option<AwaitedRecording>,
-    /// Time at which the frames of a recording ran out; `None` once training is at rest.
-    pub(super) waiting_since: Option<Instant>,
+    pub(super) run: Run,
+    pub(super) files: Files,
+    pub(super) following: Following,
+    pub(super) outbox: Outbox,
     /// True if a single step waits for a frame that has not been read.
     pub(super) has_pending_step: bool,
-    /// Time of the last update of the cameras of a growing recording.
-    pub(super) cameras_updated: Instant,
 }
 
 /// Interval at which autosaves are polled while no frames are trained.
 const SAVES: Duration = Duration::from_secs(1);
-/// Maximum number of stored notices.
-const MAX_NOTICES: usize = 50;
 
 /// Error if the handle was dropped.
 struct Dismissed;
@@ -87,33 +45,17 @@ impl WorkerThread {
         inbox: Receiver<WorkerOrder>,
         shared: Arc<Shared>,
         waker: Waker,
-        rescue_folders: Vec<PathBuf>,
+        folders: Vec<PathBuf>,
     ) -> Self {
         Self {
             inbox,
+            outbox: Outbox::new(shared.clone(), waker),
             shared,
-            waker,
-            published: Instant::now(),
             training: TrainSettings::default(),
-            calibration: None,
-            subject: None,
-            content: None,
-            snapshot: Snapshot::default(),
-            ends: VecDeque::new(),
-            dirty: Dirty::default(),
-            watched: None,
-            inspecting: None,
-            changed: true,
-            next_serial: 1,
-            frames_since_checkpoint: 0,
-            rescue_folders,
-            rescued: None,
-            first_look: None,
-            saver: RunAutosave::Off,
-            awaited: None,
-            waiting_since: None,
+            run: Run::default(),
+            files: Files::new(folders),
+            following: Following::new(),
             has_pending_step: false,
-            cameras_updated: Instant::now(),
         }
     }
 
@@ -131,13 +73,15 @@ impl WorkerThread {
                 return;
             }
         }
-        self.end_autosave();
+        // The user was prompted about unsaved training before.
+        self.files.discard();
     }
 
     /// Returns the next order; blocks for it unless there is a frame to train.
     fn next_order(&self) -> Result<Option<WorkerOrder>, Dismissed> {
-        let rest = self.time_to_next_poll();
-        if self.has_pending_step || self.snapshot.state == RunState::Training && rest.is_none() {
+        let state = self.outbox.snapshot.state;
+        let rest = self.following.time_to_next_poll(state, &self.run);
+        if self.has_pending_step || state == RunState::Training && rest.is_none() {
             return match self.inbox.try_recv() {
                 Ok(order) => Ok(Some(order)),
                 Err(TryRecvError::Empty) => Ok(None),
@@ -158,31 +102,38 @@ impl WorkerThread {
     /// Time until something may be due without an order; `None` if nothing can be.
     fn idle_timeout(&self) -> Option<Duration> {
         // Retries the delivery of pending splats.
-        if self.changed || !self.dirty.is_empty() || self.first_look.is_some() {
-            return Some(self.shared.interval());
+        if self.outbox.has_news() || self.run.is_sampling() {
+            return Some(self.outbox.interval());
         }
-        self.has_pending_autosave().then_some(SAVES)
+        let saves = self.training.autosave_s.is_some();
+        let is_pending =
+            saves && self.run.session().is_some_and(|session| self.files.is_pending(session));
+        is_pending.then_some(SAVES)
     }
 
     /// Executes an order, or trains a frame if there is none, and publishes the result.
     fn run_turn(&mut self, order: Option<WorkerOrder>) {
         let acted = order.is_some();
-        self.changed |= acted;
         match order {
-            Some(order) => self.apply(order),
+            Some(order) => {
+                self.outbox.mark_changed();
+                self.apply(order);
+            }
             None if self.has_pending_step => self.step_once(),
-            None if self.snapshot.state == RunState::Training => drop(self.step()),
-            None if self.snapshot.state == RunState::Waiting => self.poll_awaited_recording(),
+            None if self.outbox.snapshot.state == RunState::Training => drop(self.step()),
+            None if self.outbox.snapshot.state == RunState::Waiting => {
+                self.poll_awaited_recording();
+            }
             None => {}
         }
-        if !(self.has_pending_step || self.snapshot.state == RunState::Training) {
-            self.shared.unread.end();
+        if !(self.has_pending_step || self.outbox.snapshot.state == RunState::Training) {
+            self.outbox.set_unread(false);
         }
         self.autosave();
-        self.take_frame_sampling();
+        self.take_sampling();
         // The first frame is shown at once.
-        let is_first = self.snapshot.frames_done == 1 && self.changed;
-        self.publish(acted || is_first);
+        let is_first = self.outbox.snapshot.frames_done == 1 && self.outbox.is_changed();
+        self.outbox.publish(&self.run, acted || is_first);
     }
 
     fn apply(&mut self, order: WorkerOrder) {
@@ -194,7 +145,7 @@ impl WorkerThread {
             WorkerOrder::Train => self.set_state(RunState::Training),
             WorkerOrder::Pause => {
                 self.set_state(RunState::Paused);
-                self.mark_visibility();
+                self.outbox.mark_visibility(&self.run);
             }
             // A click that arrives after the end of training must not restart it.
             WorkerOrder::Step if self.may_train() => {
@@ -210,46 +161,34 @@ impl WorkerThread {
                 self.reset();
                 self.set_state(RunState::Training);
             }
-            WorkerOrder::Save(number, path) => self.save(number, &path),
+            WorkerOrder::Save(number, path) => {
+                begin_write(&mut self.outbox, number);
+                self.files.save(number, &path, &self.run, &mut self.outbox);
+            }
             WorkerOrder::Export(number, path, mapping, left_out) => {
-                self.export(number, &path, mapping, &left_out);
+                begin_write(&mut self.outbox, number);
+                self.settle();
+                let export = Export { number, path: &path, mapping, left_out: &left_out };
+                export.write(&self.run, &mut self.outbox, &self.shared.file);
             }
-            WorkerOrder::WriteText(path, text) => self.write_text(&path, &text),
-            WorkerOrder::Rescue(answer) => {
-                // Fails if the window no longer waits for it.
-                let _ = answer.send(self.rescue());
-            }
-            WorkerOrder::StoreForNextWindow(answer) => {
-                let kept = self.store_for_next_window();
+            WorkerOrder::WriteText(path, text) => write_text(&path, &text, &mut self.outbox),
+            WorkerOrder::Store(answer) => {
+                let rescue = self.end_run();
                 // Before the answer, because its receiver relies on the snapshot.
-                self.publish(true);
-                let _ = answer.send(kept);
+                self.outbox.publish(&self.run, true);
+                // Fails if the receiver no longer waits.
+                let _ = answer.send(rescue);
             }
             WorkerOrder::ResumeAbandoned => self.resume_abandoned_run(),
             WorkerOrder::DiscardAbandoned => self.discard_abandoned_run(),
             // Notices of the window are stored here, so that they outlive it.
             WorkerOrder::Report(kind, message) => {
-                self.notify_of(NoticeTopic::Window, kind, message);
+                self.outbox.notify_of(NoticeTopic::Window, kind, message);
             }
-            WorkerOrder::ForgetReports => self.forget_notices(NoticeTopic::Window),
+            WorkerOrder::ForgetReports => self.outbox.forget_notices(NoticeTopic::Window),
             WorkerOrder::Watch(attribute) => self.watch(attribute),
-            WorkerOrder::Inspect(id) => self.inspecting = id,
-            WorkerOrder::Deliver => self.deliver_all(),
-        }
-    }
-
-    /// Trains one frame, once it has been read.
-    fn step_once(&mut self) {
-        self.has_pending_step = !self.step();
-        if !self.has_pending_step {
-            self.mark_visibility();
-        }
-    }
-
-    /// Reopens the subject with its calibration and the current settings, which thus take effect.
-    fn reset(&mut self) {
-        if let Some(subject) = self.subject.clone() {
-            self.open_with(self.calibration.clone(), subject);
+            WorkerOrder::Inspect(id) => self.run.set_inspected(id),
+            WorkerOrder::Deliver => self.outbox.deliver_all(&self.run),
         }
     }
 
@@ -257,104 +196,71 @@ impl WorkerThread {
         self.has_pending_step = false;
         // An order that arrives after the end of training must not restart it.
         if self.may_train() {
-            self.snapshot.state = state;
+            self.outbox.set_state(state);
             self.reset_frame_rate();
         }
     }
 
     fn may_train(&self) -> bool {
-        matches!(self.snapshot.state, RunState::Ready | RunState::Training | RunState::Paused)
+        let state = self.outbox.snapshot.state;
+        matches!(state, RunState::Ready | RunState::Training | RunState::Paused)
     }
 
-    /// Restarts the measurement of the frame rate.
-    pub(super) fn reset_frame_rate(&mut self) {
-        self.ends.clear();
-        self.snapshot.frames_per_s = 0.0;
+    fn reset_frame_rate(&mut self) {
+        self.run.reset_frame_rate();
+        self.outbox.snapshot.frames_per_s = 0.0;
     }
 
     pub(super) fn fail(&mut self, message: String) {
-        self.snapshot.state = RunState::Failed;
+        self.outbox.set_state(RunState::Failed);
         self.reset_frame_rate();
-        self.notify(NoticeKind::Error, message);
+        self.outbox.notify(NoticeKind::Error, message);
     }
 
-    pub(super) fn notify(&mut self, kind: NoticeKind, text: String) {
-        self.notify_of(NoticeTopic::Event, kind, text);
-    }
-
-    /// Removes the notices of a topic that no longer applies.
-    pub(super) fn forget_notices(&mut self, topic: NoticeTopic) {
-        let kept = self.snapshot.notices.iter().filter(|notice| notice.topic != topic);
-        self.snapshot.notices = Arc::new(kept.cloned().collect());
-    }
-
-    pub(super) fn notify_of(&mut self, topic: NoticeTopic, kind: NoticeKind, text: String) {
-        match kind {
-            NoticeKind::Error => tracing::error!("{text}"),
-            NoticeKind::Warning => tracing::warn!("{text}"),
-            NoticeKind::Info => tracing::info!("{text}"),
-        }
-        // A new list, because published snapshots share the old one.
-        let mut notices = self.snapshot.notices.to_vec();
-        if notices.len() == MAX_NOTICES {
-            notices.remove(0);
-        }
-        // Opened subjects use the same counter: both numbers only have to increase.
-        notices.push(Notice { serial: self.next_serial, topic, kind, text });
-        self.next_serial += 1;
-        self.snapshot.notices = Arc::new(notices);
-    }
-}
-
-/// Set of components that changed since the last update of the viewport.
-#[derive(Default)]
-pub struct Dirty {
-    // The list, because most frames change few components; the flags, because a frame may list a
-    // component that is already in the list.
-    ids: Vec<u32>,
-    is_dirty: Vec<bool>,
-}
-
-impl Dirty {
-    /// True if the viewport has received every change.
-    pub fn is_empty(&self) -> bool {
-        self.ids.is_empty()
-    }
-
-    /// Adds components, which may be new.
-    pub fn mark(&mut self, ids: &[u32]) {
-        for &id in ids {
-            let n = self.is_dirty.len().max(id as usize + 1);
-            self.is_dirty.resize(n, false);
-            if !std::mem::replace(&mut self.is_dirty[id as usize], true) {
-                self.ids.push(id);
-            }
+    /// Sets the watched attribute. Everything is delivered again, because attributes of unchanged
+    /// components have not been sent.
+    pub(super) fn watch(&mut self, attribute: Option<Attribute>) {
+        self.run.watch(attribute);
+        if attribute.is_some() {
+            self.outbox.mark_all(&self.run);
         }
     }
 
-    /// Adds all components.
-    pub fn mark_all(&mut self, components: usize) {
-        self.ids = (0..components as u32).collect();
-        self.is_dirty = vec![true; components];
-    }
-
-    /// Returns each component once, and empties the set.
-    pub fn take(&mut self) -> Vec<u32> {
-        // One by one: clearing all flags would cost time in proportion to the scene at every update.
-        for &id in &self.ids {
-            self.is_dirty[id as usize] = false;
+    /// Between two turns: starts an autosave if one is due, and reports a failed one.
+    fn autosave(&mut self) {
+        let (Some(seconds), Some(session)) = (self.training.autosave_s, self.run.session()) else {
+            return;
+        };
+        if let Some(warning) = self.files.poll(session, Duration::from_secs(seconds.into())) {
+            self.outbox.notify(NoticeKind::Warning, warning);
         }
-        std::mem::take(&mut self.ids)
     }
-}
 
-pub enum RunAutosave {
-    /// Nothing was saved yet; since this moment there is something to save, if there is.
-    Waiting(Option<Instant>),
-    /// Saves to a claimed slot.
-    On(Autosave, AutosaveSlot),
-    /// Off: it failed, of which the user was warned, or does not apply.
-    Off,
+    /// After a panic of this thread: stores the run and reports the crash to the window, which stays
+    /// open.
+    fn handle_panic(&mut self, panic: PanicReport) {
+        // The panic may have occurred while a file was written.
+        self.shared.file.end();
+        let rescue = self.files.store(self.run.session());
+        let crash = Crash { thread: CrashedThread::Training, panic, rescue };
+        // Recorded first, so that the program reports the crash at its end even if the next steps fail.
+        self.shared.crash.set(Some(crash.clone()));
+        self.fail(crash.to_string());
+        self.outbox.publish(&self.run, true);
+    }
+
+    /// Stops training because the program ends, and stores the run; windows then close.
+    fn end_run(&mut self) -> Rescue {
+        self.set_state(RunState::Paused);
+        let rescue = self.files.store(self.run.session());
+        match &rescue {
+            Rescue::Nothing => {}
+            Rescue::Stored { .. } => self.outbox.notify(NoticeKind::Info, rescue.to_string()),
+            Rescue::Lost { .. } => self.outbox.notify(NoticeKind::Error, rescue.to_string()),
+        }
+        self.outbox.snapshot.is_terminated = true;
+        rescue
+    }
 }
 
 /// Order to the training thread.
@@ -368,15 +274,12 @@ pub enum WorkerOrder {
     OpenFirst(Vec<PathBuf>),
     /// Restart with the open subject, its cameras corrected by a calibration file.
     Calibrate(PathBuf),
-    /// Train until paused or done.
     Train,
     /// Stop after the current frame.
     Pause,
-    /// Train one frame.
     Step,
     /// Follow recordings, the open one and those opened next; or stop following.
     Follow(bool),
-    /// Restart with the same subject.
     Reset,
     /// Restart with the same subject and other settings, and train at once.
     Retrain(Box<TrainSettings>),
@@ -387,14 +290,11 @@ pub enum WorkerOrder {
     Export(u64, PathBuf, Mapping, LeftOut),
     /// Write a text to a file, under an unused name if it exists.
     WriteText(PathBuf, String),
-    /// Rescue training that no checkpoint holds and send the outcome, because the window has crashed.
-    Rescue(SyncSender<Rescue>),
-    /// Stop, and store training that no checkpoint holds for the next window, because the program is
-    /// terminated.
-    StoreForNextWindow(SyncSender<Rescue>),
+    /// Stop, and store training that no checkpoint holds for the next start, because the program ends
+    /// unexpectedly.
+    Store(SyncSender<Rescue>),
     /// Resume the run that the snapshot offers.
     ResumeAbandoned,
-    /// Discard the offered run.
     DiscardAbandoned,
     /// Publish a notice of the window.
     Report(NoticeKind, String),
@@ -406,22 +306,4 @@ pub enum WorkerOrder {
     Inspect(Option<u32>),
     /// Deliver all splats again, for a new window.
     Deliver,
-}
-
-#[cfg(test)]
-mod dirty_tests {
-    use super::*;
-
-    #[test]
-    fn components_are_told_once_and_may_be_new() {
-        let mut dirty = Dirty::default();
-        dirty.mark(&[2, 0, 2]);
-        dirty.mark(&[7, 0]);
-        assert_eq!(dirty.take(), [2, 0, 7]);
-        assert!(dirty.is_empty());
-        dirty.mark(&[1]);
-        dirty.mark_all(3);
-        dirty.mark(&[2, 3]);
-        assert_eq!(dirty.take(), [0, 1, 2, 3]);
-    }
 }

@@ -1,5 +1,5 @@
-//! Benches of the published algorithm: ablation, speed against error, scaling, numerical stability,
-//! and the search for the fastest precision.
+//! Benches of the published algorithm: ablation, speed against error, scaling, and the search for the
+//! fastest precision.
 
 pub mod ablation;
 pub mod oracle;
@@ -8,4 +8,4 @@ pub mod precision_search;
 mod runs;
 pub mod sample;
 pub mod scaling;
-pub mod stability;
+mod table;

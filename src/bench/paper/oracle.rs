@@ -30,7 +30,6 @@ pub struct DenseOracle<'a> {
     seen: Seen,
 }
 
-/// Results of an engine after some frames.
 struct Seen {
     /// ELBO of each point of the last frame, nats.
     elbo: Vec<f64>,
@@ -39,14 +38,10 @@ struct Seen {
     posteriors: Vec<ComponentPosterior>,
 }
 
-/// Differences from the oracle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Errors {
-    /// Largest ELBO difference of a point, nats.
     pub elbo_max: f64,
-    /// Mean ELBO difference of a point, nats.
     pub elbo_mean: f64,
-    /// Mean over the points of the total variation of their responsibilities.
     pub variation_mean: f64,
     pub variation_max: f64,
     pub posterior: PosteriorErrors,
@@ -91,7 +86,6 @@ impl<'a> DenseOracle<'a> {
         Ok(Self { draw, frames, seen })
     }
 
-    /// Errors of an engine with this configuration, run without reassignment.
     pub fn errors_of(&self, config: &PaperConfig) -> Result<Errors, BenchError> {
         let fixed =
             PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };

@@ -5,24 +5,23 @@
 //! because it costs a dense pass per frame. Oracle and engine start from the final means of the
 //! timed run: few fresh random means ever receive a point, so they would compare little.
 
-use super::ablation::batch_name;
 use super::oracle::{DenseOracle, Errors};
-use super::runs;
-use super::runs::{Runs, TimedConfiguration, with_threads};
+use super::runs::{Runs, with_threads};
 use super::sample::{TrainingSample, thin};
+use super::table::{TimedRow, TimedStep, time};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
-use crate::bench::plot::draw::{Mark, Panel, Series};
-use crate::bench::plot::{Axis, draw};
+use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::eval::metrics::Spread;
 use crate::eval::report;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
-    Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+    Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
 use crate::train::paper::init::InitialDraw;
 use crate::train::setting::table::SettingLayer;
 use serde::Serialize;
+use serde_json::json;
 use std::sync::Arc;
 
 /// Values and sizes of the sweeps. `frames` and `views` are maxima.
@@ -32,7 +31,6 @@ pub struct ParetoPlan {
     pub base: PaperOverrides,
     pub components: Vec<usize>,
     pub candidates: Vec<usize>,
-    pub batches: Vec<Batch>,
     pub precisions: Vec<Precision>,
     /// Values above the machine's number of threads are skipped.
     pub threads: Vec<usize>,
@@ -51,7 +49,7 @@ const ORACLE_FRAMES: usize = 2;
 impl ParetoPlan {
     /// Base with the paper's N, or half of it if quick.
     pub fn new(options: BenchOptions) -> Self {
-        use ReassignPolicy::{Forwarded, Off, Padded, Truncated};
+        use ReassignPolicy::{Forwarded, Off, Padded};
         let quick = options.quick;
         let base = PaperOverrides {
             components: Some(if quick { 50_000 } else { 100_000 }),
@@ -67,10 +65,9 @@ impl ParetoPlan {
             base,
             components: components.to_vec(),
             candidates: if quick { vec![1, 8] } else { vec![1, 2, 8, 16] },
-            batches: [256, 4096, 65_536].map(Batch::Points).to_vec(),
-            precisions: vec![Precision::F64, Precision::F32],
+            precisions: vec![Precision::F64],
             threads: vec![1, 2, 4, 8, 16, 32, 64],
-            policies: vec![Off, Truncated, Padded],
+            policies: vec![Off, Padded],
             frames: options.max_frames.unwrap_or(frames),
             views,
             repeats: options.repeats.unwrap_or(repeats),
@@ -80,52 +77,37 @@ impl ParetoPlan {
     }
 
     /// The base and every configuration of the sweeps.
-    fn stops(&self) -> Result<Vec<SweepPoint>, BenchError> {
-        let all_threads = rayon::current_num_threads();
-        let mut stops = Vec::new();
-        let mut add =
-            |sweep, name: String, change: PaperOverrides, threads| -> Result<(), BenchError> {
-                let config = PaperConfig::paper().with(&change.or(self.base.clone()))?;
-                // One sweep varies N, so each configuration draws its own means.
-                let draw = InitialDraw::random(config.components, config.seed);
-                stops.push(SweepPoint { sweep, name, config, draw, threads });
-                Ok(())
-            };
+    fn steps(&self) -> Result<Vec<TimedStep>, BenchError> {
+        let all = rayon::current_num_threads();
         let none = PaperOverrides::default;
-        add("base", "base".to_owned(), none(), all_threads)?;
-        for &n in &self.components {
-            let change = PaperOverrides { components: Some(n), ..none() };
-            add("N", format!("N {n}"), change, all_threads)?;
-        }
-        for &c in &self.candidates {
-            let change = PaperOverrides { candidates: Some(Candidates::Nearest(c)), ..none() };
-            add("C", format!("C {c}"), change, all_threads)?;
-        }
-        for &batch in &self.batches {
-            let change = PaperOverrides { batch: Some(batch), ..none() };
-            add("batch", format!("batch {}", batch_name(batch)), change, all_threads)?;
-        }
-        for &precision in &self.precisions {
-            let change = PaperOverrides { precision: Some(precision), ..none() };
-            add("precision", named(&precision), change, all_threads)?;
-        }
+        let mut changes = vec![("base", "base".to_owned(), none(), all)];
+        changes.extend(self.components.iter().map(|&n| {
+            ("N", format!("N {n}"), PaperOverrides { components: Some(n), ..none() }, all)
+        }));
+        changes.extend(self.candidates.iter().map(|&c| {
+            let candidates = Some(Candidates::Nearest(c));
+            ("C", format!("C {c}"), PaperOverrides { candidates, ..none() }, all)
+        }));
+        changes.extend(self.precisions.iter().map(|precision| {
+            let change = PaperOverrides { precision: Some(*precision), ..none() };
+            ("precision", named(precision), change, all)
+        }));
         // The base already uses all threads.
-        for &threads in self.threads.iter().filter(|&&t| t < all_threads) {
-            add(
-                "threads",
-                match threads {
-                    1 => "1 thread".to_owned(),
-                    n => format!("{n} threads"),
-                },
-                none(),
-                threads,
-            )?;
-        }
-        for &policy in &self.policies {
-            let change = PaperOverrides { reassign: Some(policy), ..none() };
-            add("reassign", format!("reassign {}", named(&policy)), change, all_threads)?;
-        }
-        Ok(stops)
+        changes.extend(self.threads.iter().filter(|&&t| t < all).map(|&threads| {
+            let plural = if threads == 1 { "" } else { "s" };
+            ("threads", format!("{threads} thread{plural}"), none(), threads)
+        }));
+        changes.extend(self.policies.iter().map(|policy| {
+            let change = PaperOverrides { reassign: Some(*policy), ..none() };
+            ("reassign", format!("reassign {}", named(policy)), change, all)
+        }));
+        let step = |(sweep, name, change, threads): (_, _, PaperOverrides, _)| {
+            let config = PaperConfig::paper().with(&change.or(self.base.clone()))?;
+            // One sweep varies N, so each configuration draws its own means.
+            let draw = InitialDraw::random(config.components, config.seed);
+            Ok(TimedStep { sweep, name, config, threads, draw, is_thinned: false })
+        };
+        changes.into_iter().map(step).collect()
     }
 }
 
@@ -135,102 +117,26 @@ fn named(setting: &impl Serialize) -> String {
     json.and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-struct SweepPoint {
-    sweep: &'static str,
-    name: String,
-    config: PaperConfig,
-    draw: InitialDraw,
-    threads: usize,
-}
-
-impl SweepPoint {
-    fn variant<'a>(&'a self, sample: &'a TrainingSample) -> TimedConfiguration<'a> {
-        let Self { config, draw, threads, .. } = self;
-        TimedConfiguration {
-            config: config.clone(),
-            threads: *threads,
-            draw,
-            frames: &sample.frames,
-        }
-    }
-}
-
-/// One configuration of a sweep. Times are medians over the runs, in milliseconds per frame. Errors
-/// are differences from the oracle.
-#[derive(Clone, Debug, Serialize)]
-pub struct ParetoRow {
-    /// Name of the varied setting.
-    pub sweep: String,
-    /// Varied setting with its value.
-    pub setting: String,
-    pub components: usize,
-    pub candidates: Candidates,
-    /// Points processed at once.
-    pub batch: Batch,
-    pub precision: Precision,
-    pub reassign: ReassignPolicy,
-    pub threads: usize,
-    pub ms: f64,
-    pub ms_q1: f64,
-    pub ms_q3: f64,
-    /// Candidate search.
-    pub candidates_ms: f64,
-    /// Scores and responsibilities.
-    pub e_step_ms: f64,
-    /// Sums per tile.
-    pub stats_ms: f64,
-    /// Adding the sums to the totals.
-    pub update_ms: f64,
-    /// Selecting and moving components.
-    pub reassign_ms: f64,
-    /// Mean PSNR of the held-out views, dB.
-    pub psnr: f64,
-    /// Largest ELBO difference of a point, nats.
-    pub elbo_diff_max: f64,
-    /// Mean ELBO difference of a point, nats.
-    pub elbo_diff_mean: f64,
-    /// Mean over the points of the total variation of their responsibilities.
-    pub total_variation_mean: f64,
-    pub total_variation_max: f64,
-    /// 99 % quantile of the relative error of posterior means, weighted by evidence.
-    pub mean_error_p99: f64,
-    pub mean_error_max: f64,
-    /// 99 % quantile of the relative error of posterior covariances, weighted by evidence.
-    pub covariance_error_p99: f64,
-    pub covariance_error_max: f64,
-    /// True if no other configuration on all threads is both faster and higher in PSNR.
-    pub on_front: bool,
-}
-
-impl ParetoRow {
-    fn spread(&self) -> Spread {
-        Spread { median: self.ms, quartiles: [self.ms_q1, self.ms_q3] }
-    }
-}
-
 pub fn run(
     plan: &ParetoPlan,
     dataset: Arc<Dataset>,
     progress: Progress,
 ) -> Result<Bench, BenchError> {
     let sample = TrainingSample::load(dataset, plan.frames, plan.views)?;
-    let stops = plan.stops()?;
-    let variants: Vec<TimedConfiguration> =
-        stops.iter().map(|stop| stop.variant(&sample)).collect();
-    // One extra step per configuration for its views and the oracle.
-    let steps = (plan.repeats.max(1) + 1) * stops.len();
-    let mut done = 0;
+    let steps = plan.steps()?;
+    let (mut done, all) = (0, (plan.repeats.max(1) + 1) * steps.len());
     let mut step = || {
         done += 1;
-        progress(done, steps);
+        progress(done, all);
     };
-    let timed = runs::in_turns(&variants, plan.repeats, &mut step)?;
-    let mut rows = Vec::with_capacity(stops.len());
-    for (stop, runs) in stops.iter().zip(&timed) {
-        rows.push(measured(stop, runs, &sample, plan.oracle_pairs)?);
-        step();
-    }
-    mark_front(&mut rows);
+    let errors = |step: &TimedStep, runs: &Runs| {
+        let errors = || errors(&step.config, runs, &sample, plan.oracle_pairs);
+        with_threads(step.threads, errors)?.map(Some)
+    };
+    let rows = time(&steps, &sample, &[], plan.repeats, &mut step, errors)?;
+    let is_front = front(&rows);
+    let names = rows.iter().zip(&is_front).filter(|(_, is_front)| **is_front);
+    let summary = json!({ "front": names.map(|(row, _)| &row.configuration).collect::<Vec<_>>() });
     let title =
         format!("Speed against error: {}, base {}", sample.dataset.name, base_name(&rows[0]));
     Findings {
@@ -239,52 +145,12 @@ pub fn run(
         adapter: None,
         options: plan.options,
         notes: notes(plan, &sample, &rows[0]),
-        table: text(&rows),
-        plot: draw::draw(&title, &panels(&rows))?,
+        table: text(&rows, &is_front),
+        plot: plot::draw(&title, &panels(&rows))?,
         rows,
-        summary: (),
+        summary,
     }
     .into_bench()
-}
-
-fn measured(
-    stop: &SweepPoint,
-    runs: &Runs,
-    sample: &TrainingSample,
-    oracle_pairs: usize,
-) -> Result<ParetoRow, BenchError> {
-    let SweepPoint { sweep, name, config, threads, .. } = stop;
-    let ms = runs.spread(|ms| ms.train);
-    let [candidates_ms, e_step_ms, stats_ms, update_ms, reassign_ms] = runs.stages();
-    let errors = with_threads(*threads, || errors(config, runs, sample, oracle_pairs))??;
-    Ok(ParetoRow {
-        sweep: (*sweep).to_owned(),
-        setting: name.clone(),
-        components: config.components,
-        candidates: config.candidates,
-        batch: config.batch,
-        precision: config.precision,
-        reassign: config.reassign,
-        threads: *threads,
-        ms: ms.median,
-        ms_q1: ms.quartiles[0],
-        ms_q3: ms.quartiles[1],
-        candidates_ms,
-        e_step_ms,
-        stats_ms,
-        update_ms,
-        reassign_ms,
-        psnr: sample.psnr(&*runs.engine, config)?,
-        elbo_diff_max: errors.elbo_max,
-        elbo_diff_mean: errors.elbo_mean,
-        total_variation_mean: errors.variation_mean,
-        total_variation_max: errors.variation_max,
-        mean_error_p99: errors.posterior.mean_p99,
-        mean_error_max: errors.posterior.mean_max,
-        covariance_error_p99: errors.posterior.covariance_p99,
-        covariance_error_max: errors.posterior.covariance_max,
-        on_front: false,
-    })
 }
 
 /// Runs engine and oracle from the final means of the timed run, which reassignment has spread out.
@@ -304,43 +170,37 @@ fn errors(
     DenseOracle::new(config, &draw, &frames)?.errors_of(config)
 }
 
-fn mark_front(rows: &mut [ParetoRow]) {
-    let all: Vec<(usize, f64, f64)> = rows.iter().map(|r| (r.threads, r.ms, r.psnr)).collect();
-    let most = all.iter().map(|a| a.0).max().unwrap_or(0);
-    for row in rows {
-        let beaten = |&(threads, ms, psnr): &(usize, f64, f64)| {
-            threads == most && ms < row.ms && psnr > row.psnr
-        };
-        // Rows with fewer threads show the speed-up by threads. They are never the best choice.
-        row.on_front = row.threads == most && !all.iter().any(beaten);
-    }
+/// True for rows on all threads than which no other is both faster and higher in PSNR.
+fn front(rows: &[TimedRow]) -> Vec<bool> {
+    // Rows with fewer threads show the speed-up by threads. They are never the best choice.
+    let most = rows.iter().map(|row| row.threads).max().unwrap_or(0);
+    let on_all = || rows.iter().filter(|row| row.threads == most);
+    let is_beaten = |row: &TimedRow| on_all().any(|r| r.ms < row.ms && r.psnr > row.psnr);
+    rows.iter().map(|row| row.threads == most && !is_beaten(row)).collect()
 }
 
-fn base_name(base: &ParetoRow) -> String {
+fn base_name(base: &TimedRow) -> String {
     let candidates = match base.candidates {
         Candidates::Dense => "dense".to_owned(),
         Candidates::Nearest(n) => n.to_string(),
     };
-    format!(
-        "N = {}, C = {candidates}, {}, {}",
-        base.components,
-        named(&base.precision),
-        named(&base.reassign)
-    )
+    let [precision, reassign] = [named(&base.precision), named(&base.reassign)];
+    format!("N = {}, C = {candidates}, {precision}, {reassign}", base.components)
 }
 
-fn text(rows: &[ParetoRow]) -> String {
-    let cells = |row: &ParetoRow| {
+fn text(rows: &[TimedRow], is_front: &[bool]) -> String {
+    let error = |error: Option<f64>| error.map_or_else(String::new, report::error);
+    let cells = |(row, is_front): (&TimedRow, &bool)| {
         [
-            row.setting.clone(),
+            row.configuration.clone(),
             row.spread().to_string(),
             format!("{:.2}", row.psnr),
-            report::error(row.elbo_diff_max),
-            report::error(row.elbo_diff_mean),
-            report::error(row.total_variation_mean),
-            report::error(row.mean_error_p99),
-            report::error(row.covariance_error_p99),
-            if row.on_front { "*" } else { "" }.to_owned(),
+            error(row.elbo_diff_max),
+            error(row.elbo_diff_mean),
+            error(row.total_variation_mean),
+            error(row.mean_error_p99),
+            error(row.covariance_error_p99),
+            if *is_front { "*" } else { "" }.to_owned(),
         ]
     };
     let header = [
@@ -354,10 +214,10 @@ fn text(rows: &[ParetoRow]) -> String {
         "covariance",
         "front",
     ];
-    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    report::text(header, &rows.iter().zip(is_front).map(cells).collect::<Vec<_>>())
 }
 
-fn notes(plan: &ParetoPlan, sample: &TrainingSample, base: &ParetoRow) -> Vec<String> {
+fn notes(plan: &ParetoPlan, sample: &TrainingSample, base: &TimedRow) -> Vec<String> {
     vec![
         format!(
             "base: {}, {} threads. Each other row changes one setting. {} frames, {} runs in turns; the time of a run is the median over its frames without the first.",
@@ -377,36 +237,26 @@ fn notes(plan: &ParetoPlan, sample: &TrainingSample, base: &ParetoRow) -> Vec<St
     ]
 }
 
-fn panels(rows: &[ParetoRow]) -> [Panel; 2] {
-    let mut sweeps: Vec<&str> = rows.iter().map(|r| r.sweep.as_str()).collect();
-    sweeps.dedup();
-    let panel = |title: &str, y: Axis, value: &dyn Fn(&ParetoRow) -> f64| Panel {
-        title: title.to_owned(),
-        x: Axis::Log("ms per frame (median, quartiles)".to_owned()),
-        y,
-        series: sweeps
-            .iter()
-            .map(|&sweep| Series {
-                name: sweep.to_owned(),
-                marks: rows
-                    .iter()
-                    .filter(|r| r.sweep == sweep)
-                    .map(|r| Mark {
-                        x: r.spread(),
-                        y: Spread::exact(value(r)),
-                        label: Some(r.setting.clone()),
-                    })
-                    .collect(),
-                connected: false,
-            })
-            .collect(),
+fn panels(rows: &[TimedRow]) -> [Panel; 2] {
+    let panel = |title: &str, y: Axis, value: fn(&TimedRow) -> f64| {
+        let mark = |row: &TimedRow| {
+            let (x, y) = (row.spread(), Spread::exact(value(row)));
+            Mark { x, y, label: Some(row.configuration.clone()) }
+        };
+        let sweep = |rows: &[TimedRow]| Series {
+            name: rows[0].sweep.to_owned(),
+            marks: rows.iter().map(mark).collect(),
+            connected: false,
+        };
+        let x = Axis::Log("ms per frame (median, quartiles)".to_owned());
+        let series = rows.chunk_by(|a, b| a.sweep == b.sweep).map(sweep).collect();
+        Panel { title: title.to_owned(), x, y, series }
     };
+    let error = Axis::Log("relative error of covariances (99 %)".to_owned());
     [
-        panel("quality", Axis::Linear("PSNR, dB".to_owned()), &|r| r.psnr),
-        panel(
-            "distance from the dense f64 oracle",
-            Axis::Log("relative error of covariances (99 %)".to_owned()),
-            &|r| r.covariance_error_p99,
-        ),
+        panel("quality", Axis::Linear("PSNR, dB".to_owned()), |r| r.psnr),
+        panel("distance from the dense f64 oracle", error, |r| {
+            r.covariance_error_p99.unwrap_or(f64::NAN)
+        }),
     ]
 }

@@ -16,7 +16,6 @@ use rayon::ThreadPoolBuilder;
 pub struct TimedConfiguration<'a> {
     pub config: PaperConfig,
     pub threads: usize,
-    /// Initial means and weights.
     pub draw: &'a InitialDraw,
     pub frames: &'a [Points<f32>],
 }
@@ -30,7 +29,6 @@ pub struct Runs {
 }
 
 impl Runs {
-    /// Median and quartiles of `of` over the runs.
     pub fn spread(&self, of: impl Fn(&StageMs) -> f64) -> Spread {
         Spread::of(self.runs.iter().map(of).collect())
     }
@@ -83,10 +81,5 @@ fn run(variant: &TimedConfiguration) -> Result<(Box<dyn PaperLearner>, StageMs),
     }
     // A single frame counts although it is cold: otherwise there would be no time.
     let counted = &times[usize::from(times.len() > 1)..];
-    Ok((engine, median(counted)))
-}
-
-/// Median of each stage.
-pub fn median(times: &[StageMs]) -> StageMs {
-    StageMs::combine(times, |values| Spread::of(values).median)
+    Ok((engine, StageMs::combine(counted, |values| Spread::of(values).median)))
 }

@@ -19,9 +19,7 @@ use std::sync::Arc;
 /// Points of evenly spaced training frames, for repeated training.
 pub struct TrainingSample {
     pub dataset: Arc<Dataset>,
-    /// Maps world to model coordinates.
     pub normalization: Normalization,
-    /// In the order of the dataset.
     pub frames: Vec<Points<f32>>,
     /// Split and frame indices of the held-out views.
     views: (usize, Vec<usize>),
@@ -82,7 +80,6 @@ impl TrainingSample {
         self.views.1.len()
     }
 
-    /// Frames thinned to about `n_points` points each.
     pub fn thinned(&self, n_points: usize) -> Vec<Points<f32>> {
         self.frames.iter().map(|frame| thin(frame, n_points)).collect()
     }
@@ -112,7 +109,6 @@ pub fn thin(points: &Points<f32>, n_points: usize) -> Points<f32> {
     thinned
 }
 
-/// Total number of points.
 pub fn count(frames: &[Points<f32>]) -> usize {
     frames.iter().map(Points::len).sum()
 }

@@ -3,29 +3,25 @@
 use super::painter::{FramePath, FrameStageMs, TimedPaintError, TimedPainter, ms_since};
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
-use crate::render::gpu::DrawPath;
+use crate::render::gpu::GpuTimes;
 use crate::render::gpu::adapters::AdapterChoice;
 use crate::render::gpu::headless::{HeadlessError, HeadlessGpu};
 use crate::render::gpu::renderer::SplatRenderer;
-use crate::render::gpu::scene::{ComparedImage, GpuScene};
-use crate::render::gpu::sort::{SortScratch, back_to_front};
+use crate::render::gpu::scene::GpuScene;
 use crate::render::{RenderOptions, Renderer};
-use std::rc::Rc;
 use std::time::Instant;
 
 /// Warm-up frames before the first timed one: clocks rise, and tile lists grow to what the scene
 /// needs.
 const WARM_UP: usize = 8;
 
-/// Timed drawing path of one adapter.
+/// Timed frames of one adapter.
 pub struct TimedGpu {
-    gpu: Rc<HeadlessGpu>,
-    path: DrawPath,
+    gpu: HeadlessGpu,
     /// One renderer per method, so that each has its own timestamps.
     projected: TimedMethod,
     exact: TimedMethod,
     scene: GpuScene,
-    scratch: SortScratch,
 }
 
 struct TimedMethod {
@@ -34,27 +30,16 @@ struct TimedMethod {
 }
 
 impl TimedGpu {
-    /// Creates a painter for each path on the chosen adapter.
-    pub fn all(choice: &AdapterChoice, paths: &[DrawPath]) -> Result<Vec<Self>, HeadlessError> {
-        // Share one device between all paths: some drivers fail when several devices are created
-        // and dropped.
-        let gpu = Rc::new(HeadlessGpu::new(choice)?);
-        paths.iter().map(|&path| Self::new(gpu.clone(), path)).collect()
-    }
-
-    fn new(gpu: Rc<HeadlessGpu>, path: DrawPath) -> Result<Self, HeadlessError> {
+    pub fn new(choice: &AdapterChoice) -> Result<Self, HeadlessError> {
+        let gpu = HeadlessGpu::new(choice)?;
         let (device, queue) = (&gpu.device, &gpu.queue);
         let method = || -> Result<TimedMethod, HeadlessError> {
-            let mut renderer = SplatRenderer::new(device, queue, ComparedImage::First)?;
-            renderer.set_path(path);
-            Ok(TimedMethod { renderer, is_warm: false })
+            Ok(TimedMethod { renderer: SplatRenderer::new(device, queue)?, is_warm: false })
         };
         Ok(Self {
-            path,
             projected: method()?,
             exact: method()?,
             scene: GpuScene::new(device, queue, &[])?,
-            scratch: SortScratch::default(),
             gpu,
         })
     }
@@ -87,10 +72,7 @@ impl TimedGpu {
 
 impl TimedPainter for TimedGpu {
     fn path(&self) -> FramePath {
-        match self.path {
-            DrawPath::Quads => FramePath::Quads,
-            DrawPath::Tiles => FramePath::Tiles,
-        }
+        FramePath::Gpu
     }
 
     fn adapter(&self) -> Option<String> {
@@ -108,28 +90,21 @@ impl TimedPainter for TimedGpu {
         Ok(self.gpu.wait()?)
     }
 
-    /// Sorts quads on the CPU before the frame; the total excludes that time. Other stages are GPU
-    /// timestamps, one or two frames old.
+    /// Stages are GPU timestamps, one or two frames old.
     fn frame(
         &mut self,
-        splats: &[Splat],
+        _: &[Splat],
         camera: &Camera,
         options: &RenderOptions,
     ) -> Result<FrameStageMs, TimedPaintError> {
-        let mut order_ms = None;
-        if self.path == DrawPath::Quads {
-            let started = Instant::now();
-            let order = back_to_front(splats, camera, options, &mut self.scratch);
-            order_ms = Some(ms_since(started));
-            self.scene.set_order(&self.gpu.queue, ComparedImage::First, order)?;
-        }
         let total = self.draw(camera, options)?;
         let times = match options.method.renderer() {
             Renderer::Projected => self.projected.renderer.gpu_times(),
             Renderer::Exact => self.exact.renderer.gpu_times(),
         };
-        let prepare = times.and_then(|times| times.preprocess);
-        let sort = order_ms.or(times.and_then(|times| times.sort));
-        Ok(FrameStageMs { total, stages: [prepare, sort, None, times.map(|times| times.draw)] })
+        let stages = times.map_or([None; 4], |GpuTimes { preprocess, sort, draw }| {
+            [Some(preprocess), Some(sort), None, Some(draw)]
+        });
+        Ok(FrameStageMs { total, stages })
     }
 }

@@ -9,10 +9,9 @@ mod gpu;
 mod painter;
 mod plan;
 mod report;
-mod row;
 mod scene;
 
-use super::plot::draw;
+use super::plot;
 use crate::bench::findings::{Bench, BenchError, Findings, Progress};
 use crate::eval::metrics::Spread;
 use crate::math::camera::{Camera, Intrinsics};
@@ -21,15 +20,12 @@ use crate::model::splat::framing::{Framing, core_sphere};
 use crate::model::splat::splats::Splat;
 use crate::render::{RenderOptions, Renderer};
 use glam::DVec3;
-use painter::{FrameStageMs, TimedPaintError, TimedPainter};
+use painter::{FramePath, FrameStageMs, TimedPaintError, TimedPainter};
 use plan::RENDERERS;
-use report::{RenderSummary, notes, panels, text};
+use report::{RenderRow, notes, panels, text};
 use std::f64::consts::TAU;
 
-pub use painter::FramePath;
 pub use plan::{BenchDevice, RenderPlan};
-pub use report::Ratio;
-pub use row::RenderRow;
 pub use scene::BenchScene;
 
 /// Horizontal field of view, radians.
@@ -51,23 +47,21 @@ pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<
             progress(done, steps);
         }
     }
-    let summary = RenderSummary::of(&rows);
     let title = format!("Time per frame: {}", scene.name());
     Findings {
         name: "render",
         dataset: scene.name(),
         adapter: painters.iter().find_map(|painter| painter.adapter()),
         options: plan.options,
-        notes: [missing, notes(plan, &rows, &summary)].concat(),
+        notes: [missing, notes(plan, &rows)].concat(),
         table: text(&rows),
-        plot: draw::draw(&title, &panels(plan, &rows))?,
+        plot: plot::draw(&title, &panels(plan, &rows))?,
         rows,
-        summary,
+        summary: (),
     }
     .into_bench()
 }
 
-/// All painters with one scene.
 struct Turns<'a> {
     splats: &'a [Splat],
     painters: &'a mut [Box<dyn TimedPainter>],

@@ -10,19 +10,13 @@ use crate::render::gpu::{GpuError, headless::HeadlessError};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Rendering path of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, strum::Display)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum FramePath {
-    /// Tiles on the CPU.
     Cpu,
-    /// Instanced quads on a GPU.
     #[cfg(feature = "gui")]
-    Quads,
-    /// Tiles in compute shaders of a GPU.
-    #[cfg(feature = "gui")]
-    Tiles,
+    Gpu,
 }
 
 /// Times of one frame, milliseconds. `None` for a stage that is not timed separately.
@@ -42,7 +36,6 @@ pub const STAGES: [&str; CpuStage::ALL.len()] = ["prepare", "sort", "bin", "draw
 pub enum TimedPaintError {
     #[error("needs about {needed_mb} MB of memory, {available_mb} MB are free")]
     Memory { needed_mb: u64, available_mb: u64 },
-    /// Scene or image exceeds the adapter's limits.
     #[cfg(feature = "gui")]
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -51,14 +44,11 @@ pub enum TimedPaintError {
     BenchDevice(#[from] HeadlessError),
 }
 
-/// Draws and times frames of one scene at a time.
 pub trait TimedPainter {
     fn path(&self) -> FramePath;
 
-    /// Graphics adapter, if it uses one.
     fn adapter(&self) -> Option<String>;
 
-    /// Loads the scene for the following frames.
     fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError>;
 
     /// Draws and times a frame of the loaded scene. `splats` are those of the last `load`.
@@ -70,7 +60,6 @@ pub trait TimedPainter {
     ) -> Result<FrameStageMs, TimedPaintError>;
 }
 
-/// CPU renderer on all threads of the pool.
 #[derive(Default)]
 pub struct TimedCpu(CpuRenderer);
 

@@ -7,28 +7,21 @@ use super::scene::BenchScene;
 use crate::bench::findings::{BenchError, BenchOptions};
 use crate::render::Renderer;
 #[cfg(feature = "gui")]
-use crate::render::gpu::{DrawPath, adapters::AdapterChoice};
+use crate::render::gpu::adapters::AdapterChoice;
 
 /// In the order of the rows.
 pub const RENDERERS: [Renderer; 2] = [Renderer::Projected, Renderer::Exact];
 
-/// Devices that draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, strum::EnumString, strum::VariantNames)]
 #[strum(serialize_all = "kebab-case")]
 pub enum BenchDevice {
     Cpu,
-    /// A graphics adapter with both of its paths.
     #[cfg(feature = "gui")]
     Gpu,
-    /// Only the compute tiles of a graphics adapter: other painters would take memory and clock
-    /// speed from them.
-    #[cfg(feature = "gui")]
-    Tiles,
     /// The CPU renderer, and a graphics adapter unless it is a software one.
     All,
 }
 
-/// Sizes and devices to time.
 #[derive(Clone, Debug)]
 pub struct RenderPlan {
     pub splats: Vec<usize>,
@@ -80,10 +73,8 @@ impl RenderPlan {
         #[cfg(feature = "gui")]
         if self.device != BenchDevice::Cpu {
             let choice = self.adapter.as_deref().map_or(AdapterChoice::Auto, AdapterChoice::parse);
-            let all = [DrawPath::Quads, DrawPath::Tiles];
-            let paths = if self.device == BenchDevice::Tiles { &all[1..] } else { &all };
-            match TimedGpu::all(&choice, paths) {
-                Ok(paths) => painters.extend(paths.into_iter().map(|p| Box::new(p) as _)),
+            match TimedGpu::new(&choice) {
+                Ok(painter) => painters.push(Box::new(painter)),
                 // A requested adapter must exist. As part of `All` it may be missing.
                 Err(error) if self.device == BenchDevice::All && self.adapter.is_none() => {
                     notes.push(format!("CPU only: {error}"));

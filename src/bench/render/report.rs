@@ -1,78 +1,74 @@
-//! Table, notes, ratios and plot of frame times.
-//!
-//! Ratios compare the renderers only for the same scene, size and path. A stage that a path does
-//! not time separately is a dash, never zero.
+//! Rows, table, notes and plot of frame times.
 
 use super::painter::{FramePath, STAGES};
 use super::plan::{RENDERERS, RenderPlan};
-use super::row::RenderRow;
-use crate::bench::plot::Axis;
-use crate::bench::plot::draw::{Mark, Panel, Series};
+use crate::bench::findings::table;
+use crate::bench::plot::{Axis, Mark, Panel, Series};
 use crate::eval::metrics::Spread;
-use crate::eval::report;
 use crate::render::Renderer;
 use serde::Serialize;
 
-/// Values derived from the rows.
+/// One timed combination. Times are medians per frame in milliseconds, with quartiles. `None` if
+/// nothing was drawn or a stage is not timed separately.
 #[derive(Clone, Debug, Serialize)]
-pub struct RenderSummary {
-    /// Combinations for which both renderers were timed.
-    pub ratios: Vec<Ratio>,
-}
-
-/// Time of the exact renderer relative to the projected one.
-#[derive(Clone, Debug, Serialize)]
-pub struct Ratio {
+pub struct RenderRow {
     pub path: FramePath,
+    pub renderer: Renderer,
     pub splats: usize,
     pub width: u32,
     pub height: u32,
-    pub exact_over_projected: f64,
+    /// Timed frames. 0 if nothing was drawn.
+    pub frames: usize,
+    pub ms: Option<f64>,
+    pub ms_q1: Option<f64>,
+    pub ms_q3: Option<f64>,
+    pub prepare_ms: Option<f64>,
+    pub sort_ms: Option<f64>,
+    pub bin_ms: Option<f64>,
+    pub draw_ms: Option<f64>,
+    pub skipped: Option<String>,
 }
 
-impl RenderSummary {
-    /// Ratios of rows that differ only in the renderer.
-    pub fn of(rows: &[RenderRow]) -> Self {
-        let of = |renderer| rows.iter().filter(move |row: &&RenderRow| row.renderer == renderer);
-        let place = |row: &RenderRow| (row.path, row.splats, row.width, row.height);
-        let ratio = |projected: &RenderRow| {
-            let exact = of(Renderer::Exact).find(|exact| place(exact) == place(projected))?;
-            let (path, splats, width, height) = place(projected);
-            let exact_over_projected = exact.ms? / projected.ms?;
-            Some(Ratio { path, splats, width, height, exact_over_projected })
-        };
-        Self { ratios: of(Renderer::Projected).filter_map(ratio).collect() }
+impl RenderRow {
+    pub fn spread(&self) -> Option<Spread> {
+        Some(Spread { median: self.ms?, quartiles: [self.ms_q1?, self.ms_q3?] })
     }
 }
 
 pub fn text(rows: &[RenderRow]) -> String {
-    let cells = |row: &RenderRow| {
-        let total = row.spread().map_or_else(|| "skipped".to_owned(), |ms| ms.to_string());
-        let stage = |ms: Option<f64>| ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}"));
-        let [prepare, sort, bin, draw] = row.stages().map(stage);
-        let size = format!("{}x{}", row.width, row.height);
-        let names = [row.path.to_string(), row.renderer.to_string()];
-        let [path, renderer] = names;
-        [path, renderer, row.splats.to_string(), size, total, prepare, sort, bin, draw]
-    };
     let [prepare, sort, bin, draw] = STAGES;
-    let header =
-        ["path", "renderer", "splats", "size", "ms/frame [quartiles]", prepare, sort, bin, draw];
-    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+    table(
+        rows,
+        [
+            ("path", |row| row.path.to_string()),
+            ("renderer", |row| row.renderer.to_string()),
+            ("splats", |row| row.splats.to_string()),
+            ("size", |row| format!("{}x{}", row.width, row.height)),
+            ("ms/frame [quartiles]", |row| {
+                row.spread().map_or_else(|| "skipped".to_owned(), |ms| ms.to_string())
+            }),
+            (prepare, |row| stage(row.prepare_ms)),
+            (sort, |row| stage(row.sort_ms)),
+            (bin, |row| stage(row.bin_ms)),
+            (draw, |row| stage(row.draw_ms)),
+        ],
+    )
 }
 
-/// Describes the measurement, the largest ratio and the skipped rows.
-pub fn notes(plan: &RenderPlan, rows: &[RenderRow], summary: &RenderSummary) -> Vec<String> {
+fn stage(ms: Option<f64>) -> String {
+    ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}"))
+}
+
+pub fn notes(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<String> {
     let mut notes = vec![format!(
         "Medians of {} frames from as many sides, in turns, after one warm-up frame. Stages are separate medians; - marks a stage that is not timed separately.",
         plan.frames
     )];
     if rows.iter().any(|row| row.path != FramePath::Cpu) {
-        notes.push("On a GPU a frame ends when its image is complete. The total excludes sorting quads on the CPU; drawing is timed by the GPU.".to_owned());
-    }
-    let ratios = summary.ratios.iter().map(|ratio| ratio.exact_over_projected);
-    if let Some(most) = ratios.reduce(f64::max) {
-        notes.push(format!("exact takes at most {most:.2} times as long as projected"));
+        notes.push(
+            "On a GPU a frame ends when its image is complete. Its stages are timed by the GPU."
+                .to_owned(),
+        );
     }
     let mut reasons: Vec<String> = rows
         .iter()
@@ -87,7 +83,6 @@ pub fn notes(plan: &RenderPlan, rows: &[RenderRow], summary: &RenderSummary) -> 
     notes
 }
 
-/// One panel per resolution.
 pub fn panels(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<Panel> {
     let mut paths: Vec<FramePath> = rows.iter().map(|row| row.path).collect();
     paths.sort_by_key(|path| *path as usize);
@@ -112,38 +107,4 @@ pub fn panels(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<Panel> {
         }
     };
     plan.sizes.iter().map(panel).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_pairs_that_were_timed_have_a_ratio() {
-        let row = |renderer, splats, ms| RenderRow {
-            path: FramePath::Cpu,
-            renderer,
-            splats,
-            width: 4,
-            height: 3,
-            frames: 1,
-            ms,
-            ms_q1: ms,
-            ms_q3: ms,
-            prepare_ms: None,
-            sort_ms: None,
-            bin_ms: None,
-            draw_ms: None,
-            skipped: None,
-        };
-        let rows = [
-            row(Renderer::Projected, 10, Some(2.0)),
-            row(Renderer::Exact, 10, Some(3.0)),
-            row(Renderer::Projected, 20, Some(2.0)),
-            row(Renderer::Exact, 20, None),
-            row(Renderer::Exact, 30, Some(3.0)),
-        ];
-        let [ratio] = &RenderSummary::of(&rows).ratios[..] else { panic!() };
-        assert_eq!((ratio.splats, ratio.exact_over_projected), (10, 1.5));
-    }
 }

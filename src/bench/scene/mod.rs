@@ -15,25 +15,22 @@ mod variants;
 
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use super::paper::sample::spaced;
-use super::plot::draw;
+use super::plot;
 use crate::dataset::Dataset;
-use crate::eval::choices::{GroundTruth, SEEN_AFTER};
+use crate::eval::choices::SEEN_AFTER;
 use crate::eval::cracks::CrackReport;
 use crate::eval::metrics::{Spread, mean_std};
 use crate::eval::report::{EvalReport, SeenReport};
 use crate::eval::views::EvalOptions;
 use crate::eval::{choices, cracks};
-use crate::pipeline::any_preset::AnyPreset;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
-use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
-use crate::render::{RenderMethod, RenderOptions};
-use crate::train::scene::config::BirthRule;
+use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::photometric::rule::PhotometricMode;
 use serde::Serialize;
 use std::sync::Arc;
-use training::{Trained, n_sweeps, ordered, train};
-use variants::{SceneVariant, Table, budgets, constants, parts, scales};
+use training::{Trained, n_sweeps, ordered, prepare, train};
+use variants::{SceneVariant, Table, budgets, parts, scales};
 
 /// Sizes of the tables. `frames` and `views` are maxima.
 #[derive(Clone, Debug)]
@@ -66,7 +63,6 @@ impl AccuracyPlan {
     }
 }
 
-/// Inputs shared by all runs.
 struct AccuracyRuns {
     dataset: Arc<Dataset>,
     plan: Plan,
@@ -84,9 +80,6 @@ pub fn run(
 ) -> Result<Bench, BenchError> {
     let (stage, base) = AccuracyRuns::new(plan, dataset)?;
     let mut rows = parts(&base);
-    if !plan.options.quick {
-        rows.extend(constants(&base));
-    }
     let of_scale = scales(&stage.dataset, &stage.plan, &base, &plan.scales);
     rows.extend(of_scale.map_err(SessionError::from)?);
     // Budgets are shares of the components born without a budget, which requires a run of its own.
@@ -136,21 +129,12 @@ pub fn run(
 
 impl AccuracyRuns {
     fn new(plan: &AccuracyPlan, dataset: Arc<Dataset>) -> Result<(Self, SceneRun), BenchError> {
-        let everything = Selection::all_frames();
-        let all =
-            Plan::new(&dataset, &everything, plan.options.seed).map_err(SessionError::from)?;
-        let held_out = dataset.evaluation(all.split).new_views;
-        let training = Plan { frames: spaced(&all.frames, plan.frames), ..all };
-        let base = SceneRun::new(&dataset, &training, &SceneOverrides::default());
-        let base = base.map_err(SessionError::from)?;
+        let (training, base, options) =
+            prepare(&dataset, &Selection::all_frames(), plan.frames, plan.options.seed)?;
+        let held_out = dataset.evaluation(training.split).new_views;
         let views = spaced(&held_out.frames, plan.views);
         let crack_views = cracks::views(&dataset, held_out.split, &views);
         let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
-        let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
-        // One camera for all rows, regardless of the camera they were trained with.
-        let color_camera = base.color_camera();
-        let options =
-            EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
         let views = (held_out.split, views);
         Ok((Self { dataset, plan: training, views, crack_views, options }, base))
     }
@@ -203,7 +187,7 @@ impl AccuracyRuns {
             options: plan.options,
             notes: report::notes(&summary, self.crack_views.as_ref().map_or(0, |v| v.1.len())),
             table: report::text(&rows),
-            plot: draw::draw(&title, &report::panels(&rows, is_registered))?,
+            plot: plot::draw(&title, &report::panels(&rows, is_registered))?,
             rows,
             summary,
         }
@@ -216,48 +200,31 @@ impl AccuracyRuns {
 pub struct AccuracyRow {
     pub table: Table,
     pub configuration: String,
-    pub births: BirthRule,
     pub photographs: PhotometricMode,
-    /// Structural scale, world units.
     pub h: f64,
     pub drawn: f64,
     pub born: f64,
     pub bytes_per_component: f64,
-    /// Median milliseconds per frame.
     pub train_ms: f64,
-    /// Median milliseconds per frame on the decoding thread.
     pub prepare_ms: f64,
-    /// Whole frame, dB.
     pub psnr: f64,
-    /// Lowest PSNR of the orders, dB.
     pub psnr_low: f64,
-    /// Highest PSNR of the orders, dB.
     pub psnr_high: f64,
-    /// Covered pixels, dB.
     pub psnr_covered: Option<f64>,
-    /// Covered pixels with colours aligned per view, dB.
     pub psnr_aligned_covered: Option<f64>,
-    /// Share of covered pixels.
     pub coverage: f64,
-    /// Mean SSIM of the whole frame, −1 to 1.
     pub ssim: f64,
-    /// Mean SSIM with colours aligned per view.
     pub ssim_aligned: Option<f64>,
     /// Share of interior pixels with transmittance > 0.1 at the training distance. This field and
     /// the next three are from the first order only.
     pub cracks_01: Option<f64>,
-    /// Share of interior pixels with transmittance > 0.3.
     pub cracks_03: Option<f64>,
-    /// Transmittance > 0.1 at half the training distance.
     pub cracks_half_01: Option<f64>,
-    /// Transmittance > 0.3 at half the training distance.
     pub cracks_half_03: Option<f64>,
 }
 
-/// Values shared by all rows.
 #[derive(Clone, Debug, Serialize)]
 pub struct AccuracySummary {
-    /// Settings of the preset on this dataset.
     pub base: SceneRun,
     pub frames: usize,
     pub views: usize,
@@ -266,15 +233,12 @@ pub struct AccuracySummary {
     pub seen: Vec<SeenReport>,
 }
 
-/// A configuration trained in one order of the frames.
 pub struct Measured {
     pub trained: Trained,
-    /// Quality on the held-out views.
     pub quality: EvalReport,
 }
 
 impl AccuracyRow {
-    /// Averages a configuration over the orders of frames.
     pub fn of(variant: &SceneVariant, orders: &[Measured]) -> Self {
         let mean = |value: &dyn Fn(&Measured) -> f64| {
             mean_std(&orders.iter().map(value).collect::<Vec<_>>()).0
@@ -293,7 +257,6 @@ impl AccuracyRow {
         Self {
             table: variant.table,
             configuration: variant.name.clone(),
-            births: variant.run.engine.births,
             photographs: PhotometricMode::of(variant.run.engine.photometric),
             h: variant.run.engine.h,
             drawn: mean(&|m| m.trained.drawn() as f64),

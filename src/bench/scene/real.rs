@@ -2,26 +2,22 @@
 //! every recording of a folder, in one pass. Evaluation uses the standard metrics, and metrics that
 //! are robust to pose errors.
 
-use super::training::{Perturbed, Trained, ordered, train};
-use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use super::training::{Perturbed, Trained, ordered, prepare, train};
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
 use crate::bench::folder;
 use crate::bench::paper::sample::spaced;
-use crate::bench::plot::draw::{Mark, Panel, Series};
-use crate::bench::plot::{Axis, draw};
+use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::dataset::splits::{HoldOut, ViewGroup, ViewGroupName};
-use crate::eval::choices::{GroundTruth, ViewPoses};
+use crate::eval::choices::ViewPoses;
 use crate::eval::metrics::Spread;
-use crate::eval::report;
 use crate::eval::report::EvalReport;
 use crate::eval::views::{EvalOptions, evaluate};
-use crate::pipeline::any_preset::AnyPreset;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
-use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
-use crate::render::{RenderMethod, RenderOptions};
+use crate::pipeline::settings::scene::SceneRun;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -32,7 +28,6 @@ const ORDERS: usize = 3;
 pub struct RecordingsPlan {
     /// Folder of recordings: all subfolders that can be opened and have depth.
     pub data: PathBuf,
-    /// Folder of finished runs.
     pub kept: PathBuf,
     /// `repeats` is the number of frame orders.
     pub options: BenchOptions,
@@ -40,85 +35,54 @@ pub struct RecordingsPlan {
 }
 
 /// One group of views of a recording, trained in one order of its frames, or the median of each
-/// value over several orders. Values are means over views. PSNR is in dB. `None` if nothing is
-/// covered or there is no depth.
+/// value over several orders. Values are means over views; PSNR in dB, lengths in world units, angles in
+/// degrees. `None` if nothing is covered or there is no depth.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RecordingRow {
     pub recording: String,
-    /// Location of the held-out views relative to the camera path.
     pub group: Option<ViewGroupName>,
-    /// Split of the held-out views.
     pub split: String,
-    /// Frames trained on.
     pub frames: usize,
     pub views: usize,
-    /// Components that are drawn.
     pub drawn: f64,
-    /// Median milliseconds to train on a frame.
     pub train_ms: f64,
-    /// Median milliseconds to prepare a frame on the decoding thread.
     pub prepare_ms: f64,
-    /// Whole frame. This field and those up to `depth_error` are from recorded poses.
+    // From recorded poses.
     pub psnr: f64,
-    /// Covered pixels.
     pub psnr_covered: Option<f64>,
-    /// Covered pixels with colours aligned.
     pub psnr_aligned_covered: Option<f64>,
-    /// Whole frame.
     pub ssim: f64,
-    /// Share of covered pixels.
     pub coverage: f64,
-    /// Mean absolute error, world units.
     pub depth_error: Option<f64>,
-    /// Whole frame, from poses corrected like those of the frames around them.
+    // From poses corrected like those of the frames around them.
     pub corrected_psnr: f64,
-    /// Covered pixels, from corrected poses.
     pub corrected_psnr_covered: Option<f64>,
-    /// Covered pixels with colours aligned, from corrected poses.
     pub corrected_psnr_aligned_covered: Option<f64>,
-    /// Share of the shift that remains after pose correction, in another run in which every tenth
-    /// recorded pose is moved by 2 cm and rotated by one degree.
+    // Of another run, in which every tenth recorded pose is moved by 2 cm and rotated by one degree.
     pub perturbed_shift_left: Option<f64>,
-    /// Share of the rotation that remains in that run.
     pub perturbed_turn_left: Option<f64>,
-    /// Whole frame from corrected poses, trained on perturbed poses.
     pub perturbed_psnr: f64,
-    /// Covered pixels from corrected poses, trained on perturbed poses.
     pub perturbed_psnr_covered: Option<f64>,
-    /// Covered pixels from poses aligned to the photographs, trained on perturbed poses.
     pub perturbed_pose_aligned_psnr_covered: Option<f64>,
-    /// Mean distance between recorded poses and poses aligned to the photographs, world units. This
-    /// field and all that follow use the aligned poses.
+    // From poses aligned to the photographs.
     pub pose_shift: Option<f64>,
-    /// Mean angle between recorded and aligned poses, degrees.
     pub pose_turn: Option<f64>,
-    /// Whole frame.
     pub pose_aligned_psnr: Option<f64>,
-    /// Covered pixels.
     pub pose_aligned_psnr_covered: Option<f64>,
-    /// Covered pixels with colours aligned.
     pub pose_aligned_psnr_aligned_covered: Option<f64>,
     pub pose_aligned_ssim_aligned: Option<f64>,
-    /// SSIM of gradient magnitudes with colours aligned.
     pub gradient_ssim: Option<f64>,
-    /// Energy of the finest octave of detail relative to the photograph's. `energy_2` to `energy_4`
-    /// are coarser octaves.
+    // By octave of detail, finest first, relative to the photograph.
     pub energy_1: Option<f64>,
     pub energy_2: Option<f64>,
     pub energy_3: Option<f64>,
     pub energy_4: Option<f64>,
-    /// Correlation of the finest octave with the photograph's. `correlation_2` to `correlation_4`
-    /// are coarser octaves.
     pub correlation_1: Option<f64>,
     pub correlation_2: Option<f64>,
     pub correlation_3: Option<f64>,
     pub correlation_4: Option<f64>,
 }
 
-/// Trains and evaluates all runs that are not stored yet.
-///
-/// # Errors
-/// The folder holds no recording, or a recording cannot be trained on or evaluated.
 pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchError> {
     let (recordings, left_out) = folder::scenes(&plan.data)?;
     folder::make(&plan.kept)?;
@@ -143,8 +107,10 @@ pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchErro
             found.extend(folder::kept_or_new(&file, of, || run.measured(order))?);
         }
         // Each order has one row per group.
-        let of_group = |group| found.iter().skip(group).step_by(run.groups.len());
-        rows.extend((0..run.groups.len()).filter_map(|group| median(of_group(group))));
+        for group in 0..run.groups.len() {
+            let of_group: Vec<_> = found.iter().skip(group).step_by(run.groups.len()).collect();
+            rows.extend(median(&of_group)?);
+        }
         orders.extend(found);
     }
     let mut notes = vec![format!(
@@ -158,18 +124,18 @@ pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchErro
         options: plan.options,
         notes,
         table: text(&rows),
-        plot: draw::draw("Recordings", &panels(&rows))?,
+        plot: plot::draw("Recordings", &panels(&rows))?,
         summary: json!({ "orders": orders }),
         rows,
     }
     .into_bench()
 }
 
-/// A recording prepared for training.
 struct RecordingRun<'a> {
     dataset: &'a Arc<Dataset>,
     plan: Plan,
     base: SceneRun,
+    options: EvalOptions,
     groups: Vec<ViewGroup>,
     seed: u64,
 }
@@ -179,16 +145,13 @@ impl<'a> RecordingRun<'a> {
         let RecordingsPlan { options, hold_out, .. } = *plan;
         let seed = options.seed;
         let selection = Selection { hold_out, ..Selection::all_frames() };
-        let all = Plan::new(dataset, &selection, seed).map_err(SessionError::from)?;
-        let evaluation = dataset.evaluation_by(hold_out, all.split).map_err(SessionError::from)?;
         let [frames, views] = if options.quick { [12, 4] } else { [usize::MAX; 2] };
-        let frames = spaced(&all.frames, options.max_frames.unwrap_or(frames));
-        let plan = Plan { frames, ..all };
-        let base = SceneRun::new(dataset, &plan, &SceneOverrides::default());
-        let base = base.map_err(SessionError::from)?;
+        let frames = options.max_frames.unwrap_or(frames);
+        let (plan, base, options) = prepare(dataset, &selection, frames, seed)?;
+        let evaluation = dataset.evaluation_by(hold_out, plan.split).map_err(SessionError::from)?;
         let few = |group: ViewGroup| ViewGroup { frames: spaced(&group.frames, views), ..group };
         let groups = evaluation.into_groups().into_iter().map(few).collect();
-        Ok(Self { dataset, plan, base, groups, seed })
+        Ok(Self { dataset, plan, base, options, groups, seed })
     }
 
     fn ordered(&self, order: usize) -> Plan {
@@ -204,17 +167,12 @@ impl<'a> RecordingRun<'a> {
         })
     }
 
-    /// Trains one order of the frames and returns one row per group.
     fn measured(&self, order: usize) -> Result<Vec<RecordingRow>, BenchError> {
         let plan = self.ordered(order);
         let trained = self.trained(self.dataset, &plan)?;
         let perturbed = Perturbed::new(self.dataset, &plan, self.seed);
         let wrong = self.trained(&perturbed.dataset, &plan)?;
-        let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
-        let plain = EvalOptions {
-            color_camera: self.base.color_camera(),
-            ..EvalOptions::plain(GroundTruth::Composited, render)
-        };
+        let plain = self.options;
         let moved = EvalOptions { poses: ViewPoses::Corrected, ..plain };
         let [plain, aligned] = [plain, moved].map(|o| EvalOptions { align_poses: true, ..o });
         let left = perturbed.left(trained.poses(), wrong.poses());
@@ -292,128 +250,79 @@ impl RecordingRow {
     }
 }
 
-/// Median of each value. `None` for no rows.
-fn median<'a>(orders: impl Iterator<Item = &'a RecordingRow>) -> Option<RecordingRow> {
-    let orders: Vec<&RecordingRow> = orders.collect();
-    let first = *orders.first()?;
-    let of = |value: fn(&RecordingRow) -> f64| {
-        Spread::of(orders.iter().map(|row| value(row)).collect()).median
-    };
-    let known = |value: fn(&RecordingRow) -> Option<f64>| {
-        // `None` if any order has no value: medians over different orders are not comparable.
-        let values: Option<Vec<f64>> = orders.iter().map(|row| value(row)).collect();
-        values.map(|values| Spread::of(values).median)
-    };
-    Some(RecordingRow {
-        recording: first.recording.clone(),
-        group: first.group,
-        split: first.split.clone(),
-        frames: first.frames,
-        views: first.views,
-        drawn: of(|row| row.drawn),
-        train_ms: of(|row| row.train_ms),
-        prepare_ms: of(|row| row.prepare_ms),
-        psnr: of(|row| row.psnr),
-        psnr_covered: known(|row| row.psnr_covered),
-        psnr_aligned_covered: known(|row| row.psnr_aligned_covered),
-        ssim: of(|row| row.ssim),
-        coverage: of(|row| row.coverage),
-        depth_error: known(|row| row.depth_error),
-        corrected_psnr: of(|row| row.corrected_psnr),
-        corrected_psnr_covered: known(|row| row.corrected_psnr_covered),
-        corrected_psnr_aligned_covered: known(|row| row.corrected_psnr_aligned_covered),
-        perturbed_shift_left: known(|row| row.perturbed_shift_left),
-        perturbed_turn_left: known(|row| row.perturbed_turn_left),
-        perturbed_psnr: of(|row| row.perturbed_psnr),
-        perturbed_psnr_covered: known(|row| row.perturbed_psnr_covered),
-        perturbed_pose_aligned_psnr_covered: known(|row| row.perturbed_pose_aligned_psnr_covered),
-        pose_shift: known(|row| row.pose_shift),
-        pose_turn: known(|row| row.pose_turn),
-        pose_aligned_psnr: known(|row| row.pose_aligned_psnr),
-        pose_aligned_psnr_covered: known(|row| row.pose_aligned_psnr_covered),
-        pose_aligned_psnr_aligned_covered: known(|row| row.pose_aligned_psnr_aligned_covered),
-        pose_aligned_ssim_aligned: known(|row| row.pose_aligned_ssim_aligned),
-        gradient_ssim: known(|row| row.gradient_ssim),
-        energy_1: known(|row| row.energy_1),
-        energy_2: known(|row| row.energy_2),
-        energy_3: known(|row| row.energy_3),
-        energy_4: known(|row| row.energy_4),
-        correlation_1: known(|row| row.correlation_1),
-        correlation_2: known(|row| row.correlation_2),
-        correlation_3: known(|row| row.correlation_3),
-        correlation_4: known(|row| row.correlation_4),
-    })
+/// Median of each number. `None` for no rows.
+fn median(orders: &[&RecordingRow]) -> Result<Option<RecordingRow>, BenchError> {
+    let rows: Vec<Value> = orders.iter().map(serde_json::to_value).collect::<Result<_, _>>()?;
+    let Some(Value::Object(mut median)) = rows.first().cloned() else { return Ok(None) };
+    for (name, value) in &mut median {
+        // Counts, names and groups are those of the first order.
+        if value.is_f64() || value.is_null() {
+            // Null if any order has no value: medians over different orders are not comparable.
+            let values: Option<Vec<f64>> = rows.iter().map(|row| row[name].as_f64()).collect();
+            *value = values.map(|values| Spread::of(values).median).into();
+        }
+    }
+    Ok(Some(serde_json::from_value(Value::Object(median))?))
+}
+
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
+}
+
+fn joined<const N: usize>(values: [Option<f64>; N]) -> String {
+    values.map(|value| number(value, 2)).join(" / ")
 }
 
 fn text(rows: &[RecordingRow]) -> String {
-    let header = [
-        "recording",
-        "views",
-        "drawn",
-        "ms/frame",
-        "PSNR dB: full / covered / colours aligned",
-        "corrected poses",
-        "trained on perturbed poses: full / covered / covered, aligned poses",
-        "remaining of 2 cm, of 1°",
-        "aligned poses",
-        "pose error",
-        "depth error",
-        "SSIM",
-        "SSIM of gradients",
-        "energy by octave",
-        "correlation",
-    ];
-    let number = |value: Option<f64>, digits: usize| {
-        value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
-    };
-    let joined = |values: &[Option<f64>]| {
-        values.iter().map(|value| number(*value, 2)).collect::<Vec<_>>().join(" / ")
-    };
-    let cells = |row: &RecordingRow| {
+    table(
+        rows,
         [
-            row.recording.clone(),
-            row.shown_group(),
-            format!("{:.0}", row.drawn),
-            format!("{:.1}", row.train_ms),
-            joined(&[Some(row.psnr), row.psnr_covered, row.psnr_aligned_covered]),
-            joined(&[
-                Some(row.corrected_psnr),
-                row.corrected_psnr_covered,
-                row.corrected_psnr_aligned_covered,
-            ]),
-            joined(&[
-                Some(row.perturbed_psnr),
-                row.perturbed_psnr_covered,
-                row.perturbed_pose_aligned_psnr_covered,
-            ]),
-            joined(&[row.perturbed_shift_left, row.perturbed_turn_left]),
-            joined(&[
-                row.pose_aligned_psnr,
-                row.pose_aligned_psnr_covered,
-                row.pose_aligned_psnr_aligned_covered,
-            ]),
-            format!("{}, {}°", number(row.pose_shift, 4), number(row.pose_turn, 2)),
-            number(row.depth_error, 4),
-            number(Some(row.ssim), 4),
-            number(row.gradient_ssim, 4),
-            joined(&[row.energy_1, row.energy_2, row.energy_3, row.energy_4]),
-            joined(&[row.correlation_1, row.correlation_2, row.correlation_3, row.correlation_4]),
-        ]
-    };
-    report::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+            ("recording", |row| row.recording.clone()),
+            ("views", RecordingRow::shown_group),
+            ("drawn", |row| format!("{:.0}", row.drawn)),
+            ("ms/frame", |row| format!("{:.1}", row.train_ms)),
+            ("PSNR dB: full / covered / colours aligned", |row| {
+                joined([Some(row.psnr), row.psnr_covered, row.psnr_aligned_covered])
+            }),
+            ("corrected poses", |row| {
+                let covered = row.corrected_psnr_covered;
+                joined([Some(row.corrected_psnr), covered, row.corrected_psnr_aligned_covered])
+            }),
+            ("trained on perturbed poses: full / covered / covered, aligned poses", |row| {
+                let covered = row.perturbed_psnr_covered;
+                joined([Some(row.perturbed_psnr), covered, row.perturbed_pose_aligned_psnr_covered])
+            }),
+            ("remaining of 2 cm, of 1°", |row| {
+                joined([row.perturbed_shift_left, row.perturbed_turn_left])
+            }),
+            ("aligned poses", |row| {
+                let [full, covered] = [row.pose_aligned_psnr, row.pose_aligned_psnr_covered];
+                joined([full, covered, row.pose_aligned_psnr_aligned_covered])
+            }),
+            ("pose error", |row| {
+                format!("{}, {}°", number(row.pose_shift, 4), number(row.pose_turn, 2))
+            }),
+            ("depth error", |row| number(row.depth_error, 4)),
+            ("SSIM", |row| number(Some(row.ssim), 4)),
+            ("SSIM of gradients", |row| number(row.gradient_ssim, 4)),
+            ("energy by octave", |row| {
+                joined([row.energy_1, row.energy_2, row.energy_3, row.energy_4])
+            }),
+            ("correlation", |row| {
+                let (coarse, coarsest) = (row.correlation_3, row.correlation_4);
+                joined([row.correlation_1, row.correlation_2, coarse, coarsest])
+            }),
+        ],
+    )
 }
 
-/// Quality and sharpness by recording.
 fn panels(rows: &[RecordingRow]) -> [Panel; 2] {
     type Value = fn(&RecordingRow) -> Option<f64>;
     let name = |row: &RecordingRow| format!("{}, {}", row.recording, row.shown_group());
     let names: Vec<String> = rows.iter().map(name).collect();
     let panel = |title: &str, x: &str, series: &[(&str, Value)]| {
         let series = series.iter().map(|(name, value)| {
-            let mark = |(at, row): (usize, &RecordingRow)| {
-                let (x, y) = (Spread::exact(value(row)?), Spread::exact(at as f64));
-                Some(Mark { x, y, label: None })
-            };
+            let mark = |(at, row): (usize, &RecordingRow)| Some(Mark::new(value(row)?, at as f64));
             let marks = rows.iter().enumerate().filter_map(mark).collect();
             Series { name: (*name).to_owned(), marks, connected: false }
         });

@@ -1,67 +1,57 @@
 //! Tables, notes and plot of the accuracy bench.
 
 use super::variants::Table;
-use crate::bench::plot::Axis;
-use crate::bench::plot::draw::{Mark, Panel, Series};
+use crate::bench::findings;
+use crate::bench::plot::{Axis, Mark, Panel, Series};
 use crate::bench::scene::{AccuracyRow, AccuracySummary};
 use crate::eval::metrics::Spread;
-use crate::eval::report;
 use crate::train::scene::photometric::rule::PhotometricMode;
 
-/// Formats all tables that have rows.
 pub fn text(rows: &[AccuracyRow]) -> String {
     let tables = [
         (Table::Cumulative, "Each row adds a part to the row above:"),
         (Table::LeaveOneOut, "One change each:"),
-        (Table::Constants, "One photometric constant each:"),
         (Table::Scale, "Structural scale:"),
         (Table::Budget, "Budget, with the least useful components merged:"),
     ];
     let of_table = |(which, title): (Table, &str)| {
-        let rows: Vec<_> = rows.iter().filter(|r| r.table == which).map(cells).collect();
-        format!("{title}\n{}", report::text(HEADER, &rows))
+        let rows: Vec<&AccuracyRow> = rows.iter().filter(|r| r.table == which).collect();
+        format!("{title}\n{}", findings::table(&rows, columns()))
     };
     let is_there = |table: &(Table, &str)| rows.iter().any(|row| row.table == table.0);
     let tables: Vec<String> = tables.into_iter().filter(is_there).map(of_table).collect();
     tables.join("\n\n")
 }
 
-const HEADER: [&str; 11] = [
-    "configuration",
-    "drawn",
-    "born",
-    "ms/frame",
-    "PSNR dB",
-    "orders",
-    "covered",
-    "aligned",
-    "SSIM",
-    "cracks % > 0.1 (> 0.3)",
-    "at half distance",
-];
+type Column = (&'static str, fn(&&AccuracyRow) -> String);
 
-fn cells(row: &AccuracyRow) -> [String; 11] {
-    let decibels = |psnr: Option<f64>| psnr.map_or_else(String::new, |v| format!("{v:.2}"));
-    let shares = |over_01: Option<f64>, over_03: Option<f64>| match (over_01, over_03) {
-        (Some(a), Some(b)) => format!("{:.2} ({:.2})", 100.0 * a, 100.0 * b),
-        _ => String::new(),
-    };
+fn columns() -> [Column; 11] {
     [
-        row.configuration.clone(),
-        format!("{:.0}", row.drawn),
-        format!("{:.0}", row.born),
-        format!("{:.1}", row.train_ms),
-        format!("{:.2}", row.psnr),
-        format!("{:.3}", row.psnr_high - row.psnr_low),
-        decibels(row.psnr_covered),
-        decibels(row.psnr_aligned_covered),
-        format!("{:.4}", row.ssim),
-        shares(row.cracks_01, row.cracks_03),
-        shares(row.cracks_half_01, row.cracks_half_03),
+        ("configuration", |row| row.configuration.clone()),
+        ("drawn", |row| format!("{:.0}", row.drawn)),
+        ("born", |row| format!("{:.0}", row.born)),
+        ("ms/frame", |row| format!("{:.1}", row.train_ms)),
+        ("PSNR dB", |row| format!("{:.2}", row.psnr)),
+        ("orders", |row| format!("{:.3}", row.psnr_high - row.psnr_low)),
+        ("covered", |row| decibels(row.psnr_covered)),
+        ("aligned", |row| decibels(row.psnr_aligned_covered)),
+        ("SSIM", |row| format!("{:.4}", row.ssim)),
+        ("cracks % > 0.1 (> 0.3)", |row| shares(row.cracks_01, row.cracks_03)),
+        ("at half distance", |row| shares(row.cracks_half_01, row.cracks_half_03)),
     ]
 }
 
-/// Explains the columns.
+fn decibels(psnr: Option<f64>) -> String {
+    psnr.map_or_else(String::new, |v| format!("{v:.2}"))
+}
+
+fn shares(over_01: Option<f64>, over_03: Option<f64>) -> String {
+    match (over_01, over_03) {
+        (Some(a), Some(b)) => format!("{:.2} ({:.2})", 100.0 * a, 100.0 * b),
+        _ => String::new(),
+    }
+}
+
 pub fn notes(summary: &AccuracySummary, n_crack_views: usize) -> Vec<String> {
     let AccuracySummary { frames, views, orders, seen, .. } = summary;
     let mut notes = vec![
@@ -143,15 +133,14 @@ fn curves(rows: &[AccuracyRow], measure: fn(&AccuracyRow) -> Spread) -> Vec<Seri
             .collect(),
         connected: true,
     };
-    let kind = |row: &AccuracyRow| (row.births, row.photographs);
-    let by_rule = scales.chunk_by(|a, b| kind(a) == kind(b));
-    let by_rule = by_rule.map(|rule| curve(curve_name(rule[0]), rule));
-    by_rule.chain([curve("seeds, budgets".to_owned(), &budgets)]).collect()
+    let by_mode = scales.chunk_by(|a, b| a.photographs == b.photographs);
+    let by_mode = by_mode.map(|rows| curve(curve_name(rows[0]).to_owned(), rows));
+    by_mode.chain([curve("budgets".to_owned(), &budgets)]).collect()
 }
 
-fn curve_name(row: &AccuracyRow) -> String {
+fn curve_name(row: &AccuracyRow) -> &'static str {
     match row.photographs {
-        PhotometricMode::Off => format!("{}, points alone", row.births),
-        _ => row.births.to_string(),
+        PhotometricMode::Off => "scales, points alone",
+        _ => "scales",
     }
 }

@@ -4,46 +4,36 @@
 //! A model that forgets renders its last frames well and its first ones badly. One configuration
 //! omits accumulated precision, which is what holds splats where earlier frames put them.
 
-use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use super::training::prepare;
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
 use crate::bench::paper::sample::spaced;
-use crate::bench::plot::draw::{Mark, Panel, Series};
-use crate::bench::plot::{Axis, draw};
+use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
-use crate::eval::choices::GroundTruth;
-use crate::eval::metrics::{Spread, mean_std};
-use crate::eval::report;
+use crate::eval::metrics::mean_std;
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::model::splat::appearance::SplatSet;
-use crate::pipeline::any_preset::AnyPreset;
-use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::prefetch::Prefetch;
-use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
-use crate::render::{RenderMethod, RenderOptions};
+use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::engine;
 use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Number of frames whose own views are measured.
 const FRAMES: usize = 50;
 /// Number of evaluations of the held-out views, and number of these views.
 const LOOKS: [usize; 2] = [10, 10];
 
-/// PSNR of a frame's own view.
 #[derive(Clone, Debug, Serialize)]
 pub struct RetentionRow {
     pub configuration: &'static str,
-    /// Frames trained on, including this one.
     pub after_frames: usize,
     pub frame: String,
     /// PSNR right after training on the frame, dB.
     pub after: f64,
-    /// PSNR after all frames, dB.
     pub at_end: f64,
 }
 
-/// Retention of one configuration.
 #[derive(Clone, Debug, Serialize)]
 pub struct RetentionSummary {
     pub configuration: &'static str,
@@ -59,7 +49,6 @@ pub struct RetentionSummary {
     pub held_out_fall: f64,
 }
 
-/// Photometric rules to compare.
 fn configurations() -> [(&'static str, Option<PhotometricRule>); 4] {
     let full = PhotometricRule::DEFAULT;
     [
@@ -74,25 +63,15 @@ fn configurations() -> [(&'static str, Option<PhotometricRule>); 4] {
     ]
 }
 
-/// Trains every configuration on the frames in listed order.
 pub fn run(
     options: BenchOptions,
     dataset: Arc<Dataset>,
     progress: Progress,
 ) -> Result<Bench, BenchError> {
     let (most, looked_at) = if options.quick { (12, 6) } else { (usize::MAX, FRAMES) };
-    let all = Plan::new(&dataset, &Selection::all_frames(), options.seed);
-    let all = all.map_err(SessionError::from)?;
-    let held_out = dataset.evaluation(all.split).new_views;
-    let frames = spaced(&all.frames, options.max_frames.unwrap_or(most));
-    let plan = Plan { frames, ..all };
-    let base = SceneRun::new(&dataset, &plan, &SceneOverrides::default());
-    let base = base.map_err(SessionError::from)?;
-    let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
-    let views = EvalOptions {
-        color_camera: base.color_camera(),
-        ..EvalOptions::plain(GroundTruth::Composited, render)
-    };
+    let most = options.max_frames.unwrap_or(most);
+    let (plan, base, views) = prepare(&dataset, &Selection::all_frames(), most, options.seed)?;
+    let held_out = dataset.evaluation(plan.split).new_views;
     let positions: Vec<usize> = (0..plan.frames.len()).collect();
     let bench = Retention {
         held_out: (held_out.split, spaced(&held_out.frames, LOOKS[1])),
@@ -113,7 +92,6 @@ pub fn run(
     bench.into_bench(options, rows, summary)
 }
 
-/// Inputs shared by all configurations.
 struct Retention {
     dataset: Arc<Dataset>,
     plan: Plan,
@@ -125,7 +103,6 @@ struct Retention {
 }
 
 impl Retention {
-    /// Trains and measures one configuration.
     fn of(
         &self,
         configuration: &'static str,
@@ -151,7 +128,7 @@ impl Retention {
             let learnt = frame.position + 1;
             if self.looked_at.contains(&frame.position) {
                 scene.settle();
-                let after = self.psnr(&scene.stored_splats(), self.own(frame.position))?;
+                let after = self.psnr(&scene.splats(), self.own(frame.position))?;
                 let frame = frame.name;
                 let row =
                     RetentionRow { configuration, after_frames: learnt, frame, after, at_end: 0.0 };
@@ -160,14 +137,14 @@ impl Retention {
             if learnt.is_multiple_of(every) || learnt == n_frames {
                 scene.settle();
                 let views = (self.held_out.0, self.held_out.1.as_slice());
-                held_out.push((learnt, self.psnr(&scene.stored_splats(), views)?));
+                held_out.push((learnt, self.psnr(&scene.splats(), views)?));
             }
         }
         if rows.is_empty() {
             let first = first_problem.unwrap_or_else(|| "no frame is selected".to_owned());
             return Err(BenchError::NoFrame { dataset: self.dataset.name.clone(), first });
         }
-        let splats = scene.stored_splats();
+        let splats = scene.splats();
         for row in &mut rows {
             row.at_end = self.psnr(&splats, self.own(row.after_frames - 1))?;
         }
@@ -175,12 +152,10 @@ impl Retention {
         Ok((rows, summary))
     }
 
-    /// Split and frame index at a position in the plan.
     fn own(&self, position: usize) -> (usize, &[usize]) {
         (self.plan.split, &self.plan.frames[position..=position])
     }
 
-    /// Mean PSNR of the given views, dB.
     fn psnr(
         &self,
         splats: &SplatSet,
@@ -210,7 +185,7 @@ impl Retention {
             options,
             notes: vec![note],
             table: text(&summary),
-            plot: draw::draw(&title, &panels(&rows, &summary))?,
+            plot: plot::draw(&title, &panels(&rows, &summary))?,
             rows,
             summary,
         }
@@ -241,33 +216,25 @@ fn summarise(
 }
 
 fn text(summary: &[RetentionSummary]) -> String {
-    let header = [
-        "configuration",
-        "own view, after training, dB",
-        "at the end, dB",
-        "lost dB",
-        "most lost dB",
-        "held-out dB",
-        "largest fall, held-out dB",
-    ];
-    let cells = |row: &RetentionSummary| {
+    table(
+        summary,
         [
-            row.configuration.to_owned(),
-            format!("{:.2}", row.after),
-            format!("{:.2}", row.at_end),
-            format!("{:.2}", row.after - row.at_end),
-            format!("{:.2}", row.most_lost),
-            row.held_out.last().map_or_else(String::new, |(_, psnr)| format!("{psnr:.2}")),
-            format!("{:.2}", row.held_out_fall),
-        ]
-    };
-    report::text(header, &summary.iter().map(cells).collect::<Vec<_>>())
+            ("configuration", |row| row.configuration.to_owned()),
+            ("own view, after training, dB", |row| format!("{:.2}", row.after)),
+            ("at the end, dB", |row| format!("{:.2}", row.at_end)),
+            ("lost dB", |row| format!("{:.2}", row.after - row.at_end)),
+            ("most lost dB", |row| format!("{:.2}", row.most_lost)),
+            ("held-out dB", |row| {
+                row.held_out.last().map_or_else(String::new, |(_, psnr)| format!("{psnr:.2}"))
+            }),
+            ("largest fall, held-out dB", |row| format!("{:.2}", row.held_out_fall)),
+        ],
+    )
 }
 
 /// Loss of own views and PSNR of held-out views, against frames trained on.
 fn panels(rows: &[RetentionRow], summary: &[RetentionSummary]) -> [Panel; 2] {
-    let mark =
-        |x: usize, y: f64| Mark { x: Spread::exact(x as f64), y: Spread::exact(y), label: None };
+    let mark = |x: usize, y: f64| Mark::new(x as f64, y);
     let lost = |kept: &RetentionSummary| {
         let rows = rows.iter().filter(|row| row.configuration == kept.configuration);
         let marks = rows.map(|row| mark(row.after_frames, row.after - row.at_end)).collect();

@@ -5,36 +5,38 @@
 //! Dozens of rows share this work. Without it, three orders of 200 frames would be too expensive.
 
 use crate::bench::findings::BenchError;
+use crate::bench::paper::sample::spaced;
 use crate::dataset::Dataset;
 use crate::dataset::surface::SurfaceSettings;
+use crate::eval::choices::GroundTruth;
+use crate::eval::views::EvalOptions;
 use crate::math::pose::Pose;
 use crate::math::rng::{Purpose, Rng};
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::pose_log::FramePose;
 use crate::observation::surface::Observation;
-use crate::pipeline::plan::Plan;
+use crate::pipeline::any_preset::AnyPreset;
+use crate::pipeline::error::SessionError;
+use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::prefetch::Prefetch;
-use crate::pipeline::settings::scene::SceneRun;
+use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
+use crate::render::{RenderMethod, RenderOptions};
 use crate::train::scene::config::SceneConfig;
 use crate::train::scene::engine;
 use crate::train::scene::engine::SceneLearner;
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
-/// A trained configuration.
 pub struct Trained {
     pub splats: SplatSet,
-    /// Number of components, drawn or not.
     pub born: usize,
     pub model_bytes: usize,
-    /// Milliseconds per frame.
     pub train_ms: Vec<f64>,
     /// Milliseconds per frame on the decoding thread.
     pub prepare_ms: Vec<f64>,
 }
 
 impl Trained {
-    /// Poses of the trained frames, recorded and corrected.
     pub fn poses(&self) -> &[FramePose] {
         self.splats.finishing().poses.as_ref().map_or(&[], |log| log.frames())
     }
@@ -42,6 +44,24 @@ impl Trained {
     pub fn drawn(&self) -> usize {
         self.splats.view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
     }
+}
+
+/// Returns the frames to train on, the default preset on them, and options of evaluation by the preset's
+/// camera.
+pub fn prepare(
+    dataset: &Dataset,
+    selection: &Selection,
+    max_frames: usize,
+    seed: u64,
+) -> Result<(Plan, SceneRun, EvalOptions), BenchError> {
+    let all = Plan::new(dataset, selection, seed).map_err(SessionError::from)?;
+    let plan = Plan { frames: spaced(&all.frames, max_frames), ..all };
+    let base = SceneRun::new(dataset, &plan, &SceneOverrides::default());
+    let base = base.map_err(SessionError::from)?;
+    let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
+    let plain = EvalOptions::plain(GroundTruth::Composited, render);
+    let options = EvalOptions { color_camera: base.color_camera(), ..plain };
+    Ok((plan, base, options))
 }
 
 /// Returns a plan with its frames as listed (order 0), reversed (1) or shuffled (2 and above).
@@ -78,7 +98,6 @@ pub fn train(
     Ok(trained.into_iter().flatten().collect())
 }
 
-/// Number of sweeps over the frames by [`train`].
 pub fn n_sweeps(runs: &[SceneRun]) -> usize {
     let surfaces: Vec<SurfaceSettings> = runs.iter().map(SceneRun::prepared_surface).collect();
     (0..runs.len()).filter(|&i| !surfaces[..i].contains(&surfaces[i])).count()
@@ -132,7 +151,7 @@ fn train_alike(
         course.engine.set_splat_rule(run.engine.splat_rule);
         course.engine.settle();
         Some(Trained {
-            splats: course.engine.stored_splats(),
+            splats: course.engine.splats(),
             born: course.engine.components(),
             model_bytes: course.engine.model_bytes(),
             train_ms: course.train_ms.clone(),

@@ -1,5 +1,5 @@
 //! Configurations of the tables: parts of the scene preset added one by one or left out one at a
-//! time, and structural scales under every birth rule.
+//! time, and structural scales.
 //!
 //! Each part is represented by a change that disables it. A row whose change has no effect on a
 //! dataset is left out. Constants of the changes are those of the ablation in the docs
@@ -12,8 +12,7 @@ use crate::dataset::surface::sensor::Thresholds;
 use crate::model::scene::splat_rule::DensityOpacity;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
-use crate::train::scene::config::{BirthRule, SumForm, VisibilityRule};
-use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
+use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::units::StructuralScale;
 use serde::Serialize;
 
@@ -24,15 +23,12 @@ pub enum Table {
     Cumulative,
     /// Each row changes one setting of the preset.
     LeaveOneOut,
-    /// Each row changes one constant of photometric training.
-    Constants,
-    /// Quality against components: structural scales under one birth rule.
+    /// Quality against components: structural scales.
     Scale,
     /// Quality against components: the preset's scale, merged down to a budget.
     Budget,
 }
 
-/// A configuration named in a table.
 #[derive(Clone, Debug)]
 pub struct SceneVariant {
     pub table: Table,
@@ -40,12 +36,11 @@ pub struct SceneVariant {
     pub run: SceneRun,
 }
 
-/// Name and effect of a change of the preset.
 type PresetChange = (&'static str, fn(&mut SceneRun));
 
 /// Parts and the changes that disable them, in the order of the table
 /// (`scene.md`, Effect of each part).
-const PARTS: [PresetChange; 13] = [
+const PARTS: [PresetChange; 12] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
         run.surface.flying_pixels = false;
@@ -57,7 +52,6 @@ const PARTS: [PresetChange; 13] = [
     ("gain per frame", |run| run.engine.gain = false),
     ("pose correction", |run| run.engine.align = false),
     ("depth refinement", |run| run.engine.refine = false),
-    ("near detail", |run| run.engine.near = None),
     ("colour by direction", |run| run.engine.splat_rule.directional = false),
     ("colour gradient", |run| run.engine.splat_rule.gradient = false),
     // At 1 only fully covered pixels count as full, so nothing is filled.
@@ -66,21 +60,18 @@ const PARTS: [PresetChange; 13] = [
 ];
 
 /// Changes other than leaving out one part.
-const CHANGES: [PresetChange; 10] = [
+const CHANGES: [PresetChange; 7] = [
     ("one colour per component", |run| {
         run.engine.splat_rule.gradient = false;
         run.engine.splat_rule.directional = false;
     }),
     ("opacity from the number of points only", opacity_of_count),
     ("plain splats", |run| run.engine.splat_rule = run.engine.splat_rule.plain()),
-    ("visibility counted by returns", |run| run.engine.visibility = VisibilityRule::Returned),
     ("no prior of the covariance", |run| run.engine.splat_rule.prior_points = 0.0),
     ("loose inliers, no calibration", |run| {
         loose_inliers(run);
         uncalibrated(run);
     }),
-    ("sums in f32", |run| run.engine.sums = SumForm::F32),
-    ("sums in f64", |run| run.engine.sums = SumForm::F64),
     ("photographs in full", |run| run.engine.photometric = PhotometricMode::Full.rule()),
     ("photographs without coverage", |run| {
         run.engine.photometric.iter_mut().for_each(|rule| rule.coverage = 0.0);
@@ -162,48 +153,6 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
     rows
 }
 
-/// Name and accessor of a constant of photometric training.
-type PhotometricConstant = (&'static str, fn(&mut PhotometricRule) -> &mut f64);
-
-const CONSTANTS: [PhotometricConstant; 15] = [
-    ("noise", |rule| &mut rule.noise),
-    ("kept curvature", |rule| &mut rule.kept),
-    ("forgotten precision", |rule| &mut rule.forgotten),
-    ("points of young components", |rule| &mut rule.young),
-    ("damping", |rule| &mut rule.damping),
-    ("tau", |rule| &mut rule.tau),
-    ("coverage", |rule| &mut rule.coverage),
-    ("trust", |rule| &mut rule.trust),
-    ("prior of means", |rule| &mut rule.prior.mean),
-    ("prior of scales", |rule| &mut rule.prior.scale),
-    ("prior of rotations", |rule| &mut rule.prior.turn),
-    ("prior of opacity", |rule| &mut rule.prior.opacity),
-    ("prior of colour", |rule| &mut rule.prior.color),
-    ("prior of colour by direction", |rule| &mut rule.prior.directional),
-    ("prior of colour gradients", |rule| &mut rule.prior.gradient),
-];
-
-/// Rows with each photometric constant halved and doubled, and with other row strides. Empty if
-/// photometric training is off.
-pub fn constants(base: &SceneRun) -> Vec<SceneVariant> {
-    let Some(rule) = base.engine.photometric else { return Vec::new() };
-    let row = |name: String, rule: PhotometricRule| {
-        let mut run = base.clone();
-        run.engine.photometric = Some(rule);
-        SceneVariant { table: Table::Constants, name, run }
-    };
-    let scaled = |(name, constant): PhotometricConstant| {
-        [0.5, 2.0].map(|factor| {
-            let mut rule = rule;
-            *constant(&mut rule) *= factor;
-            row(format!("{name} × {factor}"), rule)
-        })
-    };
-    let rows =
-        [1, 2, 8].map(|rows| row(format!("one of {rows} rows"), PhotometricRule { rows, ..rule }));
-    CONSTANTS.into_iter().flat_map(scaled).chain(rows).collect()
-}
-
 /// Budgets as shares of the components born without a budget.
 const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
 
@@ -218,8 +167,7 @@ pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     BUDGETS.map(of_share).to_vec()
 }
 
-/// Rows with the structural scale of `base` times each factor, under every birth rule, and without
-/// photographs. Scales below the depth noise are left out.
+/// Rows with the structural scale of `base` times each factor, with and without photographs. Scales below the depth noise are left out.
 pub fn scales(
     dataset: &Dataset,
     plan: &Plan,
@@ -227,21 +175,14 @@ pub fn scales(
     factors: &[f64],
 ) -> Result<Vec<SceneVariant>, SceneError> {
     let mut rows = Vec::new();
-    let points_alone = Some(PhotometricMode::Off);
-    for (births, photometric) in [
-        (BirthRule::Seeds, None),
-        (BirthRule::Seeds, points_alone),
-        (BirthRule::Lattice, None),
-        (BirthRule::BodyCentred, None),
-    ] {
+    for photometric in [None, Some(PhotometricMode::Off)] {
         for factor in factors {
             let scale = Some(StructuralScale::World(base.engine.h * factor));
-            let overrides =
-                SceneOverrides { scale, births: Some(births), photometric, ..Default::default() };
+            let overrides = SceneOverrides { scale, photometric, ..Default::default() };
             match SceneRun::new(dataset, plan, &overrides) {
                 Ok(run) => {
-                    let of_points = photometric.map_or("", |_| ", points alone");
-                    let name = format!("{births}{of_points}, h = {:.3}", run.engine.h);
+                    let of_points = photometric.map_or("", |_| "points alone, ");
+                    let name = format!("{of_points}h = {:.3}", run.engine.h);
                     rows.push(SceneVariant { table: Table::Scale, name, run });
                 }
                 Err(SceneError::BelowNoise { .. }) => {}

@@ -3,10 +3,8 @@
 use super::depth::ReadArgs;
 use crate::cli::args::{choice, parse_count, parse_size};
 use clap::{Args, Subcommand};
-use std::ffi::OsString;
 use std::path::PathBuf;
 use vbgs_studio::bench::findings::BenchOptions;
-use vbgs_studio::bench::peers::PeerCommand;
 use vbgs_studio::bench::render::BenchDevice;
 use vbgs_studio::dataset::splits::HoldOut;
 
@@ -26,17 +24,12 @@ pub enum BenchName {
     Paper(FolderBenchArgs),
     /// Speed against error, varying one setting at a time
     Pareto(DatasetBenchArgs),
-    /// Comparison with other programs on the same frames: the published implementation, Open3D or any with
-    /// the interface described at --peer
-    Peers(PeersBenchArgs),
     /// All recordings of a folder with default settings: quality, pose correction and alignment, sharpness
     Real(RealBenchArgs),
     /// Retention: quality of each training view right after its frame and at the end
     Retention(DatasetBenchArgs),
     /// Cost by points, components and threads, on the synthetic room
     Scaling(CommonArgs),
-    /// Hard cases compared with exact arithmetic
-    Stability(CommonArgs),
     /// Time per frame by stage, splats and resolution, with both renderers
     Render(RenderBenchArgs),
 }
@@ -105,48 +98,6 @@ pub struct DatasetBenchArgs {
     pub common: CommonArgs,
     #[command(flatten)]
     pub depth: ReadArgs,
-}
-
-#[derive(Args)]
-pub struct PeersBenchArgs {
-    #[command(flatten)]
-    pub on: DatasetBenchArgs,
-    /// Compare with Open3D's fusion on the CPU; --python must have `open3d`
-    #[arg(long)]
-    pub open3d: bool,
-    /// Compare with the published implementation in this repository checkout; --python must have its
-    /// dependencies
-    #[arg(long, value_name = "DIR")]
-    pub published: Option<PathBuf>,
-    /// Compare with another program. Its last argument is the folder of frames (`frames.json` and NumPy
-    /// arrays). It prints "ready" in quotes, then {"ms": 12.5} for each frame number on its input
-    #[arg(long, value_name = "NAME=COMMAND", value_parser = parse_peer)]
-    pub peer: Vec<PeerCommand>,
-    /// Python interpreter for --open3d and --published
-    #[arg(long, value_name = "PROGRAM", default_value = "python3")]
-    pub python: PathBuf,
-    /// Number of components of each mixture
-    #[arg(long, value_name = "N", value_parser = parse_count, default_value = "10000", allow_negative_numbers = true)]
-    pub components: usize,
-}
-
-impl PeersBenchArgs {
-    pub fn peers(&self) -> Vec<PeerCommand> {
-        let published = self.published.as_deref();
-        let published = published.map(|path| PeerCommand::published(&self.python, path));
-        let open3d = self.open3d.then(|| PeerCommand::open3d(&self.python));
-        published.into_iter().chain(open3d).chain(self.peer.iter().cloned()).collect()
-    }
-}
-
-/// Parses a name and a command line.
-fn parse_peer(text: &str) -> Result<PeerCommand, String> {
-    let parts = text.split_once('=').and_then(|(name, command)| {
-        let mut words = command.split_whitespace().map(OsString::from);
-        let name = Some(name.trim()).filter(|name| !name.is_empty())?.to_owned();
-        Some(PeerCommand { name, program: words.next()?, arguments: words.collect() })
-    });
-    parts.ok_or_else(|| "expected a name and a command, such as mine=./mine --fast".to_owned())
 }
 
 #[derive(Args)]

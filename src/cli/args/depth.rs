@@ -1,23 +1,9 @@
 //! Options for reading depth and poses, shared by all commands that open a dataset.
 
+use super::documented_choice;
 use crate::cli::failure::Failure;
 use clap::{Args, ValueEnum};
 use vbgs_studio::dataset::{LoadOptions, PoseConvention};
-
-/// Convention of pose matrices.
-#[derive(Clone, Copy, ValueEnum)]
-pub enum PoseAxesName {
-    /// Camera to world; x right, y down, z forward
-    Opencv,
-    /// Camera to world; x right, y up, -z forward
-    Opengl,
-    /// World to camera, with the axes of opencv
-    OpencvWorldToCamera,
-    /// World to camera, with the axes of opengl
-    OpenglWorldToCamera,
-    /// Camera to world; x forward, y left, z up
-    Robot,
-}
 
 /// Source of the poses.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -28,11 +14,23 @@ pub enum PosesName {
     Track,
 }
 
-/// Options for reading a dataset that commands without `--set` have.
 #[derive(Args)]
 pub struct ReadArgs {
-    #[command(flatten)]
-    pub depth: DepthArgs,
+    /// World units per step of 16-bit depth, overriding the dataset
+    #[arg(long, value_name = "UNITS", allow_negative_numbers = true)]
+    pub depth_scale: Option<f64>,
+    /// Nearest and farthest valid depth, world units
+    #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"], allow_negative_numbers = true)]
+    pub depth_range: Option<Vec<f64>>,
+    /// Convention of pose matrices, overriding the layout; `info` shows which one fits
+    #[arg(long, value_parser = documented_choice::<PoseConvention>())]
+    pub pose_axes: Option<PoseConvention>,
+    /// Source of the poses; tracking ignores recorded ones
+    #[arg(long, value_enum, default_value_t = PosesName::Recorded)]
+    pub poses: PosesName,
+    /// Intrinsics of the depth image in pixels, overriding the dataset
+    #[arg(long, num_args = 4, value_names = ["FX", "FY", "CX", "CY"], allow_negative_numbers = true)]
+    pub intrinsics: Option<Vec<f64>>,
     /// Minimum depth confidence, for sensors that record it [default: 1]
     #[arg(long, value_name = "0-2", allow_negative_numbers = true)]
     pub confidence: Option<u8>,
@@ -41,33 +39,13 @@ pub struct ReadArgs {
     pub geometry_only: bool,
 }
 
-/// Options for reading depth and poses.
-#[derive(Args)]
-pub struct DepthArgs {
-    /// World units per step of 16-bit depth, overriding the dataset
-    #[arg(long, value_name = "UNITS", allow_negative_numbers = true)]
-    pub depth_scale: Option<f64>,
-    /// Nearest and farthest valid depth, world units
-    #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"], allow_negative_numbers = true)]
-    pub depth_range: Option<Vec<f64>>,
-    /// Convention of pose matrices, overriding the layout; `info` shows which one fits
-    #[arg(long, value_enum)]
-    pub pose_axes: Option<PoseAxesName>,
-    /// Source of the poses; tracking ignores recorded ones
-    #[arg(long, value_enum, default_value_t = PosesName::Recorded)]
-    pub poses: PosesName,
-    /// Intrinsics of the depth image in pixels, overriding the dataset
-    #[arg(long, num_args = 4, value_names = ["FX", "FY", "CX", "CY"], allow_negative_numbers = true)]
-    pub intrinsics: Option<Vec<f64>>,
-}
-
 impl ReadArgs {
     /// Returns [`Self::load_options`] for commands that require recorded poses.
     ///
     /// # Errors
     /// Tracking was requested.
     pub fn recorded_load_options(&self) -> Result<LoadOptions, Failure> {
-        match self.depth.poses {
+        match self.poses {
             PosesName::Recorded => Ok(self.load_options()),
             PosesName::Track => Err(Failure::Usage(
                 "--poses: expected `recorded`, since this command compares frames by their recorded poses, found `track`".to_owned(),
@@ -76,40 +54,18 @@ impl ReadArgs {
     }
 
     pub fn load_options(&self) -> LoadOptions {
-        LoadOptions {
-            confidence: self.confidence,
-            geometry_only: self.geometry_only,
-            ..self.depth.load_options()
-        }
-    }
-}
-
-impl DepthArgs {
-    pub fn load_options(&self) -> LoadOptions {
         let depth_range = self.depth_range.as_deref().and_then(|r| <[f64; 2]>::try_from(r).ok());
         let intrinsics = self.intrinsics.as_deref().and_then(|k| <[f64; 4]>::try_from(k).ok());
         LoadOptions {
             depth_scale: self.depth_scale,
             depth_range,
-            poses: self.pose_axes.map(PoseAxesName::convention),
+            poses: self.pose_axes,
             intrinsics,
-            confidence: None,
-            geometry_only: false,
+            confidence: self.confidence,
+            geometry_only: self.geometry_only,
             track: self.poses == PosesName::Track,
             // Determined by the dataset, or by the model used with it.
             local_origin: None,
-        }
-    }
-}
-
-impl PoseAxesName {
-    fn convention(self) -> PoseConvention {
-        match self {
-            Self::Opencv => PoseConvention::Opencv,
-            Self::Opengl => PoseConvention::Opengl,
-            Self::OpencvWorldToCamera => PoseConvention::OpencvWorldToCamera,
-            Self::OpenglWorldToCamera => PoseConvention::OpenglWorldToCamera,
-            Self::Robot => PoseConvention::Robot,
         }
     }
 }

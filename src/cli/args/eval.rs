@@ -62,32 +62,14 @@ pub struct EvalArgs {
     /// Print JSON on stdout
     #[arg(long)]
     pub json: bool,
-    #[command(flatten)]
-    pub reading: EvalReadArgs,
-}
-
-/// Options for reading the dataset, needed only for models that do not state them.
-#[derive(Args)]
-pub struct EvalReadArgs {
+    // The help names these in one line: only models that do not state them need them.
     /// Calibration file (RON); photographs are rendered with its colour camera [default: that of the training
     /// run, else that of the layout]
-    #[arg(long, value_name = "FILE.ron")]
+    #[arg(long, value_name = "FILE.ron", hide = true)]
     pub calibration: Option<PathBuf>,
     #[command(flatten)]
-    pub read: ReadArgs,
+    pub reading: ReadArgs,
 }
-
-/// Options of [`EvalReadArgs`], which the help of `eval` names in one line.
-pub const EVAL_READING: [&str; 8] = [
-    "calibration",
-    "depth_scale",
-    "depth_range",
-    "pose_axes",
-    "poses",
-    "intrinsics",
-    "confidence",
-    "geometry_only",
-];
 
 impl Protocol {
     /// Returns the renderers to compare by, without duplicates.

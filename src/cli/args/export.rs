@@ -1,9 +1,10 @@
 //! Arguments of `export`.
 
-use crate::cli::args::{parse_box, parse_positive, parse_unit_scale};
+use crate::cli::args::{axis, documented_choice, parse_box, parse_positive, parse_unit_scale};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use std::path::PathBuf;
+use vbgs_studio::export::Axes;
 use vbgs_studio::export::mapping::{GradientSplit, Mapping, OpacityMapping};
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -26,44 +27,6 @@ pub enum KindName {
     Mesh,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-pub enum AxesName {
-    /// Axes of the model's world
-    AsIs,
-    /// Up becomes -y, as in most splat viewers
-    Viewer,
-    /// Up becomes y
-    YUp,
-    /// Up becomes z
-    ZUp,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum UpName {
-    X,
-    #[value(name = "-x")]
-    MinusX,
-    Y,
-    #[value(name = "-y")]
-    MinusY,
-    Z,
-    #[value(name = "-z")]
-    MinusZ,
-}
-
-impl UpName {
-    pub fn direction(self) -> DVec3 {
-        match self {
-            Self::X => DVec3::X,
-            Self::MinusX => DVec3::NEG_X,
-            Self::Y => DVec3::Y,
-            Self::MinusY => DVec3::NEG_Y,
-            Self::Z => DVec3::Z,
-            Self::MinusZ => DVec3::NEG_Z,
-        }
-    }
-}
-
 #[derive(Args)]
 pub struct ExportArgs {
     /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
@@ -81,11 +44,11 @@ pub struct ExportArgs {
     #[arg(long, value_enum)]
     pub format: Option<FormatName>,
     /// Axes of PLY or OBJ; GLB and SPZ are always y-up
-    #[arg(long, value_enum, default_value = "as-is")]
-    pub axes: AxesName,
+    #[arg(long, value_parser = documented_choice::<Axes>(), default_value = "as-is")]
+    pub axes: Axes,
     /// Up direction in the model's world [default: that of the model, else z]
-    #[arg(long, value_enum, allow_hyphen_values = true)]
-    pub up: Option<UpName>,
+    #[arg(long, value_parser = axis(), allow_hyphen_values = true)]
+    pub up: Option<DVec3>,
     /// File units per unit of the model's world
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = parse_unit_scale)]
     pub unit_scale: f64,
@@ -106,58 +69,27 @@ pub struct ExportArgs {
     pub mapping: MappingArgs,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-pub enum MappingName {
-    /// Opacity 0.99, enlarged so that the splat covers the same area
-    EqualArea,
-    /// Opacity 0.99, of unchanged size
-    Clip,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum SplitName {
-    /// One splat, without the colour gradient
-    #[value(name = "1")]
-    One,
-    /// Two along the longest axis, coloured by the gradient
-    #[value(name = "2")]
-    Two,
-    /// Four along both surface axes, coloured by the gradient
-    #[value(name = "4")]
-    Four,
-}
-
 #[derive(Args)]
 pub struct MappingArgs {
     /// Conversion of opacities above 0.99 in PLY, GLB and SPZ, for scenes with colour gradients or opacities
     /// above 1 [default: equal-area; clip with --export-split 4]
-    #[arg(long, value_enum)]
-    pub export_mapping: Option<MappingName>,
+    #[arg(long, value_parser = documented_choice::<OpacityMapping>())]
+    pub export_mapping: Option<OpacityMapping>,
     /// Splats written to PLY, GLB and SPZ per splat of a scene with colour gradients or opacities above 1
     /// [default: 1]
-    #[arg(long, value_enum)]
-    pub export_split: Option<SplitName>,
+    #[arg(long, value_parser = documented_choice::<GradientSplit>())]
+    pub export_split: Option<GradientSplit>,
 }
 
 impl MappingArgs {
-    /// Returns the first of these options that was given.
     pub fn first_given_option(&self) -> Option<&'static str> {
         let mapping = self.export_mapping.map(|_| "--export-mapping");
         mapping.or(self.export_split.map(|_| "--export-split"))
     }
 
     pub fn mapping(&self) -> Mapping {
-        let split = match self.export_split {
-            None | Some(SplitName::One) => GradientSplit::One,
-            Some(SplitName::Two) => GradientSplit::Two,
-            Some(SplitName::Four) => GradientSplit::Four,
-        };
-        let opacity = match self.export_mapping {
-            // The best choice depends on the split: equal areas for one or two, clipping for four.
-            None => Mapping::for_split(split).opacity,
-            Some(MappingName::EqualArea) => OpacityMapping::EqualArea,
-            Some(MappingName::Clip) => OpacityMapping::Clip,
-        };
-        Mapping { opacity, split }
+        // The best treatment of opacities depends on the split: equal areas for one or two, clipping for four.
+        let best = Mapping::for_split(self.export_split.unwrap_or_default());
+        Mapping { opacity: self.export_mapping.unwrap_or(best.opacity), ..best }
     }
 }

@@ -6,31 +6,30 @@ mod depth;
 mod eval;
 mod export;
 mod render;
-mod settings;
+pub mod settings;
 mod synth;
 mod train;
 
 #[cfg(feature = "bench")]
 pub use bench::PrecisionSearchArgs;
 #[cfg(feature = "bench")]
-pub use bench::{
-    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, PeersBenchArgs, RenderBenchArgs,
-};
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+pub use bench::{BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, RenderBenchArgs};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use glam::DVec3;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
+use strum::{EnumMessage, ParseError, VariantNames};
 use vbgs_studio::calibrate::DEFAULT_FRAMES;
 use vbgs_studio::pipeline::plan::MAX_PASSES;
 
 pub use depth::ReadArgs;
 pub use eval::{ComparisonArgs, EvalArgs, Protocol};
-pub use export::{AxesName, ExportArgs, FormatName, KindName};
-pub use render::{AxisName, PaintName, RenderArgs};
-pub use synth::{CameraName, DepthBitsName, LayoutName, SceneName, SynthArgs};
+pub use export::{ExportArgs, FormatName, KindName};
+pub use render::{PaintName, RenderArgs};
+pub use synth::SynthArgs;
 pub use train::{DeviceName, TrainArgs};
 
 /// Turns posed RGB-D frames into a Gaussian-splat scene while you watch.
@@ -57,7 +56,6 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Parses the command line; exits with a message if it is invalid.
     pub fn from_command_line() -> Self {
         let found = Self::complete_command().try_get_matches();
         let found = found.and_then(|found| Self::from_arg_matches(&found));
@@ -70,23 +68,32 @@ impl Arguments {
         }
         arguments
     }
-}
 
-impl Arguments {
-    /// The command line with what derives cannot express: `eval` names its reading options in one line.
+    /// The command line with what derives cannot express: options that help names in one line.
     fn complete_command() -> clap::Command {
-        let is_reading = |arg: &clap::Arg| eval::EVAL_READING.contains(&arg.get_id().as_str());
-        Self::command().mut_subcommand("eval", |eval| {
-            eval.mut_args(|arg| if is_reading(&arg) { arg.hide(true) } else { arg }).after_help(
+        let reading = ReadArgs::augment_args(clap::Command::new("reading"));
+        let train = |train: clap::Command| {
+            train
+                .mut_arg("confidence", hidden)
+                .mut_arg("geometry_only", hidden)
+                .after_help("For some phones: --confidence and --geometry-only, as in `info`.")
+        };
+        let eval = |eval: clap::Command| {
+            let ids = reading.get_arguments().map(|arg| arg.get_id().clone());
+            ids.fold(eval, |eval, id| eval.mut_arg(id, hidden)).after_help(
                 "The dataset is read as in the checkpoint's run. For other models: --calibration, \
                  --depth-scale, --depth-range, --pose-axes, --poses, --intrinsics, --confidence and \
                  --geometry-only, as in `train` and `info`.",
             )
-        })
+        };
+        Self::command().mut_subcommand("train", train).mut_subcommand("eval", eval)
     }
 }
 
-/// Prints the error, help or version and exits.
+fn hidden(arg: clap::Arg) -> clap::Arg {
+    arg.hide(true)
+}
+
 fn end(error: &clap::Error) -> ! {
     let is_lost = match error.print() {
         // A closed pipe is not an error: the reader stopped early.
@@ -129,7 +136,7 @@ pub struct MergeArgs {
     #[arg(required = true, num_args = 2.., value_name = "CHECKPOINT")]
     pub checkpoints: Vec<PathBuf>,
     /// Checkpoint that all of them were resumed from, each with its own --shard. Required for full quality
-    /// unless components are on a lattice
+    /// of scenes
     #[arg(long, value_name = "CHECKPOINT")]
     pub start: Option<PathBuf>,
     /// Checkpoint to write
@@ -182,13 +189,36 @@ pub struct CalibrateArgs {
 /// Parses an enum of the library by its names in files.
 pub fn choice<T>() -> impl TypedValueParser<Value = T>
 where
-    T: FromStr<Err = strum::ParseError> + strum::VariantNames + Clone + Send + Sync + 'static,
+    T: FromStr<Err = ParseError> + VariantNames + Clone + Send + Sync + 'static,
 {
     // The names are listed first, so that help and errors show them.
     PossibleValuesParser::new(T::VARIANTS).try_map(|name| name.parse::<T>())
 }
 
-/// Parses a whole number, 1 or more.
+/// Like [`choice`], with the documentation of each value in the help.
+pub fn documented_choice<T>() -> impl TypedValueParser<Value = T>
+where
+    T: FromStr<Err = ParseError> + VariantNames + EnumMessage + Clone + Send + Sync + 'static,
+{
+    let values = T::VARIANTS.iter().map(|name| {
+        let value = name.parse::<T>().ok();
+        let doc = value.and_then(|value| value.get_documentation()).unwrap_or_default();
+        PossibleValue::new(name).help(doc.trim_end_matches('.'))
+    });
+    PossibleValuesParser::new(values).try_map(|name| name.parse::<T>())
+}
+
+pub fn axis() -> impl TypedValueParser<Value = DVec3> {
+    PossibleValuesParser::new(["x", "-x", "y", "-y", "z", "-z"]).map(|name| match name.as_str() {
+        "x" => DVec3::X,
+        "-x" => DVec3::NEG_X,
+        "y" => DVec3::Y,
+        "-y" => DVec3::NEG_Y,
+        "z" => DVec3::Z,
+        _ => DVec3::NEG_Z,
+    })
+}
+
 pub fn parse_count(text: &str) -> Result<usize, String> {
     // Options of this type allow negative numbers: otherwise clap would report `-5` as an unknown option
     // instead of the expected value.
@@ -196,32 +226,27 @@ pub fn parse_count(text: &str) -> Result<usize, String> {
     count.ok_or_else(|| "expected a whole number, 1 or more".to_owned())
 }
 
-/// Parses the number of passes over the frames.
 pub fn parse_passes(text: &str) -> Result<usize, String> {
     let passes = text.parse().ok().filter(|n| (1..=MAX_PASSES).contains(n));
     passes.ok_or_else(|| format!("expected a whole number from 1 to {MAX_PASSES}"))
 }
 
-/// Parses a number above 0.
 pub fn parse_positive(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|n: &f64| n.is_finite() && *n > 0.0);
     number.ok_or_else(|| "expected a number above 0".to_owned())
 }
 
-/// Parses a factor between units of length.
 pub fn parse_unit_scale(text: &str) -> Result<f64, String> {
     // Beyond this range, coordinates of usual scenes do not fit a file's single-precision floats.
     let factor = parse_positive(text).ok().filter(|factor| (1e-9..=1e9).contains(factor));
     factor.ok_or_else(|| "expected a factor from 1e-9 to 1e9".to_owned())
 }
 
-/// Parses a positive time in seconds.
 pub fn parse_seconds(text: &str) -> Result<Duration, String> {
     let time = parse_positive(text).ok().and_then(|s| Duration::try_from_secs_f64(s).ok());
     time.ok_or_else(|| "expected a number of seconds above 0".to_owned())
 }
 
-/// Parses two opposite corners of a box.
 pub fn parse_box(text: &str) -> Result<[DVec3; 2], String> {
     let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
     match numbers[..] {

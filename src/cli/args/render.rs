@@ -1,8 +1,9 @@
 //! Arguments of `render`.
 
-use crate::cli::args::{choice, parse_color, parse_count, parse_size};
+use crate::cli::args::{axis, choice, parse_color, parse_count, parse_size};
 use crate::cli::failure::Failure;
 use clap::{Args, ValueEnum};
+use glam::DVec3;
 use std::path::PathBuf;
 use vbgs_studio::render::{Antialias, ExactOptions, Exposing, Lens, RenderMethod, Response};
 
@@ -43,8 +44,8 @@ pub struct RenderArgs {
     #[arg(long, value_name = "DEG", default_value_t = 60.0, allow_negative_numbers = true)]
     pub fov: f64,
     /// Up axis of the world [default: that of the model, else z]
-    #[arg(long, value_enum, allow_hyphen_values = true)]
-    pub up: Option<AxisName>,
+    #[arg(long, value_parser = axis(), allow_hyphen_values = true)]
+    pub up: Option<DVec3>,
     /// Colour behind the splats: black, white or #rrggbb
     #[arg(long, default_value = "black", value_parser = parse_color)]
     pub background: [f32; 3],
@@ -67,19 +68,6 @@ pub enum PaintName {
     Depth,
     /// Direction of the shortest axis
     Normal,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum AxisName {
-    X,
-    Y,
-    Z,
-    #[value(name = "-x")]
-    NegX,
-    #[value(name = "-y")]
-    NegY,
-    #[value(name = "-z")]
-    NegZ,
 }
 
 fn parse_orbit(text: &str) -> Result<[f64; 3], String> {

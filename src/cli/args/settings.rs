@@ -1,25 +1,32 @@
-//! Options for the settings of both presets, from the library's tables, and `--set NAME=VALUE` for all others.
+//! Settings of `train`: options of both presets from the library's tables, `--set NAME=VALUE` for all others,
+//! and the settings file.
 //!
 //! Given values are stored as text, because the preset, and thus their type, is known only after all
 //! options (and a checkpoint to resume) have been read. The texts are nevertheless checked at once.
 
-use super::{parse_count, parse_passes, parse_seconds};
+use super::{TrainArgs, parse_count, parse_passes, parse_seconds};
+use crate::cli::failure::Failure;
+use anyhow::anyhow;
 use clap::builder::{OsStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
+use serde::de::DeserializeOwned;
 use std::ffi::{OsStr, OsString};
+use std::path::Path;
+use vbgs_studio::dataset::read_settings;
 use vbgs_studio::pipeline::autosave::AutosaveInterval;
-use vbgs_studio::pipeline::plan::Order;
+use vbgs_studio::pipeline::checkpoint::ResumeRequest;
+use vbgs_studio::pipeline::plan::{Order, Selection};
+use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::pipeline::settings::{GivenSettings, preset_file};
 use vbgs_studio::train::paper::config::PaperOverrides;
+use vbgs_studio::train::setting::Preset;
 use vbgs_studio::train::setting::table::{About, SettingLayer, Spelling};
 use vbgs_studio::train::setting::value::ValueError;
 
-/// Settings given on the command line.
 pub struct SettingsArgs {
-    /// Settings of a preset: name in files and text.
     given: Vec<(&'static str, OsString)>,
-    /// Settings of the run.
     pub run: RunSettings,
 }
 
@@ -30,64 +37,35 @@ pub struct RunSettings {
     pub passes: Option<usize>,
     pub stride: Option<usize>,
     pub autosave: AutosaveInterval,
-    pub confidence: Option<u8>,
-    pub geometry_only: bool,
 }
 
+type SetRun = fn(&mut RunSettings, &str) -> Result<(), String>;
+
 /// Names of [`RunSettings`] for `--set`, with their meaning.
-pub const RUN_SETTINGS: [(&str, &str); 6] = [
-    ("order", "order of the frames: sequential (default) or shuffled"),
+const RUN_SETTINGS: [(&str, &str, SetRun); 4] = [
+    ("order", "order of the frames: sequential (default) or shuffled", |run, text| {
+        let order = text.parse();
+        let wrong = |_| format!("expected sequential or shuffled, found `{text}`");
+        run.order = Some(order.map_err(wrong)?);
+        Ok(())
+    }),
     (
         "passes",
         "times the frames are used; from the second on only photographs train. With --resume earlier passes count",
+        |run, text| parse_passes(text).map(|n| run.passes = Some(n)),
     ),
-    ("stride", "use every N-th frame"),
+    ("stride", "use every N-th frame", |run, text| parse_count(text).map(|n| run.stride = Some(n))),
     (
         "autosave",
         "save the checkpoint every N frames, or every Ns seconds such as 30s, keeping the previous one as checkpoint.vbgs.bak",
+        |run, text| match text.strip_suffix('s') {
+            Some(seconds) => parse_seconds(seconds).map(|time| run.autosave.time = Some(time)),
+            None => parse_count(text).map(|n| run.autosave.frames = Some(n)),
+        },
     ),
-    ("confidence", "minimum depth confidence from 0 to 2, for sensors that record it (default 1)"),
-    ("geometry_only", "true opens recordings whose video cannot be decoded, in grey"),
 ];
 
-impl RunSettings {
-    /// Sets one value; `Ok(false)` if there is no setting of the name.
-    fn set(&mut self, name: &str, text: &str) -> Result<bool, String> {
-        match name {
-            "order" => {
-                let order = text.parse();
-                self.order = Some(
-                    order
-                        .map_err(|_| format!("expected sequential or shuffled, found `{text}`"))?,
-                );
-            }
-            "passes" => self.passes = Some(parse_passes(text)?),
-            "stride" => self.stride = Some(parse_count(text)?),
-            "autosave" => match text.strip_suffix('s') {
-                Some(seconds) => self.autosave.time = Some(parse_seconds(seconds)?),
-                None => self.autosave.frames = Some(parse_count(text)?),
-            },
-            "confidence" => {
-                let level =
-                    text.parse().map_err(|_| format!("expected 0, 1 or 2, found `{text}`"))?;
-                self.confidence = Some(level);
-            }
-            "geometry_only" => {
-                let is_on = text.parse();
-                self.geometry_only =
-                    is_on.map_err(|_| format!("expected true or false, found `{text}`"))?;
-            }
-            _ => return Ok(false),
-        }
-        Ok(true)
-    }
-}
-
 impl SettingsArgs {
-    /// Returns the given settings of one preset.
-    ///
-    /// # Errors
-    /// [`ValueError::File`] if a file named by an option cannot be used.
     pub fn layer<L: SettingLayer>(&self) -> Result<L, ValueError> {
         let mut layer = L::default();
         for setting in L::TABLE {
@@ -104,14 +82,13 @@ impl SettingsArgs {
         given.find(|(name, _)| *name == field).map(|(_, text)| text.as_os_str())
     }
 
-    /// Reads one `NAME=VALUE`.
     fn set(&mut self, assignment: &str) -> Result<(), String> {
         let (name, text) = assignment
             .split_once('=')
             .ok_or_else(|| format!("--set {assignment}: expected NAME=VALUE, such as seed=3"))?;
         let name = name.trim().replace('-', "_");
-        if self.run.set(&name, text).map_err(|wrong| format!("--set {name}: {wrong}"))? {
-            return Ok(());
+        if let Some((_, _, set)) = RUN_SETTINGS.iter().find(|(run, ..)| *run == name) {
+            return set(&mut self.run, text).map_err(|wrong| format!("--set {name}: {wrong}"));
         }
         let mut wrong = None;
         for about in all_settings().filter(|about| about.field == name) {
@@ -131,23 +108,19 @@ impl SettingsArgs {
     }
 }
 
-/// Settings of both presets; shared ones occur twice.
 fn all_settings() -> impl Iterator<Item = &'static About> {
     let of_scene = SceneOverrides::TABLE.iter().map(|setting| &setting.about);
     of_scene.chain(PaperOverrides::TABLE.iter().map(|setting| &setting.about))
 }
 
-/// Settings with an option of their own, without repeats, and the placeholder of their value.
-fn options() -> Vec<(&'static About, &'static str, &'static str)> {
-    let mut found: Vec<(&About, &str, &str)> = Vec::new();
-    for about in all_settings() {
-        if let Spelling::Option(option, placeholder) = about.spelling
-            && found.iter().all(|(_, other, _)| *other != option)
-        {
-            found.push((about, option.trim_start_matches('-'), placeholder));
+fn options() -> impl Iterator<Item = (&'static About, &'static str, &'static str)> {
+    // No option belongs to both presets.
+    all_settings().filter_map(|about| match about.spelling {
+        Spelling::Option(option, placeholder) => {
+            Some((about, option.trim_start_matches('-'), placeholder))
         }
-    }
-    found
+        Spelling::Name => None,
+    })
 }
 
 fn option((about, id, placeholder): (&'static About, &'static str, &'static str)) -> Arg {
@@ -172,8 +145,8 @@ fn option((about, id, placeholder): (&'static About, &'static str, &'static str)
 
 impl Args for SettingsArgs {
     fn augment_args(command: Command) -> Command {
-        let command = options().into_iter().map(option).fold(command, Command::arg);
-        let of_run = RUN_SETTINGS.map(|(name, meaning)| format!("  {name}: {meaning}\n"));
+        let command = options().map(option).fold(command, Command::arg);
+        let of_run = RUN_SETTINGS.map(|(name, meaning, _)| format!("  {name}: {meaning}\n"));
         let help = format!(
             "Set any other setting by its name, such as `--set seed=3` or `--set refine=false`; \
              docs/reference/settings.md lists those of the presets. Of the run:\n{}",
@@ -190,7 +163,7 @@ impl Args for SettingsArgs {
 
 impl FromArgMatches for SettingsArgs {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let given = options().into_iter().filter_map(|(about, id, _)| {
+        let given = options().filter_map(|(about, id, _)| {
             let text: &OsString = matches.get_one(id)?;
             Some((about.field, text.clone()))
         });
@@ -206,4 +179,85 @@ impl FromArgMatches for SettingsArgs {
         *self = Self::from_arg_matches(matches)?;
         Ok(())
     }
+}
+
+pub fn selection(args: &TrainArgs) -> Selection {
+    let (everything, run) = (Selection::all_frames(), args.settings.run);
+    Selection {
+        split: args.split.clone(),
+        order: run.order.unwrap_or(everything.order),
+        stride: run.stride.unwrap_or(everything.stride),
+        shard: args.shard,
+        max_frames: args.max_frames,
+        passes: run.passes.unwrap_or(everything.passes),
+        follow: args.follow,
+        hold_out: args.hold_out.unwrap_or(everything.hold_out),
+    }
+}
+
+/// Returns all settings given for a preset, on the command line and in the file.
+pub fn resume_request(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure> {
+    Ok(ResumeRequest {
+        preset: args.preset,
+        model: GivenSettings { paper: layer(args, preset)?, scene: layer(args, preset)? },
+        split: args.split.clone(),
+        order: args.settings.run.order,
+        stride: args.settings.run.stride,
+        shard: args.shard,
+        load: args.reading.load_options(),
+        max_frames: args.max_frames,
+        passes: args.settings.run.passes,
+        follow: args.follow,
+        hold_out: args.hold_out,
+    })
+}
+
+pub fn method_request(args: &TrainArgs) -> Result<MethodRequest, Failure> {
+    let preset = args.preset.unwrap_or(Preset::Scene);
+    let given = resume_request(args, preset)?.model;
+    let Some((setting, _)) = given.foreign_to(preset) else { return Ok(given.request(preset)?) };
+    let other = if preset == Preset::Scene { Preset::Paper } else { Preset::Scene };
+    Err(Failure::Usage(format!(
+        "{setting}: expected `--preset {other}` with it, found the preset {preset}"
+    )))
+}
+
+pub fn calibration_file(args: &TrainArgs) -> Option<&Path> {
+    let given = args.settings.given("calibration").map(Path::new);
+    given.or(args.resume.as_deref()).or(args.config.as_deref())
+}
+
+/// Combines the command-line settings of one preset with those of the file, if it is for that preset.
+fn layer<L: SettingLayer + DeserializeOwned>(
+    args: &TrainArgs,
+    meant: Preset,
+) -> Result<L, Failure> {
+    let said: L = args.settings.layer()?;
+    match &args.config {
+        Some(path) if meant == L::PRESET => Ok(said.or(read_config(path)?)),
+        Some(_) | None => Ok(said),
+    }
+}
+
+/// Reads settings from a file, or the defaults of a preset if there is no such file.
+fn read_config<L: SettingLayer + DeserializeOwned>(path: &Path) -> Result<L, Failure> {
+    let by_name = path.to_str().filter(|_| !path.exists()).and_then(|name| name.parse().ok());
+    let text = match by_name {
+        Some(preset) => preset_file(preset).to_owned(),
+        None => read_settings(path).map_err(|found| {
+            anyhow!(
+                "{}: expected a RON file with settings, found: {found}; check the path and its permissions",
+                path.display()
+            )
+        })?,
+    };
+    let options =
+        ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
+    Ok(options.from_str(&text).map_err(|found| {
+        anyhow!(
+            "{}: expected settings such as {}, found: {found}; correct this place",
+            path.display(),
+            L::EXAMPLE
+        )
+    })?)
 }

@@ -1,75 +1,27 @@
 //! Arguments of `synth`.
 
-use crate::cli::args::{parse_positive, parse_size};
-use clap::{Args, ValueEnum};
+use crate::cli::args::{choice, documented_choice, parse_positive, parse_size};
+use clap::Args;
 use std::path::PathBuf;
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum LayoutName {
-    /// NeRF-synthetic with depth
-    Blender,
-    SevenScenes,
-    /// TUM RGB-D
-    Tum,
-    /// Open3D or Redwood
-    Open3d,
-    /// Replica as rendered by NICE-SLAM
-    Replica,
-    /// ScanNet's export format
-    Scannet,
-    Nerfstudio,
-    /// Record3D's export folder
-    Record3d,
-    /// Record3D's .r3d
-    Record3dArchive,
-    /// Stray Scanner, its video unpacked
-    StrayScanner,
-    /// ARKit package with JSON lines
-    Arkit,
-    /// RTAB-Map's export format
-    RtabMap,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum DepthBitsName {
-    #[value(name = "8")]
-    Eight,
-    #[value(name = "16")]
-    Sixteen,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum CameraName {
-    /// Ideal camera in the furnished room
-    Room,
-    /// Phone: lidar depth, drifting poses, exposure steps and motion blur
-    Phone,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum SceneName {
-    /// The furnished room with fine detail and cables
-    Room,
-    /// A flat door at close range
-    Door,
-}
+use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
+use vbgs_studio::dataset::synthetic::{PhoneScene, SyntheticCamera};
 
 #[derive(Args)]
 pub struct SynthArgs {
     /// New or empty folder
     pub out: PathBuf,
     /// Layout to write [default: blender; record3d for the phone]
-    #[arg(long, value_enum)]
-    pub layout: Option<LayoutName>,
+    #[arg(long, value_parser = documented_choice::<SyntheticLayout>())]
+    pub layout: Option<SyntheticLayout>,
     /// Camera to simulate
-    #[arg(long, value_enum, default_value = "room")]
-    pub camera: CameraName,
+    #[arg(long, value_parser = documented_choice::<SyntheticCamera>(), default_value = "room")]
+    pub camera: SyntheticCamera,
     /// Scene recorded by the phone; needs `--camera phone` [default: room]
-    #[arg(long, value_enum)]
-    pub scene: Option<SceneName>,
+    #[arg(long, value_parser = documented_choice::<PhoneScene>())]
+    pub scene: Option<PhoneScene>,
     /// Bits per depth value [default: 16]; 8 only with the Blender layout
-    #[arg(long, value_enum)]
-    pub depth_bits: Option<DepthBitsName>,
+    #[arg(long, value_parser = choice::<DepthBits>())]
+    pub depth_bits: Option<DepthBits>,
     /// Photograph size in pixels [default: 320x240; 1440x1920 for the phone]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[u32; 2]>,

@@ -1,11 +1,10 @@
 //! Arguments of `train`.
 
-use super::depth::DepthArgs;
+use super::depth::ReadArgs;
 use super::settings::SettingsArgs;
 use crate::cli::args::{choice, parse_count};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
-use vbgs_studio::dataset::LoadOptions;
 use vbgs_studio::dataset::splits::HoldOut;
 use vbgs_studio::pipeline::plan::Shard;
 use vbgs_studio::train::setting::Preset;
@@ -70,16 +69,5 @@ pub struct TrainArgs {
     #[command(flatten)]
     pub settings: SettingsArgs,
     #[command(flatten)]
-    pub depth: DepthArgs,
-}
-
-impl TrainArgs {
-    pub fn load_options(&self) -> LoadOptions {
-        let run = self.settings.run;
-        LoadOptions {
-            confidence: run.confidence,
-            geometry_only: run.geometry_only,
-            ..self.depth.load_options()
-        }
-    }
+    pub reading: ReadArgs,
 }

@@ -8,10 +8,9 @@
 
 use super::recording::{RecordedFrame, Recording, same_size};
 use super::stated;
-use super::stated::flat_numbers;
+use super::stated::{first_of, flat_numbers};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
@@ -32,7 +31,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opengl,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 const POSE_KEYS: [&str; 4] =
@@ -62,10 +60,6 @@ fn frame_lines(folder: &Folder) -> Option<&str> {
     };
     let is_lines = |name: &&str| [".jsonl", ".ndjson"].iter().any(|end| name.ends_with(end));
     folder.listing.files().filter(is_lines).find(is_ours)
-}
-
-fn first_of<'a>(json: &'a Value, keys: &[&str]) -> Option<&'a Value> {
-    keys.iter().find_map(|key| json.get(key))
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
@@ -156,14 +150,10 @@ impl<'a> FrameLine<'a> {
         let encoding = if is_image { DepthEncoding { codes, ..encoding } } else { encoding };
         let least = recording.least_confidence();
         let confidence = confidence.map(|map| (map, least));
+        let depth = depth.map(|file| DepthSource { file, encoding, confidence });
         Ok(Ok(RecordedFrame {
-            name: name.to_owned(),
             time: first_of(self.json, &TIME_KEYS).and_then(Value::as_f64),
-            pose,
-            cameras,
-            color,
-            depth: depth.map(|file| DepthSource { file, encoding, confidence }),
-            lens: Distortion::default(),
+            ..RecordedFrame::new(name.to_owned(), pose, cameras, color, depth)
         }))
     }
 
@@ -176,11 +166,8 @@ impl<'a> FrameLine<'a> {
         let pose = matrix(first_of(self.json, &POSE_KEYS))?;
         let pose = Pose::from_opengl(pose)?;
         let named = |keys: &[&str]| self.text(keys).map(|text| (text, folder.resolve_named(text)));
-        let missing = |text: &str, problem, as_missing: fn(String) -> FrameProblem| match problem {
-            FrameProblem::Read(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                as_missing(text.to_owned())
-            }
-            other => other,
+        let missing = |text: &str, problem: FrameProblem, kind: fn(String) -> FrameProblem| {
+            problem.or_missing(|| kind(text.to_owned()))
         };
         let (text, path) =
             named(&COLOR_KEYS).ok_or_else(|| FrameProblem::MissingColor("`image`".to_owned()))?;

@@ -11,28 +11,26 @@
 //! three or four rows, focal lengths instead of the angle. Unambiguous forms are accepted. Ambiguous ones
 //! (an angle in degrees, 16-bit depth without its scale) are refused, with the value to write.
 
+use super::nerfstudio;
 use super::numbered::{ListedFrame, ListedSplit, photograph_size};
-use super::recording::same_size;
-use super::{nerfstudio, stated};
-use crate::dataset::calibrated_size::{
-    IntrinsicsDefect, check, from_user, is_plausible_field_of_view,
-};
+use super::recording::{check_intrinsics, metadata_error, same_size};
+use super::stated::{FrameCamera, check_model};
+use crate::dataset::calibrated_size::from_user;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::entry::DatasetSplit;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, FolderListing, read_text, relative_path};
+use crate::dataset::folder::{Folder, FolderListing, relative_path};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix::{describe_json, from_json};
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::range::PositionRange;
 use crate::dataset::surface::sensor::Sensor;
-use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use serde_json::Value;
 use std::collections::{BTreeMap, HashMap};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::rc::Rc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
@@ -40,7 +38,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opengl,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
@@ -53,7 +50,6 @@ fn recognise(folder: &Folder) -> Option<String> {
     (!lists.is_empty()).then(|| format!("{} with `frames` and their poses", lists.join(", ")))
 }
 
-/// JSON files in the root that are frame lists by content or by name.
 fn frame_lists(folder: &Folder) -> Vec<&str> {
     let is_list = |name: &&str| name.ends_with(".json") && is_list(folder, name);
     folder.listing.files().filter(is_list).collect()
@@ -92,17 +88,7 @@ struct FrameList {
 
 impl FrameList {
     fn read(folder: &Folder, name: &str) -> Result<Self, DatasetError> {
-        let path = folder.path.join(name);
-        let read = |source| DatasetError::Read { path: path.clone(), source };
-        let file = folder.file(Path::new(""), &folder.listing, name).map_err(|problem| {
-            DatasetError::Metadata {
-                file: path.clone(),
-                expected: "a file inside the dataset folder".to_owned(),
-                found: problem.to_string(),
-                hint: "copy the file into the folder".to_owned(),
-            }
-        })?;
-        let text = read_text(&file).map_err(read)?;
+        let (file, text) = folder.text(name)?;
         let json = serde_json::from_str(&text)
             .map_err(|source| DatasetError::Json { file: file.clone(), source })?;
         let stem = name.trim_end_matches(".json");
@@ -112,13 +98,12 @@ impl FrameList {
         Ok(Self { file, split, json })
     }
 
+    fn camera(&self) -> FrameCamera<'_> {
+        FrameCamera { frame: &self.json, list: &self.json, file: &self.file }
+    }
+
     fn wrong(&self, expected: &str, found: String, hint: &str) -> DatasetError {
-        DatasetError::Metadata {
-            file: self.file.clone(),
-            expected: expected.to_owned(),
-            found,
-            hint: hint.to_owned(),
-        }
+        metadata_error(&self.file, expected, found, hint)
     }
 
     fn frames(&self) -> Result<&[Value], DatasetError> {
@@ -133,18 +118,6 @@ impl FrameList {
         }
     }
 
-    fn number(&self, key: &str) -> Result<Option<f64>, DatasetError> {
-        match self.json.get(key) {
-            None => Ok(None),
-            Some(value) => value.as_f64().map(Some).ok_or_else(|| {
-                let expected = format!("a number as `{key}`");
-                self.wrong(&expected, describe_json(value), "correct the value")
-            }),
-        }
-    }
-
-    /// Reads the whole split: frames with files, one camera, one depth encoding. `None` if no image can be
-    /// read.
     fn split(
         &self,
         folder: &Folder,
@@ -156,8 +129,11 @@ impl FrameList {
             listed.skip_unreadable(parsed);
             return Ok(None);
         };
-        self.check_camera(size)?;
-        let stated = self.intrinsics(size.0, size.1)?;
+        let camera = self.camera();
+        same_size(camera.size(size)?, size, &self.file)?;
+        check_model(&camera)?;
+        let stated = camera.intrinsics(size)?;
+        check_intrinsics(&stated, &self.file)?;
         let intrinsics =
             options.intrinsics.map_or(Ok(stated), |numbers| from_user(numbers, size))?;
         let Some(bits) = listed.depth_bits() else {
@@ -189,70 +165,15 @@ impl FrameList {
         Ok(ListedSplit { name: self.split.clone(), frames })
     }
 
-    /// Intrinsics (`dataset.md`, Frames of reference): focal length from the field of view and a centred
-    /// principal point, unless the file states them in pixels.
-    fn intrinsics(&self, width: u32, height: u32) -> Result<Intrinsics, DatasetError> {
-        let mut k = match (self.number("camera_angle_x")?, self.number("fl_x")?) {
-            (_, Some(fx)) => {
-                let (w, h) = (f64::from(width), f64::from(height));
-                Intrinsics { width, height, fx, fy: fx, cx: 0.5 * w, cy: 0.5 * h }
-            }
-            (Some(angle), None) => {
-                self.check_angle(angle)?;
-                Intrinsics::from_horizontal_fov(width, height, angle)
-            }
-            (None, None) => {
-                let keys = describe_json(&self.json);
-                let hint = "add the horizontal field of view in radians";
-                return Err(self.wrong("a number `camera_angle_x` (or `fl_x`)", keys, hint));
-            }
-        };
-        let tall = self.number("camera_angle_y")?.filter(|_| self.json.get("fl_x").is_none());
-        if let Some(angle) = tall {
-            self.check_angle(angle)?;
-            k.fy = Intrinsics::from_horizontal_fov(height, width, angle).fx;
-        }
-        k.fy = self.number("fl_y")?.unwrap_or(k.fy);
-        k.cx = self.number("cx")?.unwrap_or(k.cx);
-        k.cy = self.number("cy")?.unwrap_or(k.cy);
-        check(&k).map_err(|IntrinsicsDefect { expected, found, hint }| {
-            self.wrong(&expected, found, hint)
-        })?;
-        Ok(k)
-    }
-
-    /// Refuses a stated image size or lens that does not match a pinhole camera of this size.
-    fn check_camera(&self, size: (u32, u32)) -> Result<(), DatasetError> {
-        let side = |key| Ok::<_, DatasetError>(self.number(key)?.map(|n| n as u32));
-        let stated = (side("w")?.unwrap_or(size.0), side("h")?.unwrap_or(size.1));
-        same_size(stated, size, &self.file)?;
-        stated::check_model(&self.json, &self.json, &self.file)
-    }
-
-    fn check_angle(&self, radians: f64) -> Result<(), DatasetError> {
-        let degrees = radians.to_degrees();
-        if is_plausible_field_of_view(degrees) {
-            return Ok(());
-        }
-        // Up to 180, the value is probably an angle in degrees.
-        let hint = if radians > 3.0 && radians < 180.0 {
-            format!("is this in degrees? then write {:.6}", radians.to_radians())
-        } else {
-            "write the horizontal field of view of the camera in radians".to_owned()
-        };
-        let expected = "`camera_angle_x` in radians, between 0.1 and 179 degrees";
-        Err(self.wrong(expected, format!("{radians} ({degrees:.3} degrees)"), &hint))
-    }
-
     fn depth_encoding(
         &self,
         bits: u16,
         options: &LoadOptions,
     ) -> Result<DepthEncoding, DatasetError> {
         let (codes, sensor) = if bits == 16 {
-            let stated = match self.number("integer_depth_scale")? {
+            let stated = match self.camera().number("integer_depth_scale")? {
                 Some(scale) => Some(scale),
-                None => self.number("depth_scale")?,
+                None => self.camera().number("depth_scale")?,
             };
             match options.depth_scale.or(stated).filter(|s| s.is_finite() && *s > 0.0) {
                 // Scenes of this layout are rendered: 16-bit codes are computed depth.
@@ -326,10 +247,8 @@ impl ImageFolders<'_> {
         let missing = || FrameProblem::MissingColor(format!("{file_path}.png (or .jpg)"));
         // Each folder is listed once, not once per frame.
         if !self.listed.contains_key(parent) {
-            let listing = self.folder.list(parent).map_err(|problem| match problem {
-                FrameProblem::Read(e) if e.kind() == std::io::ErrorKind::NotFound => missing(),
-                other => other,
-            })?;
+            let listing =
+                self.folder.list(parent).map_err(|problem| problem.or_missing(missing))?;
             let depth_files = depth_files(&listing);
             self.listed.insert(parent.to_owned(), (listing, depth_files));
         }

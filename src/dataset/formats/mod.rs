@@ -44,7 +44,6 @@ macro_rules! layouts {
             Synthetic,
         }
 
-        /// Formats in the order in which they are tried.
         const FORMATS: &[(Layout, DatasetFormat)] = &[$((Layout::$name, $format),)*];
     };
 }
@@ -78,7 +77,6 @@ layouts! {
     ColorDepth: paired::FORMAT,
 }
 
-/// Recognises the layout and reads the folder; also returns the content that identified the layout.
 pub(super) fn parse(
     folder: &Folder,
     options: &LoadOptions,
@@ -120,7 +118,6 @@ impl Layout {
         self.into()
     }
 
-    /// Layout of a given name.
     pub(super) fn named(name: &str) -> Option<Self> {
         let all = FORMATS.iter().map(|(layout, _)| *layout).chain([Self::Synthetic]);
         all.into_iter().find(|layout| layout.name() == name)
@@ -137,28 +134,22 @@ impl Layout {
         format.map_or(PoseConvention::Opencv, |(_, format)| format.poses)
     }
 
-    /// Calibration known for depth cameras with these intrinsics.
     pub(super) fn known_calibration(self, depth_camera: &Intrinsics) -> Option<Calibration> {
-        let (_, format) = FORMATS.iter().find(|(layout, _)| *layout == self)?;
-        (format.known_calibration)(depth_camera)
+        match self {
+            Self::SevenScenes => seven_scenes::known_calibration(depth_camera),
+            _ => None,
+        }
     }
 }
 
-/// Recognition and parsing of one layout, and known properties of its cameras.
 pub(in crate::dataset) struct DatasetFormat {
-    /// Identifying content, for messages.
     pub identified_by: &'static str,
-    /// Convention of its pose matrices.
     pub poses: PoseConvention,
     /// Describes the identifying content found, if this is the layout. Must not fail on unknown content.
     pub recognise: fn(&Folder) -> Option<String>,
-    /// Reads metadata and poses.
     pub parse: fn(&Folder, &LoadOptions) -> Result<ParsedFolder, DatasetError>,
-    /// Calibration known for depth cameras with these intrinsics.
-    pub known_calibration: fn(&Intrinsics) -> Option<Calibration>,
 }
 
-/// Content of a layout's files.
 #[derive(Default)]
 pub(super) struct ParsedFolder {
     /// Splits, possibly empty ones, which the caller drops.
@@ -169,7 +160,6 @@ pub(super) struct ParsedFolder {
 }
 
 impl ParsedFolder {
-    /// Adds a warning about a frame that cannot be used.
     pub fn skip(&mut self, split: &str, frame: &str, file: PathBuf, problem: FrameProblem) {
         let error = Arc::new(FrameError { file, frame: frame.to_owned(), problem });
         self.warnings.push(Warning { split: split.to_owned(), error });

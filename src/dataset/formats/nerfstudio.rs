@@ -6,8 +6,7 @@
 //! `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), by default .001.
 
 use super::recording::{RecordedFrame, Recording, metadata_error, same_size};
-use super::stated;
-use super::stated::majority;
+use super::stated::{FrameCamera, check_model, first_of, majority};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
@@ -15,11 +14,10 @@ use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, is_file};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
-use crate::dataset::matrix::{describe_json, from_json};
+use crate::dataset::matrix::from_json;
 use crate::dataset::options::{ByteSource, LoadOptions};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
-use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -30,7 +28,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opengl,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 const DEPTH_KEYS: [&str; 2] = ["depth_file_path", "depth_path"];
@@ -44,7 +41,6 @@ fn recognise(folder: &Folder) -> Option<String> {
     Some(format!("{name} whose frames name depth files or have cameras of their own"))
 }
 
-/// The JSON file in the root that is a frame list of this layout, with its content.
 fn frame_list(folder: &Folder) -> Option<(&str, Value)> {
     folder.listing.files().filter(|name| name.ends_with(".json")).find_map(|name| {
         let json = serde_json::from_str(&folder.peek_whole(name)).ok().filter(is_list)?;
@@ -100,30 +96,18 @@ struct Sizes {
     depth: Option<(u32, u32)>,
 }
 
-fn first_of<'a>(frame: &'a Value, keys: &[&str]) -> Option<&'a Value> {
-    keys.iter().find_map(|key| frame.get(key))
-}
-
-/// True if a frame states its own camera.
 fn has_own_camera(frame: &Value) -> bool {
     first_of(frame, &["fl_x", "w", "camera_angle_x"]).is_some()
 }
 
-/// A frame list and the parameters that apply to all frames.
 struct FrameList<'a> {
     json: &'a Value,
     file: &'a Path,
 }
 
 impl FrameList<'_> {
-    /// A number stated by the frame, else for all frames.
-    fn number(&self, frame: &Value, key: &str) -> Result<Option<f64>, DatasetError> {
-        let Some(value) = frame.get(key).or_else(|| self.json.get(key)) else { return Ok(None) };
-        let number = value.as_f64().filter(|number| number.is_finite());
-        number.map(Some).ok_or_else(|| {
-            let expected = format!("a number as `{key}`");
-            metadata_error(self.file, &expected, describe_json(value), "correct the value")
-        })
+    fn camera<'a>(&'a self, frame: &'a Value) -> FrameCamera<'a> {
+        FrameCamera { frame, list: self.json, file: self.file }
     }
 
     /// Sizes of most photographs, to which list-wide intrinsics refer, and of most depth images.
@@ -142,21 +126,15 @@ impl FrameList<'_> {
         // Unreadable files are reported with their frames.
         let (color, depth) = (color.ok().flatten(), depth.ok().flatten());
         if let Some(size) = color.filter(|_| !frames.iter().any(has_own_camera)) {
-            same_size(self.stated_size(&Value::Null, size)?, size, self.file)?;
+            same_size(self.camera(&Value::Null).size(size)?, size, self.file)?;
         }
         Ok(Sizes { color, depth })
-    }
-
-    /// `w` and `h` of the frame or the list; `unless` replaces missing ones.
-    fn stated_size(&self, frame: &Value, unless: (u32, u32)) -> Result<(u32, u32), DatasetError> {
-        let side = |n: Option<f64>, unless: u32| n.map_or(unless, |n| n as u32);
-        Ok((side(self.number(frame, "w")?, unless.0), side(self.number(frame, "h")?, unless.1)))
     }
 
     fn encoding(&self, recording: &Recording) -> Result<DepthEncoding, DatasetError> {
         let mut unit = DEPTH_UNIT;
         for key in ["depth_unit_scale_factor", "integer_depth_scale"] {
-            if let Some(stated) = self.number(&Value::Null, key)? {
+            if let Some(stated) = self.camera(&Value::Null).number(key)? {
                 if stated <= 0.0 {
                     let expected = format!("a positive `{key}`, world units per unit");
                     let hint = "correct the value";
@@ -193,58 +171,28 @@ impl FrameList<'_> {
         };
         // Focal lengths refer to one image size; an image of another size affects its own frame only.
         let most = if has_own_camera(frame) { size } else { sizes.color.unwrap_or(size) };
-        let expected = self.stated_size(frame, most)?;
+        let camera = self.camera(frame);
+        let expected = camera.size(most)?;
         if size != expected {
-            return Ok(Err(FrameProblem::CameraSize { expected, found: size }));
+            return Ok(Err(FrameProblem::Size { what: "an image", expected, found: size }));
         }
-        stated::check_model(frame, self.json, self.file)?;
-        let k = self.intrinsics(frame, size)?;
+        check_model(&camera)?;
+        let k = camera.intrinsics(size)?;
         let cameras =
             recording.cameras_of_lens(&k, size, sizes.depth.unwrap_or(size), self.file)?;
-        let depth = depth.map(|file| DepthSource { file, encoding, confidence: None });
-        let (lens, time) = (self.lens(frame)?, self.time(frame)?);
-        let name = name.to_owned();
-        Ok(Ok(RecordedFrame { name, time, pose, cameras, color, depth, lens }))
-    }
-
-    fn intrinsics(&self, frame: &Value, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
-        let (width, height) = size;
-        let fx = match (self.number(frame, "fl_x")?, self.number(frame, "camera_angle_x")?) {
-            (Some(fx), _) => fx,
-            (None, Some(angle)) => Intrinsics::from_horizontal_fov(width, height, angle).fx,
-            (None, None) => {
-                let found = describe_json(frame);
-                let hint = "add the focal length in pixels";
-                return Err(metadata_error(self.file, "a number `fl_x`", found, hint));
-            }
-        };
-        let angle = self.number(frame, "camera_angle_y")?;
-        let angle = angle.filter(|_| !matches!(self.number(frame, "fl_x"), Ok(Some(_))));
-        let by_angle = angle.map(|angle| Intrinsics::from_horizontal_fov(height, width, angle).fx);
-        Ok(Intrinsics {
-            width,
-            height,
-            fx,
-            fy: self.number(frame, "fl_y")?.or(by_angle).unwrap_or(fx),
-            cx: self.number(frame, "cx")?.unwrap_or(0.5 * f64::from(width)),
-            cy: self.number(frame, "cy")?.unwrap_or(0.5 * f64::from(height)),
-        })
-    }
-
-    fn lens(&self, frame: &Value) -> Result<Distortion, DatasetError> {
-        let term = |key: &str| Ok::<_, DatasetError>(self.number(frame, key)?.unwrap_or(0.0));
-        Ok(Distortion {
+        let depth = depth.map(|file| DepthSource::new(file, encoding));
+        let term = |key: &str| Ok::<_, DatasetError>(camera.number(key)?.unwrap_or(0.0));
+        let lens = Distortion {
             radial: [term("k1")?, term("k2")?, term("k3")?],
             tangential: [term("p1")?, term("p2")?],
             ..Distortion::default()
-        })
-    }
-
-    fn time(&self, frame: &Value) -> Result<Option<f64>, DatasetError> {
-        match frame.get("timestamp") {
-            Some(_) => self.number(frame, "timestamp"),
-            None => Ok(None),
-        }
+        };
+        let time = match frame.get("timestamp") {
+            Some(_) => camera.number("timestamp")?,
+            None => None,
+        };
+        let frame = RecordedFrame::new(name.to_owned(), pose, cameras, color, depth);
+        Ok(Ok(RecordedFrame { time, lens, ..frame }))
     }
 }
 

@@ -15,10 +15,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Extensions of photographs.
 pub(super) const PHOTOGRAPHS: [&str; 3] = ["jpg", "jpeg", "png"];
 
-/// The files of a folder by the number in their names.
 pub(super) struct NumberedFiles {
     relative: PathBuf,
     listing: Rc<FolderListing>,
@@ -48,14 +46,12 @@ impl NumberedFiles {
         Ok(Self { relative, listing, by_number, duplicates: doubled })
     }
 
-    /// True if a folder contains such a file.
     pub fn any(folder: &Folder, relative: &str, prefix: &str, extensions: &[&str]) -> bool {
         folder
             .list(Path::new(relative))
             .is_ok_and(|listing| listing.files().any(|n| number(n, prefix, extensions).is_some()))
     }
 
-    /// Numbers of all files in ascending order.
     pub fn numbers(&self) -> impl Iterator<Item = u64> {
         self.by_number.keys().copied()
     }
@@ -69,27 +65,32 @@ impl NumberedFiles {
         self.by_number.len()
     }
 
-    /// Name of the file without its extension.
     pub fn stem(&self, number: u64) -> Option<&str> {
         let name = self.by_number.get(&number)?;
         Some(name.rsplit_once('.').map_or(name.as_str(), |(stem, _)| stem))
     }
 
-    /// True if the file of a number has the extension.
     pub fn has_extension(&self, number: u64, extension: &str) -> bool {
         let own = self.by_number.get(&number).and_then(|name| name.rsplit_once('.'));
         own.is_some_and(|(_, own)| own.eq_ignore_ascii_case(extension))
     }
 
-    /// All accessible files, ordered by number.
     pub fn sources(&self, folder: &Folder) -> impl Iterator<Item = ByteSource> {
         self.numbers().filter_map(|n| self.file(folder, n)?.ok()).map(Into::into)
     }
 
-    /// File of a number; `None` if there is none.
     pub fn file(&self, folder: &Folder, number: u64) -> Option<Result<PathBuf, FrameProblem>> {
         let name = self.by_number.get(&number)?;
         Some(folder.file(&self.relative, &self.listing, name))
+    }
+
+    pub fn required(
+        &self,
+        folder: &Folder,
+        number: u64,
+        missing: impl FnOnce() -> FrameProblem,
+    ) -> Result<ByteSource, FrameProblem> {
+        Ok(self.file(folder, number).transpose()?.ok_or_else(missing)?.into())
     }
 }
 
@@ -103,19 +104,16 @@ fn number(name: &str, prefix: &str, extensions: &[&str]) -> Option<u64> {
     digits.split(|c: char| !c.is_ascii_digit()).next()?.parse().ok()
 }
 
-/// Description of an error that did not occur again.
 const REFUSED: &str = "a temporary read error";
 
 fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
     decode::header(&ByteSource::File(path.to_owned()))
 }
 
-/// Size (columns, rows) of most photographs, which is the camera's size; `None` if none can be read.
 pub(super) fn photograph_size(photographs: &[&Path]) -> Option<(u32, u32)> {
     majority(photographs, |path| header(path).map(|header| (header.width, header.height))).ok()?
 }
 
-/// A frame with an existing colour image and a valid pose.
 pub(super) struct ListedFrame {
     pub name: String,
     pub pose: Pose,

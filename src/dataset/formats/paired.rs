@@ -2,11 +2,10 @@
 //! layout and by recordings without poses. Depth is in millimetres.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{Cameras, RecordedFrame, Recording, metadata_error};
+use super::recording::{Cameras, RecordedFrame, Recording, metadata_error, same_size};
 use super::stated;
 use super::stated::PRIMESENSE;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
@@ -26,7 +25,6 @@ const DEPTH_UNIT: f64 = 0.001;
 /// Metres; range of a structured-light depth camera.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
-/// Describes the image folders, if both exist.
 pub(super) fn recognise(folder: &Folder) -> Option<String> {
     let color = color_folder(folder)?;
     folder.has_folder(DEPTH_FOLDER).then(|| format!("images in {color}/ and {DEPTH_FOLDER}/"))
@@ -36,29 +34,13 @@ fn color_folder(folder: &Folder) -> Option<&'static str> {
     COLOR_FOLDERS.into_iter().find(|name| folder.has_folder(name))
 }
 
-/// Pairs of photograph and depth by number, and their cameras.
 type PairedImages = (BTreeMap<u64, Pair>, Cameras);
 
-/// Reads the images of a recording; `None` if none can be read.
 pub(super) fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError> {
     let folder = recording.folder;
     let color_name = color_folder(folder).unwrap_or("color");
-    let mut list = |name: &str, extensions: &[&str]| {
-        let files = NumberedFiles::list(folder, name, "", extensions);
-        if let Ok(files) = &files {
-            recording.skip_doubled(files, name);
-        }
-        files.map_err(|problem| {
-            metadata_error(
-                &folder.path.join(name),
-                "a folder of images",
-                problem.to_string(),
-                "restore it",
-            )
-        })
-    };
-    let colors = list(color_name, &PHOTOGRAPHS)?;
-    let depths = list(DEPTH_FOLDER, &["png"])?;
+    let colors = recording.list(color_name, "", &PHOTOGRAPHS)?;
+    let depths = recording.list(DEPTH_FOLDER, "", &["png"])?;
     let pairs = pairs(recording, &colors, &depths, color_name);
     let cameras = cameras(recording, &pairs)?;
     Ok(cameras.map(|cameras| (pairs, cameras)))
@@ -69,7 +51,6 @@ pub(super) fn encoding(recording: &Recording) -> DepthEncoding {
 }
 
 pub(super) struct Pair {
-    /// File name of the photograph without its extension.
     pub name: String,
     pub color: Option<ByteSource>,
     depth: Result<ByteSource, String>,
@@ -148,7 +129,7 @@ fn cameras(
         }
     };
     if (k.width, k.height) != depth_size {
-        super::recording::same_size((k.width, k.height), size, &file)?;
+        same_size((k.width, k.height), size, &file)?;
     }
     recording.cameras_of_lens(&k, size, depth_size, &file).map(Some)
 }
@@ -158,7 +139,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opencv,
     recognise: |folder| recognise(folder).map(|images| format!("{images}, without poses")),
     parse,
-    known_calibration: |_| None,
 };
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
@@ -179,15 +159,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         let missing = || FrameProblem::MissingColor(format!("number {number}"));
         let color = pair.color.clone().ok_or_else(missing);
         match color.and_then(|color| Ok((color, pair.depth()?))) {
-            Ok((color, depth)) => recording.push(RecordedFrame {
-                name: pair.name.clone(),
-                time: None,
-                pose: Pose::IDENTITY,
-                cameras,
-                color,
-                depth: Some(DepthSource { file: depth, encoding, confidence: None }),
-                lens: Distortion::default(),
-            }),
+            Ok((color, depth)) => {
+                let depth = Some(DepthSource::new(depth, encoding));
+                let name = pair.name.clone();
+                recording.push(RecordedFrame::new(name, Pose::IDENTITY, cameras, color, depth));
+            }
             // The other file of the pair may still be written.
             Err(_) if folder.is_growing() => {}
             Err(problem) => recording.skip(&pair.name, folder.path.clone(), problem),
@@ -201,7 +177,6 @@ pub(super) const OPEN3D: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opencv,
     recognise: recognise_open3d,
     parse: parse_open3d,
-    known_calibration: |_| None,
 };
 
 fn recognise_open3d(folder: &Folder) -> Option<String> {
@@ -260,15 +235,11 @@ fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
         };
         let frame = pose.and_then(|pose| Ok((pose, pair.depth()?)));
         match frame {
-            Ok((pose, depth)) => recording.push(RecordedFrame {
-                name: pair.name.clone(),
-                time: None,
-                pose,
-                cameras,
-                color,
-                depth: Some(DepthSource { file: depth, encoding, confidence: None }),
-                lens: Distortion::default(),
-            }),
+            Ok((pose, depth)) => {
+                let depth = Some(DepthSource::new(depth, encoding));
+                let name = pair.name.clone();
+                recording.push(RecordedFrame::new(name, pose, cameras, color, depth));
+            }
             Err(problem) => recording.skip(&pair.name, log.clone(), problem),
         }
     }
@@ -277,7 +248,6 @@ fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
 
 type Block = (u64, Result<Pose, FrameProblem>);
 
-/// Image number and pose of every block.
 fn blocks(recording: &mut Recording) -> Result<(PathBuf, Vec<Block>), DatasetError> {
     let name = trajectory_log(recording.folder).unwrap_or("trajectory.log").to_owned();
     let (file, text) = recording.folder.lines(&name)?;

@@ -13,7 +13,6 @@ use super::trajectory::TimedPose;
 use super::{recording, stated};
 use crate::dataset::archive::Archive;
 use crate::dataset::decode::CodeKind;
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, relative_path};
@@ -32,7 +31,6 @@ use std::sync::Arc;
 /// Metres; beyond it, the depth is inferred from the photograph and not measured by the lidar.
 const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
 
-/// Metadata of a recording.
 pub(super) struct Metadata {
     pub file: PathBuf,
     json: Value,
@@ -45,7 +43,6 @@ pub(super) struct FrameSources {
 }
 
 impl Metadata {
-    /// True for JSON text of this app.
     pub fn is_one(text: &[u8]) -> bool {
         serde_json::from_slice::<Value>(text)
             .is_ok_and(|json| json.get("K").is_some() && json.get("poses").is_some())
@@ -58,7 +55,6 @@ impl Metadata {
         }
     }
 
-    /// Adds the numbered frames to the recording; `codes` is their depth encoding.
     pub fn record(
         &self,
         recording: &mut Recording,
@@ -100,9 +96,8 @@ impl Metadata {
                 encoding,
                 confidence: frame.confidence.clone().map(|map| (map, least)),
             });
-            let color = frame.color.clone();
-            let (time, lens) = (self.time(index), Distortion::default());
-            recording.push(RecordedFrame { name, time, pose, cameras, color, depth, lens });
+            let recorded = RecordedFrame::new(name, pose, cameras, frame.color.clone(), depth);
+            recording.push(RecordedFrame { time: self.time(index), ..recorded });
         }
         Ok(())
     }
@@ -115,7 +110,6 @@ impl Metadata {
         self.json.get(key).and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok())
     }
 
-    /// Intrinsics of the photograph.
     fn intrinsics(&self, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
         if let Some(stated) = self.side("w").zip(self.side("h")) {
             same_size(stated, size, &self.file)?;
@@ -185,7 +179,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opengl,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 const METADATA: [&str; 2] = ["metadata", "metadata.json"];
@@ -213,7 +206,6 @@ fn archive_name(folder: &Folder) -> Option<&str> {
     first.filter(|_| ours.next().is_none())
 }
 
-/// True if a file in the root is an archive with this app's metadata.
 fn is_recording(folder: &Folder, name: &str) -> Result<bool, FrameProblem> {
     let path = folder.file(Path::new(""), &folder.listing, name)?;
     if !Archive::is_zip_archive(&path)? {
@@ -290,7 +282,6 @@ pub(super) const FOLDER: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opengl,
     recognise: recognise_folder,
     parse: parse_folder,
-    known_calibration: |_| None,
 };
 
 const FOLDER_METADATA: [&str; 2] = ["metadata.json", "metadata"];
@@ -317,28 +308,15 @@ fn parse_folder(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
     let mut recording = Recording::new(folder, options);
     let (file, text) = folder.text(metadata(folder).unwrap_or(FOLDER_METADATA[0]))?;
     let metadata = Metadata::new(file, text.as_bytes())?;
-    let list = |name: &str, extensions: &[&str]| {
-        NumberedFiles::list(folder, name, "", extensions).map_err(|problem| {
-            let expected = "a folder of numbered images";
-            metadata_error(
-                &folder.path.join(name),
-                expected,
-                problem.to_string(),
-                "export it again",
-            )
-        })
-    };
-    let colors = list(COLORS, &PHOTOGRAPHS)?;
-    recording.skip_doubled(&colors, COLORS);
+    let colors = recording.list(COLORS, "", &PHOTOGRAPHS)?;
     let depths = match folder.has_folder(DEPTHS) {
-        true => Some(list(DEPTHS, &["exr", "png", "tiff", "tif", "npy"])?),
+        true => Some(recording.list(DEPTHS, "", &["exr", "png", "tiff", "tif", "npy"])?),
         false => None,
     };
-    if let Some(depths) = &depths {
-        recording.skip_doubled(depths, DEPTHS);
-    }
-    let confidence = CONFIDENCES.into_iter().find(|name| folder.has_folder(name));
-    let confidences = confidence.map(|name| list(name, &["png", "conf", "bin"])).transpose()?;
+    let confidences = match CONFIDENCES.into_iter().find(|name| folder.has_folder(name)) {
+        Some(name) => Some(recording.list(name, "", &["png", "conf", "bin"])?),
+        None => None,
+    };
     let mut frames = BTreeMap::new();
     let lists: Vec<&NumberedFiles> =
         [Some(&colors), depths.as_ref()].into_iter().flatten().collect();

@@ -26,10 +26,8 @@ use crate::math::pose::Pose;
 use std::borrow::Borrow;
 use std::path::{Path, PathBuf};
 
-/// Name of the split with the whole recording.
 const SPLIT: &str = "all";
 
-/// A recording to which frames are added.
 pub(super) struct Recording<'a> {
     pub folder: &'a Folder,
     pub options: &'a LoadOptions,
@@ -37,7 +35,6 @@ pub(super) struct Recording<'a> {
     frames: Vec<FrameEntry>,
 }
 
-/// A frame with its files and a valid pose.
 pub(super) struct RecordedFrame {
     pub name: String,
     pub time: Option<f64>,
@@ -55,21 +52,52 @@ pub(super) struct Cameras {
     pub color: Option<ColorCamera>,
 }
 
+impl RecordedFrame {
+    /// A frame without time, by a camera without distortion.
+    pub fn new(
+        name: String,
+        pose: Pose,
+        cameras: Cameras,
+        color: ByteSource,
+        depth: Option<DepthSource>,
+    ) -> Self {
+        Self { name, time: None, pose, cameras, color, depth, lens: Distortion::default() }
+    }
+}
+
 impl<'a> Recording<'a> {
     pub fn new(folder: &'a Folder, options: &'a LoadOptions) -> Self {
         Self { folder, options, parsed: ParsedFolder::default(), frames: Vec::new() }
     }
 
-    /// Adds a warning about a frame that cannot be used.
     pub fn skip(&mut self, frame: &str, file: PathBuf, problem: FrameProblem) {
         self.parsed.skip(SPLIT, frame, file, problem);
     }
 
-    /// Adds warnings about frames with more than one file.
-    pub fn skip_doubled(&mut self, files: &NumberedFiles, folder: &str) {
+    /// Lists the files of a folder that are `prefix` and a number; a second file of a number becomes a
+    /// warning.
+    pub fn list(
+        &mut self,
+        name: &str,
+        prefix: &str,
+        extensions: &[&str],
+    ) -> Result<NumberedFiles, DatasetError> {
+        let path = self.folder.path.join(name);
+        let files =
+            NumberedFiles::list(self.folder, name, prefix, extensions).map_err(|problem| {
+                metadata_error(&path, "a folder of frames", problem.to_string(), "restore it")
+            })?;
         for (number, name) in &files.duplicates {
-            let file = self.folder.path.join(folder).join(name);
-            self.skip(&number.to_string(), file, FrameProblem::Duplicate(format!("`{name}`")));
+            let problem = FrameProblem::Duplicate(format!("`{name}`"));
+            self.skip(&number.to_string(), path.join(name), problem);
+        }
+        Ok(files)
+    }
+
+    /// Notes that the times of a list had to be sorted.
+    pub fn note_unordered(&mut self, list: &str, n: usize) {
+        if n > 0 {
+            self.note(format!("{list}: {n} times are out of order; sorted"));
         }
     }
 
@@ -87,7 +115,6 @@ impl<'a> Recording<'a> {
         })
     }
 
-    /// Adds a notice for the user.
     pub fn note(&mut self, note: impl Into<String>) {
         self.parsed.notes.push(note.into());
     }
@@ -153,19 +180,9 @@ impl<'a> Recording<'a> {
         depth: (u32, u32),
         file: &Path,
     ) -> Result<Cameras, DatasetError> {
-        let (width, height) = depth;
-        let sx = f64::from(width) / f64::from(stated.width);
-        let sy = f64::from(height) / f64::from(stated.height);
         let of_depth = match self.options.intrinsics {
             Some(numbers) => from_user(numbers, depth)?,
-            None => Intrinsics {
-                width,
-                height,
-                fx: stated.fx * sx,
-                fy: stated.fy * sy,
-                cx: stated.cx * sx,
-                cy: stated.cy * sy,
-            },
+            None => stated.resized(depth.0, depth.1),
         };
         check_intrinsics(&of_depth, file)?;
         let resampled = || ColorCamera::from_depth_intrinsics(&of_depth, [color.0, color.1]);
@@ -173,14 +190,12 @@ impl<'a> Recording<'a> {
     }
 }
 
-/// Refuses intrinsics that no camera has; `file` states them.
 pub(super) fn check_intrinsics(k: &Intrinsics, file: &Path) -> Result<(), DatasetError> {
     check(k).map_err(|IntrinsicsDefect { expected, found, hint }| {
         metadata_error(file, &expected, found, hint)
     })
 }
 
-/// Error of a metadata file with malformed content.
 pub(super) fn metadata_error(
     file: &Path,
     expected: &str,
@@ -195,7 +210,6 @@ pub(super) fn metadata_error(
     }
 }
 
-/// Refuses metadata that state another image size than the photographs have.
 pub(super) fn same_size(
     stated: (u32, u32),
     found: (u32, u32),
@@ -212,14 +226,12 @@ pub(super) fn same_size(
     }
 }
 
-/// Size of most photographs; the first error if no header can be read.
 pub(super) fn photograph_size(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
     most(sources, |source| decode::header(source).map(|h| (h.width, h.height)))
 }
 
-/// Size of most depth files; the first error if no header can be read.
 pub(super) fn depth_size(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {

@@ -7,14 +7,13 @@
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{RecordedFrame, Recording, metadata_error, same_size};
 use crate::dataset::decode::CodeKind;
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, is_file, read_text};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
 use crate::dataset::matrix::describe_json;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -27,15 +26,12 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opencv,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 const POSES: &str = "traj.txt";
 const IMAGES: &str = "results";
 const CAMERA: &str = "cam_params.json";
-/// Codes per metre in the published renderings.
 const CODES_PER_METRE: f64 = 6553.5;
-/// Camera of the published renderings.
 const PUBLISHED: Intrinsics =
     Intrinsics { width: 1200, height: 680, fx: 600.0, fy: 600.0, cx: 599.5, cy: 339.5 };
 
@@ -49,20 +45,8 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    let list = |prefix: &str, extensions: &[&str]| {
-        NumberedFiles::list(folder, IMAGES, prefix, extensions).map_err(|problem| {
-            metadata_error(
-                &folder.path.join(IMAGES),
-                "a folder of images",
-                problem.to_string(),
-                "restore it",
-            )
-        })
-    };
-    let colors = list("frame", &PHOTOGRAPHS)?;
-    let depths = list("depth", &["png"])?;
-    recording.skip_doubled(&colors, IMAGES);
-    recording.skip_doubled(&depths, IMAGES);
+    let colors = recording.list(IMAGES, "frame", &PHOTOGRAPHS)?;
+    let depths = recording.list(IMAGES, "depth", &["png"])?;
     let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
     let Some((size, depth_size)) = sizes else { return Ok(recording.finish()) };
     let (file, k, per_metre) = camera(&mut recording, size)?;
@@ -80,37 +64,27 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         let found = line
             .ok_or_else(|| FrameProblem::MissingPose(format!("line {} of {POSES}", number + 1)))
             .and_then(|line| Ok(Pose::from_opencv(matrix::from_text(line)?)?))
-            .and_then(|pose| Ok((pose, paths(folder, &colors, &depths, number)?)));
+            .and_then(|pose| {
+                let missing = || FrameProblem::MissingColor(format!("frame{number:06}.jpg"));
+                let color = colors.required(folder, number, missing)?;
+                let missing = || FrameProblem::MissingDepth(format!("depth{number:06}.png"));
+                let depth = depths.required(folder, number, missing)?;
+                Ok(RecordedFrame::new(
+                    name.clone(),
+                    pose,
+                    cameras,
+                    color,
+                    Some(DepthSource::new(depth, encoding)),
+                ))
+            });
         match found {
-            Ok((pose, [color, depth])) => recording.push(RecordedFrame {
-                name,
-                time: None,
-                pose,
-                cameras,
-                color,
-                depth: Some(DepthSource { file: depth, encoding, confidence: None }),
-                lens: Distortion::default(),
-            }),
+            Ok(frame) => recording.push(frame),
             Err(problem) => recording.skip(&name, traj.clone(), problem),
         }
     }
     Ok(recording.finish())
 }
 
-fn paths(
-    folder: &Folder,
-    colors: &NumberedFiles,
-    depths: &NumberedFiles,
-    number: u64,
-) -> Result<[ByteSource; 2], FrameProblem> {
-    let color = colors.file(folder, number).transpose()?;
-    let color = color.ok_or_else(|| FrameProblem::MissingColor(format!("frame{number:06}.jpg")))?;
-    let depth = depths.file(folder, number).transpose()?;
-    let depth = depth.ok_or_else(|| FrameProblem::MissingDepth(format!("depth{number:06}.png")))?;
-    Ok([color.into(), depth.into()])
-}
-
-/// Camera and codes per metre, with the file that states them.
 fn camera(
     recording: &mut Recording,
     size: (u32, u32),

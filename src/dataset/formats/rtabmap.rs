@@ -9,9 +9,8 @@
 //! `…_camera_poses.txt`).
 
 use super::recording::{RecordedFrame, Recording, check_intrinsics, metadata_error};
-use super::trajectory::TimedPose;
+use super::trajectory::{TimedPose, lines};
 use crate::dataset::decode::CodeKind;
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing};
@@ -32,7 +31,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opencv,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 /// Suffixes of folder names, which the exporter prefixes with the map's name.
@@ -61,7 +59,6 @@ fn subfolder(folder: &Folder, suffix: &str) -> Option<String> {
     folder.subfolders().into_iter().find(is_one)
 }
 
-/// First calibration file, relative to the root.
 fn calibration(folder: &Folder) -> Option<String> {
     let is_yaml = |name: &&str| [".yaml", ".yml"].iter().any(|end| name.ends_with(end));
     let holds = |relative: &str| {
@@ -83,11 +80,6 @@ fn pose_file(folder: &Folder) -> Option<&str> {
         named && lines(&text).next().is_some_and(|(_, line)| pose(line).is_ok())
     };
     folder.listing.files().filter(|name| name.ends_with(".txt")).find(is_ours)
-}
-
-fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
-    numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
 struct PoseLine {
@@ -160,15 +152,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             }
             Ok(Some((pose, time, [color, depth], stem))) => {
                 seen.insert(stem.clone());
-                recording.push(RecordedFrame {
-                    name: stem,
-                    time,
-                    pose,
-                    cameras,
-                    color,
-                    depth: Some(DepthSource { file: depth, encoding, confidence: None }),
-                    lens: Distortion::default(),
-                });
+                let depth = Some(DepthSource::new(depth, encoding));
+                let frame = RecordedFrame::new(stem, pose, cameras, color, depth);
+                recording.push(RecordedFrame { time, ..frame });
             }
             Err(problem) => recording.skip(&format!("line {line}"), file.clone(), problem),
         }
@@ -205,7 +191,6 @@ impl<'a> Images<'a> {
         Ok(Self { folder, names, listings, colors, depths })
     }
 
-    /// Files of the first or second folder.
     #[expect(clippy::indexing_slicing, reason = "called with 0 and 1")]
     fn sources(&self, which: usize) -> impl Iterator<Item = ByteSource> {
         let images = [&self.colors, &self.depths][which].iter();
@@ -218,7 +203,6 @@ impl<'a> Images<'a> {
         Ok(self.folder.file(relative, &self.listings[which], name)?.into())
     }
 
-    /// Stem of the image that a pose belongs to.
     fn stem(&self, pose: &PoseLine, place: usize, total: usize) -> Result<String, FrameProblem> {
         let by_number = pose.number.map(|n| n.to_string());
         if let Some(stem) = by_number.filter(|n| find(&self.colors, n).is_some()) {
@@ -260,7 +244,6 @@ fn from(images: &[(String, String)], least: f64) -> &[(String, String)] {
     images.split_at(images.partition_point(|(stem, _)| value(stem) < least)).1
 }
 
-/// Name of the file with a given stem.
 fn find<'a>(images: &'a [(String, String)], stem: &str) -> Option<&'a str> {
     let rest = from(images, value(stem)).iter();
     let mut equal = rest.take_while(|(other, _)| value(other) == value(stem));
@@ -316,7 +299,6 @@ fn data<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     Some(rest.split_once('[')?.1.split_once(']')?.0)
 }
 
-/// Makes a matrix from three rows of four numbers.
 fn from_rows(rows: [f64; 12]) -> DMat4 {
     let mut m = [0.0; 16];
     m[..12].copy_from_slice(&rows);

@@ -9,13 +9,12 @@ use super::recording::{Cameras, RecordedFrame, Recording, check_intrinsics, meta
 use super::stated;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::CodeKind;
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, is_file, read_small_text};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -27,7 +26,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opencv,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 const COLORS: &str = "color";
@@ -47,21 +45,9 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    let mut list = |name: &str, extensions: &[&str]| {
-        let files = NumberedFiles::list(folder, name, "", extensions).map_err(|problem| {
-            metadata_error(
-                &folder.path.join(name),
-                "a folder of frames",
-                problem.to_string(),
-                "restore it",
-            )
-        })?;
-        recording.skip_doubled(&files, name);
-        Ok::<_, DatasetError>(files)
-    };
-    let colors = list(COLORS, &PHOTOGRAPHS)?;
-    let depths = list(DEPTHS, &["png"])?;
-    let poses = list(POSES, &["txt"])?;
+    let colors = recording.list(COLORS, "", &PHOTOGRAPHS)?;
+    let depths = recording.list(DEPTHS, "", &["png"])?;
+    let poses = recording.list(POSES, "", &["txt"])?;
     let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
     let Some((color, depth)) = sizes else { return Ok(recording.finish()) };
     let cameras = cameras(&recording, color, depth)?;
@@ -72,18 +58,16 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             continue;
         }
         let file = folder.path.join(POSES).join(format!("{number}.txt"));
-        let found = read_pose(folder, &poses, number)
-            .and_then(|pose| Ok((pose, paths(folder, &colors, &depths, number)?)));
+        let found = read_pose(folder, &poses, number).and_then(|pose| {
+            let missing = || FrameProblem::MissingColor(format!("{COLORS}/{number}.jpg"));
+            let color = colors.required(folder, number, missing)?;
+            let missing = || FrameProblem::MissingDepth(format!("{DEPTHS}/{number}.png"));
+            let depth = depths.required(folder, number, missing)?;
+            let depth = Some(DepthSource::new(depth, encoding));
+            Ok(RecordedFrame::new(number.to_string(), pose, cameras, color, depth))
+        });
         match found {
-            Ok((pose, [color, depth])) => recording.push(RecordedFrame {
-                name: number.to_string(),
-                time: None,
-                pose,
-                cameras,
-                color,
-                depth: Some(DepthSource { file: depth, encoding, confidence: None }),
-                lens: Distortion::default(),
-            }),
+            Ok(frame) => recording.push(frame),
             Err(problem) => recording.skip(&number.to_string(), file, problem),
         }
     }
@@ -95,21 +79,6 @@ fn read_pose(folder: &Folder, poses: &NumberedFiles, number: u64) -> Result<Pose
     let file = file.ok_or_else(|| FrameProblem::MissingPose(format!("{POSES}/{number}.txt")))?;
     let text = read_small_text(&file)?;
     Ok(Pose::from_opencv(matrix::from_text(&text)?)?)
-}
-
-fn paths(
-    folder: &Folder,
-    colors: &NumberedFiles,
-    depths: &NumberedFiles,
-    number: u64,
-) -> Result<[ByteSource; 2], FrameProblem> {
-    let color = colors.file(folder, number).transpose()?;
-    let color =
-        color.ok_or_else(|| FrameProblem::MissingColor(format!("{COLORS}/{number}.jpg")))?;
-    let depth = depths.file(folder, number).transpose()?;
-    let depth =
-        depth.ok_or_else(|| FrameProblem::MissingDepth(format!("{DEPTHS}/{number}.png")))?;
-    Ok([color.into(), depth.into()])
 }
 
 fn cameras(

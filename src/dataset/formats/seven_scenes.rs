@@ -10,7 +10,8 @@
 //! the published ones.
 
 use super::numbered::{ListedFrame, ListedSplit, photograph_size};
-use crate::dataset::calibrated_size::{IntrinsicsDefect, check, from_user};
+use super::recording::{check_intrinsics, metadata_error};
+use crate::dataset::calibrated_size::from_user;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
@@ -30,7 +31,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opencv,
     recognise,
     parse,
-    known_calibration,
 };
 
 const POSE_SUFFIX: &str = ".pose.txt";
@@ -48,7 +48,7 @@ const DEFAULT_INTRINSICS: Intrinsics =
     Intrinsics { width: 640, height: 480, fx: 585.0, fy: 585.0, cx: 320.0, cy: 240.0 };
 
 /// The published Kinect's colour images are not registered to its depth.
-fn known_calibration(depth_camera: &Intrinsics) -> Option<Calibration> {
+pub(super) fn known_calibration(depth_camera: &Intrinsics) -> Option<Calibration> {
     let is_kinect = *depth_camera == DEFAULT_INTRINSICS;
     is_kinect
         .then_some(Calibration { color_camera: Some(ColorCamera::KINECT), ..Calibration::NONE })
@@ -77,7 +77,6 @@ fn color_stem(name: &str) -> Option<&str> {
     COLOR_SUFFIXES.iter().find_map(|suffix| name.strip_suffix(suffix))
 }
 
-/// Split files such as `TrainSplit.txt` and `TestSplit.txt`.
 fn split_files(folder: &Folder) -> Vec<&str> {
     let is_split = |n: &&str| n.len() > SPLIT_SUFFIX.len() && n.ends_with(SPLIT_SUFFIX);
     folder.listing.files().filter(is_split).collect()
@@ -117,7 +116,6 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(parsed)
 }
 
-/// Name of each split and the folders of its frames.
 fn split_folders(
     folder: &Folder,
     parsed: &mut ParsedFolder,
@@ -251,18 +249,14 @@ fn intrinsics(
     notes: &mut Vec<String>,
 ) -> Result<Intrinsics, DatasetError> {
     let file = folder.path.join(INTRINSICS_FILE);
-    let wrong = |expected: String, found: String, hint: &str| DatasetError::Metadata {
-        file: file.clone(),
-        expected,
-        found,
-        hint: hint.to_owned(),
-    };
+    let wrong =
+        |expected: &str, found: String, hint: &str| metadata_error(&file, expected, found, hint);
     // Added for every recording: the files do not show whether colours are registered.
     notes.push("colour images are not registered to depth (7-Scenes)".into());
     if !folder.listing.has_file(INTRINSICS_FILE) {
         if (width, height) != (DEFAULT_INTRINSICS.width, DEFAULT_INTRINSICS.height) {
             return Err(wrong(
-                format!("a 3x3 camera matrix for images of {width}x{height}"),
+                &format!("a 3x3 camera matrix for images of {width}x{height}"),
                 "no such file (the published default is for 640x480)".to_owned(),
                 "create it with fx 0 cx, 0 fy cy, 0 0 1",
             ));
@@ -270,24 +264,16 @@ fn intrinsics(
         notes.push("no camera-intrinsics.txt: the published 585, 585, 320, 240 are used".into());
         return Ok(DEFAULT_INTRINSICS);
     }
-    let checked = folder.file(Path::new(""), &folder.listing, INTRINSICS_FILE);
-    let text = match checked.map(|path| read_small_text(&path)) {
-        Ok(Ok(text)) => text,
-        Ok(Err(source)) => return Err(DatasetError::Read { path: file, source }),
-        Err(problem) => {
-            let expected = "a file inside the dataset folder".to_owned();
-            return Err(wrong(expected, problem.to_string(), "copy the file into the folder"));
-        }
-    };
-    let expected = || "9 numbers: fx 0 cx, 0 fy cy, 0 0 1".to_owned();
+    let (_, text) = folder.text(INTRINSICS_FILE)?;
+    let expected = "9 numbers: fx 0 cx, 0 fy cy, 0 0 1";
     let m = matrix::parse_numbers::<9>(&text)
-        .map_err(|found| wrong(expected(), found, "export the intrinsics again"))?;
+        .map_err(|found| wrong(expected, found, "export the intrinsics again"))?;
     let [fx, skew, cx, a, fy, cy, b, c, one] = m;
     let zero = |v: f64| v.abs() < 1e-9;
     if !(zero(skew) && zero(a) && zero(b) && zero(c) && zero(one - 1.0)) {
-        return Err(wrong(expected(), format!("{m:?}"), "undistort to a pinhole without skew"));
+        return Err(wrong(expected, format!("{m:?}"), "undistort to a pinhole without skew"));
     }
     let k = Intrinsics { width, height, fx, fy, cx, cy };
-    check(&k).map_err(|IntrinsicsDefect { expected, found, hint }| wrong(expected, found, hint))?;
+    check_intrinsics(&k, &file)?;
     Ok(k)
 }

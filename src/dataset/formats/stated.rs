@@ -1,6 +1,7 @@
 //! Intrinsics stated in a recording's files, or known for its camera.
 
 use super::recording::metadata_error;
+use crate::dataset::calibrated_size::is_plausible_field_of_view;
 use crate::dataset::error::DatasetError;
 use crate::dataset::folder::Folder;
 use crate::dataset::matrix;
@@ -63,7 +64,11 @@ pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
     }
 }
 
-/// All numbers of nested arrays, in order.
+/// The value of the first key that is there.
+pub(super) fn first_of<'a>(json: &'a Value, keys: &[&str]) -> Option<&'a Value> {
+    keys.iter().find_map(|key| json.get(key))
+}
+
 pub(super) fn flat_numbers(value: &Value) -> Option<Vec<f64>> {
     match value {
         Value::Array(items) => {
@@ -74,7 +79,6 @@ pub(super) fn flat_numbers(value: &Value) -> Option<Vec<f64>> {
     }
 }
 
-/// Camera stated by a text file in the root, with the file's path.
 pub(super) fn in_text_file(
     folder: &Folder,
     size: (u32, u32),
@@ -113,6 +117,72 @@ pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsic
     Ok(None)
 }
 
+/// Camera parameters of a frame, or of the list for all of its frames.
+#[derive(Clone, Copy)]
+pub(super) struct FrameCamera<'a> {
+    pub frame: &'a Value,
+    pub list: &'a Value,
+    pub file: &'a Path,
+}
+
+impl FrameCamera<'_> {
+    pub fn number(&self, key: &str) -> Result<Option<f64>, DatasetError> {
+        let Some(value) = self.frame.get(key).or_else(|| self.list.get(key)) else {
+            return Ok(None);
+        };
+        let number = value.as_f64().filter(|number| number.is_finite());
+        number.map(Some).ok_or_else(|| {
+            let expected = format!("a number as `{key}`");
+            metadata_error(self.file, &expected, describe_json(value), "correct the value")
+        })
+    }
+
+    /// Columns and rows; `unless` replaces missing ones.
+    pub fn size(&self, unless: (u32, u32)) -> Result<(u32, u32), DatasetError> {
+        let side = |n: Option<f64>, unless: u32| n.map_or(unless, |n| n as u32);
+        Ok((side(self.number("w")?, unless.0), side(self.number("h")?, unless.1)))
+    }
+
+    /// Intrinsics (`dataset.md`, Frames of reference): focal length in pixels or from the field of view,
+    /// and a centred principal point unless it is stated.
+    pub fn intrinsics(&self, (width, height): (u32, u32)) -> Result<Intrinsics, DatasetError> {
+        let (fx, mut fy) = match (self.number("fl_x")?, self.number("camera_angle_x")?) {
+            (Some(fx), _) => (fx, fx),
+            (None, Some(angle)) => {
+                let fx = self.focal_length(width, angle)?;
+                let tall = self.number("camera_angle_y")?;
+                (fx, tall.map_or(Ok(fx), |angle| self.focal_length(height, angle))?)
+            }
+            (None, None) => {
+                let expected = "a number `camera_angle_x` (or `fl_x`)";
+                let hint =
+                    "add the horizontal field of view in radians, or the focal length in pixels";
+                return Err(metadata_error(self.file, expected, describe_json(self.frame), hint));
+            }
+        };
+        fy = self.number("fl_y")?.unwrap_or(fy);
+        let cx = self.number("cx")?.unwrap_or(0.5 * f64::from(width));
+        let cy = self.number("cy")?.unwrap_or(0.5 * f64::from(height));
+        Ok(Intrinsics { width, height, fx, fy, cx, cy })
+    }
+
+    fn focal_length(&self, side: u32, radians: f64) -> Result<f64, DatasetError> {
+        let degrees = radians.to_degrees();
+        if is_plausible_field_of_view(degrees) {
+            return Ok(Intrinsics::from_horizontal_fov(side, side, radians).fx);
+        }
+        // Up to 180, the value is probably an angle in degrees.
+        let hint = if radians > 3.0 && radians < 180.0 {
+            format!("is this in degrees? then write {:.6}", radians.to_radians())
+        } else {
+            "write the horizontal field of view of the camera in radians".to_owned()
+        };
+        let expected = "`camera_angle_x` in radians, between 0.1 and 179 degrees";
+        let found = format!("{radians} ({degrees:.3} degrees)");
+        Err(metadata_error(self.file, expected, found, &hint))
+    }
+}
+
 /// Models with the terms `k1`, `k2`, `k3`, `p1` and `p2`, or none.
 const KNOWN_MODELS: [&str; 7] = [
     "OPENCV",
@@ -123,14 +193,11 @@ const KNOWN_MODELS: [&str; 7] = [
     "PERSPECTIVE",
     "FULL_OPENCV",
 ];
-/// Terms of other models, unless zero.
 const OTHER_TERMS: [&str; 6] = ["k4", "k5", "k6", "skew", "sk_x", "sk_y"];
-/// Flags of other models.
 const OTHER_FLAGS: [&str; 2] = ["is_fisheye", "fisheye"];
 
-/// Refuses a camera that is not perspective, according to a frame or the list that contains it.
-pub(super) fn check_model(frame: &Value, list: &Value, file: &Path) -> Result<(), DatasetError> {
-    let said = |key: &str| frame.get(key).or_else(|| list.get(key));
+pub(super) fn check_model(camera: &FrameCamera) -> Result<(), DatasetError> {
+    let said = |key: &str| camera.frame.get(key).or_else(|| camera.list.get(key));
     let model = said("camera_model").and_then(Value::as_str);
     let other_model = model.filter(|model| !KNOWN_MODELS.contains(model));
     let other_term = OTHER_TERMS.iter().find(|key| {
@@ -145,10 +212,9 @@ pub(super) fn check_model(frame: &Value, list: &Value, file: &Path) -> Result<()
         (None, None) => return Ok(()),
     };
     let expected = "a perspective camera with k1, k2, k3, p1, p2";
-    Err(metadata_error(file, expected, found, "undistort the images to a pinhole first"))
+    Err(metadata_error(camera.file, expected, found, "undistort the images to a pinhole first"))
 }
 
-/// Number of evenly spaced files that are read.
 const SAMPLED_FILES: usize = 9;
 
 /// Most frequent value among the sampled files; of equally frequent values the first file's. `None` without

@@ -11,7 +11,6 @@ use super::recording::{RecordedFrame, Recording, depth_size, metadata_error, pho
 use super::stated;
 use super::trajectory::TimedPose;
 use crate::dataset::decode::CodeKind;
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem, VIDEO_BY_HAND};
 use crate::dataset::folder::Folder;
@@ -30,7 +29,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opencv,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 const POSES: &str = "odometry.csv";
@@ -40,7 +38,6 @@ const CONFIDENCES: &str = "confidence";
 const COLORS: &str = "rgb";
 const VIDEO: &str = "rgb.mp4";
 const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
-/// Columns and rows of the app's video.
 const VIDEO_SIZE: (u32, u32) = (1920, 1440);
 /// Metres per code.
 const DEPTH_UNIT: f64 = 0.001;
@@ -54,7 +51,6 @@ fn recognise(folder: &Folder) -> Option<String> {
     is_ours.then(|| format!("{POSES} with poses by frame, and {CAMERA}"))
 }
 
-/// Positions of [`COLUMNS`] in the header line.
 fn columns(head: &str) -> Option<[usize; 9]> {
     let names: Vec<&str> = head.split(',').map(str::trim).collect();
     let mut found = [0; 9];
@@ -64,7 +60,6 @@ fn columns(head: &str) -> Option<[usize; 9]> {
     Some(found)
 }
 
-/// Files of a recording, by number.
 struct Files {
     colors: Option<NumberedFiles>,
     video: Option<Arc<Video>>,
@@ -73,7 +68,6 @@ struct Files {
 }
 
 impl Files {
-    /// Photograph of a frame; `None` if there is none.
     fn color(&self, folder: &Folder, frame: u64) -> Option<Result<ByteSource, FrameProblem>> {
         match (&self.colors, &self.video) {
             (Some(colors), _) => colors.file(folder, frame).map(|file| file.map(Into::into)),
@@ -85,6 +79,16 @@ impl Files {
                 let depth = self.depths.file(folder, frame)?;
                 Some(depth.map(ByteSource::Grey))
             }
+        }
+    }
+
+    fn confidence(&self, folder: &Folder, frame: u64) -> Result<Option<ByteSource>, FrameProblem> {
+        let Some(maps) = &self.confidences else { return Ok(None) };
+        match maps.file(folder, frame).transpose()? {
+            None if folder.is_growing() => {
+                Err(FrameProblem::MissingConfidence(format!("{CONFIDENCES}/{frame:06}.png")))
+            }
+            map => Ok(map.map(Into::into)),
         }
     }
 }
@@ -114,24 +118,19 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         if folder.was_taken(&name) {
             continue;
         }
-        let depth = FrameSet { files: &files, frame: line.frame };
-        let found =
-            Pose::from_opencv(line.pose.matrix()).map_err(FrameProblem::from).and_then(|pose| {
-                Ok((pose, depth.color(folder)?, depth.depth(folder)?, depth.map(folder)?))
-            });
-        match found {
-            Ok((pose, color, file, map)) => recording.push(RecordedFrame {
-                name,
+        let read = |frame: u64| {
+            let pose = Pose::from_opencv(line.pose.matrix())?;
+            let missing = || FrameProblem::MissingColor(format!("{COLORS}/{name}.jpg"));
+            let color = files.color(folder, frame).transpose()?.ok_or_else(missing)?;
+            let missing = || FrameProblem::MissingDepth(format!("{DEPTHS}/{name}.png"));
+            let file = files.depths.required(folder, frame, missing)?;
+            let confidence = files.confidence(folder, frame)?.map(|map| (map, least));
+            Ok((pose, color, DepthSource { file, encoding, confidence }))
+        };
+        match read(line.frame) {
+            Ok((pose, color, depth)) => recording.push(RecordedFrame {
                 time: Some(line.pose.time),
-                pose,
-                cameras,
-                color,
-                depth: Some(DepthSource {
-                    file,
-                    encoding,
-                    confidence: map.map(|map| (map, least)),
-                }),
-                lens: Distortion::default(),
+                ..RecordedFrame::new(name, pose, cameras, color, Some(depth))
             }),
             Err(problem) => recording.skip(&name, folder.path.join(POSES), problem),
         }
@@ -139,53 +138,17 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-struct FrameSet<'a> {
-    files: &'a Files,
-    frame: u64,
-}
-
-impl FrameSet<'_> {
-    fn color(&self, folder: &Folder) -> Result<ByteSource, FrameProblem> {
-        let missing = || FrameProblem::MissingColor(format!("{COLORS}/{:06}.jpg", self.frame));
-        self.files.color(folder, self.frame).transpose()?.ok_or_else(missing)
-    }
-
-    fn depth(&self, folder: &Folder) -> Result<ByteSource, FrameProblem> {
-        let missing = || FrameProblem::MissingDepth(format!("{DEPTHS}/{:06}.png", self.frame));
-        let file = self.files.depths.file(folder, self.frame).transpose()?;
-        Ok(file.ok_or_else(missing)?.into())
-    }
-
-    fn map(&self, folder: &Folder) -> Result<Option<ByteSource>, FrameProblem> {
-        let Some(maps) = &self.files.confidences else { return Ok(None) };
-        let map = maps.file(folder, self.frame).transpose()?;
-        match map {
-            None if folder.is_growing() => {
-                Err(FrameProblem::MissingConfidence(format!("{CONFIDENCES}/{:06}.png", self.frame)))
-            }
-            map => Ok(map.map(Into::into)),
-        }
-    }
-}
-
 fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
     let folder = recording.folder;
-    let mut list = |name: &str, extensions: &[&str]| {
-        let files = NumberedFiles::list(folder, name, "", extensions).map_err(|problem| {
-            metadata_error(
-                &folder.path.join(name),
-                "a folder of images",
-                problem.to_string(),
-                "restore it",
-            )
-        })?;
-        recording.skip_doubled(&files, name);
-        Ok::<_, DatasetError>(files)
+    let depths = recording.list(DEPTHS, "", &["png", "npy"])?;
+    let confidences = match folder.has_folder(CONFIDENCES) {
+        true => Some(recording.list(CONFIDENCES, "", &["png"])?),
+        false => None,
     };
-    let depths = list(DEPTHS, &["png", "npy"])?;
-    let confidences = folder.has_folder(CONFIDENCES).then(|| list(CONFIDENCES, &["png"]));
-    let confidences = confidences.transpose()?;
-    let colors = folder.has_folder(COLORS).then(|| list(COLORS, &PHOTOGRAPHS)).transpose()?;
+    let colors = match folder.has_folder(COLORS) {
+        true => Some(recording.list(COLORS, "", &PHOTOGRAPHS)?),
+        false => None,
+    };
     let has_video = folder.listing.has_file(VIDEO);
     let path = folder.path.join(VIDEO);
     let mut video = None;
@@ -296,9 +259,7 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
     }
     let unordered =
         found.array_windows().filter(|[before, here]| here.pose.time < before.pose.time).count();
-    if unordered > 0 {
-        recording.note(format!("{POSES}: {unordered} times are out of order; sorted"));
-        found.sort_by(|a, b| a.pose.time.total_cmp(&b.pose.time));
-    }
+    recording.note_unordered(POSES, unordered);
+    found.sort_by(|a, b| a.pose.time.total_cmp(&b.pose.time));
     Ok(found)
 }

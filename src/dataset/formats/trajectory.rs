@@ -8,7 +8,6 @@ use glam::{DMat4, DQuat, DVec3};
 /// 17 ms.
 pub(super) const TOLERANCE: f64 = 0.020;
 
-/// Position and unit quaternion with a timestamp.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TimedPose {
     pub time: f64,
@@ -28,10 +27,15 @@ impl TimedPose {
         })
     }
 
-    /// Pose matrix in the convention of the numbers.
     pub fn matrix(&self) -> DMat4 {
         DMat4::from_rotation_translation(self.turn, self.position)
     }
+}
+
+/// Lines of a list that hold something, with their numbers from 1; `#` begins a comment.
+pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+    numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
 pub(super) struct Trajectory {
@@ -68,7 +72,8 @@ impl Trajectory {
             |pose: Option<&TimedPose>| pose.map_or(f64::INFINITY, |p| (p.time - time).abs());
         let nearest = distance(before).min(distance(after));
         if nearest > TOLERANCE {
-            return Err(FrameProblem::NoPoseInTime {
+            return Err(FrameProblem::NotInTime {
+                what: "a pose",
                 time,
                 tolerance_ms: 1e3 * TOLERANCE,
                 found: match nearest.is_finite() {

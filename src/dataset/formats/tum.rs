@@ -16,7 +16,7 @@
 use super::recording::{Cameras, RecordedFrame, Recording, metadata_error};
 use super::rig::{Clock, ImagePair, Mount, Rig};
 use super::stated::PRIMESENSE;
-use super::trajectory::{TOLERANCE, TimedPose, Trajectory};
+use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines};
 use super::{rig, stated};
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -39,7 +39,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     poses: PoseConvention::Opencv,
     recognise,
     parse,
-    known_calibration: |_| None,
 };
 
 const COLOR_LIST: &str = "rgb.txt";
@@ -63,13 +62,6 @@ fn recognise(folder: &Folder) -> Option<String> {
     is_ours.then(|| format!("{COLOR_LIST} and {DEPTH_LIST} with times and image files"))
 }
 
-/// Lines that are not comments, numbered from 1.
-fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
-    numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
-}
-
-/// Time and file name in a line of a list.
 fn image(line: &str) -> Option<(f64, &str)> {
     let (time, file) = line.split_once(|c: char| c.is_whitespace() || c == ',')?;
     Some((time.parse().ok().filter(|t: &f64| t.is_finite())?, file.trim()))
@@ -134,14 +126,12 @@ fn has_all_data(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedIma
     poses.is_none_or(|poses| has(end(poses))) && has(colors.last().map(|color| color.time))
 }
 
-/// An image of a list.
 struct TimedImage {
     time: f64,
     name: String,
     path: PathBuf,
 }
 
-/// The images of a list, sorted by time.
 fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, DatasetError> {
     let folder = recording.folder;
     let (file, text) = folder.lines(list)?;
@@ -156,14 +146,16 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
         match folder.resolve_named(name) {
             Ok(path) => found.push(TimedImage { time, name: name.to_owned(), path }),
             Err(problem) => {
-                recording.skip(name, file.clone(), missing(problem, name, list == DEPTH_LIST));
+                let problem = problem.or_missing(|| match list == DEPTH_LIST {
+                    true => FrameProblem::MissingDepth(name.to_owned()),
+                    false => FrameProblem::MissingColor(name.to_owned()),
+                });
+                recording.skip(name, file.clone(), problem);
             }
         }
     }
     let unordered = found.array_windows().filter(|[before, here]| here.time < before.time).count();
-    if unordered > 0 {
-        recording.note(format!("{list}: {unordered} times are out of order; sorted"));
-    }
+    recording.note_unordered(list, unordered);
     found.sort_by(|a, b| a.time.total_cmp(&b.time));
     let mut unique: Vec<TimedImage> = Vec::with_capacity(found.len());
     for image in found {
@@ -176,16 +168,6 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
         }
     }
     Ok(unique)
-}
-
-fn missing(problem: FrameProblem, name: &str, is_depth: bool) -> FrameProblem {
-    match problem {
-        FrameProblem::Read(e) if e.kind() == std::io::ErrorKind::NotFound => match is_depth {
-            true => FrameProblem::MissingDepth(name.to_owned()),
-            false => FrameProblem::MissingColor(name.to_owned()),
-        },
-        other => other,
-    }
 }
 
 fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
@@ -209,9 +191,7 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
         }
     }
     let (trajectory, unordered, doubled) = Trajectory::new(poses);
-    if unordered > 0 {
-        recording.note(format!("{POSES}: {unordered} times are out of order; sorted"));
-    }
+    recording.note_unordered(POSES, unordered);
     if doubled > 0 {
         recording
             .note(format!("{POSES}: {doubled} poses with the time of another pose are ignored"));
@@ -254,7 +234,6 @@ fn cameras(
     Ok(Some((cameras, is_kinect(&cameras.depth))))
 }
 
-/// True for the intrinsics of a PrimeSense camera, also if it was calibrated.
 fn is_kinect(k: &Intrinsics) -> bool {
     let is_near = |focal: f64, makers: f64| (focal / makers - 1.0).abs() < CALIBRATED;
     (k.width, k.height) == (PRIMESENSE.width, PRIMESENSE.height)
@@ -262,7 +241,6 @@ fn is_kinect(k: &Intrinsics) -> bool {
         && is_near(k.fy, PRIMESENSE.fy)
 }
 
-/// Source of camera poses.
 #[derive(Clone, Copy)]
 struct Poses<'a> {
     trajectory: &'a Trajectory,
@@ -270,12 +248,10 @@ struct Poses<'a> {
     convention: Option<PoseConvention>,
     /// True for cameras with a rolling shutter.
     is_kinect: bool,
-    /// Delays and mount that all frames share.
     rig: Rig,
 }
 
 impl Poses<'_> {
-    /// World pose of the camera at a time; `None` if the trajectory has none.
     fn at(&self, time: f64) -> Option<Pose> {
         let matrix = self.trajectory.at(time).ok()?;
         self.mounted(matrix).ok()
@@ -292,13 +268,11 @@ impl Poses<'_> {
         }
     }
 
-    /// Pose of the camera, from a matrix of the trajectory and the camera's mount.
     fn mounted(&self, matrix: DMat4) -> Result<Pose, PoseError> {
         let convention = self.convention.unwrap_or(FORMAT.poses);
         Ok(self.rig.mount.camera_pose(&convention.pose(matrix)?))
     }
 
-    /// Estimates the rig from the images and adds notices about it.
     fn with_estimated_rig(
         self,
         recording: &mut Recording<'_>,
@@ -338,7 +312,6 @@ impl Poses<'_> {
         RollingShutter { rotation: turn }
     }
 
-    /// Rolling shutter of the images taken at these times.
     fn lens(&self, [depth, color]: [f64; 2]) -> Distortion {
         match self.is_kinect {
             true => Distortion {
@@ -391,18 +364,17 @@ fn frame(
         pose,
         cameras,
         color: ByteSource::File(color.path.clone()),
-        depth: Some(DepthSource { file, encoding, confidence: None }),
+        depth: Some(DepthSource::new(file, encoding)),
         lens,
     })
 }
 
-/// A depth image and its photograph, before their cameras are known.
 fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<ImagePair> {
     let color = nearest(colors, depth.time).ok()?;
     let file = ByteSource::File(depth.path.clone());
     Some(ImagePair {
         name: frame_name(&depth.name).into(),
-        depth: (depth.time, DepthSource { file, encoding, confidence: None }),
+        depth: (depth.time, DepthSource::new(file, encoding)),
         color: (color.time, ByteSource::File(color.path.clone())),
     })
 }
@@ -417,7 +389,8 @@ fn nearest(colors: &[TimedImage], time: f64) -> Result<&TimedImage, FrameProblem
     let around = [after.checked_sub(1).and_then(|i| colors.get(i)), colors.get(after)];
     let distance = |image: &&TimedImage| (image.time - time).abs();
     let best = around.into_iter().flatten().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-    best.filter(|image| distance(image) <= TOLERANCE).ok_or_else(|| FrameProblem::NoColorInTime {
+    best.filter(|image| distance(image) <= TOLERANCE).ok_or_else(|| FrameProblem::NotInTime {
+        what: "a colour image",
         time,
         tolerance_ms: 1e3 * TOLERANCE,
         found: match best {

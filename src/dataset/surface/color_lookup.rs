@@ -7,16 +7,13 @@ use crate::math::image::Image;
 use crate::math::simd::{LANES, Vector};
 use glam::{Vec2, Vec3};
 
-/// Colours of one frame's points.
 pub(super) struct ColorLookup<'a> {
     image: &'a Image<[u8; 4]>,
     beside: Option<Beside<'a>>,
-    /// Lookup table of colour bytes.
     channel: [f32; 256],
     gain: Vec3,
 }
 
-/// A separate colour camera and its view of the frame.
 pub(super) struct Beside<'a> {
     pub camera: &'a Projection,
     pub depths: &'a ReprojectedDepths,
@@ -27,7 +24,6 @@ pub(super) struct Beside<'a> {
 /// Projection of eight points into the colour camera; unused without one.
 #[derive(Default)]
 pub(super) struct SeenLanes {
-    /// Pixel coordinates in the colour image.
     at: [[f32; LANES]; 2],
     /// Depth along the camera's axis, and the difference beyond which a point is hidden; world units.
     depth: [f32; LANES],
@@ -43,7 +39,6 @@ impl<'a> ColorLookup<'a> {
         Self { image: &frame.color, beside, channel, gain }
     }
 
-    /// Projects points of the depth camera's frame into the colour camera.
     #[inline(always)]
     pub fn seen_lanes<V: Vector>(&self, points: [V; 3]) -> SeenLanes {
         let Some(Beside { camera, margin, .. }) = &self.beside else { return SeenLanes::default() };

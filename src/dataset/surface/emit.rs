@@ -71,13 +71,13 @@ impl Kernel for EmitRows<'_> {
     fn run<V: Vector>(self) {
         let Self { emitter, fitted, rows, points, statuses } = self;
         let sampling = emitter.settings.sampling;
-        let step = sampling.column_step();
+        let step = sampling.step();
         let blocks = emitter.planes.blocks(step);
         if !sampling.is_every() {
             mark_skipped(sampling, rows.clone(), statuses);
         }
         for block in 0..blocks {
-            for row in rows.clone().step_by(sampling.row_step()) {
+            for row in rows.clone().step_by(step) {
                 let at = (row - rows.start) * blocks + block;
                 let mut left = fitted.usable[at];
                 // Blocks at the border of an object have few usable pixels, most blocks beyond it none.
@@ -185,9 +185,7 @@ impl Emitter<'_> {
 struct Surface<V> {
     /// Ratio of fitted to measured depth.
     stretch: V,
-    /// Unnormalised, pointing away from the camera.
     normal: [V; 3],
-    /// Product of the normal with the ray.
     along: V,
 }
 
@@ -196,7 +194,6 @@ struct PointLanes {
     flying: u8,
     slant: u8,
     far: u8,
-    /// Projections into the colour camera.
     seen: SeenLanes,
     position: [[f32; LANES]; 3],
     range: [f32; LANES],
@@ -207,7 +204,6 @@ struct PointLanes {
 }
 
 impl PointLanes {
-    /// Point of one lane, or the reason why it is dropped.
     #[inline(always)]
     fn point(
         &self,
@@ -258,9 +254,9 @@ fn of_lane([x, y, z]: &[[f32; LANES]; 3], lane: usize) -> [f32; 3] {
 /// Marks the usable pixels of some rows that the sampling skips; the first row is even.
 #[inline(always)]
 fn mark_skipped(sampling: PixelSampling, rows: Range<usize>, statuses: &mut Image<PixelStatus>) {
-    let (width, step) = (statuses.width, sampling.column_step());
+    let (width, step) = (statuses.width, sampling.step());
     for row in rows {
-        let is_used = row.is_multiple_of(sampling.row_step());
+        let is_used = row.is_multiple_of(step);
         for (column, status) in statuses.data[row * width..][..width].iter_mut().enumerate() {
             let is_left_out = !is_used || column % step != 0;
             // Written unconditionally, so that the loop vectorises.
@@ -320,7 +316,6 @@ pub struct SurfaceCounts {
     pub dropped_no_color: usize,
 }
 
-/// Lists the pixels that became no points.
 impl std::fmt::Display for SurfaceCounts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(

@@ -17,9 +17,7 @@ use super::settings::{MIN_INLIERS, MIN_SHARE, PixelSampling, RADIUS, ROUNDS};
 use crate::math::simd::{Kernel, LANES, SET_LANE, Vector};
 use std::ops::Range;
 
-/// Pixels on a side of the window.
 const SIDE: usize = 2 * RADIUS + 1;
-/// Pixels of the window.
 const WINDOW: usize = SIDE * SIDE;
 /// Residual of neighbours outside the gate, larger than any other.
 const FAR: f32 = 1e30;
@@ -55,7 +53,7 @@ impl Kernel for FitRows<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        match self.sampling.column_step() {
+        match self.sampling.step() {
             1 => self.fit::<V, 1>(),
             _ => self.fit::<V, 2>(),
         }
@@ -70,7 +68,7 @@ impl FitRows<'_> {
         let blocks = planes.blocks(STEP);
         out.resize(rows.len() * blocks);
         // Rows of tiles start at even rows.
-        for (line, row) in rows.enumerate().step_by(sampling.row_step()) {
+        for (line, row) in rows.enumerate().step_by(sampling.step()) {
             for block in 0..blocks {
                 let at = planes.at(block * LANES * STEP, row);
                 // NOTHING is the largest f32; half of it lies above every valid depth.
@@ -98,11 +96,9 @@ impl Fitted {
     }
 }
 
-/// Thresholds, broadcast to every lane.
 struct Limits<V> {
     steepness: V,
     inlier: V,
-    /// Limit of the mean square residual.
     square: V,
     deviation: V,
 }
@@ -242,7 +238,6 @@ fn within<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> u32 {
     inside.sign_bits()
 }
 
-/// Sums over the neighbours whose distance to `plane` is at most `limit`.
 #[inline(always)]
 fn inliers<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> Sums<V> {
     let (zero, one) = (V::splat(0.0), V::splat(1.0));
@@ -303,7 +298,6 @@ impl<V: Vector> Sums<V> {
         }
     }
 
-    /// Lanes with enough neighbours that are not collinear.
     #[inline(always)]
     fn are_enough(&self) -> u32 {
         let [c00, c01, c02] = self.first_row();
@@ -312,7 +306,6 @@ impl<V: Vector> Sums<V> {
         V::splat(MIN_INLIERS as f32).at_most(self.n) & V::splat(0.5).at_most(determinant)
     }
 
-    /// First row of the adjugate of the normal matrix.
     #[inline(always)]
     fn first_row(&self) -> [V; 3] {
         [
@@ -337,7 +330,6 @@ impl<V: Vector> Sums<V> {
         ]
     }
 
-    /// Sum of squared residuals of the least-squares plane.
     #[inline(always)]
     fn residual(&self, plane: [V; 3]) -> V {
         // At the least-squares plane, the sum of squares decreases by exactly this product.

@@ -22,7 +22,6 @@ use std::ops::Range;
 /// Depth of unusable pixels, larger than any valid depth.
 pub(super) const NOTHING: f32 = f32::MAX;
 
-/// Depth along the optical axis of every usable pixel.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Planes {
     /// Depth; [`NOTHING`] at unusable pixels and in the border.
@@ -33,7 +32,6 @@ pub(super) struct Planes {
     pub noise: Vec<f32>,
     /// Ray slopes of the columns, zero-padded to two whole vectors.
     pub slope_x: Vec<f32>,
-    /// Ray slopes of the rows.
     pub slope_y: Vec<f32>,
     size: [usize; 2],
     stride: usize,
@@ -87,7 +85,6 @@ impl Kernel for FillPlanes<'_> {
 }
 
 impl Planes {
-    /// Index of a pixel in the planes.
     #[inline(always)]
     pub fn at(&self, column: usize, row: usize) -> usize {
         (row + RADIUS) * self.stride + RADIUS + column
@@ -179,7 +176,6 @@ pub(super) fn load<V: Vector, const STEP: usize>(values: &[f32]) -> V {
     if STEP == 1 { V::load(values) } else { V::load_even(values) }
 }
 
-/// Output slices of one row.
 struct Row<'a> {
     z: &'a mut [f32],
     inverse: &'a mut [f32],
@@ -224,12 +220,10 @@ struct Table {
     key: Option<Decoding>,
     /// Lengths; NaN if unusable.
     lengths: Vec<f32>,
-    /// Status of a pixel with this code.
     statuses: Vec<PixelStatus>,
 }
 
 impl Table {
-    /// Builds the table; it stays empty for depth without codes.
     fn fill(&mut self, decoding: Decoding) {
         if self.key == Some(decoding) {
             return;
@@ -260,7 +254,6 @@ struct Decoding {
     offset: f64,
 }
 
-/// Conversion of depth codes to lengths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum CodeUnit {
     /// `8·(1 − d/255)` world units.
@@ -320,7 +313,6 @@ fn read_row<C: Copy>(
     }
 }
 
-/// Range from the first usable pixel of a row to the last.
 #[inline(always)]
 fn usable_of(statuses: &[PixelStatus]) -> Range<usize> {
     let is_usable = |status: &PixelStatus| *status == PixelStatus::Kept;

@@ -102,21 +102,20 @@ impl std::fmt::Display for DepthAdvice {
             Self::CheckImages => f.write_str("check that the depth images belong to this dataset"),
             Self::OtherUnit { unit, factor } => write!(
                 f,
-                "the depth appears to be in {unit} instead of metres: multiply the depth scale by {factor}, or widen the depth range"
+                "the depth appears to be in {unit} instead of metres: multiply the depth scale (`--depth-scale`) by {factor}, or widen the depth range (`--depth-range`)"
             ),
-            Self::SetUnit => {
-                f.write_str("set the depth scale to its unit, or widen the depth range")
-            }
+            Self::SetUnit => f.write_str(
+                "set the depth scale (`--depth-scale`) to its unit, or widen the depth range (`--depth-range`)",
+            ),
             Self::CheckCameras => f.write_str(
-                "depth lies in that range: check the depth scale, the intrinsics, and that depth is not only noise",
+                "depth lies in that range: check the depth scale (`--depth-scale`), the intrinsics (`--intrinsics`), and that depth is not only noise",
             ),
         }
     }
 }
 
 /// No pixel of the sampled frames yields a point.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{}", self.saying(.advice))]
+#[derive(Clone, Debug, PartialEq)]
 pub struct NoUsableDepth {
     /// Name of the dataset.
     pub dataset: String,
@@ -130,16 +129,19 @@ pub struct NoUsableDepth {
     pub advice: DepthAdvice,
 }
 
-impl NoUsableDepth {
-    /// Message with the advice in other words, such as those of a command line.
-    pub fn saying(&self, advice: &dyn std::fmt::Display) -> String {
-        let Self { dataset, trusted, found, frames, .. } = self;
+impl std::error::Error for NoUsableDepth {}
+
+impl std::fmt::Display for NoUsableDepth {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { dataset, trusted, found, frames, advice } = self;
         if *frames == 0 {
-            return format!(
+            return write!(
+                f,
                 "{dataset}: expected at least one frame with depth, found none that can be read; the first problem: {found}"
             );
         }
-        format!(
+        write!(
+            f,
             "{dataset}: expected depth within the trusted {trusted}, found {found} in {frames} sampled frames without a usable pixel; {advice}"
         )
     }
@@ -158,7 +160,6 @@ fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by((last as f64 * share) as usize, f64::total_cmp).1)
 }
 
-/// Describes the depth found and guesses its unit.
 fn no_points(
     dataset: &Dataset,
     trusted: [f64; 2],
@@ -187,7 +188,6 @@ fn no_points(
     }
 }
 
-/// Formats a length readably at any magnitude.
 fn length(value: f64) -> String {
     match value == 0.0 || (1e-3..1e6).contains(&value) {
         true => format!("{value:.3}"),

@@ -51,7 +51,6 @@ pub(super) struct SeeFrame<'a> {
     pub planes: &'a Planes,
     pub camera: &'a Projection,
     pub footprint: f32,
-    /// Columns and rows of the colour image.
     pub size: [usize; 2],
     /// True to fill every pixel, not only cells.
     pub is_whole: bool,
@@ -117,14 +116,12 @@ impl Kernel for SeeFrame<'_> {
     }
 }
 
-/// Clears an image and sets its number of columns and rows.
 fn begin(image: &mut Image<f32>, [width, height]: [usize; 2]) {
     image.data.clear();
     image.data.resize(width * height, NOTHING);
     (image.width, image.height) = (width, height);
 }
 
-/// A colour camera in f32.
 pub(super) struct Projection {
     /// Rotation from the depth camera's axes to the colour camera's, by rows.
     turn: [[f32; 3]; 3],
@@ -143,7 +140,6 @@ impl Projection {
         }
     }
 
-    /// Transforms points from the depth camera's frame to the colour camera's.
     #[inline(always)]
     pub fn turned_lanes<V: Vector>(&self, [x, y, z]: [V; 3]) -> [V; 3] {
         let [right, down, ahead] = self.offset;
@@ -215,7 +211,6 @@ fn depths<'a>(
     Image::from_vec(frame.color.width, frame.color.height, depths)
 }
 
-/// Depth, or 0 if none was measured.
 fn known(z: f32) -> f32 {
     if z < NOTHING { z } else { 0.0 }
 }

@@ -24,8 +24,9 @@ const STEEPEST: f64 = 2.3;
 const CURVATURE: f64 = 1.0;
 
 /// Kind of depth sensor: its noise law and the thresholds measured with it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, strum::EnumString)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum Sensor {
     /// NeRF-synthetic's 8-bit depth along the ray (`dataset.md`, Sensors): quantisation of one code, and a
     /// bias of an eighth of a code.
@@ -86,7 +87,6 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Converts metric values to world units, with `metre` world units per metre.
     fn with_metre(mut self, metre: f64) -> Self {
         let length = metre as f32;
         self.noise.floor *= metre;

@@ -88,7 +88,6 @@ pub(super) const ROUNDS: usize = 3;
 pub(super) const MIN_INLIERS: usize = 5;
 /// Least final share of inliers in the window.
 pub(super) const MIN_SHARE: f64 = 0.3;
-/// Pixels on a side of a tile.
 pub(super) const TILE: usize = 8;
 /// Lengths whose squares and inverses are representable in f32.
 pub(super) const LENGTHS: RangeInclusive<f64> = 1e-9..=1e9;
@@ -114,8 +113,6 @@ pub enum PixelSampling {
     /// Every pixel.
     #[default]
     Every,
-    /// Every other row.
-    Half,
     /// Every other pixel of every other row.
     Quarter,
 }
@@ -130,18 +127,12 @@ impl PixelSampling {
     pub fn weight(self) -> u32 {
         match self {
             Self::Every => 1,
-            Self::Half => 2,
             Self::Quarter => 4,
         }
     }
 
-    /// Distance between used rows.
-    pub(super) fn row_step(self) -> usize {
+    /// Distance between used rows, and between used columns.
+    pub(super) fn step(self) -> usize {
         if self.is_every() { 1 } else { 2 }
-    }
-
-    /// Distance between used columns.
-    pub(super) fn column_step(self) -> usize {
-        if self == Self::Quarter { 2 } else { 1 }
     }
 }

@@ -12,13 +12,10 @@ pub(super) enum FineTexture {
     Grain(Vec3),
     /// Lines of letters on white paper; line height in metres.
     Printed(f32),
-    /// A headline, a landscape and small print.
     Poster,
     /// Glazed 100 mm tiles with grout.
     Tiles,
-    /// Brushed steel.
     Steel,
-    /// Plain cable or rubber.
     Rubber(Vec3),
     /// Shell of the hallway: tiled floor, rough plaster on walls and ceiling.
     Hallway,

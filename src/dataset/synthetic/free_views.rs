@@ -8,7 +8,6 @@ use crate::math::pose::Pose;
 use crate::math::rng::{Purpose, Rng};
 use glam::{DVec2, DVec3};
 
-/// Random stream of the viewpoints.
 const STREAM: u64 = u64::MAX - 5;
 /// Minimum distance of a viewpoint from every surface, metres.
 const CLEARANCE: f64 = 0.25;
@@ -26,7 +25,6 @@ const FACING: f64 = 0.17;
 /// Distance up to which a surface counts as seen, metres.
 const NEAR_ENOUGH: f64 = 5.0;
 
-/// Constraints on a viewpoint.
 pub(super) struct FreeRules {
     seed: u64,
     /// Range of the distance to the surface at the image centre, metres.
@@ -36,7 +34,6 @@ pub(super) struct FreeRules {
 }
 
 impl FreeRules {
-    /// Allows all free space.
     pub fn anywhere(seed: u64) -> Self {
         Self { seed, distance: [0.4, 4.5], view_angle_degrees: [0.0, 180.0] }
     }
@@ -102,7 +99,6 @@ impl TrainingViews<'_> {
         best
     }
 
-    /// Draws a viewpoint in free space with an unobstructed view of a surface seen in training.
     fn candidate(&self, rules: &FreeRules, rng: &mut Rng) -> Option<Pose> {
         let (target, normal) = self.random_seen_surface(rng)?;
         let (lo, hi) = self.room.bounds();
@@ -122,7 +118,6 @@ impl TrainingViews<'_> {
         (least..=most).contains(&aside).then_some(pose)
     }
 
-    /// Draws a surface point that a training frame sees; returns it and its normal.
     fn random_seen_surface(&self, rng: &mut Rng) -> Option<(DVec3, DVec3)> {
         let pose = self.poses.get(rng.below(self.poses.len().max(1)))?;
         let (x, y) = (rng.uniform(), rng.uniform());
@@ -131,7 +126,6 @@ impl TrainingViews<'_> {
         self.cast_pixel(pose, pixel)
     }
 
-    /// Casts the ray through continuous pixel coordinates; returns the surface point and its normal.
     fn cast_pixel(&self, pose: &Pose, pixel: DVec2) -> Option<(DVec3, DVec3)> {
         let k = &self.k;
         let way = DVec3::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy, 1.0);
@@ -150,7 +144,6 @@ impl TrainingViews<'_> {
         self.room.solids.iter().all(|solid| solid.shape.distance(eye) > CLEARANCE)
     }
 
-    /// True if a training frame at `pose` sees the surface point.
     fn is_visible_from(&self, pose: &Pose, point: DVec3, normal: DVec3) -> bool {
         let way = point - pose.centre();
         let distance = way.length();
@@ -164,15 +157,12 @@ impl TrainingViews<'_> {
         is_inside && !self.room.is_blocked(&Ray::new(pose.centre(), way))
     }
 
-    /// Smallest angle at a surface point between a viewpoint and a training frame that sees the point,
-    /// degrees.
     fn degrees_to_nearest_view(&self, point: DVec3, normal: DVec3, eye: DVec3) -> Option<f64> {
         let seeing = self.poses.iter().filter(|pose| self.is_visible_from(pose, point, normal));
         let degrees = |pose: &Pose| (eye - point).angle_between(pose.centre() - point).to_degrees();
         seeing.map(degrees).min_by(f64::total_cmp)
     }
 
-    /// Share of a picture's rays that hit surfaces seen by a training frame.
     fn covered_share(&self, pose: &Pose) -> f64 {
         let size = DVec2::new(f64::from(self.k.width), f64::from(self.k.height));
         let is_seen = |i: &usize| {

@@ -22,5 +22,7 @@ mod texture;
 mod view;
 
 pub use params::{ParamsError, PhoneScene, SyntheticCamera, SyntheticParams};
+pub use phone::camera::Capture;
+pub use plan::{RecordedFrame, ViewPlan};
 pub use scene::{DEPTH_UNIT, FIELD_OF_VIEW, SyntheticScene};
 pub use view::{SyntheticView, dataset, demo, position_range};

@@ -1,12 +1,13 @@
 //! Parameters of a procedural recording.
 
-/// Minimum and maximum image side, pixels.
+use strum::{EnumMessage, EnumString, VariantNames};
+
 const SIDE_LIMITS: [u32; 2] = [8, 8192];
-/// Maximum number of frames in a split.
 const MAX_FRAMES: usize = 100_000;
 
 /// Recording device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, EnumMessage, EnumString, VariantNames)]
+#[strum(serialize_all = "kebab-case")]
 pub enum SyntheticCamera {
     /// Ideal camera on a path around the furnished room.
     Room,
@@ -16,8 +17,10 @@ pub enum SyntheticCamera {
 }
 
 /// Scene recorded by the phone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumMessage, EnumString, VariantNames)]
+#[strum(serialize_all = "kebab-case")]
 pub enum PhoneScene {
+    #[default]
     /// The whole room, with fine print, wood grain, tiles and thin cables.
     Room,
     /// A flat door at close range, with its frame, handle, hinges and the wall beside it.

@@ -18,23 +18,26 @@ use std::sync::Arc;
 
 /// Ratio of photograph to depth resolution of the room's camera in phone layouts.
 const ROOM_FACTOR: u32 = 4;
-/// Minimum side of the depth image, pixels.
 const MIN_SIDE: u32 = 8;
-/// Confidence code of exact depth.
 const SURE: u8 = 2;
 
-pub(super) struct ViewPlan {
-    pub scene: Arc<SyntheticScene>,
-    pub splits: Vec<PlannedSplit>,
+/// Frame rate of the simulated recorder, hertz.
+pub(super) const FRAMES_PER_SECOND: f64 = 30.0;
+/// Time stamp of the first frame, seconds.
+const START: f64 = 1000.0;
+
+/// Viewpoints of all splits of a procedural recording, and its cameras.
+pub struct ViewPlan {
+    pub(super) scene: Arc<SyntheticScene>,
+    pub(super) splits: Vec<PlannedSplit>,
     phone: Option<PhoneCamera>,
 }
 
 pub(super) struct PlannedSplit {
     pub name: &'static str,
-    /// True poses, from which frames are rendered.
     pub poses: Vec<Pose>,
     /// Poses written to the recording; they differ from the true poses by drift.
-    pub recorded_poses: Vec<Pose>,
+    recorded_poses: Vec<Pose>,
     /// True if layouts without splits also contain these frames.
     pub is_recorded: bool,
     is_noisy: bool,
@@ -42,7 +45,6 @@ pub(super) struct PlannedSplit {
 }
 
 impl PlannedSplit {
-    /// Returns a split with exact depth and true poses.
     fn exact(name: &'static str, poses: Vec<Pose>) -> Self {
         let stated = poses.clone();
         Self {
@@ -55,7 +57,6 @@ impl PlannedSplit {
         }
     }
 
-    /// Random stream of a frame's depth noise; `None` for exact depth.
     pub fn noise_stream(&self, frame: usize) -> Option<u64> {
         self.is_noisy.then_some(frame as u64)
     }
@@ -63,6 +64,9 @@ impl PlannedSplit {
 
 impl ViewPlan {
     /// Builds the scene and plans the viewpoints of all splits.
+    ///
+    /// # Errors
+    /// Parameters outside their range, or a scene without enough free space for the free views.
     pub fn new(params: &SyntheticParams) -> Result<Self, ParamsError> {
         let scene = Arc::new(SyntheticScene::new(params)?);
         let (train, eval, phone) = match params.camera {
@@ -106,24 +110,39 @@ impl ViewPlan {
         Ok(Self { scene, splits, phone })
     }
 
-    /// Renders colour and depth of a frame, with depth noise if the split is noisy.
-    pub fn render_view(&self, split: &PlannedSplit, frame: usize) -> SyntheticView {
+    /// Returns the frames of all recorded splits in order, for layouts without splits.
+    pub fn recorded_frames(&self) -> impl Iterator<Item = RecordedFrame<'_>> {
+        let recorded = self.splits.iter().filter(|split| split.is_recorded);
+        let frames = recorded.flat_map(|split| {
+            split.recorded_poses.iter().enumerate().map(move |(i, pose)| (split, i, *pose))
+        });
+        frames.enumerate().map(move |(index, (split, in_split, pose))| {
+            let time = START + index as f64 / FRAMES_PER_SECOND;
+            RecordedFrame { index, time, pose, plan: self, split, in_split }
+        })
+    }
+
+    /// Intrinsics of every photograph.
+    pub fn photo_camera(&self) -> Intrinsics {
+        self.scene.intrinsics()
+    }
+
+    /// True if splits remain that layouts without splits do not contain.
+    pub fn has_unrecorded_splits(&self) -> bool {
+        self.splits.iter().any(|split| !split.is_recorded)
+    }
+
+    pub(super) fn render_view(&self, split: &PlannedSplit, frame: usize) -> SyntheticView {
         self.view_by(split, frame, self.scene.intrinsics())
     }
 
-    /// As [`Self::render_view`], with other intrinsics at the same pose.
-    pub fn view_by(
-        &self,
-        split: &PlannedSplit,
-        frame: usize,
-        intrinsics: Intrinsics,
-    ) -> SyntheticView {
+    fn view_by(&self, split: &PlannedSplit, frame: usize, intrinsics: Intrinsics) -> SyntheticView {
         let camera = Camera { intrinsics, pose: split.poses[frame] };
         self.scene.render_sensed(&camera, split.noise_stream(frame))
     }
 
     /// Renders a frame as a phone stores it; the depth has the intrinsics [`Self::depth_camera`].
-    pub fn render_capture(&self, split: &PlannedSplit, frame: usize) -> Capture {
+    fn render_capture(&self, split: &PlannedSplit, frame: usize) -> Capture {
         let of_depth = self.depth_camera();
         if let Some(phone) = self.phone.as_ref().filter(|_| split.is_of_phone) {
             return phone.capture(&self.scene, frame, of_depth);
@@ -140,15 +159,43 @@ impl ViewPlan {
             return depth_camera(&k);
         }
         let side = |n: u32| (n / ROOM_FACTOR).max(MIN_SIDE);
-        let (width, height) = (side(k.width), side(k.height));
-        let sx = f64::from(width) / f64::from(k.width);
-        let sy = f64::from(height) / f64::from(k.height);
-        Intrinsics { width, height, fx: k.fx * sx, fy: k.fy * sy, cx: k.cx * sx, cy: k.cy * sy }
+        k.resized(side(k.width), side(k.height))
     }
 
-    /// True if a phone records.
-    pub fn has_phone_camera(&self) -> bool {
+    pub(super) fn has_phone_camera(&self) -> bool {
         self.phone.is_some()
+    }
+}
+
+/// One frame of a recording.
+pub struct RecordedFrame<'a> {
+    /// Index from 0 over all recorded splits.
+    pub index: usize,
+    /// Time stamp, seconds.
+    pub time: f64,
+    /// Camera-to-world pose as stated by the recording, metres; the phone's drifts.
+    pub pose: Pose,
+    plan: &'a ViewPlan,
+    split: &'a PlannedSplit,
+    in_split: usize,
+}
+
+impl RecordedFrame<'_> {
+    /// Renders colour and depth with the camera of the photographs.
+    pub fn view(&self) -> SyntheticView {
+        self.plan.render_view(self.split, self.in_split)
+    }
+
+    /// Renders colour with the camera of the photographs, and depth with [`ViewPlan::depth_camera`].
+    pub fn capture(&self) -> Capture {
+        self.plan.render_capture(self.split, self.in_split)
+    }
+
+    /// Renders colour with the camera of the photographs, and depth with the intrinsics `depth` at the
+    /// same pose.
+    pub fn view_by(&self, depth: Intrinsics) -> SyntheticView {
+        let of_depth = self.plan.view_by(self.split, self.in_split, depth);
+        SyntheticView { color: self.view().color, ..of_depth }
     }
 }
 
@@ -172,7 +219,6 @@ const TARGET: DVec3 = dvec3(0.0, 0.0, 0.85);
 /// Random stream of the phase; distinct from those of frames and furnishing.
 const PHASE: u64 = u64::MAX - 1;
 
-/// Poses of the training frames: smooth, one or more closed turns.
 pub(super) fn train(n_frames: usize, seed: u64) -> Vec<Pose> {
     // Whole turns close the path.
     let turns = (n_frames as f64 / FRAMES_PER_TURN).round().max(1.0);

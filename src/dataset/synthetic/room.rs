@@ -11,7 +11,6 @@ use glam::{DVec3, Vec3, dvec3, vec3};
 
 /// Low corner of the room, metres.
 pub(super) const LO: DVec3 = dvec3(-2.6, -2.2, 0.0);
-/// High corner of the room, metres.
 pub(super) const HI: DVec3 = dvec3(2.6, 2.2, 2.6);
 
 /// Random stream of the furnishing; the noise streams of frames count up from 0.
@@ -31,7 +30,6 @@ pub(super) struct FurnishedRoom {
     pub seed: u32,
 }
 
-/// Rectangular light source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lamp {
     pub corner: DVec3,
@@ -41,7 +39,6 @@ pub(super) struct Lamp {
     pub radiance: Vec3,
 }
 
-/// Daylight from the window in the wall at low y.
 const WINDOW_LIGHT: Lamp = Lamp {
     // In front of the pane, which would otherwise block the light.
     corner: dvec3(-0.9, -2.15, 0.9),
@@ -50,7 +47,6 @@ const WINDOW_LIGHT: Lamp = Lamp {
     radiance: vec3(5.2, 5.9, 6.6),
 };
 
-/// Warm light of the ceiling panel.
 const CEILING_LIGHT: Lamp = Lamp {
     // Below the panel, for the same reason.
     corner: dvec3(-0.7, -0.5, 2.55),
@@ -60,7 +56,6 @@ const CEILING_LIGHT: Lamp = Lamp {
 };
 
 impl FurnishedRoom {
-    /// Furnishes the room; the seed varies textures and the colours of small objects.
     pub fn new(seed: u64) -> Self {
         let mut rng = Rng::new(seed, Purpose::Synthetic, FURNISHING);
         let mut solids =
@@ -72,7 +67,6 @@ impl FurnishedRoom {
         Self { solids, lamps, seed: rng.next_u64() as u32 }
     }
 
-    /// Low and high corner of the shell, metres.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         self.solids.first().map_or((LO, HI), |shell| shell.shape.bounds())
     }
@@ -161,7 +155,6 @@ fn add_furniture(solids: &mut Vec<Solid>, rng: &mut Rng) {
     ]);
 }
 
-/// Draws a saturated linear colour of random hue.
 fn bright(rng: &mut Rng) -> Vec3 {
     let hue = rng.range(0.0, 6.0) as f32;
     let channel = |shift: f32| {

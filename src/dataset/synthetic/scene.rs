@@ -60,17 +60,14 @@ impl SyntheticScene {
         &self.room
     }
 
-    /// Low and high corner of the world, metres.
     pub(super) fn bounds(&self) -> (DVec3, DVec3) {
         self.room.bounds()
     }
 
-    /// Renders one view as linear radiance.
     pub(super) fn radiance(&self, camera: &Camera) -> Image<Vec3> {
         view::radiance(&self.room, &self.light, camera)
     }
 
-    /// Noise level of the training depth; see [`SyntheticParams::depth_noise`].
     pub(in crate::dataset) fn depth_noise(&self) -> f64 {
         self.params.depth_noise
     }
@@ -98,7 +95,6 @@ impl SyntheticScene {
         Frame { name: name.to_owned(), camera, color_camera: None, color, depth: Some(depth) }
     }
 
-    /// Renders a view as a depth camera measures it, with normally distributed depth noise.
     pub(super) fn render_sensed(
         &self,
         camera: &Camera,
@@ -154,7 +150,6 @@ struct LightMap {
 }
 
 impl LightMaps {
-    /// Bakes the light maps of all non-emissive surfaces.
     pub fn bake(room: &FurnishedRoom) -> Self {
         let map = |shape: &Shape, face| LightMap::bake(room, shape, face);
         let maps = room.solids.iter().map(|solid| match solid.texture.is_emissive() {
@@ -188,7 +183,6 @@ impl LightMap {
         Self { columns, rows, texels }
     }
 
-    /// Interpolates bilinearly between texel centres; constant beyond the outermost centres.
     #[inline]
     fn at(&self, uv: DVec2) -> Vec3 {
         let place = |v: f64, n: usize| {

@@ -7,20 +7,34 @@
 use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
 
-/// Shape in world coordinates; all but cables are axis-aligned and upright.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
     /// Axis-aligned box seen from outside.
-    Block { lo: DVec3, hi: DVec3 },
+    Block {
+        lo: DVec3,
+        hi: DVec3,
+    },
     /// Axis-aligned box seen from inside.
-    Shell { lo: DVec3, hi: DVec3 },
-    /// Ball seen from outside.
-    Sphere { centre: DVec3, radius: f64 },
+    Shell {
+        lo: DVec3,
+        hi: DVec3,
+    },
+    Sphere {
+        centre: DVec3,
+        radius: f64,
+    },
     /// Upright cylinder with base centre `base` and a lid.
-    Cylinder { base: DVec3, radius: f64, height: f64 },
+    Cylinder {
+        base: DVec3,
+        radius: f64,
+        height: f64,
+    },
     /// Horizontal ring.
-    Torus { centre: DVec3, major: f64, minor: f64 },
-    /// Straight piece of cable at any angle.
+    Torus {
+        centre: DVec3,
+        major: f64,
+        minor: f64,
+    },
     Cable(Capsule),
 }
 
@@ -33,7 +47,6 @@ pub(super) struct Ray {
     pub inverse: DVec3,
 }
 
-/// First intersection of a ray with a shape.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hit {
     pub t: f64,
@@ -55,7 +68,6 @@ impl Ray {
 }
 
 impl Shape {
-    /// Number of charts.
     pub fn n_faces(&self) -> usize {
         match self {
             Self::Block { .. } | Self::Shell { .. } => 6,
@@ -64,7 +76,6 @@ impl Shape {
         }
     }
 
-    /// Low and high corner of the bounding box, metres.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         match *self {
             Self::Block { lo, hi } | Self::Shell { lo, hi } => (lo, hi),
@@ -81,7 +92,6 @@ impl Shape {
         }
     }
 
-    /// Returns the first intersection in front of the ray's origin.
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
         match *self {
@@ -381,7 +391,6 @@ impl Capsule {
         (0.0..=length).contains(&along).then_some(t)
     }
 
-    /// Signed distance of a point from the surface, metres; negative inside.
     pub fn distance(&self, point: DVec3) -> f64 {
         (point - self.nearest_axis_point(point)).length() - self.radius
     }
@@ -398,7 +407,6 @@ impl Capsule {
         DVec2::new(angle, (p.dot(axis) + self.radius) / (length + 2.0 * self.radius))
     }
 
-    /// Returns the surface point at chart coordinates.
     pub fn point(&self, uv: DVec2) -> DVec3 {
         let ((axis, length), (u, v)) = (self.axis(), self.perpendicular_axes());
         let along = uv.y * (length + 2.0 * self.radius) - self.radius;

@@ -25,11 +25,8 @@ pub(super) enum Texture {
     Drawers,
     Landscape,
     Abstract,
-    /// Emissive.
     Window,
-    /// Emissive with uniform radiance.
     Glow(Vec3),
-    /// Millimetre detail, for the phone's scenes.
     Fine(FineTexture),
 }
 
@@ -294,7 +291,6 @@ fn window(m: Vec2, at: &SurfaceSample) -> Vec3 {
     scene.lerp(Vec3::splat(0.62), bars)
 }
 
-/// Surface point with the data that textures need.
 pub(super) struct SurfaceSample {
     pub world: DVec3,
     /// Chart coordinates in `[0, 1]²`.

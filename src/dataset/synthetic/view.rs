@@ -40,7 +40,6 @@ const TILE: usize = 16;
 /// Images with fewer pixels are cast on one thread: demo frames are already decoded in parallel.
 const MIN_PARALLEL: usize = 1 << 18;
 
-/// Renders colour and depth, with one ray through each pixel centre.
 pub(super) fn render(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -> SyntheticView {
     let tone = ToneCurve::new();
     // Rays of a camera outside the room may miss: black, and a depth hole.
@@ -51,7 +50,6 @@ pub(super) fn render(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -
     SyntheticView { color: view.map(|(color, _)| *color), depth_z: view.map(|(_, z)| *z) }
 }
 
-/// Renders linear radiance, with one ray through each pixel centre.
 pub(super) fn radiance(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -> Image<Vec3> {
     cast_rays(room, camera, Vec3::ZERO, |ray, solid, hit| {
         shade(room, light, ray, solid, hit, &camera.intrinsics)
@@ -102,7 +100,6 @@ pub(super) fn cast_rays<T: Copy + Send + Sync>(
     image
 }
 
-/// Returns the first hit among `in_reach`, which is sorted from near to far.
 #[inline]
 fn first_hit(room: &FurnishedRoom, in_reach: &[&ScreenBounds], ray: &Ray) -> Option<(usize, Hit)> {
     let mut best: Option<(usize, Hit)> = None;

@@ -37,7 +37,6 @@ pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
             sections
         }
         Totals::Fixed128(rows) => split_rows(rows),
-        Totals::F32(rows) => split_rows(rows),
     }
 }
 
@@ -58,7 +57,6 @@ fn split_rows<'a, T: Stored>(rows: &[[T; N_SUMS]]) -> Vec<Section<'a>> {
     ]
 }
 
-/// Joins the columns made by [`split_rows`] into rows, in already reserved memory.
 pub(super) fn join_rows<T: Pod>(
     [counts, first, second]: [&[u8]; 3],
     mut rows: Vec<[T; N_SUMS]>,
@@ -77,7 +75,6 @@ pub(super) fn join_rows<T: Pod>(
     rows
 }
 
-/// Joins carries from their two sections, in already reserved memory.
 pub(super) fn carries(ids: &[u8], limbs: &[u8], mut carries: Vec<Carry>) -> Vec<Carry> {
     let limbs = limbs.chunks_exact(N_SUMS * size_of::<i32>()).map(pod_read_unaligned);
     let ids = ids.chunks_exact(size_of::<u32>()).map(pod_read_unaligned);

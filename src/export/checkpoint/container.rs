@@ -51,7 +51,6 @@ pub(super) struct Section<'a> {
 }
 
 impl<'a> Section<'a> {
-    /// Borrows one run of elements.
     pub fn new<T: Stored>(tag: [u8; 4], elements: &'a [T]) -> Self {
         Self {
             tag,
@@ -60,7 +59,6 @@ impl<'a> Section<'a> {
         }
     }
 
-    /// Takes ownership of elements.
     pub fn owned<T: Stored>(tag: [u8; 4], elements: Vec<T>) -> Self {
         let bytes = match bytemuck::try_cast_vec(elements) {
             Ok(bytes) => bytes,
@@ -70,12 +68,10 @@ impl<'a> Section<'a> {
         Self { tag, element: T::ELEMENT, parts: vec![Cow::Owned(bytes)] }
     }
 
-    /// Borrows several runs of elements, each given as bytes.
     pub fn from_runs<T: Stored>(tag: [u8; 4], runs: impl Iterator<Item = &'a [u8]>) -> Self {
         Self { tag, element: T::ELEMENT, parts: runs.map(Cow::Borrowed).collect() }
     }
 
-    /// Appends elements of the section's type.
     pub fn extended<T: Stored>(mut self, elements: &'a [T]) -> Self {
         debug_assert!(T::ELEMENT == self.element);
         self.parts.push(Cow::Borrowed(bytemuck::cast_slice(elements)));
@@ -131,7 +127,6 @@ pub(super) fn write(out: &mut dyn Write, sections: &[Section]) -> io::Result<()>
     Ok(())
 }
 
-/// Parsed file with a valid container; section contents are not decoded yet.
 pub(super) struct Container<'a> {
     pub version: (u16, u16),
     sections: Vec<(Entry, &'a [u8])>,
@@ -197,14 +192,12 @@ impl<'a> Container<'a> {
         Ok(Self { version, sections })
     }
 
-    /// Returns the bytes and the element code of a section.
     pub fn find(&self, tag: [u8; 4]) -> Option<(&'a [u8], u32)> {
         let found = self.sections.iter().find(|(entry, _)| entry.tag == tag);
         found.map(|(entry, bytes)| (*bytes, entry.element))
     }
 }
 
-/// Compares the stated file length with the actual one.
 fn check_length(expected: u64, found: u64) -> Result<(), Defect> {
     match found.cmp(&expected) {
         Ordering::Less => Err(Defect::Truncated { expected, found }),

@@ -10,21 +10,14 @@ use bytemuck::Pod;
 pub enum ElementType {
     /// UTF-8 text: JSON.
     Bytes = 0,
-    /// 64-bit floats.
     F64 = 1,
-    /// 32-bit floats.
     F32 = 2,
-    /// 32-bit unsigned integers.
     U32 = 3,
-    /// 64-bit unsigned integers.
     U64 = 4,
-    /// 64-bit signed integers.
     I64 = 5,
     /// 128-bit signed integers, low 64 bits first.
     I128 = 6,
-    /// 32-bit signed integers.
     I32 = 7,
-    /// 16-bit unsigned integers.
     U16 = 8,
 }
 

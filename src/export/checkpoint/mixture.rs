@@ -114,8 +114,7 @@ fn totals(sections: &Sections, n: usize) -> Result<Totals, Defect> {
             Ok(Totals::Fixed64 { rows, carries })
         }
         I128 => Ok(Totals::Fixed128(sums(sections, n)?)),
-        F32 => Ok(Totals::F32(sums(sections, n)?)),
-        code => Err(wrong_type(sections::COUNTS, "I64, I128 or F32", code)),
+        code => Err(wrong_type(sections::COUNTS, "I64 or I128", code)),
     }
 }
 

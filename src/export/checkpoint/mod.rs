@@ -35,8 +35,8 @@
 //! | `ORIG` | f64 | world position that seeds are relative to |
 //! | `SEED` | f32 | seeds, rows x y z, world units |
 //! | `COMP` | u32 | component of each seed; only if the component budget made seeds share components |
-//! | `SUMS` | i32, f32 or f64 | sums about the seeds, rows of [`N_SUMS`]; integers count 2⁻¹⁵, and are 0 where `WIDI` lists the component |
-//! | `WIDI` | u32 | components with 4,096 points or more, ascending; only with integer sums, if there are any |
+//! | `SUMS` | i32 | sums about the seeds, rows of [`N_SUMS`], in 2⁻¹⁵; 0 where `WIDI` lists the component |
+//! | `WIDI` | u32 | components with 4,096 points or more, ascending; only if there are any |
 //! | `WIDE` | f64 | their sums, rows as in `SUMS`, whole multiples of 2⁻¹⁵ |
 //! | `LOOK` | u32 | rows of two: expected returns in 64ths; numbers of frames in which the component was seen (low half) and seen through (high half) |
 //! | `EXPO` | f64 | if gains were fitted, per trained frame: the camera's centre and unit direction in the world, and the gains of red, green and blue |
@@ -80,7 +80,6 @@ mod columns;
 mod container;
 mod element;
 mod error;
-mod kept;
 mod mixture;
 mod read;
 mod scene;

@@ -2,8 +2,8 @@
 
 use super::container::Section;
 use super::error::Defect;
-use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
-use super::{check, kept, sections};
+use super::sections::{Sections, check_size};
+use super::{check, sections};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{
     MAX_COARSENING_STEPS, SceneState, StoredSums, TrackedPose, VisibilityCounts, WHOLE, WideRow,
@@ -17,7 +17,6 @@ use crate::model::splat::pose_log::{FrameExposure, FramePose};
 use crate::model::splat::splats::Splat;
 use crate::model::splat::viewpoint::Viewpoint;
 
-/// Words per component in the visibility counts.
 const N_VISIBILITY: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
@@ -25,7 +24,6 @@ const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
 const N_POSE: usize = 12;
 const N_VIEW: usize = size_of::<PhotographView>() / size_of::<f64>();
 const N_SCALE: usize = size_of::<DepthScale>() / size_of::<f64>();
-/// Placeholder scale of a photograph without depths.
 const NO_SCALE: DepthScale = DepthScale { step: 0.0, margin: [0.0; 2] };
 const N_TRACKED: usize = size_of::<TrackedPose>() / size_of::<f64>();
 
@@ -39,19 +37,14 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         Section::new(sections::ORIGIN, &state.origin),
         Section::new(sections::SEEDS, state.seeds.as_flattened()),
     ];
-    match &state.sums {
-        StoredSums::Mixed { rows, wide } => {
-            sections.push(Section::new(sections::SUMS, rows.as_flattened()));
-            // Only large components are stored wide; without any, the sections are omitted.
-            if !wide.is_empty() {
-                let ids = wide.iter().map(|row| row.id).collect();
-                let sums = wide.iter().flat_map(|row| row.sums).collect();
-                sections.push(Section::owned::<u32>(sections::WIDE_IDS, ids));
-                sections.push(Section::owned::<f64>(sections::WIDE_SUMS, sums));
-            }
-        }
-        StoredSums::F32(rows) => sections.push(Section::new(sections::SUMS, rows.as_flattened())),
-        StoredSums::F64(rows) => sections.push(Section::new(sections::SUMS, rows.as_flattened())),
+    let StoredSums { rows, wide } = &state.sums;
+    sections.push(Section::new(sections::SUMS, rows.as_flattened()));
+    // Only large components are stored wide; without any, the sections are omitted.
+    if !wide.is_empty() {
+        let ids = wide.iter().map(|row| row.id).collect();
+        let sums = wide.iter().flat_map(|row| row.sums).collect();
+        sections.push(Section::owned::<u32>(sections::WIDE_IDS, ids));
+        sections.push(Section::owned::<f64>(sections::WIDE_SUMS, sums));
     }
     // Omitted if the component budget sufficed, so that such files keep their earlier bytes.
     if state.coarsening_steps > 0 {
@@ -79,7 +72,6 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         sections.push(Section::new::<f64>(sections::TRAJECTORY, numbers));
     }
     sections.extend(state.photometric.iter().flat_map(photometric_sections));
-    sections.extend(kept::retained_sections(&state.stored_frames));
     sections
 }
 
@@ -186,11 +178,8 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
             true => Some(photometric(sections, n)?),
             false => None,
         },
-        stored_frames: kept::read(sections)?,
     };
     check::check_scene(&state)?;
-    check::check_retained_frames(&state)?;
-    check::check_retained_frames(&state)?;
     Ok(state)
 }
 
@@ -219,7 +208,6 @@ fn coarsened(sections: &Sections) -> Result<u32, Defect> {
     }
 }
 
-/// Reads the shares of seeds, 1 to 64 each.
 fn shares(sections: &Sections, n: usize) -> Result<Vec<u8>, Defect> {
     let words: Vec<u32> = sections.elements(sections::SHARES, Some(n))?;
     let share = |(at, word): (usize, u32)| match u8::try_from(word) {
@@ -277,7 +265,6 @@ fn read_buffered_photographs(sections: &Sections) -> Result<Vec<BufferedPhotogra
     Ok(views.into_iter().zip(depths).map(of).collect())
 }
 
-/// Reads the depths of those photographs that have a scale.
 fn read_depths(
     sections: &Sections,
     views: &[PhotographView],
@@ -304,19 +291,10 @@ fn read_depths(
 }
 
 fn sums(sections: &Sections, n: usize) -> Result<StoredSums, Defect> {
-    let (_, form) = sections.find(sections::SUMS)?;
     let has_wide = [sections::WIDE_IDS, sections::WIDE_SUMS].iter().any(|tag| sections.has(*tag));
-    match form {
-        I32 => {
-            let rows = sections.rows(sections::SUMS, Some(n))?;
-            let wide = if has_wide { wide_rows(sections)? } else { Vec::new() };
-            Ok(StoredSums::Mixed { rows, wide })
-        }
-        _ if has_wide => Err(wrong_type(sections::SUMS, "I32 beside wide sums", form)),
-        F32 => Ok(StoredSums::F32(sections.rows(sections::SUMS, Some(n))?)),
-        F64 => Ok(StoredSums::F64(sections.rows(sections::SUMS, Some(n))?)),
-        code => Err(wrong_type(sections::SUMS, "I32, F32 or F64", code)),
-    }
+    let rows = sections.rows(sections::SUMS, Some(n))?;
+    let wide = if has_wide { wide_rows(sections)? } else { Vec::new() };
+    Ok(StoredSums { rows, wide })
 }
 
 fn wide_rows(sections: &Sections) -> Result<Vec<WideRow>, Defect> {

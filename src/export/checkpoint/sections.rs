@@ -16,7 +16,6 @@ impl<'a> Sections<'a> {
         self.0.find(tag).is_some()
     }
 
-    /// Returns the bytes and the element code of a required section.
     pub fn find(&self, tag: [u8; 4]) -> Result<(&'a [u8], u32), Defect> {
         let missing = || Defect::malformed(tag_text(tag), "this section", "none");
         self.0.find(tag).ok_or_else(missing)
@@ -49,7 +48,6 @@ impl<'a> Sections<'a> {
         }
     }
 
-    /// Reads the elements of a section, exactly `count` if given.
     pub fn elements<T: Stored>(
         &self,
         tag: [u8; 4],
@@ -64,7 +62,6 @@ impl<'a> Sections<'a> {
         Ok(elements)
     }
 
-    /// Reads a section in rows of `N` elements, exactly `count` rows if given.
     pub fn rows<T: Stored, const N: usize>(
         &self,
         tag: [u8; 4],
@@ -103,7 +100,6 @@ impl<'a> Sections<'a> {
     }
 }
 
-/// Splits bytes into whole rows.
 pub(super) fn rows<T: Stored, const N: usize>(bytes: &[u8]) -> Result<Vec<[T; N]>, Defect> {
     let n = bytes.len() / (N * size_of::<T>());
     let mut rows = try_with_capacity(n).map_err(Defect::Memory)?;
@@ -112,20 +108,16 @@ pub(super) fn rows<T: Stored, const N: usize>(bytes: &[u8]) -> Result<Vec<[T; N]
     Ok(rows)
 }
 
-/// Codes of the element types that distinguish variants of a section.
 pub(super) const F32: u32 = ElementType::F32 as u32;
 pub(super) const F64: u32 = ElementType::F64 as u32;
-pub(super) const I32: u32 = ElementType::I32 as u32;
 pub(super) const I64: u32 = ElementType::I64 as u32;
 pub(super) const I128: u32 = ElementType::I128 as u32;
 
-/// Error for a section whose element type is not permitted.
 pub(super) fn wrong_type(tag: [u8; 4], expected: &str, code: u32) -> Defect {
     let found = ElementType::of_code(code).map_or(format!("type {code}"), |e| format!("{e:?}"));
     Defect::malformed(tag_text(tag), format!("elements of type {expected}"), found)
 }
 
-/// Checks that the number of components is between `least` and the maximum model size.
 pub(super) fn check_size(tag: [u8; 4], least: usize, n: usize) -> Result<(), Defect> {
     if (least..=DEFAULT_MAX_SPLATS).contains(&n) {
         return Ok(());
@@ -163,11 +155,6 @@ pub const EXPOSURES: [u8; 4] = *b"EXPO";
 pub const POSES: [u8; 4] = *b"POSE";
 pub const POSE_ROTATIONS: [u8; 4] = *b"POSR";
 pub const TRAJECTORY: [u8; 4] = *b"TRAJ";
-pub const RETAINED: [u8; 4] = *b"KEPT";
-pub const KEPT_SHOWN_IDS: [u8; 4] = *b"KESI";
-pub const RETAINED_MEANS: [u8; 4] = *b"KESH";
-pub const KEPT_IDS: [u8; 4] = *b"KETI";
-pub const KEPT_SUMS: [u8; 4] = *b"KETS";
 pub const PHOTO_SPLATS: [u8; 4] = *b"PHSP";
 pub const PHOTO_APPEARANCE: [u8; 4] = *b"PHAP";
 pub const PHOTO_SHAPE_PRECISION: [u8; 4] = *b"PHFO";
@@ -180,13 +167,10 @@ pub const PHOTO_PIXELS: [u8; 4] = *b"PHPX";
 pub const PHOTO_SCALES: [u8; 4] = *b"PHDS";
 pub const PHOTO_DEPTHS: [u8; 4] = *b"PHDP";
 
-/// Sections of every checkpoint.
 const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
-/// Sections of mixtures only.
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
-/// Sections of scenes only.
-pub const OF_SCENES: [[u8; 4]; 29] = [
+pub const OF_SCENES: [[u8; 4]; 24] = [
     ORIGIN,
     SEEDS,
     COARSENED,
@@ -200,11 +184,6 @@ pub const OF_SCENES: [[u8; 4]; 29] = [
     POSES,
     POSE_ROTATIONS,
     TRAJECTORY,
-    RETAINED,
-    KEPT_SHOWN_IDS,
-    RETAINED_MEANS,
-    KEPT_IDS,
-    KEPT_SUMS,
     PHOTO_SPLATS,
     PHOTO_APPEARANCE,
     PHOTO_SHAPE_PRECISION,
@@ -222,5 +201,6 @@ pub fn is_known(tag: [u8; 4]) -> bool {
     [&OF_ALL[..], &OF_MIXTURES, &OF_SCENES].iter().any(|tags| tags.contains(&tag))
 }
 
-/// Version of the format that this program writes, major and minor. Scenes need 1.1.
-pub const VERSION: (u16, u16) = (1, 1);
+/// Version of the format that this program writes, major and minor. Scenes need 1.1; from
+/// 1.2 on they hold no contributions of single frames, and sums in one form.
+pub const VERSION: (u16, u16) = (1, 2);

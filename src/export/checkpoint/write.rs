@@ -36,9 +36,7 @@ fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), Checkpoint
         StoredModel::Mixture { normalization, state, .. } => {
             check::check_normalization(normalization).and_then(|()| check::check_mixture(state))
         }
-        StoredModel::Scene(state) => {
-            check::check_scene(state).and_then(|()| check::check_retained_frames(state))
-        }
+        StoredModel::Scene(state) => check::check_scene(state),
     };
     checked.map_err(|defect| CheckpointError::Unreadable { path: path.to_owned(), defect })
 }

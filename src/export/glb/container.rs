@@ -10,7 +10,6 @@ const MAGIC: u32 = 0x4654_6C67;
 const JSON: u32 = 0x4E4F_534A;
 const BIN: u32 = 0x004E_4942;
 
-/// Bytes of the header and of both chunk headers.
 const OVERHEAD_BYTES: u64 = 12 + 8 + 8;
 
 pub(super) fn file_size(json: usize, bin: u64) -> u64 {
@@ -32,7 +31,6 @@ pub(super) fn write_start(out: &mut dyn Write, json: &str, bin_length: u64) -> i
     out.write_all(&BIN.to_le_bytes())
 }
 
-/// Splits a file into the JSON text and the BIN content, if any.
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     let header = |at| word(bytes, at, "GLB header");
     let (version, total) = (header(4)?, header(8)?);
@@ -53,7 +51,6 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     Ok((json, Some(bin)))
 }
 
-/// Returns the content of the chunk at `start` and the start of the next one.
 fn chunk<'a>(
     bytes: &'a [u8],
     start: usize,
@@ -133,19 +130,15 @@ fn attribute_rule(semantic: &str) -> Rule {
 }
 
 pub(super) struct Column<'a> {
-    /// Bytes from the start of the first row to the end of the last.
     bytes: &'a [u8],
     stride: usize,
     component: u32,
     normalized: bool,
-    /// Number of rows, one per splat or point.
     pub count: usize,
-    /// Index and attribute of the accessor, for messages.
     pub place: String,
 }
 
 impl<'a> Column<'a> {
-    /// Opens accessor `index` as the attribute `semantic`.
     pub fn open(
         root: &Root,
         buffers: &'a [impl AsRef<[u8]>],
@@ -185,7 +178,6 @@ impl<'a> Column<'a> {
         matches!(self.component, I8 | I16)
     }
 
-    /// Returns the first `N` components of a row; the type must have at least `N`.
     pub fn get<const N: usize>(&self, row: usize) -> [f64; N] {
         let size = component_size(self.component);
         let row = self.bytes.get(row * self.stride..).unwrap_or_default();
@@ -207,7 +199,6 @@ impl<'a> Column<'a> {
     }
 }
 
-/// Returns the bytes of a buffer view and its stride, if stated.
 fn view_bytes<'a>(
     root: &Root,
     buffers: &'a [impl AsRef<[u8]>],
@@ -232,7 +223,6 @@ fn view_bytes<'a>(
     }
 }
 
-/// Returns the bytes per row, if the accessor's type is permitted for the attribute.
 fn row_bytes(accessor: &Accessor, semantic: &str, place: &str) -> Result<usize, Fault> {
     let rule = attribute_rule(semantic);
     let width = rule.kinds.iter().find(|(kind, _)| *kind == accessor.kind).map(|(_, n)| n);

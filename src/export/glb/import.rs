@@ -99,7 +99,6 @@ fn scene_primitives(root: &Root, origin: DVec3) -> Result<Vec<Part<'_>>, Fault> 
     Ok(parts)
 }
 
-/// Returns the number of rows of all parts, or an error above `max_splats`.
 fn checked_row_count(columns: &[Columns], max_splats: usize) -> Result<usize, Fault> {
     let counts = columns.iter().map(|c| c.position.count as u64);
     let declared = counts.fold(0u64, u64::saturating_add);
@@ -109,7 +108,6 @@ fn checked_row_count(columns: &[Columns], max_splats: usize) -> Result<usize, Fa
     }
 }
 
-/// Encoding of the scales in a file.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum ScaleForm {
     /// Standard deviations, as in the ratified extension.
@@ -266,7 +264,6 @@ impl Shape<'_> {
 }
 
 impl Color<'_> {
-    /// Returns the sRGB-encoded colour of a row.
     fn get(&self, row: usize) -> DVec3 {
         match self {
             Color::Sh { coefficient, linear } => {
@@ -361,14 +358,12 @@ fn comments(root: &Root) -> Vec<String> {
 /// Largest cosine between two columns that still counts as a right angle.
 const SHEAR_TOLERANCE: f64 = 1e-4;
 
-/// Affine transform from a mesh to the scene.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placement {
     linear: DMat3,
     translation: DVec3,
 }
 
-/// Returns every mesh of the scene, once per node that uses it.
 pub(super) fn placed_meshes(root: &Root) -> Result<Vec<(Placement, usize)>, Fault> {
     let mut meshes = Vec::new();
     let mut seen = vec![false; root.nodes.len()];
@@ -395,7 +390,6 @@ pub(super) fn placed_meshes(root: &Root) -> Result<Vec<(Placement, usize)>, Faul
     Ok(meshes)
 }
 
-/// Returns the roots of the default scene, or of the whole file if it has no scenes.
 fn start_nodes(root: &Root) -> Result<Vec<usize>, Fault> {
     let index = root.scene.unwrap_or(0);
     match root.scenes.get(index) {
@@ -459,7 +453,6 @@ impl Placement {
         Ok(Self { linear, translation: matrix.w_axis.xyz() })
     }
 
-    /// Subtracts an origin from the translation.
     pub fn relative_to(self, origin: DVec3) -> Self {
         Self { translation: self.translation - origin, ..self }
     }
@@ -468,7 +461,6 @@ impl Placement {
         self.linear * p + self.translation
     }
 
-    /// Transforms a change of colour per unit direction to the scene.
     pub fn directional(&self, w: DMat3) -> DMat3 {
         // The columns are orthogonal: normalised, they are the rotation.
         let m = self.linear;

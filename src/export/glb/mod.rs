@@ -22,10 +22,7 @@ const SH_1: [&str; 3] = [
 ];
 const SH_PREFIX: &str = "KHR_gaussian_splatting:SH_DEGREE_";
 const EXTENSION: &str = "KHR_gaussian_splatting";
-/// The only kernel of the extension.
 const KERNEL: &str = "ellipse";
-/// Colour space name of sRGB-encoded coefficients.
 const SRGB: &str = "srgb_rec709_display";
-/// Colour space name of linear coefficients.
 const LINEAR: &str = "lin_rec709_display";
 const POINTS: u32 = 0;

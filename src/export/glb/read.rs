@@ -124,7 +124,6 @@ fn shorten_error(error: &serde_json::Error) -> String {
     }
 }
 
-/// Loads the buffer of a URI, of which `length` bytes are needed.
 pub(super) fn load(uri: &str, length: usize, folder: &Path, place: &str) -> Result<Vec<u8>, Fault> {
     if let Some(data) = uri.strip_prefix("data:") {
         let bytes = data.split_once(";base64,").and_then(|(_, text)| decode_base64(text));

@@ -22,13 +22,12 @@ use std::collections::BTreeMap;
 use std::io;
 use std::io::Write;
 
-const FLOAT: u32 = 5126;
-const UNSIGNED_SHORT: u32 = 5123;
-/// `ARRAY_BUFFER`, the target of buffer views with vertex attributes (glTF 2.0, 5.11.5).
-const VERTEX_DATA: u32 = 34962;
-pub(super) const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
+pub(super) const FLOAT: u32 = 5126;
+pub(super) const UNSIGNED_SHORT: u32 = 5123;
+/// Target of buffer views with vertex attributes (glTF 2.0, 5.11.5).
+pub(super) const ARRAY_BUFFER: u32 = 34962;
+const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
 
-/// Attribute with its declaration and its encoder.
 struct Column {
     semantic: &'static str,
     kind: &'static str,
@@ -48,7 +47,6 @@ impl Column {
     }
 }
 
-/// Columns of every file.
 const COLUMNS: [Column; 6] = [
     Column::floats(POSITION, "VEC3", 3, |g, row| put_floats(row, &g.mean.to_array())),
     Column {
@@ -66,7 +64,6 @@ const COLUMNS: [Column; 6] = [
     }),
 ];
 
-/// Additional columns for view-dependent colour.
 const DEGREE_1: [Column; 3] = [
     Column::floats(SH_1[0], "VEC3", 3, |g, row| put_degree_1(g, 0, row)),
     Column::floats(SH_1[1], "VEC3", 3, |g, row| put_degree_1(g, 1, row)),
@@ -87,7 +84,6 @@ fn put_fallback_color(splat: &Gaussian, row: &mut Vec<u8>) {
     }
 }
 
-/// Prepared file: JSON, columns and lengths.
 pub(in crate::export) struct GlbLayout {
     pub(in crate::export) json: String,
     columns: Vec<&'static Column>,
@@ -95,26 +91,31 @@ pub(in crate::export) struct GlbLayout {
 }
 
 impl GlbLayout {
-    /// Prepares a file for these splats. Fails if it would exceed GLB's 32-bit lengths.
     pub fn new(rows: &impl SplatRows, options: &WriteOptions) -> Result<Self, Fault> {
         let n = rows.n_rows();
         let columns: Vec<&Column> = match rows.has_directions() {
             false => COLUMNS.iter().collect(),
             true => COLUMNS.iter().chain(&DEGREE_1).collect(),
         };
-        let root = root(n, &columns, extremes(rows), options);
-        let json = serde_json::to_string(&root)
-            .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
-        let bin_length = n as u64 * columns.iter().map(|c| c.row_bytes as u64).sum::<u64>();
-        // GLB lengths have 32 bits; a wrapped length would silently give a broken file.
-        let needed = container::file_size(json.len(), bin_length);
-        if needed > u64::from(u32::MAX) {
-            return Err(Fault::TooLargeForGlb { n_splats: n, needed });
-        }
+        let declared = columns.iter().map(|column| Declared {
+            kind: column.kind,
+            component: column.component,
+            count: n,
+            byte_length: n * column.row_bytes,
+            target: ARRAY_BUFFER,
+        });
+        let declared: Vec<Declared> = declared.collect();
+        let origin = file_origin(options);
+        let document = Root {
+            // Not required, so that viewers without the extension draw `COLOR_0` as points.
+            extensions_used: vec![EXTENSION.to_owned()],
+            // No y-up transform in the node, because some readers ignore it: the rows are already rotated.
+            ..document(&declared, extremes(rows), primitive(&columns), origin, options)
+        };
+        let (json, bin_length) = json_chunk(&document, n)?;
         Ok(Self { json, columns, bin_length })
     }
 
-    /// Number of columns, each of which iterates over all rows.
     pub fn n_columns(&self) -> usize {
         self.columns.len()
     }
@@ -143,58 +144,78 @@ fn extremes(rows: &impl SplatRows) -> ([f32; 3], [f32; 3]) {
     (min.to_array(), max.to_array())
 }
 
-fn root(
-    n: usize,
-    columns: &[&Column],
+/// Accessor and buffer view of one column of the file.
+pub(super) struct Declared {
+    pub kind: &'static str,
+    pub component: u32,
+    pub count: usize,
+    pub byte_length: usize,
+    pub target: u32,
+}
+
+/// A document of one mesh. The first column holds the positions, with their bounds.
+pub(super) fn document(
+    columns: &[Declared],
     (min, max): ([f32; 3], [f32; 3]),
+    primitive: Primitive,
+    origin: DVec3,
     options: &WriteOptions,
 ) -> Root {
-    let origin = file_origin(options);
-    let mut accessors = Vec::new();
-    let mut buffer_views = Vec::new();
-    let mut offset = 0;
-    for (i, column) in columns.iter().enumerate() {
-        let is_position = column.semantic == POSITION;
-        accessors.push(Accessor {
-            buffer_view: Some(i),
-            byte_offset: 0,
-            component_type: column.component,
-            count: n,
-            kind: column.kind.to_owned(),
-            // The only integers written are colours, which glTF reads as fractions.
-            normalized: column.component != FLOAT,
-            min: is_position.then_some(min),
-            max: is_position.then_some(max),
-            sparse: None,
-        });
-        let byte_length = n * column.row_bytes;
-        buffer_views.push(BufferView {
+    let accessor = |(i, column): (usize, &Declared)| Accessor {
+        buffer_view: Some(i),
+        byte_offset: 0,
+        component_type: column.component,
+        count: column.count,
+        kind: column.kind.to_owned(),
+        // The 16-bit integers are colours, which glTF reads as fractions.
+        normalized: column.component == UNSIGNED_SHORT,
+        min: (i == 0).then_some(min),
+        max: (i == 0).then_some(max),
+        sparse: None,
+    };
+    let mut end = 0;
+    let view = |column: &Declared| {
+        let byte_offset = end;
+        end += column.byte_length;
+        BufferView {
             buffer: 0,
-            byte_offset: offset,
-            byte_length,
+            byte_offset,
+            byte_length: column.byte_length,
             byte_stride: None,
-            target: Some(VERTEX_DATA),
+            target: Some(column.target),
             extensions: BTreeMap::new(),
-        });
-        offset += byte_length;
-    }
+        }
+    };
+    let buffer_views = columns.iter().map(view).collect();
+    let translation = (origin != DVec3::ZERO).then_some(origin.to_array());
     Root {
         asset: Asset {
             version: "2.0".to_owned(),
             generator: GENERATOR.to_owned(),
             extras: extras(options, origin),
         },
-        extensions_used: vec![EXTENSION.to_owned()],
-        // Not required, so that viewers without the extension draw `COLOR_0` as points.
+        extensions_used: Vec::new(),
         extensions_required: Vec::new(),
         scene: Some(0),
         scenes: vec![GltfScene { nodes: vec![0] }],
-        // No y-up transform in the node, because some readers ignore it: the rows are already rotated.
-        nodes: vec![root_node(origin)],
-        meshes: vec![Mesh { primitives: vec![primitive(columns)] }],
-        accessors,
+        nodes: vec![Node { mesh: Some(0), translation, ..Node::default() }],
+        meshes: vec![Mesh { primitives: vec![primitive] }],
+        accessors: columns.iter().enumerate().map(accessor).collect(),
         buffer_views,
-        buffers: vec![Buffer { byte_length: offset, uri: None }],
+        buffers: vec![Buffer { byte_length: end, uri: None }],
+    }
+}
+
+/// Text of a document and the length of its buffer. Fails if the file would exceed GLB's 32-bit lengths.
+pub(super) fn json_chunk(document: &Root, n_splats: usize) -> Result<(String, u64), Fault> {
+    let json = serde_json::to_string(document)
+        .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
+    let bin_length = document.buffers.iter().map(|buffer| buffer.byte_length as u64).sum();
+    let needed = container::file_size(json.len(), bin_length);
+    // A wrapped length would silently give a broken file.
+    match needed > u64::from(u32::MAX) {
+        true => Err(Fault::TooLargeForGlb { n_splats, needed }),
+        false => Ok((json, bin_length)),
     }
 }
 
@@ -215,15 +236,9 @@ fn primitive(columns: &[&Column]) -> Primitive {
     }
 }
 
-/// Node of the only mesh, translated by the local origin in the axes and units of the file.
-pub(super) fn root_node(origin: DVec3) -> Node {
-    let translation = (origin != DVec3::ZERO).then_some(origin.to_array());
-    Node { mesh: Some(0), translation, ..Node::default() }
-}
-
 /// Content of `asset.extras`: up axis, unit if known, comments, and the local origin in the axes and units of
 /// the file. `None` without metadata.
-pub(super) fn extras(options: &WriteOptions, origin: DVec3) -> Option<serde_json::Value> {
+fn extras(options: &WriteOptions, origin: DVec3) -> Option<serde_json::Value> {
     let mut extras = serde_json::Map::new();
     // The unit of scaled lengths is unknown here.
     if options.metric && options.unit_scale == 1.0 {

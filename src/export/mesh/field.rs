@@ -59,15 +59,12 @@ pub(super) struct Sample {
 /// Corners of a block, x fastest; `None` where undefined.
 pub(super) type Samples = Vec<Option<Sample>>;
 
-/// Signed distances on a sparse grid.
 pub(super) struct Field {
-    /// Blocks, sorted by position.
     pub blocks: Vec<(IVec3, Samples)>,
     index: HashMap<IVec3, usize>,
 }
 
 impl Field {
-    /// Computes the field of surfels on cells of width `cell`.
     pub fn new(surfels: &[Surfel], cell: f64) -> Result<Self, Fault> {
         let reached = block_surfel_pairs(surfels, cell)?;
         let groups: Vec<&[(Place, u32)]> = reached.chunk_by(|a, b| a.0 == b.0).collect();
@@ -87,14 +84,12 @@ impl Field {
     }
 }
 
-/// Index of a corner within its block.
 fn in_block(corner: IVec3) -> usize {
     (corner.x + BLOCK * (corner.y + BLOCK * corner.z)) as usize
 }
 
 type Place = [i32; 3];
 
-/// Returns pairs of block and surfel that reach each other, sorted.
 fn block_surfel_pairs(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>, Fault> {
     let mut reached = Vec::new();
     let least = MIN_SHARE * median_evidence(surfels);
@@ -133,7 +128,6 @@ fn too_small(cell: f64) -> Fault {
     }
 }
 
-/// Lowest and highest grid corner within reach of a surfel.
 fn corners(surfel: &Surfel, cell: f64) -> (IVec3, IVec3) {
     let [xx, _, _, yy, _, zz] = plane_covariance(surfel, cell).to_array();
     let deviation = DVec3::new(xx, yy, zz).max(DVec3::ZERO).map(f64::sqrt);
@@ -142,7 +136,6 @@ fn corners(surfel: &Surfel, cell: f64) -> (IVec3, IVec3) {
     (lo.ceil().as_ivec3(), hi.floor().as_ivec3())
 }
 
-/// Covariance that determines the reach of a surfel along its plane.
 fn plane_covariance(surfel: &Surfel, cell: f64) -> Sym3 {
     surfel.covariance.add_scaled(1.0, Sym3::diagonal((SPREAD * cell).powi(2)))
 }

@@ -82,7 +82,6 @@ impl MeshFormat {
     }
 }
 
-/// Writes a binary PLY with 8-bit vertex colours and triangles.
 fn ply(
     out: &mut dyn Write,
     mesh: &TriangleMesh,
@@ -177,7 +176,6 @@ pub fn write_mesh(
     Ok(MeshSummary { n_vertices, n_triangles, bytes })
 }
 
-/// Triangulates and returns the mesh and its local origin in the axes and units of the file.
 fn in_file_axes(
     surfels: &[Surfel],
     cell: f64,

@@ -6,14 +6,12 @@
 use super::header::{Encoding, Kind, PlyElement, Property, Scalar};
 use crate::export::error::{Fault, shorten};
 
-/// Sequential reader of values.
 #[derive(Clone)]
 pub(super) struct Body<'a> {
     encoding: Encoding,
     rest: &'a [u8],
 }
 
-/// Description of the unexpected content.
 type Found = String;
 
 impl<'a> Body<'a> {
@@ -21,7 +19,6 @@ impl<'a> Body<'a> {
         Self { encoding, rest }
     }
 
-    /// Skips an element, including lists.
     pub fn skip(&mut self, element: &PlyElement) -> Result<(), Fault> {
         if element.properties.is_empty() {
             return Ok(());
@@ -86,7 +83,6 @@ impl<'a> Body<'a> {
         }
     }
 
-    /// Reads row `row` of an element without lists, one value per property.
     pub fn read_row(
         &mut self,
         element: &PlyElement,
@@ -144,13 +140,11 @@ impl<'a> Body<'a> {
     }
 }
 
-/// Returns the values of some columns, which must be indices of the row's properties.
 #[expect(clippy::indexing_slicing, reason = "a row has a value for every property")]
 pub(super) fn pick<const N: usize>(values: &[f64], columns: [usize; N]) -> [f64; N] {
     columns.map(|column| values[column])
 }
 
-/// Bytes of a binary row; `None` for elements with lists.
 fn row_size(element: &PlyElement) -> Option<usize> {
     element
         .properties

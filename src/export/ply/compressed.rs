@@ -20,7 +20,6 @@ const SH_COUNTS: [usize; 3] = [9, 24, 45];
 /// Harmonics are quantised between plus and minus this value.
 const SH_RANGE: f64 = 4.0;
 
-/// Reads the splats of a file whose header has an element [`CHUNK`].
 pub(super) fn read(
     mut body: Body,
     header: PlyHeader,
@@ -75,7 +74,6 @@ pub(super) fn read(
     rows.finish(ModelKind::Splats, notes, header.comments)
 }
 
-/// Bounds of the splats of each chunk.
 struct Chunks {
     rows: Vec<ChunkBounds>,
 }
@@ -155,7 +153,6 @@ impl<'a> Words<'a> {
         Ok(Self { body: body.clone(), element, n_rows, columns, values })
     }
 
-    /// Reads position, rotation, scale and colour of the next row, number `i`.
     fn row(&mut self, i: usize) -> Result<[u32; 4], Fault> {
         self.body.read_row(self.element, i, &mut self.values)?;
         Ok(pick(&self.values, self.columns).map(|word| word as u32))
@@ -188,7 +185,6 @@ impl<'a> Harmonics<'a> {
         Ok(Self { body: body.clone(), element, n_rows, degree_1, values: vec![0.0; n] })
     }
 
-    /// Reads the view-dependent colour of the next row, number `i`.
     fn directional(&mut self, i: usize) -> Result<DMat3, Fault> {
         self.body.read_row(self.element, i, &mut self.values)?;
         let value = |byte: f64| match byte {

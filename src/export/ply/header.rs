@@ -13,7 +13,6 @@ pub(super) struct PlyHeader {
     pub encoding: Encoding,
     pub elements: Vec<PlyElement>,
     pub comments: Vec<String>,
-    /// Byte offset of the rows.
     pub body_offset: usize,
 }
 
@@ -24,7 +23,6 @@ pub(super) enum Encoding {
     BigEndian,
 }
 
-/// Element: a table with a name, a number of rows and columns.
 #[derive(Debug)]
 pub(super) struct PlyElement {
     pub name: String,
@@ -81,7 +79,6 @@ impl Scalar {
         }
     }
 
-    /// Value of a full colour channel of this type.
     pub fn full_channel(self) -> f64 {
         match self {
             Scalar::F32 | Scalar::F64 => 1.0,
@@ -92,7 +89,6 @@ impl Scalar {
 }
 
 impl PlyHeader {
-    /// Parses the header of a file that starts with `ply`.
     pub fn parse(bytes: &[u8]) -> Result<Self, Fault> {
         let mut header = PlyHeader {
             encoding: Encoding::Ascii,
@@ -194,7 +190,6 @@ impl Line<'_> {
     }
 }
 
-/// Returns the line at `offset` without its end, and moves `offset` past it.
 fn next_line<'a>(bytes: &'a [u8], offset: &mut usize) -> Result<std::borrow::Cow<'a, str>, Fault> {
     let end = bytes.len().min(MAX_HEADER_BYTES).max(*offset);
     let searched = bytes.get(*offset..end).unwrap_or_default();

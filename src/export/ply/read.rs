@@ -113,7 +113,6 @@ impl Columns<'_> {
     }
 }
 
-/// Columns of the fields of a splat or point.
 struct Layout {
     mean: [usize; 3],
     color: Color,
@@ -128,7 +127,6 @@ struct Shape {
     scale_2: Option<usize>,
     /// w x y z.
     rotation: [usize; 4],
-    /// By coefficient, then channel.
     degree_1: Option<[[usize; 3]; N_REST_DEGREE_1]>,
 }
 

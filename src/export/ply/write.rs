@@ -23,7 +23,6 @@ const BEFORE_REST: [&str; 9] = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc
 const AFTER_REST: [&str; 8] =
     ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
 
-/// Prepared file: header and number of coefficients.
 pub(in crate::export) struct PlyLayout {
     header: String,
     /// Coefficients per channel above degree 0.
@@ -78,7 +77,6 @@ impl PlyLayout {
     }
 }
 
-/// Header up to the first property of the vertex element.
 pub(super) fn header_start(n: usize, options: &WriteOptions) -> String {
     // brush reads this comment as the up direction.
     let up = file_rotation(options).rotate_vector(options.up);

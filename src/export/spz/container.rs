@@ -14,19 +14,16 @@ const ENTRY_BYTES: usize = 16;
 /// Largest Zstandard window, as a power of two; the default limit of the `zstd` program.
 const MAX_WINDOW_LOG: u32 = 27;
 
-/// Decompressed columns of a file.
 pub(super) struct Unpacked {
     pub header: SpzHeader,
     /// Columns in the order of [`SpzHeader::widths`], with exactly the bytes of all splats.
     pub columns: [Vec<u8>; 6],
 }
 
-/// Unpacks a file with gzip magic bytes.
 pub(super) fn gzip(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     one_stream(GzDecoder::new(bytes), max_splats)
 }
 
-/// Unpacks a file with the magic bytes [`MAGIC`].
 pub(super) fn plain(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
     // Before version 4 the only compression is the outer gzip, which this file lacks.
@@ -98,7 +95,6 @@ fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
 struct Table<'a> {
     /// Compressed and uncompressed length of each stream.
     entries: Vec<(u64, u64)>,
-    /// All bytes after the table.
     streams: &'a [u8],
 }
 
@@ -156,7 +152,6 @@ fn read_exactly(source: &mut impl Read, needed: usize, name: &str) -> Result<Vec
     Err(Fault::malformed(format!("SPZ {name}"), format!("{needed} bytes"), found))
 }
 
-/// Formats a decoder error on one line.
 fn decoder_message(error: &std::io::Error) -> String {
     crate::export::error::shorten(&error.to_string())
 }
@@ -172,32 +167,24 @@ fn check_count(header: &SpzHeader, max_splats: usize) -> Result<(), Fault> {
 
 /// First bytes of a file, or of its gzip content.
 pub(super) const MAGIC: &[u8] = b"NGSP";
-/// Highest permitted degree of harmonics.
 const MAX_DEGREE: u8 = 4;
-/// Maximum number of fraction bits of a 24-bit coordinate.
 const MAX_FRACTION_BITS: u8 = 24;
-/// Flag bit: the file has extension records.
 const HAS_EXTENSIONS: u8 = 2;
 
-/// Header fields common to all versions.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SpzHeader {
     pub version: u32,
     pub n_splats: u32,
-    /// Degree of the harmonics, 0 to 4.
     pub degree: u8,
-    /// Fraction bits of coordinates.
     pub fraction_bits: u8,
     pub flags: u8,
     /// Number of compressed streams; 0 before version 4.
     pub n_streams: u8,
 }
 
-/// Bytes of magic, version and these fields.
 pub(super) const HEADER_BYTES: usize = 16;
 
 impl SpzHeader {
-    /// Parses the first 16 bytes of a file, or of its gzip content.
     pub fn parse(bytes: &[u8; HEADER_BYTES]) -> Result<Self, Fault> {
         let &[magic @ .., v0, v1, v2, v3, n0, n1, n2, n3, degree, fraction_bits, flags, n_streams] =
             bytes;

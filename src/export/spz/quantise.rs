@@ -1,6 +1,7 @@
 //! Quantisation of values to and from SPZ bytes.
 
 use crate::export::harmonics;
+use exr::prelude::f16;
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -20,7 +21,6 @@ const TIE_TOLERANCE: f64 = 1e-5;
 /// Tolerance within which rotations count as equal; above f32 rounding.
 const ROTATION_TOLERANCE: f64 = 1e-6;
 
-/// Decodes a 24-bit fixed-point coordinate.
 pub(super) fn fixed(bytes: [u8; 3], fraction_bits: u8) -> f64 {
     // Shifted up and back to extend the sign.
     let value = i32::from_le_bytes([0, bytes[0], bytes[1], bytes[2]]) >> 8;
@@ -29,24 +29,14 @@ pub(super) fn fixed(bytes: [u8; 3], fraction_bits: u8) -> f64 {
 
 /// Decodes a coordinate of version 1, an IEEE 754 half.
 pub(super) fn half(bytes: [u8; 2]) -> f64 {
-    let bits = u16::from_le_bytes(bytes);
-    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
-    let magnitude = match exponent {
-        0 => fraction * 0.5f64.powi(24),
-        31 if fraction == 0.0 => f64::INFINITY,
-        31 => f64::NAN,
-        _ => (1.0 + fraction / 1024.0) * 2f64.powi(exponent - 15),
-    };
-    if bits >> 15 == 1 { -magnitude } else { magnitude }
+    f16::from_le_bytes(bytes).to_f64()
 }
 
-/// Decodes three bytes to an sRGB-encoded colour.
 pub(super) fn color(bytes: [u8; 3]) -> DVec3 {
     let byte = DVec3::from_array(bytes.map(f64::from));
     harmonics::to_color((byte / 255.0 - 0.5) / COLOR_SCALE)
 }
 
-/// Decodes three bytes to standard deviations.
 pub(super) fn scale(bytes: [u8; 3]) -> DVec3 {
     let byte = DVec3::from_array(bytes.map(f64::from));
     (byte / SCALE_STEPS + SCALE_START).exp()
@@ -75,12 +65,10 @@ pub(super) fn smallest_three(bytes: [u8; 4]) -> [f64; 4] {
     [w, x, y, z]
 }
 
-/// Decodes a coefficient above degree 0.
 pub(super) fn coefficient(byte: u8) -> f64 {
     (f64::from(byte) - 128.0) / 128.0
 }
 
-/// Inverse of [`fixed`], rounded to the nearest value and limited to 24 bits.
 pub(super) fn to_fixed(v: f64, fraction_bits: u8) -> [u8; 3] {
     let largest = f64::from((1 << 23) - 1);
     let value = (v * 2f64.powi(fraction_bits.into())).round().clamp(-largest, largest);
@@ -92,7 +80,6 @@ pub(super) fn to_opacity(opacity: f64) -> u8 {
     nearest(255.0 * opacity)
 }
 
-/// Inverse of [`color`].
 pub(super) fn to_color(color: DVec3) -> [u8; 3] {
     let coefficient = harmonics::from_color(color);
     coefficient.to_array().map(|f| nearest(255.0 * (COLOR_SCALE * f + 0.5)))
@@ -126,7 +113,6 @@ fn difference(a: DQuat, b: DQuat) -> f64 {
     (a - b).to_array().iter().fold(0.0, |most, v| most.max(v.abs()))
 }
 
-/// Encodes a rotation without component `left_out`.
 fn encode_without(left_out: usize, xyzw: [f64; 4]) -> [u8; 4] {
     let mut bits = left_out as u32;
     for i in (0..4).filter(|&i| i != left_out) {

@@ -41,7 +41,6 @@ pub(in crate::export) fn spz(bytes: &[u8], max_splats: usize) -> Result<Imported
     Ok(Imported { is_z_up: true, ..imported })
 }
 
-/// Coefficients per channel of degree 1.
 const N_DEGREE_1: usize = 3;
 
 fn splat(file: &Unpacked, i: usize, rows: &mut Rows) -> Gaussian {
@@ -80,7 +79,6 @@ fn splat(file: &Unpacked, i: usize, rows: &mut Rows) -> Gaussian {
     }
 }
 
-/// Row `i` of a column with one row per splat.
 fn row<const N: usize>(column: &[u8], i: usize) -> [u8; N] {
     column.as_chunks().0.get(i).copied().unwrap_or([0; N])
 }

@@ -32,12 +32,9 @@ const MAX_FRACTION_BITS: i32 = 20;
 /// Bits per coordinate along the curve; three fill a word.
 const CURVE_BITS: u32 = 21;
 
-/// Prepared file: order of rows and formats.
 pub(in crate::export) struct SpzLayout {
-    /// Rows in order of writing.
     order: Vec<u32>,
     fraction_bits: u8,
-    /// Degree of the harmonics.
     degree: u8,
 }
 
@@ -53,7 +50,6 @@ impl SpzLayout {
         Ok(Self { order, fraction_bits, degree: u8::from(rows.has_directions()) })
     }
 
-    /// Number of columns, each of which iterates over all rows.
     pub fn n_columns(&self) -> usize {
         if self.degree == 0 { COLUMN_NAMES.len() - 1 } else { COLUMN_NAMES.len() }
     }
@@ -95,7 +91,6 @@ impl SpzLayout {
         header
     }
 
-    /// Encoder and bytes per row of each column.
     fn encoders(&self) -> Vec<(Encode, usize)> {
         let bits = self.fraction_bits;
         let mut encoders: Vec<(Encode, usize)> = vec![

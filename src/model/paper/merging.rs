@@ -33,8 +33,7 @@ pub enum AddError {
 ///
 /// let of = |quanta| Totals::Fixed128(vec![[quanta; N_SUMS]]);
 /// assert_eq!(add(&of(2), &of(3)), Ok(of(5)));
-/// let rounded = Totals::F32(vec![[2.0; N_SUMS]]);
-/// assert!(add(&rounded, &rounded).is_err());
+/// assert!(add(&of(2), &Totals::Fixed128(Vec::new())).is_err());
 /// ```
 pub fn add(a: &Totals, b: &Totals) -> Result<Totals, AddError> {
     match (a, b) {
@@ -53,7 +52,6 @@ pub fn add(a: &Totals, b: &Totals) -> Result<Totals, AddError> {
             let rows: Result<_, _> = a.iter().zip(b).enumerate().map(add_rows).collect();
             Ok(Totals::Fixed128(rows?))
         }
-        (Totals::F32(_), Totals::F32(_)) => Err(AddError::Inexact),
         _ => Err(AddError::Unlike),
     }
 }
@@ -107,8 +105,6 @@ pub(super) struct TotalShard<T: TotalScalar> {
     pub n_used: usize,
     /// Ids of the rows changed by the current frame, each once.
     pub touched: Vec<u32>,
-    /// Scratch buffer for records that must be sorted.
-    sorted: Vec<TileRecord<f64>>,
 }
 
 /// Row of sums; two cache lines in 64-bit form.
@@ -133,7 +129,6 @@ impl<T: TotalScalar> TotalShard<T> {
             used: vec![0; len.div_ceil(64)],
             n_used: 0,
             touched: Vec::with_capacity(len),
-            sorted: Vec::new(),
         }
     }
 
@@ -150,23 +145,7 @@ impl<T: TotalScalar> TotalShard<T> {
         records: impl FnOnce(&mut dyn FnMut(&[TileRecord<R>])),
     ) {
         self.touched.clear();
-        if !T::ORDERED {
-            return records(&mut |records| self.add_records(frame, first, records));
-        }
-        let mut sorted = std::mem::take(&mut self.sorted);
-        sorted.clear();
-        records(&mut |records| {
-            let widened = |r: &TileRecord<R>| TileRecord {
-                id: r.id,
-                tile: r.tile,
-                sums: r.sums.map(R::to_f64),
-            };
-            sorted.extend(records.iter().map(widened));
-        });
-        // A tile has at most one record per component: keys are unique, so the order is well defined.
-        sorted.sort_unstable_by_key(|record| (record.id, record.tile));
-        self.add_records(frame, first, &sorted);
-        self.sorted = sorted;
+        records(&mut |records| self.add_records(frame, first, records));
     }
 
     /// Prefetches the rows of a group of records before adding to any of them, to hide memory latency.
@@ -261,9 +240,8 @@ mod tests {
 
     #[test]
     fn what_cannot_be_added() {
-        let f32s = Totals::F32(vec![[0.0; N_SUMS]]);
-        assert_eq!(add(&f32s, &f32s), Err(AddError::Inexact));
-        assert_eq!(add(&f32s, &fixed64(0)), Err(AddError::Unlike));
+        let wide = Totals::Fixed128(vec![[0; N_SUMS]]);
+        assert_eq!(add(&wide, &fixed64(0)), Err(AddError::Unlike));
         assert_eq!(
             add(&Totals::Fixed128(Vec::new()), &Totals::Fixed128(vec![[0; N_SUMS]])),
             Err(AddError::Unlike)

@@ -20,7 +20,7 @@ pub struct ModelState {
 /// Initial means in the precision used by the E-step.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InitialMeans {
-    /// Means of mixed-precision and f32 runs.
+    /// Means of mixed-precision runs.
     F32 {
         /// Spatial means, one row per component.
         space: Vec<[f32; 3]>,
@@ -64,8 +64,6 @@ pub enum Totals {
     },
     /// 128-bit fixed point.
     Fixed128(Vec<[i128; N_SUMS]>),
-    /// Sums in f32, which depend on the order of frames.
-    F32(Vec<[f32; N_SUMS]>),
 }
 
 impl Totals {
@@ -74,7 +72,6 @@ impl Totals {
         match self {
             Self::Fixed64 { rows, .. } => rows.len(),
             Self::Fixed128(rows) => rows.len(),
-            Self::F32(rows) => rows.len(),
         }
     }
 

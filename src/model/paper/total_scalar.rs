@@ -1,9 +1,8 @@
-//! Number types of the totals: fixed point of 64 or 128 bits, or f32.
+//! Number types of the totals: fixed point of 64 or 128 bits.
 //!
 //! Quanta of 64-bit totals are chosen per sum, so that the sums of a scene rarely exceed them. An overflow is
 //! stored as a whole limb: sum and limb together are unique, so bits are comparable. Totals of 128 bits
-//! resolve 2⁻⁸⁰, below the prior of 4e-15 that `f64` runs must resolve. Sums in f32 exist for comparison:
-//! they depend on the order of frames and drift.
+//! resolve 2⁻⁸⁰, below the prior of 4e-15 that `f64` runs must resolve.
 
 use crate::math::fixed::{Quanta, from_fixed, round_small, to_fixed, to_quanta};
 use crate::model::conjugate::statistics::N_SUMS;
@@ -12,7 +11,6 @@ use crate::model::conjugate::statistics::N_SUMS;
 /// before they carry; second moments resolve a standard deviation of 6e-8.
 const FRACTION_BITS: [u32; N_SUMS] = [36, 40, 40, 40, 48, 48, 48, 48, 48, 48, 36, 36, 36];
 
-/// Quanta per unit.
 const SCALES: [f64; N_SUMS] = {
     let mut scales = [0.0; N_SUMS];
     let mut i = 0;
@@ -23,10 +21,7 @@ const SCALES: [f64; N_SUMS] = {
     scales
 };
 
-/// Number type of the totals.
 pub(super) trait TotalScalar: Copy + Default + PartialOrd + Send + Sync {
-    /// True if the result depends on the order of the terms.
-    const ORDERED: bool;
     /// Adds `terms` to `sums`; returns the increments of their high limbs, if any.
     fn add(sums: &mut [Self; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]>;
     /// True if a count rounds to zero.
@@ -35,29 +30,7 @@ pub(super) trait TotalScalar: Copy + Default + PartialOrd + Send + Sync {
     fn value(self, high: i32, index: usize) -> f64;
 }
 
-impl TotalScalar for f32 {
-    const ORDERED: bool = true;
-
-    #[inline]
-    fn add(sums: &mut [f32; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
-        sums.iter_mut().zip(terms).for_each(|(sum, &term)| *sum += term as f32);
-        None
-    }
-
-    #[inline]
-    fn rounds_to_zero(count: f64) -> bool {
-        count as f32 <= 0.0
-    }
-
-    #[inline]
-    fn value(self, _: i32, _: usize) -> f64 {
-        self.into()
-    }
-}
-
 impl TotalScalar for i64 {
-    const ORDERED: bool = false;
-
     #[inline(always)]
     fn add(sums: &mut [i64; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
         let (mut added, mut is_plain) = ([0; N_SUMS], true);
@@ -95,8 +68,6 @@ fn add_with_carry(sums: &mut [i64; N_SUMS], terms: &[f64; N_SUMS]) -> [i32; N_SU
 }
 
 impl TotalScalar for i128 {
-    const ORDERED: bool = false;
-
     #[inline]
     fn add(sums: &mut [i128; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
         let terms = terms.iter().map(|&term| to_fixed(term));

@@ -24,8 +24,6 @@ const MAX_SHARDS: usize = 64;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UpdateWidth {
-    /// Single precision; not invariant to the order of frames.
-    F32,
     /// 64-bit fixed point with a carry.
     Fixed64,
     /// 128-bit fixed point.
@@ -44,7 +42,6 @@ pub struct Statistics {
 }
 
 enum Form {
-    F32(Vec<TotalShard<f32>>),
     Fixed64(Vec<TotalShard<i64>>),
     Fixed128(Vec<TotalShard<i128>>),
 }
@@ -52,7 +49,6 @@ enum Form {
 macro_rules! any_form {
     ($form:expr, $shards:ident => $body:expr) => {
         match $form {
-            Form::F32($shards) => $body,
             Form::Fixed64($shards) => $body,
             Form::Fixed128($shards) => $body,
         }
@@ -63,7 +59,6 @@ impl Statistics {
     /// Creates empty totals of the given number format.
     pub fn new(components: usize, width: UpdateWidth) -> Self {
         let form = match width {
-            UpdateWidth::F32 => Form::F32(empty_shards(components)),
             UpdateWidth::Fixed64 => Form::Fixed64(empty_shards(components)),
             UpdateWidth::Fixed128 => Form::Fixed128(empty_shards(components)),
         };
@@ -73,7 +68,6 @@ impl Statistics {
     /// Restores totals from a checkpoint.
     pub fn restore(totals: &Totals) -> Self {
         let form = match totals {
-            Totals::F32(rows) => Form::F32(filled_shards(rows, &[])),
             Totals::Fixed64 { rows, carries } => Form::Fixed64(filled_shards(rows, carries)),
             Totals::Fixed128(rows) => Form::Fixed128(filled_shards(rows, &[])),
         };
@@ -95,7 +89,6 @@ impl Statistics {
     /// Returns the current totals.
     pub fn state(&self) -> Totals {
         match &self.form {
-            Form::F32(shards) => Totals::F32(rows(shards)),
             Form::Fixed128(shards) => Totals::Fixed128(rows(shards)),
             Form::Fixed64(shards) => Totals::Fixed64 {
                 rows: rows(shards),
@@ -229,8 +222,7 @@ mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
 
-    const WIDTHS: [UpdateWidth; 3] =
-        [UpdateWidth::F32, UpdateWidth::Fixed64, UpdateWidth::Fixed128];
+    const WIDTHS: [UpdateWidth; 2] = [UpdateWidth::Fixed64, UpdateWidth::Fixed128];
 
     fn records(components: usize, n: u32, seed: u64) -> Vec<TileRecord<f32>> {
         let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
@@ -257,14 +249,13 @@ mod tests {
         for width in WIDTHS {
             let [mut a, mut b] = [(); 2].map(|()| Statistics::new(5000, width));
             add(&mut a, &records);
-            // Records within a frame may come in any order even in f32.
             add(&mut b, &backwards);
             assert_eq!(a.state(), b.state());
             let (first, second) = records.split_at(7000);
             let mut c = Statistics::new(5000, width);
             add(&mut c, second);
             add(&mut c, first);
-            assert_eq!(a.state() == c.state(), width != UpdateWidth::F32, "{width:?}");
+            assert!(a.state() == c.state(), "{width:?}");
         }
     }
 

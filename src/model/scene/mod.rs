@@ -2,8 +2,6 @@
 //! normals, view directions and visibility counts (`model.md`, Scene sums). The NIW and Dirichlet posteriors
 //! derive from a subset of the sums.
 
-pub mod kept;
-pub mod merging;
 pub mod photometric;
 pub mod points_device;
 mod rigid;

@@ -59,16 +59,16 @@ impl PhotometricState {
         self.color.resize(n, [0.0; N_COLOR_PRECISION]);
     }
 
-    /// Returns the rows of the listed components, in that order. Observed directions are left out, as they
-    /// derive from the components' sums.
-    pub fn listed(&self, components: &[u32]) -> Self {
-        let mut appearance = listed_rows(&self.appearance, components, Appearance::default());
+    /// Returns a copy with `n` components, for a checkpoint. Observed directions are left out, as they derive
+    /// from the components' sums.
+    pub fn stored(&self, n: usize) -> Self {
+        let mut appearance = copied_rows(&self.appearance, n, Appearance::default());
         appearance.par_iter_mut().for_each(|look| look.observed = ObservedCone::default());
         Self {
-            splats: listed_rows(&self.splats, components, Splat::default()),
+            splats: copied_rows(&self.splats, n, Splat::default()),
             appearance,
-            form: listed_rows(&self.form, components, [0.0; N_FORM_PRECISION]),
-            color: listed_rows(&self.color, components, [0.0; N_COLOR_PRECISION]),
+            form: copied_rows(&self.form, n, [0.0; N_FORM_PRECISION]),
+            color: copied_rows(&self.color, n, [0.0; N_COLOR_PRECISION]),
             noise: self.noise,
             points: self.points,
             seen_through: self.seen_through,
@@ -135,11 +135,11 @@ fn deviations<const N: usize>(triangle: &[f32]) -> Option<[f64; N]> {
     }))
 }
 
-/// Copies the listed rows; missing rows become `none`.
-fn listed_rows<T: Copy + Send + Sync>(rows: &[T], list: &[u32], none: T) -> Vec<T> {
+/// Copies `n` rows; missing ones become `none`.
+fn copied_rows<T: Copy + Send + Sync>(rows: &[T], n: usize, none: T) -> Vec<T> {
     // Parallel: this copies most bytes of a scene while training is blocked.
-    let row = |&i: &u32| rows.get(i as usize).copied().unwrap_or(none);
-    list.par_iter().with_min_len(4096).map(row).collect()
+    let row = |i: usize| rows.get(i).copied().unwrap_or(none);
+    (0..n).into_par_iter().with_min_len(4096).map(row).collect()
 }
 
 #[cfg(test)]

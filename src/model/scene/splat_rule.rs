@@ -156,9 +156,8 @@ impl SplatRule {
     /// Ridge regression of colour on view direction, one row per channel.
     fn directional(&self, sums: &SceneSums) -> DMat3 {
         let n = sums.count;
-        let view = sums.view / n;
+        let (view, spread) = sums.view_moments();
         let joint = sums.color_view * (1.0 / n) - outer(sums.color / n, view);
-        let spread = sums.view_second.scaled(1.0 / n).add_scaled(-1.0, Sym3::outer(view));
         // Directions of a surface seen from one side only hardly vary: the ridge regularises them.
         let [constant, falling] = self.directional_ridge;
         match spread.add_scaled(1.0, Sym3::diagonal(constant + falling / n)).inverse() {

@@ -1,6 +1,5 @@
 //! State of a trained scene as plain columns, as stored in checkpoints.
 
-use super::kept::StoredFrame;
 use super::photometric::PhotometricState;
 use super::sums::N_SUMS;
 use crate::math::pose::{Pose, unit_rotation};
@@ -8,7 +7,6 @@ use crate::model::splat::pose_log::{FrameExposure, FramePose};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
-use std::cmp::Ordering;
 
 /// Unit of integer sums; exact in f64 as long as a sum is below [`MAX_SUM`].
 // Terms up to 7.84 take 18 bits, and 4,096 of them 30: finer quanta would spill rows sooner.
@@ -56,14 +54,6 @@ pub struct SceneState {
     pub trajectory: Vec<TrackedPose>,
     /// Photometric state, row by component, if splats are trained on photographs.
     pub photometric: Option<PhotometricState>,
-    /// The last frames, oldest first, which are aligned a second time if poses are corrected.
-    pub stored_frames: Vec<StoredFrame>,
-}
-
-/// Compares seeds by x, then y, then z: the order of components that have no order of birth.
-pub fn seed_order(a: &[f32; 3], b: &[f32; 3]) -> Ordering {
-    // Not `total_cmp`, which distinguishes zeros by sign: equal seeds are one component.
-    a.partial_cmp(b).unwrap_or(Ordering::Equal)
 }
 
 /// Visibility of a component over all frames, from which its opacity is derived. Every count saturates.
@@ -91,18 +81,11 @@ impl VisibilityCounts {
 
 /// Sums in the order of [`N_SUMS`], offsets in units of the structural scale.
 #[derive(Clone, Debug, PartialEq)]
-pub enum StoredSums {
-    /// Integer multiples of [`QUANTUM`].
-    Mixed {
-        /// One row per component; zeros where the sums are in `wide`.
-        rows: Vec<[i32; N_SUMS]>,
-        /// Rows of components with [`WIDE_POINTS`] points or more, by ascending id.
-        wide: Vec<WideRow>,
-    },
-    /// Sums in f32, which depend on the order of points.
-    F32(Vec<[f32; N_SUMS]>),
-    /// Sums in f64, the reference.
-    F64(Vec<[f64; N_SUMS]>),
+pub struct StoredSums {
+    /// One row per component, in multiples of [`QUANTUM`]; zeros where the sums are in `wide`.
+    pub rows: Vec<[i32; N_SUMS]>,
+    /// Rows of components with [`WIDE_POINTS`] points or more, by ascending id.
+    pub wide: Vec<WideRow>,
 }
 
 /// Sums of one component, whole multiples of [`QUANTUM`].

@@ -9,6 +9,7 @@ use super::state::QUANTUM;
 use crate::math::real::Real;
 use crate::math::sym3::Sym3;
 use crate::model::conjugate::statistics::Moments;
+use crate::model::splat::observed_cone::ObservedCone;
 use glam::{DMat3, DVec3};
 use std::ops::Add;
 
@@ -190,6 +191,22 @@ impl SceneSums {
         self.second.scaled(1.0 / self.count).add_scaled(-1.0, Sym3::outer(self.mean_offset()))
     }
 
+    /// Returns mean and covariance of the view directions; N > 0.
+    pub fn view_moments(&self) -> (DVec3, Sym3) {
+        let mean = self.view / self.count;
+        let second = self.view_second.scaled(1.0 / self.count);
+        (mean, second.add_scaled(-1.0, Sym3::outer(mean)))
+    }
+
+    /// Returns the range of view directions; unknown without points.
+    pub fn observed_cone(&self) -> ObservedCone {
+        if self.count < 1.0 {
+            return ObservedCone::default();
+        }
+        let (mean, covariance) = self.view_moments();
+        ObservedCone::new(mean, covariance)
+    }
+
     /// Returns the covariance of colour and position, row per channel; N > 0.
     pub fn color_covariance(&self) -> DMat3 {
         self.color_offset * (1.0 / self.count) - outer(self.color / self.count, self.mean_offset())
@@ -273,30 +290,18 @@ impl Add for SceneSums {
 /// Indices of the sums of squares.
 pub const SQUARES: [usize; 5] = [4, 7, 9, 28, 31];
 
-/// Tolerance for rounding: relative to a sum, and per point.
-#[derive(Clone, Copy, Debug)]
-pub struct Slack {
-    /// Relative to the sum.
-    pub relative: f64,
-    /// Absolute, multiplied by the number of points.
-    pub per_point: f64,
-}
-
-/// Tolerance of mixed precision: every term is rounded to half a quantum, and view directions are unit
-/// vectors in f32.
-pub const MIXED: Slack = Slack { relative: 1e-6, per_point: 3.0 * QUANTUM };
-/// Tolerance of f32: sums stagnate from 2²⁴ points on; rounding may double them up to there.
-pub const F32: Slack = Slack { relative: 1.0, per_point: 0.0 };
-/// Tolerance of f64 sums with f64 terms.
-pub const F64: Slack = Slack { relative: 1e-6, per_point: 1e-6 };
+/// Tolerance for rounding, relative to a sum: view directions are unit vectors in f32.
+pub const RELATIVE_SLACK: f64 = 1e-6;
+/// Tolerance for rounding per point: every term is rounded to half a quantum.
+pub const SLACK_PER_POINT: f64 = 3.0 * QUANTUM;
 
 /// Returns the index of the first mixed moment whose magnitude exceeds half the sum of its axes' second
 /// moments, and the largest value allowed, `√(ab)`. The missing second moment of view directions is the count
 /// less the other two.
-pub fn first_violated_moment(row: &[f64; N_SUMS], slack: Slack) -> Option<(usize, f64)> {
+pub fn first_violated_moment(row: &[f64; N_SUMS]) -> Option<(usize, f64)> {
     let [xx, yy, zz] = [row[4], row[7], row[9]];
     let [view_xx, view_yy] = [row[28], row[31]];
-    let view_zz = row[0] * (1.0 + slack.relative) - view_xx - view_yy;
+    let view_zz = row[0] * (1.0 + RELATIVE_SLACK) - view_xx - view_yy;
     let pairs = [
         (5, [xx, yy]),
         (6, [xx, zz]),
@@ -305,9 +310,9 @@ pub fn first_violated_moment(row: &[f64; N_SUMS], slack: Slack) -> Option<(usize
         (30, [view_xx, view_zz]),
         (32, [view_yy, view_zz]),
     ];
-    let rounding = slack.per_point * row[0];
+    let rounding = SLACK_PER_POINT * row[0];
     let bounded = |i: usize, [a, b]: [f64; 2]| {
-        2.0 * row[i].abs() <= (a + b) * (1.0 + slack.relative) + rounding
+        2.0 * row[i].abs() <= (a + b) * (1.0 + RELATIVE_SLACK) + rounding
     };
     let (i, [a, b]) = pairs.into_iter().find(|&(i, squares)| !bounded(i, squares))?;
     Some((i, (a.max(0.0) * b.max(0.0)).sqrt()))
@@ -315,7 +320,7 @@ pub fn first_violated_moment(row: &[f64; N_SUMS], slack: Slack) -> Option<(usize
 
 /// Clamps moments that moving left out of bounds to the nearest whole quantum inside; returns true if any
 /// changed. Sums within bounds stay unchanged to the bit.
-pub fn clamp_moments(row: &mut [f64; N_SUMS], slack: Slack) -> bool {
+pub fn clamp_moments(row: &mut [f64; N_SUMS]) -> bool {
     let mut changed = false;
     for i in SQUARES {
         if row[i] < 0.0 {
@@ -325,7 +330,7 @@ pub fn clamp_moments(row: &mut [f64; N_SUMS], slack: Slack) -> bool {
     }
     // Each of the six pairs of axes is clamped at most once.
     for _ in 0..6 {
-        let Some((i, most)) = first_violated_moment(row, slack) else { break };
+        let Some((i, most)) = first_violated_moment(row) else { break };
         let quanta = (row[i].abs().min(most) / QUANTUM).floor();
         row[i] = (quanta * QUANTUM).copysign(row[i]);
         changed = true;

@@ -9,11 +9,11 @@ use crate::dataset::fingerprint::Fingerprint;
 use crate::dataset::splits::HoldOut;
 use crate::dataset::{Dataset, LoadOptions};
 use crate::export::checkpoint::Checkpoint;
+use crate::pipeline::frame_loop::InitialState;
 use crate::pipeline::plan::{Order, Plan, Selection, Shard};
 use crate::pipeline::run::RunProgress;
 use crate::pipeline::session::Session;
 use crate::pipeline::settings::GivenSettings;
-use crate::pipeline::start::InitialState;
 use crate::train::setting::Preset;
 use crate::train::setting::table::Conflict;
 use crate::train::setting::value::text_of;
@@ -55,7 +55,7 @@ impl SavedRun {
     /// [`RunError::Conflict`] states the option, the run's value and the requested one.
     pub fn check(&self, asked: &ResumeRequest) -> Result<(), RunError> {
         let method = &self.config.method;
-        let conflict = differs("--preset", asked.preset.as_ref(), Some(&method.preset()))
+        let conflict = differs("preset (`--preset`)", &asked.preset, &Some(method.preset()))
             .or_else(|| asked.model.conflict(method))
             .or_else(|| frame_conflict(asked, &self.config.selection))
             .or_else(|| depth_conflict(&asked.load, &self.config.load));
@@ -86,10 +86,15 @@ fn frame_conflict(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict>
         follow: _,
         hold_out,
     } = asked;
-    differs("--split", split.as_ref(), stored.split.as_ref())
-        .or_else(|| differs("order", order.as_ref(), Some(&stored.order)))
-        .or_else(|| differs("stride", stride.as_ref(), Some(&stored.stride)))
-        .or_else(|| differs("--hold-out", hold_out.as_ref(), Some(&stored.hold_out)))
+    [
+        differs("split (`--split`)", split, &stored.split),
+        differs("order", order, &Some(stored.order)),
+        differs("stride", stride, &Some(stored.stride)),
+        differs("hold out (`--hold-out`)", hold_out, &Some(stored.hold_out)),
+    ]
+    .into_iter()
+    .flatten()
+    .next()
 }
 
 fn depth_conflict(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
@@ -99,36 +104,35 @@ fn depth_conflict(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict>
         poses,
         intrinsics,
         confidence,
-        geometry_only,
-        track,
+        geometry_only: _,
+        track: _,
         // Not an option of the command line; taken from the checkpoint.
         local_origin: _,
     } = asked;
     let grey = |load: &LoadOptions| load.geometry_only.then_some(true);
     let tracked = |load: &LoadOptions| load.track.then_some(true);
-    differs("--depth-scale", depth_scale.as_ref(), stored.depth_scale.as_ref())
-        .or_else(|| differs("--depth-range", depth_range.as_ref(), stored.depth_range.as_ref()))
-        .or_else(|| differs("--pose-axes", poses.as_ref(), stored.poses.as_ref()))
-        .or_else(|| differs("--intrinsics", intrinsics.as_ref(), stored.intrinsics.as_ref()))
-        .or_else(|| differs("--confidence", confidence.as_ref(), stored.confidence.as_ref()))
-        .or_else(|| {
-            differs("--geometry-only", geometry_only.then_some(&true), grey(stored).as_ref())
-        })
-        .or_else(|| differs("--poses track", track.then_some(&true), tracked(stored).as_ref()))
+    [
+        differs("depth scale (`--depth-scale`)", depth_scale, &stored.depth_scale),
+        differs("depth range (`--depth-range`)", depth_range, &stored.depth_range),
+        differs("pose axes (`--pose-axes`)", poses, &stored.poses),
+        differs("intrinsics (`--intrinsics`)", intrinsics, &stored.intrinsics),
+        differs("confidence (`--confidence`)", confidence, &stored.confidence),
+        differs("geometry only (`--geometry-only`)", &grey(asked), &grey(stored)),
+        differs("poses (`--poses track`)", &tracked(asked), &tracked(stored)),
+    ]
+    .into_iter()
+    .flatten()
+    .next()
 }
 
 /// Returns a conflict if the requested value is not the stored one.
 fn differs<T: PartialEq + Serialize + Debug>(
-    option: &str,
-    asked: Option<&T>,
-    stored: Option<&T>,
+    setting: &'static str,
+    asked: &Option<T>,
+    stored: &Option<T>,
 ) -> Option<Conflict> {
-    let asked = asked.filter(|_| asked != stored)?;
-    Some(Conflict {
-        setting: option.to_owned(),
-        stored: stored.map(text_of),
-        requested: text_of(asked),
-    })
+    let requested = asked.as_ref().filter(|_| asked != stored)?;
+    Some(Conflict { setting, stored: stored.as_ref().map(text_of), requested: text_of(requested) })
 }
 
 impl SavedRun {
@@ -151,10 +155,7 @@ impl SavedRun {
         }
         let most_visits = self.most_visited_frame().1;
         let Self { path, mut config, meta, content, .. } = self;
-        let Checkpoint { history, cursor, mut model, .. } = content;
-        if asked.shard.is_some_and(|shard| config.selection.shard != Some(shard)) {
-            model.drop_stored_frames();
-        }
+        let Checkpoint { history, cursor, model, .. } = content;
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
         config.selection.shard = asked.shard.or(config.selection.shard);
         config.selection.passes = asked.passes.unwrap_or(config.selection.passes).max(most_visits);

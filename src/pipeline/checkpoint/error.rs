@@ -47,12 +47,12 @@ pub enum RunError {
     },
     /// A setting differs from the run's.
     #[error(
-        "{setting}: expected {stored}, as {} was trained, found {asked}; leave the option out, or \
-         train anew", path.display()
+        "{setting}: expected {stored}, as {} was trained, found {asked}; leave it out, or train anew",
+        path.display()
     )]
     Conflict {
-        /// Setting, in the spelling of the command line.
-        setting: String,
+        /// Name of the setting, with its option if it has one.
+        setting: &'static str,
         /// Path of the checkpoint.
         path: PathBuf,
         /// Value in the checkpoint.
@@ -63,7 +63,7 @@ pub enum RunError {
     /// The dataset is another one.
     #[error(
         "{}: expected the dataset it was trained on, found one that differs in {difference}; name \
-         the right dataset", path.display()
+         the right dataset, or train on this one by `--force`", path.display()
     )]
     OtherDataset {
         /// Path of the checkpoint.
@@ -107,19 +107,6 @@ pub enum RunError {
         /// How they differ.
         found: String,
         /// What to do.
-        advice: &'static str,
-    },
-    /// The scene depends on the order of frames.
-    #[error(
-        "{}: expected a scene that does not depend on the order of frames, found one trained with \
-         {found}; train every shard with {advice}", path.display()
-    )]
-    Ordered {
-        /// Path of the checkpoint.
-        path: PathBuf,
-        /// Setting that causes the dependence.
-        found: String,
-        /// Setting to use instead.
         advice: &'static str,
     },
     /// A run does not continue the given one.

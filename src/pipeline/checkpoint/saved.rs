@@ -94,7 +94,7 @@ impl SavedRun {
 
     /// Splats as in exported files.
     pub fn splats(&self) -> Result<SplatSet, RunError> {
-        Ok(self.revive()?.learner.stored_splats())
+        Ok(self.revive()?.learner.splats())
     }
 
     /// Tracked trajectory, if the run was tracked and its history is stored.

@@ -13,7 +13,7 @@ use crate::export::checkpoint;
 use crate::export::checkpoint::{Checkpoint, Cursor, MAX_JSON_BYTES};
 use crate::model::attributes::StoredModel;
 use crate::pipeline::error::SessionError;
-use crate::pipeline::looks::{NO_MESSAGE, panic_text};
+use crate::pipeline::panic_report::PanicReport;
 use crate::pipeline::run::{RunConfig, RunProgress};
 use crate::pipeline::session::Session;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -112,18 +112,18 @@ impl Session {
     }
 
     /// Saves the state after a panic, possibly in the middle of a frame. A file that cannot be read back is
-    /// removed, so that it is never mistaken for a valid scene.
+    /// removed, so that it is never mistaken for a valid scene. An existing file is retained as `<name>.bak`.
     ///
     /// # Errors
     /// Message of why no file was saved, including that of a second panic.
     pub fn save_after_panic(&self, path: &Path) -> Result<(), String> {
         let attempt = || -> Result<(), String> {
-            self.save(path).map_err(|error| error.to_string())?;
+            self.save_keeping_old(path).map_err(|error| error.to_string())?;
             let read = SavedRun::read(path).map(drop).map_err(|error| error.to_string());
             read.inspect_err(|_| drop(std::fs::remove_file(path)))
         };
         catch_unwind(AssertUnwindSafe(attempt))
-            .unwrap_or_else(|panic| Err(panic_text(&*panic).unwrap_or(NO_MESSAGE).to_owned()))
+            .unwrap_or_else(|panic| Err(PanicReport::of(&*panic).to_string()))
     }
 
     /// Returns everything needed to resume this session bit for bit. Copies the model.

@@ -10,9 +10,7 @@ use crate::model::attributes::StoredModel;
 use crate::model::paper::state::{ModelState, Totals};
 use crate::model::splat::splats::CovarianceForm;
 use crate::observation::points::Points;
-use crate::pipeline::any_preset::{
-    AnyPreset, ComponentLimit, Mismatch, OrderDependence, RestoredLearner,
-};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch, RestoredLearner};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::frame_loop::{InitialLearner, TypedPreset, revive};
 use crate::pipeline::plan::Plan;
@@ -58,16 +56,8 @@ impl AnyPreset for PaperConfig {
         self.memory(pixels, frames_at_once(), rayon::current_num_threads())
     }
 
-    /// A mixture only depends on the order through its start and its totals, which merging compares.
-    fn is_fused(&self) -> bool {
-        false
-    }
-
+    /// Statistics of mixtures are added instead.
     fn fuse(&self, _: Option<&StoredModel>, _: &[&StoredModel]) -> Option<StoredModel> {
-        None
-    }
-
-    fn order_dependence(&self, _: usize) -> Option<OrderDependence> {
         None
     }
 
@@ -139,7 +129,6 @@ fn can_hold(update: UpdateWidth, totals: &Totals) -> bool {
     match totals {
         Totals::Fixed64 { .. } => update == UpdateWidth::Fixed64,
         Totals::Fixed128(_) => true,
-        Totals::F32(_) => update == UpdateWidth::F32,
     }
 }
 

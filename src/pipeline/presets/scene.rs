@@ -7,21 +7,17 @@ use crate::dataset::unproject::CameraConvention;
 use crate::dataset::{Dataset, Layout};
 use crate::math::measured_pixel::Normalization;
 use crate::model::attributes::StoredModel;
-use crate::model::scene::state::{SceneState, StoredSums};
+use crate::model::scene::state::SceneState;
 use crate::model::splat::splats::CovarianceForm;
 use crate::observation::surface::Observation;
-use crate::pipeline::any_preset::{
-    AnyPreset, ComponentLimit, Mismatch, OrderDependence, RestoredLearner,
-};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch, RestoredLearner};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::frame_loop::{InitialLearner, TypedPreset, revive};
 use crate::pipeline::prefetch::frames_at_once;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::outcome::MemoryEstimate;
-use crate::train::scene::config::{SceneConfig, SumForm, VisibilityRule};
 use crate::train::scene::engine;
-use crate::train::scene::photometric::rule::PhotometricMode;
 
 impl AnyPreset for SceneRun {
     fn seed(&self) -> u64 {
@@ -58,19 +54,7 @@ impl AnyPreset for SceneRun {
         self.engine.memory(pixels, frames_at_once())
     }
 
-    fn order_dependence(&self, components: usize) -> Option<OrderDependence> {
-        let (found, advice) = order_dependence_of(&self.engine, components)?;
-        Some(OrderDependence { found, advice })
-    }
-
-    fn is_fused(&self) -> bool {
-        !self.engine.births.is_order_invariant()
-    }
-
     fn fuse(&self, origin: Option<&StoredModel>, models: &[&StoredModel]) -> Option<StoredModel> {
-        if !self.is_fused() {
-            return None;
-        }
         let origin = origin.map(|model| self.scene(model)).transpose().ok()?;
         let scenes: Result<Vec<_>, _> = models.iter().map(|model| self.scene(model)).collect();
         engine::fuse(&self.engine, origin, &scenes.ok()?).map(StoredModel::Scene)
@@ -129,59 +113,6 @@ impl SceneRun {
         if state.origin != origin {
             return Err(Mismatch::Form(format!("the origin {origin:?}")));
         }
-        if !holds_sums(self.engine.sums, &state.sums) {
-            return Err(Mismatch::Form(format!("sums of the form {:?}", self.engine.sums)));
-        }
         Ok(state)
-    }
-}
-
-fn holds_sums(form: SumForm, sums: &StoredSums) -> bool {
-    form == match sums {
-        StoredSums::Mixed { .. } => SumForm::Mixed,
-        StoredSums::F32(_) => SumForm::F32,
-        StoredSums::F64(_) => SumForm::F64,
-    }
-}
-
-/// The setting by which a scene depends on the order of frames, and the one to use instead.
-fn order_dependence_of(config: &SceneConfig, components: usize) -> Option<(String, &'static str)> {
-    let SceneConfig {
-        births,
-        refine,
-        align,
-        gain,
-        visibility,
-        sums,
-        max_components,
-        photometric,
-        track,
-        ..
-    } = config;
-    if *track {
-        Some(("--poses track".to_owned(), "--poses recorded"))
-    } else if !births.is_order_invariant() {
-        Some(("births=seeds".to_owned(), "births=lattice"))
-    } else if photometric.is_some() {
-        let mode = PhotometricMode::of(*photometric);
-        Some((format!("--photometric {mode}"), "--photometric off"))
-    } else if *refine {
-        Some(("refine=true".to_owned(), "refine=false"))
-    } else if *align {
-        Some(("align=true".to_owned(), "align=false"))
-    } else if *gain {
-        Some(("gain=true".to_owned(), "gain=false"))
-    } else if *visibility == VisibilityRule::Projected {
-        Some(("visibility=projected".to_owned(), "visibility=returned"))
-    } else if *sums != SumForm::Mixed {
-        Some((format!("sums of the form {sums:?}"), "sums=mixed"))
-    } else if components >= config.most_seeds() {
-        // The order determines which components were created before the budget was reached.
-        Some((
-            format!("a budget of {max_components} components that was reached"),
-            "a larger --budget",
-        ))
-    } else {
-        None
     }
 }

@@ -100,11 +100,6 @@ impl MethodRequest {
         let refuse = |expected, found| Err(SessionError::Tracking { expected, found });
         match self {
             Self::Paper(_) => return refuse("--preset scene", "--preset paper".to_owned()),
-            Self::Scene(SceneOverrides { births: Some(births), .. })
-                if births.is_order_invariant() =>
-            {
-                return refuse("births=seeds", format!("births={births}"));
-            }
             Self::Scene(_) => {}
         }
         match selection {

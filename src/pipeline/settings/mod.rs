@@ -30,11 +30,11 @@ impl GivenSettings {
         })
     }
 
-    /// Returns the first given setting that the preset lacks, and the preset that has it.
-    pub fn foreign_to(&self, preset: Preset) -> Option<ForeignSetting> {
+    /// Returns the name and value of the first given setting that the preset lacks.
+    pub fn foreign_to(&self, preset: Preset) -> Option<(&'static str, String)> {
         match preset {
-            Preset::Paper => first_foreign::<_, PaperOverrides>(&self.scene),
-            Preset::Scene => first_foreign::<_, SceneOverrides>(&self.paper),
+            Preset::Paper => self.scene.first_unsupported_by::<PaperOverrides>(),
+            Preset::Scene => self.paper.first_unsupported_by::<SceneOverrides>(),
         }
     }
 
@@ -45,8 +45,8 @@ impl GivenSettings {
             Method::Scene(run) => self.scene.conflict(run),
         };
         conflict.or_else(|| {
-            let ForeignSetting { setting, value: asked, .. } = self.foreign_to(method.preset())?;
-            Some(Conflict { setting, stored: None, requested: asked })
+            let (setting, requested) = self.foreign_to(method.preset())?;
+            Some(Conflict { setting, stored: None, requested })
         })
     }
 }
@@ -61,22 +61,6 @@ impl From<SceneOverrides> for GivenSettings {
     fn from(scene: SceneOverrides) -> Self {
         Self { scene, ..Self::default() }
     }
-}
-
-/// Setting of another preset.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ForeignSetting {
-    /// Name of the setting in messages.
-    pub setting: String,
-    /// Preset that has this setting.
-    pub preset: Preset,
-    /// Given value.
-    pub value: String,
-}
-
-fn first_foreign<Other: SettingLayer, Own: SettingLayer>(given: &Other) -> Option<ForeignSetting> {
-    let (about, value) = given.first_unsupported_by::<Own>()?;
-    Some(ForeignSetting { setting: about.name(), preset: Other::PRESET, value })
 }
 
 /// Returns a preset as a RON file: every setting with its help and its default.

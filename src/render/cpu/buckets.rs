@@ -99,7 +99,6 @@ impl Buckets {
     }
 }
 
-/// Counts the records of each bucket.
 fn count(
     n_buckets: usize,
     records: impl Iterator<Item = u32>,

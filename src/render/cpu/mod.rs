@@ -9,13 +9,13 @@ mod buckets;
 mod exact;
 pub mod photometric;
 mod prepare;
-mod projected;
+pub(super) mod projected;
 mod raster;
 mod record;
 mod renderer;
 mod rows;
 mod shade;
 mod tile;
-mod view;
+pub(super) mod view;
 
 pub use renderer::{CpuRenderer, CpuStage, Rendered};

@@ -26,7 +26,6 @@ pub(super) fn has_gradients(splats: SplatView<'_>, view: &CpuView) -> bool {
     !splats.appearance().is_empty() && view.style.paint == Paint::Stored
 }
 
-/// Fills and counts the records of every chunk.
 pub(super) fn prepare(
     splats: SplatView<'_>,
     view: &CpuView,

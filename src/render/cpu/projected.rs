@@ -73,6 +73,18 @@ impl ImageAxes {
     }
 }
 
+/// Squared Mahalanobis distance of an image position, in pixels, from the projected splat.
+pub(in crate::render) fn distance_squared(
+    view: &CpuView,
+    placed: &CameraSplat,
+    position: DVec2,
+) -> f64 {
+    let k = &view.intrinsics;
+    let centre = placed.m.truncate() / placed.m.z * DVec2::new(k.fx, k.fy) + DVec2::new(k.cx, k.cy);
+    let apart = position - centre;
+    apart.dot(Covariance2::new(&ImageAxes::new(view, placed)).solve(apart))
+}
+
 impl Covariance2 {
     /// `J S Jᵀ + 0.3·I`.
     fn new(axes: &ImageAxes) -> Self {

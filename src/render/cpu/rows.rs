@@ -80,7 +80,6 @@ impl ViewLists {
         self.rows.fill(height.div_ceil(TILE), &runs, &self.depth_entries);
     }
 
-    /// Sorts every row's list by depth.
     pub(super) fn sort(&mut self) {
         self.rows.sort(&self.depth_entries);
     }
@@ -118,7 +117,6 @@ pub(super) fn longest_first<T: Send>(
     });
 }
 
-/// Record index with its sort key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Keyed {
     /// Bits of a positive `f32`, which order like its value.
@@ -171,7 +169,6 @@ fn digit(key: u32, pass: usize) -> usize {
     (key >> (pass as u32 * DIGIT_BITS)) as usize & (N_DIGITS - 1)
 }
 
-/// Start of each digit's items, per pass.
 fn digit_starts(items: &[Keyed]) -> [[u32; N_DIGITS]; N_PASSES] {
     let mut counts = [[0; N_DIGITS]; N_PASSES];
     for item in items {

@@ -4,14 +4,14 @@ use super::record::Rect;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splat::splats::Splat;
 use crate::render::options::{
-    ALPHA_CUT, Antialias, DisplayStyle, ExactOptions, FOOTPRINT_PX2, FRUSTUM_MARGIN, Lens,
-    REFERENCE_VARIANCE, RenderMethod, RenderOptions,
+    ALPHA_CUT, Antialias, DisplayStyle, ExactOptions, FOOTPRINT_PX2, Lens, REFERENCE_VARIANCE,
+    RenderMethod, RenderOptions, tangent_range,
 };
 use glam::{DMat3, DVec2, DVec3};
 
 /// View parameters in f64.
 #[derive(Clone)]
-pub(super) struct CpuView {
+pub(in crate::render) struct CpuView {
     pub width: usize,
     pub height: usize,
     pub world_from_camera: DMat3,
@@ -27,7 +27,7 @@ pub(super) struct CpuView {
 }
 
 /// Splat in camera axes.
-pub(super) struct CameraSplat {
+pub(in crate::render) struct CameraSplat {
     /// Centre in camera axes (x right, y down, z forward), world units.
     pub m: DVec3,
     /// Directions of the scales in camera axes, in columns.
@@ -38,12 +38,9 @@ pub(super) struct CameraSplat {
 }
 
 impl CpuView {
-    pub(super) fn new(camera: &Camera, options: &RenderOptions) -> Self {
+    pub(in crate::render) fn new(camera: &Camera, options: &RenderOptions) -> Self {
         let k = camera.intrinsics;
-        let focal = DVec2::new(k.fx, k.fy);
-        let size = DVec2::new(k.width as f64, k.height as f64);
-        let principal = DVec2::new(k.cx, k.cy);
-        let margin = FRUSTUM_MARGIN * 0.5 * size / focal;
+        let [tangent_lo, tangent_hi] = tangent_range(&k);
         Self {
             width: k.width as usize,
             height: k.height as usize,
@@ -51,8 +48,8 @@ impl CpuView {
             camera_from_world: camera.pose.rotation().transpose(),
             centre: camera.pose.centre(),
             intrinsics: k,
-            tangent_lo: -principal / focal - margin,
-            tangent_hi: (size - principal) / focal + margin,
+            tangent_lo,
+            tangent_hi,
             near: options.near.max(0.0) as f32,
             method: options.method,
             style: options.style,
@@ -60,7 +57,7 @@ impl CpuView {
     }
 
     /// Transforms a splat to camera axes; `None` if it is faint, hidden or not beyond the near plane.
-    pub(super) fn to_camera(&self, splat: &Splat) -> Option<CameraSplat> {
+    pub(in crate::render) fn to_camera(&self, splat: &Splat) -> Option<CameraSplat> {
         // The camera is subtracted in f64, because far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));
         let m = self.camera_from_world * (mean - self.centre);
@@ -123,7 +120,7 @@ impl CameraSplat {
 
     /// Widens the splat by the exact renderer's antialiasing (`rendering.md`, Antialiasing); `None` if it
     /// fades below the alpha cut.
-    pub(super) fn apply_antialiasing(
+    pub(in crate::render) fn apply_antialiasing(
         mut self,
         exact: ExactOptions,
         k: &Intrinsics,

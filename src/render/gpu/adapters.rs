@@ -4,6 +4,7 @@
 //! format names in too many ways for an exact match. Software and OpenGL adapters are allowed but produce a
 //! warning, since a silent fallback would appear as a slow program.
 
+use super::constants::GROUP;
 use super::error::GpuError;
 use super::readback::poll_once;
 use std::fmt;
@@ -159,7 +160,6 @@ pub fn choose(
     found.map(Some).ok_or_else(unknown)
 }
 
-/// Optional features, requested if available.
 const OPTIONAL: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY;
 
 /// Requests the adapter's own limits (a splat buffer needs the largest possible binding) and the
@@ -205,13 +205,16 @@ impl GpuCaps {
         let info = adapter.get_info();
         let limits = device.limits();
         let flags = adapter.get_downlevel_capabilities().flags;
-        // Downlevel adapters (OpenGL ES, WebGL) may lack both; limits do not show that.
         let missing = [
-            (wgpu::DownlevelFlags::VERTEX_STORAGE, "storage buffers in vertex shaders"),
-            (wgpu::DownlevelFlags::COMPUTE_SHADERS, "compute shaders"),
+            // Downlevel adapters (OpenGL ES, WebGL) may lack them; limits do not show that.
+            (flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS), "compute shaders"),
+            (limits.max_storage_buffers_per_shader_stage >= 8, "8 storage buffers in a shader"),
+            (limits.max_storage_textures_per_shader_stage >= 1, "storage textures"),
+            (limits.max_compute_invocations_per_workgroup >= GROUP, "workgroups of 256"),
+            (limits.max_compute_workgroup_storage_size >= 1 << 14, "16 KiB of workgroup memory"),
         ]
         .into_iter()
-        .find_map(|(flag, what)| (!flags.contains(flag)).then_some(what));
+        .find_map(|(is_there, what)| (!is_there).then_some(what));
         Self {
             adapter: info.name,
             backend: info.backend,

@@ -4,9 +4,9 @@
 //! runs. Background, wipe and difference change without drawing splats again.
 
 use super::constants::{COMPARE_DIFFERENCE, COMPARE_NOTHING, COMPARE_WIPE, module};
-use super::draw_pipeline::DrawPipeline;
 use super::error::GpuError;
 use super::layout::{Composite, shader};
+use super::pipeline::{bind_group, draw_pipeline};
 use super::renderer::SplatTarget;
 use crate::math::image::{RgbImage, unit_to_byte};
 use crate::render::compare::{Area, Combination};
@@ -83,25 +83,14 @@ impl Compositor {
         queue.write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
         // A binding cannot be empty: without a second image the first is bound but unused.
         let second_view = second.map_or(image.view(), |second| second.view);
-        self.bindings = Some(device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("composite"),
-            layout: &self.pipeline.get_bind_group_layout(0),
-            entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: self.uniforms.as_entire_binding() },
-                wgpu::BindGroupEntry {
-                    binding: 1,
-                    resource: wgpu::BindingResource::TextureView(image.view()),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 2,
-                    resource: wgpu::BindingResource::Sampler(&self.sampler),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 3,
-                    resource: wgpu::BindingResource::TextureView(second_view),
-                },
-            ],
-        }));
+        let resources = [
+            (0, self.uniforms.as_entire_binding()),
+            (1, wgpu::BindingResource::TextureView(image.view())),
+            (2, wgpu::BindingResource::Sampler(&self.sampler)),
+            (3, wgpu::BindingResource::TextureView(second_view)),
+        ];
+        let layout = self.pipeline.get_bind_group_layout(0);
+        self.bindings = Some(bind_group(device, &layout, &resources));
     }
 
     /// Fills the viewport set on `pass`. The pass must have one colour attachment of this
@@ -142,15 +131,7 @@ fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderP
     let module = module(device, "composite", shader::COMPOSITE);
     // The values are already sRGB-encoded, and such a target would encode them again.
     let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
-    DrawPipeline {
-        label: "composite",
-        module: &module,
-        entries: ["vertex", fragment],
-        buffers: &[],
-        topology: wgpu::PrimitiveTopology::TriangleList,
-        target: format.into(),
-    }
-    .create(device)
+    draw_pipeline(device, "composite", &module, ["vertex", fragment], &[], format.into())
 }
 
 /// Opaque image of sRGB-encoded bytes.

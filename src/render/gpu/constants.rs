@@ -43,7 +43,6 @@ pub const COMPARE_DIFFERENCE: u32 = 2;
 pub(super) const GROUP: u32 = 256;
 // The prefix sum of a workgroup takes one step per bit. An even number ends in the half where it started.
 const _: () = assert!(GROUP.is_power_of_two() && GROUP.ilog2().is_multiple_of(2));
-/// Workgroup size of sparse uploads.
 pub(super) const SCATTER_GROUP: u32 = 64;
 /// Points per workgroup when summing terms of [`super::points`], and its size: one lane per sum.
 pub(super) const SUM_GROUP: u32 = 64;
@@ -58,7 +57,6 @@ pub(super) const N_QUARTERS: u32 = (N_IMAGE_SUMS as u32).div_ceil(4);
 
 /// Slots of the counter buffer of [`super::tiles`], which is not read back within a frame.
 pub(super) mod slot {
-    /// Number of splats in the scene.
     pub(in super::super) const N_SPLATS: u32 = 0;
     /// Number of splats with at least one entry.
     pub(in super::super) const N_VISIBLE: u32 = 1;
@@ -70,7 +68,6 @@ pub(super) mod slot {
     pub(in super::super) const NEAREST: u32 = 4;
     /// Key of the farthest splat with an entry.
     pub(in super::super) const FARTHEST: u32 = 5;
-    /// Number of slots.
     pub(in super::super) const N_SLOTS: usize = 6;
 }
 

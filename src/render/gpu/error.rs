@@ -39,35 +39,11 @@ pub enum GpuError {
         /// Total size of the requested buffers, MiB.
         mib: u64,
     },
-    /// Comparing a photograph needs a larger buffer than this adapter supports.
+    /// A task of training needs a larger buffer than this adapter supports.
     #[error(
-        "comparing a photograph needs a buffer of {needed_mib} MiB, but this adapter binds at most {limit_mib} MiB; the processor compares instead"
+        "a buffer of {needed_mib} MiB is needed for {what}, but this adapter binds at most {limit_mib} MiB; the processor is used instead"
     )]
-    ComparisonTooLarge {
-        /// Size of the buffer, MiB.
-        needed_mib: u64,
-        /// Largest buffer that a shader can bind completely, MiB.
-        limit_mib: u64,
-    },
-    /// The driver refused a buffer for comparing a photograph.
-    #[error(
-        "the GPU is out of memory for comparing a photograph ({mib} MiB requested); the processor compares instead; close other GPU programs to use the GPU"
-    )]
-    NoMemoryToCompare {
-        /// Size of the requested buffer, MiB.
-        mib: u64,
-    },
-    /// The result of comparing a photograph could not be read back.
-    #[error("the GPU failed to compare a photograph: {reason}; the processor compares instead")]
-    NoComparison {
-        /// Message from wgpu or the driver.
-        reason: String,
-    },
-    /// A pass over a frame needs a larger buffer than this adapter supports.
-    #[error(
-        "{what} need a buffer of {needed_mib} MiB, but this adapter binds at most {limit_mib} MiB; the processor trains instead"
-    )]
-    PassTooLarge {
+    TaskTooLarge {
         /// Contents of the buffer.
         what: &'static str,
         /// Size of the buffer, MiB.
@@ -75,19 +51,19 @@ pub enum GpuError {
         /// Largest buffer that a shader can bind completely, MiB.
         limit_mib: u64,
     },
-    /// The driver refused a buffer for a pass over a frame.
+    /// The driver refused a buffer for a task of training.
     #[error(
-        "the GPU is out of memory for {what} ({mib} MiB requested); the processor trains instead; close other GPU programs to use the GPU"
+        "the GPU is out of memory for {what} ({mib} MiB requested); the processor is used instead; close other GPU programs to use the GPU"
     )]
-    NoMemoryForPass {
+    NoMemoryForTask {
         /// Contents of the buffer.
         what: &'static str,
         /// Size of the requested buffer, MiB.
         mib: u64,
     },
-    /// The result of a pass over a frame could not be read back.
-    #[error("the GPU failed to process a frame: {reason}; the processor trains instead")]
-    NoPass {
+    /// A task of training failed, or its result could not be read back.
+    #[error("the GPU failed: {reason}; the processor is used instead")]
+    TaskFailed {
         /// Message from wgpu or the driver.
         reason: String,
     },
@@ -106,16 +82,6 @@ pub enum GpuError {
     CpuOnly {
         /// The unsupported option.
         found: &'static str,
-    },
-    /// A draw order contains an invalid splat index: it belongs to another scene.
-    #[error(
-        "draw order contains splat {index}, but the scene has {n_splats}: sort the current splats again"
-    )]
-    StaleOrder {
-        /// Invalid index.
-        index: u32,
-        /// Number of splats in the scene.
-        n_splats: usize,
     },
     /// The viewport is larger than a texture may be.
     #[error(
@@ -151,11 +117,6 @@ pub enum GpuError {
         /// Message from wgpu.
         reason: String,
     },
-}
-
-/// Wraps the message of a failed pass over a frame.
-pub(super) fn pass_failed(reason: String) -> GpuError {
-    GpuError::NoPass { reason }
 }
 
 /// Maximum number of distinct messages; a broken driver can report the same fault in endless variants.

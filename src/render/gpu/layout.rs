@@ -14,24 +14,11 @@ use crate::model::splat::appearance::Appearance;
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use crate::render::options::{
-    ExactOptions, FRUSTUM_MARGIN, Paint, RenderMethod, RenderOptions, Response, Support,
+    ExactOptions, Paint, RenderMethod, RenderOptions, Response, Support, tangent_range,
 };
 
 /// WGSL of each pipeline, to be prefixed by [`super::constants`].
 pub mod shader {
-    /// `record.wgsl` with its dependencies: common prefix of all files that draw splats.
-    pub const RECORD: &str = concat!(
-        include_str!("../../../shaders/common.wgsl"),
-        include_str!("../../../shaders/paint.wgsl"),
-        include_str!("../../../shaders/record.wgsl")
-    );
-    /// `quads.wgsl` with its dependencies: splats as blended quads.
-    pub const QUADS: &str = concat!(
-        include_str!("../../../shaders/common.wgsl"),
-        include_str!("../../../shaders/paint.wgsl"),
-        include_str!("../../../shaders/record.wgsl"),
-        include_str!("../../../shaders/quads.wgsl")
-    );
     /// `composite.wgsl` with its dependencies: the image over a background.
     pub const COMPOSITE: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),
@@ -144,8 +131,8 @@ pub struct GpuView {
     pub near: f32,
     /// Camera y axis in world space.
     pub down: [f32; 3],
-    /// Maximum support of a splat, in standard deviations.
-    pub extent_cap: f32,
+    /// `PAINT_*` of [`super::constants`].
+    pub paint: u32,
     /// Camera z axis in world space.
     pub forward: [f32; 3],
     /// Factor on the standard deviations.
@@ -174,28 +161,21 @@ pub struct GpuView {
     pub antialias: u32,
     /// Discriminant of [`crate::render::Lens`].
     pub lens: u32,
-    /// `PAINT_*` of [`super::constants`].
-    pub paint: u32,
     /// WGSL rounds the size up to 144.
-    pub padding: u32,
+    pub padding: [u32; 2],
 }
 
 impl GpuView {
-    /// Converts camera and options; `extent_cap` is in standard deviations.
+    /// Converts camera and options.
     ///
     /// # Errors
     /// [`GpuError::CpuOnly`] for options that the shaders do not support.
-    pub fn new(
-        camera: &Camera,
-        options: &RenderOptions,
-        extent_cap: f32,
-    ) -> Result<Self, GpuError> {
+    pub fn new(camera: &Camera, options: &RenderOptions) -> Result<Self, GpuError> {
         let k = &camera.intrinsics;
         let axes = camera.pose.rotation();
         let centre = camera.pose.centre();
         let pair = |x: f64, y: f64| [x as f32, y as f32];
-        let size = [f64::from(k.width), f64::from(k.height)];
-        let margin = [size[0] / (2.0 * k.fx), size[1] / (2.0 * k.fy)].map(|t| FRUSTUM_MARGIN * t);
+        let [tangent_min, tangent_max] = tangent_range(k).map(|range| range.as_vec2().to_array());
         let (renderer, antialias) = match options.method {
             RenderMethod::Projected(Support::Tile3Sigma) => {
                 return Err(GpuError::CpuOnly { found: "support of three standard deviations" });
@@ -215,8 +195,7 @@ impl GpuView {
             right: axes.x_axis.as_vec3().to_array(),
             near: options.near.max(0.0) as f32,
             down: axes.y_axis.as_vec3().to_array(),
-            // WGSL implementations may assume that infinities do not occur.
-            extent_cap: extent_cap.min(f32::MAX),
+            paint,
             forward: axes.z_axis.as_vec3().to_array(),
             scale: options.style.scale,
             centre: centre.as_vec3().to_array(),
@@ -227,17 +206,13 @@ impl GpuView {
             renderer,
             focal: pair(k.fx, k.fy),
             principal: pair(k.cx, k.cy),
-            viewport: pair(size[0], size[1]),
-            tangent_min: pair(-(k.cx / k.fx + margin[0]), -(k.cy / k.fy + margin[1])),
-            tangent_max: pair(
-                (size[0] - k.cx) / k.fx + margin[0],
-                (size[1] - k.cy) / k.fy + margin[1],
-            ),
+            viewport: pair(k.width.into(), k.height.into()),
+            tangent_min,
+            tangent_max,
             depth_range,
             antialias,
             lens: options.method.lens() as u32,
-            paint,
-            padding: 0,
+            padding: [0; 2],
         })
     }
 }

@@ -5,8 +5,8 @@
 //! Colours are sRGB-encoded bytes, as in the window.
 
 use super::constants::module;
-use super::draw_pipeline::DrawPipeline;
 use super::layout::shader;
+use super::pipeline::{bind_group, draw_pipeline};
 use std::collections::HashMap;
 use std::ops::Range;
 use wgpu::util::DeviceExt;
@@ -106,12 +106,9 @@ impl MeshPainter {
         let over = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
         let pipeline = |name: &str, buffers: &[_], blend| {
             let [vertex, fragment] = ["vertex", "fragment"].map(|stage| format!("{stage}_{name}"));
-            let entries = [&vertex[..], &fragment[..]];
             let target =
                 wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL };
-            let topology = wgpu::PrimitiveTopology::TriangleList;
-            DrawPipeline { label: "meshes", module: &module, entries, buffers, topology, target }
-                .create(device)
+            draw_pipeline(device, "meshes", &module, [&vertex, &fragment], buffers, target)
         };
         let corners = [Some(wgpu::VertexBufferLayout {
             array_stride: size_of::<MeshVertex>() as u64,
@@ -152,20 +149,11 @@ impl MeshPainter {
             ..Default::default()
         });
         let view = texture.create_view(&Default::default());
-        let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("mesh texture"),
-            layout: &self.textured.get_bind_group_layout(0),
-            entries: &[
-                wgpu::BindGroupEntry {
-                    binding: 0,
-                    resource: wgpu::BindingResource::TextureView(&view),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 1,
-                    resource: wgpu::BindingResource::Sampler(&sampler),
-                },
-            ],
-        });
+        let resources = [
+            (0, wgpu::BindingResource::TextureView(&view)),
+            (1, wgpu::BindingResource::Sampler(&sampler)),
+        ];
+        let bindings = bind_group(device, &self.textured.get_bind_group_layout(0), &resources);
         self.textures.insert(key, BoundTexture { texture: texture.clone(), sampling, bindings });
     }
 
@@ -256,16 +244,9 @@ impl MeshPainter {
                 | wgpu::TextureUsages::COPY_SRC,
             view_formats: &[],
         });
-        let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("window"),
-            layout: &self.whole.get_bind_group_layout(0),
-            entries: &[wgpu::BindGroupEntry {
-                binding: 0,
-                resource: wgpu::BindingResource::TextureView(
-                    &texture.create_view(&Default::default()),
-                ),
-            }],
-        });
+        let view = texture.create_view(&Default::default());
+        let resources = [(0, wgpu::BindingResource::TextureView(&view))];
+        let bindings = bind_group(device, &self.whole.get_bind_group_layout(0), &resources);
         Picture { texture, bindings }
     }
 }

@@ -2,10 +2,9 @@
 //!
 //! The window owns device and queue and passes them in. Order of one frame:
 //!
-//! 1. [`scene::GpuScene::update`] uploads the splats changed by training. [`scene::GpuScene::set_order`]
-//!    uploads the order computed by [`sort::back_to_front`] on another thread.
-//! 2. [`renderer::SplatRenderer::render`] draws the splats into an offscreen
-//!    [`renderer::SplatTarget`], as quads in that order or by [`tiles`], whichever is faster.
+//! 1. [`scene::GpuScene::update`] uploads the splats changed by training.
+//! 2. [`renderer::SplatRenderer::render`] sorts and draws the splats into an offscreen
+//!    [`renderer::SplatTarget`] by [`tiles`].
 //! 3. [`composite::Compositor`] composites the image over a background inside the window's own pass,
 //!    optionally combined with another image or a photograph.
 //!
@@ -16,27 +15,23 @@
 //! everything from the splats on the CPU.
 
 pub mod adapters;
-mod chooser;
 pub mod composite;
 pub mod constants;
-mod draw_pipeline;
 pub mod error;
 mod growing;
 pub mod headless;
-mod kernel;
 pub mod layout;
 pub mod meshes;
 pub mod mixture;
-mod path;
 pub mod photometric;
+mod pipeline;
 pub mod points;
-mod quads;
 pub mod readback;
 pub mod renderer;
 pub mod scene;
-pub mod sort;
+mod task;
 pub mod tiles;
 mod timer;
 
 pub use error::GpuError;
-pub use path::{DrawPath, GpuTimes};
+pub use timer::GpuTimes;

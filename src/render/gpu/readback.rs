@@ -5,7 +5,7 @@
 //! function; the conversion is exact.
 
 use super::composite::Compositor;
-use super::error::{GpuError, GpuFaults};
+use super::error::GpuError;
 use super::renderer::SplatTarget;
 use crate::math::image::Image;
 use std::future::Future;
@@ -102,45 +102,16 @@ fn read_texels<T: bytemuck::AnyBitPattern>(
         wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
     );
     let submission = queue.submit([encoder.finish()]);
-    let bytes = wait_for(device, &staging, submission).map_err(|reason| GpuError::Readback {
-        width,
-        height,
-        reason,
-    })?;
+    let failed = |reason: String| GpuError::Readback { width, height, reason };
+    let map = (&staging, wgpu::MapMode::Read, staging.size());
+    wait_mapped(device, submission, &[map]).map_err(failed)?;
+    let bytes = staging.get_mapped_range(..).map_err(|error| failed(error.to_string()))?;
     let data = bytes
         .chunks_exact(stride)
         .flat_map(|row| row[..row_bytes].chunks_exact(size_of::<T>()))
         .map(bytemuck::pod_read_unaligned)
         .collect();
     Ok(Image::from_vec(width as usize, height as usize, data))
-}
-
-fn wait_for(
-    device: &wgpu::Device,
-    staging: &wgpu::Buffer,
-    submission: wgpu::SubmissionIndex,
-) -> Result<Vec<u8>, String> {
-    // Capacity 1: only one buffer is mapped.
-    let (sender, receiver) = mpsc::sync_channel(1);
-    staging.map_async(wgpu::MapMode::Read, .., move |result| {
-        // The receiver is gone only if the wait below has already failed.
-        let _ = sender.send(result);
-    });
-    device
-        .poll(wgpu::PollType::Wait {
-            submission_index: Some(submission),
-            timeout: Some(WAIT_TIMEOUT),
-        })
-        .map_err(|error| error.to_string())?;
-    // The callback has run by now, or never will.
-    match receiver.try_recv() {
-        Ok(Ok(())) => {
-            let bytes = staging.get_mapped_range(..).map_err(|error| error.to_string())?;
-            Ok(bytes.to_vec())
-        }
-        Ok(Err(error)) => Err(error.to_string()),
-        Err(_) => Err("the buffer was never mapped".to_owned()),
-    }
 }
 
 /// Converts IEEE 754 half precision to f32 exactly.
@@ -165,39 +136,12 @@ pub(super) fn poll_once<T>(future: impl Future<Output = T>) -> Option<T> {
     }
 }
 
-/// Timeout after which the GPU counts as lost.
-const MAP_TIMEOUT: Duration = Duration::from_secs(30);
-
-/// Waits for a submission and maps buffers. Returns the first `bytes` bytes of `readback` and maps all
-/// `uploads` completely for writing.
+/// Waits for a submission and maps the first bytes of each buffer, with mode and length as given.
 ///
 /// # Errors
 /// Message from wgpu or the driver.
-pub(super) fn wait_for_result<'a>(
+pub(super) fn wait_mapped(
     device: &wgpu::Device,
-    faults: &GpuFaults,
-    submission: wgpu::SubmissionIndex,
-    (readback, bytes): (&'a wgpu::Buffer, u64),
-    uploads: impl IntoIterator<Item = &'a wgpu::Buffer>,
-) -> Result<wgpu::BufferView, String> {
-    let mut maps = vec![(readback, wgpu::MapMode::Read, bytes)];
-    maps.extend(uploads.into_iter().map(|upload| (upload, wgpu::MapMode::Write, upload.size())));
-    wait_mapped(device, faults, submission, &maps)?;
-    readback.get_mapped_range(..bytes).map_err(|error| error.to_string())
-}
-
-/// Releases a mapped result and unmaps its readback buffer.
-pub(super) fn release_result(answer: &mut Option<wgpu::BufferView>, readback: &wgpu::Buffer) {
-    // The view is dropped first, because a buffer with a live view cannot be unmapped.
-    if answer.take().is_some() {
-        readback.unmap();
-    }
-}
-
-/// Waits for a submission and maps the first bytes of each buffer, with mode and length as given.
-fn wait_mapped(
-    device: &wgpu::Device,
-    faults: &GpuFaults,
     submission: wgpu::SubmissionIndex,
     maps: &[(&wgpu::Buffer, wgpu::MapMode, u64)],
 ) -> Result<(), String> {
@@ -210,16 +154,15 @@ fn wait_mapped(
         });
     }
     let patiently =
-        wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(MAP_TIMEOUT) };
+        wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_TIMEOUT) };
     device.poll(patiently).map_err(|error| error.to_string())?;
     // All callbacks have run by now, or never will.
+    let mut n_mapped = 0;
     for result in receiver.try_iter() {
         result.map_err(|error| error.to_string())?;
+        n_mapped += 1;
     }
-    match faults.take_new().into_iter().next() {
-        Some(fault) => Err(fault.message),
-        None => Ok(()),
-    }
+    if n_mapped < maps.len() { Err("a buffer was never mapped".to_owned()) } else { Ok(()) }
 }
 
 #[cfg(test)]

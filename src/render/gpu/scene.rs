@@ -1,16 +1,17 @@
-//! Splats in GPU memory and their draw orders.
+//! Splats in GPU memory.
 //!
 //! Only changes are uploaded (`rendering.md`, Uploads). Few changes are sent as (index, record)
 //! pairs and scattered by a compute pass. Many changes are sent as one whole upload, because streaming is
 //! faster than scattering. Buffers grow by half, so the number of reallocations is logarithmic in the scene's
-//! size. Draw orders, one per image of a comparison, are stored here because their indices refer to this
-//! scene.
+//! size.
 
 use super::adapters::max_buffer_bytes;
 use super::constants::{SCATTER_GROUP, module};
 use super::error::GpuError;
 use super::growing::Allocation;
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, shader};
+use super::pipeline::{ComputeKernel, Grid};
+use super::task::IN;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::{Finishing, SplatView};
 use crate::render::finish::Finish;
@@ -22,26 +23,13 @@ const MIB: u64 = 1 << 20;
 /// and a second pass over memory; a streamed one costs 64 bytes (`rendering.md`, Uploads).
 const WHOLE_UPLOAD_SHARE: f64 = 0.15;
 
-/// Image that a draw order belongs to. The two images of a comparison may use different renderers, which
-/// sort differently.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ComparedImage {
-    /// The image, or the first of two.
-    First,
-    /// The image compared with the first.
-    Second,
-}
-
-const N_ORDERS: usize = 2;
-
-/// Splat records and draw orders in GPU memory.
+/// Splat records in GPU memory.
 #[derive(Debug)]
 pub struct GpuScene {
     scatter: Scatter<SparseSplat>,
     scatter_appearance: Scatter<SparseAppearance>,
     buffers: Buffers,
     n_splats: usize,
-    n_order: [usize; N_ORDERS],
     /// Per splat: true if it has an opacity but cannot be drawn.
     is_invalid: Vec<bool>,
     n_invalid: usize,
@@ -52,14 +40,12 @@ pub struct GpuScene {
 struct Buffers {
     splats: wgpu::Buffer,
     appearance: Option<wgpu::Buffer>,
-    orders: [wgpu::Buffer; N_ORDERS],
     capacity: usize,
     allocation: Allocation,
 }
 
 impl GpuScene {
-    /// Uploads every splat. Nothing is drawn before [`Self::set_order`]. Also restores the scene after a
-    /// lost device, from the splats on the CPU.
+    /// Uploads every splat. Also restores the scene after a lost device, from the splats on the CPU.
     pub fn new<'a>(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -71,7 +57,6 @@ impl GpuScene {
             scatter_appearance: Scatter::new(device),
             buffers: Buffers::new(device, splats, 0)?,
             n_splats: 0,
-            n_order: [0; N_ORDERS],
             is_invalid: Vec::new(),
             n_invalid: 0,
             finishing: splats.finishing().clone(),
@@ -82,8 +67,7 @@ impl GpuScene {
 
     /// Updates the GPU to `splats`. Only the splats in `changed` (any order, repeats allowed) and those
     /// beyond the previous length may differ from the last call. Gaining or losing appearance updates all of
-    /// them. Returns the number of bytes uploaded. Orders stay valid unless the number of splats decreases,
-    /// which clears them.
+    /// them. Returns the number of bytes uploaded.
     ///
     /// # Errors
     /// The scene keeps its previous contents, unless the error is a late report for the previous allocation.
@@ -102,15 +86,7 @@ impl GpuScene {
         if n_splats > self.buffers.capacity || has_appearance(splats) != self.has_appearance() {
             // Created before the old buffers are dropped, so that the scene remains drawable if memory is
             // short.
-            let grown = Buffers::new(device, splats, self.buffers.capacity)?;
-            let mut encoder = device.create_command_encoder(&Default::default());
-            // Orders hold indices, so they stay valid in a larger buffer.
-            for (order, grown) in self.buffers.orders.iter().zip(&grown.orders) {
-                let kept = order.size().min(grown.size());
-                encoder.copy_buffer_to_buffer(order, 0, grown, 0, kept);
-            }
-            queue.submit([encoder.finish()]);
-            self.buffers = grown;
+            self.buffers = Buffers::new(device, splats, self.buffers.capacity)?;
             return Ok(self.upload_whole(queue, splats));
         }
         let n_kept = self.n_splats.min(n_splats);
@@ -128,27 +104,6 @@ impl GpuScene {
         Ok(self.upload_some(device, queue, &ids, splats))
     }
 
-    /// Uploads a draw order, farthest first (see [`super::sort::back_to_front`]). Splats missing from it
-    /// are not drawn. It may be outdated as long as all its indices exist; otherwise it is rejected and the
-    /// previous order is retained.
-    pub fn set_order(
-        &mut self,
-        queue: &wgpu::Queue,
-        of: ComparedImage,
-        order: &[u32],
-    ) -> Result<(), GpuError> {
-        self.buffers.allocation.check()?;
-        // An index out of range would read another splat's memory, or none.
-        let stale = order.iter().find(|&&index| index as usize >= self.n_splats);
-        // Repeated indices could make the order longer than the scene.
-        if let Some(&index) = stale.or_else(|| order.get(self.n_splats)) {
-            return Err(GpuError::StaleOrder { index, n_splats: self.n_splats });
-        }
-        queue.write_buffer(self.order_buffer(of), 0, bytemuck::cast_slice(order));
-        self.n_order[of as usize] = order.len();
-        Ok(())
-    }
-
     /// Number of splats on the GPU, including empty slots.
     pub fn n_splats(&self) -> usize {
         self.n_splats
@@ -158,11 +113,6 @@ impl GpuScene {
     /// range (`Splat::is_valid`).
     pub fn n_invalid(&self) -> usize {
         self.n_invalid
-    }
-
-    /// Number of splats in the order, which is the number of drawn instances.
-    pub fn n_drawn(&self, of: ComparedImage) -> usize {
-        self.n_order[of as usize]
     }
 
     /// Number of splats that fit before the next growth.
@@ -181,10 +131,6 @@ impl GpuScene {
     /// `None` for a scene without appearance.
     pub(super) fn appearance_buffer(&self) -> Option<&wgpu::Buffer> {
         self.buffers.appearance.as_ref()
-    }
-
-    pub(super) fn order_buffer(&self, of: ComparedImage) -> &wgpu::Buffer {
-        &self.buffers.orders[of as usize]
     }
 
     fn has_appearance(&self) -> bool {
@@ -243,8 +189,6 @@ impl GpuScene {
 
     fn set_length(&mut self, n_splats: usize) {
         if n_splats < self.n_splats {
-            // An order could contain the index of a removed splat.
-            self.n_order = [0; N_ORDERS];
             let gone = self.is_invalid[n_splats..].iter().filter(|invalid| **invalid).count();
             self.n_invalid -= gone;
         }
@@ -283,11 +227,11 @@ impl Buffers {
         } else {
             capacity_for(before, 0, largest, &device.limits())?
         };
-        let create = |label, bytes_each, usage| {
+        let create = |label, bytes_each| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
                 size: capacity as u64 * bytes_each,
-                usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | usage,
+                usage: IN,
                 mapped_at_creation: false,
             })
         };
@@ -295,17 +239,13 @@ impl Buffers {
             n_splats: capacity,
             mib: (capacity as u64 * (splat_bytes + appearance_bytes)).div_ceil(MIB),
         };
-        let none = wgpu::BufferUsages::empty();
-        let ((splats, appearance, orders), allocation) = Allocation::new(device, refused, || {
+        let ((splats, appearance), allocation) = Allocation::new(device, refused, || {
             (
-                create("splats", splat_bytes, none),
-                (appearance_bytes > 0).then(|| create("appearance", appearance_bytes, none)),
-                [(); N_ORDERS].map(|()| {
-                    create("order", size_of::<u32>() as u64, wgpu::BufferUsages::COPY_SRC)
-                }),
+                create("splats", splat_bytes),
+                (appearance_bytes > 0).then(|| create("appearance", appearance_bytes)),
             )
         })?;
-        Ok(Self { splats, appearance, orders, capacity, allocation })
+        Ok(Self { splats, appearance, capacity, allocation })
     }
 }
 
@@ -347,22 +287,15 @@ impl Sparse for SparseAppearance {
 /// Compute pass that scatters changed records into their buffer.
 #[derive(Debug)]
 pub(super) struct Scatter<T> {
-    pipeline: wgpu::ComputePipeline,
+    kernel: ComputeKernel,
     records: PhantomData<T>,
 }
 
 impl<T: Sparse> Scatter<T> {
     pub(super) fn new(device: &wgpu::Device) -> Self {
         let module = module(device, "scatter", shader::SCATTER);
-        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(T::ENTRY_POINT),
-            layout: None,
-            module: &module,
-            entry_point: Some(T::ENTRY_POINT),
-            compilation_options: Default::default(),
-            cache: None,
-        });
-        Self { pipeline, records: PhantomData }
+        let kernel = ComputeKernel::new(device, &module, T::ENTRY_POINT);
+        Self { kernel, records: PhantomData }
     }
 
     /// Writes `changed` into `target`, which must contain every index. Returns the number of bytes
@@ -382,36 +315,17 @@ impl<T: Sparse> Scatter<T> {
         let list = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("changed records"),
             size: bytes.len() as u64,
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            usage: IN,
             mapped_at_creation: false,
         });
         queue.write_buffer(&list, 0, bytes);
-        let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("scatter"),
-            layout: &self.pipeline.get_bind_group_layout(0),
-            entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: list.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 1, resource: target.as_entire_binding() },
-            ],
-        });
-        // Each dimension of a dispatch is limited to 65,535 groups, so large lists need a second one.
-        let widest = device.limits().max_compute_workgroups_per_dimension;
-        let (columns, rows) = grid(changed.len().div_ceil(SCATTER_GROUP as usize), widest);
+        let bound = self.kernel.bind_buffers(device, &[(0, &list), (1, target)]);
+        let groups = Grid::groups(changed.len().div_ceil(SCATTER_GROUP as usize));
         let mut encoder = device.create_command_encoder(&Default::default());
-        let mut pass = encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, &bindings, &[]);
-        pass.dispatch_workgroups(columns, rows, 1);
-        drop(pass);
+        bound.dispatch(&mut encoder.begin_compute_pass(&Default::default()), groups);
         queue.submit([encoder.finish()]);
         bytes.len() as u64
     }
-}
-
-/// Columns and rows, each at most `widest`, of a grid of at least `n_groups` workgroups.
-fn grid(n_groups: usize, widest: u32) -> (u32, u32) {
-    let columns = n_groups.clamp(1, widest as usize);
-    (columns as u32, n_groups.div_ceil(columns) as u32)
 }
 
 #[cfg(test)]
@@ -449,20 +363,5 @@ mod tests {
             "3000000 splats need 184 MiB, but this adapter binds at most 128 MiB: use at most \
              2097152 splats or the CPU renderer"
         );
-    }
-}
-
-#[cfg(test)]
-mod scatter_tests {
-    use super::grid;
-
-    #[test]
-    fn grids_cover_every_group_within_the_limit() {
-        for n_groups in [1, 2, 65_535, 65_536, 131_070, 131_071, 4_000_000] {
-            let (columns, rows) = grid(n_groups, 65_535);
-            assert!(columns <= 65_535 && rows <= 65_535);
-            let covered = columns as usize * rows as usize;
-            assert!((n_groups..n_groups + columns as usize).contains(&covered), "{n_groups}");
-        }
     }
 }

@@ -1,11 +1,28 @@
 //! Measures the stages of an image on the GPU without blocking.
 //!
 //! Reading a timestamp immediately would make the CPU wait for the GPU in every frame. Results pass through
-//! a ring of buffers and arrive some frames late, which suffices for choosing the path and for display.
+//! a ring of buffers and arrive some frames late, which suffices for display.
 
-use super::path::{DrawPath, GpuTimes};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// GPU times of the stages of one image in milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GpuTimes {
+    /// Converting splats to records.
+    pub preprocess: f64,
+    /// Sorting records by depth and tile.
+    pub sort: f64,
+    /// Drawing records.
+    pub draw: f64,
+}
+
+impl GpuTimes {
+    /// Sum of the stages, milliseconds.
+    pub fn total(&self) -> f64 {
+        self.preprocess + self.sort + self.draw
+    }
+}
 
 /// Measured stage, in execution order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,19 +34,15 @@ pub(super) enum GpuStage {
 
 const N_STAGES: u32 = 3;
 /// Each stage is one pass with a timestamp at its start and end.
-const STAGE_BYTES: u64 = 2 * wgpu::QUERY_SIZE as u64;
+const IMAGE_BYTES: u64 = 2 * N_STAGES as u64 * wgpu::QUERY_SIZE as u64;
 
-/// Timestamps of the last images.
 #[derive(Debug)]
 pub(super) struct StageTimer {
     queries: wgpu::QuerySet,
     resolved: wgpu::Buffer,
     ring: ReadbackRing,
-    /// Path measured by each slot.
-    paths: [DrawPath; N_SLOTS],
     milliseconds_per_tick: f64,
-    latest: Option<(DrawPath, GpuTimes)>,
-    is_new: bool,
+    latest: Option<GpuTimes>,
 }
 
 impl StageTimer {
@@ -38,7 +51,6 @@ impl StageTimer {
         if !device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
             return None;
         }
-        let bytes = u64::from(N_STAGES) * STAGE_BYTES;
         Some(Self {
             queries: device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: Some("stage times"),
@@ -47,30 +59,24 @@ impl StageTimer {
             }),
             resolved: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("resolved stage times"),
-                size: bytes,
+                size: IMAGE_BYTES,
                 usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
                 mapped_at_creation: false,
             }),
-            ring: ReadbackRing::new(device, "read stage times", bytes),
-            paths: [DrawPath::Quads; N_SLOTS],
+            ring: ReadbackRing::new(device, "read stage times", IMAGE_BYTES),
             milliseconds_per_tick: f64::from(queue.get_timestamp_period()) * 1e-6,
             latest: None,
-            is_new: false,
         })
     }
 
-    /// Collects arrived results and reserves a slot for an image drawn by `path`; `None` if the GPU is
-    /// behind.
-    pub(super) fn reserve_slot(&mut self, path: DrawPath) -> Option<usize> {
-        let Self { ring, paths, latest, is_new, .. } = self;
-        let slot = ring.collect_and_reserve(|slot, bytes| {
-            if let Some(times) = times(paths[slot], bytes, self.milliseconds_per_tick) {
-                *latest = Some((paths[slot], times));
-                *is_new = true;
+    /// Collects arrived results and reserves a slot for the next image; `None` if the GPU is behind.
+    pub(super) fn reserve_slot(&mut self) -> Option<usize> {
+        let Self { ring, latest, milliseconds_per_tick, .. } = self;
+        ring.collect_and_reserve(|bytes| {
+            if let Some(times) = times(bytes, *milliseconds_per_tick) {
+                *latest = Some(times);
             }
-        })?;
-        self.paths[slot] = path;
-        Some(slot)
+        })
     }
 
     /// Timestamp writes for the compute pass of a stage.
@@ -87,46 +93,16 @@ impl StageTimer {
         }
     }
 
-    /// Timestamp writes for the render pass of a stage.
-    pub(super) fn of_render(
-        &self,
-        slot: usize,
-        stage: GpuStage,
-    ) -> wgpu::RenderPassTimestampWrites<'_> {
-        let first = first_query(slot, stage);
-        wgpu::RenderPassTimestampWrites {
-            query_set: &self.queries,
-            beginning_of_pass_write_index: Some(first),
-            end_of_pass_write_index: Some(first + 1),
-        }
-    }
-
     /// Resolves the timestamps and sends them to the CPU. Must follow the passes in the same encoder.
     pub(super) fn end(&self, encoder: &mut wgpu::CommandEncoder, slot: usize) {
-        let stages = stages_of(self.paths[slot]);
-        let first = first_query(slot, stages[0]);
-        let end = first + 2 * stages.len() as u32;
+        let first = first_query(slot, GpuStage::Preprocess);
+        let end = first + 2 * N_STAGES;
         encoder.resolve_query_set(&self.queries, first..end, &self.resolved, 0);
-        self.ring.send(encoder, slot, &self.resolved, stages.len() as u64 * STAGE_BYTES);
+        self.ring.send(encoder, slot, &self.resolved, IMAGE_BYTES);
     }
 
-    /// Most recent measurement.
     pub(super) fn latest(&self) -> Option<GpuTimes> {
-        self.latest.map(|(_, times)| times)
-    }
-
-    /// Most recent measurement and its path, if not taken before.
-    pub(super) fn take_latest(&mut self) -> Option<(DrawPath, GpuTimes)> {
-        // The choice of path must count each measurement once.
-        std::mem::take(&mut self.is_new).then_some(self.latest).flatten()
-    }
-}
-
-/// Stages of a path, which are always the last ones of [`GpuStage`].
-fn stages_of(path: DrawPath) -> &'static [GpuStage] {
-    match path {
-        DrawPath::Quads => &[GpuStage::Draw],
-        DrawPath::Tiles => &[GpuStage::Preprocess, GpuStage::Sort, GpuStage::Draw],
+        self.latest
     }
 }
 
@@ -134,20 +110,16 @@ fn first_query(slot: usize, stage: GpuStage) -> u32 {
     2 * (N_STAGES * slot as u32 + stage as u32)
 }
 
-/// Times in milliseconds; `None` if the GPU's clock ran backwards, for example after a reset or sleep.
-fn times(path: DrawPath, bytes: &[u8], milliseconds_per_tick: f64) -> Option<GpuTimes> {
-    let mut out = GpuTimes { preprocess: None, sort: None, draw: 0.0 };
-    for (&stage, bytes) in stages_of(path).iter().zip(bytes.chunks_exact(STAGE_BYTES as usize)) {
-        let [begin, end]: [u64; 2] = bytemuck::pod_read_unaligned(bytes);
+/// Times in milliseconds; `None` if the GPU's clock ran backwards.
+fn times(bytes: &[u8], milliseconds_per_tick: f64) -> Option<GpuTimes> {
+    let ticks: [[u64; 2]; N_STAGES as usize] = bytemuck::pod_read_unaligned(bytes);
+    let mut stages = [0.0; N_STAGES as usize];
+    for (stage, [begin, end]) in stages.iter_mut().zip(ticks) {
         // The clock may run backwards after sleep; no result is better than a huge one.
-        let elapsed = end.checked_sub(begin)? as f64 * milliseconds_per_tick;
-        match stage {
-            GpuStage::Preprocess => out.preprocess = Some(elapsed),
-            GpuStage::Sort => out.sort = Some(elapsed),
-            GpuStage::Draw => out.draw = elapsed,
-        }
+        *stage = end.checked_sub(begin)? as f64 * milliseconds_per_tick;
     }
-    Some(out)
+    let [preprocess, sort, draw] = stages;
+    Some(GpuTimes { preprocess, sort, draw })
 }
 
 /// Results in flight. They are read two frames late, so the third slot is free.
@@ -169,7 +141,6 @@ struct Slot {
 }
 
 impl ReadbackRing {
-    /// Creates buffers of `bytes` bytes each.
     pub(super) fn new(device: &wgpu::Device, label: &str, bytes: u64) -> Self {
         let slots = std::array::from_fn(|_| Slot {
             buffer: device.create_buffer(&wgpu::BufferDescriptor {
@@ -183,18 +154,14 @@ impl ReadbackRing {
         Self { slots, next: 0 }
     }
 
-    /// Passes all arrived results to `read`, oldest first, with their slots. Returns a free slot; `None` if
-    /// the GPU is behind.
-    pub(super) fn collect_and_reserve(
-        &mut self,
-        mut read: impl FnMut(usize, &[u8]),
-    ) -> Option<usize> {
+    /// Passes all arrived results to `read`, oldest first. Returns a free slot; `None` if the GPU is behind.
+    pub(super) fn collect_and_reserve(&mut self, mut read: impl FnMut(&[u8])) -> Option<usize> {
         for age in 0..N_SLOTS {
             let slot = (self.next + age) % N_SLOTS;
             let Slot { buffer, mapped } = &self.slots[slot];
             if mapped.swap(false, Ordering::Acquire) {
                 if let Ok(bytes) = buffer.get_mapped_range(..) {
-                    read(slot, &bytes);
+                    read(&bytes);
                 }
                 buffer.unmap();
             }
@@ -231,20 +198,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stages_are_read_where_their_path_wrote_them() {
-        let ticks: Vec<u8> =
-            [10u64, 14, 20, 26, 30, 40].iter().flat_map(|t| t.to_le_bytes()).collect();
-        let tiles = times(DrawPath::Tiles, &ticks, 0.5).unwrap();
-        assert_eq!(tiles, GpuTimes { preprocess: Some(2.0), sort: Some(3.0), draw: 5.0 });
-        assert_eq!(tiles.total(), 10.0);
-        let quads = times(DrawPath::Quads, &ticks, 0.5).unwrap();
-        assert_eq!(quads, GpuTimes { preprocess: None, sort: None, draw: 2.0 });
-        let backwards: Vec<u8> = [9u64, 8].iter().flat_map(|t| t.to_le_bytes()).collect();
-        assert_eq!(times(DrawPath::Quads, &backwards, 1.0), None);
-        for path in [DrawPath::Quads, DrawPath::Tiles] {
-            let stages = stages_of(path);
-            let queries: Vec<u32> = stages.iter().map(|&s| first_query(1, s)).collect();
-            assert!(queries.windows(2).all(|pair| pair[1] == pair[0] + 2), "{queries:?}");
-        }
+    fn stages_are_read_where_they_were_written() {
+        let bytes = |ticks: [u64; 6]| bytemuck::bytes_of(&ticks).to_vec();
+        let found = times(&bytes([10, 14, 20, 26, 30, 40]), 0.5).unwrap();
+        assert_eq!(found, GpuTimes { preprocess: 2.0, sort: 3.0, draw: 5.0 });
+        assert_eq!(found.total(), 10.0);
+        assert_eq!(times(&bytes([10, 14, 26, 20, 30, 40]), 1.0), None);
+        let stages = [GpuStage::Preprocess, GpuStage::Sort, GpuStage::Draw];
+        assert_eq!(stages.map(|stage| first_query(1, stage)), [6, 8, 10]);
     }
 }

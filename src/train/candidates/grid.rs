@@ -13,14 +13,12 @@ use crate::train::candidates::IndexError;
 use rayon::prelude::*;
 
 const MAX_CELLS: usize = 1 << 22;
-/// Number of means sampled for the bounds.
 const SAMPLE: usize = 2048;
 /// Share of the sample trimmed on either side of an axis.
 const TRIM: f64 = 0.005;
 /// Growth of the trimmed bounds on either side, as a share of their length.
 const MARGIN: f64 = 0.02;
 
-/// Number of means per parallel task.
 const PART: usize = 1 << 12;
 
 /// Means sorted by grid cell. Border cells extend to infinity.
@@ -30,10 +28,8 @@ pub struct MeanGrid {
     /// Cell `c` holds the entries `start[c]..start[c + 1]`.
     start: Vec<u32>,
     means: Columns,
-    /// Cell of each id.
     cell_of_id: Vec<u32>,
     cell_sort: CellSort,
-    /// Buffer for the sampled coordinates.
     sample: Vec<f32>,
     /// Edits of the last [`MeanGrid::move_means`]; `shifted` holds the entries before it.
     edits: Edits,
@@ -137,7 +133,6 @@ impl MeanGrid {
         self.len() == 0
     }
 
-    /// Component of each entry.
     pub(in crate::train) fn ids(&self) -> &[u32] {
         &self.means.tag[..self.means.len]
     }
@@ -147,7 +142,6 @@ impl MeanGrid {
         self.means.position(entry as usize)
     }
 
-    /// Edge length of a cell.
     pub(super) fn cell(&self) -> f32 {
         self.shape.cell
     }
@@ -182,7 +176,6 @@ impl MeanGrid {
         list.pad();
     }
 
-    /// Fills `list` with all entries.
     pub(super) fn gather_all(&self, list: &mut Columns) {
         list.len = 0;
         list.append(&self.means, 0..self.means.len);

@@ -23,13 +23,11 @@ const USUAL_LEN: usize = 4096;
 pub(in crate::train) struct Lists {
     /// Candidates of a group.
     raw: Columns,
-    /// Candidates of a chunk, taken from `raw`.
     near: Columns,
     /// Centre of the chunk, and the radius around it within which `near` is complete.
     near_centre: [f32; 3],
     near_limit: f32,
     distance2: Vec<f32>,
-    /// Squared distances, for selection.
     sorted: Vec<f32>,
     /// Squared distance in the high half, component in the low half; then the grid's entry.
     keys: Vec<(u64, u32)>,
@@ -114,7 +112,6 @@ impl Lists {
         near.len <= MAX_KERNEL_LIST
     }
 
-    /// Near list, valid after [`Lists::fill_near`].
     pub(super) fn near(&self) -> &Columns {
         &self.near
     }
@@ -240,11 +237,8 @@ impl Lists {
     }
 }
 
-/// Choice of candidate list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::train) enum ListKind {
-    /// Candidates of the group.
     Raw,
-    /// Candidates of the chunk.
     Near,
 }

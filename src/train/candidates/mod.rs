@@ -1,7 +1,6 @@
-//! Exact C-nearest search over the initial spatial means: a uniform grid searched tile by tile, and
-//! `kiddo`'s KD-tree as reference.
+//! Exact C-nearest search over the initial spatial means: a uniform grid searched tile by tile.
 //!
-//! One tree query per point took four fifths of a frame. Rebuilding a grid takes a fifth of the time of
+//! One query of a KD-tree per point took four fifths of a frame. Rebuilding a grid takes a fifth of the time of
 //! a tree, and the points of a tile share a list of candidate means, so most work is done once per 64
 //! points. `kiddo` is slower at all sizes in `benches/candidates.rs` (10 to 10⁵ means, 1 to 1024
 //! neighbours).
@@ -23,7 +22,7 @@ pub(in crate::train) use grid::grid_shape;
 pub(in crate::train) use kernel::{CHUNK, Columns};
 pub(in crate::train) use lists::{ListKind, Lists, Nearest};
 pub(in crate::train) use nearest::VisitChunk;
-pub use nearest::{CandidateSearch, KdTree, nearest_in_tile, nearest_in_tile_wide};
+pub use nearest::{CandidateSearch, nearest_in_tile, nearest_in_tile_wide};
 
 /// The candidate index could not be built.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -24,7 +24,6 @@ use std::ops::Range;
 // without it are slots.
 const SHARED: u32 = 1 << 31;
 
-/// Inputs of a fused pass.
 #[derive(Clone, Copy)]
 pub(super) struct FusedInputs<'a> {
     pub grid: &'a MeanGrid,
@@ -49,7 +48,6 @@ impl FusedInputs<'_> {
     }
 }
 
-/// Some tiles of a fused pass.
 pub(super) struct FusedTiles<'a> {
     pub inputs: FusedInputs<'a>,
     pub memory: &'a mut FusedMemory,
@@ -221,7 +219,6 @@ fn emit(
     }
 }
 
-/// Assigns owners to the points of a chunk.
 struct OwnerAssigner<'a> {
     inputs: &'a FusedInputs<'a>,
     memory: &'a mut TileMemory,
@@ -268,7 +265,6 @@ impl<'a> OwnerAssigner<'a> {
         Self { inputs, memory, first_point, q, clock, color_ratio, hard_gap }
     }
 
-    /// Returns the slot of a grid entry, adding one if needed.
     #[inline(always)]
     fn slot(&mut self, entry: u32) -> usize {
         let slot = self.memory.slots.find(entry);

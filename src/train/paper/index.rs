@@ -3,38 +3,32 @@
 //! After means have moved, the grid is built on first use, because a device may build its own. All
 //! fallible work is done earlier, when means move.
 
-use super::config::IndexKind;
 use crate::math::real::Real;
 use crate::model::paper::mixture_device::{GridShape, MeanCells};
 use crate::model::paper::state::{InitialMeans, InitialModel};
 use crate::observation::points::Points;
-use crate::train::candidates::{IndexError, KdTree, MeanGrid, grid_shape};
+use crate::train::candidates::{IndexError, MeanGrid, grid_shape};
 use rayon::prelude::*;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-/// Number of entries per parallel task.
 const PART: usize = 1 << 12;
 /// Incremental updates are used if at most one component in 64 moves; otherwise sorting again is faster.
 const FEW: usize = 64;
 /// Cells are recomputed once more than a quarter of the components have moved.
 const STALE: usize = 4;
 
-/// A grid and, if configured, a KD-tree.
+/// A grid over the means.
 pub struct Index {
-    tree: Option<KdTree>,
     shape: GridShape,
     /// Scratch memory for the sample that determines the shape.
     sample: Vec<f32>,
     sorted: OnceLock<SortedMeans>,
     /// Memory of the previous grid, for reuse.
     spare: Mutex<SortedMeans>,
-    /// Components that moved in the last renewal.
     moved: Vec<u32>,
     /// True if only these have moved since the last sort, few of them, and cells are unchanged.
     is_incremental: bool,
-    /// Number of moves since the cells were chosen.
     n_moved: usize,
-    /// Number of renewals.
     revision: u64,
 }
 
@@ -48,19 +42,13 @@ pub struct SortedMeans {
     pub appearance: Vec<[f32; 4]>,
     /// Means rounded to f32, unless they are f32 already.
     narrowed: Vec<[f32; 3]>,
-    /// Buffer for the next `appearance`.
     shifted: Vec<[f32; 4]>,
 }
 
 impl Index {
     /// Builds the index over a model's finite means.
-    pub fn new<R: PaperScalar>(
-        model: &InitialModel<R>,
-        kind: IndexKind,
-    ) -> Result<Self, IndexError> {
-        let tree = (kind == IndexKind::KdTree).then(|| tree(&model.space)).transpose()?;
+    pub fn new<R: PaperScalar>(model: &InitialModel<R>) -> Result<Self, IndexError> {
         let mut index = Self {
-            tree,
             shape: GridShape::default(),
             sample: Vec::new(),
             sorted: OnceLock::new(),
@@ -84,11 +72,7 @@ impl Index {
         let n = moved.clone().count();
         let is_finite = |id: u32| model.space[id as usize].iter().all(|v| v.to_f64().is_finite());
         let keeps_cells = STALE * (self.n_moved + n) <= model.len() && moved.clone().all(is_finite);
-        // Both may fail: nothing is replaced before both have succeeded.
         let shape = if keeps_cells { self.shape } else { self.shape_of(model)? };
-        if self.tree.is_some() {
-            self.tree = Some(tree(&model.space)?);
-        }
         self.shape = shape;
         self.n_moved = if keeps_cells { self.n_moved + n } else { 0 };
         self.is_incremental = keeps_cells && FEW * n <= model.len() && self.sorted.get().is_some();
@@ -144,11 +128,6 @@ impl Index {
     pub fn revision(&self) -> u64 {
         self.revision
     }
-
-    /// KD-tree, if configured.
-    pub fn tree(&self) -> Option<&KdTree> {
-        self.tree.as_ref()
-    }
 }
 
 impl SortedMeans {
@@ -165,7 +144,6 @@ impl SortedMeans {
         });
     }
 
-    /// Updates the order after few components have moved.
     fn shift<R: PaperScalar>(&mut self, moved: &[u32], model: &InitialModel<R>) {
         let Self { grid, appearance, narrowed, shifted } = self;
         grid.move_means(moved, R::narrow_rows(&model.space, narrowed));
@@ -179,11 +157,6 @@ impl SortedMeans {
 fn appearance_of(model: &InitialModel<f32>, id: u32) -> [f32; 4] {
     let ([r, g, b], weight) = (model.color[id as usize], model.weight[id as usize]);
     [r, g, b, weight]
-}
-
-fn tree<R: Real>(means: &[[R; 3]]) -> Result<KdTree, IndexError> {
-    let widened: Vec<[f64; 3]> = means.iter().map(|m| m.map(R::to_f64)).collect();
-    KdTree::new(&widened)
 }
 
 /// `f32`, required by the fused kernels, or `f64`, the reference.
@@ -264,7 +237,7 @@ mod tests {
         let config = PaperConfig::paper().with(&overrides).unwrap();
         let draw = InitialDraw::random(n, 0);
         let mut model = InitialModel::<f32>::new(config.hyper(), &draw.means, &draw.alpha);
-        let mut index = Index::new(&model, config.index).unwrap();
+        let mut index = Index::new(&model).unwrap();
         let (mut n_shifts, mut n_sorts) = (0, 0);
         for turn in 0..60u32 {
             let moved = (0..20).map(|i| (i * 97 + turn * 13) % n as u32);
@@ -289,7 +262,7 @@ mod tests {
         let config = PaperConfig::paper().with(&overrides).unwrap();
         let draw = InitialDraw::random(config.components, 0);
         let mut model = InitialModel::<f32>::new(config.hyper(), &draw.means, &draw.alpha);
-        let mut index = Index::new(&model, config.index).unwrap();
+        let mut index = Index::new(&model).unwrap();
         let begun = index.revision();
         model.replace_mean(7, ([0.5; 3], [0.1; 3]));
         index.update_moved(&model, [7].into_iter()).unwrap();

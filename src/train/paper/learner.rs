@@ -1,8 +1,6 @@
 //! Implements the learner interface for the `paper` preset.
 
-use super::config::{
-    Batch, Candidates, IndexKind, PaperConfig, Precision, StatisticsForm, UpdateWidth,
-};
+use super::config::{Candidates, PaperConfig, Precision, UpdateWidth};
 use super::index::PaperScalar;
 use super::init::InitialDraw;
 use super::trainer::PaperTrainer;
@@ -11,15 +9,14 @@ use crate::model::attributes::StoredModel;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::inspection::DeviceError;
-use crate::model::paper::mixture_device::MixtureDevice;
 use crate::model::paper::state::ModelState;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::device_trial::{DevicePolicy, PassUse};
-use crate::train::learner::{Changed, Learner, Learns};
+use crate::train::device_trial::DevicePolicy;
+use crate::train::learner::{Changed, DeviceUse, Learner, Learns, TrainingDevice};
 use crate::train::outcome::{
     FrameOutcome, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES, TrainingWarning,
 };
@@ -42,7 +39,6 @@ pub trait PaperLearner: Learns<Points<f32>> {
     fn state(&self) -> ModelState;
 }
 
-/// A trainer with the normalisation of its points.
 pub(super) struct NormalizedTrainer<R: PaperScalar> {
     pub trainer: PaperTrainer<R>,
     pub normalization: Normalization,
@@ -119,16 +115,19 @@ impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
         ids.map(|&k| self.splat(k as usize).0).collect::<Vec<_>>().into()
     }
 
-    fn compute_on(
+    fn add_device(
         &mut self,
-        device: Box<dyn MixtureDevice>,
+        device: TrainingDevice,
         policy: DevicePolicy,
     ) -> Result<(), DeviceError> {
-        self.trainer.compute_on(device, policy)
+        match device {
+            TrainingDevice::Passes(device) => self.trainer.compute_on(device, policy),
+            TrainingDevice::Photographs(_) | TrainingDevice::Points(_) => Ok(()),
+        }
     }
 
-    fn pass_use(&self) -> Option<PassUse> {
-        self.trainer.pass_use()
+    fn device_use(&self) -> DeviceUse {
+        DeviceUse { passes: self.trainer.pass_use(), ..DeviceUse::default() }
     }
 
     fn component_elbo(&self) -> &ComponentElbo {
@@ -156,7 +155,6 @@ impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
 const POINT_BYTES: usize = 24;
 /// Bytes of a stored candidate with its responsibility.
 const PAIR_BYTES: usize = 12;
-/// Maximum number of points in a tile.
 const TILE_POINTS: usize = 64;
 /// Bytes per record of a component in a tile, at worst one per point. Each thread reserves space for
 /// all records, and buffers grow to three times the size needed.
@@ -164,8 +162,6 @@ const RECORD_BYTES: usize = 3 * 60;
 /// Grid entry, its copy of colour and weight, and cells.
 const INDEX_BYTES: usize = 16 + 16 + 8;
 const SLOT_BYTES: usize = 8;
-/// KD-tree entry and the f64 means it is built from.
-const TREE_BYTES: usize = 32 + 24;
 
 impl PaperConfig {
     /// Estimates the maximum memory of a run with frames of `pixels` pixels, `frames_at_once` of them in
@@ -173,34 +169,23 @@ impl PaperConfig {
     pub fn memory(&self, pixels: usize, frames_at_once: usize, threads: usize) -> MemoryEstimate {
         let scalar = if self.precision == Precision::F64 { 8 } else { 4 };
         let total = match self.operations.update {
-            UpdateWidth::F32 => size_of::<[f32; 16]>(),
             UpdateWidth::Fixed64 => size_of::<[i64; 16]>(),
             UpdateWidth::Fixed128 => size_of::<[i128; 16]>(),
         };
-        let tree = if self.index == IndexKind::KdTree { TREE_BYTES } else { 0 };
         let drawn = size_of::<[f64; 7]>();
         let splat = size_of::<Splat>();
         // Initial means are drawn in f64; checkpoints copy the model; the scene is exported as splats.
         let copies = drawn.max(splat + N_SUMS * size_of::<i64>() + 7 * scalar);
-        let per_component = total
-            + 7 * scalar
-            + size_of::<f64>()
-            + INDEX_BYTES
-            + SLOT_BYTES * threads
-            + tree
-            + copies;
+        let per_component =
+            total + 7 * scalar + size_of::<f64>() + INDEX_BYTES + SLOT_BYTES * threads + copies;
         let per_point = match self.candidates {
             Candidates::Dense => self.components,
             Candidates::Nearest(n) => n.min(self.components),
         };
-        let pairs = match (self.statistics, self.batch) {
-            (StatisticsForm::Fused, _) => TILE_POINTS * threads,
-            (StatisticsForm::Unfused, Batch::Frame) => pixels,
-            (StatisticsForm::Unfused, Batch::Points(n)) => n.min(pixels) + TILE_POINTS,
-        };
         let of_points = pixels * (frames_at_once * POINT_BYTES + size_of::<f64>() + PIXEL_BYTES);
         let records = pixels.min(2 * self.components) * RECORD_BYTES * threads;
-        let pairs = (pairs as u64).saturating_mul((per_point * PAIR_BYTES) as u64);
+        let pairs =
+            ((TILE_POINTS * threads) as u64).saturating_mul((per_point * PAIR_BYTES) as u64);
         MemoryEstimate {
             model: (self.components as u64).saturating_mul(per_component as u64),
             frames: (PROGRAM_BYTES + (of_points + records) as u64).saturating_add(pairs),
@@ -233,7 +218,6 @@ pub fn begin(
 ) -> Result<Box<dyn PaperLearner>, IndexError> {
     Ok(match config.precision {
         Precision::F64 => in_world(PaperTrainer::<f64>::new(config, draw)?, normalization),
-        // Mixed and f32 runs use the same points and means; only their totals differ.
         _ => in_world(PaperTrainer::<f32>::new(config, draw)?, normalization),
     })
 }

@@ -25,7 +25,6 @@ use std::sync::PoisonError;
 /// most 10⁻³⁵ of the point, which changes no bit of any sum.
 const OPEN_GAPS: f64 = 2.0;
 
-/// Inputs of a device's pass.
 #[derive(Clone, Copy)]
 struct DeviceInputs<'a> {
     model: &'a InitialModel<f32>,
@@ -44,19 +43,14 @@ pub struct Passes {
     open_tiles: u64,
 }
 
-/// A device and its state.
 struct PassDevice {
     device: Box<dyn MixtureDevice>,
     trial: DeviceTrial,
-    /// True once its results were found equal to the CPU's.
     is_verified: bool,
-    /// True if the last fit ran on the device.
     is_chosen: bool,
     /// True if its last pass left tiles open; consecutive frames are similar.
     had_open_tiles: bool,
-    /// Revision of the means on the device.
     revision: Option<u64>,
-    /// True if the frame's points are on the device.
     has_points: bool,
 }
 
@@ -107,10 +101,9 @@ impl Passes {
     }
 
     /// True if the scoring pass can serve as the fit, with only tiles reached by moves run again. False if a
-    /// device runs both passes faster, or if totals are f32 and thus retain tiny shares.
+    /// device runs both passes faster.
     pub fn can_run_again<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> bool {
-        let keeps_all = inputs.config.operations.update == UpdateWidth::F32;
-        !self.is_next_on_device() && !keeps_all && fused_rank(inputs).is_some()
+        !self.is_next_on_device() && fused_rank(inputs).is_some()
     }
 
     /// Runs those tiles of the last fit again that are within reach of places that means left or moved to.
@@ -228,7 +221,6 @@ impl Passes {
         self.used.trial = device.trial.medians;
     }
 
-    /// Stops using the device and logs a warning.
     fn fall_back(&mut self, reason: String) {
         self.used.record_fallback(reason);
         self.device = None;
@@ -236,7 +228,6 @@ impl Passes {
 }
 
 impl PassDevice {
-    /// Chooses where to run a pass over `n_points` points.
     fn turn(&mut self, output: Output, n_points: usize) -> DeviceChoice {
         if output == Output::Elbo {
             // Scoring passes run where the last fit ran: only fits are measured.
@@ -250,7 +241,6 @@ impl PassDevice {
         turn
     }
 
-    /// Uploads the means and points that changed since the last pass.
     fn upload_changes(
         &mut self,
         &DeviceInputs { model, points, .. }: &DeviceInputs<'_>,
@@ -271,12 +261,11 @@ impl PassDevice {
     }
 }
 
-/// Returns the inputs of a device's pass, if devices support the configuration.
 fn device_inputs<'a, R: PaperScalar>(
     inputs: &PassInputs<'a, R>,
     points: &'a Points<R>,
 ) -> Option<DeviceInputs<'a>> {
-    // Devices drop shares too small for fixed point; other totals would retain them.
+    // Devices drop shares too small for 64-bit totals; wider totals would retain them.
     let is_fixed = inputs.config.operations.update == UpdateWidth::Fixed64;
     let candidates = fused_rank(inputs).filter(|&n| is_fixed && n <= MAX_DEVICE_CANDIDATES)?;
     let (model, points) = (R::narrow_model(inputs.model)?, R::narrow_points(points)?);
@@ -302,10 +291,8 @@ fn rule(scoring: &Scoring, candidates: usize) -> PassRule {
 /// Smaller counts round to zero in the totals, so their records are dropped.
 const MIN_COUNT: f32 = 1e-11;
 
-/// Minimum number of scores converted per task.
 const WIDENED: usize = 1 << 13;
 
-/// Component, tile and bits of the sums.
 type RecordBits = (u32, u32, [u32; N_SUMS]);
 
 impl Pass {
@@ -336,7 +323,6 @@ impl Pass {
         });
     }
 
-    /// Adds the times of another clock to the CPU's.
     pub(in crate::train::paper) fn add_clock(&self, mut clock: StageClock) {
         self.worker().clock.add(clock.take_nanos());
     }

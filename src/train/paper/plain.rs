@@ -1,6 +1,5 @@
 //! Reference implementation of a pass: candidates, scores, responsibilities and sums in sequence, each
-//! in the configured precision. Also used for dense E-steps, the KD-tree and materialised
-//! responsibilities.
+//! in the configured precision. Also used for dense E-steps.
 //!
 //! Every stage is a function over one tile with its own width, so that `precision-search` can narrow one
 //! operation at a time. Not optimised: its results define those of the faster implementations.
@@ -19,7 +18,6 @@ use crate::train::estep::Scoring;
 use std::num::NonZero;
 use std::ops::Range;
 
-/// Inputs of a plain pass.
 pub(super) struct PlainInputs<'a, R: PaperScalar> {
     pub model: &'a InitialModel<R>,
     pub index: &'a Index,
@@ -66,9 +64,6 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
             return range.for_each(|_| ids.extend(0..model.len() as u32));
         };
         let Some(n) = NonZero::new(n) else { return };
-        if let Some(tree) = index.tree() {
-            return range.for_each(|i| tree.nearest(points.position(i).map(R::to_f64), n, ids));
-        }
         let (grid, search) = (&index.sorted(self.model).grid, &mut memory.search);
         match R::narrow_points(points) {
             // Distances in f32 require points and means stored in f32.

@@ -35,7 +35,7 @@ impl Quota {
         let low_elbo = match config.reassign {
             ReassignPolicy::Off => return None,
             ReassignPolicy::Dense => usize::MAX,
-            ReassignPolicy::Truncated | ReassignPolicy::Padded | ReassignPolicy::Forwarded => {
+            ReassignPolicy::Padded | ReassignPolicy::Forwarded => {
                 config.low_elbo_floor.max((config.components as f64 * fraction * 4.0) as usize)
             }
         };
@@ -48,16 +48,14 @@ impl Quota {
 pub struct DestinationChooser {
     /// Selects by score, in reversed order so that the lowest ELBO comes first.
     lowest: Smallest,
-    /// Selects by time of the draw.
     draws: Smallest,
-    /// One bit per point.
     marks: Vec<u64>,
     points: Vec<u32>,
 }
 
 impl DestinationChooser {
     /// Allocates all memory that this configuration can need for any frames.
-    pub fn padded(config: &PaperConfig) -> Self {
+    pub fn reserved(config: &PaperConfig) -> Self {
         let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
             return Self::default();
         };
@@ -151,7 +149,6 @@ fn descending_key(distance: f64) -> u64 {
     if bits >> 63 == 1 { bits } else { !(bits | 1 << 63) }
 }
 
-/// Inverse of [`descending_key`].
 fn distance(order: u64) -> f64 {
     f64::from_bits(if order >> 63 == 1 { order } else { !(order | 1 << 63) })
 }
@@ -247,7 +244,6 @@ impl Smallest {
         if rank < sample.len() { *sample.select_nth_unstable(rank).1 } else { u64::MAX }
     }
 
-    /// Collects all items up to a bound.
     fn collect(
         &mut self,
         items: usize,

@@ -28,9 +28,7 @@ use crate::train::timing::{PAPER_STAGES, PaperStage, StageMs, Stopwatch};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Number of effective distances per partial sum.
 const SUMMED: usize = 64;
-/// Minimum number of partial sums per task.
 const SUMS: usize = 128;
 
 /// Model and buffers in precision `R`.
@@ -45,14 +43,12 @@ pub struct PaperTrainer<R: PaperScalar> {
     passes: Passes,
     /// Effective distance of each point of the last frame.
     q: Vec<f64>,
-    /// Partial sums of `q`, with their numbers of terms.
     q_sums: Vec<(f64, usize)>,
     component_elbo: ComponentElbo,
     chooser: DestinationChooser,
     moves: Vec<(u32, u32)>,
     /// Original means of moved components, to undo a failed reassignment.
     displaced: Vec<([R; 3], [R; 3])>,
-    /// Positions that moved components left and moved to.
     places: Vec<[f32; 3]>,
     frames: u64,
 }
@@ -73,14 +69,14 @@ impl<R: PaperScalar> PaperTrainer<R> {
         let scoring = Scoring::new(&hyper);
         let is_padded = config.reassign == ReassignPolicy::Padded;
         let chooser = if is_padded {
-            DestinationChooser::padded(config)
+            DestinationChooser::reserved(config)
         } else {
             DestinationChooser::default()
         };
         Ok(Self {
             config: config.clone(),
             hyper,
-            index: Index::new(&model, config.index)?,
+            index: Index::new(&model)?,
             scoring,
             statistics: Statistics::new(model.len(), config.operations.update),
             passes: Passes::default(),
@@ -113,7 +109,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
                 // Counted after the fit: components used by this frame must not move.
                 self.reassign(points, self.quota(), &mut ms)?
             }
-            ReassignPolicy::Dense | ReassignPolicy::Truncated | ReassignPolicy::Padded => {
+            ReassignPolicy::Dense | ReassignPolicy::Padded => {
                 self.reassign_and_fit(points, &mut ms)?
             }
         };
@@ -130,7 +126,6 @@ impl<R: PaperScalar> PaperTrainer<R> {
         })
     }
 
-    /// Candidates of the scoring pass before the fit.
     fn scoring_candidates(&self) -> Candidates {
         match self.config.reassign {
             ReassignPolicy::Dense => Candidates::Dense,
@@ -169,7 +164,6 @@ impl<R: PaperScalar> PaperTrainer<R> {
         Ok(reassigned)
     }
 
-    /// Runs the tiles again that are within reach of this frame's moves.
     fn run_reached(&mut self, points: &Points<R>, ms: &mut StageMs) {
         let mut clock = Stopwatch::start();
         let narrow = |space: [R; 3]| space.map(|v| v.to_f64() as f32);
@@ -222,7 +216,6 @@ impl<R: PaperScalar> PaperTrainer<R> {
         ms.add_pass(clock.lap_ms(), self.passes.processor.take_stage_nanos());
     }
 
-    /// Number of points trained on, and their mean ELBO; 0 without points.
     fn mean_elbo(&mut self) -> (usize, f64) {
         let Self { q, q_sums, scoring, .. } = self;
         q_sums.resize(q.len().div_ceil(SUMMED), (0.0, 0));

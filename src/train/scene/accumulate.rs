@@ -4,19 +4,14 @@
 //! neither atomics nor private copies are needed, and rows are updated in the order of the points. Neighbours
 //! in that order belong to few components, whose rows stay in the cache.
 
-use super::component_sums::{ComponentSums, SumRow, SumScalar, Visibility};
+use super::component_sums::{ComponentSums, FULL, SumRow, term_quanta, value};
 use super::components::SeedPositions;
-use super::config::VisibilityRule;
 use super::grid::NONE;
-use crate::math::image::split_by_sizes;
-use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
-use crate::model::scene::kept::FrameContribution;
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
-/// Points of a frame with their assignment and corrections.
 #[derive(Clone, Copy)]
 pub struct AssignedPoints<'a> {
     /// Points of the frame, world units from the scene's origin.
@@ -25,58 +20,50 @@ pub struct AssignedPoints<'a> {
     pub owners: &'a [u32],
     /// Shift of each point along its ray, world units.
     pub shifts: &'a [f32],
-    /// Factor on each colour channel.
     pub gain: [f32; 3],
-    /// Pixels per point.
     pub weight: u32,
-    /// True if the added sums are to be returned.
-    pub returns_contribution: bool,
 }
 
 impl AssignedPoints<'_> {
     #[inline(always)]
-    fn terms<R: Real>(&self, i: usize, seed: [f32; 3], h: f64) -> [R; N_SUMS] {
+    fn terms(&self, i: usize, seed: [f32; 3], h: f64) -> [f32; N_SUMS] {
         let (point, shift) = (&self.points[i], self.shifts[i]);
-        let real = |x: f32| R::of(f64::from(x));
-        let per_h = R::of(1.0 / h);
+        let per_h = (1.0 / h) as f32;
         // Merged components own points beyond `h`, and refinement moves points: without the clamp their terms
         // could overflow a row.
         let offset = |axis: usize| {
-            let offset = real(point.position[axis]) - real(seed[axis])
-                + real(shift) * real(point.direction[axis]);
+            let offset = point.position[axis] - seed[axis] + shift * point.direction[axis];
             clamp(offset * per_h, MAX_OFFSET)
         };
         let offset = [offset(0), offset(1), offset(2)];
         // A gain above 1 must not lift a colour beyond the bound of terms.
-        let color = |i: usize| real((point.color[i] * self.gain[i]).min(1.0));
+        let color = |i: usize| (point.color[i] * self.gain[i]).min(1.0);
         let color = [color(0), color(1), color(2)];
         // A power of two, so multiplication is exact.
-        let weight = R::of(f64::from(self.weight));
+        let weight = self.weight as f32;
         let mut terms = terms(offset, color, point.normal, point.direction);
         for term in &mut terms {
-            *term = weight * *term;
+            *term *= weight;
         }
         terms
     }
 }
 
 /// Adds every point with an owner; sums are exact, so the order is irrelevant. Replaces `touched` by the
-/// owners, ascending. Returns the added sums if `is_noted`, unless a component received more than a row
-/// holds.
-pub fn accumulate<W: SumScalar>(
-    component_sums: &mut ComponentSums<W>,
+/// owners, ascending.
+pub fn accumulate(
+    component_sums: &mut ComponentSums,
     seed_positions: SeedPositions<'_>,
     frame: AssignedPoints<'_>,
     h: f64,
-    rule: VisibilityRule,
     touched: &mut Vec<u32>,
-) -> Option<FrameContribution> {
+) {
     // Threads finish in any order: results are sorted by their first component afterwards.
     let received = std::sync::Mutex::new(Vec::with_capacity(PARTS));
     let parts = PointParts::new(frame.owners, component_sums.len());
     component_sums.for_each_run(parts.firsts(), |first, rows, _| {
         let points = parts.of(first);
-        let part = Part { first, rows, points, seed_positions, frame, h, rule };
+        let part = Part { first, rows, points, seed_positions, frame, h };
         let part = Isa::best().run(part);
         if let Ok(mut received) = received.lock() {
             received.push((first, part));
@@ -86,22 +73,10 @@ pub fn accumulate<W: SumScalar>(
     received.sort_unstable_by_key(|(first, _)| *first);
     touched.clear();
     received.iter().for_each(|(_, part)| touched.extend(&part.ids));
-    let is_narrow = received.iter().all(|(_, part)| part.wide.is_empty());
-    let taught = (frame.returns_contribution && is_narrow).then(|| taught(touched, &received));
     for (id, sums) in received.into_iter().flat_map(|(_, part)| part.wide) {
         // Wide rows are shared, so they are updated after all threads have finished.
         component_sums.add_wide(id, sums);
     }
-    taught
-}
-
-/// Concatenates the sums of all parts.
-fn taught(ids: &[u32], received: &[(usize, PartResult)]) -> FrameContribution {
-    let mut sums = vec![[0; N_SUMS]; ids.len()];
-    let parts = split_by_sizes(&mut sums, received.iter().map(|(_, part)| part.sums.len()));
-    let parts = parts.into_par_iter().zip(received);
-    parts.for_each(|(to, (_, part))| to.copy_from_slice(&part.sums));
-    FrameContribution { ids: ids.to_vec(), sums }
 }
 
 #[derive(Default)]
@@ -110,34 +85,28 @@ struct PartResult {
     ids: Vec<u32>,
     /// Sums of components whose points exceed the range of a row.
     wide: Vec<(u32, [f64; N_SUMS])>,
-    /// Sums added to each component, if `is_noted`.
-    sums: Vec<[i32; N_SUMS]>,
 }
 
-struct Part<'a, W, P> {
+struct Part<'a, P> {
     first: usize,
-    rows: &'a mut [SumRow<W>],
+    rows: &'a mut [SumRow],
     /// Points of these components, ascending.
     points: P,
     seed_positions: SeedPositions<'a>,
     frame: AssignedPoints<'a>,
     h: f64,
-    rule: VisibilityRule,
 }
 
 /// Component that receives points of this frame.
 struct Receiver {
-    /// Row within the part.
     row: u32,
     n: u32,
     seed: [f32; 3],
-    /// Sum of [`facing_pixels`], if returns are counted.
-    returns: f64,
     /// Index among the wide sums, if the points exceed the range of a row.
     wide: Option<usize>,
 }
 
-impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, W, P> {
+impl<'p, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, P> {
     /// Returns the index of each row's taker, and the takers in the order of their first point.
     fn receivers(&self) -> (Vec<u32>, Vec<Receiver>) {
         let Self { first, rows, points, seed_positions, frame, .. } = self;
@@ -148,7 +117,7 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, W, P> {
             if *place == NONE {
                 *place = takers.len() as u32;
                 let (row, seed) = ((id - first) as u32, seed_positions.of(id));
-                takers.push(Receiver { row, n: 0, seed, returns: 0.0, wide: None });
+                takers.push(Receiver { row, n: 0, seed, wide: None });
             }
             takers[*place as usize].n += 1;
         }
@@ -156,27 +125,21 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, W, P> {
     }
 }
 
-impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_, W, P> {
+impl<'p, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_, P> {
     type Output = PartResult;
 
     #[inline(always)]
     fn run<V: Vector>(self) -> PartResult {
         let (places, mut takers) = self.receivers();
-        let Self { first, rows, points, seed_positions, frame, h, rule } = self;
+        let Self { first, rows, points, frame, h, .. } = self;
         let mut received = PartResult::default();
         for taker in &mut takers {
             // A wall close to the camera can put a whole frame into one component.
-            if f64::from(taker.n) * f64::from(frame.weight) > W::FULL {
+            if f64::from(taker.n) * f64::from(frame.weight) > FULL {
                 taker.wide = Some(received.wide.len());
                 received.wide.push(((first as u32) + taker.row, [0.0; N_SUMS]));
             }
         }
-        let before = |taker: &Receiver| rows[taker.row as usize].sums;
-        let before: Vec<_> = if frame.returns_contribution {
-            takers.iter().map(before).collect()
-        } else {
-            Vec::new()
-        };
         // Nested loops, since `next` of a flattened iterator is not inlined.
         for points in points {
             for &point in points {
@@ -186,58 +149,32 @@ impl<'p, W: SumScalar, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_
                 let terms = frame.terms(point, taker.seed, h);
                 match taker.wide {
                     None => rows[row].add(&terms),
-                    Some(wide) => add_rounded::<W>(&mut received.wide[wide].1, &terms),
-                }
-                if rule == VisibilityRule::Returned {
-                    taker.returns += facing_pixels(&frame.points[point]);
+                    Some(wide) => add_rounded(&mut received.wide[wide].1, &terms),
                 }
             }
         }
-        let mut order: Vec<usize> = (0..takers.len()).collect();
-        order.sort_unstable_by_key(|&taker| takers[taker].row);
-        for place in order {
-            let Receiver { row, n, returns, wide, .. } = takers[place];
-            let (id, row) = (first + row as usize, &mut rows[row as usize]);
-            if frame.returns_contribution && wide.is_none() {
-                received.sums.push(std::array::from_fn(|i| row.sums[i].since(before[place][i])));
-            }
-            if rule == VisibilityRule::Returned {
-                let surface = h * h * seed_positions.share(id).powi(2);
-                row.count_visibility(Visibility::Hit, surface * returns / f64::from(n));
-            }
-            received.ids.push(id as u32);
-        }
+        received.ids.extend(takers.iter().map(|taker| first as u32 + taker.row));
+        received.ids.sort_unstable();
         received
     }
 }
 
-/// Adds terms rounded as in a row.
-fn add_rounded<W: SumScalar>(sums: &mut [f64; N_SUMS], terms: &[W::Term; N_SUMS]) {
-    let rounded = terms.iter().map(|&term| W::of(term).value());
+fn add_rounded(sums: &mut [f64; N_SUMS], terms: &[f32; N_SUMS]) {
+    let rounded = terms.iter().map(|&term| value(term_quanta(term)));
     sums.iter_mut().zip(rounded).for_each(|(sum, term)| *sum += term);
 }
 
-/// Pixels per unit of surface area at a point, world units⁻².
 #[inline(always)]
-fn facing_pixels(point: &SurfacePoint) -> f64 {
-    let (n, d) = (point.normal.map(f64::from), point.direction.map(f64::from));
-    let facing = -(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]);
-    facing / f64::from(point.footprint).powi(2)
-}
-
-#[inline(always)]
-fn clamp<R: Real>(value: R, most: f32) -> R {
-    let (least, most) = (R::of(f64::from(-most)), R::of(f64::from(most)));
+fn clamp(value: f32, most: f32) -> f32 {
     // Two separate selections compile to branch-free code.
     let value = if value > most { most } else { value };
-    if value < least { least } else { value }
+    if value < -most { -most } else { value }
 }
 
 /// Number of ranges of components, each for one thread.
 pub const PARTS: usize = 32;
 /// Number of points sampled to choose the ranges.
 const SAMPLED: usize = 1024;
-/// Points per task.
 const CHUNK: usize = 2048;
 
 /// A frame's points, partitioned by ranges of consecutive components.
@@ -318,8 +255,6 @@ fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
-    use crate::model::scene::kept::quanta_to_values;
-    use crate::model::scene::state::WHOLE;
     use crate::train::scene::components::Components;
     use crate::train::scene::grid::SeedGrid;
 
@@ -339,7 +274,7 @@ mod tests {
     }
 
     /// One component at the origin that receives all points of every frame.
-    fn summed(frames: &[&[SurfacePoint]]) -> ComponentSums<i32> {
+    fn summed(frames: &[&[SurfacePoint]]) -> ComponentSums {
         let most = frames.iter().map(|points| points.len()).max().unwrap();
         let (owners, shifts) = (vec![0; most], vec![0.0; most]);
         let frames: Vec<AssignedPoints<'_>> = frames
@@ -350,39 +285,22 @@ mod tests {
                 shifts: &shifts[..points.len()],
                 gain: [1.0; 3],
                 weight: 1,
-                returns_contribution: true,
             })
             .collect();
         sum_of(&frames)
     }
 
-    fn sum_of(frames: &[AssignedPoints<'_>]) -> ComponentSums<i32> {
+    fn sum_of(frames: &[AssignedPoints<'_>]) -> ComponentSums {
         let mut grid = SeedGrid::new(1.0);
         let mut components = Components::default();
-        components.add_seed(grid.insert([0.0; 3]), WHOLE);
+        components.add_seed(grid.insert([0.0; 3]));
         let seed_positions = SeedPositions { grid: &grid, components: &components };
-        let mut component_sums = ComponentSums::<i32>::default();
+        let mut component_sums = ComponentSums::default();
         component_sums.grow(1);
         for frame in frames {
             let mut touched = Vec::new();
-            let before = component_sums.sums(0);
-            let taught = accumulate(
-                &mut component_sums,
-                seed_positions,
-                *frame,
-                1.0,
-                VisibilityRule::Projected,
-                &mut touched,
-            );
+            accumulate(&mut component_sums, seed_positions, *frame, 1.0, &mut touched);
             assert_eq!(touched, [0]);
-            // The returned sums are those added, unless they exceed the range of a row.
-            let fits = frame.points.len() as u32 * frame.weight <= 4096;
-            assert_eq!(taught.is_some(), frame.returns_contribution && fits);
-            if let Some(taught) = taught {
-                let (added, after) =
-                    (quanta_to_values(taught.of(0).unwrap()), component_sums.sums(0));
-                assert!((0..N_SUMS).all(|i| before[i] + added[i] == after[i]));
-            }
             component_sums.spill_to_wide_rows(&touched);
         }
         component_sums
@@ -399,11 +317,10 @@ mod tests {
             shifts: &shifts,
             gain: [1.0; 3],
             weight: 1,
-            returns_contribution: false,
         };
         for i in 0..points.len() {
             let terms: [f32; N_SUMS] = frame.terms(i, [0.0; 3], 1.0);
-            let quanta = terms.map(|term| i64::from(<i32 as SumScalar>::of(term)));
+            let quanta = terms.map(|term| i64::from(term_quanta(term)));
             expected.iter_mut().zip(quanta).for_each(|(sum, term)| *sum += term);
         }
         let expected = expected.map(|quanta| quanta as f64 / 32768.0);
@@ -412,7 +329,7 @@ mod tests {
         for frames in [&[&points[..]][..], &[start, most, end], &[end, start, most]] {
             let component_sums = summed(frames);
             assert_eq!(component_sums.sums(0), expected);
-            assert_eq!(component_sums.state(&[0]), summed(&[&points]).state(&[0]));
+            assert_eq!(component_sums.state(), summed(&[&points]).state());
         }
     }
 
@@ -422,14 +339,7 @@ mod tests {
         let of = |weight: u32, points: &[SurfacePoint]| {
             let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
             let (owners, shifts, gain) = (&owners, &shifts, [1.0; 3]);
-            let frame = AssignedPoints {
-                points,
-                owners,
-                shifts,
-                gain,
-                weight,
-                returns_contribution: false,
-            };
+            let frame = AssignedPoints { points, owners, shifts, gain, weight };
             sum_of(&[frame])
         };
         // 1,500 points of weight 4 exceed the range of a row; 1,000 do not.

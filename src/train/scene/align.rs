@@ -15,12 +15,11 @@
 //! starts at the correction of nearby frames. Six rounds with a subset of the points are typical, then one
 //! with all. Exact poses are not aligned.
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::components::SeedPositions;
 use super::grid::NONE;
 use super::rigid_equations::{Motion, RigidEquations};
 use super::seed_groups::GROUP;
-use crate::model::scene::kept::ComponentObservation;
 use crate::model::scene::sums::{SceneSums, outer};
 use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DMat3, DQuat, DVec3};
@@ -53,10 +52,8 @@ const ROBUST: f64 = 4.0;
 pub const TURN_DEVIATION: f64 = 0.01;
 /// Gauss–Newton steps per assignment of components.
 const STEPS: usize = 2;
-/// Matches per partial sum.
 const PART: usize = 256;
 
-/// Inputs of the alignment of one frame.
 pub struct PoseAlignment<'a> {
     /// Frame as recorded, with the points selected by [`alignment_subset`].
     pub frame: &'a Observation,
@@ -64,37 +61,31 @@ pub struct PoseAlignment<'a> {
     pub owners: &'a [u32],
     /// Factors from the frame's colours to the scene's exposure.
     pub gain: [f32; 3],
-    /// Structural scale, world units.
     pub h: f64,
 }
 
 /// Prediction of a component, and the frame's measurement of it.
 pub struct Match<'p> {
-    /// Predicted plane and colours.
     pub plane: &'p ColoredPlane,
-    /// Means of the frame's points.
-    pub observation: ComponentObservation,
+    /// Mean position of the frame's points under the recorded pose, world units from the scene's origin.
+    pub position: DVec3,
+    /// Their mean colour in the scene's exposure.
+    pub color: DVec3,
+    /// Mean half-width of their depth noise, world units.
+    pub noise: f64,
 }
 
-/// Result of one round of alignment.
 pub struct Improvement {
-    /// Improved motion.
     pub motion: Motion,
-    /// True if the motion has converged.
     pub has_converged: bool,
-    /// Means of the frame's points by component, from the last round only.
-    pub shown: Vec<ComponentObservation>,
 }
 
-/// Matches of a frame and their coverage.
 pub struct FrameMatches<'p> {
-    /// One per component.
     pub matches: Vec<Match<'p>>,
     /// Share of the frame's points that these components own, 0 to 1.
     pub share: f64,
 }
 
-/// Prior of a frame's motion.
 #[derive(Clone, Copy)]
 pub struct RecordedPose {
     /// Camera centre as recorded, world units from the origin.
@@ -118,7 +109,6 @@ pub fn first_groups(frame: &Observation) -> Observation {
     with_points(frame, groups.flatten().copied().collect())
 }
 
-/// Copies the fields that alignment needs.
 fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
     Observation {
         points,
@@ -131,30 +121,22 @@ fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
 
 impl PoseAlignment<'_> {
     /// Returns a more probable motion than `before`, under which `owners` were assigned; `None` if too few
-    /// components are known. `is_last` requests the means of the points even without convergence.
-    pub fn improve<W: SumScalar>(
-        &self,
-        before: &Motion,
-        planes: &mut KnownPlanes<'_, W>,
-        is_last: bool,
-    ) -> Option<Improvement> {
+    /// components are known.
+    pub fn improve(&self, before: &Motion, planes: &mut KnownPlanes<'_>) -> Option<Improvement> {
         let found = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
         let deviations = [TURN_DEVIATION, f64::from(self.frame.tolerance.place)];
         let motion = RecordedPose { centre, deviations }.step(&found, before)?;
         let matches = &found.matches;
-        let reach = matches.iter().map(|m| (m.observation.position - centre).length()).sum::<f64>();
+        let reach = matches.iter().map(|m| (m.position - centre).length()).sum::<f64>();
         let turned = (motion.turn * before.turn.inverse()).to_scaled_axis().length();
         let moved = (motion.shift - before.shift).length() + turned * reach / matches.len() as f64;
-        let has_settled = moved < CONVERGED * self.h;
-        let shown = if is_last || has_settled { &matches[..] } else { &[] };
-        let shown = shown.iter().map(|matched| matched.observation).collect();
-        Some(Improvement { motion, has_converged: has_settled, shown })
+        Some(Improvement { motion, has_converged: moved < CONVERGED * self.h })
     }
 
     /// Averages the points by component, in the order of each component's first point. Runs on one thread, so
     /// that rounding depends neither on the machine nor on the numbering of components.
-    fn matches<'p, W: SumScalar>(&self, planes: &'p mut KnownPlanes<'_, W>) -> FrameMatches<'p> {
+    fn matches<'p>(&self, planes: &'p mut KnownPlanes<'_>) -> FrameMatches<'p> {
         planes.compute_missing(self.owners);
         let planes = &*planes;
         let mut at = vec![NONE; planes.len()];
@@ -163,16 +145,14 @@ impl PoseAlignment<'_> {
             let Some((number, plane)) = planes.plane_of(component) else { continue };
             if at[number] == NONE {
                 at[number] = sums.len() as u32;
-                sums.push((
-                    0.0,
-                    Match { plane, observation: ComponentObservation::empty(component) },
-                ));
+                let (position, color) = (DVec3::ZERO, DVec3::ZERO);
+                sums.push((0.0, Match { plane, position, color, noise: 0.0 }));
             }
-            let (n, Match { observation: shown, .. }) = &mut sums[at[number] as usize];
+            let (n, matched) = &mut sums[at[number] as usize];
             *n += 1.0;
-            shown.position += point.position_vector() - plane.seed;
-            shown.color += self.exposed(point);
-            shown.noise += f64::from(point.noise);
+            matched.position += point.position_vector() - plane.seed;
+            matched.color += self.exposed(point);
+            matched.noise += f64::from(point.noise);
         }
         let owned: f64 = sums.iter().map(|(n, _)| n).sum();
         let share = owned / self.frame.points.len().max(1) as f64;
@@ -188,12 +168,9 @@ impl PoseAlignment<'_> {
 
 impl Match<'_> {
     /// Converts sums about the seed over `n` points to means.
-    fn mean_of(mut self, n: f64) -> Self {
-        let Self { plane, observation: shown } = &mut self;
-        shown.position = plane.seed + shown.position / n;
-        shown.color /= n;
-        shown.noise /= n;
-        self
+    fn mean_of(self, n: f64) -> Self {
+        let Self { plane, position, color, noise } = self;
+        Self { plane, position: plane.seed + position / n, color: color / n, noise: noise / n }
     }
 }
 
@@ -245,18 +222,18 @@ impl RecordedPose {
 
 impl RigidEquations {
     fn add_match(&mut self, matched: &Match<'_>, centre: DVec3, motion: &Motion, alike: f64) {
-        let Match { plane, observation: shown } = matched;
+        let Match { plane, position, color, noise } = matched;
         // Rotates about the camera centre, so that a rotation leaves the camera's position unchanged.
-        let arm = motion.turn * (shown.position - centre);
+        let arm = motion.turn * (*position - centre);
         let offset = centre + arm + motion.shift - plane.mean;
         let distance = plane.normal.dot(offset);
         // Not divided by the number of points: errors of neighbouring pixels do not average out.
-        let variance = shown.noise * shown.noise + plane.variance;
+        let variance = noise * noise + plane.variance;
         let weight = 1.0 / (alike * variance);
         // Cauchy weight: points of another surface lose influence with distance.
         let trust = 1.0 / (1.0 + distance * distance / (variance * ROBUST));
         let across = weight * trust * plane.normal;
-        let color = shown.color - plane.color - plane.gradient * offset;
+        let color = *color - plane.color - plane.gradient * offset;
         let weight = 1.0 / (alike * COLOR_VARIANCE);
         let trust = 1.0 / (1.0 + color.length_squared() / (COLOR_VARIANCE * ROBUST));
         let along = weight * trust * plane.gradient.transpose();
@@ -282,11 +259,9 @@ pub struct ColoredPlane {
     pub seed: DVec3,
     /// Mean of its points, world units from the origin.
     pub mean: DVec3,
-    /// Unit normal.
     pub normal: DVec3,
     /// Variance of its points along the normal, world units².
     pub variance: f64,
-    /// Mean colour.
     pub color: DVec3,
     /// Colour gradient within the plane, one row per channel, per world unit.
     pub gradient: DMat3,
@@ -315,10 +290,9 @@ impl ColoredPlane {
 }
 
 /// Cache of the planes requested so far.
-pub struct KnownPlanes<'a, W> {
-    component_sums: &'a ComponentSums<W>,
+pub struct KnownPlanes<'a> {
+    component_sums: &'a ComponentSums,
     seed_positions: SeedPositions<'a>,
-    /// Structural scale, world units.
     h: f64,
     /// Ridge of the regression of colour on position, world units².
     ridge: f64,
@@ -327,9 +301,9 @@ pub struct KnownPlanes<'a, W> {
     planes: Vec<Option<ColoredPlane>>,
 }
 
-impl<'a, W: SumScalar> KnownPlanes<'a, W> {
+impl<'a> KnownPlanes<'a> {
     pub fn new(
-        component_sums: &'a ComponentSums<W>,
+        component_sums: &'a ComponentSums,
         seed_positions: SeedPositions<'a>,
         h: f64,
         ridge: f64,
@@ -355,7 +329,6 @@ impl<'a, W: SumScalar> KnownPlanes<'a, W> {
         self.planes.par_extend(new.par_iter().with_min_len(64).map(plane));
     }
 
-    /// Number of components requested so far.
     pub fn len(&self) -> usize {
         self.planes.len()
     }

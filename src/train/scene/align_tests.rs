@@ -44,7 +44,7 @@ pub fn room(turn: DQuat, shift: DVec3) -> Observation {
 #[test]
 fn a_wrong_pose_is_found() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
-    let mut trainer = SceneTrainer::<f64>::new(&config, DVec3::ZERO);
+    let mut trainer = SceneTrainer::new(&config, DVec3::ZERO);
     for _ in 0..2 {
         trainer.train(&room(DQuat::IDENTITY, DVec3::ZERO));
     }
@@ -70,7 +70,7 @@ fn a_wrong_pose_is_found() {
 #[test]
 fn a_pose_that_is_far_off_is_pulled_back() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
-    let mut trainer = SceneTrainer::<f64>::new(&config, DVec3::ZERO);
+    let mut trainer = SceneTrainer::new(&config, DVec3::ZERO);
     for _ in 0..2 {
         trainer.train(&room(DQuat::IDENTITY, DVec3::ZERO));
     }
@@ -85,7 +85,7 @@ fn a_pose_that_is_far_off_is_pulled_back() {
 
 #[test]
 fn an_unknown_scene_moves_nothing() {
-    let mut trainer = SceneTrainer::<f64>::new(&SceneConfig::coarse(0.05), DVec3::ZERO);
+    let mut trainer = SceneTrainer::new(&SceneConfig::coarse(0.05), DVec3::ZERO);
     assert_eq!(trainer.motion(&room(DQuat::IDENTITY, DVec3::ZERO)), None);
 }
 
@@ -93,10 +93,10 @@ fn an_unknown_scene_moves_nothing() {
 #[test]
 fn a_scene_that_began_wrong_ends_where_most_frames_say() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
-    let mut trainer = SceneTrainer::<i32>::new(&config, DVec3::ZERO);
+    let mut trainer = SceneTrainer::new(&config, DVec3::ZERO);
     let (turn, shift) = (DQuat::from_rotation_z(0.01), DVec3::new(0.0, 0.016, -0.016));
     let right = room(DQuat::IDENTITY, DVec3::ZERO);
-    let off = |trainer: &SceneTrainer<i32>| {
+    let off = |trainer: &SceneTrainer| {
         let off = |splat: &Splat| (vector(splat.mean).abs().max_element() - 1.0).abs();
         let splats = trainer.splats();
         splats.iter().map(off).sum::<f64>() / splats.len() as f64
@@ -111,7 +111,7 @@ fn a_scene_that_began_wrong_ends_where_most_frames_say() {
         }
     }
     // A run resumed from a checkpoint is moved in the same way.
-    let mut gone_on = SceneTrainer::<i32>::restore(&config, half_way.unwrap(), 6).unwrap();
+    let mut gone_on = SceneTrainer::restore(&config, half_way.unwrap(), 6).unwrap();
     gone_on.train(&right);
     gone_on.train(&right);
     assert_eq!(gone_on.state(), trainer.state());
@@ -129,12 +129,12 @@ fn a_scene_that_began_wrong_ends_where_most_frames_say() {
 #[test]
 fn all_that_was_learnt_moves_with_the_world() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
-    let mut trainer = SceneTrainer::<i32>::new(&config, DVec3::new(0.5, 0.0, 0.0));
+    let mut trainer = SceneTrainer::new(&config, DVec3::new(0.5, 0.0, 0.0));
     trainer.train(&room(DQuat::IDENTITY, DVec3::ZERO));
     let turn = DQuat::from_scaled_axis(DVec3::new(0.3, -0.2, 0.5));
     let motion = Pose::IDENTITY.attached_camera(DVec3::new(0.4, -0.3, 0.2), turn);
-    let moved = moved::<i32>(trainer.state(), &motion).unwrap();
-    let moved = SceneTrainer::<i32>::restore(&config, moved, 1).unwrap();
+    let moved = moved(trainer.state(), &motion).unwrap();
+    let moved = SceneTrainer::restore(&config, moved, 1).unwrap();
     let (before, after) = (trainer.splats(), moved.splats());
     assert_eq!(before.len(), after.len());
     for (id, (a, b)) in before.iter().zip(after.iter()).enumerate() {
@@ -154,13 +154,13 @@ fn all_that_was_learnt_moves_with_the_world() {
 #[test]
 fn scenes_that_were_moved_since_their_start_are_fused_where_it_was() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
-    let mut trainer = SceneTrainer::<i32>::new(&config, DVec3::ZERO);
+    let mut trainer = SceneTrainer::new(&config, DVec3::ZERO);
     let right = room(DQuat::IDENTITY, DVec3::ZERO);
     trainer.train(&room(DQuat::from_rotation_z(0.01), DVec3::new(0.0, 0.016, -0.016)));
     trainer.train(&right);
     let start = trainer.state();
     let shard = |frames: usize| {
-        let mut trainer = SceneTrainer::<i32>::restore(&config, start.clone(), 2).unwrap();
+        let mut trainer = SceneTrainer::restore(&config, start.clone(), 2).unwrap();
         for _ in 0..frames {
             trainer.train(&right);
         }
@@ -170,7 +170,7 @@ fn scenes_that_were_moved_since_their_start_are_fused_where_it_was() {
     let place = |state: &SceneState| state.poses[0].poses().unwrap()[1];
     let [stayed, went] = shards.each_ref().map(|shard| place(shard).offset_to(&place(&start)).0);
     assert!(stayed.length() == 0.0 && went.length() > 0.005, "{stayed} {went}");
-    let fused = fuse::<i32>(&config, Some(&start), &[&shards[1], &shards[0]]).unwrap();
+    let fused = fuse(&config, Some(&start), &[&shards[1], &shards[0]]).unwrap();
     assert!(place(&fused).offset_to(&place(&start)).0.length() < 1e-9);
     assert_eq!(fused.poses.len(), 5);
     let apart = |(a, b): (&[f32; 3], &[f32; 3])| (vector(*a) - vector(*b)).length();

@@ -3,10 +3,9 @@
 //! Distance alone decides: normals or colours as additional dimensions gave more components but no better
 //! picture (`scene.md`, Effect of each part).
 
-use super::components::Components;
-use super::grid::{NONE, SeedGrid};
-use super::seed_groups::{SearchRays, SeedGroups};
-use super::spacing::Spacing;
+use super::components::SeedPositions;
+use super::grid::NONE;
+use super::seed_groups::{Reach, SearchRays, SeedGroups};
 use crate::math::simd::Isa;
 use crate::model::scene::points_device::LEFT_TO_PROCESSOR;
 use crate::observation::surface::SurfacePoint;
@@ -18,9 +17,8 @@ const GROUP: usize = 64;
 /// Replaces `owners` by the component of every point, that of the nearest seed; [`NONE`] if no seed is near
 /// enough.
 pub fn assign(
-    grid: &SeedGrid,
-    components: &Components,
-    spacing: Spacing,
+    seeds: SeedPositions<'_>,
+    reach: Reach,
     points: &[SurfacePoint],
     owners: &mut Vec<u32>,
 ) {
@@ -32,9 +30,9 @@ pub fn assign(
             places.clear();
             places.extend(points.iter().map(|point| point.position));
             groups.clear();
-            groups.gather(grid, spacing.h(), places);
-            groups.nearest(grid, spacing.h(), places, owners);
-            keep_components(grid, components, spacing, points, owners);
+            groups.gather(seeds.grid, reach.h, places);
+            groups.nearest(seeds.grid, reach.h, places, owners);
+            keep_components(seeds, reach, points, owners);
         },
     );
 }
@@ -42,9 +40,8 @@ pub fn assign(
 /// Completes an assignment by a device: `owners` holds the nearest seed of each point within the structural
 /// scale, [`NONE`] if there is none, or [`LEFT_TO_PROCESSOR`] if it is to be searched here.
 pub fn assign_known(
-    grid: &SeedGrid,
-    components: &Components,
-    spacing: Spacing,
+    seeds: SeedPositions<'_>,
+    reach: Reach,
     points: &[SurfacePoint],
     owners: &mut [u32],
 ) {
@@ -52,43 +49,24 @@ pub fn assign_known(
         for (owner, point) in
             owners.iter_mut().zip(points).filter(|(owner, _)| **owner == LEFT_TO_PROCESSOR)
         {
-            *owner = grid.nearest(point.position).unwrap_or(NONE);
+            *owner = seeds.grid.nearest(point.position).unwrap_or(NONE);
         }
-        keep_components(grid, components, spacing, points, owners);
+        keep_components(seeds, reach, points, owners);
     });
 }
 
-/// Replaces seeds by their components and drops seeds that are out of reach, unless the point finds one along
-/// its ray.
+/// Replaces seeds by their components; points without a seed are searched along their rays.
 fn keep_components(
-    grid: &SeedGrid,
-    components: &Components,
-    spacing: Spacing,
+    seeds: SeedPositions<'_>,
+    reach: Reach,
     points: &[SurfacePoint],
     owners: &mut [u32],
 ) {
-    if !spacing.is_uniform() {
-        drop_out_of_reach(grid, spacing, points, owners);
-    }
-    if spacing.searches_rays() {
-        Isa::best().run(SearchRays { grid, spacing, points, seeds: owners });
+    if reach.searches_rays() {
+        Isa::best().run(SearchRays { grid: seeds.grid, reach, points, seeds: owners });
     }
     for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
-        *owner = components.of_seed(*owner);
-    }
-}
-
-/// Drops seeds that are too far from their point for the resolution of its view.
-fn drop_out_of_reach(
-    grid: &SeedGrid,
-    spacing: Spacing,
-    points: &[SurfacePoint],
-    owners: &mut [u32],
-) {
-    for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner != NONE) {
-        if !grid.is_within(*owner, point.position, spacing.reach(point)) {
-            *owner = NONE;
-        }
+        *owner = seeds.components.of_seed(*owner);
     }
 }
 
@@ -96,7 +74,8 @@ fn drop_out_of_reach(
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
-    use crate::model::scene::state::WHOLE;
+    use crate::train::scene::components::Components;
+    use crate::train::scene::grid::SeedGrid;
 
     #[test]
     fn groups_find_what_single_searches_find() {
@@ -120,9 +99,10 @@ mod tests {
         let mut owners = Vec::new();
         let mut components = Components::default();
         for seed in 0..grid.len() as u32 {
-            components.add_seed(seed, WHOLE);
+            components.add_seed(seed);
         }
-        assign(&grid, &components, Spacing::new(0.1, None), &points, &mut owners);
+        let seeds = SeedPositions { grid: &grid, components: &components };
+        assign(seeds, Reach::new(0.1, 0.0), &points, &mut owners);
         for (point, owner) in points.iter().zip(&owners) {
             assert_eq!(*owner, grid.nearest(point.position).unwrap_or(NONE));
         }

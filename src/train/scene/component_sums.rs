@@ -2,35 +2,32 @@
 //!
 //! Rows are 32-bit integers in units of 2⁻¹⁵: half the memory of f64, and exact in any order of points,
 //! frames and threads. A row that could overflow spills into a wide row of f64 whole quanta, exact below 2⁵³
-//! of them; 2 % of the components of the Kinect room need one. Sums in f32 and f64 exist to show that no
-//! precision is lost: all three give the same picture within 0.005 dB.
+//! of them; 2 % of the components of the Kinect room need one. Sums in f64 would give the same picture within
+//! 0.005 dB.
 
 use crate::math::image::split_by_sizes;
-use crate::math::real::Real;
-use crate::math::sym3::Sym3;
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
-use crate::model::scene::sums;
-use crate::model::scene::sums::{N_SUMS, SceneSums, Slack, clamp_moments, repair_scatter};
+use crate::model::scene::sums::{N_SUMS, SceneSums, clamp_moments, repair_scatter};
 use crate::model::splat::observed_cone::ObservedCone;
-use glam::{DMat3, DVec3};
+use glam::DMat3;
 use rayon::prelude::*;
 
 // Expected returns are counted in 64ths.
 const RETURN_QUANTA: f64 = 64.0;
 
-/// Sums of one component.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
-pub struct SumRow<W> {
+pub struct SumRow {
     /// Sums in the order of [`N_SUMS`].
-    pub sums: [W; N_SUMS],
+    pub sums: [i32; N_SUMS],
     visibility: VisibilityCounts,
 }
 
-impl<W: SumScalar> Default for SumRow<W> {
-    fn default() -> Self {
-        Self { sums: [W::default(); N_SUMS], visibility: VisibilityCounts::default() }
-    }
+impl SumRow {
+    const EMPTY: Self = Self {
+        sums: [0; N_SUMS],
+        visibility: VisibilityCounts { expected: 0, hits: 0, misses: 0 },
+    };
 }
 
 /// Observation of a component by one frame.
@@ -42,12 +39,11 @@ pub enum Visibility {
     Miss,
 }
 
-impl<W: SumScalar> SumRow<W> {
-    /// Adds the terms of one point.
+impl SumRow {
     #[inline(always)]
-    pub fn add(&mut self, terms: &[W::Term; N_SUMS]) {
+    pub fn add(&mut self, terms: &[f32; N_SUMS]) {
         for (sum, &term) in self.sums.iter_mut().zip(terms) {
-            *sum = sum.plus(W::of(term));
+            *sum = sum.wrapping_add(term_quanta(term));
         }
     }
 
@@ -62,7 +58,6 @@ impl<W: SumScalar> SumRow<W> {
         });
     }
 
-    /// Returns the visibility counts.
     pub fn visibility(&self) -> VisibilityCounts {
         self.visibility
     }
@@ -73,61 +68,52 @@ impl<W: SumScalar> SumRow<W> {
     }
 }
 
-/// Read access to the wide rows.
 #[derive(Clone, Copy)]
 pub struct WideRows<'a>(&'a WideSums);
 
 impl<'a> WideRows<'a> {
     /// Returns `N`, `Σ d` and `Σ n` of a component.
     #[inline(always)]
-    pub fn plane<W: SumScalar>(self, id: usize, row: &SumRow<W>) -> (f64, [f64; 3], [f64; 3]) {
+    pub fn plane(self, id: usize, row: &SumRow) -> (f64, [f64; 3], [f64; 3]) {
         let sum = self.reader(id, row);
         (sum(0), [sum(1), sum(2), sum(3)], [sum(22), sum(23), sum(24)])
     }
 
     #[inline(always)]
-    fn reader<W: SumScalar>(self, id: usize, row: &'a SumRow<W>) -> impl Fn(usize) -> f64 + 'a {
+    fn reader(self, id: usize, row: &'a SumRow) -> impl Fn(usize) -> f64 + 'a {
         let wide = self.0.get(id as u32);
-        move |i| row.sums[i].value() + wide.map_or(0.0, |wide| wide[i])
+        move |i| value(row.sums[i]) + wide.map_or(0.0, |wide| wide[i])
     }
 }
 
 /// Rows of all components; rows that could overflow spill into wide ones.
-pub struct ComponentSums<W> {
-    rows: Vec<SumRow<W>>,
+#[derive(Default)]
+pub struct ComponentSums {
+    rows: Vec<SumRow>,
     wide: WideSums,
 }
 
-impl<W: SumScalar> Default for ComponentSums<W> {
-    fn default() -> Self {
-        Self { rows: Vec::new(), wide: WideSums::default() }
-    }
-}
-
-impl<W: SumScalar> ComponentSums<W> {
-    /// Number of components.
+impl ComponentSums {
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Grows to `n` components.
     pub fn grow(&mut self, n: usize) {
-        self.rows.resize(n, SumRow::default());
+        self.rows.resize(n, SumRow::EMPTY);
     }
 
-    /// Returns the memory used by the rows, in bytes.
     pub fn bytes(&self) -> usize {
-        self.rows.len() * size_of::<SumRow<W>>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
+        self.rows.len() * size_of::<SumRow>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
     }
 
     /// Returns the row of a component, without the f64 sums of components whose points exceed a row.
-    pub fn row(&self, id: usize) -> &SumRow<W> {
+    pub fn row(&self, id: usize) -> &SumRow {
         &self.rows[id]
     }
 
     /// Returns all sums of a component: its row and the f64 sums beyond it.
     pub fn sums(&self, id: usize) -> [f64; N_SUMS] {
-        let mut sums = self.rows[id].sums.map(W::value);
+        let mut sums = self.rows[id].sums.map(value);
         if let Some(wide) = self.wide.get(id as u32) {
             for (sum, wide) in sums.iter_mut().zip(wide) {
                 *sum += wide;
@@ -151,49 +137,39 @@ impl<W: SumScalar> ComponentSums<W> {
 
     /// Returns the range of view directions of a component's points; unknown without points.
     pub fn observed_cone(&self, id: usize) -> ObservedCone {
-        let sum = WideRows(&self.wide).reader(id, &self.rows[id]);
-        let n = sum(0);
-        if n < 1.0 {
-            return ObservedCone::default();
-        }
-        let mean = DVec3::new(sum(25), sum(26), sum(27)) / n;
-        let (xx, yy) = (sum(28) / n, sum(31) / n);
-        // Directions are unit vectors, so their squares sum to the count.
-        let second = [xx, sum(29) / n, sum(30) / n, yy, sum(32) / n, 1.0 - xx - yy];
-        ObservedCone::new(mean, Sym3::from_array(second).add_scaled(-1.0, Sym3::outer(mean)))
+        // Directions are independent of the structural scale.
+        SceneSums::new(&self.sums(id), 1.0).observed_cone()
     }
 
-    /// Returns sums and visibility counts of the components in `order`, in checkpoint form. Equal sums are
-    /// stored alike, whatever the order of addition.
-    pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<VisibilityCounts>) {
+    /// Returns sums and visibility counts in checkpoint form. Equal sums are stored alike, whatever the order
+    /// of addition.
+    pub fn state(&self) -> (StoredSums, Vec<VisibilityCounts>) {
         // Parallel, since training is blocked meanwhile.
-        let order = order.par_iter().with_min_len(4096);
-        let is_wide = |id: u32| self.wide.get(id).is_some() || is_full(self.row(id as usize));
-        let wide = order.clone().enumerate().filter(|(_, id)| is_wide(**id));
-        let wide = wide.map(|(at, &id)| WideRow { id: at as u32, sums: self.sums(id as usize) });
+        let ids = (0..self.rows.len() as u32).into_par_iter().with_min_len(4096);
+        let is_wide = |id: &u32| self.wide.get(*id).is_some() || is_full(self.row(*id as usize));
+        let wide = ids.filter(is_wide).map(|id| WideRow { id, sums: self.sums(id as usize) });
         let wide: Vec<WideRow> = wide.collect();
-        let row = |&id: &u32| (self.row(id as usize).sums, self.row(id as usize).visibility);
-        let (mut rows, visibility): (Vec<_>, Vec<_>) = order.map(row).unzip();
+        let rows = self.rows.par_iter().with_min_len(4096);
+        let (mut rows, visibility): (Vec<_>, Vec<_>) =
+            rows.map(|row| (row.sums, row.visibility)).unzip();
         for row in &wide {
-            rows[row.id as usize] = [W::default(); N_SUMS];
+            rows[row.id as usize] = [0; N_SUMS];
         }
-        (W::stored(rows, wide), visibility)
+        (StoredSums { rows, wide }, visibility)
     }
 
-    /// Restores what [`Self::state`] returned; `None` if its sums have another form.
-    pub fn restore(sums: StoredSums, visibility: Vec<VisibilityCounts>) -> Option<Self> {
-        let (sums, wide) = W::restored(sums)?;
-        let rows = sums.into_iter().zip(visibility);
+    pub fn restore(sums: StoredSums, visibility: Vec<VisibilityCounts>) -> Self {
+        let rows = sums.rows.into_iter().zip(visibility);
         let rows = rows.map(|(sums, visibility)| SumRow { sums, visibility }).collect();
-        let wide = wide.into_iter().map(|row| (row.id, row.sums)).collect();
-        Some(Self { rows, wide })
+        let wide = sums.wide.into_iter().map(|row| (row.id, row.sums)).collect();
+        Self { rows, wide }
     }
 
     /// Calls `f` in parallel on disjoint ranges of consecutive rows, with the number of the first.
     pub fn for_each_part(
         &mut self,
         parts: usize,
-        f: impl Fn(usize, &mut [SumRow<W>], WideRows<'_>) + Sync,
+        f: impl Fn(usize, &mut [SumRow], WideRows<'_>) + Sync,
     ) {
         let n = self.rows.len().div_ceil(parts).max(1);
         self.for_each_run(&Vec::from_iter((0..self.rows.len()).step_by(n)), f);
@@ -204,7 +180,7 @@ impl<W: SumScalar> ComponentSums<W> {
     pub fn for_each_run(
         &mut self,
         firsts: &[usize],
-        f: impl Fn(usize, &mut [SumRow<W>], WideRows<'_>) + Sync,
+        f: impl Fn(usize, &mut [SumRow], WideRows<'_>) + Sync,
     ) {
         let ends = firsts.iter().skip(1).copied().chain([self.rows.len()]);
         let sizes = ends.zip(firsts).map(|(end, first)| end.saturating_sub(*first));
@@ -222,31 +198,18 @@ impl<W: SumScalar> ComponentSums<W> {
             let mine = at(first)..at(first + rows.len());
             for (&id, sums) in ids[mine.clone()].iter().zip(&sums[mine]) {
                 let row = rows[id as usize - first].sums.iter_mut().zip(sums);
-                row.for_each(|(sum, &more)| *sum = sum.plus(W::of_quanta(more)));
+                row.for_each(|(sum, &more)| *sum = sum.wrapping_add(more));
             }
         });
     }
 
     /// Returns the rows of the given components after adding sums of whole quanta.
-    pub fn rows_with(&self, ids: &[u32], sums: &[[i32; N_SUMS]]) -> Vec<[W; N_SUMS]> {
+    pub fn rows_with(&self, ids: &[u32], sums: &[[i32; N_SUMS]]) -> Vec<[i32; N_SUMS]> {
         let with = |(&id, sums): (&u32, &[i32; N_SUMS])| {
             let row = &self.rows[id as usize].sums;
-            std::array::from_fn(|i| row[i].plus(W::of_quanta(sums[i])))
+            std::array::from_fn(|i| row[i].wrapping_add(sums[i]))
         };
         ids.iter().zip(sums).map(with).collect()
-    }
-
-    /// Adds changes of earlier contributions to the given components (ascending), with equal counts, in parts
-    /// of equal numbers. Exact, except for second moments that no set of points could have any more.
-    pub fn apply_changes(&mut self, ids: &[u32], changes: &[[i32; N_SUMS]], parts: usize) {
-        self.add_quanta(ids, changes, parts);
-        let mended = |&id: &u32| {
-            let mut sums = self.sums(id as usize);
-            let is_restrained = clamp_moments(&mut sums, W::SLACK);
-            (repair_scatter(&mut sums) || is_restrained).then_some((id as usize, sums))
-        };
-        let mended: Vec<_> = ids.par_iter().with_min_len(256).filter_map(mended).collect();
-        mended.into_iter().for_each(|(id, sums)| self.replace(id, &sums));
     }
 
     /// Moves rows that the next frame could overflow into wide ones.
@@ -255,8 +218,8 @@ impl<W: SumScalar> ComponentSums<W> {
         let full = full.filter(|id| is_full(self.row(**id as usize)));
         for &id in full.collect::<Vec<_>>() {
             let row = &mut self.rows[id as usize];
-            let sums = std::mem::replace(&mut row.sums, [W::default(); N_SUMS]);
-            self.add_wide(id, sums.map(W::value));
+            let sums = std::mem::replace(&mut row.sums, [0; N_SUMS]);
+            self.add_wide(id, sums.map(value));
         }
     }
 
@@ -265,36 +228,22 @@ impl<W: SumScalar> ComponentSums<W> {
     /// quantum.
     pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
         let visibility = std::mem::take(&mut self.rows[dropped].visibility);
-        self.rows[dropped].sums = [W::default(); N_SUMS];
+        self.rows[dropped].sums = [0; N_SUMS];
         self.wide.remove(dropped as u32);
         let row = &mut self.rows[kept];
         row.visibility = row.visibility.plus(visibility);
-        if row.sums[0].value() + sums[0] < W::FULL {
-            let sums = sums.map(W::of_sum);
-            row.sums.iter_mut().zip(sums).for_each(|(sum, other)| *sum = sum.plus(other));
+        if value(row.sums[0]) + sums[0] < FULL {
+            let sums = sums.map(sum_quanta);
+            row.sums.iter_mut().zip(sums).for_each(|(sum, other)| *sum = sum.wrapping_add(other));
         } else {
             let sums = sums.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM);
             self.add_wide(kept as u32, sums);
         }
         let mut union = self.sums(kept);
-        let is_restrained = clamp_moments(&mut union, W::SLACK);
+        let is_restrained = clamp_moments(&mut union);
         if repair_scatter(&mut union) || is_restrained {
             self.replace(kept, &union);
         }
-    }
-
-    /// Empties all components except the `most` with the most points (ties: lower numbers); returns those
-    /// emptied.
-    pub fn retain_fullest(&mut self, most: usize) -> Vec<u32> {
-        let count = |id: &u32| self.sums(*id as usize)[0];
-        let mut ids: Vec<u32> = (0..self.rows.len() as u32).filter(|id| count(id) > 0.0).collect();
-        ids.sort_by(|a, b| count(b).total_cmp(&count(a)));
-        let emptied = ids.split_off(most.min(ids.len()));
-        for id in &emptied {
-            self.rows[*id as usize].sums = [W::default(); N_SUMS];
-            self.wide.remove(*id);
-        }
-        emptied
     }
 
     /// Adds a component with sums of whole quanta and its counts. Second moments that rounding made negative
@@ -302,11 +251,11 @@ impl<W: SumScalar> ComponentSums<W> {
     pub fn push(&mut self, sums: &[f64; N_SUMS], visibility: VisibilityCounts) {
         let id = self.rows.len();
         let mut sums = *sums;
-        clamp_moments(&mut sums, W::SLACK);
+        clamp_moments(&mut sums);
         repair_scatter(&mut sums);
-        self.rows.push(SumRow { sums: [W::default(); N_SUMS], visibility });
-        if sums[0] < W::FULL {
-            self.rows[id].sums = sums.map(W::of_sum);
+        self.rows.push(SumRow { sums: [0; N_SUMS], visibility });
+        if sums[0] < FULL {
+            self.rows[id].sums = sums.map(sum_quanta);
         } else {
             self.add_wide(id as u32, sums);
         }
@@ -316,14 +265,14 @@ impl<W: SumScalar> ComponentSums<W> {
     pub fn rotate(&mut self, turn: DMat3) {
         let turned = |sums: &[f64; N_SUMS]| {
             let mut turned = SceneSums::new(sums, 1.0).rotated(turn).to_array();
-            clamp_moments(&mut turned, W::SLACK);
+            clamp_moments(&mut turned);
             repair_scatter(&mut turned);
             turned
         };
         let wide = self.wide.ids();
         let all: Vec<_> = wide.map(|id| (id as usize, turned(&self.sums(id as usize)))).collect();
         self.rows.par_iter_mut().with_min_len(256).for_each(|row| {
-            row.sums = turned(&row.sums.map(W::value)).map(W::of_sum);
+            row.sums = turned(&row.sums.map(value)).map(sum_quanta);
         });
         // Wide rows hold whole quanta, so that later additions stay exact.
         for (id, sums) in all {
@@ -335,148 +284,40 @@ impl<W: SumScalar> ComponentSums<W> {
     fn replace(&mut self, id: usize, sums: &[f64; N_SUMS]) {
         let row = &mut self.rows[id].sums;
         match self.wide.get_mut(id as u32) {
-            Some(wide) => (*row, *wide) = ([W::default(); N_SUMS], *sums),
-            None => *row = sums.map(W::of_sum),
+            Some(wide) => (*row, *wide) = ([0; N_SUMS], *sums),
+            None => *row = sums.map(sum_quanta),
         }
     }
 
-    /// Adds sums that are too large for a row.
     pub fn add_wide(&mut self, id: u32, sums: [f64; N_SUMS]) {
         self.wide.add(id, &sums);
     }
 }
 
-fn is_full<W: SumScalar>(row: &SumRow<W>) -> bool {
-    row.sums[0].value() >= W::FULL
+fn is_full(row: &SumRow) -> bool {
+    value(row.sums[0]) >= FULL
 }
 
-/// Number type of a component's sums.
-pub trait SumScalar: Copy + Default + PartialEq + Send + Sync + 'static {
-    /// Number type of the terms of one point.
-    type Term: Real;
-    /// Number of points from which a row spills into a wide one. A row holds twice as many.
-    const FULL: f64;
-    /// Tolerance for rounding of sums.
-    const SLACK: Slack;
-    /// Rounds a term to this type.
-    fn of(term: Self::Term) -> Self;
-    /// Rounds a sum to this type.
-    fn of_sum(sum: f64) -> Self;
-    /// Converts a sum of whole quanta.
-    fn of_quanta(quanta: i32) -> Self;
-    /// Returns the difference from an earlier value, in whole quanta.
-    fn since(self, before: Self) -> i32;
-    /// Adds two sums; integers wrap.
-    fn plus(self, other: Self) -> Self;
-    /// Returns the value of a sum.
-    fn value(self) -> f64;
-    /// Converts rows to checkpoint form.
-    fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums;
-    /// Converts rows from checkpoint form; `None` if they have another type.
-    fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)>;
+/// Number of points from which a row spills into a wide one.
+// A row holds twice as many: that many terms of 7.84, the maximum, are 2.105·10⁹ quanta, just below 2³¹.
+pub const FULL: f64 = WIDE_POINTS as f64;
+
+/// Rounds a term, which is within ±7.84, to whole quanta.
+#[inline(always)]
+pub fn term_quanta(term: f32) -> i32 {
+    /// Added to a number below 2²², it leaves the nearest integer, ties to even, in the low bits.
+    const SHIFTER: f32 = 1.5 * (1 << 23) as f32;
+    (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
 }
 
-/// Integer sums are independent of the order of terms. Terms are within ±7.84, which takes 19 bits.
-impl SumScalar for i32 {
-    type Term = f32;
-    // Twice as many terms of 7.84, the maximum, are 2.105·10⁹ quanta: just below 2³¹.
-    const FULL: f64 = WIDE_POINTS as f64;
-    const SLACK: Slack = sums::MIXED;
-
-    #[inline(always)]
-    fn of(term: f32) -> Self {
-        /// Added to a number below 2²², it leaves the nearest integer, ties to even, in the low bits.
-        const SHIFTER: f32 = 1.5 * (1 << 23) as f32;
-        (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
-    }
-
-    fn of_sum(sum: f64) -> Self {
-        (sum / QUANTUM).round_ties_even() as i32
-    }
-
-    #[inline(always)]
-    fn of_quanta(quanta: i32) -> Self {
-        quanta
-    }
-
-    #[inline(always)]
-    fn since(self, before: Self) -> i32 {
-        self.wrapping_sub(before)
-    }
-
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-
-    #[inline(always)]
-    fn value(self) -> f64 {
-        f64::from(self) * QUANTUM
-    }
-
-    fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums {
-        StoredSums::Mixed { rows, wide }
-    }
-
-    fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)> {
-        match sums {
-            StoredSums::Mixed { rows, wide } => Some((rows, wide)),
-            StoredSums::F32(_) | StoredSums::F64(_) => None,
-        }
-    }
+fn sum_quanta(sum: f64) -> i32 {
+    (sum / QUANTUM).round_ties_even() as i32
 }
 
-macro_rules! plain_sum_scalar {
-    ($t:ty, $stored:ident, $slack:ident) => {
-        impl SumScalar for $t {
-            type Term = $t;
-            // Floats do not overflow; f32 sums stagnate from 2²⁴ points on instead.
-            const FULL: f64 = f64::INFINITY;
-            const SLACK: Slack = sums::$slack;
-
-            #[inline(always)]
-            fn of(term: $t) -> Self {
-                term
-            }
-
-            fn of_sum(sum: f64) -> Self {
-                sum as $t
-            }
-
-            fn of_quanta(quanta: i32) -> Self {
-                (f64::from(quanta) * QUANTUM) as $t
-            }
-
-            fn since(self, before: Self) -> i32 {
-                (f64::from(self - before) / QUANTUM).round_ties_even() as i32
-            }
-
-            #[inline(always)]
-            fn plus(self, other: Self) -> Self {
-                self + other
-            }
-
-            #[inline(always)]
-            fn value(self) -> f64 {
-                self.into()
-            }
-
-            fn stored(rows: Vec<[Self; N_SUMS]>, _: Vec<WideRow>) -> StoredSums {
-                StoredSums::$stored(rows)
-            }
-
-            fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)> {
-                match sums {
-                    StoredSums::$stored(rows) => Some((rows, Vec::new())),
-                    _ => None,
-                }
-            }
-        }
-    };
+#[inline(always)]
+pub fn value(quanta: i32) -> f64 {
+    f64::from(quanta) * QUANTUM
 }
-
-plain_sum_scalar!(f32, F32, F32);
-plain_sum_scalar!(f64, F64, F64);
 
 /// Quanta per unit of the integer sums.
 const QUANTA: f32 = (1.0 / QUANTUM) as f32;
@@ -494,30 +335,25 @@ pub struct WideSums {
 }
 
 impl WideSums {
-    /// Number of components with wide sums.
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Iterates over these components.
     pub fn ids(&self) -> impl Iterator<Item = u32> {
         self.rows.iter().map(|(id, _)| *id)
     }
 
-    /// Returns the wide sums of a component, if any.
     #[inline(always)]
     pub fn get(&self, id: u32) -> Option<&[f64; N_SUMS]> {
         let place = *self.places.get(id as usize)?;
         self.rows.get(place as usize).map(|(_, sums)| sums)
     }
 
-    /// Returns the wide sums of a component, if any.
     pub fn get_mut(&mut self, id: u32) -> Option<&mut [f64; N_SUMS]> {
         let place = *self.places.get(id as usize)?;
         self.rows.get_mut(place as usize).map(|(_, sums)| sums)
     }
 
-    /// Adds to the wide sums of a component.
     pub fn add(&mut self, id: u32, sums: &[f64; N_SUMS]) {
         match self.get_mut(id) {
             // Integer quanta below 2⁵³ are exact in f64, hence independent of the order.
@@ -531,7 +367,6 @@ impl WideSums {
         }
     }
 
-    /// Removes the wide sums of a component.
     pub fn remove(&mut self, id: u32) {
         let Some(place) = self.places.get_mut(id as usize) else { return };
         let place = std::mem::replace(place, NONE) as usize;
@@ -558,7 +393,7 @@ mod tests {
 
     #[test]
     fn rows_that_fill_up_lose_nothing() {
-        let mut component_sums = ComponentSums::<i32>::default();
+        let mut component_sums = ComponentSums::default();
         component_sums.grow(1);
         let mut terms = [-3.25f32; N_SUMS];
         terms[0] = 1.0;
@@ -580,7 +415,7 @@ mod sum_scalar_tests {
     #[test]
     fn quanta_round_to_nearest() {
         for x in [0.1f32, -0.7, 3.999, -4.0, 1e-6] {
-            assert!((i32::of(x).value() - f64::from(x)).abs() <= 0.5 / 32768.0 + 1e-7, "{x}");
+            assert!((value(term_quanta(x)) - f64::from(x)).abs() <= 0.5 / 32768.0 + 1e-7, "{x}");
         }
     }
 }

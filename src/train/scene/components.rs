@@ -10,20 +10,19 @@ use crate::model::scene::state::WHOLE;
 // Surface of a whole seed: integers make sums exact.
 const SURFACE: u32 = WHOLE as u32 * WHOLE as u32;
 
-/// Components and their seeds.
 #[derive(Clone, Debug, Default)]
 pub struct Components {
     /// Number of rows of sums, used or free.
     n_rows: usize,
     /// `None` while component `k` has exactly seed `k`.
     sharing: Option<Sharing>,
-    /// Per seed, its share of the structural scale in units of 1/[`WHOLE`]; empty while all have the whole.
+    /// Per seed, its share of the structural scale in units of 1/[`WHOLE`]: less than the whole for seeds born
+    /// before the scale grew. Empty while all have the whole.
     shares: Vec<u8>,
 }
 
 #[derive(Clone, Debug, Default)]
 struct Sharing {
-    /// Component of each seed.
     component: Vec<u32>,
     /// Oldest seed of each component, to which its sums refer.
     reference: Vec<u32>,
@@ -34,6 +33,11 @@ struct Sharing {
 }
 
 impl Components {
+    /// Restores a scene in which every seed has a component of its own.
+    pub fn of_seeds(n_seeds: usize, shares: Vec<u8>) -> Self {
+        Self { n_rows: n_seeds, sharing: None, shares }
+    }
+
     /// Restores a scene with `n_rows` components, in which seed `i` belongs to `component[i]` and has the
     /// share `shares[i]`; `None` if a component number is out of range.
     pub fn restore(component: Vec<u32>, n_rows: usize, shares: Vec<u8>) -> Option<Self> {
@@ -70,7 +74,6 @@ impl Components {
         self.sharing.as_ref().map(|s| s.component.as_slice())
     }
 
-    /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
         self.sharing.as_ref().map_or(0, |s| {
             size_of_val(&s.component[..])
@@ -79,7 +82,6 @@ impl Components {
         }) + self.shares.len()
     }
 
-    /// Returns the component of a seed.
     #[inline(always)]
     pub fn of_seed(&self, seed: u32) -> u32 {
         self.sharing.as_ref().map_or(seed, |s| s.component[seed as usize])
@@ -112,11 +114,10 @@ impl Components {
         (!self.shares.is_empty()).then_some(&self.shares)
     }
 
-    /// Adds a seed, which must be the next number, with its share; returns its new component.
-    pub fn add_seed(&mut self, seed: u32, share: u8) -> u32 {
-        if share != WHOLE || !self.shares.is_empty() {
-            self.shares.resize(seed as usize, WHOLE);
-            self.shares.push(share);
+    /// Adds a seed, which must be the next number; returns its new component.
+    pub fn add_seed(&mut self, seed: u32) -> u32 {
+        if !self.shares.is_empty() {
+            self.shares.push(WHOLE);
         }
         let Some(sharing) = &mut self.sharing else {
             self.n_rows += 1;
@@ -130,7 +131,7 @@ impl Components {
         });
         sharing.component.push(component);
         sharing.reference[component as usize] = seed;
-        sharing.surface[component as usize] = squared(share);
+        sharing.surface[component as usize] = SURFACE;
         component
     }
 
@@ -169,12 +170,9 @@ fn squared(share: u8) -> u32 {
     u32::from(share) * u32::from(share)
 }
 
-/// Seeds and the components they belong to.
 #[derive(Clone, Copy)]
 pub struct SeedPositions<'a> {
-    /// Seeds by position.
     pub grid: &'a SeedGrid,
-    /// Component of every seed.
     pub components: &'a Components,
 }
 
@@ -200,16 +198,16 @@ mod tests {
     fn merged_components_give_their_rows_to_new_seeds() {
         let mut components = Components::default();
         for seed in 0..5 {
-            assert_eq!(components.add_seed(seed, WHOLE), seed);
+            assert_eq!(components.add_seed(seed), seed);
         }
         assert_eq!(components.bytes(), 0, "one to one needs no bookkeeping");
         components.merge(&[(0, 3), (1, 2)]);
         assert_eq!((components.used(), components.n_rows()), (3, 5));
         assert_eq!([0, 1, 2, 3, 4].map(|seed| components.of_seed(seed)), [0, 1, 1, 0, 4]);
         assert_eq!((components.reference_seed(0), components.surface(0)), (0, 2.0));
-        assert_eq!(components.add_seed(5, WHOLE), 2);
-        assert_eq!(components.add_seed(6, WHOLE), 3);
-        assert_eq!(components.add_seed(7, WHOLE), 5);
+        assert_eq!(components.add_seed(5), 2);
+        assert_eq!(components.add_seed(6), 3);
+        assert_eq!(components.add_seed(7), 5);
         assert_eq!((components.reference_seed(2), components.reference_seed(5)), (5, 7));
         let shared = components.shared().unwrap().to_vec();
         let again = Components::restore(shared.clone(), components.n_rows(), Vec::new()).unwrap();
@@ -220,18 +218,15 @@ mod tests {
 
     #[test]
     fn surfaces_are_those_of_the_seeds_that_were_joined() {
-        let mut components = Components::default();
-        for share in [WHOLE, 32, 16, WHOLE] {
-            components.add_seed(components.n_rows() as u32, share);
-        }
+        let mut components = Components::of_seeds(4, vec![WHOLE, 32, 16, WHOLE]);
         assert_eq!([0, 1, 2, 3].map(|id| components.surface(id)), [1.0, 0.25, 0.0625, 1.0]);
         components.merge(&[(1, 2), (0, 3)]);
-        components.add_seed(4, 48);
-        assert_eq!([0, 1, 2].map(|id| components.surface(id)), [2.0, 0.3125, 0.5625]);
+        components.add_seed(4);
+        assert_eq!([0, 1, 2].map(|id| components.surface(id)), [2.0, 0.3125, 1.0]);
         let shared = components.shared().unwrap().to_vec();
         let shares = components.shares().unwrap().to_vec();
         let again = Components::restore(shared, 4, shares).unwrap();
-        assert_eq!([0, 1, 2, 3].map(|id| again.surface(id)), [2.0, 0.3125, 0.5625, 0.0]);
-        assert_eq!((again.share(1), again.share(4), again.share(0)), (32, 48, WHOLE));
+        assert_eq!([0, 1, 2, 3].map(|id| again.surface(id)), [2.0, 0.3125, 1.0, 0.0]);
+        assert_eq!((again.share(1), again.share(4), again.share(0)), (32, WHOLE, WHOLE));
     }
 }

@@ -1,7 +1,6 @@
 //! Settings of the scene preset.
 
 use super::photometric::rule::PhotometricRule;
-use super::spacing::NearSpacing;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::{DensityOpacity, SplatRule};
@@ -9,7 +8,6 @@ use crate::observation::surface::SurfacePoint;
 use crate::train::outcome::{MemoryEstimate, PIXEL_BYTES};
 use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
-use strum::{Display, EnumString, VariantNames};
 
 /// Upper bound of a component's memory, in bytes: its sums and visibility counts (176), its seed and the next
 /// of the same bucket (16), and up to two buckets (4 each). Budgets in megabytes and memory estimates use it.
@@ -19,39 +17,6 @@ pub const COMPONENT_BYTES: usize = 200;
 /// Default budget, in components: 400 MB at [`COMPONENT_BYTES`] each.
 pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 
-/// Placement of new components.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
-)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum BirthRule {
-    /// At the first point without a seed within the structural scale.
-    Seeds,
-    /// At the centre of the point's cell in a fixed cubic lattice.
-    Lattice,
-    /// At the centre of the point's cell in a body-centred cubic lattice.
-    BodyCentred,
-}
-
-impl BirthRule {
-    /// True if the model depends only on which frames were used, not on their order.
-    pub fn is_order_invariant(self) -> bool {
-        self != Self::Seeds
-    }
-}
-
-/// Counting of the returns that a component could have given.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum VisibilityRule {
-    /// Projects every component into every frame: frames that see it or see through it count.
-    Projected,
-    /// Counts the frames in which the component received points. Depends on the frame alone.
-    Returned,
-}
-
 /// Settings of the scene engine.
 ///
 /// ```
@@ -59,18 +24,12 @@ pub enum VisibilityRule {
 ///
 /// assert!(SceneConfig::fine(0.02).check().is_ok());
 /// let error = SceneConfig::fine(f64::NAN).check().err();
-/// assert_eq!(error.map(|e| e.setting), Some("scale"));
+/// assert_eq!(error.map(|e| e.setting), Some("scale (`--scale`)"));
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneConfig {
-    /// Placement of new components.
-    pub births: BirthRule,
-    /// Structural scale `h`: maximum distance of a point from its seed (edge of a lattice cell), world units.
+    /// Structural scale `h`: maximum distance of a point from its seed, world units.
     pub h: f64,
-    /// Denser seeds in close views; `None` for a uniform structural scale.
-    // Skipped if off, so that files of scenes without it are unchanged.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub near: Option<NearSpacing>,
     /// Length of the search for a seed along a point's ray, in half-widths of its depth noise; 0 for none.
     // Skipped if off, so that files of scenes without it are unchanged.
     #[serde(default, skip_serializing_if = "is_zero")]
@@ -82,13 +41,7 @@ pub struct SceneConfig {
     pub align: bool,
     /// True if each frame's exposure is fitted to the scene's.
     pub gain: bool,
-    /// Counting of hits and misses.
-    #[serde(rename = "looks")]
-    pub visibility: VisibilityRule,
-    /// Number format of the sums.
-    pub sums: SumForm,
-    /// Maximum number of components in use at any time; for a lattice, which may hold eight times as many,
-    /// the maximum number drawn.
+    /// Maximum number of components in use at any time.
     #[serde(rename = "most")]
     pub max_components: usize,
     /// Conversion of sums to splats.
@@ -114,15 +67,11 @@ impl SceneConfig {
     /// Settings for exact or 8-bit depth, with structural scale `h` (`scene.md`, Settings by sensor).
     pub fn fine(h: f64) -> Self {
         Self {
-            births: BirthRule::Seeds,
             h,
-            near: None,
             ray_search: 0.0,
             refine: true,
             align: false,
             gain: false,
-            visibility: VisibilityRule::Projected,
-            sums: SumForm::Mixed,
             max_components: DEFAULT_MAX_COMPONENTS,
             splat_rule: SplatRule {
                 // These opacities require flat tops: with plain Gaussians surfaces become transparent and 2
@@ -167,21 +116,7 @@ impl SceneConfig {
             gradient_ridge: 0.016,
             ..fine.splat_rule
         };
-        Self {
-            near: Some(NearSpacing::ROOM),
-            ray_search: RAY_SEARCH,
-            align: true,
-            gain: true,
-            splat_rule,
-            ..fine
-        }
-    }
-
-    /// True if frames are aligned a second time and moved with their contributions (`scene.md`, Second
-    /// alignment): if both poses and exposures are corrected. Without gains, frames drift along with their
-    /// brightness.
-    pub fn aligns_twice(&self) -> bool {
-        self.align && !self.track && self.gain
+        Self { ray_search: RAY_SEARCH, align: true, gain: true, splat_rule, ..fine }
     }
 
     /// Returns the photometric rule for the configured kind of splats.
@@ -189,8 +124,7 @@ impl SceneConfig {
         self.photometric.map(|rule| rule.of_splats(&self.splat_rule))
     }
 
-    /// Returns the maximum number of seeds: merged components retain theirs, and a lattice is merged only for
-    /// drawing.
+    /// Returns the maximum number of seeds: merged components retain theirs.
     pub fn most_seeds(&self) -> usize {
         self.max_components.saturating_mul(8)
     }
@@ -199,28 +133,16 @@ impl SceneConfig {
     pub fn check(self) -> Result<Self, ConfigError> {
         if !(1..=MAX_COMPONENTS).contains(&self.max_components) {
             return Err(ConfigError {
-                setting: "budget",
+                setting: "budget (`--budget`)",
                 expected: format!("1 to {MAX_COMPONENTS} components"),
                 found: self.max_components.to_string(),
             });
         }
         if !(self.h.is_finite() && self.h > 0.0) {
             return Err(ConfigError {
-                setting: "scale",
+                setting: "scale (`--scale`)",
                 expected: "a positive length".to_owned(),
                 found: self.h.to_string(),
-            });
-        }
-        let of_seeds = [
-            ("near_detail", self.near.is_some(), "one size"),
-            ("ray_search", self.ray_search != 0.0, "fixed positions"),
-        ];
-        let asked = of_seeds.into_iter().find(|(_, is_on, _)| *is_on);
-        if let Some((setting, _, how)) = asked.filter(|_| self.births.is_order_invariant()) {
-            return Err(ConfigError {
-                setting,
-                expected: format!("off with births={}, whose cells have {how}", self.births),
-                found: "on".to_owned(),
             });
         }
         let coverage = self.splat_rule.full_coverage;
@@ -252,13 +174,6 @@ const SCENE_PROGRAM_BYTES: u64 = 16_000_000;
 const DECODER_PIXEL_BYTES: usize = 30;
 /// Owner, shift and distance of a point.
 const SCENE_POINT_BYTES: usize = 16;
-/// Maximum number of frames stored for a second alignment.
-pub const MOST_KEPT_FRAMES: usize = 16;
-/// Maximum number of bytes for their contributions.
-pub const MOST_KEPT_BYTES: usize = 32 << 20;
-/// Contributions of a frame per pixel: on the Kinect 5,500 components of 168 bytes each, plus half of that
-/// for the means of its points.
-const KEPT_PIXEL_BYTES: usize = 4;
 
 impl SceneConfig {
     /// Estimates the memory of a run over frames of `pixels`, of which `frames_at_once` are in memory, with
@@ -278,17 +193,7 @@ impl SceneConfig {
             None => [0; 2],
         };
         let of_photographs = self.photometric.map_or(0, |_| PHOTOGRAPH_BYTES) + waiting as u64;
-        let kept = match self.aligns_twice() {
-            // Twice, as a checkpoint holds a copy.
-            true => 2 * (MOST_KEPT_FRAMES * pixels * KEPT_PIXEL_BYTES).min(MOST_KEPT_BYTES),
-            false => 0,
-        };
-        let fixed = of_photographs + SCENE_PROGRAM_BYTES + kept as u64;
-        // A lattice is merged only in a copy.
-        let most = match self.births.is_order_invariant() {
-            true => self.most_seeds(),
-            false => self.max_components,
-        };
+        let fixed = of_photographs + SCENE_PROGRAM_BYTES;
         let per_component = COMPONENT_BYTES + SCENE_COPY_BYTES + of_splat;
         let point = size_of::<SurfacePoint>() + size_of::<f32>();
         let of_points = pixels
@@ -298,21 +203,8 @@ impl SceneConfig {
                 + DECODER_PIXEL_BYTES
                 + of_pixel);
         MemoryEstimate {
-            model: (most as u64).saturating_mul(per_component as u64),
+            model: (self.max_components as u64).saturating_mul(per_component as u64),
             frames: fixed + of_points as u64,
         }
     }
-}
-
-/// Number format of the sums.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum SumForm {
-    /// Terms in f32, sums in integers: the same bits for any order of points.
-    Mixed,
-    /// Terms and sums in f32.
-    F32,
-    /// Terms and sums in f64, the reference.
-    F64,
 }

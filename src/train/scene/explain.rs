@@ -3,28 +3,26 @@
 //!
 //! Both share one pass, which is as much bound by memory as by arithmetic.
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::components::SeedPositions;
 use super::grid::{NONE, squared_distance};
-use super::spacing::Spacing;
+use super::seed_groups::Reach;
 use crate::observation::surface::{DepthTolerance, SurfacePoint};
 use rayon::prelude::*;
 
-/// Points per task.
 const CHUNK: usize = 1024;
 
-pub struct Explainer<'a, W> {
+pub struct Explainer<'a> {
     /// Sums of components that existed before the frame.
-    pub component_sums: &'a ComponentSums<W>,
+    pub component_sums: &'a ComponentSums,
     pub seed_positions: SeedPositions<'a>,
-    /// Structural scale, world units.
     pub h: f64,
-    pub spacing: Spacing,
+    pub reach: Reach,
     pub tolerance: DepthTolerance,
     pub refines: bool,
 }
 
-impl<W: SumScalar> Explainer<'_, W> {
+impl Explainer<'_> {
     /// Replaces `q` by the squared distance of each point from its owner's seed (world units², NaN without
     /// owner), and `shifts` by its movement along the ray (world units). Returns the sum of `q` and the
     /// number of points with an owner.
@@ -69,7 +67,7 @@ impl<W: SumScalar> Explainer<'_, W> {
             }
             *q = squared_distance(point.position, seed).into();
             *shift = plane.as_ref().map_or(0.0, |plane| {
-                let reach = self.spacing.reach_along_ray(point);
+                let reach = self.reach.along_ray(point);
                 plane.shift(point, self.tolerance.refinement.max(reach).into()) as f32
             });
         }
@@ -104,12 +102,7 @@ pub struct RefinementPlane {
 impl RefinementPlane {
     /// Creates the plane of a component; `h` is the structural scale, world units. `None` with few points.
     #[inline(always)]
-    pub fn new<W: SumScalar>(
-        component_sums: &ComponentSums<W>,
-        id: usize,
-        seed: [f32; 3],
-        h: f64,
-    ) -> Option<Self> {
+    pub fn new(component_sums: &ComponentSums, id: usize, seed: [f32; 3], h: f64) -> Option<Self> {
         let (n, first, normal) = component_sums.plane_sums(id);
         if n < MIN_POINTS {
             return None;

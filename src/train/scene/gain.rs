@@ -1,6 +1,6 @@
 //! Gain of a frame relative to the scene's exposure (`scene.md`, Gain).
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::grid::NONE;
 use crate::observation::surface::SurfacePoint;
 use glam::DVec3;
@@ -29,8 +29,8 @@ pub fn fewest_matches(points: usize, most: f64) -> f64 {
 /// The least-squares factor `Σ c̄·c / Σ c²` is not used: its denominator contains the noise of the frame's
 /// colours, which makes it a few per cent too small. The bias would accumulate along a sequence of
 /// overlapping frames.
-pub fn gain<W: SumScalar>(
-    component_sums: &ComponentSums<W>,
+pub fn gain(
+    component_sums: &ComponentSums,
     points: &[SurfacePoint],
     owners: &[u32],
     fewest: f64,
@@ -42,20 +42,14 @@ pub fn gain<W: SumScalar>(
 
 #[derive(Default)]
 pub struct Brightness {
-    /// Sum of the component means.
     expected: DVec3,
-    /// Sum of the points' colours.
     seen: DVec3,
     points: f64,
 }
 
 impl Brightness {
     /// Sums over points with the given components.
-    pub fn of<W: SumScalar>(
-        component_sums: &ComponentSums<W>,
-        points: &[SurfacePoint],
-        owners: &[u32],
-    ) -> Self {
+    pub fn of(component_sums: &ComponentSums, points: &[SurfacePoint], owners: &[u32]) -> Self {
         let mut sums = Self::default();
         for (point, &owner) in points.iter().zip(owners) {
             // Components born in this frame have no row yet.
@@ -96,7 +90,7 @@ impl Brightness {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::scene::state::{StoredSums, VisibilityCounts};
+    use crate::model::scene::state::VisibilityCounts;
     use crate::model::scene::sums::N_SUMS;
 
     #[test]
@@ -105,11 +99,11 @@ mod tests {
         let mut row = [0.0; N_SUMS];
         row[0] = 100.0;
         row[10..13].copy_from_slice(&[60.0, 40.0, 0.0]);
-        let stored = StoredSums::F64(vec![row]);
-        let sums = ComponentSums::<f64>::restore(stored, vec![VisibilityCounts::default()]);
+        let mut sums = ComponentSums::default();
+        sums.push(&row, VisibilityCounts::default());
         let seen = SurfacePoint { color: [0.3, 0.0, 0.5], ..SurfacePoint::default() };
         let (points, owners) = (vec![seen; 10], vec![0; 10]);
-        let found = gain(&sums.unwrap(), &points, &owners, 5.0);
+        let found = gain(&sums, &points, &owners, 5.0);
         assert!((found[0] - 2.0).abs() < 1e-6, "{found:?}");
         assert_eq!(found[1..], [1.0, 1.0], "black has no exposure");
     }

@@ -5,7 +5,7 @@
 //! As recorded poses are unbiased on average, the whole scene is moved to where the corrections of its frames
 //! are smallest.
 
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::rigid_equations::{Motion, RigidEquations};
 use crate::math::pose::Pose;
 use crate::model::scene::state::SceneState;
@@ -41,14 +41,13 @@ pub fn moved_seed(seed: [f32; 3], origin: DVec3, motion: &Pose) -> [f32; 3] {
     (motion.transform_point(place) - origin).as_vec3().to_array()
 }
 
-/// Moves the scene with the world: seeds, sums, splats, logs and cameras. `None` if sums have another form,
-/// or a recorded rotation is unknown.
-pub fn moved<W: SumScalar>(state: SceneState, motion: &Pose) -> Option<SceneState> {
+/// Moves the scene with the world: seeds, sums, splats, logs and cameras. `None` if a recorded rotation is
+/// unknown.
+pub fn moved(state: SceneState, motion: &Pose) -> Option<SceneState> {
     let origin = DVec3::from_array(state.origin);
-    let mut sums = ComponentSums::<W>::restore(state.sums, state.visibility)?;
+    let mut sums = ComponentSums::restore(state.sums, state.visibility);
     sums.rotate(motion.rotation());
-    let order: Vec<u32> = (0..sums.len() as u32).collect();
-    let (sums, visibility) = sums.state(&order);
+    let (sums, visibility) = sums.state();
     let mut photometric = state.photometric;
     if let Some(photometric) = &mut photometric {
         photometric.move_by(motion);
@@ -60,11 +59,6 @@ pub fn moved<W: SumScalar>(state: SceneState, motion: &Pose) -> Option<SceneStat
         exposures: state.exposures.iter().map(|frame| frame.moved(motion)).collect(),
         poses: state.poses.iter().map(|frame| frame.moved(motion)).collect::<Option<_>>()?,
         photometric,
-        stored_frames: state
-            .stored_frames
-            .into_iter()
-            .map(|kept| kept.rotated(motion.rotation()))
-            .collect(),
         ..state
     })
 }

@@ -16,18 +16,14 @@ pub const NONE: u32 = NO_SEED;
 // At 2²⁰ cells an f32 still resolves a sixteenth of a cell.
 const MAX_CELLS: f32 = (1 << 20) as f32;
 const MIN_BUCKETS: usize = 256;
-// Edge of a block in cells, as a power of two, for searches around a place.
-const WIDE_BLOCK: u32 = 2;
-// The same for lookups of an exact position, which should read few other seeds.
-const NARROW_BLOCK: u32 = 1;
+/// Binary logarithm of a block's edge in cells.
+const BLOCK_BITS: u32 = 2;
 const NODE: usize = LANES;
 
 /// Seeds of all components, indexed by position.
 pub struct SeedGrid {
     cell: f32,
     per_cell: f32,
-    /// Binary logarithm of a block's edge in cells.
-    block_bits: u32,
     positions: Vec<[f32; 3]>,
     nodes: Vec<Node>,
     /// First node of each bucket; the length is a power of two.
@@ -45,38 +41,23 @@ struct Node {
 }
 
 impl SeedGrid {
-    /// Creates an empty grid of cells `cell` world units wide.
     pub fn new(cell: f64) -> Self {
         Self {
             cell: cell as f32,
             per_cell: (1.0 / cell) as f32,
-            block_bits: WIDE_BLOCK,
             positions: Vec::new(),
             nodes: Vec::new(),
             heads: vec![NONE; MIN_BUCKETS],
         }
     }
 
-    /// Creates an empty grid for lookups of exact positions with [`Self::at`].
-    pub fn of_lattice(cell: f64) -> Self {
-        Self { block_bits: NARROW_BLOCK, ..Self::new(cell) }
-    }
-
-    /// Number of seeds.
     pub fn len(&self) -> usize {
         self.positions.len()
     }
 
-    /// Returns the position of a seed.
     #[inline(always)]
     pub fn position(&self, id: usize) -> [f32; 3] {
         self.positions[id]
-    }
-
-    /// True if a seed is within `reach` of a place.
-    #[inline(always)]
-    pub fn is_within(&self, seed: u32, place: [f32; 3], reach: f32) -> bool {
-        squared_distance(self.position(seed as usize), place) <= reach * reach
     }
 
     /// Returns all seeds for upload to a device; `are_new` states that they differ from those it has.
@@ -86,7 +67,6 @@ impl SeedGrid {
         Seeds { h, per_cell, max_cells: MAX_CELLS, positions, are_new }
     }
 
-    /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
         self.len() * size_of::<[f32; 3]>()
             + self.nodes.len() * size_of::<Node>()
@@ -99,7 +79,6 @@ impl SeedGrid {
         position.iter().all(|x| (x * self.per_cell).abs() < MAX_CELLS)
     }
 
-    /// Returns the cell of such a position.
     #[inline(always)]
     pub fn cell_of(&self, position: [f32; 3]) -> [i32; 3] {
         let mut cell = [0; 3];
@@ -138,8 +117,8 @@ impl SeedGrid {
 
     /// Returns the grid with every seed moved by `place`; `None` if one gets out of range.
     pub fn moved(&self, place: impl Fn([f32; 3]) -> [f32; 3]) -> Option<Self> {
-        let Self { cell, per_cell, block_bits, .. } = *self;
-        let mut moved = Self { cell, per_cell, block_bits, ..Self::new(1.0) };
+        let Self { cell, per_cell, .. } = *self;
+        let mut moved = Self { cell, per_cell, ..Self::new(1.0) };
         for position in self.positions.iter().map(|&position| place(position)) {
             if !moved.has_cell(position) {
                 return None;
@@ -151,7 +130,7 @@ impl SeedGrid {
 
     fn link(&mut self, id: u32) {
         let position = self.positions[id as usize];
-        let bucket = self.bucket(self.cell_of(position).map(|c| c >> self.block_bits));
+        let bucket = self.bucket(self.cell_of(position).map(|c| c >> BLOCK_BITS));
         let head = self.heads[bucket];
         let has_room = self.nodes.get(head as usize).is_some_and(|node| node.ids[NODE - 1] == NONE);
         if !has_room {
@@ -178,35 +157,28 @@ impl SeedGrid {
         // set.
         let (mut low, mut high) = (cells.low, cells.high);
         for axis in 0..3 {
-            low[axis] >>= self.block_bits;
-            high[axis] >>= self.block_bits;
+            low[axis] >>= BLOCK_BITS;
+            high[axis] >>= BLOCK_BITS;
         }
         Heads { grid: self, low, high, next: low }
-    }
-
-    /// Calls `visit` for every seed in the blocks that overlap a box of cells, and for seeds of other blocks
-    /// in the same buckets.
-    #[inline(always)]
-    fn visit_blocks(&self, cells: CellBox, mut visit: impl FnMut(u32, [f32; 3])) {
-        for mut next in self.heads_of(cells) {
-            while let Some(node) = self.nodes.get(next as usize) {
-                for (i, &id) in node.ids.iter().take_while(|id| **id != NONE).enumerate() {
-                    visit(id, node.position(i));
-                }
-                next = node.next;
-            }
-        }
     }
 
     /// Calls `visit` for every seed in the cells from `low` to `high`.
     #[inline(always)]
     pub fn visit(&self, low: [i32; 3], high: [i32; 3], mut visit: impl FnMut(u32, [f32; 3])) {
-        self.visit_blocks(CellBox { low, high }, |id, seed| {
-            let cell = self.cell_of(seed);
-            if (0..3).all(|i| cell[i] >= low[i] && cell[i] <= high[i]) {
-                visit(id, seed);
+        for mut next in self.heads_of(CellBox { low, high }) {
+            while let Some(node) = self.nodes.get(next as usize) {
+                for (i, &id) in node.ids.iter().take_while(|id| **id != NONE).enumerate() {
+                    let seed = node.position(i);
+                    // Buckets also hold seeds of other cells.
+                    let cell = self.cell_of(seed);
+                    if (0..3).all(|i| cell[i] >= low[i] && cell[i] <= high[i]) {
+                        visit(id, seed);
+                    }
+                }
+                next = node.next;
             }
-        });
+        }
     }
 
     /// Returns the cells of a box between two corners.
@@ -256,21 +228,6 @@ impl SeedGrid {
                 next = node.next;
             }
         }
-        found
-    }
-
-    /// Returns the seed at exactly this position.
-    pub fn at(&self, position: [f32; 3]) -> Option<u32> {
-        if !self.has_cell(position) {
-            return None;
-        }
-        let cell = self.cell_of(position);
-        let mut found = None;
-        self.visit_blocks(CellBox { low: cell, high: cell }, |id, seed| {
-            if seed == position {
-                found = Some(id);
-            }
-        });
         found
     }
 }
@@ -376,17 +333,14 @@ impl Kernel for Gather<'_> {
     }
 }
 
-/// Box of cells.
 #[derive(Clone, Copy, Debug)]
 pub struct CellBox {
-    /// Smallest index along each axis.
     pub low: [i32; 3],
     /// Largest index along each axis, inclusive.
     pub high: [i32; 3],
 }
 
 impl CellBox {
-    /// Returns the number of cells.
     pub fn n_cells(&self) -> f64 {
         // In f64, as the product may exceed 64 bits.
         let along = |i: usize| f64::from(self.high[i]) - f64::from(self.low[i]) + 1.0;
@@ -423,7 +377,5 @@ mod tests {
             let expected = all.filter(|(d2, _)| *d2 <= grid.cell * grid.cell).map(|(_, id)| id);
             assert_eq!(grid.nearest(p), expected);
         }
-        assert_eq!(grid.at(grid.position(77)), Some(77));
-        assert_eq!(grid.at([0.123, 0.0, 0.0]), None);
     }
 }

@@ -8,11 +8,11 @@
 
 use super::assign::assign;
 use super::births::{Limits, create_components};
-use super::component_sums::{ComponentSums, SumScalar};
+use super::component_sums::ComponentSums;
 use super::components::{Components, SeedPositions};
-use super::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
+use super::config::DEFAULT_MAX_COMPONENTS;
 use super::grid::{NONE, SeedGrid};
-use super::spacing::Spacing;
+use super::seed_groups::Reach;
 use crate::math::sym3::Sym3;
 use crate::model::scene::state::{MAX_COARSENING_STEPS, QUANTUM, SceneState, WHOLE};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
@@ -43,8 +43,8 @@ struct Summary {
 }
 
 /// Merges until at most `most` components are left, or a pass finds fewer than `worthwhile` pairs or none.
-pub fn merge_down<W: SumScalar>(
-    component_sums: &mut ComponentSums<W>,
+pub fn merge_down(
+    component_sums: &mut ComponentSums,
     components: &mut Components,
     grid: &SeedGrid,
     h: f64,
@@ -77,8 +77,8 @@ pub fn merge_down<W: SumScalar>(
 }
 
 /// Returns up to `n` disjoint pairs of neighbours of lowest cost, the older component first.
-fn cheapest_pairs<W: SumScalar>(
-    component_sums: &ComponentSums<W>,
+fn cheapest_pairs(
+    component_sums: &ComponentSums,
     components: &Components,
     grid: &SeedGrid,
     h: f64,
@@ -108,8 +108,8 @@ fn cheapest_pairs<W: SumScalar>(
     chosen
 }
 
-fn summary<W: SumScalar>(
-    component_sums: &ComponentSums<W>,
+fn summary(
+    component_sums: &ComponentSums,
     components: &Components,
     grid: &SeedGrid,
     h: f64,
@@ -198,7 +198,7 @@ fn error(sums: &SceneSums) -> f64 {
 /// assert_eq!(partition.components(), 2);
 /// ```
 pub struct Partition {
-    spacing: Spacing,
+    h: f64,
     grid: SeedGrid,
     components: Components,
     owners: Vec<u32>,
@@ -207,20 +207,15 @@ pub struct Partition {
 impl Partition {
     /// Creates a partition without seeds; `h` is the structural scale, world units.
     pub fn new(h: f64) -> Self {
-        Self {
-            spacing: Spacing::new(h, None),
-            grid: SeedGrid::new(h),
-            components: Components::default(),
-            owners: Vec::new(),
-        }
+        Self { h, grid: SeedGrid::new(h), components: Components::default(), owners: Vec::new() }
     }
 
     /// Returns the component of every point; new ones are born where none is near. `None` beyond the limit.
     pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
-        let Self { spacing, grid, components, owners } = self;
-        assign(grid, components, *spacing, points, owners);
+        let Self { h, grid, components, owners } = self;
+        assign(SeedPositions { grid, components }, Reach::new(*h, 0.0), points, owners);
         let limits = Limits { components: DEFAULT_MAX_COMPONENTS, seeds: DEFAULT_MAX_COMPONENTS };
-        create_components(BirthRule::Seeds, *spacing, grid, components, points, owners, limits);
+        create_components(*h, grid, components, points, owners, limits);
         owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()
     }
 
@@ -238,9 +233,8 @@ pub fn factor(steps: u32) -> f64 {
 }
 
 /// Converts the sums to a structural scale that is `steps` wider than the configured one. Seeds stay and
-/// represent the same surface; sums are rounded to whole quanta. `None` if sums have another form, or the
-/// scale is already wider.
-pub fn coarsened<W: SumScalar>(state: SceneState, steps: u32) -> Option<SceneState> {
+/// represent the same surface; sums are rounded to whole quanta. `None` if the scale is already wider.
+pub fn coarsened(state: SceneState, steps: u32) -> Option<SceneState> {
     if steps > MAX_COARSENING_STEPS {
         return None;
     }
@@ -248,26 +242,16 @@ pub fn coarsened<W: SumScalar>(state: SceneState, steps: u32) -> Option<SceneSta
     if by == 1.0 {
         return Some(state);
     }
-    let all = ComponentSums::<W>::restore(state.sums, state.visibility)?;
-    let mut sums = ComponentSums::<W>::default();
+    let all = ComponentSums::restore(state.sums, state.visibility);
+    let mut sums = ComponentSums::default();
     for id in 0..all.len() {
         sums.push(&in_units(all.sums(id), by), all.row(id).visibility());
     }
-    let order: Vec<u32> = (0..all.len() as u32).collect();
-    let (sums, visibility) = sums.state(&order);
+    let (sums, visibility) = sums.state();
     let shares = state.shares.unwrap_or_else(|| vec![WHOLE; state.seeds.len()]);
     let narrower = |share: u8| ((f64::from(share) / by).round() as u8).max(1);
     let shares = Some(shares.into_iter().map(narrower).collect());
-    // Stored contributions of frames use the old unit: they are dropped, and those frames stay where they
-    // are.
-    Some(SceneState {
-        coarsening_steps: steps,
-        shares,
-        sums,
-        visibility,
-        stored_frames: Vec::new(),
-        ..state
-    })
+    Some(SceneState { coarsening_steps: steps, shares, sums, visibility, ..state })
 }
 
 /// Converts sums to offsets in units `by` times as long, in whole quanta.
@@ -338,12 +322,12 @@ mod tests {
 #[cfg(test)]
 mod coarsening_tests {
     use super::*;
-    use crate::model::scene::state::{StoredSums, VisibilityCounts};
+    use crate::model::scene::state::VisibilityCounts;
     use crate::model::scene::sums::{SceneSums, terms};
 
     /// Points of a wall about two seeds.
     fn scene() -> SceneState {
-        let mut sums = ComponentSums::<i32>::default();
+        let mut sums = ComponentSums::default();
         for slope in [0.0, 0.3] {
             let mut of_points = [0.0; N_SUMS];
             for i in 0..50 {
@@ -355,7 +339,7 @@ mod coarsening_tests {
             let whole = of_points.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM);
             sums.push(&whole, VisibilityCounts { expected: 64, hits: 3, misses: 0 });
         }
-        let (sums, visibility) = sums.state(&[0, 1]);
+        let (sums, visibility) = sums.state();
         SceneState {
             origin: [0.0; 3],
             coarsening_steps: 0,
@@ -368,20 +352,18 @@ mod coarsening_tests {
             poses: Vec::new(),
             trajectory: Vec::new(),
             photometric: None,
-            stored_frames: Vec::new(),
         }
     }
 
     fn row(state: &SceneState, id: usize) -> [f64; N_SUMS] {
-        let StoredSums::Mixed { rows, .. } = &state.sums else { panic!("integers") };
-        rows[id].map(|quanta| f64::from(quanta) * QUANTUM)
+        state.sums.rows[id].map(|quanta| f64::from(quanta) * QUANTUM)
     }
 
     #[test]
     fn a_wider_scale_describes_the_same_points() {
         let before = scene();
         for steps in 1..=MAX_COARSENING_STEPS {
-            let after = coarsened::<i32>(before.clone(), steps).unwrap();
+            let after = coarsened(before.clone(), steps).unwrap();
             assert_eq!((after.coarsening_steps, &after.seeds), (steps, &before.seeds));
             for id in 0..2 {
                 let (h, wider) = (0.05, 0.05 * factor(steps));
@@ -400,15 +382,14 @@ mod coarsening_tests {
 
     #[test]
     fn steps_one_by_one_are_those_of_shares_and_refuse_to_go_back() {
-        let once = coarsened::<i32>(scene(), 1).unwrap();
+        let once = coarsened(scene(), 1).unwrap();
         assert_eq!(once.shares, Some(vec![45; 2]));
-        let twice = coarsened::<i32>(once.clone(), 2).unwrap();
+        let twice = coarsened(once, 2).unwrap();
         assert_eq!(twice.shares, Some(vec![32; 2]));
-        assert_eq!(coarsened::<i32>(twice.clone(), 2), Some(twice.clone()));
-        assert_eq!(coarsened::<i32>(twice.clone(), 1), None);
-        assert_eq!(coarsened::<i32>(twice, MAX_COARSENING_STEPS + 1), None);
-        assert_eq!(coarsened::<f64>(once, 2), None, "another form");
-        let far = coarsened::<i32>(scene(), MAX_COARSENING_STEPS).unwrap();
+        assert_eq!(coarsened(twice.clone(), 2), Some(twice.clone()));
+        assert_eq!(coarsened(twice.clone(), 1), None);
+        assert_eq!(coarsened(twice, MAX_COARSENING_STEPS + 1), None);
+        let far = coarsened(scene(), MAX_COARSENING_STEPS).unwrap();
         assert_eq!(far.shares, Some(vec![1; 2]));
         assert_eq!([0, 1, 2, 5, 12].map(factor), [1.0, SQRT_2, 2.0, 4.0 * SQRT_2, 64.0]);
     }

@@ -9,7 +9,6 @@ pub mod config;
 pub mod engine;
 pub mod photometric;
 pub mod track;
-pub mod trainer;
 pub mod units;
 
 mod accumulate;
@@ -31,9 +30,7 @@ mod merged_moments_tests;
 mod observe;
 mod point_fits;
 mod rigid_equations;
-#[cfg(test)]
-mod second_look_tests;
 mod seed_groups;
-pub mod spacing;
+mod trainer;
 #[cfg(test)]
 mod wall_tests;

@@ -1,12 +1,11 @@
 //! Visibility of components in a frame: evidence for and against them (`scene.md`, Visibility counts).
 
-use super::component_sums::{ComponentSums, SumScalar, Visibility};
+use super::component_sums::{ComponentSums, Visibility};
 use super::components::SeedPositions;
 use crate::math::camera::Camera;
 use crate::observation::surface::Observation;
 use glam::{DMat3, DVec3};
 
-/// Parallel tasks.
 const PARTS: usize = 64;
 
 /// View of the scene from a frame's camera.
@@ -20,8 +19,8 @@ pub struct FrameView<'a> {
 /// Counts one frame's evidence for every component: a hit if the frame measured it, a miss if it measured
 /// something farther; hidden or unknown components do not count. `camera` is the frame's camera with its
 /// corrected pose.
-pub fn observe<W: SumScalar>(
-    component_sums: &mut ComponentSums<W>,
+pub fn observe(
+    component_sums: &mut ComponentSums,
     seed_positions: SeedPositions<'_>,
     frame: &Observation,
     camera: &Camera,

@@ -6,13 +6,11 @@
 
 use super::accumulate::{AssignedPoints, PARTS, accumulate};
 use super::assign::{assign, assign_known};
-use super::component_sums::{ComponentSums, SumScalar};
-use super::components::{Components, SeedPositions};
-use super::config::VisibilityRule;
+use super::component_sums::{ComponentSums, FULL};
+use super::components::SeedPositions;
 use super::grid::{NONE, SeedGrid};
-use super::spacing::Spacing;
+use super::seed_groups::Reach;
 use crate::model::inspection::DeviceError;
-use crate::model::scene::kept::FrameContribution;
 use crate::model::scene::points_device::{LEFT_TO_PROCESSOR, PointsDevice, SlotSums};
 use crate::model::scene::sums::N_SUMS;
 use crate::observation::surface::SurfacePoint;
@@ -24,7 +22,6 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// Structural scales for which squared distances within reach are normal f32 numbers.
 const SCALES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
-/// Fits points on the processor or the device.
 #[derive(Default)]
 pub struct PointFits {
     device: Option<PointFitter>,
@@ -44,7 +41,6 @@ struct PointFitter {
     has_seeds: bool,
     /// True if it has the points of the current frame.
     has_points: bool,
-    /// Device for the current frame.
     turn: DeviceChoice,
     /// Milliseconds of the frame on processor and device, while both are timed.
     ms: [f64; 2],
@@ -52,7 +48,6 @@ struct PointFitter {
 }
 
 impl PointFits {
-    /// Adds a device for the following frames.
     pub fn add_device(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
         self.used = PassUse { device: Some(device.name()), ..PassUse::default() };
         (self.points, self.open_points) = (0, 0);
@@ -68,7 +63,6 @@ impl PointFits {
         });
     }
 
-    /// Returns counts and times by device.
     pub fn used(&self) -> PassUse {
         let open_share = self.open_points as f64 / self.points.max(1) as f64;
         PassUse { open_share, ..self.used.clone() }
@@ -103,14 +97,13 @@ impl PointFits {
     /// Finds the component of every point, as [`assign`] does.
     pub fn assign(
         &mut self,
-        grid: &SeedGrid,
-        components: &Components,
-        spacing: Spacing,
+        seeds: SeedPositions<'_>,
+        reach: Reach,
         points: &[SurfacePoint],
         owners: &mut Vec<u32>,
     ) {
         let mut clock = Stopwatch::start();
-        let is_found = self.assign_on_device(grid, components, spacing, points);
+        let is_found = self.assign_on_device(seeds, reach, points);
         let device_ms = clock.lap_ms();
         if let Some(fitter) = self.device.as_mut().filter(|_| is_found) {
             fitter.ms[1] += device_ms;
@@ -118,7 +111,7 @@ impl PointFits {
                 return std::mem::swap(owners, &mut fitter.owners);
             }
         }
-        assign(grid, components, spacing, points, owners);
+        assign(seeds, reach, points, owners);
         let Some(fitter) = self.device.as_mut().filter(|_| is_found) else { return };
         fitter.ms[0] += clock.lap_ms();
         if fitter.owners != *owners {
@@ -129,9 +122,8 @@ impl PointFits {
     /// Assigns on the device if it is its turn; returns true on success.
     fn assign_on_device(
         &mut self,
-        grid: &SeedGrid,
-        components: &Components,
-        spacing: Spacing,
+        seeds: SeedPositions<'_>,
+        reach: Reach,
         points: &[SurfacePoint],
     ) -> bool {
         let Some(fitter) =
@@ -139,9 +131,9 @@ impl PointFits {
         else {
             return false;
         };
-        match fitter.find_seeds(grid, points) {
+        match fitter.find_seeds(seeds.grid, points) {
             Ok(n_open) => {
-                assign_known(grid, components, spacing, points, &mut fitter.owners);
+                assign_known(seeds, reach, points, &mut fitter.owners);
                 self.points += points.len() as u64;
                 self.open_points += n_open as u64;
                 true
@@ -153,40 +145,35 @@ impl PointFits {
         }
     }
 
-    /// Adds the points to the sums of their components, with the same result as [`accumulate`] with
-    /// visibility by projection.
-    pub fn accumulate<W: SumScalar>(
+    /// Adds the points to the sums of their components, with the same result as [`accumulate`].
+    pub fn accumulate(
         &mut self,
-        component_sums: &mut ComponentSums<W>,
+        component_sums: &mut ComponentSums,
         seed_positions: SeedPositions<'_>,
         frame: AssignedPoints<'_>,
         h: f64,
-        rule: VisibilityRule,
         touched: &mut Vec<u32>,
-    ) -> Option<FrameContribution> {
+    ) {
         let Self { device, slots, .. } = self;
         let mut clock = Stopwatch::start();
         let mut on_trial = None;
         if let Some(fitter) =
             device.as_mut().filter(|fitter| fitter.turn != DeviceChoice::Processor)
         {
-            slots.fill::<W>(component_sums.len(), seed_positions, frame);
+            slots.fill(component_sums.len(), seed_positions, frame);
             let is_alone = fitter.turn == DeviceChoice::Device;
             match fitter.sums(slots, frame, h) {
                 Ok(sums) if is_alone => {
                     component_sums.add_quanta(&slots.ids, sums, PARTS);
-                    let mut taught = frame.returns_contribution.then(FrameContribution::default);
                     touched.clear();
                     if !slots.left.is_empty() {
                         let frame = AssignedPoints { owners: &slots.left, ..frame };
-                        taught =
-                            accumulate(component_sums, seed_positions, frame, h, rule, touched);
+                        accumulate(component_sums, seed_positions, frame, h, touched);
                     }
-                    taught.iter_mut().for_each(|taught| taught.append(&slots.ids, sums));
                     touched.extend_from_slice(&slots.ids);
                     touched.sort_unstable();
                     self.count_device_frame(frame.points.len());
-                    return taught.map(FrameContribution::sorted);
+                    return;
                 }
                 Ok(sums) => on_trial = Some(component_sums.rows_with(&slots.ids, sums)),
                 Err(error) => self.drop_device(error.reason),
@@ -194,12 +181,11 @@ impl PointFits {
         }
         let device_ms = clock.lap_ms();
         self.used.processor_frames += 1;
-        let taught = accumulate(component_sums, seed_positions, frame, h, rule, touched);
+        accumulate(component_sums, seed_positions, frame, h, touched);
         if let Some(expected) = on_trial {
             let found = self.slots.ids.iter().map(|&id| component_sums.row(id as usize).sums);
             self.conclude_trial(found.eq(expected), [clock.lap_ms(), device_ms]);
         }
-        taught
     }
 
     /// Counts a frame of `n_points` points computed by the device.
@@ -294,7 +280,7 @@ pub struct PointSlots {
 impl PointSlots {
     /// Assigns a slot to every component with points, except those that the processor must sum: with more
     /// points than a row holds, or with invalid or large numbers.
-    pub fn fill<W: SumScalar>(
+    pub fn fill(
         &mut self,
         n_components: usize,
         seed_positions: SeedPositions<'_>,
@@ -306,7 +292,7 @@ impl PointSlots {
         let mut any_left = false;
         for (id, slot) in self.of_components.iter_mut().enumerate() {
             let pixels = std::mem::replace(slot.get_mut(), NONE);
-            if pixels >= LEFT || f64::from(pixels) > W::FULL {
+            if pixels >= LEFT || f64::from(pixels) > FULL {
                 (*slot.get_mut(), any_left) = (LEFT, true);
             } else if pixels > 0 {
                 *slot.get_mut() = self.ids.len() as u32;
@@ -318,7 +304,6 @@ impl PointSlots {
         self.list(frame, any_left);
     }
 
-    /// Counts the pixels of every component.
     fn count(&mut self, n_components: usize, frame: AssignedPoints<'_>) {
         let counts = &mut self.of_components;
         counts.clear();
@@ -356,7 +341,6 @@ impl PointSlots {
     }
 }
 
-/// True if all numbers of a point are within range.
 fn is_plain(point: &SurfacePoint) -> bool {
     [&point.color, &point.normal, &point.direction].iter().all(|v| all_within(v, MAX_NUMBER))
 }

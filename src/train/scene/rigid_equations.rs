@@ -18,7 +18,6 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Returns the motion from one pose to another.
     pub fn between(from: &Pose, to: &Pose) -> Self {
         let turn = DQuat::from_mat3(&(to.rotation() * from.rotation().transpose())).normalize();
         Self { turn, shift: to.centre() - from.centre() }
@@ -49,7 +48,6 @@ impl Motion {
         Camera { intrinsics, pose: self.apply_to_pose(&pose) }
     }
 
-    /// Returns the moved pose of a camera at `pose`.
     pub fn apply_to_pose(&self, pose: &Pose) -> Pose {
         let world_from_camera = DQuat::from_mat3(&pose.rotation());
         let turn = world_from_camera.inverse() * self.turn * world_from_camera;
@@ -65,7 +63,6 @@ pub(super) struct RigidEquations {
 }
 
 impl RigidEquations {
-    /// No information.
     pub const NONE: Self = Self { rows: [[0.0; 8]; 6] };
 
     /// Returns the prior: zero motion with the given standard deviations of rotation (radians) and
@@ -121,7 +118,6 @@ impl RigidEquations {
         }
     }
 
-    /// Adds the equations of other residuals.
     pub fn add_equations(&mut self, part: &Self) {
         for (sums, more) in self.rows.iter_mut().zip(&part.rows) {
             sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);

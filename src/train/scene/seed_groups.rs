@@ -5,8 +5,8 @@
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};
-use super::spacing::Spacing;
 use crate::math::simd::{Isa, Kernel, LANES, SET_LANE, Vector, load_rows};
+use crate::model::scene::sums::MAX_OFFSET;
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
@@ -168,7 +168,6 @@ pub struct NearSeeds<'a> {
 
 #[derive(Default)]
 struct Chunk {
-    /// Current positions.
     places: Vec<[f32; 3]>,
     /// Positions when the groups were last formed.
     gathered: Vec<[f32; 3]>,
@@ -238,6 +237,33 @@ impl Chunk {
     }
 }
 
+/// Maximum distance of points from their seeds.
+#[derive(Clone, Copy, Debug)]
+pub struct Reach {
+    /// Structural scale, world units.
+    pub h: f32,
+    /// Length of the search along rays, in half-widths of depth noise; 0 for none.
+    half_widths: f32,
+}
+
+impl Reach {
+    pub fn new(h: f64, half_widths: f64) -> Self {
+        Self { h: h as f32, half_widths: half_widths as f32 }
+    }
+
+    /// True if points without a seed are searched along their rays.
+    pub fn searches_rays(self) -> bool {
+        self.half_widths > 0.0
+    }
+
+    /// Returns how far along its ray, in either direction, a point may find its surface, world units.
+    #[inline(always)]
+    pub fn along_ray(self, point: &SurfacePoint) -> f32 {
+        // Limited by the maximum offset in sums.
+        (self.half_widths * point.noise).min((MAX_OFFSET - 1.0) * self.h)
+    }
+}
+
 /// Distance of the searched places, as a share of the point's reach, so that the searched spheres overlap.
 const STEP: f32 = 0.7;
 
@@ -246,7 +272,7 @@ const STEP: f32 = 0.7;
 /// occluded the point.
 pub struct SearchRays<'a> {
     pub grid: &'a SeedGrid,
-    pub spacing: Spacing,
+    pub reach: Reach,
     pub points: &'a [SurfacePoint],
     /// Seed of each point, or [`NONE`].
     pub seeds: &'a mut [u32],
@@ -259,15 +285,15 @@ impl Kernel for SearchRays<'_> {
     fn run<V: Vector>(self) {
         for (point, seed) in self.points.iter().zip(self.seeds) {
             if *seed == NONE {
-                *seed = seed_along_ray::<V>(self.grid, self.spacing, point);
+                *seed = seed_along_ray::<V>(self.grid, self.reach, point);
             }
         }
     }
 }
 
 #[inline(always)]
-fn seed_along_ray<V: Vector>(grid: &SeedGrid, spacing: Spacing, point: &SurfacePoint) -> u32 {
-    let (reach, far) = (spacing.reach(point), spacing.reach_along_ray(point));
+fn seed_along_ray<V: Vector>(grid: &SeedGrid, reach: Reach, point: &SurfacePoint) -> u32 {
+    let (far, reach) = (reach.along_ray(point), reach.h);
     let ([x, y, z], [right, down, ahead]) = (point.position, point.direction);
     let mut step = 1.0;
     while STEP * reach * step <= far {
@@ -288,7 +314,6 @@ fn seed_along_ray<V: Vector>(grid: &SeedGrid, spacing: Spacing, point: &SurfaceP
 mod near_seeds_tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
-    use crate::model::scene::state::WHOLE;
 
     #[test]
     fn moved_points_find_what_searches_of_the_grid_find() {
@@ -298,11 +323,11 @@ mod near_seeds_tests {
         let mut components = Components::default();
         for _ in 0..3000 {
             let seed = grid.insert(place(1.0));
-            components.add_seed(seed, WHOLE);
+            components.add_seed(seed);
         }
         // At the boundary of the grid.
         let rim = 0.1 * (1 << 20) as f32;
-        components.add_seed(grid.insert([rim - 0.05, 0.0, 0.0]), WHOLE);
+        components.add_seed(grid.insert([rim - 0.05, 0.0, 0.0]));
         let at = |position| SurfacePoint { position, ..SurfacePoint::default() };
         let mut points: Vec<SurfacePoint> = (0..1000).map(|_| at(place(1.0))).collect();
         // Points outside the grid, and points that enter or leave it.
@@ -335,18 +360,13 @@ mod ray_search_tests {
     fn a_point_finds_the_surface_that_its_noise_allows() {
         let mut grid = SeedGrid::new(0.03);
         let wall = grid.insert([0.0, 0.0, 3.0]);
-        let spacing = Spacing::new(0.03, None).with_ray_search(4.0);
+        let reach = Reach::new(0.03, 4.0);
         let found = |z: f32, x: f32, noise: f32| {
             let direction = [0.0, 0.0, 1.0];
             let point =
                 SurfacePoint { position: [x, 0.0, z], direction, noise, ..Default::default() };
             let mut seeds = [NONE];
-            Isa::best().run(SearchRays {
-                grid: &grid,
-                spacing,
-                points: &[point],
-                seeds: &mut seeds,
-            });
+            Isa::best().run(SearchRays { grid: &grid, reach, points: &[point], seeds: &mut seeds });
             (seeds[0] != NONE).then_some(seeds[0])
         };
         assert_eq!(found(3.05, 0.0, 0.015), Some(wall), "four half-widths are 60 mm");

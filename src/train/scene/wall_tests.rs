@@ -144,7 +144,7 @@ fn errors(poses: &[Pose]) -> [f64; 2] {
     })
 }
 
-fn train(trainer: &mut SceneTrainer<i32>, wall: &Wall, frames: usize) {
+fn train(trainer: &mut SceneTrainer, wall: &Wall, frames: usize) {
     for i in 0..frames {
         trainer.train(&wall.frame(i));
     }
@@ -152,7 +152,7 @@ fn train(trainer: &mut SceneTrainer<i32>, wall: &Wall, frames: usize) {
 
 /// Returns the errors of the recorded poses and of those found by training.
 fn before_and_after(wall: &Wall, h: f64) -> [[f64; 2]; 2] {
-    let mut trainer = SceneTrainer::<i32>::new(&SceneConfig::coarse(h), DVec3::ZERO);
+    let mut trainer = SceneTrainer::new(&SceneConfig::coarse(h), DVec3::ZERO);
     train(&mut trainer, wall, FRAMES);
     let state = trainer.state();
     assert!((50..400).contains(&state.seeds.len()), "{} components", state.seeds.len());
@@ -195,7 +195,7 @@ fn paint_that_is_finer_than_components_moves_nothing_far() {
 
 #[test]
 fn a_single_frame_stays_as_recorded() {
-    let mut trainer = SceneTrainer::<i32>::new(&SceneConfig::coarse(0.1), DVec3::ZERO);
+    let mut trainer = SceneTrainer::new(&SceneConfig::coarse(0.1), DVec3::ZERO);
     trainer.train(&PHONE.frame(0));
     let [recorded, found] = trainer.state().poses[0].poses().unwrap();
     assert!((recorded.centre() - found.centre()).length() < 1e-12);
@@ -203,7 +203,7 @@ fn a_single_frame_stays_as_recorded() {
 
 #[test]
 fn five_components_correct_nothing() {
-    let mut trainer = SceneTrainer::<i32>::new(&SceneConfig::coarse(0.5), DVec3::ZERO);
+    let mut trainer = SceneTrainer::new(&SceneConfig::coarse(0.5), DVec3::ZERO);
     train(&mut trainer, &PHONE, 4);
     let mut frame = PHONE.frame(4);
     frame.points.truncate(20);
@@ -213,7 +213,7 @@ fn five_components_correct_nothing() {
 #[test]
 fn a_wall_is_tracked_by_few_components() {
     let config = SceneConfig { track: true, ..SceneConfig::coarse(0.1) };
-    let mut trainer = SceneTrainer::<i32>::new(&config, DVec3::ZERO);
+    let mut trainer = SceneTrainer::new(&config, DVec3::ZERO);
     train(&mut trainer, &PHONE, 12);
     let found: Vec<Pose> = trainer.state().trajectory.iter().filter_map(|at| at.pose()).collect();
     assert_eq!(found.len(), 12);

@@ -2,10 +2,10 @@
 //!
 //! From one declaration, `settings!` creates a struct of optional values (read from RON files, layered by
 //! [`SettingLayer::or`]) and a constant table. Its rows parse a value from the command line, apply it to a
-//! run's settings, check its range and compare it with a stored run. The table defines command-line
-//! arguments and help, the rejection of the other preset's options, checks of resumed runs, the window's
-//! panel, preset files and the README's tables. Rows hold functions instead of values, so that settings
-//! retain their types; only messages are text.
+//! run's settings, check its range and format both for comparison. The table defines command-line arguments
+//! and help, the rejection of the other preset's options, checks of resumed runs, the window's panel, preset
+//! files and the reference of settings. Rows hold functions instead of values, so that settings retain their
+//! types; only messages and comparisons are text.
 
 use super::value::{Choice, ConfigError, Preset, ValueError};
 use std::ffi::OsStr;
@@ -19,17 +19,13 @@ pub enum Spelling {
     Name,
 }
 
-/// Checks that a text is a valid value of a setting.
-pub type TextCheck = fn(&OsStr) -> Result<(), ValueError>;
-
-/// Texts of a run's value, if any, and of the requested value.
-pub type StoredAndAsked = (Option<String>, String);
-
 /// Description of a setting, independent of its type.
 #[derive(Clone, Copy)]
 pub struct About {
     /// Name in files.
     pub field: &'static str,
+    /// Name in messages: with its option, if it has one.
+    pub name: &'static str,
     /// Form on the command line.
     pub spelling: Spelling,
     /// Label in the window; `None` if not shown there.
@@ -45,65 +41,24 @@ pub struct About {
     /// True if the option names a file that holds the value.
     pub is_in_file: bool,
     /// Checks that a text is a value, before the preset is known.
-    pub check_text: TextCheck,
-    doc: &'static str,
+    pub check_text: fn(&OsStr) -> Result<(), ValueError>,
+    #[doc(hidden)]
+    pub doc: &'static str,
 }
 
 impl About {
-    #[doc(hidden)]
-    #[expect(clippy::too_many_arguments, reason = "called only by `settings!`, in this order")]
-    pub const fn new(
-        field: &'static str,
-        spelling: Spelling,
-        label: Option<&'static str>,
-        (default, is_default_fixed): (&'static str, bool),
-        range: Option<fn() -> String>,
-        choices: fn() -> Vec<Choice>,
-        (is_in_file, check_text): (bool, TextCheck),
-        doc: &'static str,
-    ) -> Self {
-        Self {
-            field,
-            spelling,
-            label,
-            default,
-            is_default_fixed,
-            range,
-            choices,
-            is_in_file,
-            check_text,
-            doc,
-        }
-    }
-
     /// Returns the help text: sentences, the last without its full stop.
     pub fn help(&self) -> &'static str {
         let doc = self.doc.trim();
         doc.strip_suffix('.').unwrap_or(doc)
-    }
-
-    /// Returns the name used in messages.
-    pub fn name(&self) -> String {
-        match self.spelling {
-            Spelling::Option(option, _) => option.to_owned(),
-            Spelling::Name => self.field.to_owned(),
-        }
-    }
-
-    /// Returns the option, or the name in files if there is none.
-    pub fn key(&self) -> &'static str {
-        match self.spelling {
-            Spelling::Option(option, _) => option,
-            Spelling::Name => self.field,
-        }
     }
 }
 
 /// A requested value differs from the stored run's.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Conflict {
-    /// Name of the setting as used in messages.
-    pub setting: String,
+    /// Name of the setting in messages.
+    pub setting: &'static str,
     /// Stored value, if any.
     pub stored: Option<String>,
     /// Requested value.
@@ -126,10 +81,19 @@ pub struct Setting<L: SettingLayer> {
     pub flag: fn(&mut L) -> Option<&mut Option<bool>>,
     /// Writes the layer's value, if any, to a run's settings.
     pub apply: fn(&L, &mut L::Run),
-    /// Returns the permitted range and a run's value if it is outside.
-    pub outside: fn(&L::Run) -> Option<(String, String)>,
-    /// Returns the run's value, if any, and the layer's if they differ.
-    pub differs: fn(&L, &L::Run) -> Option<StoredAndAsked>,
+    /// Returns a run's value as text.
+    pub stored: fn(&L::Run) -> Option<String>,
+    /// True if a run's value is within the permitted range.
+    pub is_in_range: fn(&L::Run) -> bool,
+}
+
+impl<L: SettingLayer> Setting<L> {
+    /// Returns the layer's value, if any, and the run's if they differ.
+    pub fn conflict(&self, layer: &L, run: &L::Run) -> Option<Conflict> {
+        let (stored, requested) = ((self.stored)(run), (self.given)(layer)?);
+        let setting = self.about.name;
+        (stored.as_ref() != Some(&requested)).then_some(Conflict { setting, stored, requested })
+    }
 }
 
 /// User-specified settings of one preset; unset ones are taken from the layer below.
@@ -155,32 +119,28 @@ pub trait SettingLayer: Default + Sized + 'static {
     /// Checks all ranges of a run's settings.
     ///
     /// # Errors
-    /// [`ConfigError`] for the first setting out of range, with its name in files.
+    /// [`ConfigError`] for the first setting out of range.
     fn check(run: &Self::Run) -> Result<(), ConfigError> {
-        Self::TABLE.iter().try_for_each(|setting| match (setting.outside)(run) {
+        match Self::TABLE.iter().find(|setting| !(setting.is_in_range)(run)) {
             None => Ok(()),
-            Some((expected, found)) => {
-                Err(ConfigError { setting: setting.about.field, expected, found })
-            }
-        })
+            Some(Setting { about, stored, .. }) => Err(ConfigError {
+                setting: about.name,
+                expected: about.range.map_or_else(String::new, |range| range()),
+                found: stored(run).unwrap_or_default(),
+            }),
+        }
     }
 
     /// Returns the first set value that differs from a run's.
     fn conflict(&self, run: &Self::Run) -> Option<Conflict> {
-        Self::TABLE.iter().find_map(|setting| {
-            let (stored, asked) = (setting.differs)(self, run)?;
-            Some(Conflict { setting: setting.about.name(), stored, requested: asked })
-        })
+        Self::TABLE.iter().find_map(|setting| setting.conflict(self, run))
     }
 
-    /// Returns the first set value that `Other` has no option for.
-    fn first_unsupported_by<Other: SettingLayer>(&self) -> Option<(&'static About, String)> {
-        Self::TABLE.iter().find_map(|setting| {
-            let key = setting.about.key();
-            let is_shared = Other::TABLE.iter().any(|other| other.about.key() == key);
-            let value = (setting.given)(self).filter(|_| !is_shared)?;
-            Some((&setting.about, value))
-        })
+    /// Returns the first set value that `Other` lacks, and its setting's name.
+    fn first_unsupported_by<Other: SettingLayer>(&self) -> Option<(&'static str, String)> {
+        let is_shared = |field| Other::TABLE.iter().any(|other| other.about.field == field);
+        let mut own = Self::TABLE.iter().filter(|setting| !is_shared(setting.about.field));
+        own.find_map(|setting| Some((setting.about.name, (setting.given)(self)?)))
     }
 }
 
@@ -224,66 +184,56 @@ macro_rules! settings {
 
         impl $crate::train::setting::table::SettingLayer for $layer {
             type Run = $run;
-            const TABLE: &'static [$crate::train::setting::table::Setting<Self>] = &[
-                $($crate::train::setting::table::Setting {
-                    about: $crate::train::setting::table::About::new(
-                        stringify!($field),
-                        settings!(@spelling $($option $stands)?),
-                        settings!(@optional $($label)?),
-                        settings!(@default $($default)? $(by $depends)?),
-                        settings!(@optional $(|| format!($range))?),
-                        <$value as $crate::train::setting::value::SettingValue>::choices,
-                        (
-                            <$value as $crate::train::setting::value::SettingValue>::IS_FILE,
-                            |text| {
-                                <$value as $crate::train::setting::value::SettingValue>::parse(text)
-                                    .map(drop)
-                            },
-                        ),
-                        concat!($($doc),+),
-                    ),
-                    given: |layer| layer.$field.as_ref().map($crate::train::setting::value::text_of),
+            const TABLE: &'static [$crate::train::setting::table::Setting<Self>] = {
+                use $crate::train::setting::table::{About, Setting};
+                use $crate::train::setting::value::{SettingValue, text_of};
+                &[$(Setting {
+                    about: About {
+                        field: stringify!($field),
+                        name: settings!(@name $field $($option)?),
+                        spelling: settings!(@spelling $($option $stands)?),
+                        label: settings!(@optional $($label)?),
+                        default: concat!($($default)? $($depends)?),
+                        is_default_fixed: settings!(@is_given $($default)?),
+                        range: settings!(@optional $(|| format!($range))?),
+                        choices: <$value as SettingValue>::choices,
+                        is_in_file: <$value as SettingValue>::IS_FILE,
+                        check_text: |text| <$value as SettingValue>::parse(text).map(drop),
+                        doc: concat!($($doc),+),
+                    },
+                    given: |layer| layer.$field.as_ref().map(text_of),
                     ron: |layer| layer.$field.as_ref().map(ron::to_string).transpose(),
                     parse: |layer, text| {
-                        layer.$field =
-                            Some($crate::train::setting::value::SettingValue::parse(text)?);
+                        layer.$field = Some(SettingValue::parse(text)?);
                         Ok(())
                     },
                     clear: |layer| layer.$field = None,
-                    flag: |layer| {
-                        $crate::train::setting::value::SettingValue::flag(&mut layer.$field)
-                    },
+                    flag: |layer| SettingValue::flag(&mut layer.$field),
                     apply: |layer, run| {
                         if let Some(value) = layer.$field.clone() {
                             $(let $at = run; $place = value;)?
                             $(let ($set_in, $new) = (run, value); $set;)?
                         }
                     },
-                    outside: |_run| {
+                    stored: |run| {
+                        let value: Option<$value> = {
+                            $(let $at = run; Some(Clone::clone(&$place)))?
+                            $(let $got = run; $get)?
+                        };
+                        value.as_ref().map(text_of)
+                    },
+                    is_in_range: |_run| {
                         let _value: Option<$value> = {
                             $(let $at = _run; Some(Clone::clone(&$place)))?
                             $(let $got = _run; $get)?
                         };
-                        $(
-                            if let Some($tested) = &_value && !$test {
-                                let found = $crate::train::setting::value::text_of($tested);
-                                return Some((format!($range), found));
-                            }
-                        )?
-                        None
+                        $(if let Some($tested) = &_value {
+                            return $test;
+                        })?
+                        true
                     },
-                    differs: |layer, run| {
-                        let asked = layer.$field.as_ref()?;
-                        let stored: Option<$value> = {
-                            $(let $at = run; Some(Clone::clone(&$place)))?
-                            $(let $got = run; $get)?
-                        };
-                        let text = $crate::train::setting::value::text_of;
-                        (stored.as_ref() != Some(asked))
-                            .then(|| (stored.as_ref().map(text), text(asked)))
-                    },
-                },)+
-            ];
+                },)+]
+            };
 
             const PRESET: $crate::train::setting::Preset = $preset;
             const EXAMPLE: &'static str = $example;
@@ -299,11 +249,13 @@ macro_rules! settings {
     };
     (@optional) => { None };
     (@optional $value:expr) => { Some($value) };
+    (@name $field:ident) => { stringify!($field) };
+    (@name $field:ident $option:literal) => { concat!(stringify!($field), " (`", $option, "`)") };
     (@spelling) => { $crate::train::setting::table::Spelling::Name };
     (@spelling $option:literal $stands:literal) => {
         $crate::train::setting::table::Spelling::Option($option, $stands)
     };
-    (@default $default:literal) => { ($default, true) };
-    (@default by $depends:literal) => { ($depends, false) };
+    (@is_given) => { false };
+    (@is_given $default:literal) => { true };
 }
 pub(crate) use settings;

@@ -166,7 +166,7 @@ pub enum Preset {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{setting}: expected {expected}, found {found}")]
 pub struct ConfigError {
-    /// Name of the setting as in settings files.
+    /// Name of the setting: as in settings files, with its option if it has one.
     pub setting: &'static str,
     /// Permitted range.
     pub expected: String,

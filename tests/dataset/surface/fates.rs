@@ -2,6 +2,7 @@
 
 use super::drawn::{HEIGHT, WIDTH, frame, prepare, settings};
 use super::oracle;
+use crate::common::layouts::TestLayout;
 use crate::common::scratch::{open_plain, tiny};
 use glam::DVec3;
 use std::sync::Arc;
@@ -10,7 +11,7 @@ use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
 use vbgs_studio::dataset::surface::{
     PixelSampling, PixelStatus, Preparer, Sensor, SurfaceCounts, SurfaceSettings,
 };
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
+use vbgs_studio::dataset::synthetic::write::DepthBits;
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::observation::surface::Observation;
@@ -75,28 +76,27 @@ fn pixels_that_are_left_out_change_no_other() {
     let every = settings(Sensor::Kinect);
     let (whole, all, before) = prepare(&frame, &every);
     assert!(before.dropped_flying > 0 && before.left_out == 0, "{before:?}");
-    for (sampling, weight) in [(PixelSampling::Half, 2), (PixelSampling::Quarter, 4)] {
-        let (preparer, mut some, counts) =
-            prepare(&frame, &SurfaceSettings { sampling, ..every.clone() });
-        let is_used = |pixel: usize| {
-            let (column, row) = (pixel % WIDTH, pixel / WIDTH);
-            row % 2 == 0 && (weight == 2 || column % 2 == 0)
-        };
-        let mut expected = all.points.clone();
-        expected.retain(|point| is_used(point.pixel as usize));
-        // Tiles are wider if columns are left out, so the order differs.
-        expected.sort_by_key(|point| point.pixel);
-        some.points.sort_by_key(|point| point.pixel);
-        assert_eq!((some.points, some.point_weight), (expected, weight));
-        assert_eq!(some.ranges, all.ranges);
-        for (pixel, status) in preparer.statuses().data.iter().enumerate() {
-            let known = whole.statuses().data[pixel];
-            let is_hidden = !is_used(pixel) && *status == PixelStatus::LeftOut;
-            assert!(is_hidden || *status == known, "{pixel}: {status:?} for {known:?}");
-        }
-        assert_eq!(counts.kept + counts.left_out + counts.holes + counts.dropped(), N);
-        assert!(counts.left_out * 10 > N * 9 * (weight as usize - 1) / weight as usize);
+    let (sampling, weight) = (PixelSampling::Quarter, 4);
+    let (preparer, mut some, counts) =
+        prepare(&frame, &SurfaceSettings { sampling, ..every.clone() });
+    let is_used = |pixel: usize| {
+        let (column, row) = (pixel % WIDTH, pixel / WIDTH);
+        row % 2 == 0 && column % 2 == 0
+    };
+    let mut expected = all.points.clone();
+    expected.retain(|point| is_used(point.pixel as usize));
+    // Tiles are wider, so the order differs.
+    expected.sort_by_key(|point| point.pixel);
+    some.points.sort_by_key(|point| point.pixel);
+    assert_eq!((some.points, some.point_weight), (expected, weight));
+    assert_eq!(some.ranges, all.ranges);
+    for (pixel, status) in preparer.statuses().data.iter().enumerate() {
+        let known = whole.statuses().data[pixel];
+        let is_hidden = !is_used(pixel) && *status == PixelStatus::LeftOut;
+        assert!(is_hidden || *status == known, "{pixel}: {status:?} for {known:?}");
     }
+    assert_eq!(counts.kept + counts.left_out + counts.holes + counts.dropped(), N);
+    assert!(counts.left_out * 10 > N * 9 * 3 / 4);
 }
 
 #[test]
@@ -172,9 +172,9 @@ fn a_frame_without_depth_is_an_error() {
 #[test]
 fn sensors_follow_from_how_depth_is_stored() {
     for (layout, sensor) in [
-        (SyntheticLayout::Blender(DepthBits::Eight), Sensor::Inverse8Ray),
-        (SyntheticLayout::Blender(DepthBits::Sixteen), Sensor::Exact { noise: 0.0 }),
-        (SyntheticLayout::SevenScenes, Sensor::Kinect),
+        (TestLayout::Blender(DepthBits::Eight), Sensor::Inverse8Ray),
+        (TestLayout::Blender(DepthBits::Sixteen), Sensor::Exact { noise: 0.0 }),
+        (TestLayout::SevenScenes, Sensor::Kinect),
     ] {
         let folder = tiny(layout);
         let dataset = open_plain(folder.path()).unwrap();

@@ -6,7 +6,6 @@ use vbgs_studio::model::scene::photometric::PhotometricDeviations;
 use vbgs_studio::model::scene::state::{QUANTUM, SceneState, StoredSums};
 use vbgs_studio::pipeline::checkpoint::{RunError, merge, merge_onto};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
-use vbgs_studio::train::scene::config::BirthRule;
 use vbgs_studio::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
 use vbgs_studio::train::scene::units::Budget;
 
@@ -35,7 +34,7 @@ fn shards(asked: &SceneOverrides, n: usize) -> (SavedRun, Vec<SavedRun>) {
 }
 
 fn count(state: &SceneState, id: usize) -> f64 {
-    let StoredSums::Mixed { rows, wide } = &state.sums else { unreachable!() };
+    let StoredSums { rows, wide } = &state.sums;
     let wide = wide.iter().find(|row| row.id as usize == id);
     wide.map_or(f64::from(rows[id][0]) * QUANTUM, |row| row.sums[0])
 }
@@ -46,10 +45,7 @@ fn points(state: &SceneState) -> f64 {
 
 /// Largest difference between the sums of two scenes, in quanta.
 fn farthest(a: &StoredSums, b: &StoredSums) -> u32 {
-    let (StoredSums::Mixed { rows: a, .. }, StoredSums::Mixed { rows: b, .. }) = (a, b) else {
-        unreachable!()
-    };
-    let pairs = a.iter().flatten().zip(b.iter().flatten());
+    let pairs = a.rows.iter().flatten().zip(b.rows.iter().flatten());
     pairs.map(|(a, b)| a.abs_diff(*b)).max().unwrap()
 }
 
@@ -170,8 +166,7 @@ fn runs_that_did_not_go_on_from_the_start_are_refused() {
         scene.components = Some((0..scene.seeds.len() as u32).collect());
     };
     refused(&start, with(&shared), "merged as its budget was reached");
-    let lattice = SceneOverrides { births: Some(BirthRule::Lattice), ..asked };
-    let one = saved(&trained(&lattice, shard("1/8")));
+    let one = saved(&trained(&off(), shard("1/8")));
     let error = merge_onto(&one, vec![one.clone()]).unwrap_err();
     assert!(matches!(error, RunError::Origin { .. }), "{error}");
     let twice = merge(shards.clone()).unwrap_err().to_string();

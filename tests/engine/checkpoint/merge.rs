@@ -2,7 +2,7 @@
 
 use super::*;
 use vbgs_studio::export::checkpoint::StoredModel;
-use vbgs_studio::model::paper::state::Totals;
+use vbgs_studio::model::paper::state::{Carry, Totals};
 use vbgs_studio::pipeline::checkpoint::{RunError, merge};
 use vbgs_studio::train::paper::config::Init;
 
@@ -107,14 +107,16 @@ fn no_frame_counts_twice() {
 }
 
 #[test]
-fn single_precision_totals_do_not_add() {
+fn totals_that_overflow_do_not_add() {
     let [mut a, mut b] = ["1/2", "2/2"].map(|s| saved(&trained(&off(), shard(s))));
     for run in [&mut a, &mut b] {
         let StoredModel::Mixture { state, .. } = &mut run.content.model else { unreachable!() };
-        state.totals = Totals::F32(vec![[1.0; 13]; state.alpha_init.len()]);
+        let Totals::Fixed64 { carries, .. } = &mut state.totals else { unreachable!() };
+        carries.clear();
+        carries.push(Carry { id: 0, limbs: [i32::MAX; 13] });
     }
     let error = merge(vec![a, b]).unwrap_err();
     assert!(matches!(error, RunError::Add { .. }));
-    assert!(error.to_string().contains("order of frames"), "{error}");
+    assert!(error.to_string().contains("exceeds the range"), "{error}");
     assert!(merge(Vec::new()).unwrap().is_none());
 }

@@ -4,11 +4,11 @@ use super::*;
 use vbgs_studio::dataset::LoadOptions;
 use vbgs_studio::export::checkpoint::{CheckpointError, StoredModel};
 use vbgs_studio::model::conjugate::prior::Hyper;
-use vbgs_studio::model::paper::state::{ModelState, Totals};
+use vbgs_studio::model::paper::state::ModelState;
 use vbgs_studio::model::splat::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::plan::Order;
-use vbgs_studio::train::paper::config::{Batch, Candidates, IndexKind, Init, StatisticsForm};
+use vbgs_studio::train::paper::config::{Candidates, Init};
 use vbgs_studio::train::setting::Preset;
 
 fn half() -> SavedRun {
@@ -25,12 +25,6 @@ fn settings_that_contradict_the_run_are_refused_by_name() {
         ("components", train(PaperOverrides { components: Some(5), ..none() })),
         ("seed", train(PaperOverrides { seed: Some(5), ..none() })),
         ("candidates", train(PaperOverrides { candidates: Some(Candidates::Dense), ..none() })),
-        ("batch", train(PaperOverrides { batch: Some(Batch::Points(5)), ..none() })),
-        (
-            "statistics",
-            train(PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..none() }),
-        ),
-        ("index", train(PaperOverrides { index: Some(IndexKind::KdTree), ..none() })),
         ("init", train(PaperOverrides { init: Some(Init::Data), ..none() })),
         ("reassign", train(PaperOverrides { reassign: Some(ReassignPolicy::Dense), ..none() })),
         ("reassign_fraction", train(PaperOverrides { reassign_fraction: Some(0.5), ..none() })),
@@ -43,11 +37,14 @@ fn settings_that_contradict_the_run_are_refused_by_name() {
                 ..none()
             }),
         ),
-        ("--split", ResumeRequest { split: Some("eval".into()), ..ResumeRequest::default() }),
+        (
+            "split (`--split`)",
+            ResumeRequest { split: Some("eval".into()), ..ResumeRequest::default() },
+        ),
         ("order", ResumeRequest { order: Some(Order::Shuffled), ..ResumeRequest::default() }),
         ("stride", ResumeRequest { stride: Some(2), ..ResumeRequest::default() }),
         (
-            "--depth-range",
+            "depth range (`--depth-range`)",
             ResumeRequest {
                 load: LoadOptions {
                     depth_range: Some([0.1, 2.0]),
@@ -126,8 +123,10 @@ fn sections_that_do_not_belong_together_are_refused() {
     refused(&|c| c.config = c.config.replace("3000", "0"), "expected 1 to 20000000, found 0");
     refused(&|c| c.config = c.config.replace("3000", "2999"), "expected the prior");
     refused(&|c| *mixture(c).0 = Hyper::paper(3000, 1.0), "expected the prior");
-    let f32s = |c: &mut Checkpoint| mixture(c).1.totals = Totals::F32(vec![[0.0; 13]; 3000]);
-    refused(&f32s, "expected totals of the form Fixed64");
+    let narrow = |c: &mut Checkpoint| {
+        c.config = c.config.replace("fixed64", "fixed128").replace("mixed", "custom");
+    };
+    refused(&narrow, "expected totals of the form Fixed128");
     refused(&|c| c.meta = "[]".into(), "section `META`");
     refused(&|c| c.history = Some("{}".into()), "section `HIST`");
     let missing = SavedRun::read(Path::new("none.vbgs")).unwrap_err();

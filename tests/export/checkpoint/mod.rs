@@ -3,7 +3,6 @@
 mod damage;
 mod files;
 mod forms;
-mod kept;
 mod raw;
 mod scene;
 mod values;
@@ -78,10 +77,6 @@ fn fixed128() -> Totals {
     Totals::Fixed128(sums().iter().map(|r| r.map(|v| (v * 2f64.powi(80)) as i128)).collect())
 }
 
-fn f32s() -> Totals {
-    Totals::F32(sums().iter().map(|r| r.map(|v| v as f32)).collect())
-}
-
 fn sample(means: InitialMeans, totals: Totals) -> Checkpoint {
     let alpha_init = (0..N).map(|k| 0.05 + 1e-3 * k as f64).collect();
     checkpoint(StoredModel::Mixture {
@@ -111,15 +106,12 @@ fn mixture(checkpoint: &mut Checkpoint) -> (&mut Normalization, &mut Hyper, &mut
 }
 
 /// One checkpoint of every form.
-pub fn samples() -> [Checkpoint; 8] {
+pub fn samples() -> [Checkpoint; 5] {
     [
         sample(means_f32(), fixed64()),
         sample(means_f64(), fixed128()),
-        sample(means_f32(), f32s()),
         Checkpoint { history: None, ..sample(means_f32(), fixed128()) },
         scene::sample(scene::mixed()),
-        scene::sample(scene::f32s()),
-        scene::sample(scene::f64s()),
         checkpoint(StoredModel::Scene(scene::nothing())),
     ]
 }

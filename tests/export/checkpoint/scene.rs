@@ -57,18 +57,10 @@ pub fn mixed() -> StoredSums {
         false => row.map(|v| v as i32),
     };
     let wide = |&k: &usize| WideRow { id: k as u32, sums: quanta[k].map(value) };
-    StoredSums::Mixed {
+    StoredSums {
         rows: quanta.iter().enumerate().map(row).collect(),
         wide: WIDE.iter().map(wide).collect(),
     }
-}
-
-pub fn f32s() -> StoredSums {
-    StoredSums::F32(quanta().iter().map(|row| row.map(|v| value(v) as f32)).collect())
-}
-
-pub fn f64s() -> StoredSums {
-    StoredSums::F64(quanta().iter().map(|row| row.map(value)).collect())
 }
 
 pub fn sample(sums: StoredSums) -> Checkpoint {
@@ -88,7 +80,6 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
-        stored_frames: Vec::new(),
     }))
 }
 
@@ -229,7 +220,7 @@ fn photographs_that_no_file_may_have_are_not_written() {
 }
 
 pub fn nothing() -> SceneState {
-    let sums = StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() };
+    let sums = StoredSums { rows: Vec::new(), wide: Vec::new() };
     SceneState {
         origin: [0.0; 3],
         coarsening_steps: 0,
@@ -242,7 +233,6 @@ pub fn nothing() -> SceneState {
         poses: Vec::new(),
         trajectory: Vec::new(),
         photometric: None,
-        stored_frames: Vec::new(),
     }
 }
 
@@ -338,7 +328,7 @@ fn origin_and_seeds() {
 fn sums_that_no_points_have() {
     let with = |row: usize, i: usize, quanta: i32, parts: &[&str]| {
         let edit = |scene: &mut SceneState| {
-            let StoredSums::Mixed { rows, .. } = &mut scene.sums else { unreachable!() };
+            let StoredSums { rows, .. } = &mut scene.sums;
             rows[row][i] = quanta;
         };
         refused(mixed(), edit, parts);
@@ -446,7 +436,7 @@ fn frames_may_have_gains() {
 #[test]
 fn view_directions_longer_than_one() {
     let edit = |scene: &mut SceneState| {
-        let StoredSums::Mixed { rows, .. } = &mut scene.sums else { unreachable!() };
+        let StoredSums { rows, .. } = &mut scene.sums;
         (rows[12][28], rows[12][31]) = (12 * 32768, 1000);
         [29, 30, 32].iter().for_each(|&i| rows[12][i] = 0);
     };
@@ -462,7 +452,7 @@ fn wide_sums() {
     type Edit<'a> = dyn Fn(&mut Vec<[i32; N_SUMS]>, &mut Vec<WideRow>) + 'a;
     let with = |edit: &Edit<'_>, parts: &[&str]| {
         let edit = |scene: &mut SceneState| {
-            let StoredSums::Mixed { rows, wide } = &mut scene.sums else { unreachable!() };
+            let StoredSums { rows, wide } = &mut scene.sums;
             edit(rows, wide);
         };
         refused(mixed(), edit, parts);
@@ -483,25 +473,6 @@ fn wide_sums() {
     with(&|rows, _| rows[5][7] = 3, &["SUMS[component 5, yy]", "0 beside sums in `WIDE`"]);
 }
 
-#[test]
-fn rounded_sums() {
-    for wild in [f32::NAN, f32::INFINITY] {
-        let edit = |scene: &mut SceneState| {
-            let StoredSums::F32(rows) = &mut scene.sums else { unreachable!() };
-            rows[17][26] = wild;
-        };
-        refused(f32s(), edit, &["SUMS[component 17, view y]", "a finite number"]);
-    }
-    let edit = |scene: &mut SceneState| {
-        let StoredSums::F64(rows) = &mut scene.sums else { unreachable!() };
-        rows[17][5] = 1.01 * rows[17][4].max(rows[17][7]);
-    };
-    refused(f64s(), edit, &["SUMS[component 17, xy]: expected at most the mean"]);
-    // Only integer sums may have wide rows.
-    let bytes = edited(&good(), b"SUMS", |s| s.element = 2);
-    assert_refused(&bytes, &["SUMS", "elements of type I32 beside wide sums", "F32"]);
-}
-
 /// The same point with the largest possible terms, many times.
 #[test]
 fn rounding_is_no_defect() {
@@ -511,15 +482,9 @@ fn rounding_is_no_defect() {
     {
         let terms: [f32; N_SUMS] = terms(offset, [1.0; 3], direction, direction);
         let quanta = terms.map(|term| (f64::from(term) / QUANTUM).round() as i32);
-        let edit = |sums: &mut StoredSums| match sums {
-            StoredSums::Mixed { rows, .. } => rows[3] = quanta.map(|q| 4000 * q),
-            StoredSums::F32(rows) => rows[3] = terms.map(|term| 4000.0 * term),
-            StoredSums::F64(rows) => rows[3] = terms.map(|term| 4000.0 * f64::from(term)),
-        };
-        for mut sums in [mixed(), f32s(), f64s()] {
-            edit(&mut sums);
-            let checkpoint = sample(sums);
-            assert_eq!(parse(&to_bytes(&checkpoint)).unwrap().checkpoint, checkpoint);
-        }
+        let mut sums = mixed();
+        sums.rows[3] = quanta.map(|q| 4000 * q);
+        let checkpoint = sample(sums);
+        assert_eq!(parse(&to_bytes(&checkpoint)).unwrap().checkpoint, checkpoint);
     }
 }

@@ -1,6 +1,5 @@
 //! The tile path of the GPU renderer on a Vulkan driver (software drivers count).
 
-pub mod device;
 mod limits;
 mod pictures;
 pub mod scenes;

@@ -1,14 +1,14 @@
-//! Images of the tile path against the f64 oracle and the quad path.
+//! Images against the f64 oracle with a tight tolerance.
 
-use super::device::{Gpu, largest_difference};
 use super::scenes::{appearance, camera, cloud};
 use crate::common::oracle::Oracle;
+use crate::compare::largest_difference;
+use crate::device::Gpu;
 use glam::DVec3;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::gpu::DrawPath;
 use vbgs_studio::render::{
     ALPHA_CUT, Antialias, DisplayStyle, ExactOptions, Lens, Paint, RenderMethod, RenderOptions,
     Response, TRANSMITTANCE_STOP,
@@ -76,7 +76,7 @@ fn assert_agrees(
 }
 
 #[test]
-fn random_scenes_agree_with_the_oracle_and_with_quads() {
+fn random_scenes_agree_with_the_oracle() {
     let Some(gpu) = Gpu::new() else { return };
     let scenes = [
         ("small", cloud(1, 400, 0.05, 0.01, [0.0, 1.0])),
@@ -90,9 +90,6 @@ fn random_scenes_agree_with_the_oracle_and_with_quads() {
         camera(40, 97, DVec3::new(0.3, -0.4, 0.1), 2.2),
     ];
     for (name, splats) in &scenes {
-        // Quads have no early stop, so they include what saturated pixels leave out: alpha times
-        // transmittance, up to 0.01 for an alpha of 0.99.
-        let left_out = if *name == "flat tops" { 1e-2 } else { TOLERANCE };
         let extras = appearance(5, splats.len());
         for (view, method) in views.iter().flat_map(|view| {
             [RenderMethod::PROJECTED, RenderMethod::EXACT, SHARP, FISHEYE]
@@ -102,18 +99,8 @@ fn random_scenes_agree_with_the_oracle_and_with_quads() {
             for splats in [splats.into(), SplatView::new(splats, &extras).unwrap()] {
                 let kind = if splats.appearance().is_empty() { "plain" } else { "shaded" };
                 let name = format!("{name}, {kind}, {}, {method:?}", view.intrinsics.width);
-                let tiles = gpu.image_by(DrawPath::Tiles, splats, view, &options);
-                assert_agrees(&name, &tiles, splats, view, &options);
-                let quads = gpu.image_by(DrawPath::Quads, splats, view, &options);
-                let share = tiles
-                    .data
-                    .iter()
-                    .flatten()
-                    .zip(quads.data.iter().flatten())
-                    .filter(|(a, b)| f64::from((*a - *b).abs()) > TOLERANCE + left_out)
-                    .count() as f64
-                    / (4 * tiles.data.len()) as f64;
-                assert!(share < 1e-3, "{name}: {share} of all values differ from the quad path");
+                let image = gpu.image(splats, view, &options);
+                assert_agrees(&name, &image, splats, view, &options);
             }
         }
     }
@@ -130,7 +117,7 @@ fn looks_and_paints_agree_with_the_oracle() {
     for paint in [Paint::Stored, Paint::Depth([3.0, 7.0]), Paint::Normal] {
         let look = DisplayStyle { scale: 0.7, opacity_cut: 0.4, paint };
         let options = RenderOptions { style: look, ..options(RenderMethod::EXACT) };
-        let image = gpu.image_by(DrawPath::Tiles, splats, &view, &options);
+        let image = gpu.image(splats, &view, &options);
         assert_agrees(&format!("{paint:?}"), &image, splats, &view, &options);
     }
     gpu.assert_no_faults();
@@ -142,12 +129,10 @@ fn every_size_of_image_is_whole() {
     let splats = cloud(8, 120, 0.3, 0.1, [0.2, 0.9]);
     let options = options(RenderMethod::EXACT);
     let eye = DVec3::new(4.0, -3.0, 1.0);
-    let mut renderer = gpu.renderer(DrawPath::Tiles);
     for (width, height) in [(16, 16), (17, 15), (1, 1), (0, 9), (9, 0), (33, 2), (0, 0), (48, 31)] {
         let mut view = camera(32, 32, eye, 0.8);
         (view.intrinsics.width, view.intrinsics.height) = (width, height);
-        let scene = gpu.scene((&splats).into(), &view, &options);
-        let image = gpu.image(&mut renderer, &scene, &view, &options);
+        let image = gpu.image(&splats, &view, &options);
         assert_eq!((image.width, image.height), (width as usize, height as usize));
         assert_agrees(&format!("{width}x{height}"), &image, (&splats).into(), &view, &options);
     }
@@ -159,13 +144,11 @@ fn an_image_without_splats_is_empty() {
     let Some(gpu) = Gpu::new() else { return };
     let view = camera(40, 20, DVec3::new(4.0, -3.0, 1.0), 0.8);
     let options = options(RenderMethod::PROJECTED);
-    let mut renderer = gpu.renderer(DrawPath::Tiles);
     let splats = cloud(9, 30, 0.3, 0.5, [0.5, 0.9]);
-    let full =
-        gpu.image(&mut renderer, &gpu.scene((&splats).into(), &view, &options), &view, &options);
+    let full = gpu.image(&splats, &view, &options);
     assert!(full.data.iter().any(|p| p[3] > 0.5));
     // An empty scene leaves nothing of the image before.
-    let none = gpu.image(&mut renderer, &gpu.scene((&[]).into(), &view, &options), &view, &options);
+    let none = gpu.image(&[], &view, &options);
     assert!(none.data.iter().flatten().all(|&v| v == 0.0));
     let behind: Vec<Splat> = splats
         .iter()
@@ -173,14 +156,13 @@ fn an_image_without_splats_is_empty() {
         .collect();
     let mut away = view;
     away.pose = camera(1, 1, DVec3::new(-3.0, -3.0, -1.0), 0.8).pose;
-    let around =
-        gpu.image(&mut renderer, &gpu.scene((&behind).into(), &away, &options), &away, &options);
+    let around = gpu.image(&behind, &away, &options);
     assert_agrees("far away", &around, (&behind).into(), &away, &options);
     gpu.assert_no_faults();
 }
 
 #[test]
-fn ties_keep_their_order_and_no_order_is_needed() {
+fn ties_keep_their_order() {
     let Some(gpu) = Gpu::new() else { return };
     let view = camera(48, 48, DVec3::new(0.1, -4.0, 0.0), 0.8);
     let options = options(RenderMethod::PROJECTED);
@@ -193,12 +175,9 @@ fn ties_keep_their_order_and_no_order_is_needed() {
             ..template
         })
         .collect();
-    let unordered =
-        vbgs_studio::render::gpu::scene::GpuScene::new(&gpu.device, &gpu.queue, &splats).unwrap();
-    assert_eq!(unordered.n_drawn(vbgs_studio::render::gpu::scene::ComparedImage::First), 0);
-    let image = gpu.image(&mut gpu.renderer(DrawPath::Tiles), &unordered, &view, &options);
+    let image = gpu.image(&splats, &view, &options);
     assert_agrees("ties", &image, (&splats).into(), &view, &options);
-    let again = gpu.image_by(DrawPath::Tiles, (&splats).into(), &view, &options);
+    let again = gpu.image(&splats, &view, &options);
     assert_eq!(largest_difference(&image, &again), 0.0);
     gpu.assert_no_faults();
 }

@@ -1,6 +1,6 @@
 //! The radix sort against the standard library's sort.
 
-use super::device::Gpu;
+use crate::device::Gpu;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::render::gpu::tiles::sort::{Keys, RadixSort, SortBuffers};
 
@@ -14,6 +14,40 @@ enum Kind {
 }
 use Kind::{Indexed, Valued};
 
+/// A storage buffer with these words; it has room for at least one.
+fn buffer_of(gpu: &Gpu, words: &[u32]) -> wgpu::Buffer {
+    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: 4 * words.len().max(1) as u64,
+        usage: wgpu::BufferUsages::STORAGE
+            | wgpu::BufferUsages::COPY_SRC
+            | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(words));
+    buffer
+}
+
+/// Reads the first `n` words of a buffer after all submitted work.
+fn read(gpu: &Gpu, buffer: &wgpu::Buffer, n: usize) -> Vec<u32> {
+    if n == 0 {
+        return Vec::new();
+    }
+    let staging = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: 4 * n as u64,
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, 4 * n as u64);
+    gpu.queue.submit([encoder.finish()]);
+    staging.map_async(wgpu::MapMode::Read, .., Result::unwrap);
+    gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+    let bytes = staging.get_mapped_range(..).unwrap();
+    bytemuck::pod_collect_to_vec(&bytes)
+}
+
 fn sorted(gpu: &Gpu, sort: &RadixSort, keys: &[u32], bits: u32, kind: Kind) -> Vec<[u32; 2]> {
     // A binding needs at least one pair.
     let nothing = vec![7; 2 * keys.len().max(1)];
@@ -25,10 +59,10 @@ fn sorted(gpu: &Gpu, sort: &RadixSort, keys: &[u32], bits: u32, kind: Kind) -> V
         Indexed => &nothing,
         Valued => &beside,
     };
-    let pairs = [gpu.words(first), gpu.words(&nothing)];
-    let alone = gpu.words(keys);
+    let pairs = [buffer_of(gpu, first), buffer_of(gpu, &nothing)];
+    let alone = buffer_of(gpu, keys);
     let [least, largest] = range(keys);
-    let counts = gpu.words(&[keys.len() as u32, u32::MAX, least, largest]);
+    let counts = buffer_of(gpu, &[keys.len() as u32, u32::MAX, least, largest]);
     let kind = match kind {
         Indexed => Keys::Indexed { keys: &alone, source: 0, sink: 1, range: [2, 3] },
         Valued => Keys::Valued { source: 0 },
@@ -40,9 +74,9 @@ fn sorted(gpu: &Gpu, sort: &RadixSort, keys: &[u32], bits: u32, kind: Kind) -> V
     gpu.queue.submit([encoder.finish()]);
     let n_left = match kind {
         Keys::Valued { .. } => keys.len(),
-        Keys::Indexed { .. } => gpu.read(&counts, 2)[1] as usize,
+        Keys::Indexed { .. } => read(gpu, &counts, 2)[1] as usize,
     };
-    let words = gpu.read(&pairs[plan.result()], 2 * n_left);
+    let words = read(gpu, &pairs[plan.result()], 2 * n_left);
     words.as_chunks::<2>().0.to_vec()
 }
 

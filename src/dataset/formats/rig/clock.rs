@@ -30,15 +30,12 @@ impl ImagePair {
     }
 }
 
-/// Camera motion and readout times.
 pub(in super::super) struct Clock<At> {
     /// World pose at a time; `None` if unknown.
     pub at: At,
-    /// Intrinsics of both images.
     pub intrinsics: Intrinsics,
     /// Seconds from the first to the last row of a depth image; its timestamp is that of the middle row.
     pub depth_reading: f64,
-    /// The same for a photograph.
     pub color_reading: f64,
 }
 
@@ -46,14 +43,12 @@ impl<At> Clock<At>
 where
     At: Fn(f64) -> Option<Pose>,
 {
-    /// Returns the clock of a camera with this mount on the tracked body.
     pub fn mounted(&self, mount: Mount) -> Clock<impl Fn(f64) -> Option<Pose>> {
         let at = move |time| (self.at)(time).map(|pose| mount.camera_pose(&pose));
         let Self { intrinsics, depth_reading, color_reading, .. } = *self;
         Clock { at, intrinsics, depth_reading, color_reading }
     }
 
-    /// Returns a clock with readout times multiplied by `times`.
     pub fn slowed(&self, times: f64) -> Clock<&At> {
         let Self { at, intrinsics, depth_reading, color_reading } = self;
         let [depth_reading, color_reading] = [times * depth_reading, times * color_reading];
@@ -93,10 +88,8 @@ pub(super) fn estimate_delay<P: Sync>(
     (is_determined && delay.abs() >= LEAST).then_some(delay)
 }
 
-/// Distances by index of the delay, see [`delay_of`].
 type Distances = [f64; 2 * N_STEPS + 1];
 
-/// Delay in seconds at an index of the distances.
 fn delay_of(place: f64) -> f64 {
     (place - N_STEPS as f64) * STEP
 }
@@ -120,7 +113,6 @@ fn lowest(distances: &Distances) -> Option<(f64, f64)> {
     Some((delay_of(before as f64 + 1.0 + off), *here))
 }
 
-/// Largest number of image pairs.
 const PAIRS: usize = 16;
 /// Images after the first of a pair that are candidates for the second.
 const REACH: usize = 48;
@@ -182,7 +174,6 @@ where
     (0..anchors).filter_map(pair).collect()
 }
 
-/// An image with its camera's pose and rotation rate.
 struct RotatingImage<'a> {
     shot: &'a ImagePair,
     pose: Pose,
@@ -201,7 +192,6 @@ impl<'a> RotatingImage<'a> {
         Some(Self { shot, pose, rate: before.rotation() * turn / (2.0 * RATE) })
     }
 
-    /// Rotation to another image, radians.
     fn angle(&self, other: &Self) -> f64 {
         self.pose.offset_to(&other.pose).1.to_scaled_axis().length()
     }

@@ -14,7 +14,6 @@ const SQUARE: usize = 4;
 /// Limit for differences of grey in `[0, 1]`: larger ones are motion or reflections.
 const FARTHEST: f64 = 0.2;
 
-/// Two photographs and the world points visible in both.
 pub(super) struct Pair {
     times: [f64; 2],
     greys: [Image<f32>; 2],
@@ -22,8 +21,6 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// Loads the photographs of a pair of depth images with the given depth delay; `None` if one cannot be
-    /// read.
     pub fn load<At>(pair: &depth::Pair<'_>, clock: &Clock<At>, delay: f64) -> Option<Self>
     where
         At: Fn(f64) -> Option<Pose>,
@@ -59,7 +56,6 @@ impl Pair {
     }
 }
 
-/// Means over the squares of a photograph, in `[0, 1]`.
 fn load(shot: &ImagePair, k: &Intrinsics) -> Option<Image<f32>> {
     let color = shot.read(|| decode::color(&shot.color.1, (k.width, k.height)))?;
     let (columns, rows) = (color.width / SQUARE, color.height / SQUARE);
@@ -78,7 +74,6 @@ fn load(shot: &ImagePair, k: &Intrinsics) -> Option<Image<f32>> {
     Some(means)
 }
 
-/// Interpolates between the four squares around a pixel position; `None` at the border.
 fn grey_at(grey: &Image<f32>, [u, v, _]: [f64; 3]) -> Option<f64> {
     let (x, y) = (u / SQUARE as f64 - 0.5, v / SQUARE as f64 - 0.5);
     let (column, row) = (x.floor(), y.floor());

@@ -12,7 +12,6 @@ use rayon::prelude::*;
 /// Limit for relative depth differences, to bound the effect of occlusions.
 const FARTHEST: f64 = 0.05;
 
-/// Two depth images of the same surfaces.
 pub(super) struct Pair<'a> {
     pub shots: [&'a ImagePair; 2],
     depths: [Depth; 2],
@@ -25,7 +24,6 @@ impl<'a> Pair<'a> {
         Some(Self { shots, depths: [load(a, &clock.intrinsics)?, load(b, &clock.intrinsics)?] })
     }
 
-    /// Mean depth difference of both images, relative to depth.
     pub fn distance<At>(&self, clock: &Clock<At>, delay: f64) -> f64
     where
         At: Fn(f64) -> Option<Pose>,
@@ -47,7 +45,6 @@ impl<'a> Pair<'a> {
         self.measured(clock, delay, |_, share| share)
     }
 
-    /// World points measured in both images.
     pub fn common<At>(&self, clock: &Clock<At>, delay: f64) -> Vec<DVec3>
     where
         At: Fn(f64) -> Option<Pose>,
@@ -85,7 +82,6 @@ impl<'a> Pair<'a> {
     }
 }
 
-/// Sum of the distances of all pairs.
 pub(super) fn total<At>(pairs: &[&Pair<'_>], clock: &Clock<At>, delay: f64) -> f64
 where
     At: Fn(f64) -> Option<Pose> + Sync,

@@ -21,16 +21,13 @@ use rayon::prelude::*;
 pub(super) use clock::{Clock, ImagePair};
 pub(super) use mount_search::Mount;
 
-/// Properties shared by all images of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rig {
     /// True if rows are read one after the other; false if depth agrees better without a rolling shutter.
     pub reads_rows: bool,
     /// Delay of depth after its timestamps, seconds; negative if it is earlier, 0 if undetermined.
     pub depth_delay: f64,
-    /// The same for photographs.
     pub color_delay: f64,
-    /// Mount of the camera on the tracked body.
     pub mount: Mount,
 }
 
@@ -44,7 +41,6 @@ impl Rig {
     };
 }
 
-/// Estimates the rig of a recording.
 pub(super) fn find<At>(shots: &[ImagePair], clock: &Clock<At>) -> Rig
 where
     At: Fn(f64) -> Option<Pose> + Sync,

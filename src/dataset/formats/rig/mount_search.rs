@@ -8,7 +8,7 @@
 use super::clock::Clock;
 use super::depth::{Pair, total};
 use crate::math::camera::Intrinsics;
-use crate::math::cholesky::Cholesky;
+use crate::math::least_squares::NormalEquations;
 use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -17,7 +17,6 @@ use rayon::prelude::*;
 const FEWEST: usize = 6;
 /// Least relative decrease of the distance of pairs that were not used for the fit.
 const FALL: f64 = 0.05;
-/// Gauss-Newton steps.
 const ROUNDS: usize = 12;
 /// Bound of the number of times a step is doubled.
 const DOUBLINGS: u32 = 5;
@@ -77,15 +76,16 @@ where
         total(pairs, &self.clock.mounted(mount), self.delay)
     }
 
-    /// Most probable mount for these pairs.
     fn fitted(&self, pairs: &[&Pair<'_>]) -> Mount {
         let mut best = [0.0; N];
         let mut least = self.distance(pairs, mount_of(best));
         for _ in 0..ROUNDS {
-            let parts: Vec<Equations> =
+            let parts: Vec<NormalEquations<N>> =
                 pairs.par_iter().map(|pair| self.equations(pair, best)).collect();
-            let mut equations = Equations::prior(&best);
-            parts.iter().for_each(|part| equations.join(part));
+            let mut equations = NormalEquations::ZERO;
+            let expected = best.iter().zip(EXPECTED).enumerate();
+            expected.for_each(|(i, (value, deviation))| equations.add_prior(i, *value, deviation));
+            parts.iter().for_each(|part| equations.add(part, 1.0));
             let Some(step) = equations.solution() else { break };
             let reached = self.lowest_along(pairs, best, &step);
             if reached.1 > (1.0 - SETTLED) * least {
@@ -115,8 +115,7 @@ where
         best
     }
 
-    /// Normal equations of one pair at a mount.
-    fn equations(&self, pair: &Pair<'_>, from: Vector) -> Equations {
+    fn equations(&self, pair: &Pair<'_>, from: Vector) -> NormalEquations<N> {
         let apart = |mount: Vector| {
             pair.depth_differences(&self.clock.mounted(mount_of(mount)), self.delay)
         };
@@ -129,7 +128,7 @@ where
         let axes = EPS.iter().enumerate();
         let sides: Vec<[Vec<Option<f64>>; 2]> =
             axes.map(|(axis, eps)| [beside(axis, *eps), beside(axis, -eps)]).collect();
-        let mut equations = Equations::NONE;
+        let mut equations = NormalEquations::ZERO;
         for (sample, here) in here.iter().enumerate() {
             let mut slope = [0.0; N];
             let slopes = slope.iter_mut().zip(&sides).zip(EPS).map(|((slope, sides), eps)| {
@@ -138,55 +137,14 @@ where
                 Some(())
             });
             if let (Some(()), Some(here)) = (slopes.collect(), here) {
-                equations.add(*here, &slope);
+                let weight = 1.0 / (1.0 + (here / ROBUST).powi(2)) / (ALIKE * ROBUST * ROBUST);
+                equations.add_residual(*here, &slope, weight);
             }
         }
         equations
     }
 }
 
-/// Normal equations of a Gauss-Newton step.
-struct Equations {
-    matrix: [Vector; N],
-    right: Vector,
-}
-
-impl Equations {
-    const NONE: Self = Self { matrix: [[0.0; N]; N], right: [0.0; N] };
-
-    /// Prior of the mount, linearised at `from`.
-    fn prior(from: &Vector) -> Self {
-        let mut prior = Self::NONE;
-        let expected = from.iter().zip(EXPECTED).zip(&mut prior.matrix).zip(&mut prior.right);
-        for (i, (((value, deviation), row), right)) in expected.enumerate() {
-            row.iter_mut().skip(i).take(1).for_each(|x| *x = deviation.powi(-2));
-            *right = -value * deviation.powi(-2);
-        }
-        prior
-    }
-
-    fn add(&mut self, residual: f64, slope: &Vector) {
-        let weight = 1.0 / (1.0 + (residual / ROBUST).powi(2)) / (ALIKE * ROBUST * ROBUST);
-        for ((row, right), a) in self.matrix.iter_mut().zip(&mut self.right).zip(slope) {
-            *right -= weight * a * residual;
-            row.iter_mut().zip(slope).for_each(|(x, b)| *x += weight * a * b);
-        }
-    }
-
-    fn join(&mut self, other: &Self) {
-        let rows = self.matrix.as_flattened_mut().iter_mut().zip(other.matrix.as_flattened());
-        rows.for_each(|(a, b)| *a += b);
-        self.right.iter_mut().zip(other.right).for_each(|(a, b)| *a += b);
-    }
-
-    fn solution(&self) -> Option<Vector> {
-        let step: Vector =
-            Cholesky::new(N, self.matrix.as_flattened())?.solve(&self.right).try_into().ok()?;
-        step.iter().all(|x| x.is_finite()).then_some(step)
-    }
-}
-
-/// Pose of a camera relative to the tracked body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in super::super) struct Mount {
     /// Translation in the body's axes, which are close to the camera's; metres.
@@ -196,7 +154,6 @@ pub(in super::super) struct Mount {
 }
 
 impl Mount {
-    /// Camera pose for a pose of the tracked body.
     pub fn camera_pose(&self, followed: &Pose) -> Pose {
         followed.attached_camera(self.shift, DQuat::from_scaled_axis(self.turn))
     }

@@ -26,14 +26,12 @@ fn shaken(time: f64) -> Option<Pose> {
     Some(pose(DQuat::from_euler(EulerRot::YXZ, yaw, pitch, 0.0)))
 }
 
-/// Rotates about all axes, like a handheld camera panning around a room.
 fn waved(time: f64) -> Option<Pose> {
     let angles = [0.5 * (1.3 * time).sin(), 0.4 * (2.1 * time).cos(), 0.6 * (1.7 * time).sin()];
     let [yaw, pitch, roll] = angles;
     Some(pose(DQuat::from_euler(EulerRot::YXZ, yaw, pitch, roll)))
 }
 
-/// Rotates at a constant rate.
 fn even(time: f64) -> Option<Pose> {
     Some(pose(DQuat::from_rotation_y(0.5 * time)))
 }
@@ -59,7 +57,6 @@ fn seen(time: f64, reading: f64, at: impl Fn(f64) -> Option<Pose>) -> Vec<(f64, 
     seen
 }
 
-/// Writes frames of a rig whose tracked body moves by `at`.
 fn recorded(folder: &Path, rig: Rig, at: impl Fn(f64) -> Option<Pose> + Copy) -> Vec<ImagePair> {
     let encoding = DepthEncoding {
         codes: CodeKind::BareFloats,

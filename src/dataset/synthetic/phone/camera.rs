@@ -24,6 +24,7 @@ const TYPICAL_DEPTH: f64 = 1.5;
 const DEPTH_SIDE: f64 = 256.0;
 const LEAST_FACTOR: f64 = 2.0;
 
+/// Photograph and depth image as a phone stores them.
 pub struct Capture {
     /// sRGB-encoded, opaque.
     pub color: Image<[u8; 4]>,
@@ -45,12 +46,10 @@ impl PhoneCamera {
         Self { walk, gains: gains(n_frames, seed), seed }
     }
 
-    /// True pose of a frame.
     pub fn pose(&self, frame: usize) -> Pose {
         self.walk.shaken_pose(self.walk_parameter(frame))
     }
 
-    /// Renders a frame; `depth` holds the intrinsics of the lidar image.
     pub fn capture(&self, scene: &SyntheticScene, frame: usize, depth: Intrinsics) -> Capture {
         let mut rng = Rng::new(self.seed, Purpose::Synthetic, LIDAR + frame as u64);
         let camera = Camera { intrinsics: depth, pose: self.pose(frame) };
@@ -96,7 +95,6 @@ impl PhoneCamera {
     }
 }
 
-/// Image motion between two poses, pixels.
 fn image_motion(from: &Pose, to: &Pose, k: &Intrinsics) -> f64 {
     let (offset, turn) = from.offset_to(to);
     k.fx * (turn.to_scaled_axis().length() + offset.length() / TYPICAL_DEPTH)
@@ -108,9 +106,7 @@ pub fn depth_camera(k: &Intrinsics) -> Intrinsics {
     k.scaled(1.0 / (longest / DEPTH_SIDE).max(LEAST_FACTOR))
 }
 
-/// Random stream of the gains.
 const STREAM: u64 = u64::MAX - 4;
-/// Minimum and maximum gain.
 const GAINS: [f64; 2] = [0.8, 1.25];
 /// Minimum relative difference between consecutive gains.
 const LEAST_STEP: f64 = 0.08;

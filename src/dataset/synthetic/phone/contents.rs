@@ -51,7 +51,6 @@ fn add_cables(solids: &mut Vec<Solid>) {
 
 /// Radius of loose cables, metres.
 pub(super) const CABLE: f64 = 0.004;
-/// Straight segments of a sagging cable.
 const PIECES: usize = 12;
 
 pub(super) fn fine(lo: [f64; 3], hi: [f64; 3], texture: FineTexture) -> Solid {
@@ -62,7 +61,6 @@ pub(super) fn rod(from: DVec3, to: DVec3, radius: f64, texture: FineTexture) -> 
     Solid { shape: Shape::Cable(Capsule { from, to, radius }), texture: Texture::Fine(texture) }
 }
 
-/// Cable that sags by `sag` metres between its ends.
 pub(super) fn sagging_cable(
     from: DVec3,
     to: DVec3,
@@ -81,7 +79,6 @@ const HI: DVec3 = dvec3(2.2, 0.0, 2.5);
 /// Random stream of the furnishing, the same as for the room.
 const STREAM: u64 = u64::MAX;
 
-/// Light of the window behind the camera.
 const WINDOW: Lamp = Lamp {
     corner: dvec3(-0.9, -2.75, 0.9),
     edges: [dvec3(1.8, 0.0, 0.0), dvec3(0.0, 0.0, 1.2)],
@@ -89,7 +86,6 @@ const WINDOW: Lamp = Lamp {
     radiance: vec3(4.2, 4.6, 5.0),
 };
 
-/// Light of the ceiling panel.
 const PANEL: Lamp = Lamp {
     corner: dvec3(-0.6, -1.7, 2.45),
     edges: [dvec3(1.2, 0.0, 0.0), dvec3(0.0, 0.8, 0.0)],
@@ -100,7 +96,6 @@ const PANEL: Lamp = Lamp {
 const FRAME: FineTexture = FineTexture::Grain(vec3(0.62, 0.53, 0.40));
 const STEEL: FineTexture = FineTexture::Steel;
 
-/// Builds the hallway; the seed varies textures and the tone of the door.
 pub(super) fn hallway(seed: u64) -> FurnishedRoom {
     let mut rng = Rng::new(seed, Purpose::Synthetic, STREAM);
     let tone = rng.range(0.85, 1.15) as f32;

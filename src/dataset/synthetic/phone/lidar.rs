@@ -18,7 +18,6 @@ const GRAZING: [f32; 2] = [0.1, 0.3];
 /// Relative depth span around a pixel above which confidence is 0, and above which it is 1.
 const EDGES: [f32; 2] = [0.1, 0.05];
 
-/// Return of one ray.
 #[derive(Clone, Copy)]
 struct RayReturn {
     z: f32,
@@ -32,7 +31,6 @@ pub(super) struct LidarImage {
     pub confidence: Image<u8>,
 }
 
-/// Measures the view of `camera`; `rng` draws noise and holes.
 pub(super) fn measure(room: &FurnishedRoom, camera: &Camera, rng: &mut Rng) -> LidarImage {
     let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
     let pixels = pixel_returns(&echoes(room, camera), width, height);
@@ -91,12 +89,10 @@ fn echoes(room: &FurnishedRoom, camera: &Camera) -> Image<RayReturn> {
     })
 }
 
-/// Combined return of a pixel's rays.
 #[derive(Clone, Copy)]
 struct LidarPixel {
     mean: f32,
     least: f32,
-    /// Mean cosine of incidence.
     cosine: f32,
     /// True if most rays hit glossy, glass or black surfaces.
     is_poor: bool,
@@ -118,7 +114,6 @@ fn pixel_returns(echoes: &Image<RayReturn>, width: usize, height: usize) -> Imag
     Image::from_vec(width, height, (0..width * height).map(pixel).collect())
 }
 
-/// Minimum and maximum of a value within `reach` pixels of each pixel.
 fn neighbourhood_range(
     pixels: &Image<LidarPixel>,
     reach: usize,

@@ -6,7 +6,6 @@ use crate::math::rng::{Purpose, Rng};
 use glam::{DQuat, DVec2, DVec3, EulerRot, dvec3};
 use std::f64::consts::TAU;
 
-/// Random stream of the phases; distinct from those of frames and furnishing.
 const PHASES: u64 = u64::MAX - 2;
 /// Amplitudes of hand shake, metres and radians.
 const SHAKE: [f64; 2] = [0.004, 0.006];
@@ -36,7 +35,6 @@ impl Walk {
         even + 0.75 / (TAU * HURRIES) * (wave(even) - wave(0.0))
     }
 
-    /// Pose at a walk parameter, with hand shake.
     pub fn shaken_pose(&self, part: f64) -> Pose {
         let [a, b, c, d] = self.phases;
         let swing = |rate: f64, phase: f64| (TAU * (SWINGS * rate * part + phase)).sin();
@@ -46,7 +44,6 @@ impl Walk {
         self.steady(part).attached_camera(offset, DQuat::from_euler(EulerRot::XYZ, x, y, z))
     }
 
-    /// Pose at a walk parameter, without hand shake.
     pub fn steady(&self, part: f64) -> Pose {
         let (eye, forward) = match self.scene {
             PhoneScene::Room => self.in_room(part),
@@ -87,13 +84,11 @@ impl Walk {
     }
 }
 
-/// Smoothstep: 0 below 0, 1 above 1.
 fn smooth(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
-/// Random stream of the drift.
 const STREAM: u64 = u64::MAX - 3;
 /// Range of the maximum position error of a recording, metres.
 const LARGEST_OFFSET: [f64; 2] = [0.002, 0.003];
@@ -114,7 +109,6 @@ pub fn with_drift(poses: &[Pose], seed: u64) -> Vec<Pose> {
     poses.iter().zip(errors).map(moved).collect()
 }
 
-/// Smooth random walk from zero, scaled to a maximum distance of `largest`.
 fn walk(n: usize, largest: f64, rng: &mut Rng) -> Vec<DVec3> {
     let (mut place, mut pace) = (DVec3::ZERO, DVec3::ZERO);
     let mut places = Vec::with_capacity(n);

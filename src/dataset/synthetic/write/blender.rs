@@ -10,17 +10,20 @@ use crate::math::image::Image;
 use crate::math::pose::Pose;
 use serde_json::json;
 use std::path::Path;
+use strum::{EnumString, VariantNames};
 
 /// Depth encoding of the Blender layout.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumString, VariantNames)]
 pub enum DepthBits {
+    #[strum(serialize = "8")]
     /// `8·(1 − d/255)` m in RGBA, 31 mm per step, as in the original export.
     Eight,
+    #[default]
+    #[strum(serialize = "16")]
     /// 16-bit gray with `integer_depth_scale` = 0.25 mm per step.
     Sixteen,
 }
 
-/// Writes one `transforms_SPLIT.json` and one folder of images per split.
 pub(super) fn write(
     plan: &ViewPlan,
     out: &Path,
@@ -30,7 +33,6 @@ pub(super) fn write(
     write_splits(plan, |_| true, out, bits, on_frame)
 }
 
-/// Writes only the splits that satisfy `is_wanted`.
 pub(super) fn write_splits(
     plan: &ViewPlan,
     is_wanted: fn(&PlannedSplit) -> bool,
@@ -71,7 +73,6 @@ fn ray_lengths(depth_z: &Image<f64>, k: &Intrinsics) -> Image<f64> {
     lengths
 }
 
-/// 8-bit inverted depth in the three colour channels, opaque.
 fn inverse8(lengths: &Image<f64>) -> Image<[u8; 4]> {
     lengths.map(|length| {
         let code = (255.0 * (1.0 - length / INVERSE8_RANGE)).round();

@@ -1,22 +1,16 @@
 //! Writing of folders, text files and images, and the errors.
 
 use crate::dataset::synthetic::params::ParamsError;
-use crate::dataset::synthetic::phone::camera::Capture;
-use crate::dataset::synthetic::plan::ViewPlan;
-use crate::dataset::synthetic::view::SyntheticView;
-use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
-use crate::math::pose::Pose;
-use glam::DQuat;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use std::path::{Path, PathBuf};
 
-/// Typical quality of a phone's photographs.
 const JPEG_QUALITY: u8 = 95;
 
 /// Error while writing a dataset.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     /// Parameters outside their range.
@@ -31,35 +25,19 @@ pub enum WriteError {
     #[error(
         "layout {layout}: expected one that can be recorded frame by frame ({expected}), found one whose frames are in one file that is written at the end; choose another layout"
     )]
-    NotLive {
-        /// The requested layout.
-        layout: String,
-        /// Layouts that support it.
-        expected: &'static str,
-    },
+    NotLive { layout: String, expected: &'static str },
     /// A folder or file cannot be written.
     #[error("{}: expected to write here, found: {source}; check free space and permissions", path.display())]
-    Io {
-        /// The folder or file.
-        path: PathBuf,
-        /// System error.
-        source: std::io::Error,
-    },
+    Io { path: PathBuf, source: std::io::Error },
     /// An image cannot be encoded.
     #[error("{}: expected to write an image, found: {source}; check free space", path.display())]
-    Image {
-        /// The image file to be written.
-        path: PathBuf,
-        /// Encoder error.
-        source: image::ImageError,
-    },
+    Image { path: PathBuf, source: image::ImageError },
 }
 
 pub(super) fn create_folder(path: &Path) -> Result<(), WriteError> {
     std::fs::create_dir_all(path).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
 
-/// Creates a folder; an existing one must be empty.
 pub(super) fn create_empty_folder(path: &Path) -> Result<(), WriteError> {
     create_folder(path)?;
     let io = |source| WriteError::Io { path: path.to_owned(), source };
@@ -70,10 +48,9 @@ pub(super) fn create_empty_folder(path: &Path) -> Result<(), WriteError> {
 }
 
 pub(super) fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
-    std::fs::write(path, text).map_err(|source| WriteError::Io { path: path.to_owned(), source })
+    write_bytes(path, text.as_bytes())
 }
 
-/// Writes an 8-bit RGBA PNG with straight alpha.
 pub(super) fn write_rgba(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
     let size = (image.width, image.height);
     write_png(path, image.data.as_flattened(), size, ExtendedColorType::Rgba8)
@@ -88,19 +65,13 @@ pub(super) fn write_gray8(path: &Path, image: &Image<u8>) -> Result<(), WriteErr
     write_png(path, &image.data, (image.width, image.height), ExtendedColorType::L8)
 }
 
-/// Writes a JPEG; alpha is dropped.
 pub(super) fn write_jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
-    write_bytes(path, &jpeg(path, image)?)
-}
-
-/// Encodes a JPEG; `path` is only for errors.
-pub(super) fn jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<Vec<u8>, WriteError> {
     let rgb: Vec<u8> = image.data.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
     let mut encoded = Vec::new();
     JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
         .write_image(&rgb, image.width as u32, image.height as u32, ExtendedColorType::Rgb8)
         .map_err(|source| WriteError::Image { path: path.to_owned(), source })?;
-    Ok(encoded)
+    write_bytes(path, &encoded)
 }
 
 pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
@@ -119,64 +90,5 @@ fn write_png(
     PngEncoder::new(&mut encoded)
         .write_image(bytes, width as u32, height as u32, color)
         .map_err(|source| WriteError::Image { path: path.to_owned(), source })?;
-    std::fs::write(path, encoded).map_err(|source| WriteError::Io { path: path.to_owned(), source })
-}
-
-/// Frame rate of the simulated recorder, hertz.
-pub(super) const FRAMES_PER_SECOND: f64 = 30.0;
-/// Time stamp of the first frame, seconds.
-const START: f64 = 1000.0;
-
-pub(super) struct SequenceFrame<'a> {
-    pub index: usize,
-    /// Time stamp, seconds.
-    pub time: f64,
-    /// Pose as stated by the recording.
-    pub pose: Pose,
-    plan: &'a ViewPlan,
-    place: (usize, usize),
-}
-
-/// Iterates over the frames of all recorded splits in order.
-pub(super) fn frames(plan: &ViewPlan) -> impl Iterator<Item = SequenceFrame<'_>> {
-    let recorded = plan.splits.iter().enumerate().filter(|(_, split)| split.is_recorded);
-    let poses = recorded.flat_map(|(s, split)| {
-        split.recorded_poses.iter().enumerate().map(move |(i, pose)| ((s, i), *pose))
-    });
-    poses.enumerate().map(move |(index, (place, pose))| {
-        let time = START + index as f64 / FRAMES_PER_SECOND;
-        SequenceFrame { index, time, pose, plan, place }
-    })
-}
-
-impl SequenceFrame<'_> {
-    /// Renders colour and depth with the scene's camera.
-    pub fn view(&self) -> SyntheticView {
-        let (split, i) = self.place;
-        self.plan.render_view(&self.plan.splits[split], i)
-    }
-
-    /// Renders colour with the scene's camera and depth with the plan's depth camera.
-    pub fn capture(&self) -> Capture {
-        let (split, i) = self.place;
-        self.plan.render_capture(&self.plan.splits[split], i)
-    }
-
-    /// Renders colour with the scene's camera, and depth with the intrinsics `depth` at the same pose.
-    pub fn view_by(&self, depth: Intrinsics) -> SyntheticView {
-        let (split, i) = self.place;
-        let of_depth = self.plan.view_by(&self.plan.splits[split], i, depth);
-        SyntheticView { color: self.view().color, ..of_depth }
-    }
-
-    /// Rotation of the pose as a quaternion, in OpenGL or OpenCV axes.
-    pub fn rotation_quaternion(&self, is_opengl: bool) -> DQuat {
-        let matrix = if is_opengl { self.pose.to_opengl() } else { self.pose.to_opencv() };
-        DQuat::from_mat4(&matrix)
-    }
-}
-
-/// Camera matrix as nine numbers in column-major order.
-pub(super) fn column_major_matrix(k: &Intrinsics) -> [f64; 9] {
-    [k.fx, 0.0, 0.0, 0.0, k.fy, 0.0, k.cx, k.cy, 1.0]
+    write_bytes(path, &encoded)
 }

@@ -8,71 +8,44 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Kinds of files with one file per frame: folders in order, and a part of the file name that identifies
-/// the kind.
-type FrameFileKinds = &'static [(&'static [&'static str], &'static str)];
-/// List files: name, number of header lines, lines per frame.
-type FrameLists = &'static [(&'static str, usize, usize)];
-
-/// Files and lists that hold a layout's frames.
-pub(super) struct LiveLayout {
-    files: FrameFileKinds,
-    lists: FrameLists,
+/// Files and lists of a layout that grow by one frame at a time; all other files are there from the start.
+#[derive(Clone, Copy, Debug)]
+pub struct LiveFiles {
+    /// One file per frame: the folders that hold such files, in order, and a part of their names.
+    pub files: &'static [(&'static [&'static str], &'static str)],
+    /// Lists: file, number of header lines, lines per frame.
+    pub lists: &'static [(&'static str, usize, usize)],
 }
 
-const LIVE: &str = "seven-scenes, tum, open3d, replica, scannet, stray-scanner, arkit, rtab-map";
+const LIVE: &str = "seven-scenes, tum";
+const SPLITS: &[&str] = &["train", "eval"];
 
-impl LiveLayout {
-    /// Returns the places of a layout.
+impl LiveFiles {
+    /// Returns the growing files of a layout.
     ///
     /// # Errors
-    /// [`WriteError::NotLive`] if the layout cannot be written frame by frame.
+    /// [`WriteError::NotLive`] if the layout lists its frames in a file that is written at the end.
     pub fn of(layout: SyntheticLayout) -> Result<Self, WriteError> {
-        let (files, lists): (FrameFileKinds, FrameLists) = match layout {
-            SyntheticLayout::SevenScenes => (
-                &[
-                    (&["train", "eval"], ".color."),
-                    (&["train", "eval"], ".depth."),
-                    (&["train", "eval"], ".pose."),
-                ],
-                &[],
-            ),
-            SyntheticLayout::Tum => (
-                &[(&["rgb"], ""), (&["depth"], "")],
-                &[("rgb.txt", 1, 1), ("depth.txt", 1, 1), ("groundtruth.txt", 1, 1)],
-            ),
-            SyntheticLayout::Open3d => {
-                (&[(&["color"], ""), (&["depth"], "")], &[("trajectory.log", 0, 5)])
+        match layout {
+            SyntheticLayout::SevenScenes => Ok(Self {
+                files: &[(SPLITS, ".color."), (SPLITS, ".depth."), (SPLITS, ".pose.")],
+                lists: &[],
+            }),
+            SyntheticLayout::Tum => Ok(Self {
+                files: &[(&["rgb"], ""), (&["depth"], "")],
+                lists: &[("rgb.txt", 1, 1), ("depth.txt", 1, 1), ("groundtruth.txt", 1, 1)],
+            }),
+            SyntheticLayout::Blender(_) | SyntheticLayout::Record3d => {
+                Err(WriteError::NotLive { layout: format!("{layout:?}"), expected: LIVE })
             }
-            SyntheticLayout::Replica => {
-                (&[(&["results"], "frame"), (&["results"], "depth")], &[("traj.txt", 0, 1)])
-            }
-            SyntheticLayout::Scannet => {
-                (&[(&["color"], ""), (&["depth"], ""), (&["pose"], "")], &[])
-            }
-            SyntheticLayout::StrayScanner => (
-                &[(&["rgb"], ""), (&["depth"], ""), (&["confidence"], "")],
-                &[("odometry.csv", 1, 1)],
-            ),
-            SyntheticLayout::Arkit => (
-                &[(&["images"], ""), (&["depth"], ""), (&["confidence"], "")],
-                &[("frames.jsonl", 0, 1)],
-            ),
-            SyntheticLayout::RtabMap => {
-                (&[(&["rgb"], ""), (&["depth"], ""), (&["calib"], "")], &[("poses.txt", 1, 1)])
-            }
-            SyntheticLayout::Blender(_)
-            | SyntheticLayout::Nerfstudio
-            | SyntheticLayout::Record3d
-            | SyntheticLayout::Record3dArchive => {
-                let layout = format!("{layout:?}");
-                return Err(WriteError::NotLive { layout, expected: LIVE });
-            }
-        };
-        Ok(Self { files, lists })
+        }
     }
 
-    /// Copies a recording; `due` blocks until the next frame is due.
+    /// Copies the recording `finished` into `out`, one frame at a time, and the end marker last. `due` is
+    /// called before each frame with its index from 0 and the total, and blocks until the frame is due.
+    ///
+    /// # Errors
+    /// Files that cannot be read or written.
     pub fn replay(
         &self,
         finished: &Path,
@@ -110,7 +83,6 @@ impl LiveLayout {
     }
 }
 
-/// Lists all files below a folder: relative path to (folder, file name).
 fn files_below(root: &Path) -> Result<BTreeMap<PathBuf, (String, String)>, WriteError> {
     let mut found = BTreeMap::new();
     let mut folders = vec![PathBuf::new()];

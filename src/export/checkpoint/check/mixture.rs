@@ -9,7 +9,6 @@ use crate::model::paper::state::{InitialMeans, ModelState, Totals};
 
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
-/// Section and axis name of every sum, for messages.
 const SUMS: [([u8; 4], &str); N_SUMS] = [
     (sections::COUNTS, "N"),
     (sections::FIRST, "x"),
@@ -34,7 +33,6 @@ const MIXED: [(usize, usize, usize); 3] = [(5, 4, 7), (6, 4, 9), (8, 7, 9)];
 /// Relative rounding tolerance for `2|B_ij| <= B_ii + B_jj`. The f32 sums of a tile are accurate to 1e-5, f32
 /// totals drift further, and fixed-point totals are off by half a quantum per tile.
 const SLACK: f64 = 1e-3;
-const SLACK_F32_TOTALS: f64 = 1e-1;
 // At most two quanta per tile (two halves, and twice a half): enough for 8·10⁶ tiles.
 const SLACK_QUANTA: f64 = (1u64 << 24) as f64;
 
@@ -64,10 +62,6 @@ pub(in super::super) fn check_mixture(model: &ModelState) -> Result<(), Defect> 
             .iter()
             .enumerate()
             .try_for_each(|(k, row)| sums(k, row.map(|v| v as f64), SLACK, SLACK_QUANTA)),
-        Totals::F32(rows) => rows
-            .iter()
-            .enumerate()
-            .try_for_each(|(k, row)| sums(k, row.map(f64::from), SLACK_F32_TOTALS, 0.0)),
     }
 }
 

@@ -1,6 +1,5 @@
 //! Validation of values: a checkpoint with correct checksums may still hold an impossible model.
 
-mod kept;
 mod mixture;
 mod scene;
 
@@ -8,13 +7,11 @@ use super::error::{Defect, tag_text};
 use super::sections;
 use crate::math::measured_pixel::Normalization;
 
-pub(super) use kept::{check_retained_frames, check_retained_numbers};
 pub(super) use mixture::check_mixture;
 pub(super) use scene::{check_buffered_views, check_depth_scales, check_scene};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Checks for a finite offset and a positive scale.
 pub(super) fn check_normalization(normalization: &Normalization) -> Result<(), Defect> {
     let Normalization { offset, scale } = normalization;
     let sound =
@@ -27,7 +24,6 @@ pub(super) fn check_normalization(normalization: &Normalization) -> Result<(), D
     Err(Defect::malformed(tag_text(sections::NORMALIZATION), expected, found))
 }
 
-/// Checks that all hyperparameters are positive.
 pub(super) fn check_prior(numbers: &[f64]) -> Result<(), Defect> {
     match numbers.iter().find(|v| !(v.is_finite() && **v > 0.0)) {
         None => Ok(()),
@@ -37,7 +33,6 @@ pub(super) fn check_prior(numbers: &[f64]) -> Result<(), Defect> {
     }
 }
 
-/// Checks that at least as many frames were visited as trained on, and converts their numbers.
 pub(super) fn check_visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Defect> {
     let refuse = |expected: &str, found: String| {
         Err(Defect::malformed(tag_text(sections::CURSOR), expected, found))
@@ -49,7 +44,6 @@ pub(super) fn check_visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Def
     ids.map_or_else(|| refuse("frame numbers of 32 bits", "larger ones".to_owned()), Ok)
 }
 
-/// Checks that component ids are ascending, unique and below `components`.
 fn check_ascending(
     tag: [u8; 4],
     ids: impl Iterator<Item = u32> + Clone,
@@ -59,15 +53,6 @@ fn check_ascending(
         let expected = "components in ascending order";
         return Err(Defect::malformed(tag_text(tag), expected, "another order"));
     }
-    check_below(tag, ids, components)
-}
-
-/// Checks that all component ids are below `components`.
-fn check_below(
-    tag: [u8; 4],
-    ids: impl Iterator<Item = u32>,
-    components: usize,
-) -> Result<(), Defect> {
     match ids.max().filter(|id| *id as usize >= components) {
         Some(id) => {
             let expected = format!("components below {components}");

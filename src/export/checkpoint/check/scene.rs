@@ -6,12 +6,11 @@ use super::{AXES, check_ascending, value_defect};
 use crate::model::scene::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{
-    F32, F64, MAX_TERM, MIXED, N_SUMS, SQUARES, Slack, first_violated_moment,
+    MAX_TERM, N_SUMS, RELATIVE_SLACK, SLACK_PER_POINT, SQUARES, first_violated_moment,
 };
 use crate::model::scene::waiting::{BufferedPhotograph, DepthScale, NumberDefect, PhotographView};
 use crate::model::splat::viewpoint::Viewpoint;
 
-/// Name of every sum, for messages.
 #[rustfmt::skip]
 const NAMES: [&str; N_SUMS] = [
     "N", "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz",
@@ -23,7 +22,6 @@ const NAMES: [&str; N_SUMS] = [
     "blue view x", "blue view y", "blue view z",
 ];
 
-/// Checks origin, seeds, exposures, poses, trajectory, photometric state and sums.
 pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
     if !state.origin.iter().all(|x| x.is_finite()) {
         let found = format!("{:?}", state.origin);
@@ -69,18 +67,12 @@ pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
         let expected = format!("a component below {n}");
         return Err(value_defect(sections::COMPONENTS, at, "seed", &expected, found.into()));
     }
-    match &state.sums {
-        StoredSums::Mixed { rows, wide } => {
-            wide_rows(wide, rows)?;
-            check_each(rows, |k, row| {
-                check_narrow_row(k, &row.map(|quanta| f64::from(quanta) * QUANTUM))
-            })
-        }
-        StoredSums::F32(rows) => {
-            check_each(rows, |k, row| check_sums(sections::SUMS, k, &row.map(f64::from), F32))
-        }
-        StoredSums::F64(rows) => check_each(rows, |k, row| check_sums(sections::SUMS, k, row, F64)),
-    }
+    let StoredSums { rows, wide } = &state.sums;
+    wide_rows(wide, rows)?;
+    let mut rows = rows.iter().enumerate();
+    rows.try_for_each(|(k, row)| {
+        check_narrow_row(k, &row.map(|quanta| f64::from(quanta) * QUANTUM))
+    })
 }
 
 fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defect> {
@@ -94,7 +86,6 @@ fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defec
     Ok(())
 }
 
-/// Checks the cameras and image extents of buffered photographs.
 pub(in super::super) fn check_buffered_views<'a>(
     views: impl Iterator<Item = &'a PhotographView>,
 ) -> Result<(), Defect> {
@@ -118,7 +109,6 @@ fn no_defects(
     }
 }
 
-/// Checks for drawable splats, positive precisions and consistent buffered photographs.
 fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     check_buffered_views(state.buffered.iter().map(|waiting| &waiting.view))?;
     let mut all = state.buffered.iter().enumerate();
@@ -183,20 +173,13 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     })
 }
 
-fn check_each<T>(
-    rows: &[T],
-    check: impl Fn(usize, &T) -> Result<(), Defect>,
-) -> Result<(), Defect> {
-    rows.iter().enumerate().try_for_each(|(k, row)| check(k, row))
-}
-
 fn check_narrow_row(k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
     if row[0] >= f64::from(WIDE_POINTS) {
         let expected =
             format!("fewer than {WIDE_POINTS} points; larger components are stored wide");
         return Err(value_defect(sections::SUMS, k, NAMES[0], &expected, row[0]));
     }
-    check_sums(sections::SUMS, k, row, MIXED)
+    check_sums(sections::SUMS, k, row)
 }
 
 /// Checks wide rows: ids ascend, sums are whole quanta of at least `WIDE_POINTS` points, and the narrow rows
@@ -216,7 +199,7 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
         if row.sums[0] < f64::from(WIDE_POINTS) {
             return refuse(0, &format!("{WIDE_POINTS} points or more"));
         }
-        check_sums(sections::WIDE_SUMS, k, &row.sums, MIXED)?;
+        check_sums(sections::WIDE_SUMS, k, &row.sums)?;
         if let Some(i) = rows[k].iter().position(|quanta| *quanta != 0) {
             let expected = format!("0 beside sums in `{}`", tag_text(sections::WIDE_SUMS));
             let found = f64::from(rows[k][i]) * QUANTUM;
@@ -230,27 +213,22 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
 /// that are positive semi-definite for every pair of axes.
 #[inline]
 #[expect(clippy::indexing_slicing, reason = "the table holds indices of the sums")]
-pub(super) fn check_sums(
-    tag: [u8; 4],
-    k: usize,
-    row: &[f64; N_SUMS],
-    slack: Slack,
-) -> Result<(), Defect> {
+fn check_sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
     let n = row[0];
-    let most = MAX_TERM * n * (1.0 + slack.relative);
+    let most = MAX_TERM * n * (1.0 + RELATIVE_SLACK);
     let last = n - row[28] - row[31];
-    let least_last = -(slack.relative + slack.per_point) * n;
+    let least_last = -(RELATIVE_SLACK + SLACK_PER_POINT) * n;
     let sound = (0.0..f64::INFINITY).contains(&n)
         && row.iter().all(|sum| sum.abs() <= most)
         && SQUARES.iter().all(|&i| row[i] >= 0.0)
         && last >= least_last
-        && first_violated_moment(row, slack).is_none();
-    if sound { Ok(()) } else { Err(first_unsound(tag, k, row, slack, most)) }
+        && first_violated_moment(row).is_none();
+    if sound { Ok(()) } else { Err(first_unsound(tag, k, row, most)) }
 }
 
 #[cold]
 #[expect(clippy::indexing_slicing, reason = "indices from the table, or found among the sums")]
-fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most: f64) -> Defect {
+fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], most: f64) -> Defect {
     let refuse = |i: usize, expected: &str| value_defect(tag, k, NAMES[i], expected, row[i]);
     if let Some(i) = row.iter().position(|v| !v.is_finite()) {
         return refuse(i, "a finite number");
@@ -261,7 +239,7 @@ fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most
     if let Some(i) = row.iter().position(|v| v.abs() > most) {
         return refuse(i, &format!("at most {MAX_TERM} per point, for {} points", row[0]));
     }
-    match first_violated_moment(row, slack) {
+    match first_violated_moment(row) {
         Some((i, _)) => refuse(i, "at most the mean of the two axes' second moments"),
         None => refuse(31, &format!("at most the remainder of N after `{}`", NAMES[28])),
     }

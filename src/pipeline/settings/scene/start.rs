@@ -1,8 +1,7 @@
 //! Fitting of the scene settings to a dataset.
 //!
-//! Defaults come in three layers, where later ones take precedence: values measured with the kind of sensor,
-//! values that lattice components require for order invariance, and the user's settings. Then the structural
-//! scale is converted to world units, from sampled frames prepared as in training.
+//! Defaults come in two layers: values measured with the kind of sensor, and the user's settings, which take
+//! precedence. Then the structural scale is converted to world units, from sampled frames prepared as in training.
 
 use super::table::SceneOverrides;
 use crate::dataset::Dataset;
@@ -13,14 +12,13 @@ use crate::dataset::wild_poses::outlier_poses;
 use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::scene::config::{SceneConfig, VisibilityRule};
+use crate::train::scene::config::SceneConfig;
 use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
 use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
 
-/// Number of depth pixels from which a quarter of them suffices.
 const LARGE_FRAME: usize = 150_000;
 
 impl SceneRun {
@@ -48,7 +46,7 @@ impl SceneRun {
         Ok(Self { engine: run.engine.check()?, ..run })
     }
 
-    /// Returns the defaults for the requested sensor and birth rule; `h` is not known yet.
+    /// Returns the defaults for the requested sensor; `h` is not known yet.
     fn defaults(dataset: &Dataset, plan: &Plan, overrides: &SceneOverrides) -> Self {
         let split = &dataset.splits[plan.split];
         // An outlier pose as origin would be far from all other frames.
@@ -60,7 +58,7 @@ impl SceneRun {
             camera.intrinsics.width as usize * camera.intrinsics.height as usize
         });
         let origin = first.map_or(DVec3::ZERO, |camera| {
-            // Whole metres, so that the phase of a lattice does not depend on the unit of the world.
+            // Whole metres, so that seeds are rounded alike in any unit of the world.
             (camera.pose.centre() / dataset.units_per_metre()).round() * dataset.units_per_metre()
         });
         let mut surface = SurfaceSettings::new(dataset, origin);
@@ -70,17 +68,7 @@ impl SceneRun {
         surface.sampling = sampling(surface.sensor, pixels);
         let mut engine = sensor_defaults(surface.sensor);
         engine.photometric = PhotometricMode::Light.rule();
-        engine.births = overrides.births.unwrap_or(engine.births);
         engine.track = dataset.options.track;
-        if engine.births.is_order_invariant() {
-            engine.refine = false;
-            engine.align = false;
-            engine.gain = false;
-            engine.near = None;
-            engine.ray_search = 0.0;
-            engine.photometric = None;
-            engine.visibility = VisibilityRule::Returned;
-        }
         let scale = StructuralScale::Pixels(DEFAULT_PIXELS);
         Self { seed: 0, scale, budget: None, engine, surface }
     }
@@ -109,7 +97,6 @@ fn check_plain_splats(overrides: &SceneOverrides) -> Result<(), ConfigError> {
     }
 }
 
-/// Refuses a shuffle buffer without photometric training.
 fn check_shuffle_buffer(
     overrides: &SceneOverrides,
     engine: &SceneConfig,
@@ -118,7 +105,7 @@ fn check_shuffle_buffer(
         None => Ok(()),
         Some(n) => Err(ConfigError {
             setting: "shuffle_buffer",
-            expected: "0 without photometric training (--photometric off)".to_owned(),
+            expected: "0 without photometric training (`--photometric off`)".to_owned(),
             found: n.to_string(),
         }),
     }
@@ -145,7 +132,7 @@ fn scale_in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, Sce
     if asked > most {
         let unit = if matches!(scale, StructuralScale::Pixels(_)) { "px" } else { " world units" };
         return Err(SceneError::Config(ConfigError {
-            setting: "scale",
+            setting: "scale (`--scale`)",
             expected: format!("at most the depth of the scene, {most:.3}{unit}"),
             found: String::from(scale),
         }));
@@ -174,7 +161,7 @@ pub enum SceneError {
     Photographs(#[from] AspectRatioMismatch),
     /// The structural scale is below the depth noise.
     #[error(
-        "structural scale: expected at least {least:.2e} world units, the apparent thickness of a surface due to depth noise, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range in it"
+        "scale (`--scale`): expected at least {least:.2e} world units, the apparent thickness of a surface due to depth noise, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range (`--depth-scale`, `--depth-range`)"
     )]
     BelowNoise {
         /// Minimum scale, in world units.

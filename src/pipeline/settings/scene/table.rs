@@ -4,12 +4,11 @@ use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::{PixelSampling, Sensor};
 use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::scene::config::{BirthRule, RAY_SEARCH, SumForm, VisibilityRule};
+use crate::train::scene::config::RAY_SEARCH;
 use crate::train::scene::photometric::rule::{MAX_WAITING, PhotometricMode};
-use crate::train::scene::spacing::NearSpacing;
 use crate::train::scene::units::{Budget, StructuralScale};
 use crate::train::setting::table::settings;
-use crate::train::setting::value::{Choice, SettingValue, ValueError, named_values};
+use crate::train::setting::value::{SettingValue, ValueError, named_values};
 use crate::train::setting::{MAX_COMPONENTS, Preset};
 use std::ffi::OsStr;
 use std::path::Path;
@@ -18,7 +17,7 @@ settings! {
     /// User settings of a scene, from a RON file, the command line or the window; `None` keeps the preset's
     /// value.
     pub struct SceneOverrides of SceneRun, Preset::Scene,
-        such as "(scale: \"2.5px\", births: seeds)";
+        such as "(scale: \"2.5px\", refine: false)";
 
     /// Seed of every random stream.
     seed: u64 {
@@ -34,14 +33,7 @@ settings! {
         range "a positive length", |scale| scale.is_positive();
         at |run| run.scale;
     }
-    /// Rule that creates components.
-    births: BirthRule {
-        label "Births";
-        default "seeds";
-        at |run| run.engine.births;
-    }
-    /// Maximum number of components, or megabytes such as 20MB; the least useful are merged. With a lattice
-    /// it limits drawn and exported ones; up to eight times as many are stored.
+    /// Maximum number of components, or megabytes such as 20MB; the least useful are merged.
     budget: Budget {
         option "--budget" "N";
         label "Budget";
@@ -59,7 +51,7 @@ settings! {
     photometric: PhotometricMode {
         option "--photometric" "MODE";
         label "Photometric";
-        default by "light; off with lattices";
+        default "light";
         get |run| Some(PhotometricMode::of(run.engine.photometric));
         set |run, mode| run.engine.photometric = mode.rule();
     }
@@ -86,16 +78,6 @@ settings! {
                 run.engine.splat_rule = run.engine.splat_rule.plain();
             }
         };
-    }
-    /// Visibility count of a component: by projection into every frame, or by the frames that gave it points.
-    visibility: VisibilityRule {
-        default by "projected; returned with lattices";
-        at |run| run.engine.visibility;
-    }
-    /// Arithmetic of the sufficient statistics.
-    sums: SumForm {
-        default "mixed";
-        at |run| run.engine.sums;
     }
     /// Depth sensor; determines the noise model and thresholds.
     sensor: Sensor {
@@ -136,32 +118,24 @@ settings! {
     }
     /// Move points along their rays towards their component's plane.
     refine: bool {
-        default by "on; off with lattices";
+        default "true";
         at |run| run.engine.refine;
     }
     /// Correct each frame's pose to fit the scene.
     align: bool {
-        default by "on for real cameras; off with lattices";
+        default by "on for real cameras";
         at |run| run.engine.align;
     }
     /// Fit each frame's exposure to the scene.
     gain: bool {
-        default by "on for real cameras; off with lattices";
+        default by "on for real cameras";
         at |run| run.engine.gain;
-    }
-    /// Use smaller components where cameras come close: ten pixels wide, but at least two thirds of the
-    /// structural scale.
-    near_detail: bool {
-        label "Near detail";
-        default by "on for real cameras; off with lattices";
-        get |run| Some(run.engine.near.is_some());
-        set |run, on| run.engine.near = on.then_some(NearSpacing::ROOM);
     }
     /// Search along the ray, within the sensor noise, for a component if none is near the point. Avoids
     /// duplicate layers of a surface.
     ray_search: bool {
         label "Ray search";
-        default by "on for real cameras; off with lattices";
+        default by "on for real cameras";
         get |run| Some(run.engine.ray_search > 0.0);
         set |run, on| run.engine.ray_search = if on { RAY_SEARCH } else { 0.0 };
     }
@@ -188,71 +162,21 @@ settings! {
 }
 
 named_values!(by text StructuralScale, Budget);
-named_values!(by name VisibilityRule, SumForm);
 named_values!(by name PixelSampling {
     "every" "Every" "Every pixel becomes a point";
-    "half" "Half" "Every other row";
     "quarter" "Quarter" "Every other pixel of every other row";
 });
+named_values!(by name SplatKind {
+    "native" "Native" "Flat tops, colour gradients and filled cracks: sharpest in this program";
+    "plain" "Plain" "As every viewer draws them: export is lossless";
+});
 
-impl SettingValue for BirthRule {
-    fn choices() -> Vec<Choice> {
-        const LATTICE: &str = "Cells of a lattice; the result does not depend on the order of \
-                               frames";
-        let at_seeds = "Where a point has no seed within the structural scale";
-        vec![
-            Choice { name: "seeds", label: "Seeds", help: at_seeds },
-            Choice { name: "lattice", label: "Cubic", help: LATTICE },
-            Choice { name: "body-centred", label: "Body-centred", help: LATTICE },
-        ]
-    }
-
-    fn parse(text: &OsStr) -> Result<Self, ValueError> {
-        text.to_string_lossy().parse().map_err(|_| {
-            let text = text.display();
-            ValueError::Text(format!("expected seeds, lattice or body-centred, found `{text}`"))
-        })
-    }
-}
-
-impl SettingValue for SplatKind {
-    fn choices() -> Vec<Choice> {
-        let native = "Flat tops, colour gradients and filled cracks: sharpest in this program";
-        let plain = "As every viewer draws them: export is lossless";
-        vec![
-            Choice { name: "native", label: "Native", help: native },
-            Choice { name: "plain", label: "Plain", help: plain },
-        ]
-    }
-
-    fn parse(text: &OsStr) -> Result<Self, ValueError> {
-        text.to_string_lossy().parse().map_err(|_| {
-            ValueError::Text(format!("expected native or plain, found `{}`", text.display()))
-        })
-    }
-}
-
-impl SettingValue for Sensor {
-    fn choices() -> Vec<Choice> {
-        let choice = |name, help| Choice { name, label: name, help };
-        vec![
-            choice("inverse8-ray", "8-bit depth along the ray, as in NeRF-synthetic scenes"),
-            choice("kinect", "Structured light"),
-            choice("lidar", "Time-of-flight sensor of phones and tablets"),
-            choice("exact", "Computed depth without noise"),
-        ]
-    }
-
-    fn parse(text: &OsStr) -> Result<Self, ValueError> {
-        match text.to_str() {
-            Some("inverse8-ray") => Ok(Self::Inverse8Ray),
-            Some("kinect") => Ok(Self::Kinect),
-            Some("lidar") => Ok(Self::Lidar),
-            Some("exact") => Ok(Self::Exact { noise: 0.0 }),
-            _ => Err(ValueError::Text("expected inverse8-ray, kinect, lidar or exact".to_owned())),
-        }
-    }
-}
+named_values!(by name Sensor {
+    "inverse8-ray" "inverse8-ray" "8-bit depth along the ray, as in NeRF-synthetic scenes";
+    "kinect" "kinect" "Structured light";
+    "lidar" "lidar" "Time-of-flight sensor of phones and tablets";
+    "exact" "exact" "Computed depth without noise";
+});
 
 impl SettingValue for Calibration {
     const IS_FILE: bool = true;

@@ -196,7 +196,6 @@ pub struct VisibleSplat {
     /// Index among the splats of the view.
     pub id: u32,
     record: u32,
-    /// Index of its sums.
     sum_index: u32,
 }
 

@@ -21,7 +21,6 @@ pub(super) struct Hit {
     pub group: u32,
 }
 
-/// Splat visible in the tile.
 pub(super) struct VisibleSplat {
     /// Index in the row's list.
     pub list_index: usize,

@@ -222,7 +222,6 @@ struct WalkCanvas {
     walk: SecondWalk,
 }
 
-/// Compares one row of tiles with the photograph.
 struct WalkRow<'a> {
     pub records: &'a Records,
     /// Visible records of the row, nearest first.
@@ -268,7 +267,6 @@ impl Kernel for WalkRow<'_> {
 }
 
 impl WalkCanvas {
-    /// Resets the results.
     fn reset(&mut self, n_records: usize) {
         self.sums.clear();
         self.sums.resize(n_records, [0.0; N_IMAGE_SUMS]);

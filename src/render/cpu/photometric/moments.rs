@@ -101,7 +101,6 @@ fn add<V: Vector, const N: usize>(sums: &mut [V; N], factor: V, moments: [V; N])
     }
 }
 
-/// Adds the lanes of each vector to its sum.
 #[inline(always)]
 fn add_lanes<V: Vector>(sums: &mut ImageSums, lanes: &[V; N_IMAGE_SUMS]) {
     let (mut whole, mut eights) = (sums.chunks_exact_mut(LANES), lanes.chunks_exact(LANES));

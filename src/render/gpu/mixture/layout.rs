@@ -3,9 +3,7 @@
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::paper::mixture_device::{GridShape, MAX_DEVICE_CANDIDATES, PassRule};
 use crate::render::gpu::constants::STRIP_CELLS;
-use crate::render::gpu::growing::{
-    BufferPart, IN, OUT, PartBuffers, READBACK_STAGING, UPLOAD_STAGING,
-};
+use crate::render::gpu::task::{Bindings, IN, OUT, SETTINGS, TaskPart};
 use bytemuck::{Pod, Zeroable};
 use wgpu::BufferUsages as Usage;
 
@@ -113,7 +111,6 @@ pub(super) const RECORD_BYTES: u64 = RECORD_WORDS as u64 * WORD;
 /// Words before the list of open tiles: the numbers of records and of open tiles.
 pub(super) const HEAD_WORDS: u64 = 2;
 
-/// Contents of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Frame,
@@ -130,53 +127,78 @@ pub(super) enum Part {
     Components,
     Places,
     Strips,
-    /// Staging buffer for points and tiles.
-    Upload,
-    /// Staging buffer for moved means.
-    MeanUpload,
-    /// Staging buffer for results.
-    Readback,
 }
 
-/// All parts in order, with label (also used in messages) and usage.
-const PARTS: [(Part, &str, Usage); 17] = [
-    (Part::Frame, "settings of a pass", Usage::UNIFORM.union(Usage::COPY_DST)),
-    (Part::Points, "points of a frame", IN),
-    (Part::Tiles, "tiles of a frame", IN),
-    (Part::Starts, "cells of means", IN),
-    (Part::Means, "means of components", Usage::STORAGE),
-    (Part::Appearance, "colours of components", Usage::STORAGE),
-    (Part::Distances, "scores of points", OUT),
-    (Part::Records, "sums of tiles", OUT),
-    (Part::Outcome, "open tiles", OUT.union(Usage::COPY_DST)),
-    (Part::Index, "settings of an index", Usage::UNIFORM.union(Usage::COPY_DST)),
-    (Part::Moved, "moved means", IN),
-    (Part::Components, "components", Usage::STORAGE),
-    (Part::Places, "positions in cells", Usage::STORAGE),
-    (Part::Strips, "sums of cells", Usage::STORAGE),
-    (Part::Upload, "uploaded points", UPLOAD_STAGING),
-    (Part::MeanUpload, "uploaded means", UPLOAD_STAGING),
-    (Part::Readback, "sums read back", READBACK_STAGING),
+/// Numbers of the uploads: points and tiles of a frame, and moved means.
+pub(super) const FRAME_UPLOAD: usize = 0;
+pub(super) const MEAN_UPLOAD: usize = 1;
+
+/// Parts bound by the pass over a frame, and by the kernels of the index over means.
+pub(super) const RUN: Bindings<Part> = &[
+    (0, Part::Frame),
+    (1, Part::Points),
+    (2, Part::Tiles),
+    (3, Part::Starts),
+    (4, Part::Means),
+    (5, Part::Appearance),
+    (6, Part::Distances),
+    (7, Part::Records),
+    (8, Part::Outcome),
+];
+pub(super) const RENEW: Bindings<Part> =
+    &[(0, Part::Index), (1, Part::Moved), (2, Part::Components)];
+pub(super) const COUNT: Bindings<Part> =
+    &[(0, Part::Index), (2, Part::Components), (3, Part::Starts), (4, Part::Places)];
+pub(super) const ADD: Bindings<Part> = &[(0, Part::Index), (3, Part::Starts), (5, Part::Strips)];
+pub(super) const PLACE: Bindings<Part> = &[
+    (0, Part::Index),
+    (2, Part::Components),
+    (3, Part::Starts),
+    (4, Part::Places),
+    (6, Part::Means),
+    (7, Part::Appearance),
 ];
 
-/// Sizes of a pass.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PassSizes {
     pub(super) points: u64,
     pub(super) tiles: u64,
     pub(super) means: u64,
-    /// Means to upload with the next pass.
+    /// Means uploaded with the next pass.
     pub(super) moved: u64,
     pub(super) cells: u64,
-    /// Capacity for records.
     pub(super) records: u64,
 }
 
-impl PassSizes {
-    pub(super) fn bytes(&self, part: Part) -> u64 {
-        let Self { points, tiles, means, moved, cells, records } = *self;
+impl TaskPart for Part {
+    type Sizes = PassSizes;
+    const LABEL: &'static str = "pass over a frame";
+    const ALL: &'static [(Self, &'static str, Usage)] = &[
+        (Part::Frame, "settings of a pass", SETTINGS),
+        (Part::Points, "points of a frame", IN),
+        (Part::Tiles, "tiles of a frame", IN),
+        (Part::Starts, "cells of means", IN),
+        (Part::Means, "means of components", Usage::STORAGE),
+        (Part::Appearance, "colours of components", Usage::STORAGE),
+        (Part::Distances, "scores of points", OUT),
+        (Part::Records, "sums of tiles", OUT),
+        (Part::Outcome, "open tiles", OUT.union(Usage::COPY_DST)),
+        (Part::Index, "settings of an index", SETTINGS),
+        (Part::Moved, "moved means", IN),
+        (Part::Components, "components", Usage::STORAGE),
+        (Part::Places, "positions in cells", Usage::STORAGE),
+        (Part::Strips, "sums of cells", Usage::STORAGE),
+    ];
+    const UPLOADS: &'static [&'static str] = &["uploaded points", "uploaded means"];
+
+    fn index(self) -> usize {
+        self as usize
+    }
+
+    fn bytes(self, sizes: &PassSizes) -> u64 {
+        let PassSizes { points, tiles, means, moved, cells, records } = *sizes;
         let mean = size_of::<Mean>() as u64;
-        match part {
+        match self {
             Part::Frame => size_of::<Frame>() as u64,
             Part::Points => points * POINT_BYTES,
             Part::Tiles => (tiles + 1) * WORD,
@@ -185,56 +207,11 @@ impl PassSizes {
             Part::Distances => points * WORD,
             Part::Records => records * RECORD_BYTES,
             Part::Outcome => (HEAD_WORDS + tiles) * WORD,
-            Part::Upload => self.all(&OF_FRAME),
-            Part::MeanUpload => self.all(&OF_MEANS),
             Part::Index => size_of::<Index>() as u64,
             Part::Moved => moved * mean,
             Part::Components => means * mean,
             Part::Places => means * WORD,
             Part::Strips => (cells + 1).div_ceil(STRIP_CELLS.into()) * WORD,
-            Part::Readback => self.all(&READ),
-        }
-    }
-
-    fn all(&self, parts: &[Part]) -> u64 {
-        parts.iter().map(|&part| self.bytes(part)).sum()
-    }
-}
-
-/// Parts uploaded with a frame, in the order of [`Part::Upload`].
-pub(super) const OF_FRAME: [Part; 2] = [Part::Points, Part::Tiles];
-/// Parts uploaded after means have moved, in the order of [`Part::MeanUpload`].
-pub(super) const OF_MEANS: [Part; 1] = [Part::Moved];
-/// Index of the means, and intermediate buffers of its construction.
-pub(super) const OF_INDEX: [Part; 6] =
-    [Part::Starts, Part::Means, Part::Appearance, Part::Components, Part::Places, Part::Strips];
-/// Parts read back, in the order of [`Part::Readback`].
-pub(super) const READ: [Part; 3] = [Part::Outcome, Part::Distances, Part::Records];
-
-/// All buffers, each as large as the largest size requested so far.
-pub(super) type Memory = PartBuffers<Part>;
-
-impl BufferPart for Part {
-    type Sizes = PassSizes;
-    const ALL: &'static [(Self, &'static str, Usage)] = &PARTS;
-
-    fn index(self) -> usize {
-        self as usize
-    }
-
-    fn bytes(self, sizes: &PassSizes) -> u64 {
-        sizes.bytes(self)
-    }
-}
-
-#[cfg(test)]
-mod memory_tests {
-    use super::*;
-
-    #[test]
-    fn parts_lie_at_their_places() {
-        for (at, (part, ..)) in PARTS.into_iter().enumerate() {
-            assert_eq!(part as usize, at);
         }
     }
 }

@@ -7,20 +7,13 @@ use crate::render::cpu::photometric::{
     ImageSums, PackedSplat, PackedSumLocation, PackedView, PixelRule, RowSubset,
 };
 use crate::render::gpu::constants::N_QUARTERS;
-use crate::render::gpu::error::GpuError;
-use crate::render::gpu::growing::{
-    BufferPart, GrowthError, IN, OUT, PartBuffers, READBACK_STAGING, UPLOAD_STAGING, copy_all,
-};
+use crate::render::gpu::task::{Bindings, IN, OUT, SETTINGS, TaskPart};
 use bytemuck::{Pod, Zeroable, cast_slice};
-use wgpu::{BufferUsages as Usage, WriteOnly};
+use wgpu::BufferUsages as Usage;
 
-/// Bytes per splat.
 pub(super) const SPLAT_BYTES: usize = size_of::<PackedSplat>();
-/// Bytes per location of sums.
 pub(super) const PLACE_BYTES: usize = size_of::<PackedSumLocation>();
-/// Bytes per splat's sums.
 pub(super) const SUM_BYTES: usize = size_of::<ImageSums>();
-/// Bytes per pixel of the photograph.
 pub(super) const MEASURED_BYTES: usize = size_of::<MeasuredPixel>();
 /// Bytes per pixel between the walks.
 pub(super) const PIXEL_BYTES: usize = 64;
@@ -79,7 +72,6 @@ pub const ADD: &str = concat!(
     include_str!("../../../../shaders/photometric/add.wgsl")
 );
 
-/// View and photograph to compare.
 #[derive(Clone, Copy)]
 pub(super) struct Comparison<'a> {
     pub(super) packed: &'a PackedView,
@@ -111,52 +103,31 @@ impl Comparison<'_> {
         (rows.first() as usize..self.photograph.height).step_by(rows.stride() as usize)
     }
 
-    /// Fills the memory of [`Part::Upload`].
-    pub(super) fn write(&self, memory: WriteOnly<'_, [u8]>, load: &ComparisonSizes) {
-        let Self { packed, photograph, rule, rows } = *self;
-        let frame = Frame::new(photograph, packed.splats.len(), rule, rows);
-        let (mut rest, mut copies) = (memory, Vec::new());
-        for part in UPLOADED {
-            // The buffer has exactly the sizes of its parts.
-            let to = rest.split_off(..load.bytes(part) as usize).unwrap_or_default();
-            match part {
-                Part::Frame => copies.push((to, bytemuck::bytes_of(&frame))),
-                Part::Splats => copies.push((to, cast_slice(&packed.splats))),
-                Part::Places => copies.push((to, cast_slice(&packed.places))),
-                Part::Starts => copies.push((to, cast_slice(&packed.starts))),
-                Part::Entries => copies.push((to, cast_slice(&packed.entries))),
-                _ => copies.extend(self.photograph_lines(to)),
-            }
-        }
-        copy_all(copies.into_iter());
+    pub(super) fn frame(&self) -> Frame {
+        Frame::new(self.photograph, self.packed.splats.len(), self.rule, self.rows)
     }
 
-    /// Chosen pixel rows with their destinations; a single piece if all rows are chosen.
-    fn photograph_lines<'m>(
-        &self,
-        to: WriteOnly<'m, [u8]>,
-    ) -> impl Iterator<Item = (WriteOnly<'m, [u8]>, &[u8])> {
-        let Self { photograph, rows, .. } = *self;
+    pub(super) fn pieces(&self) -> impl Iterator<Item = (Part, &[u8])> {
+        let Self { packed, photograph, rows, .. } = *self;
+        let lists = [
+            (Part::Splats, cast_slice(&packed.splats)),
+            (Part::Places, cast_slice(&packed.places)),
+            (Part::Starts, cast_slice(&packed.starts)),
+            (Part::Entries, cast_slice(&packed.entries)),
+        ];
+        // A single piece if all rows are chosen.
         let is_whole = rows == RowSubset::ALL;
         let n_pixels = if is_whole { photograph.data.len() } else { photograph.width };
         let firsts = self.chosen_rows().map(|row| row * photograph.width);
-        let mut rest = to;
-        firsts.take(if is_whole { 1 } else { usize::MAX }).map(move |first| {
-            let pixels = &photograph.data[first..][..n_pixels];
-            let line = rest.split_off(..n_pixels * MEASURED_BYTES).unwrap_or_default();
-            (line, cast_slice(pixels))
-        })
+        let lines = firsts.take(if is_whole { 1 } else { usize::MAX });
+        let line =
+            move |first| (Part::Photograph, cast_slice(&photograph.data[first..][..n_pixels]));
+        lists.into_iter().chain(lines.map(line))
     }
-}
-
-/// Byte offset of a part in [`Part::Upload`].
-pub(super) fn offset(part: Part, load: &ComparisonSizes) -> u64 {
-    UPLOADED.iter().take_while(|&&before| before != part).map(|&part| load.bytes(part)).sum()
 }
 
 const WORD: u64 = size_of::<u32>() as u64;
 
-/// Contents of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Frame,
@@ -175,31 +146,37 @@ pub(super) enum Part {
     PartialSums,
     /// Per splat.
     Totals,
-    /// Staging buffer for uploads.
-    Upload,
-    /// Staging buffer for results.
-    Readback,
 }
 
-/// All parts in order, with label and usage.
-const PARTS: [(Part, &str, Usage); 13] = [
-    (Part::Frame, "comparison", Usage::UNIFORM.union(Usage::COPY_DST)),
-    (Part::Splats, "compared splats", IN),
-    (Part::Places, "locations of sums", IN),
-    (Part::Starts, "first splats of tiles", IN),
-    (Part::Entries, "splats of tiles", IN),
-    (Part::Photograph, "photograph", IN),
-    (Part::Pixels, "compared pixels", Usage::STORAGE),
-    (Part::Errors, "errors of tiles", OUT),
-    (Part::Shown, "visible splats of tiles", IN),
-    (Part::PartialSums, "sums by tile", Usage::STORAGE),
-    (Part::Totals, "sums by splat", OUT),
-    (Part::Upload, "upload of comparison", UPLOAD_STAGING),
-    (Part::Readback, "readback of sums", READBACK_STAGING),
+/// Parts bound by the kernels.
+pub(super) const DRAWN: Bindings<Part> = &[
+    (0, Part::Frame),
+    (1, Part::Splats),
+    (2, Part::Entries),
+    (3, Part::Starts),
+    (4, Part::Photograph),
+    (5, Part::Pixels),
+    (6, Part::Errors),
+];
+pub(super) const WALKED: Bindings<Part> = &[
+    (0, Part::Frame),
+    (1, Part::Splats),
+    (2, Part::Entries),
+    (3, Part::Starts),
+    (4, Part::Places),
+    (5, Part::Pixels),
+    (6, Part::Shown),
+    (7, Part::PartialSums),
+];
+pub(super) const ADDED: Bindings<Part> = &[
+    (0, Part::Frame),
+    (4, Part::Places),
+    (5, Part::Shown),
+    (6, Part::PartialSums),
+    (7, Part::Totals),
 ];
 
-/// Sizes of a comparison.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ComparisonSizes {
     pub(super) splats: u64,
     pub(super) tiles: u64,
@@ -211,10 +188,31 @@ pub(super) struct ComparisonSizes {
     pub(super) lanes: u64,
 }
 
-impl ComparisonSizes {
-    pub(super) fn bytes(&self, part: Part) -> u64 {
-        let Self { splats, tiles, entries, pixels, lanes } = *self;
-        match part {
+impl TaskPart for Part {
+    type Sizes = ComparisonSizes;
+    const LABEL: &'static str = "comparison with a photograph";
+    const ALL: &'static [(Self, &'static str, Usage)] = &[
+        (Part::Frame, "settings of a comparison", SETTINGS),
+        (Part::Splats, "compared splats", IN),
+        (Part::Places, "locations of sums", IN),
+        (Part::Starts, "first splats of tiles", IN),
+        (Part::Entries, "splats of tiles", IN),
+        (Part::Photograph, "a photograph", IN),
+        (Part::Pixels, "compared pixels", Usage::STORAGE),
+        (Part::Errors, "errors of tiles", OUT),
+        (Part::Shown, "visible splats of tiles", IN),
+        (Part::PartialSums, "sums by tile", Usage::STORAGE),
+        (Part::Totals, "sums by splat", OUT),
+    ];
+    const UPLOADS: &'static [&'static str] = &["upload of a comparison"];
+
+    fn index(self) -> usize {
+        self as usize
+    }
+
+    fn bytes(self, sizes: &ComparisonSizes) -> u64 {
+        let ComparisonSizes { splats, tiles, entries, pixels, lanes } = *sizes;
+        match self {
             Part::Frame => size_of::<Frame>() as u64,
             Part::Splats => splats * SPLAT_BYTES as u64,
             Part::Places => splats * PLACE_BYTES as u64,
@@ -225,60 +223,6 @@ impl ComparisonSizes {
             Part::Errors => tiles * 8,
             Part::PartialSums => entries * u64::from(N_QUARTERS) * 16,
             Part::Totals => splats * SUM_BYTES as u64,
-            Part::Upload => UPLOADED.iter().map(|&part| self.bytes(part)).sum(),
-            Part::Readback => self.bytes(Part::Errors) + self.bytes(Part::Totals),
-        }
-    }
-}
-
-/// Parts to upload, in the order of [`Part::Upload`].
-pub(super) const UPLOADED: [Part; 6] =
-    [Part::Frame, Part::Splats, Part::Places, Part::Starts, Part::Entries, Part::Photograph];
-
-/// All buffers, each as large as the largest size requested so far.
-pub(super) type Memory = PartBuffers<Part>;
-
-impl BufferPart for Part {
-    type Sizes = ComparisonSizes;
-    const ALL: &'static [(Self, &'static str, Usage)] = &PARTS;
-
-    fn index(self) -> usize {
-        self as usize
-    }
-
-    fn bytes(self, sizes: &ComparisonSizes) -> u64 {
-        sizes.bytes(self)
-    }
-}
-
-/// Ensures the sizes of all buffers.
-///
-/// # Errors
-/// [`GpuError::ComparisonTooLarge`], [`GpuError::NoMemoryToCompare`].
-pub(super) fn ensure_capacity(
-    memory: &mut Memory,
-    device: &wgpu::Device,
-    sizes: &ComparisonSizes,
-) -> Result<(), GpuError> {
-    for (part, ..) in PARTS {
-        memory.ensure_part(device, sizes, part).map_err(|error| match error {
-            GrowthError::TooLarge { needed_mib, limit_mib } => {
-                GpuError::ComparisonTooLarge { needed_mib, limit_mib }
-            }
-            GrowthError::Refused { mib } => GpuError::NoMemoryToCompare { mib },
-        })?;
-    }
-    Ok(())
-}
-
-#[cfg(test)]
-mod memory_tests {
-    use super::*;
-
-    #[test]
-    fn parts_lie_at_their_places() {
-        for (at, (part, ..)) in PARTS.into_iter().enumerate() {
-            assert_eq!(part as usize, at);
         }
     }
 }

@@ -2,9 +2,7 @@
 
 use crate::model::scene::points_device::{POINT_WORDS, Seeds, SlotSums};
 use crate::model::scene::sums::N_SUMS;
-use crate::render::gpu::growing::{
-    BufferPart, IN, OUT, PartBuffers, READBACK_STAGING, UPLOAD_STAGING,
-};
+use crate::render::gpu::task::{Bindings, IN, OUT, SETTINGS, TaskPart};
 use bytemuck::{Pod, Zeroable};
 use wgpu::BufferUsages as Usage;
 
@@ -32,7 +30,6 @@ pub(super) struct Settings {
 }
 
 impl Settings {
-    /// Settings of a search.
     pub(super) fn search(seeds: &Seeds<'_>) -> Self {
         Self {
             minus_zero: -0.0,
@@ -53,7 +50,6 @@ impl Settings {
         Self { n_points, first_seed, bucket_mask, ..self }
     }
 
-    /// Settings of sums over points.
     pub(super) fn sums(asked: &SlotSums<'_>) -> Self {
         Self {
             gain: asked.gain,
@@ -88,7 +84,6 @@ const WORD: u64 = size_of::<u32>() as u64;
 /// Bytes per seed: position and chain link, or position and padding.
 pub(super) const SEED_BYTES: u64 = 16;
 
-/// Contents of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Settings,
@@ -99,87 +94,70 @@ pub(super) enum Part {
     Fits,
     References,
     Sums,
-    /// Staging buffer for points.
-    PointUpload,
-    /// Staging buffer for new seeds.
-    SeedUpload,
-    /// Staging buffer for the slots of points and the slots' seeds.
-    FitUpload,
-    /// Staging buffer for results.
-    Readback,
 }
 
-/// All parts in order, with label (also used in messages) and usage.
-const PARTS: [(Part, &str, Usage); 12] = [
-    (Part::Settings, "settings of points", Usage::UNIFORM.union(Usage::COPY_DST)),
-    (Part::Points, "points of a frame", IN),
-    (Part::Seeds, "seeds of components", IN),
-    (Part::Heads, "cells of seeds", IN),
-    (Part::Nearest, "seeds of points", OUT),
-    (Part::Fits, "components of points", IN),
-    (Part::References, "seeds of sums", IN),
-    (Part::Sums, "sums of components", OUT.union(Usage::COPY_DST)),
-    (Part::PointUpload, "uploaded points", UPLOAD_STAGING),
-    (Part::SeedUpload, "uploaded seeds", UPLOAD_STAGING),
-    (Part::FitUpload, "uploaded components", UPLOAD_STAGING),
-    (Part::Readback, "sums read back", READBACK_STAGING),
+/// Numbers of the uploads: points, new seeds, and the slots of points with the slots' seeds.
+pub(super) const POINT_UPLOAD: usize = 0;
+pub(super) const SEED_UPLOAD: usize = 1;
+pub(super) const FIT_UPLOAD: usize = 2;
+
+/// Parts bound by the kernels.
+pub(super) const FILED: Bindings<Part> = &[(0, Part::Settings), (2, Part::Seeds), (3, Part::Heads)];
+pub(super) const FOUND: Bindings<Part> = &[
+    (0, Part::Settings),
+    (1, Part::Points),
+    (2, Part::Seeds),
+    (3, Part::Heads),
+    (4, Part::Nearest),
+];
+pub(super) const SUMMED: Bindings<Part> = &[
+    (0, Part::Settings),
+    (1, Part::Points),
+    (2, Part::Fits),
+    (3, Part::References),
+    (4, Part::Sums),
 ];
 
-/// Sizes of a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PointSizes {
     pub(super) points: u64,
     pub(super) seeds: u64,
-    /// Index of the first seed that is not on the GPU yet.
-    pub(super) first_new: u64,
     pub(super) buckets: u64,
     /// Number of components with points.
     pub(super) slots: u64,
 }
 
-impl PointSizes {
-    pub(super) fn bytes(&self, part: Part) -> u64 {
-        let Self { points, seeds, first_new, buckets, slots } = *self;
-        match part {
-            Part::Settings => size_of::<Settings>() as u64,
-            Part::Points | Part::PointUpload => points * POINT_WORDS as u64 * WORD,
-            Part::Seeds => seeds * SEED_BYTES,
-            Part::Heads => buckets * WORD,
-            Part::Nearest => points * WORD,
-            Part::Fits => points * 2 * WORD,
-            Part::References => slots * SEED_BYTES,
-            Part::Sums => slots * N_SUMS as u64 * WORD,
-            Part::SeedUpload => (seeds - first_new) * SEED_BYTES,
-            Part::FitUpload => self.bytes(Part::Fits) + self.bytes(Part::References),
-            Part::Readback => self.bytes(Part::Nearest).max(self.bytes(Part::Sums)),
-        }
-    }
-}
-
-/// All buffers, each as large as the largest size requested so far.
-pub(super) type Memory = PartBuffers<Part>;
-
-impl BufferPart for Part {
+impl TaskPart for Part {
     type Sizes = PointSizes;
-    const ALL: &'static [(Self, &'static str, Usage)] = &PARTS;
+    const LABEL: &'static str = "fit of points";
+    const ALL: &'static [(Self, &'static str, Usage)] = &[
+        (Part::Settings, "settings of points", SETTINGS),
+        (Part::Points, "points of a frame", IN),
+        (Part::Seeds, "seeds of components", IN),
+        (Part::Heads, "cells of seeds", IN),
+        (Part::Nearest, "seeds of points", OUT),
+        (Part::Fits, "components of points", IN),
+        (Part::References, "seeds of sums", IN),
+        (Part::Sums, "sums of components", OUT.union(Usage::COPY_DST)),
+    ];
+    const UPLOADS: &'static [&'static str] =
+        &["uploaded points", "uploaded seeds", "uploaded components"];
 
     fn index(self) -> usize {
         self as usize
     }
 
     fn bytes(self, sizes: &PointSizes) -> u64 {
-        sizes.bytes(self)
-    }
-}
-
-#[cfg(test)]
-mod memory_tests {
-    use super::*;
-
-    #[test]
-    fn parts_lie_at_their_places() {
-        for (at, (part, ..)) in PARTS.into_iter().enumerate() {
-            assert_eq!(part as usize, at);
+        let PointSizes { points, seeds, buckets, slots } = *sizes;
+        match self {
+            Part::Settings => size_of::<Settings>() as u64,
+            Part::Points => points * POINT_WORDS as u64 * WORD,
+            Part::Seeds => seeds * SEED_BYTES,
+            Part::Heads => buckets * WORD,
+            Part::Nearest => points * WORD,
+            Part::Fits => points * 2 * WORD,
+            Part::References => slots * SEED_BYTES,
+            Part::Sums => slots * N_SUMS as u64 * WORD,
         }
     }
 }

@@ -8,34 +8,27 @@ pub mod layout;
 
 use super::adapters::GpuCaps;
 use super::constants::{SUM_GROUP, module};
-use super::error::{GpuError, GpuFaults, pass_failed};
-use super::growing::copy_pieces;
-use super::kernel::{BoundKernel, ComputeKernel, Grid};
-use super::readback::{release_result, wait_for_result};
+use super::error::{GpuError, GpuFaults};
+use super::pipeline::Grid;
+use super::task::{GpuTask, failed};
 use crate::model::inspection::DeviceError;
 use crate::model::scene::points_device::{POINT_WORDS, PointsDevice, Seeds, SlotSums};
 use crate::model::scene::sums::N_SUMS;
-use layout::{Memory, Part, PointSizes, SEED_BYTES, Settings};
+use layout::{
+    FILED, FIT_UPLOAD, FOUND, POINT_UPLOAD, Part, SEED_BYTES, SEED_UPLOAD, SUMMED, Settings,
+};
 
-/// Minimum number of hash buckets.
 const MIN_BUCKETS: u64 = 1 << 12;
 
 /// Searches seeds and sums points on its own device.
 pub struct GpuPoints {
-    device: wgpu::Device,
-    queue: wgpu::Queue,
-    faults: GpuFaults,
-    name: String,
-    file: ComputeKernel,
-    find: ComputeKernel,
-    sum: ComputeKernel,
-    memory: Memory,
-    load: PointSizes,
+    task: GpuTask<Part>,
+    file: usize,
+    find: usize,
+    sum: usize,
     search: Settings,
-    /// Uploads written to mapped memory, to be submitted with the next commands.
-    pending_uploads: Vec<Part>,
-    /// Mapped result of the last commands.
-    answer: Option<wgpu::BufferView>,
+    /// Index of the first seed that is not on the GPU yet.
+    first_new: u64,
 }
 
 impl GpuPoints {
@@ -46,218 +39,109 @@ impl GpuPoints {
         faults: GpuFaults,
         caps: &GpuCaps,
     ) -> Self {
-        let kernel = |entry, shader| {
-            ComputeKernel::new(&device, &module(&device, "fit of points", shader), entry)
+        let mut task = GpuTask::new(device, queue, faults, caps);
+        let mut kernel = |entry, shader, parts| {
+            let module = module(task.device(), "fit of points", shader);
+            task.add_kernel(&module, entry, &[], parts)
         };
         Self {
-            file: kernel("file", layout::FILE),
-            find: kernel("find", layout::FIND),
-            sum: kernel("sum", layout::SUM),
-            memory: Memory::new(&device),
-            device,
-            queue,
-            faults,
-            name: caps.to_string(),
-            load: PointSizes::default(),
+            file: kernel("file", layout::FILE, FILED),
+            find: kernel("find", layout::FIND, FOUND),
+            sum: kernel("sum", layout::SUM, SUMMED),
+            task,
             search: bytemuck::Zeroable::zeroed(),
-            pending_uploads: Vec::new(),
-            answer: None,
+            first_new: 0,
         }
     }
 
     fn upload_seeds(&mut self, seeds: &Seeds<'_>) -> Result<(), GpuError> {
-        let Self { load, memory, device, .. } = self;
-        load.seeds = seeds.positions.len() as u64;
+        let n_seeds = seeds.positions.len() as u64;
         // At least twice as many buckets as seeds, to keep chains short.
-        let buckets = (2 * load.seeds).next_power_of_two().max(MIN_BUCKETS);
-        let is_refiled = seeds.are_new || buckets != load.buckets || load.first_new > load.seeds;
-        load.buckets = buckets;
-        let is_lost = memory.ensure_capacity(device, load, &[Part::Seeds, Part::Heads])?;
-        if is_refiled || is_lost || self.pending_uploads.contains(&Part::SeedUpload) {
-            load.first_new = 0;
+        let buckets = (2 * n_seeds).next_power_of_two().max(MIN_BUCKETS);
+        let is_refiled =
+            seeds.are_new || buckets != self.task.sizes.buckets || self.first_new > n_seeds;
+        (self.task.sizes.seeds, self.task.sizes.buckets) = (n_seeds, buckets);
+        let is_lost = self.task.ensure_capacity([Part::Seeds, Part::Heads])?;
+        // An upload that was never submitted is replaced by this one.
+        if is_refiled || is_lost || self.task.is_staged(SEED_UPLOAD) {
+            self.first_new = 0;
         }
         self.search = Settings::search(seeds);
-        let new = &seeds.positions[load.first_new as usize..];
+        let new = &seeds.positions[self.first_new as usize..];
         if new.is_empty() {
             return Ok(());
         }
         let packed: Vec<[f32; 4]> = new.iter().map(|&[x, y, z]| [x, y, z, 0.0]).collect();
-        self.stage_upload(Part::SeedUpload, &[bytemuck::cast_slice(&packed)])
+        let piece = (Part::Seeds, bytemuck::cast_slice(&packed));
+        self.task.stage_upload(SEED_UPLOAD, self.first_new * SEED_BYTES, [piece])
     }
 
     fn upload_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), GpuError> {
-        self.load.points = points.len() as u64;
-        let parts = [Part::Points, Part::Nearest];
-        self.memory.ensure_capacity(&self.device, &self.load, &parts)?;
-        self.stage_upload(Part::PointUpload, &[bytemuck::cast_slice(points)])
+        self.task.sizes.points = points.len() as u64;
+        self.task.ensure_capacity([Part::Points, Part::Nearest])?;
+        let piece = (Part::Points, bytemuck::cast_slice(points));
+        self.task.stage_upload(POINT_UPLOAD, 0, [piece])
     }
 
-    /// Writes data to mapped memory for the next commands.
-    fn stage_upload(&mut self, upload: Part, pieces: &[&[u8]]) -> Result<(), GpuError> {
-        self.memory.ensure_capacity(&self.device, &self.load, &[upload])?;
-        let buffer = self.memory.buffer(upload);
-        copy_pieces(buffer, self.load.bytes(upload), pieces.iter().copied())
-            .map_err(pass_failed)?;
-        if !self.pending_uploads.contains(&upload) {
-            self.pending_uploads.push(upload);
-        }
-        Ok(())
-    }
-
-    /// Finds the nearest seed of every point and maps the result.
     fn run_search(&mut self) -> Result<(), GpuError> {
-        let Self { load, .. } = *self;
-        let settings = self.search.of_frame(load.points, load.first_new, load.buckets);
-        self.run(settings, Part::Nearest, |gpu, encoder| {
-            if load.first_new == 0 {
-                encoder.clear_buffer(gpu.memory.buffer(Part::Heads), 0, None);
-            }
-            let mut pass = compute_pass(encoder, "seeds of points");
-            let new = (load.seeds - load.first_new) as usize;
-            if new > 0 {
-                let filed = [(0, Part::Settings), (2, Part::Seeds), (3, Part::Heads)];
-                gpu.bind(&gpu.file, &filed).dispatch(&mut pass, Grid::lanes(new));
-            }
-            let found = [
-                (0, Part::Settings),
-                (1, Part::Points),
-                (2, Part::Seeds),
-                (3, Part::Heads),
-                (4, Part::Nearest),
-            ];
-            let points = Grid::lanes(load.points as usize);
-            gpu.bind(&gpu.find, &found).dispatch(&mut pass, points);
-        })?;
-        self.load.first_new = load.seeds;
+        let (points, seeds) = (self.task.sizes.points, self.task.sizes.seeds);
+        let settings = self.search.of_frame(points, self.first_new, self.task.sizes.buckets);
+        self.task.write(Part::Settings, &settings);
+        let clears: &[Part] = if self.first_new == 0 { &[Part::Heads] } else { &[] };
+        let new = (self.file, Grid::lanes((seeds - self.first_new) as usize));
+        let all = (self.find, Grid::lanes(points as usize));
+        let dispatches = if self.first_new < seeds { &[new, all][..] } else { &[all] };
+        self.task.run(clears, dispatches, &[Part::Nearest])?;
+        self.first_new = seeds;
         Ok(())
     }
 
-    /// Sums the points of every slot and maps the result.
     fn run_sums(&mut self, asked: &SlotSums<'_>) -> Result<(), GpuError> {
-        if asked.points.len() as u64 != self.load.points {
-            let (expected, found) = (self.load.points, asked.points.len());
-            let reason = format!("expected slots for {expected} points, found {found}");
-            return Err(GpuError::NoPass { reason });
+        let (expected, found) = (self.task.sizes.points, asked.points.len());
+        if found as u64 != expected {
+            return Err(failed(format!("expected slots for {expected} points, found {found}")));
         }
-        self.load.slots = asked.seeds.len() as u64;
-        let parts = [Part::Fits, Part::References, Part::Sums];
-        self.memory.ensure_capacity(&self.device, &self.load, &parts)?;
-        let pieces = [bytemuck::cast_slice(asked.points), bytemuck::cast_slice(asked.seeds)];
-        self.stage_upload(Part::FitUpload, &pieces)?;
-        let bytes = self.load.bytes(Part::Sums);
-        let groups = Grid::groups(asked.points.len().div_ceil(SUM_GROUP as usize));
-        self.run(Settings::sums(asked), Part::Sums, |gpu, encoder| {
-            encoder.clear_buffer(gpu.memory.buffer(Part::Sums), 0, Some(bytes));
-            let summed = [
-                (0, Part::Settings),
-                (1, Part::Points),
-                (2, Part::Fits),
-                (3, Part::References),
-                (4, Part::Sums),
-            ];
-            let mut pass = compute_pass(encoder, "sums of points");
-            gpu.bind(&gpu.sum, &summed).dispatch(&mut pass, groups);
-        })
+        self.task.sizes.slots = asked.seeds.len() as u64;
+        self.task.ensure_capacity([Part::Fits, Part::References, Part::Sums])?;
+        let pieces = [
+            (Part::Fits, bytemuck::cast_slice(asked.points)),
+            (Part::References, bytemuck::cast_slice(asked.seeds)),
+        ];
+        self.task.stage_upload(FIT_UPLOAD, 0, pieces)?;
+        self.task.write(Part::Settings, &Settings::sums(asked));
+        let groups = Grid::groups(found.div_ceil(SUM_GROUP as usize));
+        self.task.run(&[Part::Sums], &[(self.sum, groups)], &[Part::Sums])
     }
-
-    /// Submits pending uploads and the given commands, then maps the `answer` part.
-    fn run(
-        &mut self,
-        settings: Settings,
-        answer: Part,
-        commands: impl FnOnce(&Self, &mut wgpu::CommandEncoder),
-    ) -> Result<(), GpuError> {
-        self.memory.ensure_capacity(&self.device, &self.load, &[Part::Readback])?;
-        let to = self.memory.buffer(Part::Settings);
-        self.queue.write_buffer(to, 0, bytemuck::bytes_of(&settings));
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        self.pending_uploads
-            .iter()
-            .for_each(|&upload| self.record_upload_copies(&mut encoder, upload));
-        commands(self, &mut encoder);
-        let (readback, bytes) = (self.memory.buffer(Part::Readback), self.load.bytes(answer));
-        encoder.copy_buffer_to_buffer(self.memory.buffer(answer), 0, readback, 0, bytes);
-        let uploads = self.pending_uploads.iter().map(|&upload| self.memory.buffer(upload));
-        uploads.clone().for_each(wgpu::Buffer::unmap);
-        let submission = self.queue.submit([encoder.finish()]);
-        let answer =
-            wait_for_result(&self.device, &self.faults, submission, (readback, bytes), uploads);
-        self.answer = Some(answer.map_err(pass_failed)?);
-        self.pending_uploads.clear();
-        Ok(())
-    }
-
-    /// Records the copy from a staging buffer to its destinations.
-    fn record_upload_copies(&self, encoder: &mut wgpu::CommandEncoder, upload: Part) {
-        let Self { memory, load, .. } = self;
-        let mut copy = |from_byte, part, to_byte, bytes| {
-            let (from, to) = (memory.buffer(upload), memory.buffer(part));
-            encoder.copy_buffer_to_buffer(from, from_byte, to, to_byte, bytes);
-        };
-        match upload {
-            Part::PointUpload => copy(0, Part::Points, 0, load.bytes(upload)),
-            Part::SeedUpload => {
-                copy(0, Part::Seeds, load.first_new * SEED_BYTES, load.bytes(upload));
-            }
-            _ => {
-                let bytes = load.bytes(Part::Fits);
-                copy(0, Part::Fits, 0, bytes);
-                copy(bytes, Part::References, 0, load.bytes(Part::References));
-            }
-        }
-    }
-
-    fn bind(&self, kernel: &ComputeKernel, parts: &[(u32, Part)]) -> BoundKernel {
-        let resource = |&(at, part)| (at, self.memory.buffer(part).as_entire_binding());
-        kernel.bind(&self.device, &parts.iter().map(resource).collect::<Vec<_>>())
-    }
-
-    /// Releases the mapped result.
-    fn release_result(&mut self) {
-        release_result(&mut self.answer, self.memory.buffer(Part::Readback));
-    }
-
-    fn refused(&self, error: &GpuError) -> DeviceError {
-        DeviceError { device: self.name.clone(), reason: error.to_string() }
-    }
-}
-
-fn compute_pass<'a>(
-    encoder: &'a mut wgpu::CommandEncoder,
-    label: &'a str,
-) -> wgpu::ComputePass<'a> {
-    let label = Some(label);
-    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label, timestamp_writes: None })
 }
 
 impl PointsDevice for GpuPoints {
     fn name(&self) -> String {
-        self.name.clone()
+        self.task.name().to_owned()
     }
 
     fn set_seeds(&mut self, seeds: &Seeds<'_>) -> Result<(), DeviceError> {
-        self.upload_seeds(seeds).map_err(|error| self.refused(&error))
+        self.upload_seeds(seeds).map_err(|error| self.task.refused(&error))
     }
 
     fn set_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), DeviceError> {
-        self.upload_points(points).map_err(|error| self.refused(&error))
+        self.upload_points(points).map_err(|error| self.task.refused(&error))
     }
 
     fn nearest(&mut self) -> Result<&[u32], DeviceError> {
-        self.release_result();
-        // Without points there is nothing to submit.
-        if self.load.points > 0 {
-            self.run_search().map_err(|error| self.refused(&error))?;
+        if self.task.sizes.points == 0 {
+            // Nothing to dispatch.
+            return Ok(&[]);
         }
-        Ok(self.answer.as_deref().map_or(&[], bytemuck::cast_slice))
+        self.run_search().map_err(|error| self.task.refused(&error))?;
+        Ok(bytemuck::cast_slice(self.task.result()))
     }
 
     fn sums(&mut self, asked: &SlotSums<'_>) -> Result<&[[i32; N_SUMS]], DeviceError> {
-        self.release_result();
-        if !asked.seeds.is_empty() {
-            self.run_sums(asked).map_err(|error| self.refused(&error))?;
+        if asked.seeds.is_empty() {
+            return Ok(&[]);
         }
-        let quanta: &[i32] = self.answer.as_deref().map_or(&[], bytemuck::cast_slice);
+        self.run_sums(asked).map_err(|error| self.task.refused(&error))?;
+        let quanta: &[i32] = bytemuck::cast_slice(self.task.result());
         Ok(quanta.as_chunks().0)
     }
 }

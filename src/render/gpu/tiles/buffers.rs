@@ -4,8 +4,8 @@ use crate::render::gpu::adapters::max_buffer_bytes;
 use crate::render::gpu::constants::{GROUP, slot};
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::growing::Allocation;
-use crate::render::gpu::kernel::storage;
 use crate::render::gpu::layout::GpuAppearance;
+use crate::render::gpu::pipeline::storage;
 
 const WORD: u64 = size_of::<u32>() as u64;
 const PAIR: u64 = 2 * WORD;
@@ -17,7 +17,6 @@ const FOOTPRINT_BYTES: u64 = 16;
 const APPEARANCE_BYTES: u64 = size_of::<GpuAppearance>() as u64;
 const MIB: u64 = 1 << 20;
 
-/// Bytes of the counter buffer.
 pub(super) const COUNTS_BYTES: u64 = slot::N_SLOTS as u64 * WORD;
 
 /// Buffers with one entry per splat: sort keys and order, records, tiles.
@@ -41,7 +40,6 @@ pub(super) struct SplatBuffers {
 }
 
 impl SplatBuffers {
-    /// Allocates buffers for `capacity` splats.
     pub(super) fn new(
         device: &wgpu::Device,
         capacity: usize,
@@ -142,7 +140,6 @@ pub(super) fn create_tile_ranges(
     })
 }
 
-/// Side length of a tile in pixels.
 pub(super) const TILE_PIXELS: u32 = crate::render::TILE as u32;
 
 /// `tiles/sort.wgsl`: stable radix sort, used by depth and by tile.

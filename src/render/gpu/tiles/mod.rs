@@ -1,5 +1,5 @@
 //! Draws splats by compute shaders: sorted by depth, then by tile, and blended by one workgroup per tile
-//! (`rendering.md`, Tiles by compute). Suits chips with much compute and few raster units.
+//! (`rendering.md`, Tiles by compute).
 //!
 //! 1. Preprocess: computes a record, a depth key and the covered tiles of each splat.
 //! 2. Sort: sorts by depth and drops invisible splats. Then writes, in depth order, one entry per tile of
@@ -21,15 +21,12 @@ use super::timer::{GpuStage, StageTimer};
 use buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, max_entries, tile_grid};
 use plan::{EntryDemand, Inputs, Kernels, TileMemory, TilePlan};
 
-/// Inputs and output of one image.
 #[derive(Clone, Copy)]
 pub(super) struct TileFrame<'a> {
-    /// Camera and options; the extent cap must be infinite.
     pub(in crate::render::gpu) view: &'a wgpu::Buffer,
     pub(in crate::render::gpu) scene: &'a GpuScene,
     /// Output image, at least one pixel per side.
     pub(in crate::render::gpu) image: &'a SplatTarget,
-    /// Timer and its slot.
     pub(in crate::render::gpu) timer: Option<(&'a StageTimer, usize)>,
 }
 
@@ -63,7 +60,6 @@ impl TilePath {
         })
     }
 
-    /// Records an image. Needs no draw order.
     pub(in crate::render::gpu) fn record(
         &mut self,
         device: &wgpu::Device,

@@ -9,7 +9,7 @@ use super::buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, create_tile_range
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
 use crate::render::gpu::constants::{module, slot};
 use crate::render::gpu::error::GpuError;
-use crate::render::gpu::kernel::{BoundKernel, ComputeKernel, Grid};
+use crate::render::gpu::pipeline::{BoundKernel, ComputeKernel, Grid};
 use crate::render::gpu::renderer::SplatTarget;
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::timer::{GpuStage, ReadbackRing};
@@ -140,17 +140,6 @@ impl TileMemory<'_> {
     }
 }
 
-/// Binds whole buffers by binding number.
-fn bind(
-    device: &wgpu::Device,
-    kernel: &ComputeKernel,
-    buffers: &[(u32, &wgpu::Buffer)],
-) -> BoundKernel {
-    let resources: Vec<_> =
-        buffers.iter().map(|(binding, buffer)| (*binding, buffer.as_entire_binding())).collect();
-    kernel.bind(device, &resources)
-}
-
 impl Kernels {
     fn bind_preprocess(
         &self,
@@ -169,7 +158,7 @@ impl Kernels {
             (7, &splats.gradients),
             (8, &splats.small_footprints),
         ];
-        bind(device, &self.preprocess[inputs.variant()], &buffers)
+        self.preprocess[inputs.variant()].bind_buffers(device, &buffers)
     }
 
     /// Binds the kernels that count, offset and write the entries, in this order; `order` holds the splats
@@ -185,7 +174,7 @@ impl Kernels {
         let all = [&inputs.view, counts, order, footprints, blocks, &entries.pairs[0], fews];
         let bind = |kernel: &ComputeKernel, used: &[u32]| {
             let buffers: Vec<_> = used.iter().map(|&i| (i, all[i as usize])).collect();
-            bind(device, kernel, &buffers)
+            kernel.bind_buffers(device, &buffers)
         };
         [
             bind(&self.count, &[1, 2, 3, 4, 6]),
@@ -238,7 +227,7 @@ impl TilePlan {
             count,
             offsets,
             emit,
-            ranges: bind(device, &kernels.ranges, &ranges),
+            ranges: kernels.ranges.bind_buffers(device, &ranges),
             raster: kernels.bind_raster(device, &inputs, splats, of_entries),
             by_depth,
             by_tile,
@@ -316,8 +305,13 @@ impl EntryDemand {
         if needed > 0 {
             // Any capacity below the one that failed may still be available.
             let is_short = needed > most.min(self.refused - 1);
-            self.shortage =
+            let shortage =
                 is_short.then_some(GpuError::TooManyEntries { needed, capacity: wanted.max(now) });
+            // Once per shortage, because the number needed differs from frame to frame.
+            if let (Some(error), None) = (&shortage, &self.shortage) {
+                tracing::warn!("{error}");
+            }
+            self.shortage = shortage;
         }
         if wanted < self.refused { wanted } else { now }
     }
@@ -336,7 +330,7 @@ impl EntryDemand {
     /// Sends the counters of the image to the CPU. Must follow the image in the same encoder.
     pub(super) fn send(&mut self, encoder: &mut wgpu::CommandEncoder, counts: &wgpu::Buffer) {
         let needed = &mut self.needed;
-        let free = self.ring.collect_and_reserve(|_, bytes| {
+        let free = self.ring.collect_and_reserve(|bytes| {
             let counts: [u32; slot::N_SLOTS] = bytemuck::pod_read_unaligned(bytes);
             *needed = (*needed).max(u64::from(counts[slot::N_NEEDED as usize]));
         });

@@ -7,7 +7,7 @@
 
 use super::buffers;
 use crate::render::gpu::constants::{N_STRIPS, module};
-use crate::render::gpu::kernel::{BoundKernel, ComputeKernel, Grid, storage};
+use crate::render::gpu::pipeline::{BoundKernel, ComputeKernel, Grid, storage};
 
 /// Maximum bits per digit: one lane of a workgroup per value.
 const DIGIT_BITS: u32 = 8;

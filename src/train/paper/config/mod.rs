@@ -10,8 +10,7 @@ use crate::train::setting::{ConfigError, MAX_COMPONENTS, Preset};
 use serde::{Deserialize, Serialize};
 
 pub use settings::{
-    Batch, Candidates, IndexKind, Init, MAX_CANDIDATES, Operations, Precision, ReassignPolicy,
-    StatisticsForm, UpdateWidth, Width,
+    Candidates, Init, MAX_CANDIDATES, Operations, Precision, ReassignPolicy, UpdateWidth, Width,
 };
 
 /// A validated configuration of the `paper` preset. Created by [`PaperConfig::paper`] and
@@ -36,12 +35,6 @@ pub struct PaperConfig {
     pub components: usize,
     /// Number of candidate components per point.
     pub candidates: Candidates,
-    /// Number of points processed at once.
-    pub batch: Batch,
-    /// Form in which responsibilities are summed.
-    pub statistics: StatisticsForm,
-    /// Index for the candidate search.
-    pub index: IndexKind,
     /// Source of the initial means.
     pub init: Init,
     /// Reassignment policy.
@@ -56,12 +49,14 @@ pub struct PaperConfig {
     pub operations: Operations,
     /// Conversion of posteriors to splats.
     pub conversion: Conversion,
+    /// Runs the plain engine even where the fused kernels apply. No option sets it: tests compare the two.
+    #[serde(skip)]
+    pub is_plain: bool,
 }
 
 settings! {
     /// User-settable options of the `paper` preset, from a RON file or the command line; `None` selects the
-    /// preset's value. The serialized name is that of version 0.1.0.
-    #[serde(rename = "Overrides")]
+    /// preset's value.
     pub struct PaperOverrides of PaperConfig, Preset::Paper,
         such as "(components: 50000, candidates: 4)";
 
@@ -83,23 +78,6 @@ settings! {
         default "4";
         range "1 to {MAX_CANDIDATES}, or dense", |candidates| candidates.is_legal();
         at |run| run.candidates;
-    }
-    /// Points processed at once, or `frame`.
-    batch: Batch {
-        label "Batch";
-        default "frame";
-        range "1 point or more, or frame", |batch| *batch != Batch::Points(0);
-        at |run| run.batch;
-    }
-    /// Sum responsibilities directly or store them first.
-    statistics: StatisticsForm {
-        default "fused";
-        at |run| run.statistics;
-    }
-    /// Index for the candidate search.
-    index: IndexKind {
-        default "grid";
-        at |run| run.index;
     }
     /// Source of the initial means.
     init: Init {
@@ -168,7 +146,7 @@ impl PaperOverrides {
         match (self.precision, self.operations) {
             (Some(Precision::Custom), None) => refuse(
                 "precision",
-                "f64, mixed or f32, or `operations` in a settings file".into(),
+                "f64 or mixed, or `operations` in a settings file (`--config`)".into(),
                 "custom alone".into(),
             ),
             (Some(precision), Some(operations))
@@ -192,9 +170,6 @@ impl PaperConfig {
             seed: 0,
             components: 100_000,
             candidates: Candidates::Nearest(4),
-            batch: Batch::Frame,
-            statistics: StatisticsForm::Fused,
-            index: IndexKind::Grid,
             init: Init::Random,
             reassign: ReassignPolicy::Padded,
             reassign_fraction: 0.05,
@@ -202,6 +177,7 @@ impl PaperConfig {
             precision: Precision::Mixed,
             operations: Operations::MIXED,
             conversion: Conversion::right(),
+            is_plain: false,
         }
     }
 
@@ -220,20 +196,6 @@ impl PaperConfig {
                 "low_elbo_floor",
                 format!("1 to {MAX_LOW_ELBO_FLOOR}"),
                 self.low_elbo_floor.to_string(),
-            );
-        }
-        if self.index == IndexKind::KdTree && self.operations.distance == Width::F32 {
-            return refuse(
-                "index",
-                "grid, or precision f64: kd-tree computes distances in f64".into(),
-                "kd-tree with distances in f32".into(),
-            );
-        }
-        if self.candidates == Candidates::Dense && self.index == IndexKind::KdTree {
-            return refuse(
-                "index",
-                "grid with candidates dense, which uses no index".into(),
-                "kd-tree".into(),
             );
         }
         Ok(self)
@@ -280,7 +242,7 @@ mod tests {
             let mut layer = PaperOverrides::default();
             let (field, default) = (setting.about.field, setting.about.default);
             (setting.parse)(&mut layer, default.as_ref()).expect(field);
-            assert_eq!((setting.differs)(&layer, &run), None, "{field}");
+            assert_eq!(setting.conflict(&layer, &run), None, "{field}");
             (setting.apply)(&layer, &mut run);
         }
         assert_eq!(run, PaperConfig::paper());

@@ -6,7 +6,8 @@ use crate::train::setting::value::{Choice, SettingValue, ValueError, named_value
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::ffi::OsStr;
-use strum::{EnumString, VariantNames};
+use std::str::FromStr;
+use strum::EnumString;
 
 pub use crate::model::paper::totals::UpdateWidth;
 
@@ -31,52 +32,38 @@ pub enum Candidates {
     Nearest(usize),
 }
 
-/// Number of points processed at once: a number, or `frame`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(into = "NumberOrWord", try_from = "NumberOrWord")]
-pub enum Batch {
-    /// The whole frame.
-    Frame,
-    /// This many points, rounded up to whole tiles of at most 64.
-    Points(usize),
+impl From<Candidates> for NumberOrWord {
+    fn from(setting: Candidates) -> Self {
+        match setting {
+            Candidates::Dense => Self::Word("dense".to_owned()),
+            Candidates::Nearest(n) => Self::Number(n),
+        }
+    }
 }
 
-macro_rules! number_or_word {
-    ($setting:ident, $number:ident, $word:ident, $text:literal) => {
-        impl From<$setting> for NumberOrWord {
-            fn from(setting: $setting) -> Self {
-                match setting {
-                    $setting::$word => Self::Word($text.to_owned()),
-                    $setting::$number(n) => Self::Number(n),
-                }
-            }
+impl TryFrom<NumberOrWord> for Candidates {
+    type Error = String;
+
+    fn try_from(text: NumberOrWord) -> Result<Self, String> {
+        match text {
+            NumberOrWord::Number(n) => Ok(Self::Nearest(n)),
+            NumberOrWord::Word(word) => word.parse(),
         }
+    }
+}
 
-        impl TryFrom<NumberOrWord> for $setting {
-            type Error = String;
+impl FromStr for Candidates {
+    type Err = String;
 
-            fn try_from(text: NumberOrWord) -> Result<Self, String> {
-                match text {
-                    NumberOrWord::Number(n) => Ok(Self::$number(n)),
-                    NumberOrWord::Word(word) => word.parse(),
-                }
-            }
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "dense" => Ok(Self::Dense),
+            _ => text
+                .parse()
+                .map(Self::Nearest)
+                .map_err(|_| format!("expected a number or `dense`, found `{text}`")),
         }
-
-        impl std::str::FromStr for $setting {
-            type Err = String;
-
-            fn from_str(text: &str) -> Result<Self, String> {
-                match text {
-                    $text => Ok(Self::$word),
-                    _ => text
-                        .parse()
-                        .map(Self::$number)
-                        .map_err(|_| format!("expected a number or `{}`, found `{text}`", $text)),
-                }
-            }
-        }
-    };
+    }
 }
 
 impl Candidates {
@@ -88,9 +75,6 @@ impl Candidates {
         }
     }
 }
-
-number_or_word!(Candidates, Nearest, Dense, "dense");
-number_or_word!(Batch, Points, Frame, "frame");
 
 /// Source of the initial means (`training.md`, Initial means).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString)]
@@ -112,39 +96,14 @@ pub enum ReassignPolicy {
     Off,
     /// Before the fit, by scores against all components.
     Dense,
-    /// Before the fit, by truncated scores, among the worst-explained points.
-    Truncated,
-    /// Like `Truncated`, in buffers of fixed capacity allocated before the first frame; the paper's
+    /// Before the fit, by scores against the candidates, among the worst-explained points; the paper's
     /// default.
     Padded,
     /// After the fit, by the scores of the fit; affects the next frame.
     Forwarded,
 }
 
-/// Memory layout between responsibilities and their weighted sums.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum StatisticsForm {
-    /// A tile's responsibilities are summed directly and stay in the CPU caches.
-    Fused,
-    /// Candidates, scores and responsibilities of a whole batch are stored before they are summed.
-    Unfused,
-}
-
-/// Index for the candidate search.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum IndexKind {
-    /// A uniform grid searched tile by tile.
-    Grid,
-    /// `kiddo`'s KD-tree, rebuilt every frame and queried point by point; the reference.
-    KdTree,
-}
-
-named_values!(by text Candidates, Batch);
-named_values!(by name StatisticsForm, IndexKind);
+named_values!(by text Candidates);
 
 named_values!(by name Init {
     "random" "Random" "Uniform over the scene's range, independent of the data";
@@ -154,8 +113,7 @@ named_values!(by name Init {
 named_values!(by name ReassignPolicy {
     "off" "Off" "Unused components stay where they are";
     "dense" "Dense" "Before the fit, by a pass over all points and components: slow";
-    "truncated" "Truncated" "Before the fit, by a pass over each point's candidates";
-    "padded" "Padded" "As truncated, in memory reserved before the first frame; the paper's default";
+    "padded" "Padded" "Before the fit, by a pass over each point's candidates; the paper's default";
     "forwarded" "Forwarded" "After the fit, by its scores; takes effect with the next frame";
 });
 
@@ -190,8 +148,6 @@ pub enum Precision {
     F64,
     /// f32 in hot loops about a local centre, 64-bit fixed-point totals.
     Mixed,
-    /// f32 throughout, including totals, which depend on the order of frames and drift.
-    F32,
     /// Chosen by operation, see [`Operations`].
     #[strum(disabled)]
     Custom,
@@ -200,7 +156,6 @@ pub enum Precision {
 named_values!(by name Precision {
     "f64" "Double" "Double precision throughout, the reference";
     "mixed" "Mixed" "Single precision in the loops, exact totals";
-    "f32" "Single" "Single precision throughout: totals depend on the order of frames and drift";
 });
 
 impl Precision {
@@ -209,7 +164,6 @@ impl Precision {
         match self {
             Self::F64 => Some(Operations::F64),
             Self::Mixed => Some(Operations::MIXED),
-            Self::F32 => Some(Operations::F32),
             Self::Custom => None,
         }
     }
@@ -246,8 +200,6 @@ impl Operations {
     pub const F64: Self = Self::all(Width::F64, UpdateWidth::Fixed128);
     /// All in f32 with 64-bit totals.
     pub const MIXED: Self = Self::all(Width::F32, UpdateWidth::Fixed64);
-    /// All in f32.
-    pub const F32: Self = Self::all(Width::F32, UpdateWidth::F32);
 
     /// One width for the loops and one for the totals.
     pub const fn all(width: Width, update: UpdateWidth) -> Self {

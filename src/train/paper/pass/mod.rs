@@ -1,16 +1,15 @@
 //! Parallel pass over a frame's points: search, E-step and per-tile sums.
 //!
 //! Work is split by tiles, and a tile's sums depend only on its points, so records and fixed-point
-//! totals do not depend on the number of threads. There are three implementations: fused (f32, all
-//! stages of a tile at once), plain (any precision, tile by tile) and materialised (stage by stage over
-//! a batch like the reference; slower, for comparison).
+//! totals do not depend on the number of threads. There are two implementations: fused (f32, all
+//! stages of a tile at once) and plain (any precision and number of candidates, stage by stage).
 //!
 //! Buffers belong to threads, not to tasks, so a warm pass allocates nothing.
 
 mod reached;
 mod tasks;
 
-use super::config::{Candidates, Operations, PaperConfig, StatisticsForm, Width};
+use super::config::{Candidates, Operations, PaperConfig, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
 use super::index::{Index, PaperScalar};
 use super::plain::{PlainInputs, PlainMemory};
@@ -24,9 +23,8 @@ use crate::train::estep::Scoring;
 use crate::train::timing::{Lap, StageClock};
 use rayon::prelude::*;
 use reached::{ReachMemory, RerunTiles};
-use std::ops::Range;
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-use tasks::{Columns, batch_end, for_each_part, for_each_task, for_each_tile};
+use tasks::{Columns, for_each_part, for_each_task, for_each_tile};
 
 /// Requested results of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,14 +56,9 @@ pub struct PassInputs<'a, R: PaperScalar> {
 pub struct Pass {
     /// Scratch memory by thread; results never depend on earlier tasks.
     pub(super) workers: Vec<RwLock<Worker>>,
-    /// Tiles that were run again.
     again: RerunTiles,
-    /// Candidates and responsibilities of a batch, if materialised.
-    ids: Vec<u32>,
-    responsibilities: Vec<f64>,
 }
 
-/// Scratch memory of one thread.
 #[derive(Default)]
 pub(super) struct Worker {
     fused: FusedMemory,
@@ -82,7 +75,6 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    /// Number of f32 and f64 records of a shard.
     fn records_of(&self, shard: usize) -> [usize; 2] {
         [self.narrow.get(shard).map_or(0, Vec::len), self.wide.get(shard).map_or(0, Vec::len)]
     }
@@ -130,47 +122,17 @@ impl Pass {
             owners.resize(points.len(), NO_OWNER);
         }
         self.begin(inputs.statistics);
-        let mut tile = 0;
-        while tile < points.n_tiles() {
-            let batch = tile..batch_end(points, tile, inputs.config.batch);
-            tile = batch.end;
-            let range = points.tiles[batch.start] as usize..points.tiles[batch.end] as usize;
-            let owners = owners.as_mut().map_or(&mut [][..], |o| &mut o[range.clone()]);
-            let columns = Columns { ids: &mut [], scores: &mut [], q: &mut q[range], owners };
-            self.run_batch(inputs, points, batch, output, columns);
+        let owners = owners.map_or(&mut [][..], |owners| owners);
+        let columns = Columns { q, owners };
+        match fused_inputs(inputs, points) {
+            Some(inputs) => self.run_fused(inputs, output, columns),
+            None => self.run_plain(plain_inputs(inputs, points), output, columns),
         }
     }
 
-    fn run_batch<R: PaperScalar>(
-        &mut self,
-        inputs: &PassInputs<R>,
-        points: &Points<R>,
-        batch: Range<usize>,
-        output: Output,
-        columns: Columns,
-    ) {
-        let shard_bits = inputs.statistics.shard_bits();
-        if let Some(inputs) = fused_inputs(inputs, points) {
-            return self.run_fused(inputs, batch, output, columns);
-        }
-        let &PassInputs { model, index, scoring, candidates, config, .. } = inputs;
-        let operations = config.operations;
-        let inputs =
-            PlainInputs { model, index, points, scoring, candidates, operations, shard_bits };
-        match config.statistics {
-            StatisticsForm::Fused => self.run_plain(inputs, batch, output, columns),
-            StatisticsForm::Unfused => self.run_materialised(inputs, batch, output, columns),
-        }
-    }
-
-    fn run_fused(
-        &self,
-        inputs: FusedInputs,
-        batch: Range<usize>,
-        output: Output,
-        columns: Columns,
-    ) {
-        for_each_task(inputs.points, batch, 0, columns, &|tiles, columns| {
+    fn run_fused(&self, inputs: FusedInputs, output: Output, columns: Columns) {
+        let all = 0..inputs.points.n_tiles();
+        for_each_task(inputs.points, all, columns, &|tiles, columns| {
             let mut worker = self.worker();
             let Worker { fused, narrow, clock, .. } = &mut *worker;
             let records = (output == Output::ElboAndSums).then_some(&mut narrow[..]);
@@ -186,18 +148,12 @@ impl Pass {
         });
     }
 
-    /// Runs all stages tile by tile.
-    fn run_plain<R: PaperScalar>(
-        &self,
-        inputs: PlainInputs<R>,
-        batch: Range<usize>,
-        output: Output,
-        columns: Columns,
-    ) {
-        for_each_task(inputs.points, batch, 0, columns, &|tiles, columns| {
+    fn run_plain<R: PaperScalar>(&self, inputs: PlainInputs<R>, output: Output, columns: Columns) {
+        let all = 0..inputs.points.n_tiles();
+        for_each_task(inputs.points, all, columns, &|tiles, columns| {
             let mut worker = self.worker();
             let Worker { plain, ids, scores, narrow, wide, clock, .. } = &mut *worker;
-            for_each_tile(inputs.points, tiles, 0, columns, |tile, columns| {
+            for_each_tile(inputs.points, tiles, columns, |tile, columns| {
                 let range = inputs.points.tile(tile);
                 // Stages are slow in this implementation, so every tile can be timed.
                 clock.begin_tile(true);
@@ -209,58 +165,15 @@ impl Pass {
                 inputs.find_owners(ids, scores, columns.owners);
                 clock.lap(Lap::EStep);
                 if output == Output::ElboAndSums {
-                    sum(&inputs, plain, tile, (ids, scores), narrow, wide);
+                    let pairs = (&ids[..], &scores[..]);
+                    match inputs.operations.moments {
+                        Width::F32 => inputs.sum_narrow(plain, tile, pairs, narrow),
+                        Width::F64 => inputs.sum_wide(plain, tile, pairs, wide),
+                    }
                     clock.lap(Lap::Stats);
                 }
             });
         });
-    }
-
-    /// Runs each stage over the whole batch.
-    fn run_materialised<R: PaperScalar>(
-        &mut self,
-        inputs: PlainInputs<R>,
-        batch: Range<usize>,
-        output: Output,
-        columns: Columns,
-    ) {
-        let per_point = inputs.per_point();
-        // Taken out of `self`, whose workers are borrowed by the stages.
-        let mut ids = std::mem::take(&mut self.ids);
-        let mut responsibilities = std::mem::take(&mut self.responsibilities);
-        ids.resize(columns.q.len() * per_point, 0);
-        responsibilities.resize(columns.q.len() * per_point, 0.0);
-        let mut columns = Columns { ids: &mut ids, scores: &mut responsibilities, ..columns };
-        let mut stage = |lap, run: &(dyn Fn(&mut Worker, usize, Columns) + Sync)| {
-            let columns = columns.reborrow();
-            for_each_task(inputs.points, batch.clone(), per_point, columns, &|tiles, columns| {
-                let mut worker = self.worker();
-                worker.clock.begin_tile(true);
-                for_each_tile(inputs.points, tiles, per_point, columns, |tile, columns| {
-                    run(&mut worker, tile, columns);
-                });
-                worker.clock.lap(lap);
-            });
-        };
-        stage(Lap::Candidates, &|worker, tile, columns| {
-            let Worker { plain, ids, .. } = worker;
-            inputs.find(plain, inputs.points.tile(tile), ids);
-            columns.ids.copy_from_slice(ids);
-        });
-        stage(Lap::EStep, &|_, tile, columns| {
-            inputs.score(inputs.points.tile(tile), columns.ids, columns.scores);
-        });
-        stage(Lap::EStep, &|_, _, columns| {
-            inputs.normalise(columns.scores, columns.q);
-            inputs.find_owners(columns.ids, columns.scores, columns.owners);
-        });
-        if output == Output::ElboAndSums {
-            stage(Lap::Stats, &|worker, tile, columns| {
-                let Worker { plain, narrow, wide, .. } = worker;
-                sum(&inputs, plain, tile, (columns.ids, columns.scores), narrow, wide);
-            });
-        }
-        (self.ids, self.responsibilities) = (ids, responsibilities);
     }
 
     /// Computes candidates and responsibilities of each point.
@@ -268,11 +181,7 @@ impl Pass {
         inputs: &PassInputs<R>,
         points: &Points<R>,
     ) -> Vec<Vec<(u32, f64)>> {
-        let &PassInputs { model, index, scoring, candidates, config, statistics } = inputs;
-        let shard_bits = statistics.shard_bits();
-        let operations = config.operations;
-        let inputs =
-            PlainInputs { model, index, points, scoring, candidates, operations, shard_bits };
+        let inputs = plain_inputs(inputs, points);
         let (mut memory, mut ids) = (PlainMemory::default(), Vec::new());
         let per_point = inputs.per_point();
         let mut found = Vec::with_capacity(points.len());
@@ -336,7 +245,7 @@ impl Pass {
 
     /// Adds the sums of the last pass to the totals.
     pub fn commit(&self, statistics: &mut Statistics, moments: Width) {
-        // Any order of threads works: integer sums do not depend on it, and f32 totals sort their input.
+        // Any order of threads works: integer sums do not depend on it.
         match moments {
             Width::F32 => statistics.add_frame(|shard, add| {
                 self.read_workers().for_each(|w| {
@@ -363,7 +272,6 @@ impl Pass {
     }
 }
 
-/// Returns the inputs of the fused kernels, if they support the configuration.
 pub(super) fn fused_inputs<'a, R: PaperScalar>(
     inputs: &PassInputs<'a, R>,
     points: &'a Points<R>,
@@ -385,9 +293,8 @@ pub(super) fn fused_inputs<'a, R: PaperScalar>(
 pub(super) fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
     let Operations { distance, log_score, normaliser, moments, .. } = inputs.config.operations;
     let is_narrow = [distance, log_score, normaliser, moments].iter().all(|&w| w == Width::F32);
-    let is_fused = inputs.config.statistics == StatisticsForm::Fused;
     match inputs.candidates {
-        Candidates::Nearest(n) if is_narrow && is_fused && inputs.index.tree().is_none() => {
+        Candidates::Nearest(n) if is_narrow && !inputs.config.is_plain => {
             // There may be fewer components than candidates: all are candidates then.
             Some(n.min(inputs.model.len())).filter(|&rank| rank > 0)
         }
@@ -395,21 +302,15 @@ pub(super) fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize
     }
 }
 
-fn sum<R: PaperScalar>(
-    inputs: &PlainInputs<R>,
-    memory: &mut PlainMemory,
-    tile: usize,
-    pairs: (&[u32], &[f64]),
-    narrow: &mut [Vec<TileRecord<f32>>],
-    wide: &mut [Vec<TileRecord<f64>>],
-) {
-    match inputs.operations.moments {
-        Width::F32 => inputs.sum_narrow(memory, tile, pairs, narrow),
-        Width::F64 => inputs.sum_wide(memory, tile, pairs, wide),
-    }
+fn plain_inputs<'a, R: PaperScalar>(
+    inputs: &PassInputs<'a, R>,
+    points: &'a Points<R>,
+) -> PlainInputs<'a, R> {
+    let &PassInputs { model, index, scoring, candidates, config, statistics } = inputs;
+    let (operations, shard_bits) = (config.operations, statistics.shard_bits());
+    PlainInputs { model, index, points, scoring, candidates, operations, shard_bits }
 }
 
-/// Number of tiles tested per parallel task.
 const PART: usize = 64;
 
 impl Pass {
@@ -468,12 +369,12 @@ impl Pass {
         q: &mut [f64],
         owners: &mut [u32],
     ) {
-        let columns = Columns { ids: &mut [], scores: &mut [], q, owners };
+        let columns = Columns { q, owners };
         for_each_part(inputs.points, tiles, 0, columns, &|tile, columns| {
             let mut worker = self.worker();
             let Worker { fused: memory, narrow, clock, .. } = &mut *worker;
             let records = (output == Output::ElboAndSums).then_some(&mut narrow[..]);
-            let (inputs, tiles, Columns { q, owners, .. }) = (*inputs, tile..tile + 1, columns);
+            let (inputs, tiles, Columns { q, owners }) = (*inputs, tile..tile + 1, columns);
             Isa::best().run(FusedTiles { inputs, memory, tiles, q, owners, records, clock });
         });
     }

@@ -6,7 +6,6 @@ use crate::model::conjugate::statistics::TileRecord;
 use crate::train::candidates::{AnyWithin, Columns, MeanGrid};
 use crate::train::paper::fused::FusedInputs;
 
-/// Tiles that were run again.
 #[derive(Default)]
 pub(super) struct RerunTiles {
     /// True for each tile that was run again; empty if none were.

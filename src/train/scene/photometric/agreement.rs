@@ -3,7 +3,7 @@
 
 use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
-use crate::train::scene::component_sums::{ComponentSums, SumScalar};
+use crate::train::scene::component_sums::ComponentSums;
 use crate::train::scene::components::SeedPositions;
 use crate::train::scene::grid::NONE;
 use crate::train::scene::observe::FrameView;
@@ -37,9 +37,9 @@ pub struct FrameAgreement {
 }
 
 /// A frame and the scene before training on it.
-pub struct FrameBesideScene<'a, W> {
+pub struct FrameBesideScene<'a> {
     /// Sums of the components.
-    pub component_sums: &'a ComponentSums<W>,
+    pub component_sums: &'a ComponentSums,
     /// Seeds of the components.
     pub seed_positions: SeedPositions<'a>,
     /// Structural scale, world units.
@@ -56,7 +56,7 @@ pub struct FrameBesideScene<'a, W> {
     pub gain: [f32; 3],
 }
 
-impl<W: SumScalar> FrameBesideScene<'_, W> {
+impl FrameBesideScene<'_> {
     /// Measures the agreement; zeros where too few points or components are known.
     pub fn agreement(&self) -> FrameAgreement {
         let mut found = FrameAgreement::default();

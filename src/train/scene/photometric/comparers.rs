@@ -29,7 +29,6 @@ pub struct TrainingView {
     pub per_depth_pixel: f64,
 }
 
-/// Comparers with their buffers.
 #[derive(Default)]
 pub struct Comparers {
     view: ViewBuffers,
@@ -56,7 +55,6 @@ struct Device {
 }
 
 impl Comparers {
-    /// Adds a device for the following comparisons.
     pub fn add(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
         self.counts = ComparerUse { device: Some(comparer.name()), ..ComparerUse::default() };
         self.before_rest = None;

@@ -22,6 +22,7 @@ use crate::render::cpu::photometric::{
     PhotometricComparer, PhotometricSums, PixelRule, VisibleSplat,
 };
 use crate::train::device_trial::{ComparerUse, DevicePolicy};
+use crate::train::learner::Changed;
 use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
 use crate::train::timing::Stopwatch;
 use agreement::FrameAgreement;
@@ -41,9 +42,26 @@ const BEGUN_BY_TASK: usize = 64;
 /// Components per task that takes steps, in groups of eight visible ones.
 const LEARNT_BY_TASK: usize = 256;
 
-fn pixel_rule(full_coverage: f32, rule: &PhotometricRule) -> PixelRule {
-    let [tau, coverage, depth] = [rule.tau, rule.coverage, rule.depth].map(|value| value as f32);
-    PixelRule { full_coverage, tau, coverage, depth }
+/// Parameters of the steps of a scene's splats.
+#[derive(Clone, Copy)]
+pub struct SplatStep<'a> {
+    rule: &'a PhotometricRule,
+    pixels: PixelRule,
+    /// Mean and extent of each component's points, which bound its splat.
+    extents: &'a PointExtents<'a>,
+}
+
+impl<'a> SplatStep<'a> {
+    /// Creates the parameters; pixels count as fully covered from `full_coverage` on.
+    pub fn new(
+        full_coverage: f64,
+        rule: &'a PhotometricRule,
+        extents: &'a PointExtents<'a>,
+    ) -> Self {
+        let values = [full_coverage, rule.tau, rule.coverage, rule.depth];
+        let [full_coverage, tau, coverage, depth] = values.map(|value| value as f32);
+        Self { rule, pixels: PixelRule { full_coverage, tau, coverage, depth }, extents }
+    }
 }
 
 /// Photometric state with its buffers.
@@ -88,13 +106,6 @@ impl PhotometricLearner {
         self.state.move_by(motion);
     }
 
-    /// Moves the camera of a frame's photograph, if it is still buffered.
-    pub fn move_photograph(&mut self, frame: u64, motion: &Pose) {
-        let is_it = |waiting: &&mut BufferedPhotograph| waiting.view.frame == frame as f64;
-        let waiting = self.state.buffered.iter_mut().filter(is_it);
-        waiting.for_each(|waiting| waiting.view = waiting.view.moved(motion));
-    }
-
     /// Resumes training after [`Self::settled_state`].
     pub fn resume(&mut self) {
         self.comparers.end_settling();
@@ -130,11 +141,22 @@ impl PhotometricLearner {
         });
     }
 
-    /// Sets the observed directions of each component.
-    pub fn observe(&mut self, observed: impl Fn(usize) -> ObservedCone + Sync) {
-        self.runs(LEARNT_BY_TASK).for_each(|run| {
-            for (row, look) in run.appearance.iter_mut().enumerate() {
-                look.observed = observed(run.first + row);
+    /// Sets the observed directions of changed components.
+    pub fn observe(
+        &mut self,
+        changed: Changed<'_>,
+        observed: impl Fn(usize) -> ObservedCone + Sync,
+    ) {
+        self.runs(LEARNT_BY_TASK).for_each(|run| match changed {
+            Changed::Listed(ids) => {
+                for &id in run.own(ids, |id| *id) {
+                    run.appearance[id as usize - run.first].observed = observed(id as usize);
+                }
+            }
+            Changed::All => {
+                for (row, look) in run.appearance.iter_mut().enumerate() {
+                    look.observed = observed(run.first + row);
+                }
             }
         });
     }
@@ -162,31 +184,27 @@ impl PhotometricLearner {
     pub fn train_on_buffered_beyond(
         &mut self,
         most: usize,
-        full_coverage: f32,
-        rule: &PhotometricRule,
-        extents: &PointExtents<'_>,
+        step: &SplatStep<'_>,
     ) -> (Vec<u32>, Option<ComparedPhotograph>) {
         if self.state.buffered.len() <= most {
             return (Vec::new(), None);
         }
         let mut draws = waiting::buffer_rng(&self.state.buffered);
-        self.train_on_drawn(&mut draws, full_coverage, rule, extents)
+        self.train_on_drawn(&mut draws, step)
     }
 
     /// Returns the state after steps for all buffered photographs, and their comparisons; the learner itself
     /// is unchanged.
     pub fn settled_state(
         &mut self,
-        full_coverage: f32,
-        rule: &PhotometricRule,
-        extents: &PointExtents<'_>,
+        step: &SplatStep<'_>,
     ) -> (PhotometricState, Vec<ComparedPhotograph>) {
         let (before, repaired) = (self.state.clone(), self.repaired);
         self.comparers.begin_settling();
         let mut draws = waiting::buffer_rng(&self.state.buffered);
         let mut compared = Vec::new();
         while !self.state.buffered.is_empty() {
-            compared.extend(self.train_on_drawn(&mut draws, full_coverage, rule, extents).1);
+            compared.extend(self.train_on_drawn(&mut draws, step).1);
         }
         self.repaired = repaired;
         (std::mem::replace(&mut self.state, before), compared)
@@ -195,18 +213,16 @@ impl PhotometricLearner {
     fn train_on_drawn(
         &mut self,
         draws: &mut Rng,
-        full_coverage: f32,
-        rule: &PhotometricRule,
-        extents: &PointExtents<'_>,
+        step: &SplatStep<'_>,
     ) -> (Vec<u32>, Option<ComparedPhotograph>) {
-        self.estimate_usual_residual(full_coverage, rule);
+        self.estimate_usual_residual(step.pixels);
         let drawn = draws.below(self.state.buffered.len());
         let drawn = self.state.buffered.swap_remove(drawn);
         // Taken out of `self`, since `learn` borrows it mutably.
         let mut image =
             std::mem::replace(&mut self.image, Image::filled(0, 0, MeasuredPixel::UNKNOWN));
         let unpacked = waiting::unpacked(&drawn, &mut image);
-        let learnt = unpacked.map(|view| self.learn(&view, &image, full_coverage, rule, extents));
+        let learnt = unpacked.map(|view| self.learn(&view, &image, step));
         self.image = image;
         let (changed, outcome) = learnt.unwrap_or_default();
         let frame = drawn.view.frame as u64;
@@ -215,7 +231,7 @@ impl PhotometricLearner {
 
     /// Before the first step, estimates the usual residual from a few buffered photographs, so that outliers
     /// are detected from the start.
-    fn estimate_usual_residual(&mut self, full_coverage: f32, rule: &PhotometricRule) {
+    fn estimate_usual_residual(&mut self, pixels: PixelRule) {
         let Self { state, comparers, image, .. } = self;
         let n = state.buffered.len();
         if waiting::is_known(&state.noise) || n < waiting::SETTLED as usize {
@@ -226,7 +242,6 @@ impl PhotometricLearner {
         for few in 0..waiting::SETTLED as usize {
             let waiting = &state.buffered[few * n / waiting::SETTLED as usize];
             let Some(view) = waiting::unpacked(waiting, image) else { continue };
-            let pixels = pixel_rule(full_coverage, rule);
             let compared = comparers.compare(splats, &view, image, pixels);
             differences.extend(waiting::difference(compared.squared_error, compared.pixels));
         }
@@ -238,21 +253,18 @@ impl PhotometricLearner {
         &mut self,
         view: &TrainingView,
         photograph: &Image<MeasuredPixel>,
-        full_coverage: f32,
-        rule: &PhotometricRule,
-        extents: &PointExtents<'_>,
+        step: &SplatStep<'_>,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
         let PhotometricState { splats, appearance, .. } = &self.state;
         let Some(splats) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
         let every = view.rows.stride();
         let mut comparers = std::mem::take(&mut self.comparers);
-        let pixels = pixel_rule(full_coverage, rule);
-        let compared = comparers.compare(splats, view, photograph, pixels);
+        let compared = comparers.compare(splats, view, photograph, step.pixels);
         let clock = Stopwatch::start();
         let noise = &mut self.state.noise;
         let outcome =
             waiting::judge(noise, compared.squared_error, compared.pixels, view.outlier_factor);
-        let deviation = rule.noise * waiting::usual(noise);
+        let deviation = step.rule.noise * waiting::usual(noise);
         let mut seen = compared.visible_splats(MIN_SEEN / every as f32);
         if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {
             seen.clear();
@@ -260,7 +272,7 @@ impl PhotometricLearner {
         // A row represents those left out. The pixels of one depth pixel count as one, since their residuals
         // share surface point, pose and exposure.
         let variance = deviation * deviation * view.per_depth_pixel / f64::from(every);
-        self.repaired += self.step(&compared, &seen, variance, rule, extents);
+        self.repaired += self.step(&compared, &seen, variance, step);
         comparers.count_step(clock.elapsed_ms());
         self.comparers = comparers;
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
@@ -272,8 +284,7 @@ impl PhotometricLearner {
         compared: &PhotometricSums<'_>,
         seen: &[VisibleSplat],
         variance: f64,
-        rule: &PhotometricRule,
-        extents: &PointExtents<'_>,
+        SplatStep { rule, extents, .. }: &SplatStep<'_>,
     ) -> u64 {
         let isa = Isa::best();
         let repaired = self.runs(LEARNT_BY_TASK).map(|run| {

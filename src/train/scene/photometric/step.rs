@@ -25,7 +25,6 @@ const MOST_SCALE: f64 = 2.0;
 
 /// Consecutive splats with their precision, borrowed from a scene's columns.
 pub struct SplatRun<'a> {
-    /// Number of the first splat.
     pub first: usize,
     pub splats: &'a mut [Splat],
     pub appearance: &'a mut [Appearance],
@@ -37,9 +36,7 @@ pub struct SplatRun<'a> {
 pub struct LearnRun<'a> {
     pub run: SplatRun<'a>,
     pub compared: &'a PhotometricSums<'a>,
-    /// Visible splats of the run.
     pub seen: &'a [VisibleSplat],
-    /// Variance of a pixel's colour.
     pub variance: f64,
     pub rule: &'a PhotometricRule,
     pub extents: &'a PointExtents<'a>,

@@ -42,7 +42,6 @@ impl PoseFit {
     }
 }
 
-/// Residuals of one sample at a pose.
 struct Residual {
     /// Vector from the camera, world axes.
     arm: DVec3,

@@ -19,7 +19,6 @@ pub struct Sample {
     pub position: DVec3,
     /// Unit surface normal in the same axes; zero if unknown.
     pub normal: DVec3,
-    /// Brightness in `[0, 1]`.
     pub brightness: f64,
     /// Half-width of the depth noise, world units.
     pub noise: f64,
@@ -39,7 +38,6 @@ pub struct FrameSamples {
     pub block: usize,
     /// Median depth along the optical axis, world units.
     pub depth: f64,
-    /// Mean brightness, 0 to 1.
     pub brightness: f64,
 }
 

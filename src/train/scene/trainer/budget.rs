@@ -1,62 +1,69 @@
 //! Births within the budget, which may require merging components or coarsening the scale.
 
-use super::SceneTrainer;
+use super::{SceneTrainer, StageClock};
 use crate::observation::surface::SurfacePoint;
-use crate::train::scene::births::{FrameBirths, Limits, create_components};
-use crate::train::scene::component_sums::{ComponentSums, SumScalar};
+use crate::train::scene::births::FrameBirths;
 use crate::train::scene::config::SceneConfig;
-use crate::train::scene::merge::{coarsened, factor, merge_down};
+use crate::train::scene::merge::{coarsened, factor};
 use crate::train::timing::SceneStage;
 
-impl<W: SumScalar> SceneTrainer<W> {
+/// Points without a component.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct UnassignedPoints {
+    /// Points for which the budget had no room.
+    pub budget: u64,
+    /// Points too far from the origin to be distinguished from their neighbours.
+    pub reach: u64,
+}
+
+/// Components created for a frame.
+pub(super) struct FrameComponents {
+    pub born: usize,
+    /// Number of components merged to make room.
+    pub merged: usize,
+    /// True if components were merged or the scale grew.
+    pub is_rebuilt: bool,
+}
+
+impl SceneTrainer {
     /// Creates components for points without one. If the budget is exhausted, others are merged first; if
-    /// merging cannot free enough, the structural scale grows. Returns the numbers of births and of merged
-    /// components.
+    /// merging cannot free enough, the structural scale grows.
     pub(super) fn create_within_budget(
         &mut self,
         points: &[SurfacePoint],
-        mut lap: impl FnMut(SceneStage),
-    ) -> [usize; 2] {
-        let mut births = self.give_birth(points);
-        lap(SceneStage::Births);
+        clock: &mut StageClock,
+    ) -> FrameComponents {
+        let coarsened = self.scene.coarsened;
+        let mut births = self.scene.create_components(points, &mut self.points.owners);
+        clock.lap(SceneStage::Births);
         let mut merged = 0;
         while births.refused > 0
             && let Some(freed) = self.free_components(births.refused)
         {
             merged += freed;
-            lap(SceneStage::Merge);
+            clock.lap(SceneStage::Merge);
             // Components of this frame's points may have been merged.
-            self.assign(points);
-            let more = self.give_birth(points);
+            self.points.assign(&self.scene, points);
+            let more = self.scene.create_components(points, &mut self.points.owners);
             births = FrameBirths { born: births.born + more.born, ..more };
-            lap(SceneStage::Births);
+            clock.lap(SceneStage::Births);
         }
         self.unassigned.budget += births.refused as u64;
         self.unassigned.reach += births.out_of_reach as u64;
-        [births.born, merged]
-    }
-
-    /// Creates components for points without one, within the budget.
-    fn give_birth(&mut self, points: &[SurfacePoint]) -> FrameBirths {
-        let (rule, spacing) = (self.config.births, self.spacing());
-        let seeds = self.config.most_seeds();
-        let limits = match rule.is_order_invariant() {
-            true => Limits { components: seeds, seeds },
-            false => Limits { components: self.config.max_components, seeds },
-        };
-        let Self { grid, components, owners, .. } = self;
-        create_components(rule, spacing, grid, components, points, owners, limits)
+        let is_rebuilt = merged > 0 || self.scene.coarsened != coarsened;
+        if is_rebuilt {
+            // Components without points in the frame have changed too.
+            self.changes.add_all();
+        }
+        FrameComponents { born: births.born, merged, is_rebuilt }
     }
 
     /// Merges components to allow `refused` births, an eighth of the budget at most, and coarsens the scale
     /// if that frees less than half of it. Returns the number of merged components, `None` if nothing can be
-    /// done. It runs before births, so that the budget holds at all times. Components of a lattice must not
-    /// depend on when the budget was reached: they are merged only for drawing.
+    /// done. It runs before births, so that the budget holds at all times.
     fn free_components(&mut self, refused: usize) -> Option<usize> {
-        if self.config.births.is_order_invariant() {
-            return None;
-        }
-        let (most, used) = (self.config.max_components, self.components.used());
+        let most = self.scene.config.max_components;
+        let used = self.scene.seeds.view().components.used();
         // More than this frame needs, since merging takes longer than a frame.
         let room = (most / 16).max(refused.min(most / 8)).max(1);
         // Below the budget the number of seeds is at its limit, and merging retains those. A pass that finds
@@ -68,52 +75,42 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Grows the scale by one step; returns false if it cannot.
     fn coarsen(&mut self) -> bool {
-        let steps = self.coarsened + 1;
-        if !(self.scale * factor(steps)).is_finite() {
+        let steps = self.scene.coarsened + 1;
+        let h = self.scene.asked_scale;
+        if !(h * factor(steps)).is_finite() {
             return false;
         }
-        self.component_sums.grow(self.components.n_rows());
-        let asked = SceneConfig { h: self.scale, ..self.config.clone() };
-        let wider = coarsened::<W>(self.state(), steps)
-            .and_then(|state| Self::restore(&asked, state, self.frames));
+        self.scene.grow_sums();
+        let asked = SceneConfig { h, ..self.scene.config.clone() };
+        let wider = coarsened(self.state(), steps)
+            .and_then(|state| Self::restore(&asked, state, self.scene.frames));
         let Some(wider) = wider else { return false };
         // The photometric state is in world units, and the remaining fields are independent of the scale.
-        self.config = wider.config;
-        self.coarsened = wider.coarsened;
-        (self.hyper, self.scoring) = (wider.hyper, wider.scoring);
-        self.component_elbo.set_scoring(wider.scoring);
-        (self.grid, self.components) = (wider.grid, wider.components);
-        self.component_sums = wider.component_sums;
-        self.kept = wider.kept;
-        self.fits.forget_seeds();
+        self.scene = wider.scene;
+        self.component_elbo.set_scoring(self.scene.scoring);
+        self.points.fits.forget_seeds();
         true
     }
 
-    /// Merges components until `target` are left or none can be merged; returns the number of merged
-    /// components.
-    pub(in crate::train::scene) fn merge_to(&mut self, target: usize) -> usize {
-        self.merge_worthwhile(target, 1)
+    /// Merges components until `target` are left or none can be merged.
+    pub(in crate::train::scene) fn merge_to(&mut self, target: usize) {
+        self.merge_worthwhile(target, 1);
     }
 
-    /// The same, until a pass merges fewer than `worthwhile`.
+    /// Merges until `target` are left, or a pass merges fewer than `worthwhile`; returns the number of merged
+    /// components.
     fn merge_worthwhile(&mut self, target: usize, worthwhile: usize) -> usize {
-        let used = self.components.used();
-        self.component_sums.grow(self.components.n_rows());
-        let photographed = self.config.photometric.is_some();
-        let count = |sums: &ComponentSums<W>, id: usize| sums.sums(id)[0];
-        let n = if photographed { self.component_sums.len() } else { 0 };
-        let before: Vec<f64> = (0..n).map(|id| count(&self.component_sums, id)).collect();
-        let Self { component_sums, components, grid, .. } = self;
-        merge_down(component_sums, components, grid, self.config.h, target, worthwhile);
-        // Contributions of frames to merged components are dropped, and so stay fixed.
-        let has_points = |id: u32| component_sums.plane_sums(id as usize).0 > 0.0;
-        self.kept.iter_mut().for_each(|kept| kept.taught.retain(has_points));
+        let used = self.scene.seeds.view().components.used();
+        self.scene.grow_sums();
+        let n = if self.scene.config.photometric.is_some() { self.scene.sums.len() } else { 0 };
+        let before: Vec<f64> = (0..n).map(|id| self.scene.sums.sums(id)[0]).collect();
+        self.scene.merge_down(target, worthwhile);
         // Estimates of two splats do not describe their union, which is reinitialised.
         for (id, before) in before.into_iter().enumerate() {
-            if count(&self.component_sums, id) != before {
-                self.photometric.remove_splat(id);
+            if self.scene.sums.sums(id)[0] != before {
+                self.photographs.learner.remove_splat(id);
             }
         }
-        used - self.components.used()
+        used - self.scene.seeds.view().components.used()
     }
 }

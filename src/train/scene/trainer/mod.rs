@@ -4,455 +4,291 @@
 //! before points are assigned, births precede the sums, and visibility uses the means after the frame.
 
 mod budget;
-mod photograph;
-mod posing;
+mod changes;
+mod photographs;
+mod points;
+mod poses;
+mod scene;
 mod seam;
-mod second_look;
 
-use super::accumulate::AssignedPoints;
-use super::births::assign_to_lattice;
-use super::component_sums::{ComponentSums, SumScalar};
-use super::components::{Components, SeedPositions};
-use super::config::{BirthRule, SceneConfig, SumForm, VisibilityRule};
-use super::explain::Explainer;
-use super::gain::{MIN_MATCHES, fewest_matches, gain};
-use super::grid::SeedGrid;
+use super::component_sums::ComponentSums;
+use super::config::SceneConfig;
 use super::merge;
 use super::observe::observe;
-use super::photometric::PhotometricLearner;
-use super::point_fits::PointFits;
-use super::spacing::Spacing;
-use crate::math::camera::Camera;
-use crate::model::conjugate::prior::Hyper;
-use crate::model::scene::kept::{ComponentObservation, FrameContribution, StoredFrame};
+use super::track::TrackingLoss;
 use crate::model::scene::photometric::PhotometricState;
-use crate::model::scene::splat_rule::{PointExtent, SplatContext};
-use crate::model::scene::state::{SceneState, TrackedPose, WHOLE, seed_order};
-use crate::model::scene::sums::SceneSums;
-use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
-use crate::model::splat::pose_log::{ExposureLog, FrameExposure, FramePose, PoseLog};
-use crate::model::splat::splats::Splat;
+use crate::model::scene::state::SceneState;
+use crate::model::splat::appearance::{Finishing, SplatSet};
 use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::estep::Scoring;
 use crate::train::learner::Learner;
-use crate::train::outcome::{ComparedPhotograph, FrameOutcome};
+use crate::train::outcome::{FrameOutcome, FrameTracking};
 use crate::train::timing::{SCENE_STAGES, SceneStage, StageMs, Stopwatch};
+use budget::{FrameComponents, UnassignedPoints};
+use changes::Changes;
 use glam::DVec3;
+use photographs::Photographs;
+use points::FramePoints;
+use poses::{PlacedFrame, Poses};
 use rayon::prelude::*;
-use std::collections::VecDeque;
-use std::sync::Arc;
+use scene::{Scene, Seeds};
 
 // Interval, in frames, at which all components are reported as changed.
 const EVERYTHING_EVERY: u64 = 16;
 
-/// Points without a component.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct UnassignedPoints {
-    /// Points for which the budget had no room.
-    pub budget: u64,
-    /// Points too far from the origin to be distinguished from their neighbours.
-    pub reach: u64,
-}
-
-/// Components and buffers; `W` is the number type of the sums.
-pub struct SceneTrainer<W> {
-    /// Configuration, with the current structural scale, which may have grown.
-    config: SceneConfig,
-    /// Configured structural scale, world units.
-    scale: f64,
-    /// Number of steps by which it has grown.
-    coarsened: u32,
-    origin: DVec3,
-    hyper: Hyper,
-    scoring: Scoring,
-    grid: SeedGrid,
-    components: Components,
-    component_sums: ComponentSums<W>,
-    /// Assigns and sums points on the processor or a device.
-    fits: PointFits,
-    owners: Vec<u32>,
-    shifts: Vec<f32>,
-    /// Squared distance of every point of the last frame from its seed.
-    q: Vec<f64>,
+/// Trains a scene, frame by frame.
+pub struct SceneTrainer {
+    scene: Scene,
+    points: FramePoints,
+    poses: Poses,
+    photographs: Photographs,
+    changes: Changes,
     component_elbo: ComponentElbo,
-    touched: Vec<u32>,
-    /// True if the last frame changed components that are not in `touched`.
-    has_changed_all: bool,
-    frames: u64,
     unassigned: UnassignedPoints,
-    /// Exposures of the frames, if gains are estimated.
-    exposures: Vec<FrameExposure>,
-    /// Pose corrections of the frames, unless poses count as exact.
-    poses: Vec<FramePose>,
-    /// Means of the current frame's points by component, from its alignment.
-    shown: Vec<ComponentObservation>,
-    /// Frames that await a second alignment, oldest first.
-    kept: VecDeque<StoredFrame>,
-    /// Tracked camera poses, if poses are tracked.
-    trajectory: Vec<TrackedPose>,
-    /// Buffer for the current frame's points under the corrected pose.
-    moved: Vec<SurfacePoint>,
-    photometric: PhotometricLearner,
-    /// State after steps for all buffered photographs; reset by the next frame.
-    settled: Option<PhotometricState>,
-    /// Comparisons of the last frame, or of the photographs settled since.
-    compared: Vec<ComparedPhotograph>,
 }
 
-impl<W: SumScalar> SceneTrainer<W> {
+impl SceneTrainer {
     /// Creates an empty scene, whose positions are relative to `origin` (world units).
     pub fn new(config: &SceneConfig, origin: DVec3) -> Self {
-        let hyper = Hyper::scene(config.h);
-        let scoring = Scoring::new(&hyper);
-        let grid = match config.births.is_order_invariant() {
-            true => SeedGrid::of_lattice(config.h),
-            false => SeedGrid::new(config.h),
-        };
+        let scene = Scene::new(config, origin);
         Self {
-            config: config.clone(),
-            scale: config.h,
-            coarsened: 0,
-            origin,
-            hyper,
-            scoring,
-            grid,
-            components: Components::default(),
-            component_sums: ComponentSums::default(),
-            fits: PointFits::default(),
-            owners: Vec::new(),
-            shifts: Vec::new(),
-            q: Vec::new(),
-            component_elbo: ComponentElbo::new(scoring),
-            touched: Vec::new(),
-            has_changed_all: false,
-            frames: 0,
+            component_elbo: ComponentElbo::new(scene.scoring),
+            scene,
+            points: FramePoints::default(),
+            poses: Poses::default(),
+            photographs: Photographs::default(),
+            changes: Changes::default(),
             unassigned: UnassignedPoints::default(),
-            exposures: Vec::new(),
-            poses: Vec::new(),
-            shown: Vec::new(),
-            kept: VecDeque::new(),
-            trajectory: Vec::new(),
-            moved: Vec::new(),
-            photometric: PhotometricLearner::default(),
-            settled: None,
-            compared: Vec::new(),
         }
     }
 
-    /// Resumes a scene with the same configuration after `frames` frames; `None` if its sums have another
-    /// form, or seeds are too far from the origin for their scale.
+    /// Resumes a scene with the same configuration after `frames` frames; `None` if seeds are too far from the
+    /// origin for their scale.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
         let h = config.h * merge::factor(state.coarsening_steps);
-        let mut trainer =
-            Self::new(&SceneConfig { h, ..config.clone() }, DVec3::from_array(state.origin));
-        (trainer.scale, trainer.coarsened) = (config.h, state.coarsening_steps);
-        trainer.component_sums = ComponentSums::restore(state.sums, state.visibility)?;
-        let shares = state.shares.unwrap_or_default();
-        for (i, place) in state.seeds.into_iter().enumerate() {
-            if !trainer.grid.has_cell(place) {
-                return None;
-            }
-            let seed = trainer.grid.insert(place);
-            trainer.components.add_seed(seed, shares.get(i).copied().unwrap_or(WHOLE));
-        }
-        if let Some(components) = state.components {
-            trainer.components =
-                Components::restore(components, trainer.component_sums.len(), shares)?;
-        }
-        trainer.exposures = state.exposures;
-        trainer.poses = state.poses;
-        trainer.kept = state.stored_frames.into();
-        trainer.trajectory = state.trajectory;
-        trainer.photometric = PhotometricLearner::restore(state.photometric.unwrap_or_default());
-        let sums = &trainer.component_sums;
-        trainer.photometric.observe(|id| sums.observed_cone(id));
-        trainer.frames = frames;
+        let wider = SceneConfig { h, ..config.clone() };
+        let mut trainer = Self::new(&wider, DVec3::from_array(state.origin));
+        let scene = &mut trainer.scene;
+        (scene.asked_scale, scene.coarsened) = (config.h, state.coarsening_steps);
+        scene.frames = frames;
+        scene.sums = ComponentSums::restore(state.sums, state.visibility);
+        let (shares, n_rows) = (state.shares.unwrap_or_default(), scene.sums.len());
+        scene.seeds = Seeds::restore(h, &state.seeds, state.components, shares, n_rows)?;
+        trainer.poses = Poses::restore((state.exposures, state.poses, state.trajectory));
+        let photometric = state.photometric.unwrap_or_default();
+        trainer.photographs = Photographs::restore(photometric, &trainer.scene);
         Some(trainer)
     }
 
-    /// Returns the current state, with components in their stored order.
+    /// Returns the current state.
     pub fn state(&self) -> SceneState {
-        self.state_with(self.photometric.state())
+        self.state_with(self.photographs.learner.state())
+    }
+
+    /// Returns the state after steps for all buffered photographs.
+    pub(in crate::train::scene) fn into_settled_state(mut self) -> SceneState {
+        self.photographs.settle(&self.scene);
+        self.state_with(self.photographs.drawn())
     }
 
     fn state_with(&self, photometric: &PhotometricState) -> SceneState {
-        let order = self.stored_order();
-        let (sums, visibility) = self.component_sums.state(&order);
-        let components = self.components.shared().map(<[u32]>::to_vec);
-        let seeds = match components {
-            Some(_) => (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect(),
-            None => order.iter().map(|&id| self.grid.position(id as usize)).collect(),
-        };
-        let (exposures, poses) = (self.exposures.clone(), self.poses.clone());
-        let photometric = self.config.photometric.map(|_| photometric.listed(&order));
+        let Scene { config, coarsened, origin, seeds, sums, .. } = &self.scene;
+        let components = seeds.view().components;
+        let n = sums.len();
+        let (sums, visibility) = sums.state();
+        let (exposures, poses, trajectory) = self.poses.columns();
         SceneState {
-            origin: self.origin.to_array(),
-            coarsening_steps: self.coarsened,
-            seeds,
-            shares: self.components.shares().map(<[u8]>::to_vec),
-            components,
+            origin: origin.to_array(),
+            coarsening_steps: *coarsened,
+            seeds: seeds.places(),
+            shares: components.shares().map(<[u8]>::to_vec),
+            components: components.shared().map(<[u32]>::to_vec),
             sums,
             visibility,
             exposures,
             poses,
-            trajectory: self.trajectory.clone(),
-            photometric,
-            stored_frames: self.kept_in(&order),
+            trajectory,
+            photometric: config.photometric.map(|_| photometric.stored(n)),
         }
-    }
-
-    /// Stored frames, with component numbers converted to a stored order.
-    fn kept_in(&self, order: &[u32]) -> Vec<StoredFrame> {
-        if !self.config.births.is_order_invariant() {
-            return self.kept.iter().cloned().collect();
-        }
-        let mut numbers = vec![0; order.len()];
-        (0..).zip(order).for_each(|(number, &id)| numbers[id as usize] = number);
-        self.kept.iter().map(|kept| kept.renumbered(&numbers)).collect()
-    }
-
-    /// Components in checkpoint order. If components do not depend on the order of frames, neither does this
-    /// order.
-    fn stored_order(&self) -> Vec<u32> {
-        let ids = 0..self.component_sums.len() as u32;
-        if !self.config.births.is_order_invariant() {
-            return ids.collect();
-        }
-        let mut seeds: Vec<_> = ids.map(|id| (self.grid.position(id as usize), id)).collect();
-        // Parallel, since training is blocked while a checkpoint is saved.
-        seeds.par_sort_unstable_by(|(a, _), (b, _)| seed_order(a, b));
-        seeds.into_iter().map(|(_, id)| id).collect()
     }
 
     /// Trains on one frame; cannot fail.
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
-        let was_settled = self.drop_settled();
-        let outcome = self.learn_frame(frame);
-        self.has_changed_all |= was_settled;
-        outcome
+        let mut clock = StageClock::start();
+        self.changes.restart(self.photographs.resume());
+        let outcome = self.learn_frame(frame, &mut clock);
+        FrameOutcome { ms: clock.finish(), ..outcome }
     }
 
-    fn learn_frame(&mut self, frame: &Observation) -> FrameOutcome {
-        let wall = Stopwatch::start();
-        let mut ms = StageMs::new(&SCENE_STAGES);
-        let mut clock = Stopwatch::start();
-        let mut lap = |ms: &mut StageMs, stage: SceneStage| ms.add(stage as usize, clock.lap_ms());
-        let (moved, camera) = match self.points_and_camera(frame) {
+    fn learn_frame(&mut self, frame: &Observation, clock: &mut StageClock) -> FrameOutcome {
+        let placed = self.place(frame);
+        clock.lap(SceneStage::Pose);
+        let (placed, tracking) = match placed {
             Ok(placed) => placed,
             Err(loss) => {
-                lap(&mut ms, SceneStage::Pose);
-                ms.train = wall.elapsed_ms();
-                return self.skip_frame(loss, ms);
+                return FrameOutcome {
+                    tracking: Some(FrameTracking::Lost(loss)),
+                    ..FrameOutcome::default()
+                };
             }
         };
-        let tracking = self.tracking();
-        let points = moved.as_deref().unwrap_or(&frame.points);
-        lap(&mut ms, SceneStage::Pose);
-        self.begin_and_assign(points);
-        let gain = self.gain(points, frame.point_weight);
-        let contradicts = self.is_outlier(frame, &camera, points, gain);
-        lap(&mut ms, SceneStage::Assign);
-        if contradicts {
-            self.touched.clear();
-            self.end_frame(moved, false);
-            ms.train = wall.elapsed_ms();
-            return FrameOutcome { tracking, ms, ..FrameOutcome::default() };
+        let (points, weight) = (placed.points(frame), frame.point_weight);
+        self.points.assign_new(&self.scene, points);
+        let gain = self.points.gain(&self.scene, points, weight);
+        let is_outlier = self.is_outlier(frame, &placed, gain);
+        clock.lap(SceneStage::Assign);
+        if is_outlier {
+            self.poses.recycle(placed);
+            self.end_frame();
+            return FrameOutcome { tracking, ..FrameOutcome::default() };
         }
-        let coarsened = self.coarsened;
-        let [born, merged] = self.create_within_budget(points, |stage| lap(&mut ms, stage));
+        let FrameComponents { born, merged, is_rebuilt } = self.create_within_budget(points, clock);
         let (n_points, elbo_mean) = self.explain(points, frame.tolerance);
         // Merging and coarsening may have changed the assignment.
-        let is_rebuilt = merged > 0 || self.coarsened != coarsened;
-        let gain = if is_rebuilt { self.gain(points, frame.point_weight) } else { gain };
-        lap(&mut ms, SceneStage::Refine);
-        let taught = self.sum_up(points, frame.point_weight, gain);
-        lap(&mut ms, SceneStage::Stats);
+        let gain = if is_rebuilt { self.points.gain(&self.scene, points, weight) } else { gain };
+        clock.lap(SceneStage::Refine);
+        self.points.sum_up(&mut self.scene, points, weight, gain, self.changes.touched());
+        clock.lap(SceneStage::Stats);
         // After the sums, so that components count the frame in which they were born.
-        self.count_visibility(frame, &camera);
-        lap(&mut ms, SceneStage::Visibility);
-        let changes = self.train_on_photograph_and_realign(frame, &camera, gain, taught);
-        lap(&mut ms, SceneStage::Photometric);
-        self.log_frame(frame, &camera, gain);
-        changes.iter().for_each(|change| self.apply_change(change));
-        let is_moved = self.move_to_recorded(frame);
-        lap(&mut ms, SceneStage::Pose);
-        // Second alignment, merging and coarsening also change components without points.
-        self.end_frame(moved, is_rebuilt || is_moved);
-        ms.train = wall.elapsed_ms();
+        self.count_visibility(frame, &placed);
+        clock.lap(SceneStage::Visibility);
+        self.photographs.learn(&self.scene, frame, &placed.camera, gain, &mut self.changes);
+        clock.lap(SceneStage::Photometric);
+        self.poses.log(&self.scene, frame, placed, gain);
+        self.move_to_recorded(frame);
+        self.end_frame();
+        clock.lap(SceneStage::Pose);
         FrameOutcome {
             points: n_points,
-            evidence: n_points as u64 * u64::from(frame.point_weight),
+            evidence: n_points as u64 * u64::from(weight),
             elbo_mean,
             new_components: born,
-            reassigned: 0,
             merged,
             tracking,
-            ms,
+            ..FrameOutcome::default()
         }
     }
 
-    /// Logs a frame's exposure and pose correction, if they were estimated.
-    fn log_frame(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
-        if self.config.gain {
-            self.exposures.push(FrameExposure::new(&camera.pose, gain));
+    /// Trains on the photograph of a frame whose points were added in an earlier pass, unless it is an
+    /// outlier.
+    pub fn train_on_photograph(&mut self, frame: &Observation) -> FrameOutcome {
+        let mut clock = StageClock::start();
+        self.changes.restart(self.photographs.resume());
+        let placed = self.poses.align(&self.scene, frame, &mut self.points.owners);
+        clock.lap(SceneStage::Pose);
+        let points = placed.points(frame);
+        self.points.fits.begin_untimed_frame();
+        self.points.assign(&self.scene, points);
+        let gain = self.points.gain(&self.scene, points, frame.point_weight);
+        let is_outlier = self.is_outlier(frame, &placed, gain);
+        clock.lap(SceneStage::Assign);
+        if !is_outlier {
+            self.photographs.learn(&self.scene, frame, &placed.camera, gain, &mut self.changes);
         }
-        if self.config.align && !self.config.track {
-            self.poses.push(FramePose::new(&frame.camera.pose, &camera.pose));
-        }
+        self.poses.recycle(placed);
+        self.end_frame();
+        clock.lap(SceneStage::Photometric);
+        FrameOutcome { ms: clock.finish(), ..FrameOutcome::default() }
     }
 
-    /// Splat of a component from its points alone.
-    fn splat_of_points(&self, id: usize) -> (Splat, Appearance) {
-        self.config.splat_rule.splat(&self.sums(id), &self.splat_context(id))
-    }
-
-    /// Mean and extent of a component's points.
-    fn point_extent(&self, id: usize) -> Option<PointExtent> {
-        self.config.splat_rule.extent(&self.sums(id), &self.splat_context(id))
-    }
-
-    /// Counts the components that the frame saw or saw through.
-    fn count_visibility(&mut self, frame: &Observation, camera: &Camera) {
-        // Every frame: a row that is not full can take one more frame, since accumulation sums a component
-        // with more than 4,096 points wide at once.
-        self.component_sums.spill_to_wide_rows(&self.touched);
-        if self.config.visibility == VisibilityRule::Projected {
-            let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-            observe(&mut self.component_sums, seed_positions, frame, camera, self.config.h);
+    /// Corrects the pose of a frame, or finds it if poses are tracked.
+    fn place(
+        &mut self,
+        frame: &Observation,
+    ) -> Result<(PlacedFrame, Option<FrameTracking>), TrackingLoss> {
+        if !self.scene.config.track {
+            return Ok((self.poses.align(&self.scene, frame, &mut self.points.owners), None));
         }
+        let tracked = self.poses.track(frame, || self.splats())?;
+        let owners = &mut self.points.owners;
+        let (placed, found) = self.poses.place_tracked(&self.scene, frame, &tracked, owners);
+        Ok((placed, Some(FrameTracking::Placed(found))))
+    }
+
+    /// Returns the most probable motion of a recorded frame.
+    #[cfg(test)]
+    pub(in crate::train::scene) fn motion(
+        &mut self,
+        frame: &Observation,
+    ) -> Option<super::rigid_equations::Motion> {
+        let part = super::align::alignment_subset(frame);
+        self.poses.motion(&self.scene, &part, &mut self.points.owners)
+    }
+
+    fn is_outlier(&mut self, frame: &Observation, placed: &PlacedFrame, gain: [f32; 3]) -> bool {
+        let owners = &self.points.owners;
+        self.photographs.is_outlier(&self.scene, frame, placed, owners, gain)
     }
 
     /// Finds the most probable depths of the points. Returns the number of points with a component and the
     /// mean ELBO of their measured positions under the initial model; 0 without points.
     fn explain(&mut self, points: &[SurfacePoint], tolerance: DepthTolerance) -> (usize, f64) {
-        let explainer = Explainer {
-            component_sums: &self.component_sums,
-            seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
-            h: self.config.h,
-            spacing: self.spacing(),
-            tolerance,
-            refines: self.config.refine,
-        };
-        let (sum, n) = explainer.explain(points, &self.owners, &mut self.q, &mut self.shifts);
+        let (sum, n) = self.points.explain(&self.scene, points, tolerance);
         if let Some(owners) = self.component_elbo.owners() {
-            owners.clone_from(&self.owners);
-            self.component_elbo.accumulate(&self.q, self.components.n_rows());
+            owners.clone_from(&self.points.owners);
+            let n_rows = self.scene.seeds.view().components.n_rows();
+            self.component_elbo.accumulate(&self.points.q, n_rows);
         }
-        (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
+        (n, if n == 0 { 0.0 } else { self.scene.scoring.elbo(sum / n as f64) })
     }
 
-    /// `weight` is the number of pixels per point.
-    fn gain(&self, points: &[SurfacePoint], weight: u32) -> [f32; 3] {
-        let fewest = fewest_matches(points.len(), MIN_MATCHES / f64::from(weight));
-        self.gain_of(points, &self.owners, fewest)
+    /// Counts the components that the frame saw or saw through.
+    fn count_visibility(&mut self, frame: &Observation, placed: &PlacedFrame) {
+        let Scene { config, seeds, sums, .. } = &mut self.scene;
+        observe(sums, seeds.view(), frame, &placed.camera, config.h);
     }
 
-    fn gain_of(&self, points: &[SurfacePoint], owners: &[u32], fewest: f64) -> [f32; 3] {
-        let (is_fitted, sums) = (self.config.gain, &self.component_sums);
-        if is_fitted { gain(sums, points, owners, fewest) } else { [1.0; 3] }
-    }
-
-    /// Returns all sums of a component, in world units about its seed.
-    pub fn sums(&self, id: usize) -> SceneSums {
-        SceneSums::new(&self.component_sums.sums(id), self.config.h)
-    }
-
-    /// Returns the inputs of a component's splat: seed (world units), scale and expected returns.
-    pub fn splat_context(&self, id: usize) -> SplatContext {
-        let seed = self.seed(id);
-        let expected = self.component_sums.row(id).expected();
-        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-        let h = self.config.h * seed_positions.share(id);
-        SplatContext { seed: self.origin + seed, h, expected, frames: self.frames }
-    }
-
-    /// Seed of a component's sums, world units from the origin.
-    fn seed(&self, id: usize) -> DVec3 {
-        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-        DVec3::from_array(seed_positions.of(id).map(f64::from))
-    }
-
-    /// Merged copy of a lattice that exceeds its budget; if merging does not suffice, components with the
-    /// fewest points are dropped.
-    fn merged_to_budget(&self) -> Option<Self> {
-        let most = self.config.max_components;
-        if !self.config.births.is_order_invariant() || self.components.used() <= most {
-            return None;
+    /// Moves the whole scene to where the corrections of its frames are smallest, if that is due.
+    fn move_to_recorded(&mut self, frame: &Observation) {
+        let Some(motion) = self.poses.common_motion(&self.scene, frame) else { return };
+        if !self.scene.seeds.move_by(&motion, self.scene.origin) {
+            return;
         }
-        // Restored in stored order, that of the lattice, since the order of births depends on the frames.
-        let mut merged =
-            Self::restore(&self.config, self.state_with(self.drawn_state()), self.frames)?;
-        merged.merge_to(most);
-        for id in merged.component_sums.retain_fullest(most) {
-            merged.photometric.remove_splat(id as usize);
+        // The device has the old seeds.
+        self.points.fits.forget_seeds();
+        self.scene.sums.rotate(motion.rotation());
+        self.photographs.move_by(&self.scene, &motion);
+        self.poses.move_by(&motion);
+        self.changes.add_all();
+    }
+
+    /// Counts a frame, whether trained on or skipped as an outlier.
+    fn end_frame(&mut self) {
+        self.scene.frames += 1;
+        // Visibility counts change opacities of components that received no point.
+        if self.scene.frames.is_multiple_of(EVERYTHING_EVERY) {
+            self.changes.add_all();
         }
-        Some(merged)
     }
 
-    fn every_splat(&self) -> SplatSet {
-        let splats = (0..self.component_sums.len()).into_par_iter().with_min_len(256);
-        let (splats, appearance) = splats.map(|id| self.splat(id)).unzip();
-        self.set_of(splats, appearance)
-    }
-
-    fn set_of(&self, splats: Vec<Splat>, appearance: Vec<Appearance>) -> SplatSet {
-        let h = self.config.h;
-        let exposures = (!self.exposures.is_empty())
-            .then(|| Arc::new(ExposureLog::new(self.exposures.clone(), h)));
-        let poses = (!self.poses.is_empty()).then(|| Arc::new(PoseLog::new(self.poses.clone(), h)));
-        let full_coverage = self.config.splat_rule.full_coverage as f32;
+    fn set_of(&self, ids: impl IndexedParallelIterator<Item = usize>) -> SplatSet {
+        let (splats, appearance): (Vec<_>, Vec<_>) =
+            ids.with_min_len(256).map(|id| self.splat(id)).unzip();
+        let (exposures, poses) = self.poses.logs(self.scene.config.h);
+        let full_coverage = self.scene.config.splat_rule.full_coverage as f32;
         SplatSet::new(splats, appearance).finished(Finishing { full_coverage, exposures, poses })
     }
 }
 
-impl<W: SumScalar> SceneTrainer<W> {
-    /// True if a device can search seeds and sum points with the processor's bits: it supports whole quanta
-    /// about seeds born at points, and visibility by projection, only.
-    fn can_fit_on_device(&self) -> bool {
-        let SceneConfig { sums, births, visibility, .. } = &self.config;
-        *sums == SumForm::Mixed
-            && *births == BirthRule::Seeds
-            && *visibility == VisibilityRule::Projected
+/// Times the stages of one frame.
+struct StageClock {
+    wall: Stopwatch,
+    stage: Stopwatch,
+    ms: StageMs,
+}
+
+impl StageClock {
+    fn start() -> Self {
+        let ms = StageMs::new(&SCENE_STAGES);
+        Self { wall: Stopwatch::start(), stage: Stopwatch::start(), ms }
     }
 
-    /// Assigns the points of a new frame, for which the device is chosen first.
-    fn begin_and_assign(&mut self, points: &[SurfacePoint]) {
-        self.fits.begin_frame(points.len(), self.config.h);
-        self.assign(points);
+    fn lap(&mut self, stage: SceneStage) {
+        self.ms.add(stage as usize, self.stage.lap_ms());
     }
 
-    /// Assigns the points of the current frame, possibly again.
-    fn assign(&mut self, points: &[SurfacePoint]) {
-        let (rule, spacing) = (self.config.births, self.spacing());
-        let Self { fits, grid, components, owners, .. } = self;
-        match rule {
-            BirthRule::Seeds => fits.assign(grid, components, spacing, points, owners),
-            BirthRule::Lattice | BirthRule::BodyCentred => {
-                assign_to_lattice(rule, spacing.h(), grid, components, points, owners);
-            }
-        }
-    }
-
-    fn spacing(&self) -> Spacing {
-        Spacing::new(self.config.h, self.config.near).with_ray_search(self.config.ray_search)
-    }
-
-    /// Adds the points to the sums; returns the contributions if frames are stored for a second alignment.
-    fn sum_up(
-        &mut self,
-        points: &[SurfacePoint],
-        weight: u32,
-        gain: [f32; 3],
-    ) -> Option<FrameContribution> {
-        self.component_sums.grow(self.components.n_rows());
-        let (owners, shifts) = (&self.owners, &self.shifts);
-        let is_noted = self.config.aligns_twice();
-        let matched =
-            AssignedPoints { points, owners, shifts, gain, weight, returns_contribution: is_noted };
-        let (h, looks) = (self.config.h, self.config.visibility);
-        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-        let (sums, touched) = (&mut self.component_sums, &mut self.touched);
-        self.fits.accumulate(sums, seed_positions, matched, h, looks, touched)
+    fn finish(mut self) -> StageMs {
+        self.ms.train = self.wall.elapsed_ms();
+        self.ms
     }
 }

@@ -1,27 +1,27 @@
 //! Implementation of the trainer traits for the scene preset.
 
 use super::SceneTrainer;
+use super::budget::UnassignedPoints;
+use super::scene::Scene;
 use crate::model::attributes::StoredModel;
 use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::inspection::DeviceError;
 use crate::model::scene::photometric::PhotometricDeviations;
-use crate::model::scene::points_device::PointsDevice;
 use crate::model::scene::splat_rule::SplatRule;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::Observation;
-use crate::render::cpu::photometric::PhotometricComparer;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::device_trial::{ComparerUse, DevicePolicy, PassUse};
-use crate::train::learner::{Changed, Learner, Learns};
+use crate::train::device_trial::DevicePolicy;
+use crate::train::learner::{Changed, DeviceUse, Learner, Learns, TrainingDevice};
 use crate::train::outcome::{ComparedPhotograph, FrameOutcome, TrainingWarning};
-use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::engine::SceneLearner;
 use crate::train::timing::{SCENE_STAGES, TrainStage};
 use glam::DVec3;
 use rayon::prelude::*;
 
-impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
+impl Learns<Observation> for SceneTrainer {
     fn learn(&mut self, frame: &Observation) -> Result<FrameOutcome, IndexError> {
         Ok(self.train(frame))
     }
@@ -31,34 +31,34 @@ impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
     }
 }
 
-impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
+impl SceneLearner for SceneTrainer {
     fn set_splat_rule(&mut self, rule: SplatRule) {
-        self.config.splat_rule = rule;
+        self.scene.config.splat_rule = rule;
         // It was computed from pictures drawn with the previous rule.
-        self.settled = None;
+        self.photographs.unsettle();
     }
 }
 
-impl<W: SumScalar> Learner for SceneTrainer<W> {
+impl Learner for SceneTrainer {
     fn stages(&self) -> &'static [TrainStage] {
         &SCENE_STAGES
     }
 
     fn frames(&self) -> u64 {
-        self.frames
+        self.scene.frames
     }
 
     /// Number of rows of sums, used or free.
     fn components(&self) -> usize {
-        self.component_sums.len()
+        self.scene.sums.len()
     }
 
     fn used(&self) -> usize {
-        self.components.used()
+        self.scene.seeds.view().components.used()
     }
 
     fn changed(&self) -> Changed<'_> {
-        if self.has_changed_all { Changed::All } else { Changed::Listed(&self.touched) }
+        self.changes.get()
     }
 
     fn changes_unlisted_components(&self) -> bool {
@@ -66,84 +66,80 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 
     fn model_bytes(&self) -> usize {
-        self.component_sums.bytes()
-            + self.grid.bytes()
-            + self.components.bytes()
-            + self.photometric.state().bytes()
+        let Scene { sums, seeds, .. } = &self.scene;
+        sums.bytes() + seeds.bytes() + self.photographs.learner.state().bytes()
     }
 
     /// World units relative to the scene's origin, colours normalised. The prior mean is the seed
     /// (`model.md`, Quirks of the reference).
     fn posterior(&self, id: usize) -> ComponentPosterior {
-        let moments = self.sums(id).moments();
+        let moments = self.scene.sums_of(id).moments();
         // Computed about the seed, so that the prior pulls towards it and not to the origin, then moved.
-        let mut posterior = ComponentPosterior::new(&self.hyper, DVec3::ZERO, &moments);
-        posterior.mean_space += self.seed(id);
+        let mut posterior = ComponentPosterior::new(&self.scene.hyper, DVec3::ZERO, &moments);
+        posterior.mean_space += self.scene.seed(id);
         posterior
     }
 
     fn photometric_deviations(&self, id: usize) -> Option<PhotometricDeviations> {
-        PhotometricDeviations::of(self.drawn_state(), id)
+        PhotometricDeviations::of(self.photographs.drawn(), id)
     }
 
     fn compared_photographs(&self) -> &[ComparedPhotograph] {
-        &self.compared
+        self.photographs.compared()
     }
 
     fn settle(&mut self) -> bool {
-        self.settle_photographs()
+        let is_new = self.photographs.settle(&self.scene);
+        if is_new {
+            self.changes.add_all();
+        }
+        is_new
     }
 
     fn is_settled(&self) -> bool {
-        self.settled.is_some()
+        self.photographs.is_settled()
     }
 
-    fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
-        self.photometric.compare_on(comparer, policy);
+    fn add_device(
+        &mut self,
+        device: TrainingDevice,
+        policy: DevicePolicy,
+    ) -> Result<(), DeviceError> {
+        match device {
+            TrainingDevice::Photographs(device) => {
+                self.photographs.learner.compare_on(device, policy);
+            }
+            TrainingDevice::Points(device) => self.points.fits.add_device(device, policy),
+            TrainingDevice::Passes(_) => {}
+        }
+        Ok(())
     }
 
-    fn fit_on(&mut self, device: Box<dyn PointsDevice>, policy: DevicePolicy) {
-        if self.can_fit_on_device() {
-            self.fits.add_device(device, policy);
+    fn device_use(&self) -> DeviceUse {
+        let is_photometric = self.scene.config.photometric.is_some();
+        DeviceUse {
+            photographs: is_photometric.then(|| self.photographs.learner.comparer_use()),
+            passes: None,
+            points: Some(self.points.fits.used()),
         }
     }
 
-    fn point_use(&self) -> Option<PassUse> {
-        self.can_fit_on_device().then(|| self.fits.used())
-    }
-
-    fn comparer_use(&self) -> Option<ComparerUse> {
-        self.config.photometric.is_some().then(|| self.photometric.comparer_use())
-    }
-
     fn normal(&self, id: usize) -> Option<DVec3> {
-        self.sums(id).normal.try_normalize()
+        self.scene.sums_of(id).normal.try_normalize()
     }
 
     fn splat(&self, id: usize) -> (Splat, Appearance) {
         let (splat, appearance) =
-            self.drawn_state().splat(id).unwrap_or_else(|| self.splat_of_points(id));
-        (splat, Appearance { observed: self.component_sums.observed_cone(id), ..appearance })
+            self.photographs.drawn().splat(id).unwrap_or_else(|| self.scene.splat(id));
+        (splat, Appearance { observed: self.scene.sums.observed_cone(id), ..appearance })
     }
 
-    /// For a lattice that exceeds its budget these are more than in [`Self::stored_splats`]: merged
-    /// components would have no permanent slots.
     fn splats(&self) -> SplatSet {
-        self.every_splat()
-    }
-
-    /// In checkpoint order; components of a lattice that exceeds its budget are merged in that order first.
-    fn stored_splats(&self) -> SplatSet {
-        match self.merged_to_budget() {
-            Some(merged) => merged.every_splat(),
-            None => self.splats_of(&self.stored_order()),
-        }
+        self.set_of((0..self.scene.sums.len()).into_par_iter())
     }
 
     fn splats_of(&self, ids: &[u32]) -> SplatSet {
-        let splats = ids.par_iter().with_min_len(256);
-        let (splats, appearance) = splats.map(|&id| self.splat(id as usize)).unzip();
-        self.set_of(splats, appearance)
+        self.set_of(ids.par_iter().map(|&id| id as usize))
     }
 
     fn component_elbo(&self) -> &ComponentElbo {
@@ -155,14 +151,14 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 
     fn warnings(&self) -> Vec<TrainingWarning> {
-        let super::UnassignedPoints { budget, reach } = self.unassigned;
+        let UnassignedPoints { budget, reach } = self.unassigned;
         let budget = (budget > 0).then_some(TrainingWarning::OverBudget { points: budget });
-        let is_coarser = self.coarsened > 0;
-        let (asked, scale) = (self.scale, round(self.config.h));
+        let Scene { coarsened, asked_scale: requested, config, .. } = &self.scene;
+        let scale = round(config.h);
         let coarsened =
-            is_coarser.then_some(TrainingWarning::Coarsened { requested: asked, scale });
+            (*coarsened > 0).then_some(TrainingWarning::Coarsened { requested: *requested, scale });
         let reach = (reach > 0).then_some(TrainingWarning::TooFarFromOrigin { points: reach });
-        let splats = self.photometric.repaired();
+        let splats = self.photographs.learner.repaired();
         let repaired = (splats > 0).then_some(TrainingWarning::PrecisionReset { splats });
         budget.into_iter().chain(coarsened).chain(reach).chain(repaired).collect()
     }

@@ -1,0 +1,276 @@
+//! Dialogs of the window, and the orders that wait for them.
+
+use crate::app::action_finder::ActionFinder;
+use crate::app::command::UiCommand;
+use crate::app::opening::{AfterWrite, Continuation, Pending};
+use crate::app::path_dialog::PathDialog;
+use crate::app::state::{Opened, Snapshot};
+use crate::app::worker::{Worker, WorkerOrder};
+use crate::export::mapping::Mapping;
+use eframe::egui::{
+    Context, Grid, Id, Modal, ProgressBar, RichText, ScrollArea, Ui, ViewportCommand, Window,
+};
+
+pub(super) struct Dialogs {
+    pub open: PathDialog,
+    pub compare: PathDialog,
+    pub save: PathDialog,
+    pub export: PathDialog,
+    pub film: PathDialog,
+    pub mapping: Mapping,
+    pub finder: ActionFinder,
+    pub help_is_open: bool,
+}
+
+impl Default for Dialogs {
+    fn default() -> Self {
+        Self {
+            open: PathDialog::open(),
+            compare: PathDialog::compare(),
+            save: PathDialog::save(),
+            export: PathDialog::export(),
+            film: PathDialog::film(),
+            mapping: Mapping::default(),
+            finder: ActionFinder::default(),
+            help_is_open: false,
+        }
+    }
+}
+
+impl Dialogs {
+    pub fn propose(&mut self, opened: &Opened) {
+        for dialog in [&mut self.save, &mut self.export, &mut self.film] {
+            dialog.propose(opened.serial, &opened.files);
+        }
+    }
+
+    /// True if a dialog has priority over shortcuts.
+    pub fn take_keys(&self) -> bool {
+        let all = [&self.open, &self.compare, &self.save, &self.export, &self.film];
+        self.finder.is_open() || all.iter().any(|dialog| dialog.is_open())
+    }
+}
+
+/// Confirmation of what would discard unsaved training.
+#[derive(Default)]
+pub(super) struct UnsavedWork {
+    pending: Option<Pending>,
+    /// True if closing needs no confirmation.
+    pub may_close: bool,
+}
+
+impl UnsavedWork {
+    pub fn is_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Sends the order at once if no training would be lost, otherwise after confirmation.
+    pub fn send(&mut self, order: WorkerOrder, worker: &Worker, snapshot: &Snapshot) {
+        self.pending = match self.pending.take() {
+            // The user already confirmed or is about to name a file; only the following action changes.
+            Some(waiting) => Some(waiting.instead(Continuation::Send(order))),
+            None if snapshot.has_training_to_lose() => {
+                Some(Pending::Asking(Continuation::Send(order)))
+            }
+            None => {
+                worker.send(order);
+                None
+            }
+        };
+    }
+
+    /// Returns a number for the next file and makes the pending action wait for it.
+    pub fn begin_write(&mut self, worker: &Worker) -> u64 {
+        // A number, not the path: the snapshot may still report an earlier file of the same name.
+        let number = worker.new_number();
+        self.pending = self.pending.take().map(|pending| pending.named(number));
+        number
+    }
+
+    /// Cancels the action that waits for a file name.
+    pub fn cancel_naming(&mut self) {
+        self.pending = self.pending.take().filter(|p| !matches!(p, Pending::Naming(_)));
+    }
+
+    /// Closes the window without confirmation.
+    pub fn close(&mut self, ctx: &Context) {
+        // The command returns as a close request, which must not be confirmed again.
+        self.may_close = true;
+        ctx.send_viewport_cmd(ViewportCommand::Close);
+    }
+
+    /// Handles a request to close the window: unsaved training must be confirmed.
+    pub fn handle_close_request(&mut self, ctx: &Context, snapshot: &Snapshot) {
+        if snapshot.is_terminated && !self.may_close {
+            // The program is terminated from outside, so no confirmation is possible.
+            self.close(ctx);
+        }
+        let asked = ctx.input(|i| i.viewport().close_requested());
+        if !asked || self.may_close {
+            return;
+        }
+        // A pending confirmation or file now leads to closing, so that the same training is not confirmed
+        // twice.
+        let waiting = self.pending.take();
+        if waiting.is_none() && !snapshot.has_training_to_lose() {
+            return;
+        }
+        // Must be sent in this pass: eframe closes unless it finds this command in the same pass.
+        ctx.send_viewport_cmd(ViewportCommand::CancelClose);
+        if ctx.input(|i| i.viewport().minimized == Some(true)) {
+            // A minimised window, closed from the task bar, would hide the confirmation.
+            ctx.send_viewport_cmd(ViewportCommand::Minimized(false));
+            ctx.send_viewport_cmd(ViewportCommand::Focus);
+        }
+        self.pending = Some(match waiting {
+            Some(waiting) => waiting.instead(Continuation::Close),
+            None => Pending::Asking(Continuation::Close),
+        });
+    }
+
+    /// Confirms discarding of unsaved training and executes pending actions that are ready.
+    pub fn resolve(
+        &mut self,
+        dialogs: &mut Dialogs,
+        worker: &Worker,
+        ui: &Ui,
+        snapshot: &Snapshot,
+    ) {
+        // Taken out and put back while waiting, since dialogs are drawn in every pass.
+        let Some(pending) = self.pending.take() else { return };
+        match pending.after(snapshot.latest_write) {
+            AfterWrite::Wait(Pending::Asking(next)) => {
+                match confirm_discard(ui, snapshot.unsaved_frames) {
+                    None => self.pending = Some(Pending::Asking(next)),
+                    Some(Decision::Discard) => self.execute(next, worker, ui),
+                    Some(Decision::Save) => {
+                        self.pending = Some(Pending::Naming(next));
+                        dialogs.save.show();
+                    }
+                    Some(Decision::Export) => {
+                        self.pending = Some(Pending::Naming(next));
+                        dialogs.export.show();
+                    }
+                    Some(Decision::Cancel) => {}
+                }
+            }
+            AfterWrite::Wait(waiting) => {
+                let exported = worker.file_progress();
+                let is_cancelled =
+                    matches!(waiting, Pending::Writing(..)) && writing_dialog(ui, exported);
+                if is_cancelled && exported.is_some() {
+                    worker.cancel_file();
+                }
+                self.pending = Some(waiting).filter(|_| !is_cancelled);
+            }
+            AfterWrite::GoAhead(next) => self.execute(next, worker, ui),
+            AfterWrite::GiveUp => {}
+        }
+    }
+
+    fn execute(&mut self, next: Continuation, worker: &Worker, ui: &Ui) {
+        match next {
+            Continuation::Send(order) => worker.send(order),
+            Continuation::Close => self.close(ui.ctx()),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Decision {
+    Discard,
+    Save,
+    Export,
+    Cancel,
+}
+
+/// Confirms that `n_frames` of unsaved training may be discarded; `None` until the user decides.
+fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
+    let mut decision = None;
+    let response = Modal::new(Id::unique("discard")).show(ui.ctx(), |ui| {
+        ui.heading("Discard the trained scene?");
+        ui.label(format!("{n_frames} trained frames are neither saved nor exported."));
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            for (label, choice) in [
+                ("Save first…", Decision::Save),
+                ("Export first…", Decision::Export),
+                ("Discard", Decision::Discard),
+                ("Cancel", Decision::Cancel),
+            ] {
+                if ui.button(label).clicked() {
+                    decision = Some(choice);
+                }
+            }
+        });
+    });
+    if response.should_close() {
+        decision = decision.or(Some(Decision::Cancel));
+    }
+    decision
+}
+
+/// Shows a progress dialog while an action waits for a file; `exported` is the share of an export already
+/// written. Returns true if the user cancels.
+fn writing_dialog(ui: &Ui, exported: Option<f32>) -> bool {
+    let response = Modal::new(Id::unique("writing")).show(ui.ctx(), |ui| {
+        ui.horizontal(|ui| {
+            ui.spinner();
+            ui.label("Writing the file…");
+        });
+        ui.add_space(8.0);
+        if let Some(share) = exported {
+            ui.add(ProgressBar::new(share).show_percentage());
+        }
+        // Saving a checkpoint is faster than a click, so it cannot be cancelled.
+        let meaning = match exported {
+            Some(_) => "Stops the export; the pending action is cancelled too",
+            None => "The file is still written; the pending action is cancelled",
+        };
+        ui.button("Cancel").on_hover_text(meaning).clicked()
+    });
+    response.inner || response.should_close()
+}
+
+const MOUSE: [(&str, &str); 8] = [
+    ("Left drag", "Orbit"),
+    ("Right or middle drag", "Pan"),
+    ("Wheel, pinch", "Dolly"),
+    ("Double click", "Orbit about this point of the surface"),
+    ("W A S D, Q E", "Fly; Q and E: down and up. Shift: 10× faster, Ctrl: 10× slower"),
+    ("Drag a divider", "Wipe between the two pictures"),
+    ("Shift+Tab", "Focus the controls; Tab for the next, Escape back to the view"),
+    ("Drop a folder or file", "Open it, or apply a calibration to the open dataset"),
+];
+
+/// Height of the help window's title bar and margins, points.
+const HELP_FRAME: f32 = 60.0;
+
+pub(super) fn help(ui: &Ui, is_open: &mut bool) {
+    let room = ui.ctx().viewport_rect().height() - HELP_FRAME;
+    Window::new("Shortcuts").open(is_open).collapsible(false).resizable(false).show(
+        ui.ctx(),
+        |ui| {
+            // The list uses the whole height of the window if it needs to.
+            let list = ScrollArea::vertical().max_height(room).min_scrolled_height(room);
+            list.show(ui, shortcuts);
+        },
+    );
+}
+
+fn shortcuts(ui: &mut Ui) {
+    Grid::new("shortcuts").num_columns(2).striped(true).show(ui, |ui| {
+        for command in UiCommand::ALL {
+            if !command.shortcuts().is_empty() {
+                ui.label(RichText::new(command.keys(ui.ctx())).monospace());
+                ui.label(command.tooltip());
+                ui.end_row();
+            }
+        }
+        for (action, effect) in MOUSE {
+            ui.label(RichText::new(action).monospace());
+            ui.label(effect);
+            ui.end_row();
+        }
+    });
+}

@@ -1,0 +1,110 @@
+//! The window around the studio: device, renderer, title, and why it ends.
+
+use crate::app::drawing::{ViewRenderer, WindowWaker};
+use crate::app::exit::{Exit, ExitReason};
+use crate::app::panels::signal_color::SignalColor;
+use crate::app::state::Snapshot;
+use crate::app::viewer::SceneView;
+use crate::app::viewer::painter::ViewPainter;
+use crate::app::viewer::settings::ViewSettings;
+use crate::app::viewport;
+use crate::app::viewport::WindowDevice;
+use crate::app::window_painter::WindowPainter;
+use crate::app::worker::Waker;
+use eframe::egui::{Align2, Color32, Context, FontId, Id, LayerId, Order, Theme, ViewportCommand};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+pub(super) struct Shell {
+    pub egui: Context,
+    /// Wakes this window from other threads; inactive once the window is dropped.
+    pub waker: WindowWaker,
+    pub device: Option<WindowDevice>,
+    pub adapter: String,
+    pub exit: Exit,
+    /// Current title, to send only changes.
+    title: String,
+}
+
+impl Shell {
+    pub fn new(
+        egui: Context,
+        waker: WindowWaker,
+        device: Option<WindowDevice>,
+        adapter: String,
+        exit: Exit,
+    ) -> Self {
+        Self { egui, waker, device, adapter, exit, title: String::new() }
+    }
+
+    /// Creates the viewport. If the CPU draws although a GPU exists, a GPU failure is noted; without any
+    /// GPU, the CPU also draws the window.
+    pub fn scene_view(&self, painter: ViewPainter, settings: ViewSettings) -> SceneView {
+        let on_cpu = painter.drawer() == ViewRenderer::Cpu;
+        let mut view = SceneView::new(painter, settings, self.waker().clone());
+        if let Some(WindowDevice { state, .. }) = self.device.as_ref().filter(|_| on_cpu) {
+            if viewport::capabilities(state).is_software() {
+                WindowPainter::install(&self.egui, state);
+            } else {
+                view.painter.note_gpu_failure();
+            }
+        }
+        view
+    }
+
+    pub fn waker(&self) -> &Waker {
+        self.waker.waker()
+    }
+
+    /// Description of the renderer in use, including a fallback to the CPU.
+    pub fn renderer(&self, gpu_failed: bool) -> String {
+        match &self.device {
+            Some(device) if gpu_failed => {
+                format!("CPU renderer, since the GPU failed; window by {}", device.adapter)
+            }
+            _ => self.adapter.clone(),
+        }
+    }
+
+    pub fn update_title(&mut self, snapshot: &Snapshot) {
+        let title = match &snapshot.opened {
+            Some(opened) => format!("{} - VBGS Studio", opened.name),
+            None => "VBGS Studio".to_owned(),
+        };
+        if title != self.title {
+            self.egui.send_viewport_cmd(ViewportCommand::Title(title.clone()));
+            self.title = title;
+        }
+    }
+
+    /// Records the loss of the device if the window is dropped by a panic. After a loss egui panics, because
+    /// it cannot allocate buffers, and the device must not outlive its display.
+    pub fn record_lost_device(&self) {
+        if let Some(device) = self.device.as_ref().filter(|_| std::thread::panicking())
+            // A device that panics when polled is lost.
+            && catch_unwind(AssertUnwindSafe(|| device.is_lost())).unwrap_or(true)
+        {
+            self.exit.set_reason(ExitReason::DeviceLost);
+        }
+    }
+}
+
+/// Darkens the window while files are dragged over it.
+pub(super) fn drop_target(ctx: &Context) {
+    if ctx.input(|i| i.raw.hovered_files.is_empty()) {
+        return;
+    }
+    let painter = ctx.layer_painter(LayerId::new(Order::Foreground, Id::unique("drop target")));
+    let rect = ctx.content_rect();
+    painter.rect_filled(rect, 0.0, Color32::from_black_alpha(160));
+    let font = FontId::proportional(28.0);
+    painter.text(rect.center(), Align2::CENTER_CENTER, "Drop to open", font, Color32::WHITE);
+}
+
+const WEAK_TEXT: f32 = 0.8;
+
+/// Raises the contrast of weak text and links, which egui draws too pale, above all on white.
+pub(super) fn strengthen_weak_text(context: &Context) {
+    context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
+    let link = SignalColor::Blue.for_theme(false);
+    context.style_mut_of(Theme::Light, |style| style.visuals.hyperlink_color = link);
+}

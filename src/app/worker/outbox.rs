@@ -1,0 +1,319 @@
+//! Publishes the run to the window: snapshots with notices, and changed splats.
+
+use super::run::Run;
+use super::shared::Shared;
+use crate::app::splat_updates::{SplatChange, SplatUpdate};
+use crate::app::state::{HISTORY, Notice, NoticeKind, NoticeTopic, RunState, Snapshot};
+use crate::pipeline::job::Waker;
+use crate::train::learner::{Changed, Learner};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Maximum number of stored notices.
+const MAX_NOTICES: usize = 50;
+
+pub struct Outbox {
+    pub snapshot: Snapshot,
+    shared: Arc<Shared>,
+    waker: Waker,
+    published: Instant,
+    dirty: Dirty,
+    /// True if the snapshot differs from the published one.
+    is_changed: bool,
+    next_serial: u64,
+}
+
+impl Outbox {
+    pub fn new(shared: Arc<Shared>, waker: Waker) -> Self {
+        Self {
+            snapshot: Snapshot::default(),
+            shared,
+            waker,
+            published: Instant::now(),
+            dirty: Dirty::default(),
+            is_changed: true,
+            next_serial: 1,
+        }
+    }
+
+    pub fn wake(&self) {
+        (self.waker)();
+    }
+
+    pub fn mark_changed(&mut self) {
+        self.is_changed = true;
+    }
+
+    pub fn is_changed(&self) -> bool {
+        self.is_changed
+    }
+
+    /// True if something waits for its publication.
+    pub fn has_news(&self) -> bool {
+        self.is_changed || !self.dirty.is_empty()
+    }
+
+    pub fn serial(&self) -> u64 {
+        self.next_serial
+    }
+
+    /// Ends the use of the current serial, by an opened subject.
+    pub fn advance_serial(&mut self) {
+        self.next_serial += 1;
+    }
+
+    pub fn notify(&mut self, kind: NoticeKind, text: String) {
+        self.notify_of(NoticeTopic::Event, kind, text);
+    }
+
+    pub fn notify_of(&mut self, topic: NoticeTopic, kind: NoticeKind, text: String) {
+        match kind {
+            NoticeKind::Error => tracing::error!("{text}"),
+            NoticeKind::Warning => tracing::warn!("{text}"),
+            NoticeKind::Info => tracing::info!("{text}"),
+        }
+        // A new list, because published snapshots share the old one.
+        let mut notices = self.snapshot.notices.to_vec();
+        if notices.len() == MAX_NOTICES {
+            notices.remove(0);
+        }
+        // Opened subjects use the same counter: both numbers only have to increase.
+        notices.push(Notice { serial: self.next_serial, topic, kind, text });
+        self.next_serial += 1;
+        self.snapshot.notices = Arc::new(notices);
+        self.is_changed = true;
+    }
+
+    /// Removes the notices of a topic that no longer applies.
+    pub fn forget_notices(&mut self, topic: NoticeTopic) {
+        let kept = self.snapshot.notices.iter().filter(|notice| notice.topic != topic);
+        self.snapshot.notices = Arc::new(kept.cloned().collect());
+    }
+
+    /// Replaces the snapshot for another subject; what does not depend on the subject stays.
+    pub fn reset_snapshot(&mut self) {
+        self.snapshot = Snapshot {
+            notices: self.snapshot.notices.clone(),
+            // The window may not have read yet that its file was written.
+            latest_write: self.snapshot.latest_write,
+            abandoned: self.snapshot.abandoned.take(),
+            follows: self.snapshot.follows,
+            ..Snapshot::default()
+        };
+        self.is_changed = true;
+    }
+
+    pub fn set_state(&mut self, state: RunState) {
+        self.snapshot.state = state;
+        self.is_changed = true;
+    }
+
+    /// Records whether training waits for a frame that has not been read.
+    pub fn set_unread(&mut self, is_unread: bool) {
+        if is_unread != self.snapshot.unread_since.is_some() {
+            self.snapshot.unread_since = is_unread.then(Instant::now);
+            self.is_changed = true;
+        }
+    }
+
+    pub fn interval(&self) -> Duration {
+        self.shared.interval()
+    }
+
+    /// Publishes to the window, at most once per interval unless `at_once`. Changed splats are
+    /// converted only after the viewport has taken the last ones.
+    pub fn publish(&mut self, run: &Run, at_once: bool) {
+        let due = self.published.elapsed() >= self.shared.interval();
+        // A hidden window takes no splats, so pending ones must not wake it.
+        let news = self.is_changed || !self.dirty.is_empty() && self.shared.updates.is_empty();
+        if !(at_once || due && news) {
+            return;
+        }
+        // Before the snapshot, so that a window that reads it finds its splats too.
+        self.deliver_changes(run);
+        self.snapshot.inspected = run.inspect();
+        self.snapshot.includes_pending_photographs =
+            run.session().is_some_and(|session| session.is_settled());
+        self.snapshot.recent = Arc::new(run.recent_frames().to_vec());
+        self.shared.snapshot.set(Arc::new(self.snapshot.clone()));
+        self.published = Instant::now();
+        self.is_changed = false;
+        (self.waker)();
+    }
+
+    /// Adds reports older than the recent ones whose photographs were just compared. Pending
+    /// photographs are drawn at random, so that some wait for longer than any number of frames.
+    pub fn add_late_reports(&mut self, run: &Run) {
+        let Some(session) = run.session() else { return };
+        // Only half of them: the others are still among the latest frames when these are published.
+        let Some(newer) = run.recent_frames().iter().nth_back(HISTORY / 2) else { return };
+        let late = session.compared_frames().filter(|report| report.index <= newer.index);
+        let late: Vec<_> = late.cloned().collect();
+        if late.is_empty() {
+            return;
+        }
+        // At rest all pending photographs are compared at once, and none of these may be dropped.
+        let most = HISTORY.max(late.len());
+        // A new list, because published snapshots share the old one.
+        let mut all = [&self.snapshot.late[..], &late].concat();
+        all.drain(..all.len().saturating_sub(most));
+        self.snapshot.late = Arc::new(all);
+    }
+
+    /// Marks the components that a frame changed.
+    pub fn mark_trained(&mut self, learner: &dyn Learner) {
+        match learner.changed() {
+            Changed::Listed(ids) => self.dirty.mark(ids),
+            Changed::All => self.dirty.mark_all(learner.components()),
+        }
+    }
+
+    pub fn mark(&mut self, ids: &[u32]) {
+        self.dirty.mark(ids);
+    }
+
+    pub fn mark_all(&mut self, run: &Run) {
+        if let Some(session) = run.session() {
+            self.dirty.mark_all(session.learner().components());
+        }
+    }
+
+    /// Marks the components that changed because rays of a frame passed through them, without receiving
+    /// points. Done when training rests: delivering all of them after every frame would slow it down.
+    pub fn mark_visibility(&mut self, run: &Run) {
+        if run.session().is_some_and(|s| s.learner().changes_unlisted_components()) {
+            self.mark_all(run);
+        }
+    }
+
+    /// Replaces the splats of the viewport by those of another subject.
+    pub fn replace_splats(&mut self, change: SplatChange) {
+        self.dirty = Dirty::default();
+        // Also drops pending updates of the previous scene.
+        self.shared.updates.push(change.into());
+    }
+
+    /// Delivers all splats again.
+    pub fn deliver_all(&mut self, run: &Run) {
+        self.dirty.take();
+        let splats = run.splats();
+        let ids: Vec<u32> = (0..splats.len() as u32).collect();
+        self.deliver(SplatChange::all(splats), &ids, run);
+    }
+
+    fn deliver_changes(&mut self, run: &Run) {
+        let Some(session) = run.session() else { return };
+        // While the window is slow or hidden, changes accumulate as a set, which is bounded by the
+        // scene's size; a queue of updates would grow without bound.
+        if !self.dirty.is_empty() && self.shared.updates.is_empty() {
+            let ids = self.dirty.take();
+            self.deliver(SplatChange::some(ids.clone(), session.splats_of(&ids)), &ids, run);
+        }
+    }
+
+    fn deliver(&self, change: SplatChange, ids: &[u32], run: &Run) {
+        let (attributes, n_frames) = (run.attributes_of(ids), self.snapshot.n_seen());
+        self.shared.updates.push(SplatUpdate { change, attributes, n_frames });
+    }
+}
+
+/// Set of components that changed since the last update of the viewport.
+#[derive(Default)]
+struct Dirty {
+    // The list, because most frames change few components; the flags, because a frame may list a
+    // component that is already in the list.
+    ids: Vec<u32>,
+    is_dirty: Vec<bool>,
+}
+
+impl Dirty {
+    fn is_empty(&self) -> bool {
+        self.ids.is_empty()
+    }
+
+    /// Adds components, which may be new.
+    fn mark(&mut self, ids: &[u32]) {
+        for &id in ids {
+            let n = self.is_dirty.len().max(id as usize + 1);
+            self.is_dirty.resize(n, false);
+            if !std::mem::replace(&mut self.is_dirty[id as usize], true) {
+                self.ids.push(id);
+            }
+        }
+    }
+
+    fn mark_all(&mut self, components: usize) {
+        self.ids = (0..components as u32).collect();
+        self.is_dirty = vec![true; components];
+    }
+
+    /// Returns each component once, and empties the set.
+    fn take(&mut self) -> Vec<u32> {
+        // One by one: clearing all flags would cost time in proportion to the scene at every update.
+        for &id in &self.ids {
+            self.is_dirty[id as usize] = false;
+        }
+        std::mem::take(&mut self.ids)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::frame_outcomes::{FrameOutcomes, FrameState};
+    use crate::app::state::Subject;
+    use crate::app::training::TrainSettings;
+    use crate::app::worker::{Worker, WorkerOrder};
+    use crate::dataset::synthetic::SyntheticParams;
+    use crate::dataset::synthetic::write::{SyntheticLayout, write};
+
+    /// Timeout of training all frames.
+    const PATIENCE: Duration = Duration::from_secs(120);
+
+    #[test]
+    fn changed_components_are_taken_once_and_may_be_new() {
+        let mut dirty = Dirty::default();
+        dirty.mark(&[2, 0, 2]);
+        dirty.mark(&[7, 0]);
+        assert_eq!(dirty.take(), [2, 0, 7]);
+        assert!(dirty.is_empty());
+        dirty.mark(&[1]);
+        dirty.mark_all(3);
+        dirty.mark(&[2, 3]);
+        assert_eq!(dirty.take(), [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn photographs_that_wait_longer_than_frames_are_shown_still_tell_how_they_compared() {
+        let folder = tempfile::tempdir().unwrap();
+        let params = SyntheticParams {
+            width: 32,
+            height: 24,
+            n_train: HISTORY + 100,
+            n_eval: 0,
+            ..SyntheticParams::demo()
+        };
+        write(&params, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| {}).unwrap();
+        let worker = Worker::start_with(Arc::new(|| {}), Vec::new()).unwrap();
+        let mut settings = TrainSettings { autosave_s: None, ..TrainSettings::default() };
+        settings.scene.shuffle_buffer = Some(150);
+        worker.send(WorkerOrder::TrainBy(Box::new(settings)));
+        worker.send(WorkerOrder::Open(Subject::Path(folder.path().to_owned())));
+        worker.send(WorkerOrder::Train);
+        let (started, mut outcomes) = (Instant::now(), FrameOutcomes::default());
+        while worker.snapshot().state != RunState::Finished {
+            assert!(started.elapsed() < PATIENCE, "{:?}", worker.snapshot().notices);
+            outcomes.update(&worker.snapshot());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let snapshot = worker.snapshot();
+        outcomes.update(&snapshot);
+        let plan = snapshot.opened.as_ref().unwrap().plan.clone().unwrap();
+        assert!(plan.frames.len() > HISTORY, "{}", plan.frames.len());
+        let untold = plan.frames.iter().filter(|&&frame| {
+            let state = outcomes.state_of((plan.split, frame), "");
+            !matches!(state, FrameState::Trained(_, Some(outcome)) if outcome.psnr_before.is_some())
+        });
+        assert_eq!(untold.collect::<Vec<_>>(), [&0; 0]);
+    }
+}

@@ -1,0 +1,184 @@
+//! The open subject: its content, and what the window watches of it.
+
+use crate::app::opening::Content;
+use crate::app::state::{GivenCalibration, HISTORY, Inspected, Subject};
+use crate::dataset::pose_check;
+use crate::dataset::pose_check::PoseCheck;
+use crate::dataset::surface::sample::FrameSample;
+use crate::eval::report::FrameReport;
+use crate::model::attributes::ComponentAttributes;
+use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::job::Job;
+use crate::pipeline::session::Session;
+use crate::render::attributes::Attribute;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Number of frames over which the frame rate is averaged.
+const RATE_FRAMES: usize = 30;
+
+/// Result of sampling the frames of the opened dataset.
+pub struct FrameSampling {
+    /// Agreement of poses with depth.
+    pub poses: Option<PoseCheck>,
+    /// Pixel width and depth noise.
+    pub sample: Option<FrameSample>,
+}
+
+#[derive(Default)]
+pub struct Run {
+    subject: Option<Subject>,
+    calibration: Option<Arc<GivenCalibration>>,
+    content: Option<Content>,
+    /// Attribute by which the viewport colours components.
+    watched: Option<Attribute>,
+    /// Component that snapshots inspect.
+    inspecting: Option<u32>,
+    sampling: Option<Job<FrameSampling>>,
+    /// End times of recent frames, for the frame rate.
+    ends: VecDeque<Instant>,
+}
+
+impl Run {
+    pub fn subject(&self) -> Option<&Subject> {
+        self.subject.as_ref()
+    }
+
+    pub fn calibration(&self) -> Option<&Arc<GivenCalibration>> {
+        self.calibration.as_ref()
+    }
+
+    pub fn session(&self) -> Option<&Session> {
+        match &self.content {
+            Some(Content::Session(session)) => Some(session),
+            _ => None,
+        }
+    }
+
+    pub fn session_mut(&mut self) -> Option<&mut Session> {
+        match &mut self.content {
+            Some(Content::Session(session)) => Some(session),
+            _ => None,
+        }
+    }
+
+    /// Records the subject to be opened or awaited.
+    pub fn set_subject(&mut self, subject: Subject, calibration: Option<Arc<GivenCalibration>>) {
+        (self.subject, self.calibration) = (Some(subject), calibration);
+    }
+
+    /// Replaces the content; `None` while a recording is awaited.
+    pub fn set_content(&mut self, content: Option<Content>) {
+        self.content = content;
+        self.ends.clear();
+        // A sampling of the previous dataset is abandoned.
+        self.sampling = None;
+        // The index would refer to another component.
+        self.inspecting = None;
+    }
+
+    /// Splats of the newest state, whatever the viewport shows.
+    pub fn splats(&self) -> SplatSet {
+        match &self.content {
+            Some(Content::Session(session)) => session.splats(),
+            Some(Content::Model(splats)) => splats.clone(),
+            None => SplatSet::default(),
+        }
+    }
+
+    /// Splats as files store them.
+    pub fn stored_splats(&self) -> SplatSet {
+        self.session().map_or_else(|| self.splats(), Session::stored_splats)
+    }
+
+    /// Reports of the latest frames. Those with pending photographs change once these are trained on.
+    pub fn recent_frames(&self) -> &[FrameReport] {
+        let frames = self.session().map_or(&[][..], Session::frames);
+        &frames[frames.len().saturating_sub(HISTORY)..]
+    }
+
+    /// Attributes of components, if the viewport needs them.
+    pub fn attributes_of(&self, ids: &[u32]) -> Vec<ComponentAttributes> {
+        match self.session() {
+            Some(session) if self.watched.is_some() => session.attributes_of(ids),
+            _ => Vec::new(),
+        }
+    }
+
+    pub fn watched(&self) -> Option<Attribute> {
+        self.watched
+    }
+
+    pub fn watch(&mut self, attribute: Option<Attribute>) {
+        self.watched = attribute;
+        let Some(session) = self.session_mut() else { return };
+        match attribute {
+            Some(Attribute::Elbo) => session.start_component_elbo(),
+            _ => session.stop_component_elbo(),
+        }
+    }
+
+    pub fn set_inspected(&mut self, id: Option<u32>) {
+        self.inspecting = id;
+    }
+
+    pub fn inspect(&self) -> Option<Arc<Inspected>> {
+        let id = self.inspecting?;
+        let inspected = match self.content.as_ref()? {
+            Content::Session(session) => Inspected::Component(Box::new(session.inspect(id)?)),
+            Content::Model(splats) => Inspected::Splat {
+                id,
+                splat: *splats.get(id as usize)?,
+                appearance: splats.appearance_of(id as usize),
+            },
+        };
+        Some(Arc::new(inspected))
+    }
+
+    /// Records the end of a frame; returns the frame rate.
+    pub fn record_frame(&mut self) -> f64 {
+        if self.ends.len() == RATE_FRAMES {
+            self.ends.pop_front();
+        }
+        let now = Instant::now();
+        self.ends.push_back(now);
+        let span_s = self.ends.front().map_or(0.0, |first| (now - *first).as_secs_f64());
+        if span_s > 0.0 { (self.ends.len() - 1) as f64 / span_s } else { 0.0 }
+    }
+
+    /// Restarts the measurement of the frame rate.
+    pub fn reset_frame_rate(&mut self) {
+        self.ends.clear();
+    }
+
+    pub fn is_sampling(&self) -> bool {
+        self.sampling.is_some()
+    }
+
+    /// Starts sampling the frames of the dataset.
+    pub fn start_sampling(&mut self) {
+        self.sampling = None;
+        let Some(session) = self.session() else { return };
+        let (dataset, split) = (session.dataset().clone(), session.plan().split);
+        let surface = session.config().method.scene().map(|run| run.surface.clone());
+        let frames = session.plan().first_pass();
+        let sample = move || FrameSampling {
+            sample: surface
+                .and_then(|surface| FrameSample::of(&dataset, split, &frames, &surface).ok()),
+            // The poses of the built-in scene are exact.
+            poses: dataset.path.as_ref().and_then(|_| pose_check::check(&dataset, split)),
+        };
+        match Job::start("frame sampling", sample) {
+            Ok(job) => self.sampling = Some(job),
+            Err(error) => tracing::warn!("starting the thread that samples frames failed: {error}"),
+        }
+    }
+
+    /// Returns the result of the sampling, or a notice about its panic, once.
+    pub fn take_sampling(&mut self) -> Option<Result<FrameSampling, String>> {
+        let ended = self.sampling.as_ref()?.poll()?;
+        self.sampling = None;
+        Some(ended.map_err(|panic| panic.failure_notice("checking the frames for doubtful poses")))
+    }
+}

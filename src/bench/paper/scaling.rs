@@ -1,0 +1,392 @@
+//! Cost per frame against points, components and threads, with fitted exponents.
+//!
+//! Exponents are slopes of straight lines through logarithms. Over two decades a cost `a + b·n`
+//! deviates from a power law, but the slope still distinguishes linear from quadratic.
+
+use super::runs;
+use super::runs::TimedConfiguration;
+use super::sample::{TrainingSample, thin};
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
+use crate::bench::plot::{self, Axis, Mark, Panel, Series};
+use crate::dataset::synthetic;
+use crate::dataset::synthetic::SyntheticParams;
+use crate::eval::metrics::Spread;
+use crate::observation::points::Points;
+use crate::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
+use crate::train::paper::init::InitialDraw;
+use serde::Serialize;
+use std::sync::Arc;
+use strum::Display;
+
+#[derive(Clone, Debug)]
+pub struct ScalingPlan {
+    pub points: Vec<usize>,
+    pub components: Vec<usize>,
+    /// Values above the machine's number of threads are skipped.
+    pub threads: Vec<usize>,
+    /// Points per frame while another size is swept.
+    pub base_points: usize,
+    /// Components while another size is swept.
+    pub base_components: usize,
+    /// Runs per size, each of a warm-up frame and [`TIMED_FRAMES`].
+    pub repeats: usize,
+    pub options: BenchOptions,
+}
+
+const TIMED_FRAMES: usize = 3;
+/// Number of other frames that means are drawn from.
+const OTHER_FRAMES: usize = 6;
+
+impl ScalingPlan {
+    /// Up to 2·10⁵ points and 10⁶ components (3·10⁵ if quick).
+    pub fn new(options: BenchOptions) -> Self {
+        let mut components = vec![1000, 3000, 10_000, 30_000, 100_000, 300_000];
+        if !options.quick {
+            components.push(1_000_000);
+        }
+        let points: &[usize] = if options.quick {
+            &[10_000, 50_000, 200_000]
+        } else {
+            &[10_000, 20_000, 50_000, 100_000, 200_000]
+        };
+        Self {
+            points: points.to_vec(),
+            components,
+            threads: vec![1, 2, 4, 8, 16, 32, 64],
+            base_points: if options.quick { 50_000 } else { 100_000 },
+            base_components: 100_000,
+            repeats: options.repeats.unwrap_or(if options.quick { 3 } else { 5 }),
+            options,
+        }
+    }
+
+    fn stops(&self) -> Vec<ScalingPoint> {
+        let all = rayon::current_num_threads();
+        let mut threads: Vec<usize> = self.threads.iter().copied().filter(|&t| t < all).collect();
+        // No more threads than the machine has: that would measure its scheduler.
+        threads.push(all);
+        let at = |sweep, points, components, threads| ScalingPoint {
+            sweep,
+            points,
+            components,
+            threads,
+        };
+        let (p, n) = (self.base_points, self.base_components);
+        let by_points = self.points.iter().map(|&points| at(Sweep::Points, points, n, all));
+        let by_components = self.components.iter().map(|&n| at(Sweep::Components, p, n, all));
+        let by_threads = threads.into_iter().map(|t| at(Sweep::Threads, p, n, t));
+        by_points.chain(by_components).chain(by_threads).collect()
+    }
+}
+
+struct ScalingPoint {
+    sweep: Sweep,
+    points: usize,
+    components: usize,
+    threads: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Display)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sweep {
+    #[strum(to_string = "points")]
+    Points,
+    #[strum(to_string = "N")]
+    Components,
+    #[strum(to_string = "threads")]
+    Threads,
+}
+
+const SWEEPS: [Sweep; 3] = [Sweep::Points, Sweep::Components, Sweep::Threads];
+
+/// Placement of the initial means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MeanPlacement {
+    /// Random, as in the paper: most are far from every point.
+    Random,
+    /// On points of other frames, as after reassignment.
+    Surface,
+}
+
+/// Implementation that processes a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EnginePath {
+    /// Fused kernels in mixed precision.
+    Fast,
+    /// Plain engine in f64.
+    Plain,
+}
+
+/// A line of the plot: means, engine and name.
+type Line = (MeanPlacement, EnginePath, &'static str);
+
+/// Plain lines follow the fast ones in the same order of means.
+const LINES: [Line; 4] = [
+    (MeanPlacement::Random, EnginePath::Fast, "random means"),
+    (MeanPlacement::Surface, EnginePath::Fast, "means on surfaces"),
+    (MeanPlacement::Random, EnginePath::Plain, "random, plain path"),
+    (MeanPlacement::Surface, EnginePath::Plain, "on surfaces, plain path"),
+];
+
+/// One timed combination. Times are medians per frame in milliseconds, with quartiles over the runs.
+#[derive(Clone, Debug, Serialize)]
+pub struct ScalingRow {
+    pub sweep: Sweep,
+    pub points: usize,
+    pub components: usize,
+    pub threads: usize,
+    pub means: MeanPlacement,
+    pub path: EnginePath,
+    pub ms: f64,
+    pub ms_q1: f64,
+    pub ms_q3: f64,
+    pub candidates_ms: f64,
+    pub e_step_ms: f64,
+    pub stats_ms: f64,
+    pub update_ms: f64,
+    /// Median time of the plain path with the same means, divided by the median of this row.
+    pub plain_over_this: f64,
+}
+
+impl ScalingRow {
+    /// Value of the swept size: the position on the x axis.
+    fn position(&self) -> f64 {
+        let size = match self.sweep {
+            Sweep::Points => self.points,
+            Sweep::Components => self.components,
+            Sweep::Threads => self.threads,
+        };
+        size as f64
+    }
+
+    fn spread(&self) -> Spread {
+        Spread { median: self.ms, quartiles: [self.ms_q1, self.ms_q3] }
+    }
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct Fit {
+    sweep: Sweep,
+    means: MeanPlacement,
+    path: EnginePath,
+    /// `ms ∝ size^exponent`, least squares of the logarithms. `None` for fewer than two sizes.
+    exponent: Option<f64>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct ScalingSummary {
+    fits: Vec<Fit>,
+}
+
+pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> {
+    let stops = plan.stops();
+    let largest = stops.iter().map(|s| s.points).max().unwrap_or(1);
+    // Render once at the largest size. Smaller sizes thin the same frame, so that only the size
+    // differs.
+    let room = RoomFrames::load(largest, plan.options.seed)?;
+    let mut rows = Vec::new();
+    for (done, stop) in stops.iter().enumerate() {
+        rows.extend(time_stop(stop, &room, plan)?);
+        progress(done + 1, stops.len());
+    }
+    let summary = ScalingSummary { fits: fits(&rows) };
+    Findings {
+        name: "scaling",
+        dataset: "synthetic room",
+        adapter: None,
+        options: plan.options,
+        notes: notes(plan, &rows, &summary.fits),
+        table: text(&rows),
+        plot: plot::draw("Cost per frame: synthetic room, C = 4", &panels(&rows, &summary.fits))?,
+        rows,
+        summary,
+    }
+    .into_bench()
+}
+
+/// Times all lines at one size in turns.
+fn time_stop(
+    stop: &ScalingPoint,
+    room: &RoomFrames,
+    plan: &ScalingPlan,
+) -> Result<Vec<ScalingRow>, BenchError> {
+    // Repeated training on the same frame costs the same each time: without reassignment the
+    // E-step reads a model that never changes (`model.md`, Three models).
+    let frames = vec![thin(&room.frame, stop.points); 1 + TIMED_FRAMES];
+    let seed = plan.options.seed;
+    let draws = [MeanPlacement::Random, MeanPlacement::Surface].map(|means| match means {
+        MeanPlacement::Random => InitialDraw::random(stop.components, seed),
+        MeanPlacement::Surface => InitialDraw::from_points(&room.others, stop.components, seed),
+    });
+    let variant = |(means, path, _): Line| -> Result<_, BenchError> {
+        let overrides = PaperOverrides {
+            components: Some(stop.components),
+            seed: Some(seed),
+            reassign: Some(ReassignPolicy::Off),
+            precision: (path == EnginePath::Plain).then_some(Precision::F64),
+            ..PaperOverrides::default()
+        };
+        let config = PaperConfig::paper().with(&overrides)?;
+        let (threads, draw) = (stop.threads, &draws[means as usize]);
+        Ok(TimedConfiguration { config, threads, draw, frames: &frames })
+    };
+    let variants = LINES.into_iter().map(variant).collect::<Result<Vec<_>, _>>()?;
+    let timed = runs::in_turns(&variants, plan.repeats, &mut || ())?;
+    let total = |i: usize| timed[i].spread(|ms| ms.train);
+    let row = |(i, (means, path, _)): (usize, Line)| {
+        let ms = total(i);
+        let [candidates_ms, e_step_ms, stats_ms, update_ms, _] = timed[i].stages();
+        let plain = total(i % 2 + 2);
+        ScalingRow {
+            sweep: stop.sweep,
+            points: frames[0].len(),
+            components: stop.components,
+            threads: stop.threads,
+            means,
+            path,
+            ms: ms.median,
+            ms_q1: ms.quartiles[0],
+            ms_q3: ms.quartiles[1],
+            candidates_ms,
+            e_step_ms,
+            stats_ms,
+            update_ms,
+            plain_over_this: plain.median / ms.median,
+        }
+    };
+    Ok(LINES.into_iter().enumerate().map(row).collect())
+}
+
+/// A frame to train on, and points of other frames as initial means on surfaces.
+struct RoomFrames {
+    frame: Points<f32>,
+    others: Points<f32>,
+}
+
+impl RoomFrames {
+    /// Renders frames of at least `n_points` points each.
+    fn load(n_points: usize, seed: u64) -> Result<Self, BenchError> {
+        // Points are dropped at edges of depth, so render more pixels than requested points.
+        let height = (1.2 * n_points as f64 * 0.75).sqrt().ceil().max(8.0);
+        let params = SyntheticParams {
+            width: (height / 0.75).ceil() as u32,
+            height: height as u32,
+            n_train: OTHER_FRAMES + 1,
+            n_eval: 1,
+            seed,
+            depth_noise: 0.0,
+            ..SyntheticParams::demo()
+        };
+        let dataset = Arc::new(synthetic::dataset(&params)?);
+        let mut frames = TrainingSample::load(dataset, OTHER_FRAMES + 1, 1)?.frames.into_iter();
+        let frame = frames.next().unwrap_or_default();
+        let mut others = Points::new();
+        for points in frames {
+            for i in 0..points.len() {
+                let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
+                others.push([x, y, z, r, g, b]);
+            }
+            // Tiles are irrelevant here: means are drawn from single points.
+            others.close_tile();
+        }
+        Ok(Self { frame, others })
+    }
+}
+
+fn line(rows: &[ScalingRow], sweep: Sweep, (means, path, _): Line) -> Vec<&ScalingRow> {
+    rows.iter().filter(|r| (r.sweep, r.means, r.path) == (sweep, means, path)).collect()
+}
+
+fn fits(rows: &[ScalingRow]) -> Vec<Fit> {
+    let fit = |sweep, (means, path, name): Line| {
+        let line = line(rows, sweep, (means, path, name));
+        let sizes = line.iter().map(|r| (r.position(), r.ms)).collect::<Vec<_>>();
+        Fit { sweep, means, path, exponent: exponent(&sizes) }
+    };
+    SWEEPS.into_iter().flat_map(|sweep| LINES.map(|line| fit(sweep, line))).collect()
+}
+
+/// Slope of the least-squares line through the logarithms. `None` if undefined.
+fn exponent(sizes: &[(f64, f64)]) -> Option<f64> {
+    let logs: Vec<(f64, f64)> = sizes.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
+    let n = logs.len() as f64;
+    let (mx, my) = logs.iter().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / n, b + y / n));
+    let covariance: f64 = logs.iter().map(|(x, y)| (x - mx) * (y - my)).sum();
+    let variance: f64 = logs.iter().map(|(x, _)| (x - mx).powi(2)).sum();
+    let slope = covariance / variance;
+    slope.is_finite().then_some(slope)
+}
+
+fn name(means: MeanPlacement, path: EnginePath) -> &'static str {
+    LINES.iter().find(|line| (line.0, line.1) == (means, path)).map_or("", |line| line.2)
+}
+
+fn text(rows: &[ScalingRow]) -> String {
+    table(
+        rows,
+        [
+            ("means", |row| name(row.means, row.path).to_owned()),
+            ("points", |row| row.points.to_string()),
+            ("N", |row| row.components.to_string()),
+            ("threads", |row| row.threads.to_string()),
+            ("ms/frame [quartiles]", |row| row.spread().to_string()),
+            ("plain / this", |row| format!("{:.1}", row.plain_over_this)),
+        ],
+    )
+}
+
+fn notes(plan: &ScalingPlan, rows: &[ScalingRow], fits: &[Fit]) -> Vec<String> {
+    let mut notes = vec![format!(
+        "C = 4, no reassignment, {} runs of {TIMED_FRAMES} timed frames each after one warm-up frame, in turns. Plain path: the plain engine in f64. Means on surfaces are points of six other frames.",
+        plan.repeats
+    )];
+    for fit in fits {
+        let Some(exponent) = fit.exponent else { continue };
+        let name = name(fit.means, fit.path);
+        notes.push(format!("{name}: ms grows as {}^{exponent:.2}", fit.sweep));
+    }
+    for (means, path, name) in LINES {
+        let line = line(rows, Sweep::Threads, (means, path, name));
+        let of = |threads| line.iter().find(|r| r.threads == threads).map(|r| r.ms);
+        if let (Some(one), Some(two)) = (of(1), of(2)) {
+            notes.push(format!("{name}: two threads are {:.2} times as fast as one", one / two));
+        }
+    }
+    notes
+}
+
+fn panels(rows: &[ScalingRow], fits: &[Fit]) -> Vec<Panel> {
+    let series = |sweep, (of_line, fit): (Line, &Fit)| Series {
+        name: match fit.exponent {
+            Some(exponent) => format!("{}: ^{exponent:.2}", of_line.2),
+            None => of_line.2.to_owned(),
+        },
+        marks: line(rows, sweep, of_line)
+            .into_iter()
+            .map(|r| Mark { x: Spread::exact(r.position()), y: r.spread(), label: None })
+            .collect(),
+        connected: true,
+    };
+    let panel = |(sweep, fits): (Sweep, &[Fit])| Panel {
+        title: format!("against {sweep}"),
+        x: Axis::Log(sweep.to_string()),
+        y: Axis::Log("ms per frame".to_owned()),
+        series: LINES.into_iter().zip(fits).map(|of| series(sweep, of)).collect(),
+    };
+    SWEEPS.into_iter().zip(fits.chunks(LINES.len())).map(panel).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exponents_of_power_laws() {
+        let law = |x: f64| (x, 3.0 * x.powf(0.7));
+        let slope = exponent(&[law(1e3), law(1e4), law(1e6)]).unwrap();
+        assert!((slope - 0.7).abs() < 1e-12, "{slope}");
+        assert_eq!(exponent(&[law(1e3)]), None);
+    }
+}

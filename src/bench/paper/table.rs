@@ -1,0 +1,144 @@
+//! Configurations of the paper's engine, timed in turns and rendered.
+
+use super::oracle::Errors;
+use super::runs;
+use super::runs::{Runs, TimedConfiguration};
+use super::sample::{TrainingSample, count};
+use crate::bench::findings::BenchError;
+use crate::eval::metrics::Spread;
+use crate::observation::points::Points;
+use crate::train::paper::config::{Candidates, PaperConfig, Precision, ReassignPolicy};
+use crate::train::paper::init::InitialDraw;
+use crate::train::timing::{PaperStage, StageMs};
+use serde::Serialize;
+
+/// A configuration to time.
+pub struct TimedStep {
+    /// Name of the varied setting.
+    pub sweep: &'static str,
+    pub name: String,
+    pub config: PaperConfig,
+    pub threads: usize,
+    pub draw: InitialDraw,
+    /// Trains on thinned frames, because all points would take too long.
+    pub is_thinned: bool,
+}
+
+/// One row of a table. Times are medians over the runs, in milliseconds per frame of all points.
+#[derive(Clone, Debug, Serialize)]
+pub struct TimedRow {
+    pub sweep: &'static str,
+    pub configuration: String,
+    pub components: usize,
+    pub candidates: Candidates,
+    pub precision: Precision,
+    pub reassign: ReassignPolicy,
+    pub threads: usize,
+    /// Share of the points that were processed. Times that grow with the points are scaled to all points.
+    pub points_share: f64,
+    pub ms: f64,
+    pub ms_q1: f64,
+    pub ms_q3: f64,
+    pub candidates_ms: f64,
+    pub e_step_ms: f64,
+    pub stats_ms: f64,
+    pub update_ms: f64,
+    pub reassign_ms: f64,
+    /// Mean PSNR of the held-out views in dB, of the model trained on the processed points.
+    pub psnr: f64,
+    /// Components with statistics after the last frame.
+    pub used: usize,
+    // Differences from the dense f64 oracle, where it was run: nats, total variation of responsibilities,
+    // relative errors of the posterior with 99 % quantiles by evidence.
+    pub elbo_diff_max: Option<f64>,
+    pub elbo_diff_mean: Option<f64>,
+    pub total_variation_mean: Option<f64>,
+    pub total_variation_max: Option<f64>,
+    pub mean_error_p99: Option<f64>,
+    pub mean_error_max: Option<f64>,
+    pub covariance_error_p99: Option<f64>,
+    pub covariance_error_max: Option<f64>,
+}
+
+/// Times all steps in turns and passes each with its runs to `errors`. Calls `done` after every run and
+/// every row.
+pub fn time(
+    steps: &[TimedStep],
+    sample: &TrainingSample,
+    thinned: &[Points<f32>],
+    repeats: usize,
+    done: &mut dyn FnMut(),
+    errors: impl Fn(&TimedStep, &Runs) -> Result<Option<Errors>, BenchError>,
+) -> Result<Vec<TimedRow>, BenchError> {
+    let frames = |step: &TimedStep| if step.is_thinned { thinned } else { &sample.frames[..] };
+    let variants: Vec<TimedConfiguration> = steps
+        .iter()
+        .map(|step| TimedConfiguration {
+            config: step.config.clone(),
+            threads: step.threads,
+            draw: &step.draw,
+            frames: frames(step),
+        })
+        .collect();
+    let timed = runs::in_turns(&variants, repeats, done)?;
+    let mut rows = Vec::with_capacity(steps.len());
+    for (step, runs) in steps.iter().zip(&timed) {
+        let share = count(frames(step)) as f64 / count(&sample.frames) as f64;
+        rows.push(TimedRow::new(step, runs, sample, share, errors(step, runs)?)?);
+        done();
+    }
+    Ok(rows)
+}
+
+impl TimedRow {
+    fn new(
+        step: &TimedStep,
+        runs: &Runs,
+        sample: &TrainingSample,
+        points_share: f64,
+        errors: Option<Errors>,
+    ) -> Result<Self, BenchError> {
+        // Work per component does not grow with the number of points.
+        let scaled = |ms: &StageMs| {
+            let per_component =
+                [PaperStage::Update, PaperStage::Reassign].map(|stage| ms.values()[stage as usize]);
+            let per_component: f64 = per_component.iter().sum();
+            (ms.train - per_component) / points_share + per_component
+        };
+        let ms = runs.spread(scaled);
+        let [candidates, e_step, stats, update_ms, reassign_ms] = runs.stages();
+        let config = &step.config;
+        Ok(Self {
+            sweep: step.sweep,
+            configuration: step.name.clone(),
+            components: config.components,
+            candidates: config.candidates,
+            precision: config.precision,
+            reassign: config.reassign,
+            threads: step.threads,
+            points_share,
+            ms: ms.median,
+            ms_q1: ms.quartiles[0],
+            ms_q3: ms.quartiles[1],
+            candidates_ms: candidates / points_share,
+            e_step_ms: e_step / points_share,
+            stats_ms: stats / points_share,
+            update_ms,
+            reassign_ms,
+            psnr: sample.psnr(&*runs.engine, config)?,
+            used: runs.engine.used(),
+            elbo_diff_max: errors.map(|e| e.elbo_max),
+            elbo_diff_mean: errors.map(|e| e.elbo_mean),
+            total_variation_mean: errors.map(|e| e.variation_mean),
+            total_variation_max: errors.map(|e| e.variation_max),
+            mean_error_p99: errors.map(|e| e.posterior.mean_p99),
+            mean_error_max: errors.map(|e| e.posterior.mean_max),
+            covariance_error_p99: errors.map(|e| e.posterior.covariance_p99),
+            covariance_error_max: errors.map(|e| e.posterior.covariance_max),
+        })
+    }
+
+    pub fn spread(&self) -> Spread {
+        Spread { median: self.ms, quartiles: [self.ms_q1, self.ms_q3] }
+    }
+}

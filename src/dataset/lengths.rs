@@ -1,0 +1,259 @@
+//! Depth files other than PNG: floats and codes as EXR, TIFF, NPY or without a header.
+//!
+//! Every reader compares the size stated in a file with its number of bytes before it allocates memory.
+
+use super::depth::DepthCodes;
+use super::error::FrameProblem;
+use crate::math::image::Image;
+use exr::meta::MetaData;
+use exr::prelude::{ReadChannels, ReadLayers, f16, read as open_exr};
+use std::borrow::Cow;
+use std::io::{Cursor, Read};
+use tiff::decoder::{Decoder, DecodingResult};
+
+type Reader = fn(&[u8]) -> Result<StoredDepth, FrameProblem>;
+
+const KINDS: [(&[u8], Reader); 4] = [
+    (b"\x93NUM", read_npy),
+    (b"\x76\x2f\x31\x01", read_exr),
+    (b"II*\0", read_tiff),
+    (b"MM\0*", read_tiff),
+];
+
+fn reader(bytes: &[u8]) -> Option<Reader> {
+    KINDS.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, reader)| *reader)
+}
+
+pub(super) fn is_known(bytes: &[u8]) -> bool {
+    reader(bytes).is_some()
+}
+
+/// Decodes lengths or codes; `unit` is in world units per stored unit.
+pub(super) fn decode(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
+    stored(bytes).map(|stored| stored.in_units(unit))
+}
+
+pub(super) fn size(bytes: &[u8]) -> Result<(usize, usize), FrameProblem> {
+    stored(bytes).map(|stored| stored.size())
+}
+
+fn stored(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
+    match reader(bytes) {
+        Some(read) => read(bytes),
+        None => Err(FrameProblem::DepthFile {
+            expected: "depth as EXR, TIFF or NPY",
+            found: "another kind of file".to_owned(),
+        }),
+    }
+}
+
+pub(super) fn bare_floats(bytes: &[u8], size: (u32, u32)) -> Result<DepthCodes, FrameProblem> {
+    let bytes = unpacked(bytes, size, size_of::<f32>())?;
+    let lengths = bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    Ok(DepthCodes::Lengths(Image::from_vec(size.0 as usize, size.1 as usize, lengths)))
+}
+
+pub(super) fn bare_bytes(bytes: &[u8], size: (u32, u32)) -> Result<Image<u8>, FrameProblem> {
+    let bytes = unpacked(bytes, size, 1)?.into_owned();
+    Ok(Image::from_vec(size.0 as usize, size.1 as usize, bytes))
+}
+
+/// Decompresses the bytes; checks that their number matches the image.
+fn unpacked(
+    bytes: &[u8],
+    (width, height): (u32, u32),
+    per_pixel: usize,
+) -> Result<Cow<'_, [u8]>, FrameProblem> {
+    let expected = width as usize * height as usize * per_pixel;
+    let wrong = |found: String| FrameProblem::DepthFile {
+        expected: "values without a header, of the size stated in the metadata, plain or LZFSE-compressed",
+        found,
+    };
+    let short = |n: usize| wrong(format!("{n} bytes for {width}x{height} pixels of {per_pixel}"));
+    if bytes.len() == expected {
+        return Ok(Cow::Borrowed(bytes));
+    }
+    // Start of LZFSE blocks; for any other file, the size is wrong.
+    if !bytes.starts_with(b"bvx") {
+        return Err(short(bytes.len()));
+    }
+    let mut decoder = lzfse_rust::LzfseRingDecoder::default();
+    let mut out = Vec::new();
+    let mut stream = decoder.reader_bytes(bytes);
+    // One byte more detects a file with too much data, without unpacking all of it.
+    let read = stream.by_ref().take(expected as u64 + 1).read_to_end(&mut out);
+    read.map_err(|e| wrong(e.to_string()))?;
+    if out.len() == expected { Ok(Cow::Owned(out)) } else { Err(short(out.len())) }
+}
+
+/// Reads an array with two axes, or with three of which the last has length one.
+fn read_npy(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
+    let wrong = |found: String| FrameProblem::DepthFile {
+        expected: "a little-endian NPY array of rows and columns in C order (f2, f4, f8, u2, u4)",
+        found,
+    };
+    let (header, data) = split(bytes).ok_or_else(|| wrong("a damaged header".to_owned()))?;
+    let kind = text_of(header, "descr").ok_or_else(|| wrong(shorten(header)))?;
+    let in_order = header.contains("'fortran_order': False");
+    let size = shape(header).filter(|_| in_order).ok_or_else(|| wrong(shorten(header)))?;
+    let [height, width] = size;
+    let n = width.checked_mul(height).ok_or_else(|| wrong(shorten(header)))?;
+    let width_of = kind.get(2..).and_then(|digits| digits.parse::<usize>().ok()).unwrap_or(0);
+    // Exact: a file longer or shorter than its header states is damaged.
+    if n.checked_mul(width_of) != Some(data.len()) || n == 0 {
+        return Err(wrong(format!("{} bytes of data for {}", data.len(), shorten(header))));
+    }
+    let floats = |values: Vec<f32>| StoredDepth::Floats(Image::from_vec(width, height, values));
+    Ok(match kind {
+        "<u2" => {
+            let codes = data.as_chunks().0.iter().map(|b| u16::from_le_bytes(*b)).collect();
+            StoredDepth::Codes(Image::from_vec(width, height, codes))
+        }
+        "<f2" => {
+            floats(data.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect())
+        }
+        "<f4" => floats(data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()),
+        "<f8" => floats(data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b) as f32).collect()),
+        "<u4" => floats(data.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b) as f32).collect()),
+        _ => return Err(wrong(format!("values of type {kind}"))),
+    })
+}
+
+fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
+    // Signature, two bytes of version, then the header's length in two bytes or, from version 2, in four.
+    let rest = bytes.get(8..)?;
+    let (length, rest) = match bytes.get(6)? {
+        1 => (usize::from(u16::from_le_bytes([*rest.first()?, *rest.get(1)?])), rest.get(2..)?),
+        _ => (u32::from_le_bytes(*rest.first_chunk()?) as usize, rest.get(4..)?),
+    };
+    let (header, data) = rest.split_at_checked(length)?;
+    Some((std::str::from_utf8(header).ok()?, data))
+}
+
+fn text_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
+    header.split_once(&format!("'{key}':"))?.1.split('\'').nth(1)
+}
+
+/// Rows and columns.
+fn shape(header: &str) -> Option<[usize; 2]> {
+    let list = header.split_once("'shape':")?.1.split_once('(')?.1.split_once(')')?.0;
+    let axes: Option<Vec<usize>> =
+        list.split(',').map(str::trim).filter(|t| !t.is_empty()).map(|t| t.parse().ok()).collect();
+    match axes?[..] {
+        [rows, columns] | [rows, columns, 1] | [1, rows, columns] => Some([rows, columns]),
+        _ => None,
+    }
+}
+
+fn shorten(header: &str) -> String {
+    header.trim().chars().take(80).collect()
+}
+
+/// Names of depth channels, in order of preference; otherwise the first channel is used.
+const EXR_CHANNELS: [&str; 5] = ["Z", "Y", "R", "V", "depth"];
+
+fn read_exr(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
+    let wrong = |found: String| FrameProblem::DepthFile { expected: "a whole EXR image", found };
+    let damaged = |e: exr::error::Error| wrong(e.to_string());
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(damaged)?;
+    for header in &meta.headers {
+        let size = header.layer_size;
+        check_size(bytes, [size.width(), size.height()], 2 * header.channels.list.len())?;
+    }
+    let image = open_exr()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(damaged)?;
+    let channels = &image.layer_data.channel_data.list;
+    let named = |name: &&str| channels.iter().find(|c| c.name.eq_case_insensitive(name));
+    let channel = EXR_CHANNELS.iter().find_map(named).or_else(|| channels.first());
+    let channel = channel.ok_or_else(|| wrong("no channel".to_owned()))?;
+    let size = image.layer_data.size;
+    let values = channel.sample_data.values_as_f32().collect();
+    Ok(StoredDepth::Floats(Image::from_vec(size.width(), size.height(), values)))
+}
+
+fn read_tiff(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
+    let wrong = |found: String| FrameProblem::DepthFile {
+        expected: "a TIFF with one 16-bit or float sample per pixel",
+        found,
+    };
+    let damaged = |e: tiff::TiffError| wrong(e.to_string());
+    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(damaged)?;
+    let (width, height) = decoder.dimensions().map_err(damaged)?;
+    let [width, height] = [width as usize, height as usize];
+    check_size(bytes, [width, height], 2)?;
+    let stored = match decoder.read_image().map_err(damaged)? {
+        DecodingResult::U16(codes) if codes.len() == width * height => {
+            StoredDepth::Codes(Image::from_vec(width, height, codes))
+        }
+        DecodingResult::F32(values) if values.len() == width * height => {
+            StoredDepth::Floats(Image::from_vec(width, height, values))
+        }
+        DecodingResult::F64(values) if values.len() == width * height => {
+            let values = values.into_iter().map(|v| v as f32).collect();
+            StoredDepth::Floats(Image::from_vec(width, height, values))
+        }
+        _ => return Err(wrong("other samples".to_owned())),
+    };
+    Ok(stored)
+}
+
+enum StoredDepth {
+    Codes(Image<u16>),
+    Floats(Image<f32>),
+}
+
+impl StoredDepth {
+    pub fn size(&self) -> (usize, usize) {
+        match self {
+            Self::Codes(image) => (image.width, image.height),
+            Self::Floats(image) => (image.width, image.height),
+        }
+    }
+
+    pub fn in_units(self, unit: f64) -> DepthCodes {
+        match self {
+            Self::Codes(codes) => DepthCodes::Linear16 { codes, unit },
+            Self::Floats(image) => {
+                DepthCodes::Lengths(image.map(|&v| (f64::from(v) * unit) as f32))
+            }
+        }
+    }
+}
+
+/// Limit for depth images: 67 million pixels.
+const MAX_PIXELS: usize = 1 << 26;
+/// Highest compression factor of these formats and PNG, that of deflate.
+const MAX_FACTOR: u64 = 1040;
+
+/// Checks, before allocation, that the file's bytes can contain this number of pixels.
+fn check_size(
+    bytes: &[u8],
+    [width, height]: [usize; 2],
+    per_pixel: usize,
+) -> Result<(), FrameProblem> {
+    let n = width.checked_mul(height).filter(|n| (1..=MAX_PIXELS).contains(n));
+    let unpacked = n.map_or(u64::MAX, |n| (n as u64).saturating_mul(per_pixel as u64));
+    check_unpacked(bytes, [width, height], unpacked)
+}
+
+/// Checks, before allocation, that the file's bytes can hold an image of `unpacked` bytes.
+pub(super) fn check_unpacked(
+    bytes: &[u8],
+    [width, height]: [usize; 2],
+    unpacked: u64,
+) -> Result<(), FrameProblem> {
+    match unpacked <= (bytes.len() as u64).saturating_mul(MAX_FACTOR) {
+        true => Ok(()),
+        false => Err(FrameProblem::DepthFile {
+            expected: "a size that the file's bytes can hold",
+            found: format!("{width}x{height} pixels in {} bytes", bytes.len()),
+        }),
+    }
+}

@@ -1,0 +1,134 @@
+//! Writes the synthetic scene as 7-Scenes, TUM RGB-D and Record3D's exported folder.
+
+use super::files::{
+    WriteError, create_folder, write_bytes, write_gray8, write_gray16, write_jpeg, write_rgba,
+    write_text,
+};
+use crate::dataset::matrix;
+use crate::dataset::synthetic::phone::camera::Capture;
+use crate::dataset::synthetic::plan::{FRAMES_PER_SECOND, RecordedFrame, ViewPlan};
+use crate::dataset::synthetic::scene::quantise;
+use crate::dataset::synthetic::view::SyntheticView;
+use crate::math::image::Image;
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Layer, LayerAttributes, SmallVec,
+    WritableImage, f16,
+};
+use glam::DQuat;
+use serde_json::json;
+use std::fmt::Write;
+use std::io::Cursor;
+use std::path::Path;
+
+/// Metres per depth code.
+const SEVEN_SCENES_UNIT: f64 = 0.001;
+const TUM_UNIT: f64 = 1.0 / 5000.0;
+const CONFIDENCE: &str = "confidence";
+
+pub(super) fn write_seven_scenes(
+    plan: &ViewPlan,
+    out: &Path,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
+    let k = plan.scene.intrinsics();
+    let intrinsics = format!("{} 0 {}\n0 {} {}\n0 0 1\n", k.fx, k.cx, k.fy, k.cy);
+    write_text(&out.join("camera-intrinsics.txt"), &intrinsics)?;
+    for split in &plan.splits {
+        let folder = out.join(split.name);
+        create_folder(&folder)?;
+        for (i, pose) in split.poses.iter().enumerate() {
+            let SyntheticView { color, depth_z } = plan.render_view(split, i);
+            let file = |suffix: &str| folder.join(format!("frame-{i:06}.{suffix}"));
+            write_rgba(&file("color.png"), &color)?;
+            write_gray16(&file("depth.png"), &quantise(&depth_z, SEVEN_SCENES_UNIT))?;
+            write_text(&file("pose.txt"), &matrix::to_text(&pose.to_opencv()))?;
+            on_frame();
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn write_tum(
+    plan: &ViewPlan,
+    out: &Path,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
+    ["rgb", "depth"].into_iter().try_for_each(|name| create_folder(&out.join(name)))?;
+    let mut lists = ["# colour images", "# depth maps"].map(|head| format!("{head}\n"));
+    let mut poses = "# timestamp tx ty tz qx qy qz qw\n".to_owned();
+    for frame in plan.recorded_frames() {
+        let SyntheticView { color, depth_z } = frame.view();
+        let time = format!("{:.6}", frame.time);
+        write_rgba(&out.join(format!("rgb/{time}.png")), &color)?;
+        write_gray16(&out.join(format!("depth/{time}.png")), &quantise(&depth_z, TUM_UNIT))?;
+        for (list, folder) in lists.iter_mut().zip(["rgb", "depth"]) {
+            // Writing to a string cannot fail.
+            let _ = writeln!(list, "{time} {folder}/{time}.png");
+        }
+        let (p, q) = (frame.pose.centre(), DQuat::from_mat4(&frame.pose.to_opencv()));
+        let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(|v| format!("{v:e}")).join(" ");
+        let _ = writeln!(poses, "{time} {numbers}");
+        on_frame();
+    }
+    let k = plan.scene.intrinsics();
+    let camera = format!("{:e} {:e} {:e} {:e}\n", k.fx, k.fy, k.cx, k.cy);
+    write_text(&out.join("camera-intrinsics.txt"), &camera)?;
+    write_text(&out.join("groundtruth.txt"), &poses)?;
+    // Written last: after an interruption no list names missing images.
+    write_text(&out.join("rgb.txt"), &lists[0])?;
+    write_text(&out.join("depth.txt"), &lists[1])
+}
+
+pub(super) fn write_record3d(
+    plan: &ViewPlan,
+    out: &Path,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
+    // Exact depth needs no confidence.
+    let folders: &[&str] = match plan.has_phone_camera() {
+        true => &["rgb", "depth", CONFIDENCE],
+        false => &["rgb", "depth"],
+    };
+    folders.iter().try_for_each(|name| create_folder(&out.join(name)))?;
+    for frame in plan.recorded_frames() {
+        let Capture { color, depth_z, confidence } = frame.capture();
+        let file = |folder: &str| out.join(format!("{folder}/{}", frame.index));
+        write_jpeg(&file("rgb").with_extension("jpg"), &color)?;
+        write_exr(&file("depth").with_extension("exr"), &depth_z)?;
+        if plan.has_phone_camera() {
+            write_gray8(&file(CONFIDENCE).with_extension("png"), &confidence)?;
+        }
+        on_frame();
+    }
+    let (k, of_depth) = (plan.scene.intrinsics(), plan.depth_camera());
+    let pose = |frame: RecordedFrame| {
+        let (p, q) = (frame.pose.centre(), DQuat::from_mat4(&frame.pose.to_opengl()));
+        [q.x, q.y, q.z, q.w, p.x, p.y, p.z]
+    };
+    let metadata = json!({
+        "w": k.width, "h": k.height, "dw": of_depth.width, "dh": of_depth.height,
+        "fps": FRAMES_PER_SECOND,
+        // Column by column.
+        "K": [k.fx, 0.0, 0.0, 0.0, k.fy, 0.0, k.cx, k.cy, 1.0],
+        "poses": plan.recorded_frames().map(pose).collect::<Vec<_>>(),
+    });
+    write_text(&out.join("metadata.json"), &metadata.to_string())
+}
+
+fn write_exr(path: &Path, depth_z: &Image<f64>) -> Result<(), WriteError> {
+    let halves = depth_z.data.iter().map(|z| f16::from_f64(*z)).collect();
+    let channel = AnyChannel::new("R", FlatSamples::F16(halves));
+    let channels = AnyChannels::sort(SmallVec::from_iter([channel]));
+    let layer = Layer::new(
+        (depth_z.width, depth_z.height),
+        LayerAttributes::named(""),
+        Encoding::FAST_LOSSLESS,
+        channels,
+    );
+    let mut bytes = Cursor::new(Vec::new());
+    let image = exr::prelude::Image::from_layer(layer);
+    let written = image.write().non_parallel().to_buffered(&mut bytes);
+    let failed = |e| WriteError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
+    written.map_err(failed)?;
+    write_bytes(path, bytes.get_ref())
+}

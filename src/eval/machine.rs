@@ -1,0 +1,156 @@
+//! Processor and memory of the machine, as the system reports them.
+
+use super::report::MachineReport;
+use crate::math::simd::Isa;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Threads of the current pool, processor, instruction set, and the graphics adapter that renders, if any.
+pub fn describe(adapter: Option<String>) -> MachineReport {
+    MachineReport {
+        threads: rayon::current_num_threads(),
+        cpu: cpu_name(),
+        simd: Isa::best().name().to_owned(),
+        adapter,
+    }
+}
+
+fn cpu_name() -> String {
+    let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
+}
+
+/// Properties that determine the last bits of results besides the settings, as JSON: processor, math
+/// library of the system, fused multiply-add, and build profile.
+pub fn numerics() -> String {
+    let numerics = serde_json::json!({
+        "arch": std::env::consts::ARCH,
+        "os": std::env::consts::OS,
+        "fma": cfg!(target_feature = "fma"),
+        "avx2": cfg!(target_feature = "avx2"),
+        "profile": if cfg!(debug_assertions) { "debug" } else { "release" },
+    });
+    numerics.to_string()
+}
+
+/// Peak resident memory of this process, bytes; `None` if unavailable.
+pub fn peak_rss_bytes() -> Option<u64> {
+    status_bytes("VmHWM:")
+}
+
+/// Current resident memory of this process, bytes; `None` if unavailable.
+pub fn rss_bytes() -> Option<u64> {
+    status_bytes("VmRSS:")
+}
+
+/// Memory available to this process without swapping, bytes, within the limits of its container; `None` if
+/// unavailable.
+pub fn available_bytes() -> Option<u64> {
+    let free = file_bytes("/proc/meminfo", "MemAvailable:");
+    let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+    let left = available_in_groups(&groups, Path::new("/sys/fs/cgroup"));
+    free.into_iter().chain(left).min()
+}
+
+fn status_bytes(field: &str) -> Option<u64> {
+    file_bytes("/proc/self/status", field)
+}
+
+fn file_bytes(path: &str, field: &str) -> Option<u64> {
+    let text = fs::read_to_string(path).ok()?;
+    let value = text.lines().find_map(|line| line.strip_prefix(field))?;
+    let kilobytes: u64 = value.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kilobytes * 1024)
+}
+
+/// File names of a cgroup version: limit, usage, and the field of `memory.stat` with reclaimable memory.
+struct Names {
+    limit: &'static str,
+    used: &'static str,
+    reclaimable: &'static str,
+}
+
+const V1: Names = Names {
+    limit: "memory.limit_in_bytes",
+    used: "memory.usage_in_bytes",
+    reclaimable: "total_inactive_file",
+};
+const V2: Names =
+    Names { limit: "memory.max", used: "memory.current", reclaimable: "inactive_file" };
+
+/// Bytes available under the tightest of the process's groups, for cgroup v1 and v2; `None` without a
+/// limit. `groups` is the content of `/proc/self/cgroup`, `root` the cgroup mount point.
+fn available_in_groups(groups: &str, root: &Path) -> Option<u64> {
+    let of_line = |line: &str| {
+        let mut fields = line.splitn(3, ':').skip(1);
+        let (controllers, group) = (fields.next()?, fields.next()?.trim_start_matches('/'));
+        let is_memory = controllers.split(',').any(|name| name == "memory");
+        let (top, names) = match (controllers.is_empty(), is_memory) {
+            (true, _) => (root.to_owned(), V2),
+            (_, true) => (root.join("memory"), V1),
+            _ => return None,
+        };
+        // Limits of all ancestor groups apply as well; in a container the path may not exist at all.
+        let below: PathBuf = top.join(group);
+        let all = below.ancestors().take_while(|path| path.starts_with(&top));
+        all.filter_map(|path| available_in_group(path, &names)).min()
+    };
+    groups.lines().filter_map(of_line).min()
+}
+
+fn available_in_group(group: &Path, names: &Names) -> Option<u64> {
+    let number = |name: &str| fs::read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
+    // `max` does not parse: no limit.
+    let (limit, used) = (number(names.limit)?, number(names.used)?);
+    let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
+    let field = |line: &str| line.strip_prefix(names.reclaimable)?.trim().parse::<u64>().ok();
+    let reclaimable = stat.lines().find_map(field).unwrap_or(0);
+    Some(limit.saturating_sub(used.saturating_sub(reclaimable)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(root: &Path, files: &[(&str, &str)]) {
+        for (name, text) in files {
+            let path = root.join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+    }
+
+    #[test]
+    fn the_tightest_group_of_either_version_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        assert_eq!(available_in_groups("0::/a/b\n", root), None, "no files");
+        written(root, &[("a/b/memory.max", "max\n"), ("a/b/memory.current", "5000\n")]);
+        assert_eq!(available_in_groups("0::/a/b\n", root), None, "no limit");
+        written(
+            root,
+            &[
+                ("a/memory.max", "9000\n"),
+                ("a/memory.current", "6000\n"),
+                ("a/memory.stat", "anon 5000\ninactive_file 500\nactive_file 1\n"),
+            ],
+        );
+        assert_eq!(available_in_groups("0::/a/b\n", root), Some(3500));
+        // A container sees its own group at the root, regardless of the stated path.
+        written(root, &[("memory.max", "2000"), ("memory.current", "1500")]);
+        assert_eq!(available_in_groups("0::/not/here\n", root), Some(500));
+        let v1 = "7:cpu:/x\n3:memory:/job\n";
+        assert_eq!(available_in_groups(v1, root), None);
+        written(
+            root,
+            &[
+                ("memory/job/memory.limit_in_bytes", "800"),
+                ("memory/job/memory.usage_in_bytes", "900"),
+                ("memory/job/memory.stat", "total_inactive_file 300\n"),
+            ],
+        );
+        assert_eq!(available_in_groups(v1, root), Some(200));
+        assert_eq!(available_in_groups(&format!("{v1}0::/a\n"), root), Some(200));
+    }
+}

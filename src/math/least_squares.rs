@@ -1,0 +1,212 @@
+//! Normal equations of a least-squares problem over a few unknowns.
+
+use super::cholesky::Cholesky;
+
+/// Weighted sum of squared residuals, linearised: cost, half gradient and half Gauss-Newton curvature.
+///
+/// Parts of a problem have their own, which are added in a fixed order, so that sums do not depend on the
+/// number of threads and parts can be left out or compared for standard errors.
+#[derive(Clone, Copy, Debug)]
+pub struct NormalEquations<const N: usize> {
+    /// Weighted sum of squares.
+    pub cost: f64,
+    /// Number (weight) of contributing points.
+    pub n: f64,
+    /// Lower triangle of half the curvature.
+    curvature: [[f64; N]; N],
+    /// Half the gradient of the cost.
+    pub gradient: [f64; N],
+}
+
+impl<const N: usize> NormalEquations<N> {
+    /// No residuals.
+    pub const ZERO: Self = Self { cost: 0.0, n: 0.0, curvature: [[0.0; N]; N], gradient: [0.0; N] };
+
+    /// Adds a residual with its weight and its Jacobian by the leading unknowns (zero for the others).
+    #[inline(always)]
+    pub fn add_residual(&mut self, residual: f64, slope: &[f64], weight: f64) {
+        self.add_residuals([residual], [slope], weight);
+    }
+
+    /// Adds residuals of equal weight; each accumulator is read and written only once.
+    #[inline(always)]
+    pub fn add_residuals<const M: usize>(
+        &mut self,
+        residuals: [f64; M],
+        slopes: [&[f64]; M],
+        weight: f64,
+    ) {
+        for residual in residuals {
+            self.cost += weight * residual * residual;
+        }
+        for j in 0..slopes[0].len() {
+            let mut pull = self.gradient[j];
+            let mut weighted = [0.0; M];
+            for i in 0..M {
+                weighted[i] = weight * slopes[i][j];
+                pull += weighted[i] * residuals[i];
+            }
+            self.gradient[j] = pull;
+            for (k, sum) in self.curvature[j][..=j].iter_mut().enumerate() {
+                let mut curvature = *sum;
+                for i in 0..M {
+                    curvature += weighted[i] * slopes[i][k];
+                }
+                *sum = curvature;
+            }
+        }
+    }
+
+    /// Adds the prior that unknown `i` deviates from a given value by 0 ± `deviation`, now by `value`.
+    pub fn add_prior(&mut self, i: usize, value: f64, deviation: f64) {
+        let weight = deviation.powi(-2);
+        self.cost += weight * value * value;
+        self.gradient[i] += weight * value;
+        self.curvature[i][i] += weight;
+    }
+
+    /// Adds `factor` times other equations; −1 removes a part from a total.
+    pub fn add(&mut self, other: &Self, factor: f64) {
+        self.cost += factor * other.cost;
+        self.n += factor * other.n;
+        for i in 0..N {
+            self.gradient[i] += factor * other.gradient[i];
+            for j in 0..=i {
+                self.curvature[i][j] += factor * other.curvature[i][j];
+            }
+        }
+    }
+
+    /// Sum of the parts.
+    pub fn total<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Self {
+        parts.into_iter().fold(Self::ZERO, |mut sum, part| {
+            sum.add(part, 1.0);
+            sum
+        })
+    }
+
+    /// Mean weighted squared residual per point.
+    pub fn variance(&self) -> f64 {
+        self.cost / self.n
+    }
+
+    /// Curvature of the `free` unknowns, row-major.
+    pub fn curvature_of(&self, free: &[usize]) -> Vec<f64> {
+        free.iter().flat_map(|&i| free.iter().map(move |&j| self.curvature_at(i, j))).collect()
+    }
+
+    /// Curvature entry of a pair of unknowns.
+    pub fn curvature_at(&self, i: usize, j: usize) -> f64 {
+        self.curvature[i.max(j)][i.min(j)]
+    }
+
+    /// Eliminates all but the first `M` unknowns (Schur complement). `None` if the eliminated ones are not
+    /// determined.
+    pub fn eliminate_after<const M: usize>(&self) -> Option<NormalEquations<M>> {
+        let rest: Vec<usize> = (M..N).collect();
+        let factor = Cholesky::new(rest.len(), &self.curvature_of(&rest))?;
+        let gradient: Vec<f64> = rest.iter().map(|&i| self.gradient[i]).collect();
+        let pull = factor.solve(&gradient);
+        let along = |with: &[f64], values: &[f64]| -> f64 {
+            with.iter().zip(values).map(|(a, b)| a * b).sum()
+        };
+        let mut left = NormalEquations::ZERO;
+        left.n = self.n;
+        left.cost = self.cost - along(&gradient, &pull);
+        for i in 0..M {
+            let coupled: Vec<f64> = rest.iter().map(|&j| self.curvature_at(i, j)).collect();
+            left.gradient[i] = self.gradient[i] - along(&coupled, &pull);
+            let followed = factor.solve(&coupled);
+            for j in 0..=i {
+                let others: Vec<f64> = rest.iter().map(|&k| self.curvature_at(j, k)).collect();
+                left.curvature[i][j] = self.curvature[i][j] - along(&others, &followed);
+            }
+        }
+        Some(left)
+    }
+
+    /// Minimising change of the unknowns after the first `step.len()`, if those change by `step`.
+    pub fn eliminated_step(&self, step: &[f64]) -> Option<Vec<f64>> {
+        let m = step.len();
+        let rest: Vec<usize> = (m..N).collect();
+        let pull: Vec<f64> = rest
+            .iter()
+            .map(|&i| {
+                let coupled: f64 = (0..m).map(|j| self.curvature_at(i, j) * step[j]).sum();
+                -self.gradient[i] - coupled
+            })
+            .collect();
+        Some(Cholesky::new(rest.len(), &self.curvature_of(&rest))?.solve(&pull))
+    }
+
+    /// Step to the minimum; `None` if the data does not determine it or any number is not finite.
+    pub fn solution(&self) -> Option<[f64; N]> {
+        let all: [usize; N] = std::array::from_fn(|i| i);
+        let step: [f64; N] = self.damped_step(&all, 0.0)?.try_into().ok()?;
+        // The factor does not depend on the gradient: a NaN there shows only here.
+        step.iter().all(|x| x.is_finite()).then_some(step)
+    }
+
+    /// Damped Newton step of the `free` unknowns in their order, with the others held. `damping` is
+    /// Marquardt's relative addition to the diagonal. `None` if the data does not determine a direction.
+    pub fn damped_step(&self, free: &[usize], damping: f64) -> Option<Vec<f64>> {
+        let n = free.len();
+        let mut matrix = self.curvature_of(free);
+        (0..n).for_each(|i| matrix[i * n + i] *= 1.0 + damping);
+        let down: Vec<f64> = free.iter().map(|&i| -self.gradient[i]).collect();
+        Some(Cholesky::new(n, &matrix)?.solve(&down))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Residuals `x + 2y − 3` and `x − y` with weights 1 and 4, linearised at the origin.
+    fn two_lines() -> [NormalEquations<2>; 2] {
+        let mut views = [NormalEquations::ZERO; 2];
+        views[0].add_residual(-3.0, &[1.0, 2.0], 1.0);
+        views[1].add_residual(0.0, &[1.0, -1.0], 4.0);
+        views.iter_mut().for_each(|view| view.n += 1.0);
+        views
+    }
+
+    #[test]
+    fn the_step_leads_to_the_minimum_of_the_free_unknowns() {
+        let total = NormalEquations::total(&two_lines());
+        assert_eq!((total.cost, total.variance()), (9.0, 4.5));
+        let step = total.damped_step(&[0, 1], 0.0).unwrap();
+        assert!(step.iter().all(|x| (x - 1.0).abs() < 1e-12), "{step:?}");
+        // With y held, (x − 3)² + 4x² is smallest at 3/5.
+        let step = total.damped_step(&[0], 0.0).unwrap();
+        assert!((step[0] - 0.6).abs() < 1e-12, "{step:?}");
+        assert!(total.damped_step(&[0], 1.0).unwrap()[0] < 0.31, "damping shortens the step");
+    }
+
+    #[test]
+    fn what_is_reduced_has_the_same_minimum() {
+        let mut total = NormalEquations::total(&two_lines());
+        let whole = total.eliminate_after::<1>().unwrap();
+        assert!((whole.damped_step(&[0], 0.0).unwrap()[0] - 1.0).abs() < 1e-12, "{whole:?}");
+        assert!(whole.cost.abs() < 9.0, "eliminating y lowers the cost");
+        let y = total.eliminated_step(&[1.0]).unwrap();
+        assert!((y[0] - 1.0).abs() < 1e-12, "{y:?}");
+        // With a strong pull of y to 0 it follows less: (x − 3)² + 4x² in the limit.
+        total.add_residual(0.0, &[0.0, 1.0], 1e9);
+        let held = total.eliminate_after::<1>().unwrap();
+        assert!((held.damped_step(&[0], 0.0).unwrap()[0] - 0.6).abs() < 1e-6, "{held:?}");
+    }
+
+    #[test]
+    fn a_view_that_is_taken_out_leaves_the_others() {
+        let views = two_lines();
+        let mut rest = NormalEquations::total(&views);
+        rest.add(&views[1], -1.0);
+        assert_eq!((rest.cost, rest.n, rest.gradient), (9.0, 1.0, [-3.0, -6.0]));
+        assert_eq!(rest.curvature_of(&[0, 1]), [1.0, 2.0, 2.0, 4.0]);
+        assert!(
+            rest.damped_step(&[0, 1], 0.0).is_none(),
+            "one residual leaves a direction undetermined"
+        );
+    }
+}

@@ -1,0 +1,273 @@
+//! Merging of runs that started alike and were trained on different frames. Mixtures, whose components are
+//! the same from the start, are added; scenes, whose components are born from points, are fused.
+
+use super::error::RunError;
+use super::saved::{Meta, SavedRun, canonical};
+use super::snapshot::now_unix_s;
+use crate::export::checkpoint::{Checkpoint, Cursor, StoredModel};
+use crate::model::paper::merging;
+use crate::model::paper::merging::AddError;
+use crate::model::paper::state::{InitialMeans, ModelState};
+use crate::pipeline::error::SessionError;
+use crate::pipeline::run::RunConfig;
+use crate::pipeline::settings::method::Method;
+use serde_json::Value;
+use std::collections::BTreeSet;
+
+/// Merges runs into one over the frames of all. Mixtures are added exactly, so any order and tree of merges
+/// gives the same model. Scenes are fused, to the same model for any order of `runs`. The result can be resumed on the remaining frames. `None` for an empty list.
+///
+/// # Errors
+/// [`RunError::Unlike`] if they did not start alike, [`RunError::Overlap`] if a frame would count twice,
+/// [`RunError::Add`] for totals that cannot be added exactly.
+pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
+    if runs.first().is_some_and(|run| run.config.method.scene().is_some()) {
+        return fuse(None, runs);
+    }
+    check_compatible(&runs)?;
+    let mut runs = runs.into_iter();
+    let Some(first) = runs.next() else { return Ok(None) };
+    runs.try_fold(first, add).map(Some)
+}
+
+/// Merges scenes that all continued `origin`: statistics of their common components are added to
+/// those of `origin`.
+///
+/// # Errors
+/// As [`merge`], and [`RunError::Origin`] unless all continued `origin`.
+pub fn merge_onto(origin: &SavedRun, runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
+    fuse(Some(origin), runs)
+}
+
+fn add(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
+    let model = sum(&a.content.model, &b.content.model)
+        .map_err(|source| RunError::Add { paths: [a.path.clone(), b.path.clone()], source })?;
+    let mut merged = combine_runs(a, b)?;
+    merged.content.model = model;
+    Ok(merged)
+}
+
+fn sum(a: &StoredModel, b: &StoredModel) -> Result<StoredModel, AddError> {
+    use StoredModel::Mixture;
+    match (a, b) {
+        (Mixture { normalization, hyper, state: a }, Mixture { state: b, .. }) => {
+            let totals = merging::add(&a.totals, &b.totals)?;
+            let state = ModelState { totals, ..a.clone() };
+            Ok(Mixture { normalization: *normalization, hyper: *hyper, state })
+        }
+        _ => Err(AddError::Unlike),
+    }
+}
+
+/// Fuses runs into one over the frames of all. `origin` is the run that all of them continued, if any. `None`
+/// for an empty list.
+fn fuse(origin: Option<&SavedRun>, mut runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
+    if let Some(origin) = origin {
+        for run in &mut runs {
+            check_same_start(origin, run)?;
+            remove_origin_frames(run, origin)?;
+        }
+    }
+    check_compatible(&runs)?;
+    // Sorted by first frame, which is unique: the result does not depend on the order of the arguments.
+    runs.sort_by_key(|run| run.content.cursor.visited.iter().min().copied());
+    let Some(first) = runs.first() else { return Ok(None) };
+    let models: Vec<&StoredModel> = runs.iter().map(|run| &run.content.model).collect();
+    let of_origin = origin.map(|run| &run.content.model);
+    let Some(model) = first.config.method.as_any().fuse(of_origin, &models) else {
+        let found = "components that are added instead of fused";
+        return Err(origin_error(first, origin.unwrap_or(first), found));
+    };
+    let mut runs = origin.cloned().into_iter().chain(runs);
+    let Some(first) = runs.next() else { return Ok(None) };
+    let mut all = runs.try_fold(first, combine_runs)?;
+    all.content.model = model;
+    Ok(Some(all))
+}
+
+/// Removes the frames that `origin` had already visited from a run's cursor.
+fn remove_origin_frames(run: &mut SavedRun, origin: &SavedRun) -> Result<(), RunError> {
+    use StoredModel::Scene;
+    let (ours, before) = (&run.content.cursor, &origin.content.cursor);
+    let Some(visited) = ours.visited.strip_prefix(before.visited.as_slice()) else {
+        return Err(origin_error(run, origin, "other frames at its beginning"));
+    };
+    let visited = visited.to_vec();
+    let (Some(frames), Some(points)) =
+        (ours.frames.checked_sub(before.frames), ours.points.checked_sub(before.points))
+    else {
+        return Err(origin_error(run, origin, "fewer frames than the start"));
+    };
+    if let (Scene(now), Scene(then)) = (&run.content.model, &origin.content.model) {
+        if now.components.is_some() {
+            let found = "components that were merged as its budget was reached";
+            return Err(origin_error(run, origin, found));
+        }
+        if !now.seeds.starts_with(&then.seeds) {
+            return Err(origin_error(run, origin, "other components"));
+        }
+    }
+    run.content.cursor = Cursor { frames, points, visited };
+    run.meta.wall_s -= origin.meta.wall_s;
+    Ok(())
+}
+
+fn origin_error(run: &SavedRun, origin: &SavedRun, found: &'static str) -> RunError {
+    RunError::Origin { path: run.path.clone(), origin: origin.path.clone(), found }
+}
+
+/// Combines two runs into one over the frames of both, still with the model of `a`.
+fn combine_runs(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
+    let config = a.config.without_shard();
+    let (ours, theirs) = (a.content.cursor, b.content.cursor);
+    let cursor = Cursor {
+        frames: ours.frames + theirs.frames,
+        points: ours.points + theirs.points,
+        visited: [ours.visited, theirs.visited].concat(),
+    };
+    let meta = Meta {
+        saved_unix_s: now_unix_s(),
+        planned_frames: cursor.visited.len(),
+        wall_s: a.meta.wall_s + b.meta.wall_s,
+        ..a.meta
+    };
+    let content = Checkpoint {
+        config: canonical(&config).map_err(SessionError::from)?,
+        meta: canonical(&meta).map_err(SessionError::from)?,
+        // Frame reports refer to positions in different plans.
+        history: None,
+        cursor,
+        ..a.content
+    };
+    Ok(SavedRun { config, meta, content, ..a })
+}
+
+const RETRAIN_ADVICE: &str = "train them with the same settings on the same dataset";
+const OTHER_ORIGIN: &str =
+    "positions are relative to different origins: train them on the same dataset with this version";
+const NO_REASSIGNMENT: &str =
+    "reassignment made the models differ after the first frame: train them with reassign=off";
+
+struct Difference {
+    what: String,
+    found: String,
+    advice: &'static str,
+}
+
+impl Difference {
+    fn new(what: &str, found: impl Into<String>) -> Self {
+        Self { what: what.to_owned(), found: found.into(), advice: RETRAIN_ADVICE }
+    }
+}
+
+/// Refuses runs that did not start alike or have a frame in common.
+fn check_compatible(runs: &[SavedRun]) -> Result<(), RunError> {
+    for (i, run) in runs.iter().enumerate() {
+        for other in runs.iter().take(i) {
+            check_same_start(other, run)?;
+            check_disjoint(other, run)?;
+        }
+    }
+    Ok(())
+}
+
+/// Refuses runs with different datasets, settings or initial models.
+fn check_same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
+    let difference = of_origins(a, b)
+        .or_else(|| of_datasets(a, b))
+        .or_else(|| of_methods(&a.config.method, &b.config.method))
+        .or_else(|| of_settings(&a.config.without_shard(), &b.config.without_shard()))
+        .or_else(|| of_models(&a.content.model, &b.content.model));
+    match difference {
+        None => Ok(()),
+        Some(Difference { what, found, advice }) => {
+            let paths = [a.path.clone(), b.path.clone()];
+            Err(RunError::Unlike { paths, what, found, advice })
+        }
+    }
+}
+
+/// Compared first, because a different local origin also changes all poses.
+fn of_origins(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
+    let (a, b) = (a.local_origin(), b.local_origin());
+    (a != b).then(|| Difference {
+        advice: OTHER_ORIGIN,
+        ..Difference::new("local origin", format!("{a} and {b}"))
+    })
+}
+
+fn of_datasets(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
+    let difference = a.meta.fingerprint.difference(&b.meta.fingerprint)?;
+    Some(Difference::new("dataset", format!("a difference in {difference}")))
+}
+
+/// Compares presets and the settings that position models in the world.
+fn of_methods(a: &Method, b: &Method) -> Option<Difference> {
+    if a.preset() != b.preset() {
+        let found = format!("{} and {}", a.preset(), b.preset());
+        return Some(Difference::new("setting `preset`", found));
+    }
+    let (a, b) = (a.as_any().world_placement(), b.as_any().world_placement());
+    let ((what, a), (_, b)) = a.iter().zip(&b).find(|(a, b)| a != b)?;
+    Some(Difference::new(what, format!("{a} and {b}")))
+}
+
+/// Returns the first setting that differs.
+fn of_settings(a: &RunConfig, b: &RunConfig) -> Option<Difference> {
+    if a == b {
+        return None;
+    }
+    let (a, b) = (serde_json::to_value(a).ok()?, serde_json::to_value(b).ok()?);
+    let mut settings = a.as_object()?.iter();
+    let other = |name: &String| b.get(name).unwrap_or(&Value::Null);
+    let (name, value) = settings.find(|(name, value)| other(name) != *value)?;
+    let found = format!("{value} and {}", other(name));
+    Some(Difference::new(&format!("setting `{name}`"), found))
+}
+
+/// Compares initial mixtures; scenes start empty.
+fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
+    use StoredModel::Mixture;
+    let (
+        Mixture { normalization, hyper, state },
+        Mixture { normalization: other_normalization, hyper: other_hyper, state: other },
+    ) = (a, b)
+    else {
+        return None;
+    };
+    if normalization != other_normalization {
+        return Some(Difference::new("range of positions", "two"));
+    }
+    if hyper != other_hyper {
+        return Some(Difference::new("prior", "two"));
+    }
+    if state.alpha_init != other.alpha_init {
+        return Some(Difference::new("initial weights", "two sets"));
+    }
+    let moved = first_different_mean(&state.means, &other.means)?;
+    let found = format!("component {moved} at another position");
+    Some(Difference { advice: NO_REASSIGNMENT, ..Difference::new("initial means", found) })
+}
+
+/// Index of the first component whose initial mean differs.
+fn first_different_mean(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
+    if a == b {
+        return None;
+    }
+    let (a, b) = (a.rows(), b.rows());
+    Some(a.iter().zip(&b).position(|(a, b)| a != b).unwrap_or(a.len().min(b.len())))
+}
+
+fn check_disjoint(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
+    let (ours, theirs) = (&a.content.cursor.visited, &b.content.cursor.visited);
+    let ours: BTreeSet<u32> = ours.iter().copied().collect();
+    let mut in_both = theirs.iter().filter(|frame| ours.contains(frame));
+    match in_both.next() {
+        None => Ok(()),
+        Some(&first) => Err(RunError::Overlap {
+            paths: [a.path.clone(), b.path.clone()],
+            n_frames: 1 + in_both.count(),
+            first,
+        }),
+    }
+}

@@ -1,0 +1,275 @@
+//! Work of training on a device of its own: buffers, uploads, dispatches and results of one kind of task.
+//!
+//! A task names its parts (buffers), the kernels with the parts they bind, and how many bytes a part needs.
+//! Buffers grow on demand, and kernels stay bound until a buffer is replaced. Uploads pass through mapped
+//! memory, filled by all threads. One readback returns the results. After an error the device is no longer
+//! used, so no attempt is made to restore the state before it.
+
+use super::adapters::GpuCaps;
+use super::error::{GpuError, GpuFaults};
+use super::growing::{GrowingBuffer, copy_pieces};
+use super::pipeline::{BoundKernel, ComputeKernel, Grid};
+use super::readback::wait_mapped;
+use crate::model::inspection::DeviceError;
+use wgpu::BufferUsages as Usage;
+
+/// Shader input, filled by copies.
+pub(super) const IN: Usage = Usage::STORAGE.union(Usage::COPY_DST);
+/// Shader output, source of copies.
+pub(super) const OUT: Usage = Usage::STORAGE.union(Usage::COPY_SRC);
+/// Settings of a kernel.
+pub(super) const SETTINGS: Usage = Usage::UNIFORM.union(Usage::COPY_DST);
+
+/// Contents of one of a task's buffers.
+pub(super) trait TaskPart: Copy + PartialEq + Send + Sync + 'static {
+    /// Numbers of items that a task processes.
+    type Sizes: Default + Send + Sync;
+    const LABEL: &'static str;
+    /// All parts with label (also used in messages) and usage, each at its own index.
+    const ALL: &'static [(Self, &'static str, Usage)];
+    /// Labels of the buffers that take uploads to the device, by number.
+    const UPLOADS: &'static [&'static str];
+
+    fn index(self) -> usize;
+
+    fn bytes(self, sizes: &Self::Sizes) -> u64;
+}
+
+/// Binding numbers of a kernel and the parts bound to them.
+pub(super) type Bindings<P> = &'static [(u32, P)];
+
+pub(super) struct GpuTask<P: TaskPart> {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    faults: GpuFaults,
+    name: String,
+    /// Sizes that buffers are allocated, cleared and read back for.
+    pub(super) sizes: P::Sizes,
+    parts: Vec<GrowingBuffer>,
+    uploads: Vec<Upload<P>>,
+    readback: GrowingBuffer,
+    kernels: Vec<TaskKernel<P>>,
+    /// Mapped result of the last run.
+    result: Option<wgpu::BufferView>,
+}
+
+struct TaskKernel<P: 'static> {
+    kernel: ComputeKernel,
+    bindings: Bindings<P>,
+    /// `None` if a buffer was replaced.
+    bound: Option<BoundKernel>,
+}
+
+struct Upload<P> {
+    staging: GrowingBuffer,
+    /// Copies to make with the next run; empty if nothing was staged since the last one.
+    copies: Vec<PartCopy<P>>,
+}
+
+struct PartCopy<P> {
+    part: P,
+    from_byte: u64,
+    to_byte: u64,
+    bytes: u64,
+}
+
+impl<P: TaskPart> GpuTask<P> {
+    /// Creates small buffers on a device that reports to `faults`.
+    pub(super) fn new(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        faults: GpuFaults,
+        caps: &GpuCaps,
+    ) -> Self {
+        debug_assert!(P::ALL.iter().zip(0..).all(|((part, ..), at)| part.index() == at));
+        let growing = |label, usage| GrowingBuffer::new(&device, label, usage);
+        let upload = |&label: &&'static str| Upload {
+            staging: growing(label, Usage::MAP_WRITE | Usage::COPY_SRC),
+            copies: Vec::new(),
+        };
+        Self {
+            parts: P::ALL.iter().map(|&(_, label, usage)| growing(label, usage)).collect(),
+            uploads: P::UPLOADS.iter().map(upload).collect(),
+            readback: growing("results", Usage::MAP_READ | Usage::COPY_DST),
+            device,
+            queue,
+            faults,
+            name: caps.to_string(),
+            sizes: P::Sizes::default(),
+            kernels: Vec::new(),
+            result: None,
+        }
+    }
+
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    pub(super) fn device(&self) -> &wgpu::Device {
+        &self.device
+    }
+
+    pub(super) fn refused(&self, error: &GpuError) -> DeviceError {
+        DeviceError { device: self.name.clone(), reason: error.to_string() }
+    }
+
+    /// Creates a kernel with values for the shader's override constants. Returns its number.
+    pub(super) fn add_kernel(
+        &mut self,
+        module: &wgpu::ShaderModule,
+        entry: &str,
+        constants: &[(&str, f64)],
+        bindings: Bindings<P>,
+    ) -> usize {
+        let kernel = ComputeKernel::specialized(&self.device, module, entry, constants);
+        self.kernels.push(TaskKernel { kernel, bindings, bound: None });
+        self.kernels.len() - 1
+    }
+
+    /// Ensures the size of some parts. Returns true if any was replaced and lost its contents.
+    ///
+    /// # Errors
+    /// [`GpuError::TaskTooLarge`], [`GpuError::NoMemoryForTask`].
+    pub(super) fn ensure_capacity(
+        &mut self,
+        parts: impl IntoIterator<Item = P>,
+    ) -> Result<bool, GpuError> {
+        let mut is_lost = false;
+        for part in parts {
+            let bytes = part.bytes(&self.sizes);
+            if self.parts[part.index()].ensure_capacity(&self.device, bytes)? {
+                self.kernels.iter_mut().for_each(|kernel| kernel.bound = None);
+                is_lost = true;
+            }
+        }
+        Ok(is_lost)
+    }
+
+    /// Writes to mapped memory what the next run copies to its parts. Pieces of one part must follow each
+    /// other; those of the first part go to `first_byte` and following bytes. Replaces what was staged under
+    /// this number before.
+    pub(super) fn stage_upload<'a>(
+        &mut self,
+        upload: usize,
+        first_byte: u64,
+        pieces: impl IntoIterator<Item = (P, &'a [u8])>,
+    ) -> Result<(), GpuError> {
+        let (mut copies, mut slices): (Vec<PartCopy<P>>, Vec<&[u8]>) = Default::default();
+        let mut from_byte = 0;
+        for (part, piece) in pieces {
+            let bytes = piece.len() as u64;
+            match copies.last_mut().filter(|copy| copy.part == part) {
+                Some(copy) => copy.bytes += bytes,
+                None => {
+                    let to_byte = if copies.is_empty() { first_byte } else { 0 };
+                    copies.push(PartCopy { part, from_byte, to_byte, bytes });
+                }
+            }
+            from_byte += bytes;
+            slices.push(piece);
+        }
+        let Upload { staging, copies: staged } = &mut self.uploads[upload];
+        staging.ensure_capacity(&self.device, from_byte)?;
+        copy_pieces(staging.buffer(), from_byte, slices).map_err(failed)?;
+        *staged = copies;
+        Ok(())
+    }
+
+    /// True if the last upload of this number has not been copied yet.
+    pub(super) fn is_staged(&self, upload: usize) -> bool {
+        !self.uploads[upload].copies.is_empty()
+    }
+
+    /// Sets the contents of a part for the next run.
+    pub(super) fn write(&self, part: P, contents: &impl bytemuck::NoUninit) {
+        self.queue.write_buffer(self.buffer(part), 0, bytemuck::bytes_of(contents));
+    }
+
+    /// Copies uploads, clears parts, runs kernels by number, and maps the parts to read as the result, one
+    /// after another.
+    pub(super) fn run(
+        &mut self,
+        clears: &[P],
+        dispatches: &[(usize, Grid)],
+        read: &[P],
+    ) -> Result<(), GpuError> {
+        // The view is dropped first, because a buffer with a live view cannot be unmapped.
+        if self.result.take().is_some() {
+            self.readback.buffer().unmap();
+        }
+        let bytes = read.iter().map(|part| part.bytes(&self.sizes)).sum();
+        self.readback.ensure_capacity(&self.device, bytes)?;
+        let commands = self.record(clears, dispatches, read);
+        let staged: Vec<&wgpu::Buffer> = self
+            .uploads
+            .iter()
+            .filter(|upload| !upload.copies.is_empty())
+            .map(|upload| upload.staging.buffer())
+            .collect();
+        staged.iter().for_each(|buffer| buffer.unmap());
+        let submission = self.queue.submit([commands]);
+        // Staging buffers are mapped again here, so that the next upload need not wait.
+        let mut maps = vec![(self.readback.buffer(), wgpu::MapMode::Read, bytes)];
+        maps.extend(staged.into_iter().map(|buffer| (buffer, wgpu::MapMode::Write, buffer.size())));
+        wait_mapped(&self.device, submission, &maps).map_err(failed)?;
+        if let Some(fault) = self.faults.take_new().into_iter().next() {
+            return Err(failed(fault.message));
+        }
+        self.result = Some(self.readback.buffer().get_mapped_range(..bytes).map_err(failed)?);
+        self.uploads.iter_mut().for_each(|upload| upload.copies.clear());
+        Ok(())
+    }
+
+    /// Parts read by the last run; empty if it failed.
+    pub(super) fn result(&self) -> &[u8] {
+        self.result.as_deref().unwrap_or_default()
+    }
+
+    fn record(
+        &mut self,
+        clears: &[P],
+        dispatches: &[(usize, Grid)],
+        read: &[P],
+    ) -> wgpu::CommandBuffer {
+        let Self { device, sizes, parts, kernels, .. } = self;
+        let mut encoder = device.create_command_encoder(&Default::default());
+        for Upload { staging, copies } in &self.uploads {
+            for &PartCopy { part, from_byte, to_byte, bytes } in copies {
+                let to = parts[part.index()].buffer();
+                encoder.copy_buffer_to_buffer(staging.buffer(), from_byte, to, to_byte, bytes);
+            }
+        }
+        for &part in clears {
+            encoder.clear_buffer(parts[part.index()].buffer(), 0, Some(part.bytes(sizes)));
+        }
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(P::LABEL),
+            timestamp_writes: None,
+        });
+        for &(at, grid) in dispatches {
+            let TaskKernel { kernel, bindings, bound } = &mut kernels[at];
+            let bound = bound.get_or_insert_with(|| {
+                let buffer = |&(at, part): &(u32, P)| (at, parts[part.index()].buffer());
+                kernel.bind_buffers(device, &bindings.iter().map(buffer).collect::<Vec<_>>())
+            });
+            bound.dispatch(&mut pass, grid);
+        }
+        drop(pass);
+        let mut to_byte = 0;
+        for part in read {
+            let (from, bytes) = (parts[part.index()].buffer(), part.bytes(sizes));
+            encoder.copy_buffer_to_buffer(from, 0, self.readback.buffer(), to_byte, bytes);
+            to_byte += bytes;
+        }
+        encoder.finish()
+    }
+
+    fn buffer(&self, part: P) -> &wgpu::Buffer {
+        self.parts[part.index()].buffer()
+    }
+}
+
+/// Wraps the message of a failed task.
+pub(super) fn failed(reason: impl ToString) -> GpuError {
+    GpuError::TaskFailed { reason: reason.to_string() }
+}

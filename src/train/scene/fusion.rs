@@ -1,0 +1,484 @@
+//! Fusion of scenes that continued from a common start with different frames (`scene.md`, Fusion).
+//!
+//! Components of the start have the same seeds in all scenes, so the sums added since add up exactly, and
+//! photometric estimates refer to the same parameters. Components born since have no counterpart: they are
+//! matched against existing seeds, as points are, so that no surface is covered twice.
+
+use super::component_sums::ComponentSums;
+use super::config::SceneConfig;
+use super::gauge::moved;
+use super::grid::{SeedGrid, squared_distance};
+use super::merge::factor;
+use super::photometric::rule::PhotometricRule;
+use super::photometric::{LEAST_OPACITY, is_trained, prior_precision};
+use super::trainer::SceneTrainer;
+use crate::math::cholesky::{Cholesky, at};
+use crate::model::scene::photometric::{
+    N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION, PhotometricState,
+};
+use crate::model::scene::state::{QUANTUM, SceneState, VisibilityCounts, WHOLE};
+use crate::model::scene::sums::{N_SUMS, SceneSums};
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::pose_log::FramePose;
+use crate::model::splat::splats::Splat;
+use glam::{DQuat, DVec3};
+use rayon::prelude::*;
+use std::borrow::Cow;
+
+/// Fuses scenes of one scale that may have continued from a common `start`. Where several scenes have new
+/// components at one place, those of the first remain. Components of the start come first, and the result may
+/// exceed the budget. `None` without scenes.
+pub fn fuse(
+    config: &SceneConfig,
+    start: Option<&SceneState>,
+    scenes: &[&SceneState],
+) -> Option<SceneState> {
+    let start = start.map(|start| with_settled_photographs(config, start));
+    let start = start.as_deref();
+    let scenes: Option<Vec<_>> = scenes
+        .iter()
+        .map(|scene| back_at(start, with_settled_photographs(config, scene)))
+        .collect();
+    let scenes = scenes?;
+    let scenes: Vec<&SceneState> = scenes.iter().map(Cow::as_ref).collect();
+    let first = scenes.first()?;
+    let shared = start.map_or(Some(Vec::new()), components)?;
+    let all: Option<Vec<Vec<Component>>> = scenes.iter().map(|s| components(s)).collect();
+    let all = all?;
+    let of_start = shared.par_iter().enumerate().map(|(id, start)| {
+        let later: Vec<&Component> = all.iter().filter_map(|scene| scene.get(id)).collect();
+        start.with_gains_of(&later, config.photometric_rule().as_ref())
+    });
+    let mut fused = Fused::new(config.h * factor(first.coarsening_steps), of_start.collect());
+    for scene in all {
+        fused.add_new_components(scene.into_iter().skip(shared.len()));
+    }
+    let mut state = fused.state(first);
+    // Every scene's log begins with the entries of the start.
+    let (n_exposures, n_poses) = start.map_or((0, 0), |s| (s.exposures.len(), s.poses.len()));
+    state.exposures.extend(first.exposures.iter().take(n_exposures));
+    state.poses.extend(first.poses.iter().take(n_poses));
+    for scene in &scenes {
+        state.exposures.extend(scene.exposures.iter().skip(n_exposures));
+        state.poses.extend(scene.poses.iter().skip(n_poses));
+    }
+    state.photometric = state.photometric.filter(|_| config.photometric.is_some());
+    if let Some(photometric) = &mut state.photometric {
+        let taught = scenes.iter().filter_map(|scene| scene.photometric.as_ref());
+        average_residuals(photometric, taught);
+    }
+    Some(state)
+}
+
+/// Returns the scene after training on its buffered photographs.
+fn with_settled_photographs<'a>(
+    config: &SceneConfig,
+    state: &'a SceneState,
+) -> Cow<'a, SceneState> {
+    let photographs = state.photometric.as_ref();
+    let is_waiting = photographs.is_some_and(|photometric| !photometric.buffered.is_empty());
+    let trainer = is_waiting.then(|| SceneTrainer::restore(config, state.clone(), 0)).flatten();
+    trainer.map_or(Cow::Borrowed(state), |trainer| Cow::Owned(trainer.into_settled_state()))
+}
+
+/// Moves a scene back to its start's coordinates, since later frames may have moved it as a whole. `None` if
+/// a recorded rotation is unknown.
+fn back_at<'a>(
+    start: Option<&SceneState>,
+    scene: Cow<'a, SceneState>,
+) -> Option<Cow<'a, SceneState>> {
+    let of_first = |state: &SceneState| state.poses.first().and_then(FramePose::poses);
+    let (Some([_, then]), Some([_, now])) = (start.and_then(of_first), of_first(&scene)) else {
+        return Some(scene);
+    };
+    if then == now {
+        return Some(scene);
+    }
+    let (turn, place) = now.inverse();
+    let motion = then.attached_camera(place, DQuat::from_mat3(&turn));
+    moved(scene.into_owned(), &motion).map(Cow::Owned)
+}
+
+struct Component {
+    seed: [f32; 3],
+    /// Share of the structural scale, in units of 1/[`WHOLE`].
+    share: u8,
+    sums: [f64; N_SUMS],
+    visibility: VisibilityCounts,
+    estimate: Option<Estimate>,
+}
+
+/// Returns the components with seeds, in stored order; `None` if a component number is out of range.
+fn components(state: &SceneState) -> Option<Vec<Component>> {
+    let mut seeds = vec![None; state.visibility.len()];
+    // In reverse, so that the oldest seed, to which sums refer, is the one retained.
+    for (seed, &place) in state.seeds.iter().enumerate().rev() {
+        let component = state.components.as_ref().map_or(seed, |of| of[seed] as usize);
+        let share = state.shares.as_ref().map_or(WHOLE, |shares| shares[seed]);
+        *seeds.get_mut(component)? = Some((place, share));
+    }
+    let sums = ComponentSums::restore(state.sums.clone(), state.visibility.clone());
+    let component = |(id, seed): (usize, Option<([f32; 3], u8)>)| {
+        let (seed, share) = seed?;
+        let estimate = state.photometric.as_ref().and_then(|of| Estimate::of(of, id));
+        let visibility = sums.row(id).visibility();
+        Some(Component { seed, share, sums: sums.sums(id), visibility, estimate })
+    };
+    Some(seeds.into_iter().enumerate().filter_map(component).collect())
+}
+
+impl Component {
+    /// Adds what all `later` versions of this component have gained. Sums are whole quanta, so the order of
+    /// `later` is irrelevant to them.
+    fn with_gains_of(&self, later: &[&Self], rule: Option<&PhotometricRule>) -> Self {
+        let (mut sums, mut visibility) = (self.sums, self.visibility);
+        let before = self.visibility;
+        let has_more = |now: &&&Self| now.sums[0] > self.sums[0];
+        // A splat restarts from its points while they are few or no photograph has trained it: such an
+        // estimate contains nothing of the start.
+        let is_taught = |rule: &_| self.estimate.is_none_or(|estimate| estimate.is_taught(rule));
+        let begins = |rule: &PhotometricRule| self.sums[0] < rule.young || !is_taught(rule);
+        let is_anew = rule.is_some_and(begins) && later.iter().any(|now| has_more(&now));
+        let mut estimates = Vec::with_capacity(later.len());
+        for now in later {
+            for ((sum, now), before) in sums.iter_mut().zip(now.sums).zip(self.sums) {
+                *sum += now - before;
+            }
+            let gained = VisibilityCounts {
+                expected: now.visibility.expected.saturating_sub(before.expected),
+                hits: now.visibility.hits.saturating_sub(before.hits),
+                misses: now.visibility.misses.saturating_sub(before.misses),
+            };
+            visibility = visibility.plus(gained);
+            let estimate = now.estimate.filter(|_| !is_anew || has_more(&now));
+            estimates.extend(estimate.map(|estimate| Later { estimate, frames: gained.hits }));
+        }
+        let start = self.estimate.filter(|_| !is_anew);
+        let estimate = rule.and_then(|rule| fused(start, &estimates, rule));
+        Self { seed: self.seed, share: self.share, sums, visibility, estimate }
+    }
+
+    /// Adds another component, its sums moved to this one's seed; `h` is the structural scale.
+    fn add(&mut self, other: &Self, h: f64) {
+        let way = (vector(other.seed) - vector(self.seed)) / h;
+        let moved = SceneSums::new(&other.sums, 1.0).about_shifted_seed(way).to_array();
+        for (sum, moved) in self.sums.iter_mut().zip(moved) {
+            *sum += (moved / QUANTUM).round_ties_even() * QUANTUM;
+        }
+        self.visibility = self.visibility.plus(other.visibility);
+    }
+
+    /// Returns the mean of its points, world units from the scene's origin.
+    fn mean(&self, h: f64) -> [f32; 3] {
+        let offset = SceneSums::new(&self.sums, h).mean_offset();
+        (vector(self.seed) + offset).as_vec3().to_array()
+    }
+}
+
+struct Fused {
+    h: f64,
+    components: Vec<Component>,
+    /// Number of components of the start.
+    n_shared: usize,
+    /// Seeds of the other components, in order.
+    own: SeedGrid,
+}
+
+impl Fused {
+    fn new(h: f64, shared: Vec<Component>) -> Self {
+        Self { h, n_shared: shared.len(), components: shared, own: SeedGrid::new(h) }
+    }
+
+    /// Adds the new components of one scene. One whose mean lies within reach of another scene's new seed
+    /// adds its sums to that component; its photometric estimate refers to a different splat and is dropped.
+    /// The others are appended: they were apart from the start's components when born.
+    fn add_new_components(&mut self, own: impl Iterator<Item = Component>) {
+        let n_before = self.own.len();
+        for component in own.filter(|component| component.sums[0] > 0.0) {
+            let mean = component.mean(self.h);
+            let reach = self.h as f32 * f32::from(component.share) / f32::from(WHOLE);
+            let is_within = |&seed: &usize| {
+                squared_distance(self.own.position(seed), mean) <= reach * reach && seed < n_before
+            };
+            let near = self.own.nearest(mean).map(|seed| seed as usize);
+            match near.filter(is_within) {
+                Some(seed) => self.components[self.n_shared + seed].add(&component, self.h),
+                None => {
+                    self.own.insert(component.seed);
+                    self.components.push(component);
+                }
+            }
+        }
+    }
+
+    /// Builds the state, with origin and scale of `like`.
+    fn state(self, like: &SceneState) -> SceneState {
+        let mut sums = ComponentSums::default();
+        let mut photometric = PhotometricState::default();
+        photometric.grow(self.components.len());
+        for (id, component) in self.components.iter().enumerate() {
+            sums.push(&component.sums, component.visibility);
+            if let Some(estimate) = &component.estimate {
+                estimate.put(&mut photometric, id);
+            }
+        }
+        let (sums, visibility) = sums.state();
+        let shares: Vec<u8> = self.components.iter().map(|component| component.share).collect();
+        SceneState {
+            origin: like.origin,
+            coarsening_steps: like.coarsening_steps,
+            seeds: self.components.iter().map(|component| component.seed).collect(),
+            shares: shares.iter().any(|&share| share != WHOLE).then_some(shares),
+            components: None,
+            sums,
+            visibility,
+            exposures: Vec::new(),
+            poses: Vec::new(),
+            trajectory: Vec::new(),
+            photometric: Some(photometric),
+        }
+    }
+}
+
+fn vector(place: [f32; 3]) -> DVec3 {
+    DVec3::from_array(place.map(f64::from))
+}
+
+/// Maximum rotation between two estimates of one splat whose forms are compared, radians: beyond it their
+/// axes do not correspond.
+const MAX_TURN: f64 = 0.5;
+
+/// Photometric estimate of one splat: parameters and precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    splat: Splat,
+    appearance: Appearance,
+    form: [f32; N_FORM_PRECISION],
+    color: [f32; N_COLOR_PRECISION],
+}
+
+#[derive(Clone, Copy)]
+pub struct Later {
+    pub estimate: Estimate,
+    /// Frames since the start that showed the component.
+    pub frames: u16,
+}
+
+impl Estimate {
+    /// Reads the estimate of a component; `None` without a splat.
+    pub fn of(state: &PhotometricState, component: usize) -> Option<Self> {
+        state.has_splat(component).then(|| Self {
+            splat: state.splats[component],
+            appearance: state.appearance[component],
+            form: state.form[component],
+            color: state.color[component],
+        })
+    }
+
+    /// True if a photograph has increased its precision.
+    pub fn is_taught(&self, rule: &PhotometricRule) -> bool {
+        is_trained(&self.color, &rule.prior)
+    }
+
+    /// Writes the estimate into the row of a component.
+    pub fn put(&self, state: &mut PhotometricState, component: usize) {
+        state.splats[component] = self.splat;
+        state.appearance[component] = self.appearance;
+        state.form[component] = self.form;
+        state.color[component] = self.color;
+    }
+
+    /// Returns the difference in position and form from `other`, in the other's parameters; `None` if their
+    /// axes do not correspond.
+    fn form_difference(&self, other: &Self) -> Option<[f64; N_FORM]> {
+        let (a, b) = (&self.splat, &other.splat);
+        let turn = (rotation(b).conjugate() * rotation(a)).normalize();
+        let turn = if turn.w < 0.0 { -turn } else { turn }.to_scaled_axis();
+        if turn.length() > MAX_TURN {
+            return None;
+        }
+        let mut step = [0.0; N_FORM];
+        for i in 0..3 {
+            step[i] = f64::from(a.mean[i]) - f64::from(b.mean[i]);
+            step[3 + i] = log_ratio(a.scale[i], b.scale[i]);
+            step[6 + i] = turn[i];
+        }
+        step[9] = log_ratio(a.opacity, b.opacity);
+        step.iter().all(|x| x.is_finite()).then_some(step)
+    }
+
+    /// Returns the difference of a channel's coefficients from those of `other`.
+    fn color_difference(&self, other: &Self, channel: usize) -> [f64; N_COLOR] {
+        let (a, b) = (self.coefficients(channel), other.coefficients(channel));
+        std::array::from_fn(|i| f64::from(a[i]) - f64::from(b[i]))
+    }
+
+    fn coefficients(&self, channel: usize) -> [f32; N_COLOR] {
+        let ([a, b, c], [d, e, f]) =
+            (self.appearance.directional[channel], self.appearance.gradient[channel]);
+        [self.splat.color[channel], a, b, c, d, e, f]
+    }
+
+    fn apply_form_step(&mut self, step: &[f64], precision: &[f64], most_opacity: f64) {
+        let splat = &mut self.splat;
+        for i in 0..3 {
+            splat.mean[i] = (f64::from(splat.mean[i]) + step[i]) as f32;
+            splat.scale[i] = (f64::from(splat.scale[i]) * libm::exp(step[3 + i])) as f32;
+        }
+        let turn = DQuat::from_scaled_axis(DVec3::new(step[6], step[7], step[8]));
+        let turned = (rotation(splat) * turn).normalize();
+        splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
+        let opacity = f64::from(splat.opacity) * libm::exp(step[9]);
+        splat.opacity = opacity.clamp(LEAST_OPACITY, most_opacity) as f32;
+        put_triangle::<N_FORM>(&mut self.form, precision);
+    }
+
+    fn apply_color_step(&mut self, steps: &[Vec<f64>; 3], precision: &[f64]) {
+        for (channel, step) in steps.iter().enumerate() {
+            let old = self.coefficients(channel);
+            let new: [f32; N_COLOR] = std::array::from_fn(|i| (f64::from(old[i]) + step[i]) as f32);
+            self.splat.color[channel] = new[0];
+            self.appearance.directional[channel] = [new[1], new[2], new[3]];
+            self.appearance.gradient[channel] = [new[4], new[5], new[6]];
+        }
+        put_triangle::<N_COLOR>(&mut self.color, precision);
+    }
+}
+
+/// Combines everything that `later` gained since `start`; without a start all estimates count equally. `None`
+/// if there are none.
+pub fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Option<Estimate> {
+    let base = start.or(later.first().map(|later| later.estimate))?;
+    let (form_prior, color_prior) = prior_precision(&base.splat, &rule.prior);
+    // Without a start every estimate began with the prior alone.
+    let known = if start.is_some() { 1.0 } else { 0.0 };
+    let remembers = |later: &Later| known * (1.0 - rule.forgotten).powi(later.frames.into());
+    let mut form = Joint::<N_FORM, 1>::new();
+    let mut color = Joint::<N_COLOR, 3>::new();
+    for one in later {
+        let (estimate, remembered) = (&one.estimate, remembers(one));
+        if let Some(step) = estimate.form_difference(&base) {
+            form.add(&estimate.form, [step], &base.form, &form_prior, remembered);
+        }
+        let steps = std::array::from_fn(|channel| estimate.color_difference(&base, channel));
+        color.add(&estimate.color, steps, &base.color, &color_prior, remembered);
+    }
+    let mut result = base;
+    if let Some(([step], precision)) = form.solved(&base.form, &form_prior, known) {
+        result.apply_form_step(&step, &precision, rule.most_opacity);
+    }
+    if let Some((steps, precision)) = color.solved(&base.color, &color_prior, known) {
+        result.apply_color_step(&steps, &precision);
+    }
+    let sound = result.splat.is_drawable() && result.appearance.is_valid();
+    Some(if sound { result } else { base })
+}
+
+/// Sums of precision and information over scenes, for `M` right-hand sides.
+struct Joint<const N: usize, const M: usize> {
+    precision: Vec<f64>,
+    information: [Vec<f64>; M],
+    /// Remaining share of the start's precision.
+    remembered: f64,
+}
+
+impl<const N: usize, const M: usize> Joint<N, M> {
+    fn new() -> Self {
+        let information = std::array::from_fn(|_| vec![0.0; N]);
+        Self { precision: vec![0.0; N * N], information, remembered: 1.0 }
+    }
+
+    /// Adds what an estimate has gained since the start; `steps` is its distance from the start.
+    fn add(
+        &mut self,
+        own: &[f32],
+        steps: [[f64; N]; M],
+        start: &[f32],
+        prior: &[f64; N],
+        remembered: f64,
+    ) {
+        self.remembered *= remembered;
+        for i in 0..N {
+            for j in 0..N {
+                let before = blended_precision(entry(start, i, j), prior, (i, j), remembered);
+                self.precision[i * N + j] += entry(own, i, j) - before;
+                for (sum, step) in self.information.iter_mut().zip(&steps) {
+                    sum[i] += entry(own, i, j) * step[j];
+                }
+            }
+        }
+    }
+
+    /// Returns the steps from the start and the total precision; `None` if that is not positive definite.
+    /// `known` is 1 with a start, 0 without.
+    fn solved(
+        mut self,
+        start: &[f32],
+        prior: &[f64; N],
+        known: f64,
+    ) -> Option<([Vec<f64>; M], Vec<f64>)> {
+        for i in 0..N {
+            for j in 0..N {
+                let remembered = known * self.remembered;
+                self.precision[i * N + j] +=
+                    blended_precision(entry(start, i, j), prior, (i, j), remembered);
+            }
+        }
+        let factor = Cholesky::new(N, &self.precision)?;
+        let steps = self.information.map(|information| factor.solve(&information));
+        steps.iter().flatten().all(|x| x.is_finite()).then_some((steps, self.precision))
+    }
+}
+
+/// Blends a precision with the prior's: `remembered` is its share.
+fn blended_precision<const N: usize>(
+    value: f64,
+    prior: &[f64; N],
+    (i, j): (usize, usize),
+    remembered: f64,
+) -> f64 {
+    let prior = if i == j { prior[i] } else { 0.0 };
+    remembered * value + (1.0 - remembered) * prior
+}
+
+/// Returns an entry of a symmetric matrix stored as its lower triangle.
+fn entry(triangle: &[f32], i: usize, j: usize) -> f64 {
+    triangle[at(i.max(j), i.min(j))].into()
+}
+
+fn put_triangle<const N: usize>(triangle: &mut [f32], matrix: &[f64]) {
+    for i in 0..N {
+        for j in 0..=i {
+            triangle[at(i, j)] = matrix[i * N + j] as f32;
+        }
+    }
+}
+
+fn log_ratio(a: f32, b: f32) -> f64 {
+    libm::log(f64::from(a) / f64::from(b))
+}
+
+fn rotation(splat: &Splat) -> DQuat {
+    let [w, x, y, z] = splat.rotation.map(f64::from);
+    DQuat::from_xyzw(x, y, z, w).normalize()
+}
+
+/// Sets the running means of photographs to those over all scenes, weighted by their frames.
+pub fn average_residuals<'a>(
+    state: &mut PhotometricState,
+    scenes: impl Iterator<Item = &'a PhotometricState>,
+) {
+    for scene in scenes {
+        let pairs = [
+            (&mut state.noise, scene.noise),
+            (&mut state.points, scene.points),
+            (&mut state.seen_through, scene.seen_through),
+        ];
+        for ([mean, weight], [value, more]) in pairs {
+            *weight += more;
+            if *weight > 0.0 {
+                *mean += (value - *mean) * more / *weight;
+            }
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! Photographs of the frames: outlier test before training on a frame, and the photometric step after its
+//! points.
+
+use super::changes::Changes;
+use super::poses::PlacedFrame;
+use super::scene::Scene;
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::pose::Pose;
+use crate::model::scene::photometric::PhotometricState;
+use crate::model::scene::waiting::PhotographView;
+use crate::observation::surface::{Observation, Photograph, SurfacePoint};
+use crate::render::cpu::photometric::RowSubset;
+use crate::render::near_plane_for;
+use crate::train::learner::Changed;
+use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
+use crate::train::scene::photometric::agreement::FrameBesideScene;
+use crate::train::scene::photometric::rule::PhotometricRule;
+use crate::train::scene::photometric::waiting::packed;
+use crate::train::scene::photometric::{
+    CONTRADICTION, PhotometricLearner, SplatStep, TrainingView,
+};
+
+// Stride over the points to estimate the distance of a frame's nearest surfaces.
+const NEAREST_OF: usize = 16;
+/// Share of points that may be nearer than the estimate.
+const NEARER: f64 = 0.02;
+
+/// Distance that nearly all points of a frame exceed, world units; 0 without points.
+fn nearest(points: &[SurfacePoint]) -> f64 {
+    let mut ranges: Vec<f32> = points.iter().step_by(NEAREST_OF).map(|p| p.range).collect();
+    let at = (ranges.len() as f64 * NEARER) as usize;
+    match ranges.is_empty() {
+        true => 0.0,
+        false => f64::from(*ranges.select_nth_unstable_by(at, f32::total_cmp).1),
+    }
+}
+
+/// Pixels of a photograph per pixel of its depth image, at least 1.
+fn pixels_for_each(depth: &Intrinsics, pixels: usize) -> f64 {
+    let depth = f64::from(depth.width) * f64::from(depth.height);
+    (pixels as f64 / depth).max(1.0)
+}
+
+/// Splats as corrected by photographs.
+#[derive(Default)]
+pub(super) struct Photographs {
+    pub learner: PhotometricLearner,
+    /// State after steps for all buffered photographs; reset by the next frame.
+    settled: Option<PhotometricState>,
+    /// Comparisons of the last frame, or of the photographs settled since.
+    compared: Vec<ComparedPhotograph>,
+}
+
+impl Photographs {
+    pub fn restore(state: PhotometricState, scene: &Scene) -> Self {
+        let learner = PhotometricLearner::restore(state);
+        let mut photographs = Self { learner, ..Self::default() };
+        photographs.observe(scene, Changed::All);
+        photographs
+    }
+
+    /// Resumes training: drops the settled state. Returns true if there was one.
+    pub fn resume(&mut self) -> bool {
+        self.compared.clear();
+        self.learner.resume();
+        self.unsettle()
+    }
+
+    /// Drops the settled state; returns true if there was one.
+    pub fn unsettle(&mut self) -> bool {
+        self.settled.take().is_some()
+    }
+
+    pub fn is_settled(&self) -> bool {
+        self.settled.is_some()
+    }
+
+    pub fn compared(&self) -> &[ComparedPhotograph] {
+        &self.compared
+    }
+
+    /// True if a frame's points show it to be an outlier. Tested only with photometric training, so that
+    /// scenes of points alone do not depend on it.
+    pub fn is_outlier(
+        &mut self,
+        scene: &Scene,
+        frame: &Observation,
+        placed: &PlacedFrame,
+        owners: &[u32],
+        gain: [f32; 3],
+    ) -> bool {
+        if scene.config.photometric.is_none() {
+            return false;
+        }
+        let comparison = FrameBesideScene {
+            component_sums: &scene.sums,
+            seed_positions: scene.seeds.view(),
+            h: scene.config.h,
+            frame,
+            camera: &placed.camera,
+            points: placed.points(frame),
+            owners,
+            gain,
+        };
+        let outcome = self.learner.check_points(&comparison.agreement());
+        self.compared.extend(outcome.map(|outcome| compared_now(scene, outcome)));
+        outcome.is_some()
+    }
+
+    /// Takes the photometric step for a frame, if enabled: initialises the splats of new components, then
+    /// takes the step of the frame's photograph, or buffers it and takes the step of a buffered one.
+    pub fn learn(
+        &mut self,
+        scene: &Scene,
+        frame: &Observation,
+        camera: &Camera,
+        gain: [f32; 3],
+        changes: &mut Changes,
+    ) {
+        let Some(rule) = scene.config.photometric_rule() else { return };
+        if frame.photograph.is_some() {
+            let points = |id| scene.sums.plane_sums(id).0;
+            let splat = |id| scene.splat(id);
+            let n = scene.sums.len();
+            self.learner.initialise_splats(n, changes.listed(), &rule, points, splat);
+        }
+        self.observe(scene, changes.get());
+        let Some(photograph) = &frame.photograph else { return };
+        let (changed, compared) = self.step(scene, &rule, frame, photograph, camera, gain);
+        self.compared.extend(compared);
+        changes.add(&changed);
+    }
+
+    /// Updates the observed directions of changed components.
+    fn observe(&mut self, scene: &Scene, changed: Changed<'_>) {
+        self.learner.observe(changed, |id| scene.sums.observed_cone(id));
+    }
+
+    /// Moves splats and buffered photographs with the world, after the scene.
+    pub fn move_by(&mut self, scene: &Scene, motion: &Pose) {
+        self.learner.move_by(motion);
+        self.observe(scene, Changed::All);
+    }
+
+    /// Returns the changed splats and the comparison.
+    fn step(
+        &mut self,
+        scene: &Scene,
+        rule: &PhotometricRule,
+        frame: &Observation,
+        photograph: &Photograph,
+        camera: &Camera,
+        gain: [f32; 3],
+    ) -> (Vec<u32>, Option<ComparedPhotograph>) {
+        let camera = photograph.camera(&camera.pose);
+        let near = near_plane_for(nearest(&frame.points));
+        let pixels = photograph.colors.data.len();
+        let per_depth_pixel = pixels_for_each(&frame.camera.intrinsics, pixels);
+        let rows = RowSubset::new(rule.row_stride(pixels, per_depth_pixel), scene.frames);
+        let margin = frame.tolerance.margin;
+        let extents = |id| scene.extent(id);
+        let step = SplatStep::new(scene.config.splat_rule.full_coverage, rule, &extents);
+        if rule.shuffle_buffer == 0 {
+            let pixels = photograph.measured_pixels(gain, margin);
+            let view =
+                TrainingView { camera, near, rows, outlier_factor: CONTRADICTION, per_depth_pixel };
+            let (changed, outcome) = self.learner.learn(&view, &pixels, &step);
+            return (changed, outcome.map(|outcome| compared_now(scene, outcome)));
+        }
+        let rows = [rows.stride(), rows.first()];
+        let view = PhotographView::new(scene.frames, &camera, gain, near, rows);
+        let waiting = packed(PhotographView { per_depth_pixel, ..view }, photograph, margin);
+        let most = rule.most_waiting(waiting.bytes());
+        self.learner.buffer_photograph(waiting);
+        self.learner.train_on_buffered_beyond(most, &step)
+    }
+
+    /// Computes the state after steps for all buffered photographs. Returns true if there were any.
+    pub fn settle(&mut self, scene: &Scene) -> bool {
+        let Some(rule) = scene.config.photometric_rule() else { return false };
+        if self.settled.is_some() || self.learner.state().buffered.is_empty() {
+            return false;
+        }
+        let extents = |id| scene.extent(id);
+        let step = SplatStep::new(scene.config.splat_rule.full_coverage, &rule, &extents);
+        let (settled, compared) = self.learner.settled_state(&step);
+        (self.settled, self.compared) = (Some(settled), compared);
+        true
+    }
+
+    /// Returns the state for drawing.
+    pub fn drawn(&self) -> &PhotometricState {
+        self.settled.as_ref().unwrap_or_else(|| self.learner.state())
+    }
+}
+
+fn compared_now(scene: &Scene, outcome: PhotographOutcome) -> ComparedPhotograph {
+    ComparedPhotograph { frame: scene.frames, outcome }
+}

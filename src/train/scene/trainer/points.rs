@@ -1,0 +1,80 @@
+//! Points of the current frame: their components, shifts and sums.
+
+use super::scene::Scene;
+use crate::observation::surface::{DepthTolerance, SurfacePoint};
+use crate::train::scene::accumulate::AssignedPoints;
+use crate::train::scene::explain::Explainer;
+use crate::train::scene::gain::{MIN_MATCHES, fewest_matches, gain};
+use crate::train::scene::point_fits::PointFits;
+
+/// Assignment of a frame's points, in buffers that frames share.
+#[derive(Default)]
+pub(super) struct FramePoints {
+    /// Assigns and sums points on the processor or a device.
+    pub fits: PointFits,
+    /// Component of each point.
+    pub owners: Vec<u32>,
+    /// Shift of each point along its ray, world units.
+    shifts: Vec<f32>,
+    /// Squared distance of each point from its seed.
+    pub q: Vec<f64>,
+}
+
+impl FramePoints {
+    /// Assigns the points of a new frame, for which the device is chosen first.
+    pub fn assign_new(&mut self, scene: &Scene, points: &[SurfacePoint]) {
+        self.fits.begin_frame(points.len(), scene.config.h);
+        self.assign(scene, points);
+    }
+
+    /// Assigns points that are not summed, or again after merging.
+    pub fn assign(&mut self, scene: &Scene, points: &[SurfacePoint]) {
+        self.fits.assign(scene.seeds.view(), scene.reach(), points, &mut self.owners);
+    }
+
+    /// Factors from the frame's colours to the scene's exposure; `weight` is the number of pixels per point.
+    pub fn gain(&self, scene: &Scene, points: &[SurfacePoint], weight: u32) -> [f32; 3] {
+        if !scene.config.gain {
+            return [1.0; 3];
+        }
+        let fewest = fewest_matches(points.len(), MIN_MATCHES / f64::from(weight));
+        gain(&scene.sums, points, &self.owners, fewest)
+    }
+
+    /// Finds the most probable depths of the points. Returns the sum of their squared distances from their
+    /// seeds, and the number of points with a component.
+    pub fn explain(
+        &mut self,
+        scene: &Scene,
+        points: &[SurfacePoint],
+        tolerance: DepthTolerance,
+    ) -> (f64, usize) {
+        let explainer = Explainer {
+            component_sums: &scene.sums,
+            seed_positions: scene.seeds.view(),
+            h: scene.config.h,
+            reach: scene.reach(),
+            tolerance,
+            refines: scene.config.refine,
+        };
+        explainer.explain(points, &self.owners, &mut self.q, &mut self.shifts)
+    }
+
+    /// Adds the points to the sums; replaces `touched` by their components, ascending.
+    pub fn sum_up(
+        &mut self,
+        scene: &mut Scene,
+        points: &[SurfacePoint],
+        weight: u32,
+        gain: [f32; 3],
+        touched: &mut Vec<u32>,
+    ) {
+        let Self { fits, owners, shifts, .. } = self;
+        let frame = AssignedPoints { points, owners, shifts, gain, weight };
+        scene.grow_sums();
+        fits.accumulate(&mut scene.sums, scene.seeds.view(), frame, scene.config.h, touched);
+        // Every frame: a row that is not full can take one more frame, since accumulation sums a component
+        // with more than 4,096 points wide at once.
+        scene.sums.spill_to_wide_rows(touched);
+    }
+}

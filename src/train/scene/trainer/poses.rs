@@ -1,0 +1,252 @@
+//! Poses of the frames: alignment, tracking, and the logs of corrections and exposures.
+
+use super::scene::Scene;
+use crate::math::camera::Camera;
+use crate::math::pose::Pose;
+use crate::model::scene::state::TrackedPose;
+use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::pose_log::{ExposureLog, FrameExposure, FramePose, PoseLog, corrected};
+use crate::model::splat::viewpoint::reach;
+use crate::observation::surface::{Observation, SurfacePoint};
+use crate::train::scene::align::{
+    GROUP_STRIDE, Improvement, KnownPlanes, PoseAlignment, ROUNDS, TURN_DEVIATION,
+    alignment_subset, first_groups,
+};
+use crate::train::scene::gain::{Brightness, fewest_matches};
+use crate::train::scene::gauge::common_motion;
+use crate::train::scene::rigid_equations::Motion;
+use crate::train::scene::seed_groups::NearSeeds;
+use crate::train::scene::track;
+use crate::train::scene::track::TrackingLoss;
+use std::sync::Arc;
+
+/// Number of recent frames used to predict the correction of the next one.
+const RECENT: usize = 1000;
+/// Minimum number of frames for a motion of the whole scene.
+const FEWEST_FRAMES: usize = 4;
+/// Number of known points, among those compared, that determine the gain of a large frame.
+const MIN_EXPOSED: f64 = 1000.0;
+
+/// Poses and exposures of the frames so far.
+#[derive(Default)]
+pub(super) struct Poses {
+    /// Exposures of the frames, if gains are estimated.
+    exposures: Vec<FrameExposure>,
+    /// Pose corrections of the frames, unless poses count as exact.
+    corrections: Vec<FramePose>,
+    /// Tracked camera poses, if poses are tracked.
+    trajectory: Vec<TrackedPose>,
+    /// Buffer for the current frame's points under the corrected pose.
+    buffer: Vec<SurfacePoint>,
+}
+
+/// A frame under its corrected pose.
+pub(super) struct PlacedFrame {
+    pub camera: Camera,
+    /// Moved points; `None` if the pose is as recorded.
+    moved: Option<Vec<SurfacePoint>>,
+}
+
+impl PlacedFrame {
+    pub fn points<'a>(&'a self, frame: &'a Observation) -> &'a [SurfacePoint] {
+        self.moved.as_deref().unwrap_or(&frame.points)
+    }
+}
+
+/// Columns of [`Poses`] as stored in a checkpoint.
+pub(super) type PoseColumns = (Vec<FrameExposure>, Vec<FramePose>, Vec<TrackedPose>);
+
+impl Poses {
+    pub fn restore((exposures, corrections, trajectory): PoseColumns) -> Self {
+        Self { exposures, corrections, trajectory, buffer: Vec::new() }
+    }
+
+    pub fn columns(&self) -> PoseColumns {
+        (self.exposures.clone(), self.corrections.clone(), self.trajectory.clone())
+    }
+
+    /// Aligns a recorded frame, if poses are corrected. `owners` is a buffer.
+    pub fn align(
+        &mut self,
+        scene: &Scene,
+        frame: &Observation,
+        owners: &mut Vec<u32>,
+    ) -> PlacedFrame {
+        let motion =
+            scene.config.align.then(|| self.motion(scene, &alignment_subset(frame), owners));
+        match motion.flatten() {
+            None => PlacedFrame { camera: frame.camera, moved: None },
+            Some(motion) => self.moved(frame, &motion),
+        }
+    }
+
+    fn moved(&mut self, frame: &Observation, motion: &Motion) -> PlacedFrame {
+        let mut points = std::mem::take(&mut self.buffer);
+        let camera = motion.apply(frame, &mut points);
+        PlacedFrame { camera, moved: Some(points) }
+    }
+
+    /// Finds the pose of a frame without a recorded one by the picture of the scene.
+    pub fn track(
+        &self,
+        frame: &Observation,
+        scene: impl FnOnce() -> SplatSet,
+    ) -> Result<TrackedPose, TrackingLoss> {
+        let known: Vec<Pose> = self.trajectory.iter().filter_map(TrackedPose::pose).collect();
+        let Some(last) = known.last() else { return track::begin(frame) };
+        track::find_pose(scene().view(), frame, &[*last], &known)
+    }
+
+    /// Corrects a tracked pose like a recorded one, since planes and colours of components constrain it better
+    /// than the rendered picture. Returns the frame there, and its entry in the trajectory.
+    pub fn place_tracked(
+        &mut self,
+        scene: &Scene,
+        frame: &Observation,
+        tracked: &TrackedPose,
+        owners: &mut Vec<u32>,
+    ) -> (PlacedFrame, TrackedPose) {
+        let found = self.corrected(scene, frame, tracked, owners).unwrap_or(*tracked);
+        self.trajectory.push(found);
+        let pose = found.pose().unwrap_or(frame.camera.pose);
+        (self.moved(frame, &Motion::between(&frame.camera.pose, &pose)), found)
+    }
+
+    fn corrected(
+        &self,
+        scene: &Scene,
+        frame: &Observation,
+        tracked: &TrackedPose,
+        owners: &mut Vec<u32>,
+    ) -> Option<TrackedPose> {
+        let pose = tracked.pose()?;
+        let mut part = alignment_subset(frame);
+        // Recorded positions are more certain than tracked ones.
+        part.tolerance.place = part.tolerance.refinement;
+        let mut points = Vec::with_capacity(part.points.len());
+        part.camera = Motion::between(&frame.camera.pose, &pose).apply(&part, &mut points);
+        part.points = points;
+        let motion = self.motion(scene, &part, owners)?;
+        let deviations = [tracked.turn_deviation, tracked.shift_deviation];
+        let pose = motion.apply_to_pose(&pose);
+        Some(TrackedPose::new(&pose, deviations, tracked.overlap, tracked.agreement))
+    }
+
+    /// Returns the most probable motion of a frame reduced by [`alignment_subset`]; `None` if too little of
+    /// the scene is known.
+    pub fn motion(
+        &self,
+        scene: &Scene,
+        part: &Observation,
+        owners: &mut Vec<u32>,
+    ) -> Option<Motion> {
+        // Pose errors are similar from frame to frame.
+        let recent = &self.corrections[self.corrections.len().saturating_sub(RECENT)..];
+        let recorded = &part.camera.pose;
+        let likely = Motion::between(recorded, &corrected(recent, reach(scene.config.h), recorded));
+        // Inside the thread pool: rounds are many and short, and starting each from outside would wake
+        // threads.
+        rayon::scope(|_| Alignment::new(scene).motion(part, likely, owners))
+    }
+
+    /// Logs a frame's exposure and pose correction, if they were estimated, and takes its buffer back.
+    pub fn log(&mut self, scene: &Scene, frame: &Observation, placed: PlacedFrame, gain: [f32; 3]) {
+        let pose = &placed.camera.pose;
+        if scene.config.gain {
+            self.exposures.push(FrameExposure::new(pose, gain));
+        }
+        if scene.config.align && !scene.config.track {
+            self.corrections.push(FramePose::new(&frame.camera.pose, pose));
+        }
+        self.recycle(placed);
+    }
+
+    pub fn recycle(&mut self, placed: PlacedFrame) {
+        self.buffer = placed.moved.unwrap_or_default();
+    }
+
+    /// Returns the motion of the whole scene that minimises its frames' pose corrections, each time their
+    /// number has doubled: their common error shrinks with every doubling.
+    pub fn common_motion(&self, scene: &Scene, frame: &Observation) -> Option<Pose> {
+        let n = self.corrections.len();
+        let is_due =
+            scene.config.align && !scene.config.track && n >= FEWEST_FRAMES && n.is_power_of_two();
+        let deviations = [TURN_DEVIATION, f64::from(frame.tolerance.place)];
+        is_due.then(|| common_motion(&self.corrections, deviations)).flatten()
+    }
+
+    pub fn move_by(&mut self, motion: &Pose) {
+        let corrections = self.corrections.iter_mut();
+        corrections.for_each(|frame| *frame = frame.moved(motion).unwrap_or(*frame));
+        self.exposures.iter_mut().for_each(|frame| *frame = frame.moved(motion));
+    }
+
+    /// Returns the logs by which views of a scene of scale `h` are drawn; `None` if they are empty.
+    pub fn logs(&self, h: f64) -> (Option<Arc<ExposureLog>>, Option<Arc<PoseLog>>) {
+        let exposures = (!self.exposures.is_empty())
+            .then(|| Arc::new(ExposureLog::new(self.exposures.clone(), h)));
+        let poses = (!self.corrections.is_empty())
+            .then(|| Arc::new(PoseLog::new(self.corrections.clone(), h)));
+        (exposures, poses)
+    }
+}
+
+/// Alignment of one frame to a scene.
+struct Alignment<'a> {
+    scene: &'a Scene,
+    planes: KnownPlanes<'a>,
+}
+
+impl<'a> Alignment<'a> {
+    fn new(scene: &'a Scene) -> Self {
+        let (h, ridge) = (scene.config.h, scene.gradient_ridge());
+        Self { scene, planes: KnownPlanes::new(&scene.sums, scene.seeds.view(), h, ridge) }
+    }
+
+    fn motion(
+        &mut self,
+        part: &Observation,
+        likely: Motion,
+        owners: &mut Vec<u32>,
+    ) -> Option<Motion> {
+        // A subset of the points converges so closely that all of them need only one more round.
+        let few = first_groups(part);
+        let fewest = fewest_matches(part.points.len(), MIN_EXPOSED);
+        let near = self.iterate_rounds(&few, fewest / GROUP_STRIDE as f64, ROUNDS, likely, owners);
+        let (start, rounds) = near.map_or((likely, ROUNDS), |near| (near, 1));
+        self.iterate_rounds(part, fewest, rounds, start, owners)
+    }
+
+    /// Iterates from `motion`, at most `rounds` times, at least once. The gain is estimated only from at
+    /// least `fewest` known points.
+    fn iterate_rounds(
+        &mut self,
+        part: &Observation,
+        fewest: f64,
+        rounds: usize,
+        mut motion: Motion,
+        owners: &mut Vec<u32>,
+    ) -> Option<Motion> {
+        let (scene, seeds) = (self.scene, self.scene.seeds.view());
+        let h = scene.config.h;
+        let mut near = NearSeeds::new(seeds.grid, h as f32, part.points.len());
+        let brightness = |points: &[SurfacePoint], owners: &[u32]| {
+            scene.config.gain.then(|| Brightness::of(&scene.sums, points, owners))
+        };
+        for round in 1.. {
+            // Reassigned in every round: moved points belong to other components, which determine the
+            // remaining motion.
+            let place = motion.point_mover(part);
+            let parts = near.assign(seeds.components, &part.points, place, owners, brightness);
+            let gain = Brightness::gain(parts.into_iter().flatten(), fewest);
+            let alignment = PoseAlignment { frame: part, owners, gain, h };
+            let improvement = alignment.improve(&motion, &mut self.planes)?;
+            let Improvement { motion: improved, has_converged } = improvement;
+            if has_converged || round >= rounds {
+                return Some(improved);
+            }
+            motion = improved;
+        }
+        None
+    }
+}
