@@ -154,11 +154,11 @@ pub(super) fn csv(rows: &[impl Serialize]) -> Result<String, csv::Error> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Formats rows as text: a header and the cells of each column.
-pub(super) fn table<R, const N: usize>(
-    rows: &[R],
-    columns: [(&str, fn(&R) -> String); N],
-) -> String {
+/// Header of a column and the text of its cells.
+pub(super) type Column<'a, R> = (&'a str, fn(&R) -> String);
+
+/// Formats rows as text.
+pub(super) fn table<R, const N: usize>(rows: &[R], columns: [Column<'_, R>; N]) -> String {
     let cells = |row: &R| columns.map(|(_, cell)| cell(row));
     report::text(columns.map(|(name, _)| name), &rows.iter().map(cells).collect::<Vec<_>>())
 }
