@@ -22,7 +22,6 @@ pub struct ViewCamera {
     middle: DVec3,
 }
 
-/// Range that the vertical field of view of a scene's own camera is clamped to, radians.
 const OWN_FOV_Y: [f64; 2] = [0.5, 1.3];
 /// Largest horizontal or vertical field of view of a pinhole camera, radians (`rendering.md`, Wide views and
 /// fisheye).
@@ -84,7 +83,6 @@ impl ViewCamera {
         self.orbit.elevation = elevation.clamp(-MAX_ELEVATION, MAX_ELEVATION);
     }
 
-    /// Translates the target so that it follows the pointer.
     pub fn pan(&mut self, delta_px: [f64; 2], size_px: [f64; 2]) {
         let per_pixel = self.orbit.distance / self.focal(size_px);
         let rotation = self.orbit.pose().rotation();
@@ -114,7 +112,6 @@ impl ViewCamera {
         }
     }
 
-    /// Views the current target along a world direction.
     pub fn set_view_direction(&mut self, direction: DVec3) {
         let eye = self.orbit.target - direction * self.orbit.distance;
         // Straight down, the horizon is undefined. A small offset from the pole keeps the current heading, or
@@ -134,7 +131,6 @@ impl ViewCamera {
         self.orbit
     }
 
-    /// Up direction in world space, unit length.
     pub fn up(&self) -> DVec3 {
         self.orbit.up
     }
@@ -197,12 +193,10 @@ impl ViewCamera {
         }
     }
 
-    /// Vertical field of view of the scene's own camera, radians.
     pub fn own_fov_y(&self) -> f64 {
         self.own_fov_y
     }
 
-    /// Distance of a camera from the scene's centre, world units.
     pub fn distance_to_middle(&self, camera: &Camera) -> f64 {
         camera.pose.centre().distance(self.middle)
     }
@@ -211,7 +205,6 @@ impl ViewCamera {
         self.orbit.target
     }
 
-    /// Scene radius, world units.
     pub fn radius(&self) -> f64 {
         self.radius
     }

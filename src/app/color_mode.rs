@@ -5,7 +5,6 @@ use crate::render::Paint;
 use crate::render::attributes::Attribute;
 use serde::{Deserialize, Serialize};
 
-/// Quantity shown by the colour of a splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColorMode {
@@ -44,7 +43,6 @@ impl ColorMode {
         }
     }
 
-    /// Component attribute that replaces the stored colours, if any.
     pub fn attribute(self) -> Option<Attribute> {
         match self {
             ColorMode::Evidence => Some(Attribute::Evidence),

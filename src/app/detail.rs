@@ -13,7 +13,6 @@ use crate::train::scene::units::StructuralScale;
 /// Share of the time per frame that is proportional to the number of components; the rest is proportional
 /// to the points. Measured on Lego: twice the components took 7.6 instead of 6.8 ms a frame.
 const COMPONENT_SHARE: f64 = 0.2;
-/// Coarsest structural scale of the slider, pixels.
 pub const COARSEST_PX: f64 = 20.0;
 /// Finest structural scale of the slider, pixels; noise may limit it further.
 pub const FINEST_PX: f64 = 0.5;
@@ -23,11 +22,9 @@ pub const FINEST_PX: f64 = 0.5;
 pub struct DetailForecast {
     pub components: f64,
     pub model_bytes: f64,
-    /// Training time per frame, milliseconds.
     pub frame_ms: f64,
 }
 
-/// Structural scale after the noise limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectiveScale {
     pub length: f64,
@@ -35,7 +32,6 @@ pub struct EffectiveScale {
     pub is_noise_limited: bool,
 }
 
-/// Converts a structural scale to a length for frames with the statistics of `sample`.
 pub fn effective_scale(
     engine: &SceneConfig,
     scale: StructuralScale,

@@ -5,36 +5,28 @@ use eframe::egui::Context;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Renderer of the viewport.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ViewRenderer {
-    /// CPU renderer.
     Cpu,
     /// GPU with timestamp queries.
     Gpu,
-    /// GPU without timestamp queries.
     UntimedGpu,
 }
 
-/// Stages of a picture, in order of execution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DrawStage {
-    /// Whole picture on the CPU.
     Picture,
     /// Projection of the splats on the GPU.
     Preprocess,
     /// Depth sort on the GPU.
     Sort,
-    /// Rasterisation on the GPU.
     Draw,
 }
 
 impl DrawStage {
-    /// Every stage, in order.
     pub const ALL: [DrawStage; 4] =
         [DrawStage::Picture, DrawStage::Preprocess, DrawStage::Sort, DrawStage::Draw];
 
-    /// Label in the panel.
     pub fn label(self) -> &'static str {
         match self {
             DrawStage::Picture => "Picture (CPU)",
@@ -45,7 +37,6 @@ impl DrawStage {
     }
 }
 
-/// Timings of one picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DrawSample {
     ms: [Option<f64>; DrawStage::ALL.len()],
@@ -54,7 +45,6 @@ pub struct DrawSample {
 }
 
 impl DrawSample {
-    /// Creates a record without timings for a picture that uploaded this many bytes.
     pub fn new(uploaded_bytes: u64) -> Self {
         Self { uploaded_bytes, ..Self::default() }
     }
@@ -72,24 +62,20 @@ impl DrawSample {
     }
 }
 
-/// Length of the history, pictures.
 const MAX_SAMPLES: usize = 300;
 
 /// Timings of the latest pictures, oldest first.
 #[derive(Clone, Debug)]
 pub struct DrawHistory {
-    /// Renderer that drew them.
     pub drawer: ViewRenderer,
     samples: VecDeque<DrawSample>,
 }
 
 impl DrawHistory {
-    /// Creates an empty history.
     pub fn new(drawer: ViewRenderer) -> Self {
         Self { drawer, samples: VecDeque::new() }
     }
 
-    /// Appends a picture and drops the oldest beyond 300.
     pub fn push(&mut self, sample: DrawSample) {
         if self.samples.len() == MAX_SAMPLES {
             self.samples.pop_front();
@@ -97,13 +83,11 @@ impl DrawHistory {
         self.samples.push_back(sample);
     }
 
-    /// Recorded pictures, oldest first.
     pub fn samples(&self) -> impl ExactSizeIterator<Item = &DrawSample> {
         self.samples.iter()
     }
 }
 
-/// Painter of the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Painting {
     /// The GPU if it is a real one, else the CPU renderer, which is faster than a software adapter.
@@ -138,12 +122,10 @@ impl WindowWaker {
         waker
     }
 
-    /// Wakes this window from now on.
     pub fn open(&self, context: Context) {
         self.put(Some(context));
     }
 
-    /// Wakes no window from now on.
     pub fn close(&self) {
         self.put(None);
     }

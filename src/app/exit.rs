@@ -2,7 +2,7 @@
 
 use super::mailbox::Mailbox;
 use super::path_editor::PathEditor;
-use super::viewer::previewing::KeptView;
+use super::viewer::KeptView;
 use crate::render::gpu::adapters::AdapterChoice;
 use std::sync::Arc;
 

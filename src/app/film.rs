@@ -6,6 +6,7 @@
 use super::edit::marks::LeftOut;
 use super::settings_file::unused;
 use super::state::NoticeKind;
+use super::view_thread::{one_thread, run_in, take_finished};
 use super::worker::Waker;
 use crate::export::camera_path::PacedPath;
 use crate::export::video::{FilmError, FilmWriter, write_png};
@@ -52,20 +53,17 @@ impl FilmThread {
     ) -> std::io::Result<()> {
         self.0 = None;
         let output = order.output.clone();
-        let n_threads = if order.is_beside_training { 1 } else { 0 };
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build();
-        let pool = pool.map_err(std::io::Error::other)?;
+        let pool = order.is_beside_training.then(one_thread).transpose()?;
         let drawn = waker.clone();
         let draw = move |progress: &Progress| {
             let scene = order.left_out.remaining(scene);
-            pool.install(|| render_film(scene, &order, progress, &drawn))
+            run_in(pool.as_ref(), || render_film(scene, &order, progress, &drawn))
         };
         let drawing = Job::start_reporting("film", waker, draw)?;
         self.0 = Some(RunningFilm { output, drawing });
         Ok(())
     }
 
-    /// Share of the film rendered; `None` if no film is being rendered.
     pub fn share(&self) -> Option<f32> {
         self.0.as_ref().map(|running| running.drawing.progress().share().unwrap_or(0.0))
     }
@@ -80,7 +78,6 @@ impl FilmThread {
         }
     }
 
-    /// Notice about a finished film, once; `None` until it is finished.
     pub fn poll_notice(&mut self) -> Option<(NoticeKind, String)> {
         let running = self.0.as_ref()?;
         let answer = running.drawing.poll()?;
@@ -131,9 +128,7 @@ fn render_film(
 
 pub struct Still {
     pub splats: Arc<SplatSet>,
-    /// Camera of the view, in its pixels.
     pub camera: Camera,
-    /// Render options of the view at rest.
     pub options: RenderOptions,
 }
 
@@ -156,20 +151,14 @@ impl StillJob {
     }
 
     pub fn take(&mut self) -> Option<(NoticeKind, String)> {
-        let (path, job) = self.0.as_ref()?;
-        let said = match job.poll()? {
+        let (path, answer) = take_finished(&mut self.0)?;
+        Some(match answer {
             Ok(Ok(path)) => (NoticeKind::Info, format!("Wrote {}", path.display())),
             Ok(Err(error)) => (NoticeKind::Error, error),
             Err(panic) => {
-                let text = format!(
-                    "{}: {}",
-                    path.display(),
-                    panic.failure_notice("rendering the picture")
-                );
-                (NoticeKind::Error, text)
+                let text = panic.failure_notice("rendering the picture");
+                (NoticeKind::Error, format!("{}: {text}", path.display()))
             }
-        };
-        self.0 = None;
-        Some(said)
+        })
     }
 }

@@ -30,7 +30,6 @@ pub mod retention;
 mod selection;
 mod session_info;
 mod settings_file;
-mod software;
 pub mod splat_updates;
 pub mod state;
 mod studio;

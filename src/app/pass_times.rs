@@ -10,7 +10,6 @@ fn thread_time() -> Option<Duration> {
     text.split_whitespace().next()?.parse().ok().map(Duration::from_nanos)
 }
 
-/// Measures the passes of a window.
 #[derive(Default)]
 pub struct PassTimes {
     is_drawn: bool,
@@ -18,19 +17,12 @@ pub struct PassTimes {
     /// CPU time of this thread at the start of the latest pass, and at the end of its layout.
     worked: Option<Duration>,
     laid_out: Option<Duration>,
-    passes: Vec<PassMs>,
-}
-
-/// CPU time of a pass during training, milliseconds.
-#[derive(Clone, Copy)]
-struct PassMs {
-    all: f64,
-    /// Part of `all` until the end of the layout: without tessellation and the driver.
-    layout: f64,
+    /// CPU milliseconds of passes during training, and the part until the end of the layout: without
+    /// tessellation and the driver.
+    passes: Vec<[f64; 2]>,
 }
 
 impl PassTimes {
-    /// Starts a pass that shows `state`.
     pub fn begin(&mut self, state: RunState) {
         // The CPU time is queried only if the log records it.
         if !tracing::enabled!(tracing::Level::DEBUG) {
@@ -40,7 +32,7 @@ impl PassTimes {
         if let (RunState::Training, Some(before), Some(now)) = (self.state, self.worked, now) {
             let ms = |end: Duration| 1e3 * end.saturating_sub(before).as_secs_f64();
             let layout = self.laid_out.take().map_or(0.0, ms);
-            self.passes.push(PassMs { all: ms(now), layout });
+            self.passes.push([ms(now), layout]);
         }
         (self.worked, self.laid_out) = (now, None);
         if state == self.state {
@@ -66,8 +58,7 @@ impl PassTimes {
 
     fn log_times(&mut self) {
         let passes = std::mem::take(&mut self.passes);
-        let [all, layout] = [|pass: &PassMs| pass.all, |pass: &PassMs| pass.layout]
-            .map(|part| passes.iter().map(part).collect::<Vec<_>>());
+        let [all, layout] = [0, 1].map(|part| passes.iter().map(|pass| pass[part]).collect());
         if let (Some((median, most)), Some((_, layout))) = (figures(all), figures(layout)) {
             tracing::debug!(
                 "passes {}: median_ms {median:.2} p99_ms {most:.2} layout_p99_ms {layout:.2}",
@@ -77,7 +68,6 @@ impl PassTimes {
     }
 }
 
-/// Median and 99th percentile.
 fn figures(mut ms: Vec<f64>) -> Option<(f64, f64)> {
     ms.sort_by(f64::total_cmp);
     let at = |share: f64| ms.get((share * ms.len() as f64) as usize).or(ms.last()).copied();

@@ -7,10 +7,81 @@
 use super::splat_updates::{SplatChange, apply};
 use super::worker::Waker;
 use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::job::Job;
+use crate::pipeline::panic_report::PanicReport;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Returns a pool of one thread, for work beside training, which needs the other cores.
+pub fn one_thread() -> std::io::Result<ThreadPool> {
+    ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other)
+}
+
+/// Runs work in the pool, or on all threads without one.
+pub fn run_in<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
+    match pool {
+        Some(pool) => pool.install(work),
+        None => work(),
+    }
+}
+
+/// Takes finished work with its key out of a slot; `None` until it is finished.
+pub fn take_finished<K, T: Send + 'static>(
+    slot: &mut Option<(K, Job<T>)>,
+) -> Option<(K, Result<T, PanicReport>)> {
+    let done = slot.as_ref()?.1.poll()?;
+    slot.take().map(|(key, _)| (key, done))
+}
+
+/// Rest after a job, as a multiple of its time: on two cores training slows down by half of 1/`REST`.
+const REST: u32 = 15;
+
+/// One background job at a time. Beside training a rest follows, which leaves the cores to training.
+pub struct RestingJob<K, T> {
+    running: Option<(K, Job<(T, Duration)>)>,
+    rests_until: Option<Instant>,
+}
+
+impl<K, T> Default for RestingJob<K, T> {
+    fn default() -> Self {
+        Self { running: None, rests_until: None }
+    }
+}
+
+impl<K, T: Send + 'static> RestingJob<K, T> {
+    /// True if a job can start.
+    pub fn is_ready(&self, is_training: bool) -> bool {
+        let rests = is_training && self.rests_until.is_some_and(|until| Instant::now() < until);
+        self.running.is_none() && !rests
+    }
+
+    pub fn start(
+        &mut self,
+        name: &str,
+        key: K,
+        waker: Waker,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> std::io::Result<()> {
+        let timed = move || {
+            let started = Instant::now();
+            (work(), started.elapsed())
+        };
+        self.running = Some((key, Job::start_waking(name, waker, timed)?));
+        Ok(())
+    }
+
+    /// Takes a finished result with its key, once.
+    pub fn take(&mut self) -> Option<(K, Result<T, PanicReport>)> {
+        let (key, done) = take_finished(&mut self.running)?;
+        let took = done.as_ref().map_or(Duration::ZERO, |(_, took)| *took);
+        self.rests_until = Some(Instant::now() + took * REST);
+        Some((key, done.map(|(result, _)| result)))
+    }
+}
 
 /// Handle of the thread; dropping it stops the thread after the current answer.
 pub struct ViewThread<Q, A> {
@@ -163,7 +234,6 @@ mod tests {
     use super::*;
     use crate::model::splat::splats::Splat;
     use std::sync::mpsc::channel;
-    use std::time::Duration;
 
     #[test]
     fn answers_the_latest_request_with_all_changes() {
@@ -200,7 +270,7 @@ mod tests {
         let thread =
             ViewThread::start("test", Arc::new(|| {}), |splats: &SplatSet, (): ()| splats.len())
                 .unwrap();
-        let started = std::time::Instant::now();
+        let started = Instant::now();
         for n in 1..=3 {
             thread.change(SplatChange::all(vec![Splat::default(); n]));
             while !thread.requests.lock().changes.is_empty() {

@@ -22,7 +22,6 @@ use eframe::egui_wgpu;
 use eframe::egui_wgpu::{CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Capabilities of the adapter that eframe chose.
 pub fn capabilities(state: &RenderState) -> GpuCaps {
     GpuCaps::new(&state.adapter, &state.device)
 }
@@ -40,7 +39,6 @@ pub fn wgpu_configuration(choice: &AdapterChoice) -> egui_wgpu::WgpuConfiguratio
     configuration
 }
 
-/// Selects the chosen adapter, if it can draw the window.
 fn selector(choice: AdapterChoice) -> egui_wgpu::NativeAdapterSelectorMethod {
     Arc::new(move |adapters, surface| {
         let facts: Vec<AdapterInfo> = adapters.iter().map(AdapterInfo::new).collect();
@@ -56,28 +54,8 @@ fn selector(choice: AdapterChoice) -> egui_wgpu::NativeAdapterSelectorMethod {
     })
 }
 
-/// Caveat about the adapter that draws the window, if any.
 pub fn caveat(state: &RenderState) -> Option<String> {
     AdapterInfo::new(&state.adapter).warning()
-}
-
-/// Available adapters, and the one that draws.
-pub fn adapters(state: &RenderState) -> (Vec<AdapterInfo>, AdapterInfo) {
-    let there = state.available_adapters.iter().map(AdapterInfo::new).collect();
-    (there, AdapterInfo::new(&state.adapter))
-}
-
-/// Collects errors of the device from the start; without a handler wgpu panics.
-pub fn collect_faults(state: &RenderState) -> GpuFaults {
-    let faults = GpuFaults::default();
-    faults.watch(&state.device);
-    faults
-}
-
-/// Lets the device run its callbacks, without waiting.
-pub fn poll(state: &RenderState) {
-    // A failed poll means a lost device, which the callback reports.
-    let _ = state.device.poll(wgpu::PollType::Poll);
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -91,7 +69,6 @@ pub enum ViewPaintError {
 /// Buffers are released if their capacity exceeds the new scene by this factor.
 const IDLE_ROOM: usize = 4;
 
-/// Painter of the viewport on a real GPU.
 pub struct GpuViewPainter {
     device: wgpu::Device,
     queue: wgpu::Queue,
@@ -112,7 +89,6 @@ pub struct GpuViewPainter {
     n_drawn: usize,
 }
 
-/// Second model, with its own scene and renderer.
 struct GpuModel {
     model: Arc<ComparedModel>,
     scene: GpuScene,
@@ -123,7 +99,6 @@ struct GpuModel {
 type DrawnView = (Camera, RenderOptions, Option<Partner>);
 
 impl GpuViewPainter {
-    /// Creates all GPU state on eframe's device.
     pub fn new(state: &RenderState, faults: GpuFaults) -> Result<Self, GpuError> {
         let capabilities = capabilities(state);
         capabilities.check()?;
@@ -159,7 +134,6 @@ impl GpuViewPainter {
         self.n_drawn
     }
 
-    /// Applies a change; `splats` are all splats after it.
     pub fn change(&mut self, change: SplatChange, splats: &SplatSet) {
         match (change, &mut self.pending) {
             // Changes accumulate while nothing is painted; beyond a limit everything is uploaded
@@ -264,7 +238,6 @@ impl GpuViewPainter {
         Ok(())
     }
 
-    /// Uploads pending changes; returns the number of bytes.
     fn upload(&mut self, splats: &SplatSet) -> Result<u64, GpuError> {
         let bytes = match self.pending.take() {
             None => {
@@ -321,7 +294,6 @@ impl GpuViewPainter {
     }
 }
 
-/// Draws the finished picture in the window's pass.
 struct PaintScene(Arc<Mutex<Compositor>>);
 
 impl CallbackTrait for PaintScene {
@@ -335,7 +307,6 @@ impl CallbackTrait for PaintScene {
     }
 }
 
-/// Returns a callback that updates the stored image of the window by a pass and draws that image.
 pub fn window_callback(
     rect: Rect,
     window: Arc<Mutex<KeptWindow>>,
@@ -383,21 +354,23 @@ pub struct WindowDevice {
     pub faults: GpuFaults,
     /// Adapters that can draw the window.
     pub there: Vec<AdapterInfo>,
-    /// Adapter in use.
     pub adapter: AdapterInfo,
 }
 
 impl WindowDevice {
-    /// Installs the error handlers on eframe's device.
     pub fn new(state: &RenderState) -> Self {
-        let (there, adapter) = adapters(state);
-        Self { state: state.clone(), faults: collect_faults(state), there, adapter }
+        // From the start: without a handler wgpu panics.
+        let faults = GpuFaults::default();
+        faults.watch(&state.device);
+        let there = state.available_adapters.iter().map(AdapterInfo::new).collect();
+        let adapter = AdapterInfo::new(&state.adapter);
+        Self { state: state.clone(), faults, there, adapter }
     }
 
-    /// True if the device and all its resources are lost.
     pub fn is_lost(&self) -> bool {
-        // A loss is reported only by a poll or a submission, and an idle window submits nothing.
-        poll(&self.state);
+        // A loss is reported only by a poll or a submission, and an idle window submits nothing. A
+        // failed poll means a lost device, which the callback reports.
+        let _ = self.state.device.poll(wgpu::PollType::Poll);
         self.faults.is_lost()
     }
 }

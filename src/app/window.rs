@@ -130,7 +130,6 @@ struct Host {
     worker: Arc<Worker>,
     /// Waker of the current window, because the training thread outlives windows.
     waker: Arc<WindowWaker>,
-    /// Adapter caveat that was shown last.
     shown: Arc<Mailbox<Option<String>>>,
     exit: RefCell<Exit>,
     started: Instant,
@@ -215,7 +214,6 @@ fn has_display() -> bool {
     !cfg!(all(unix, not(target_os = "macos"))) || named("DISPLAY") || named("WAYLAND_DISPLAY")
 }
 
-/// Attempts of running winit's event loop until a window is created.
 const MAX_RUNS: usize = 3;
 
 type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
@@ -281,9 +279,6 @@ const POLL_INTERVAL: Duration = Duration::from_secs(10);
 /// Watches for a termination while the worker lives. `is_asked` waits for at most the given time and
 /// returns true once the program is to end. Training is then stopped and stored for the next window,
 /// and the window closes without a prompt.
-///
-/// # Errors
-/// If no thread can be started.
 pub fn watch(
     is_asked: impl Fn(Duration) -> bool + Send + 'static,
     worker: &Arc<Worker>,

@@ -22,7 +22,6 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Plugin of egui that draws the window.
 pub struct WindowPainter {
     state: RenderState,
     window: Arc<Mutex<KeptWindow>>,
@@ -111,7 +110,6 @@ impl Plugin for WindowPainter {
     }
 }
 
-/// Converts a primitive back to a shape for egui's painter.
 fn shape(ClippedPrimitive { clip_rect, primitive }: ClippedPrimitive) -> ClippedShape {
     let shape = match primitive {
         Primitive::Mesh(mesh) => Shape::mesh(mesh),
@@ -129,23 +127,19 @@ fn sampling(options: TextureOptions) -> Option<MeshSampling> {
     })
 }
 
-/// Output of egui after a pass.
 #[derive(Debug)]
 pub struct WindowPass {
     /// Meshes, back to front, without callbacks and with textures that egui manages only.
     primitives: Vec<ClippedPrimitive>,
     pixels_per_point: f32,
-    /// Colour behind all meshes.
     background: Color32,
 }
 
-/// Image of the window, as drawn last.
 #[derive(Debug)]
 pub struct KeptWindow {
     pub painter: MeshPainter,
     /// Pass that the image shows.
     shown: Option<Arc<WindowPass>>,
-    /// Textures that have changed since then.
     changes: Vec<TextureChange>,
 }
 
@@ -190,7 +184,6 @@ fn scissor(clip: Rect, pixels_per_point: f32, place: PixelRect) -> Option<PixelR
     (inside.min[0] < inside.max[0] && inside.min[1] < inside.max[1]).then_some(inside)
 }
 
-/// Batches all triangles of a pass that reach into the regions, over its background.
 fn mesh_list(pass: &WindowPass, size: [u32; 2], places: &[PixelRect]) -> MeshList {
     let mut list = MeshList::default();
     for &place in places {
@@ -225,13 +218,11 @@ struct Batches<'a> {
 struct OpenBatch {
     kind: MeshKind,
     scissor: PixelRect,
-    /// Bounds of its triangles, points.
     bounds: Rect,
     indices: Vec<u32>,
 }
 
 impl Batches<'_> {
-    /// Adds the triangles of a mesh that reach into the region.
     fn add(&mut self, mesh: &Mesh, clip: Rect) {
         let scale = self.pass.pixels_per_point;
         let Some(scissor) = scissor(clip, scale, self.place) else { return };
@@ -291,7 +282,6 @@ impl Batches<'_> {
     }
 }
 
-/// Cheapest kind that draws a triangle.
 fn kind(texture: TextureId, corners: &[Vertex; 3]) -> MeshKind {
     match texture {
         // Shapes without a texture use a white texel.

@@ -38,7 +38,7 @@ fn the_camera_follows_the_pointer_and_keys() {
     assert_ne!(panned, settled(&mut window), "pan by the middle button");
     let distance = |window: &Window| {
         let view = window.state().view();
-        view.eye().unwrap().distance(view.target().unwrap())
+        view.camera.eye().unwrap().distance(view.camera.target().unwrap())
     };
     let before = distance(&window);
     turn_wheel(&mut window, MIDDLE, 100.0);
@@ -58,11 +58,11 @@ fn the_camera_follows_the_pointer_and_keys() {
 /// scene touches the border.
 fn seen_whole(window: &Window, splats: SplatView) -> [f64; 2] {
     let view = window.state().view();
-    let [width, height] = view.size_px();
-    let stood = view.keyframe().unwrap();
+    let [width, height] = view.camera.size_px();
+    let stood = view.camera.keyframe().unwrap();
     let intrinsics = Intrinsics::from_vertical_fov(width, height, stood.fov_y);
     let camera = Camera { intrinsics, pose: stood.pose };
-    let distance = stood.pose.centre().distance(view.target().unwrap());
+    let distance = stood.pose.centre().distance(view.camera.target().unwrap());
     let options = RenderOptions::viewport(RenderMethod::PROJECTED, [0.0; 3], distance);
     let picture = CpuRenderer::default().render(splats, &camera, &options);
     let seen = picture.coverage.data.iter().enumerate().filter(|(_, share)| **share > 0.02);

@@ -45,7 +45,7 @@ fn compare_with(window: &mut Window, path: &Path) {
 
 /// Name of the second model in the window.
 fn name(window: &Window) -> String {
-    window.state().view().compared().unwrap().name.clone()
+    window.state().view().comparison.model().unwrap().name.clone()
 }
 
 /// Shares of nearly pure green pixels left and right of the viewport's middle.
@@ -81,7 +81,7 @@ fn a_second_model_is_wiped_to_measured_and_removed() {
         wait_for_picture(&mut window);
         press(&mut window, Key::CloseBracket);
         compare_with(&mut window, &file);
-        wait(&mut window, "the model", |s| s.view().mode() == ViewMode::ModelWipe);
+        wait(&mut window, "the model", |s| s.view().comparison.mode() == ViewMode::ModelWipe);
         let [scene, model] = green_shares(&mut window);
         assert!(scene < 0.05 && model > 0.9, "{painting:?}: {scene} left, {model} right");
 
@@ -101,7 +101,10 @@ fn a_second_model_is_wiped_to_measured_and_removed() {
         choose(&mut window, 0, "Remove second model");
         window.run_steps(2);
         let view = window.state().view();
-        assert_eq!((view.mode(), view.compared().is_none()), (ViewMode::Single, true));
+        assert_eq!(
+            (view.comparison.mode(), view.comparison.model().is_none()),
+            (ViewMode::Single, true)
+        );
         window.get_all_by_role(Role::ComboBox).next().unwrap().click();
         window.run_steps(2);
         assert!(window.get_by_label("Wipe models").accesskit_node().is_disabled());
@@ -130,7 +133,7 @@ fn a_broken_second_model_is_a_notice_and_nothing_else_changes() {
     window.run_steps(3);
     enter_path(&mut window, &good);
     window.get_by_role_and_label(Role::Button, "Compare").click();
-    wait(&mut window, "the model", |s| s.view().mode() == ViewMode::ModelWipe);
+    wait(&mut window, "the model", |s| s.view().comparison.mode() == ViewMode::ModelWipe);
 
     let broken = folder.path().join("broken.ply");
     std::fs::write(&broken, "ply\nnothing of the kind").unwrap();
@@ -143,8 +146,8 @@ fn a_broken_second_model_is_a_notice_and_nothing_else_changes() {
         })
     });
     let view = window.state().view();
-    assert_eq!(view.compared().unwrap().path, good);
-    assert_eq!(view.mode(), ViewMode::ModelWipe);
+    assert_eq!(view.comparison.model().unwrap().path, good);
+    assert_eq!(view.comparison.mode(), ViewMode::ModelWipe);
     wait(&mut window, "the end", |s| s.snapshot().state == RunState::Finished);
     assert_eq!(window.state().snapshot().frames_done, 40);
 }

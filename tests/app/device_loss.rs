@@ -264,7 +264,7 @@ fn edits_camera_and_path_go_on_in_the_next_window() {
     let edits = window.state().view().editor().edits().clone();
     assert!(edits.count(Mark::Deleted) > 0, "the box holds no splat");
     wait(&mut window, "fewer splats", move |s| s.n_drawn() < all);
-    let (eye, drawn) = (window.state().view().eye(), window.state().n_drawn());
+    let (eye, drawn) = (window.state().view().camera.eye(), window.state().n_drawn());
     device.destroy();
     leaves(&mut window, &run.exit, "edited");
     drop(window);
@@ -273,7 +273,7 @@ fn edits_camera_and_path_go_on_in_the_next_window() {
     wait(&mut window, "as many splats", move |s| s.n_drawn() == drawn);
     let view = window.state().view();
     assert!(*view.editor().edits() == edits, "other edits");
-    assert_eq!(view.eye(), eye);
+    assert_eq!(view.camera.eye(), eye);
     click(&mut window, "Path");
     assert!(window.query_by_label_contains("and add keyframes").is_none(), "no keyframe");
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);

@@ -68,9 +68,9 @@ fn what_a_box_selects_is_seen_in_every_colour_and_is_hidden_and_comes_back() {
     for painting in BOTH {
         let Some(mut window) = trained(&room, painting) else { return };
         assert_eq!(n_marked(&mut window), 0);
-        let eye = window.state().view().eye();
+        let eye = window.state().view().camera.eye();
         select_box(&mut window);
-        assert_eq!(window.state().view().eye(), eye, "the drag does not turn the camera");
+        assert_eq!(window.state().view().camera.eye(), eye, "the drag does not turn the camera");
         for mode in ColorMode::ALL.into_iter().rev() {
             choose(&mut window, 1, mode.label());
             wait_for_marks(&mut window, mode.label(), |n| n > 500);
@@ -240,7 +240,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         step_to(&mut window, 1);
         // Moves the camera, which then no longer follows training.
         drag_between(&mut window, PointerButton::Primary, BOX[0], BOX[1]);
-        assert!(!window.state().view().is_guided());
+        assert!(!window.state().view().camera.is_guided());
         click(&mut window, "Edit");
         let first = settled(&mut window);
         let (splats, drawn) = (window.state().view().learned().clone(), window.state().n_drawn());

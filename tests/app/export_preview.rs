@@ -20,7 +20,7 @@ fn measured(window: &mut Window) -> (u64, f64, Vec<String>) {
     let started = Instant::now();
     loop {
         window.step();
-        let report = window.state().view().export_preview_report();
+        let report = window.state().view().comparison.export_preview_report();
         if let Some(PreviewReport::Shown { bytes, psnr: Some(psnr), losses, .. }) = report {
             return (bytes, psnr, losses);
         }
@@ -38,7 +38,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     train(&mut window);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
     clear_view(&mut window);
-    assert!(window.state().view().export_preview_report().is_none());
+    assert!(window.state().view().comparison.export_preview_report().is_none());
 
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
@@ -46,11 +46,11 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     enter_path(&mut window, &ply);
     let (ply_bytes, ply_psnr, losses) = measured(&mut window);
     let view = window.state().view();
-    assert_eq!(view.mode(), ViewMode::ModelWipe);
-    let shown = view.compared().unwrap().clone();
+    assert_eq!(view.comparison.mode(), ViewMode::ModelWipe);
+    let shown = view.comparison.model().unwrap().clone();
     assert_eq!(shown.name, "As .ply file");
     // The preview is not a second model and cannot be removed as one.
-    assert!(view.remove_unavailable_reason().is_some_and(|why| why.contains("preview")));
+    assert!(view.comparison.remove_unavailable_reason().is_some_and(|why| why.contains("preview")));
     assert!((10.0..80.0).contains(&ply_psnr), "{ply_psnr} dB for a scene with colour gradients");
     assert!(losses.iter().any(|loss| loss.contains("Colour gradients")), "{losses:?}");
     window.get_by_label_contains("PSNR against the scene");
@@ -58,7 +58,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     // Another format triggers a new conversion.
     enter_path(&mut window, &folder.path().join("scene.spz"));
     wait(&mut window, "the other file", |s| {
-        s.view().compared().is_some_and(|model| model.name == "As .spz file")
+        s.view().comparison.model().is_some_and(|model| model.name == "As .spz file")
     });
     let (spz_bytes, _, losses) = measured(&mut window);
     assert!(spz_bytes < ply_bytes, "{spz_bytes} after {ply_bytes}");
@@ -66,14 +66,17 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
 
     // Switching the preview off restores the previous view mode.
     click(&mut window, "Preview the file");
-    wait(&mut window, "no preview", |s| s.view().export_preview_report().is_none());
+    wait(&mut window, "no preview", |s| s.view().comparison.export_preview_report().is_none());
     let view = window.state().view();
-    assert_eq!((view.mode(), view.compared().is_none()), (ViewMode::Single, true));
-    assert_eq!(view.remove_unavailable_reason(), Some("No second model is open"));
+    assert_eq!(
+        (view.comparison.mode(), view.comparison.model().is_none()),
+        (ViewMode::Single, true)
+    );
+    assert_eq!(view.comparison.remove_unavailable_reason(), Some("No second model is open"));
     click(&mut window, "Preview the file");
     enter_path(&mut window, &ply);
     let again = |s: &vbgs_studio::app::Studio| {
-        s.view().compared().is_some_and(|model| model.name == "As .ply file")
+        s.view().comparison.model().is_some_and(|model| model.name == "As .ply file")
     };
     wait(&mut window, "the preview again", again);
 
@@ -82,7 +85,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
     let file = export::read(&ply).unwrap();
     assert!(file.splats == shown.splats, "the file differs from the preview");
-    wait(&mut window, "no preview", |s| s.view().export_preview_report().is_none());
-    assert_eq!(window.state().view().mode(), ViewMode::Single);
+    wait(&mut window, "no preview", |s| s.view().comparison.export_preview_report().is_none());
+    assert_eq!(window.state().view().comparison.mode(), ViewMode::Single);
     assert_eq!(Arc::strong_count(&shown), 1, "the preview's splats are still referenced");
 }

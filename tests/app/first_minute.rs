@@ -41,7 +41,7 @@ fn an_opened_dataset_is_never_blank_and_one_button_trains_it() {
 /// Steps until the camera follows training, or no longer does.
 fn wait_for_guide(window: &mut Window, is_guided: bool) {
     let started = Instant::now();
-    while window.state().view().is_guided() != is_guided {
+    while window.state().view().camera.is_guided() != is_guided {
         assert!(started.elapsed() < PATIENCE);
         window.step();
     }
@@ -54,7 +54,7 @@ fn the_camera_rides_along_until_it_is_moved() {
     let path = dataset(folder.path(), 3);
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    assert!(window.state().view().is_guided());
+    assert!(window.state().view().camera.is_guided());
     click(&mut window, "Step");
     wait(&mut window, "one frame", |s| s.snapshot().frames_done == 1);
     window.run_steps(2);
@@ -62,19 +62,19 @@ fn the_camera_rides_along_until_it_is_moved() {
     let opened = window.state().snapshot().opened.clone().unwrap();
     let split = opened.plan.as_ref().unwrap().split;
     let taken = opened.dataset.as_ref().unwrap().splits[split].frames[0].camera.pose;
-    let stands = window.state().view().eye().unwrap();
+    let stands = window.state().view().camera.eye().unwrap();
     assert!((stands - taken.centre()).length() < 1e-6, "{stands}");
     drag(&mut window, PointerButton::Primary);
     wait_for_guide(&mut window, false);
-    let left = window.state().view().eye();
+    let left = window.state().view().camera.eye();
     window.key_press(Key::Space);
     wait(&mut window, "the end", is(RunState::Finished));
     window.run_steps(3);
-    assert_eq!(window.state().view().eye(), left, "training moves the user's view");
+    assert_eq!(window.state().view().camera.eye(), left, "training moves the user's view");
     window.key_press(Key::V);
     wait_for_guide(&mut window, true);
     window.run_steps(2);
-    assert_ne!(window.state().view().eye(), left);
+    assert_ne!(window.state().view().camera.eye(), left);
 }
 
 /// Asserts that the card lies below all notices and contains its button.

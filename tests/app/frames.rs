@@ -149,7 +149,7 @@ fn ten_thousand_frames_cost_what_is_on_screen() {
     wait(&mut window, "ready", is(RunState::Ready));
     press(&mut window, Key::OpenBracket);
     window.run_steps(3);
-    let n_frames = window.state().view().frame_ref().unwrap().n_frames();
+    let n_frames = window.state().view().camera.frame_ref().unwrap().n_frames();
     assert!(n_frames >= 10_000, "{n_frames}");
     window.get_by_label(&format!("Frame {n_frames}"));
     assert!(window.query_by_label("Frame 1").is_none(), "scrolled past");

@@ -230,14 +230,14 @@ fn after_a_fault_the_cpu_draws_until_the_gpu_is_tried_again() {
         mapped_at_creation: true,
     };
     drop(device.create_buffer(&impossible));
-    wait(&mut window, "the CPU", |s| s.view().drawn().drawer == ViewRenderer::Cpu);
+    wait(&mut window, "the CPU", |s| s.view().painter.drawn().drawer == ViewRenderer::Cpu);
     let told = |s: &Studio| s.snapshot().notices.iter().any(|n| n.text.contains("CPU renderer is"));
     wait(&mut window, "a notice", told);
     window.get_by_label("Settings").click();
     window.run_steps(2);
     // By accessibility action, since the button may lie below the visible part of the panel.
     window.get_by_label("Retry GPU").click_accesskit();
-    wait(&mut window, "the GPU", |s| s.view().drawn().drawer != ViewRenderer::Cpu);
+    wait(&mut window, "the GPU", |s| s.view().painter.drawn().drawer != ViewRenderer::Cpu);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
     assert_eq!(window.state().exit().reason(), ExitReason::Closed, "the window stays");
     window.run_steps(2);

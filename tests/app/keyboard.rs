@@ -70,7 +70,7 @@ fn tab_is_the_renderers_until_controls_have_the_keyboard() {
     assert_ne!(second, first);
     assert_eq!(renderer(&window), Renderer::Exact, "Tab moves only the focus");
     press(&mut window, Key::M);
-    assert!(window.state().view().is_measuring(), "letter keys still act on the view");
+    assert!(window.state().view().overlays.is_measuring(), "letter keys still act on the view");
 
     press(&mut window, Key::F6);
     assert_eq!(focused(&window), None);
@@ -108,7 +108,7 @@ fn a_text_field_keeps_the_keys() {
     window.run_steps(2);
     window.get_by_role(Role::TextInput).focus();
     window.run_steps(2);
-    let eye = window.state().view().eye();
+    let eye = window.state().view().camera.eye();
     let keys = [Key::Space, Key::Period, Key::M, Key::X, Key::C, Key::P, Key::B, Key::W, Key::V];
     for key in keys {
         window.key_press(key);
@@ -118,15 +118,15 @@ fn a_text_field_keeps_the_keys() {
     assert_eq!((snapshot.state, snapshot.frames_done), (RunState::Ready, 0));
     let view = window.state().view();
     let settings = &view.settings;
-    assert!(!view.is_measuring() && !settings.shows_grid && !settings.shows_cameras);
-    assert!(!settings.shows_points && view.is_guided());
-    assert_eq!(view.eye(), eye, "nothing flew");
+    assert!(!view.overlays.is_measuring() && !settings.shows_grid && !settings.shows_cameras);
+    assert!(!settings.shows_points && view.camera.is_guided());
+    assert_eq!(view.camera.eye(), eye, "nothing flew");
     // After the field loses the focus, keys act on the view again.
     window.key_press(Key::Enter);
     window.run_steps(2);
     window.key_press(Key::M);
     window.run_steps(2);
-    assert!(window.state().view().is_measuring());
+    assert!(window.state().view().overlays.is_measuring());
 }
 
 /// Kind and place of controls that screen readers would announce without a name.

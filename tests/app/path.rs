@@ -22,8 +22,9 @@ fn a_path_is_made_played_saved_and_opened_again() {
     click(&mut window, "Path");
     window.get_by_label_contains("and add keyframes");
     assert!(window.query_by_label("Play").is_none(), "nothing to play yet");
-    let eye =
-        |window: &super::harness::Window| window.state().view().keyframe().unwrap().pose.centre();
+    let eye = |window: &super::harness::Window| {
+        window.state().view().camera.keyframe().unwrap().pose.centre()
+    };
     window.run_steps(2);
     let first = eye(&window);
     click(&mut window, "Add keyframe");
@@ -43,12 +44,12 @@ fn a_path_is_made_played_saved_and_opened_again() {
 
     click(&mut window, "Play");
     wait(&mut window, "the camera on its way", |s| {
-        let now = s.view().keyframe().map(|k| k.pose.centre());
+        let now = s.view().camera.keyframe().map(|k| k.pose.centre());
         now.is_some_and(|now| now.distance(first) > 1e-6 && now.distance(second) > 1e-6)
     });
     window.get_by_label("Stop");
     wait(&mut window, "the end of the path", |s| {
-        s.view().keyframe().is_some_and(|k| k.pose.centre().distance(second) < 1e-9)
+        s.view().camera.keyframe().is_some_and(|k| k.pose.centre().distance(second) < 1e-9)
     });
     wait_for_label(&mut window, "Play");
     drag(&mut window, PointerButton::Primary);

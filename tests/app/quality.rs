@@ -61,7 +61,7 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     window.get_by_label(&name).click_accesskit();
     window.run_steps(2);
     assert_eq!(position(&window), Some(held_out));
-    assert!(window.state().view().mode().has_photo());
+    assert!(window.state().view().comparison.mode().has_photo());
 }
 
 /// Ground-truth pictures from free viewpoints are measured when training pauses, beside the held-out views.
@@ -151,7 +151,7 @@ fn the_card_at_the_end_trains_again_finer_and_the_view_stays() {
     window.run_steps(3);
     window.get_by_label("Trained on 3 frames");
     wait(&mut window, "quality", |s| s.quality().result().is_some());
-    let (before, eye) = (window.state().snapshot(), window.state().view().eye());
+    let (before, eye) = (window.state().snapshot(), window.state().view().camera.eye());
     click(&mut window, "Again, finer");
     click(&mut window, "Discard");
     wait(&mut window, "the end of the finer run", |s| {
@@ -166,7 +166,7 @@ fn the_card_at_the_end_trains_again_finer_and_the_view_stays() {
     let [coarse, fine] = [&before, &now].map(|s| scale(s.opened.as_ref().unwrap()));
     assert!((fine / coarse - std::f64::consts::FRAC_1_SQRT_2).abs() < 1e-9);
     // Equal up to rounding, since the camera is converted to angles and back.
-    let moved = window.state().view().eye().unwrap().distance(eye.unwrap());
+    let moved = window.state().view().camera.eye().unwrap().distance(eye.unwrap());
     assert!(moved < 1e-9, "by {moved}");
     click(&mut window, "×");
     assert!(window.query_by_label_contains("Trained on").is_none());

@@ -263,7 +263,7 @@ fn roomy_window(path: &std::path::Path, alive: &Sender<String>) -> Option<Window
     window.set_size(LARGEST);
     window.key_press(Key::T);
     window.key_press(Key::G);
-    wait(&mut window, "compared", |studio| studio.view().frame_ref().is_some());
+    wait(&mut window, "compared", |studio| studio.view().camera.frame_ref().is_some());
     held_at_rest(&mut window);
     as_at_first(&mut window, path, alive);
     Some(window)

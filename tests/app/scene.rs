@@ -58,7 +58,10 @@ fn preparation_is_painted_over_the_photograph() {
         train(&mut window);
         choose(&mut window, 0, "Preparation");
         let view = window.state().view();
-        assert_eq!((view.mode(), position(&window)), (ViewMode::Preparation, Some((0, 0))));
+        assert_eq!(
+            (view.comparison.mode(), position(&window)),
+            (ViewMode::Preparation, Some((0, 0)))
+        );
         for text in ["used", "too oblique"] {
             wait_for_label(&mut window, text);
         }
@@ -67,7 +70,7 @@ fn preparation_is_painted_over_the_photograph() {
             "painted pixels are not measured"
         );
         press(&mut window, Key::G);
-        assert_eq!(window.state().view().mode(), ViewMode::PhotoWipe);
+        assert_eq!(window.state().view().comparison.mode(), ViewMode::PhotoWipe);
         assert!(window.query_by_label("used").is_none());
     }
 }

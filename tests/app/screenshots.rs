@@ -253,7 +253,7 @@ fn panels(window: &mut Window, album: &Album, theme: Theme) {
         in_all_sizes(window, album, theme, tab, |window| click(window, tab));
     }
     in_all_sizes(window, album, theme, "wipe", |window| {
-        if !window.state().view().mode().has_photo() {
+        if !window.state().view().comparison.mode().has_photo() {
             press(window, Key::G);
         }
     });

@@ -114,7 +114,7 @@ fn stand(window: &mut Window, stand: Stand) {
             let lens = window.state().view().settings.lens;
             if mode.unavailable_reason(lens, &opened, None).is_none() && mode != ViewMode::Single {
                 choose(window, 0, mode.label());
-                assert_eq!(window.state().view().mode(), mode);
+                assert_eq!(window.state().view().comparison.mode(), mode);
             }
         }
         Stand::Left => {
@@ -137,7 +137,7 @@ fn no_camera_outlives_its_dataset() {
             let (subject, n_cameras) = &subjects[i];
             open(&mut window, subject);
             let view = window.state().view();
-            let at_home = (view.frame_ref(), view.mode());
+            let at_home = (view.camera.frame_ref(), view.comparison.mode());
             assert_eq!(at_home, (None, ViewMode::Single), "{chosen:?} {subject:?}");
             stand(&mut window, chosen);
             let label = window.query_by_label_contains("Camera ");

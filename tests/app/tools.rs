@@ -32,13 +32,13 @@ fn keys_fly_and_with_ctrl_they_fly_slowly_instead_of_saving() {
     let folder = tempfile::tempdir().unwrap();
     let Some(mut window) = trained(folder.path()) else { return };
     let flown = |window: &mut Window, steps: usize| {
-        let before = window.state().view().eye().unwrap();
+        let before = window.state().view().camera.eye().unwrap();
         (0..steps).for_each(|_| window.step());
-        (window.state().view().eye().unwrap() - before).length()
+        (window.state().view().camera.eye().unwrap() - before).length()
     };
     hold(&mut window, Key::W, true, Modifiers::NONE);
     let far = flown(&mut window, 4);
-    assert!(far > 0.0 && !window.state().view().is_guided());
+    assert!(far > 0.0 && !window.state().view().camera.is_guided());
     window.event(Event::ModifiersChanged(Modifiers::COMMAND));
     hold(&mut window, Key::S, true, Modifiers::COMMAND);
     hold(&mut window, Key::W, false, Modifiers::COMMAND);
@@ -73,17 +73,17 @@ fn a_double_click_turns_about_the_surface_where_it_is() {
     clear_view(&mut window);
     let view = |window: &Window| {
         let view = window.state().view();
-        (view.eye().unwrap(), view.target().unwrap())
+        (view.camera.eye().unwrap(), view.camera.target().unwrap())
     };
     let (eye, target) = view(&window);
     double_click_at(&mut window, MIDDLE + Vec2::new(60.0, 40.0));
-    wait(&mut window, "another pivot", |s| s.view().target() != Some(target));
+    wait(&mut window, "another pivot", |s| s.view().camera.target() != Some(target));
     let (stays, pivot) = view(&window);
     assert!((stays - eye).length() < 1e-9, "the camera turns without moving");
     // The pivot lies on the surface: another click at the middle finds about the same depth. It may hit
     // another of the coarse splats.
     double_click_at(&mut window, MIDDLE);
-    wait(&mut window, "the same pivot", |s| s.view().target() != Some(pivot));
+    wait(&mut window, "the same pivot", |s| s.view().camera.target() != Some(pivot));
     let (_, again) = view(&window);
     let distance = (pivot - eye).length();
     let apart = (again - pivot).length() / distance;
@@ -98,17 +98,17 @@ fn two_clicks_measure_with_a_standard_deviation() {
     clear_view(&mut window);
     window.key_press(Key::M);
     window.run_steps(2);
-    assert!(window.state().view().is_measuring());
+    assert!(window.state().view().overlays.is_measuring());
     for (at, n) in [(MIDDLE, 1), (MIDDLE - Vec2::new(80.0, 30.0), 2)] {
         click_at(&mut window, at);
-        wait(&mut window, "a place", |s| s.view().n_measured() == n);
+        wait(&mut window, "a place", |s| s.view().overlays.n_measured() == n);
     }
-    let measured = window.state().view().measured().unwrap();
+    let measured = window.state().view().overlays.measured().unwrap();
     let deviation = measured.deviation.unwrap();
     assert!(measured.length > 0.0 && deviation > 0.0 && deviation < measured.length);
     window.key_press(Key::M);
     window.run_steps(2);
-    assert!(!window.state().view().is_measuring());
+    assert!(!window.state().view().overlays.is_measuring());
 }
 
 #[test]
@@ -148,7 +148,7 @@ fn the_picture_of_the_view_is_written_beside_the_dataset_and_never_over_a_file()
         });
         pictures.push(image::open(&file).unwrap().into_rgb8());
     }
-    let [width, height] = window.state().view().size_px();
+    let [width, height] = window.state().view().camera.size_px();
     assert_eq!(pictures[0].dimensions(), (width, height));
     assert!(pictures[0] == pictures[1], "the camera has not moved, so both pictures agree");
     let colors: std::collections::BTreeSet<[u8; 3]> = pictures[0].pixels().map(|p| p.0).collect();
@@ -177,9 +177,9 @@ fn the_points_of_the_current_frame_are_drawn_and_follow_it() {
     let Some(mut window) = trained(folder.path()) else { return };
     clear_view(&mut window);
     let before = window.render().unwrap();
-    assert_eq!(window.state().view().points_shown(), None);
+    assert_eq!(window.state().view().overlays.points_shown(), None);
     window.key_press(Key::P);
-    wait(&mut window, "points", |s| s.view().points_shown().is_some_and(|(_, n)| n > 500));
+    wait(&mut window, "points", |s| s.view().overlays.points_shown().is_some_and(|(_, n)| n > 500));
     window.run_steps(2);
     let with = window.render().unwrap();
     assert_ne!(before.as_raw(), with.as_raw());
@@ -188,16 +188,16 @@ fn the_points_of_the_current_frame_are_drawn_and_follow_it() {
     for _ in 0..2 {
         window.key_press(Key::CloseBracket);
         window.run_steps(2);
-        let looked_through = window.state().view().frame_ref().unwrap().number();
+        let looked_through = window.state().view().camera.frame_ref().unwrap().number();
         wait(&mut window, "those of another frame", |s| {
-            s.view().points_shown().map(|(frame, _)| frame) == Some(looked_through)
+            s.view().overlays.points_shown().map(|(frame, _)| frame) == Some(looked_through)
         });
         frames.push(looked_through);
     }
     assert_ne!(frames[0], frames[1]);
     window.key_press(Key::P);
     window.run_steps(2);
-    assert_eq!(window.state().view().points_shown(), None);
+    assert_eq!(window.state().view().overlays.points_shown(), None);
 }
 
 #[test]

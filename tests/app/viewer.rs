@@ -79,7 +79,11 @@ fn a_fisheye_is_exact_and_tab_says_why() {
     click(&mut window, "Fisheye");
     let view = window.state().view();
     assert_eq!((view.settings.lens, view.settings.renderer), (Lens::Fisheye, Renderer::Exact));
-    assert_eq!(view.mode(), ViewMode::Single, "the projected renderer cannot be compared");
+    assert_eq!(
+        view.comparison.mode(),
+        ViewMode::Single,
+        "the projected renderer cannot be compared"
+    );
     press(&mut window, Key::Tab);
     assert_eq!(renderer(&window), Renderer::Exact);
     wait_for_label(
@@ -96,17 +100,17 @@ fn renderers_are_compared_and_the_divider_is_dragged() {
         let Some(mut window) = trained(folder.path(), painting) else { return };
         press(&mut window, Key::CloseBracket);
         choose(&mut window, 0, "Wipe renderers");
-        assert_eq!(window.state().view().mode(), ViewMode::Wipe);
+        assert_eq!(window.state().view().comparison.mode(), ViewMode::Wipe);
         window.run_steps(2);
         let left = window.get_all_by_label("Projected").last().unwrap().rect();
         let right = window.get_all_by_label("Exact").last().unwrap().rect();
         let middle = Pos2::new(0.5 * (left.left() + right.right()), 300.0);
         drag_between(&mut window, PointerButton::Primary, middle, middle - Vec2::new(120.0, 0.0));
         let view = window.state().view();
-        let moved = 0.5 - view.divider();
+        let moved = 0.5 - view.comparison.divider();
         let expected = 120.0 / (right.right() - left.left());
         assert!((moved - expected).abs() < 0.1 * expected, "{moved} for {expected}");
-        assert!(view.frame_ref().is_some(), "dragging the divider does not turn the camera");
+        assert!(view.camera.frame_ref().is_some(), "dragging the divider does not turn the camera");
         wait_for_picture(&mut window);
 
         choose(&mut window, 0, "Renderer difference");
@@ -154,7 +158,7 @@ pub fn session(path: &Path, overrides: SceneOverrides) -> Session {
 
 /// Split and index of the dataset camera of the view, if any.
 pub fn position(window: &Window) -> Option<(usize, usize)> {
-    window.state().view().frame_ref().map(|frame| frame.position())
+    window.state().view().camera.frame_ref().map(|frame| frame.position())
 }
 
 /// PSNR label that `eval` would print for a view (split and index) with these render options.
@@ -193,7 +197,7 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
         window.get_by_label("Camera 2 of 4");
 
         press(&mut window, Key::G);
-        assert_eq!(window.state().view().mode(), ViewMode::PhotoWipe);
+        assert_eq!(window.state().view().comparison.mode(), ViewMode::PhotoWipe);
         let options = window.state().view().settings.measured();
         for key in [Key::ArrowLeft, Key::OpenBracket] {
             let expected = evaluated(&session, position(&window).unwrap(), options);
@@ -212,7 +216,7 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
         press(&mut window, Key::CloseBracket);
         window.get_by_label("Camera 4 of 4");
         press(&mut window, Key::G);
-        assert_eq!(window.state().view().mode(), ViewMode::Single);
+        assert_eq!(window.state().view().comparison.mode(), ViewMode::Single);
         assert!(window.query_by_label_contains("PSNR").is_none());
     }
 }
@@ -226,7 +230,7 @@ fn the_latency_panel_tells_what_drawing_takes() {
         wait_for_label(&mut window, stage);
         let uploads = window.query_by_label("Uploaded, KiB").is_some();
         assert_eq!(uploads, painting == Painting::Gpu);
-        let is_drawn = |s: &Studio| s.view().drawn().samples().len() > 0;
+        let is_drawn = |s: &Studio| s.view().painter.drawn().samples().len() > 0;
         wait(&mut window, "figures", is_drawn);
     }
 }

@@ -32,14 +32,14 @@ pub fn ui(
     ui.horizontal_wrapped(|ui| {
         let add = ui.button("Add keyframe").on_hover_text("Append the current view");
         if add.clicked()
-            && let Some(camera) = view.keyframe()
+            && let Some(camera) = view.camera.keyframe()
         {
             editor.add(camera);
         }
         let hint = "Replaces the keyframes by an orbit around the camera's target";
         let turntable = ui.button("Turntable").on_hover_text(hint);
         if turntable.clicked()
-            && let Some(path) = view.turntable()
+            && let Some(path) = view.camera.turntable()
         {
             editor.take(&PacedPath { path, fps: editor.fps });
         }
@@ -80,7 +80,7 @@ fn keyframes(editor: &mut PathEditor, view: &mut SceneView, ui: &mut Ui) {
         }
         let set = ui.button("Set").on_hover_text("Replace this keyframe by the current view");
         if set.clicked()
-            && let Some(camera) = view.keyframe()
+            && let Some(camera) = view.camera.keyframe()
         {
             editor.replace(i, camera);
         }

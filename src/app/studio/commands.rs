@@ -50,7 +50,7 @@ impl Studio {
             UiCommand::FrameStrip => self.layout.shows_frames = !self.layout.shows_frames,
             UiCommand::ResetLayout => reset_layout(&mut self.layout, &self.shell.egui),
             UiCommand::CompareModel => self.dialogs.compare.show(),
-            UiCommand::RemoveModel => self.view.remove_compared(),
+            UiCommand::RemoveModel => self.view.comparison.remove_model(),
             UiCommand::Deselect => {
                 self.worker.send(WorkerOrder::Inspect(None));
                 self.apply_to_view(command, snapshot);
@@ -101,7 +101,8 @@ impl Studio {
         match (action, &snapshot.opened) {
             (Action::Command(command), _) => {
                 let removes = command == UiCommand::RemoveModel;
-                let vain = removes.then(|| self.view.remove_unavailable_reason()).flatten();
+                let vain =
+                    removes.then(|| self.view.comparison.remove_unavailable_reason()).flatten();
                 let useless = self.view.editor().unavailable_reason(command);
                 command.unavailable_reason(snapshot.state, snapshot.source).or(vain).or(useless)
             }
@@ -116,13 +117,13 @@ impl Studio {
         let is_open = snapshot.opened.is_some();
         match command {
             UiCommand::Follow => snapshot.follows,
-            UiCommand::AutoCamera => is_open && self.view.is_guided(),
-            UiCommand::Measure => self.view.is_measuring(),
+            UiCommand::AutoCamera => is_open && self.view.camera.is_guided(),
+            UiCommand::Measure => self.view.overlays.is_measuring(),
             UiCommand::Cameras => self.view.settings.shows_cameras,
             UiCommand::Points => self.view.settings.shows_points,
             UiCommand::Grid => self.view.settings.shows_grid,
             UiCommand::FrameStrip => self.layout.shows_frames,
-            UiCommand::ComparePhoto => self.view.mode().has_photo(),
+            UiCommand::ComparePhoto => self.view.comparison.mode().has_photo(),
             _ => false,
         }
     }
@@ -167,7 +168,7 @@ impl Studio {
             }
             let keys = command.shortcuts();
             // Ctrl slows down flying, so Ctrl+S and Ctrl+E must not save or export meanwhile.
-            if self.view.is_flying() && keys.iter().any(|key| key.modifiers.command) {
+            if self.view.camera.is_flying() && keys.iter().any(|key| key.modifiers.command) {
                 continue;
             }
             if ui.input_mut(|i| keys.iter().any(|key| i.consume_shortcut(key))) {
@@ -261,7 +262,7 @@ impl Studio {
         let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
         let (editor, palette) = self.view.editor_and_palette();
         let counts = self.dialogs.export.is_open().then(|| editor.counts(palette));
-        let report = self.view.export_preview_report();
+        let report = self.view.comparison.export_preview_report();
         let Dialogs { mapping, export, .. } = &mut self.dialogs;
         let previews = &mut self.view.settings.previews_export;
         let choices = |ui: &mut Ui| {

@@ -40,7 +40,7 @@ impl FilmTools {
             Some(PathRequest::CancelFilm) => self.thread.cancel(),
             Some(PathRequest::Save(json)) => worker.send(WorkerOrder::WriteText(file, json)),
             Some(PathRequest::Open(file)) => {
-                if let Err(error) = self.path.open(&file, view.up()) {
+                if let Err(error) = self.path.open(&file, view.camera.up()) {
                     worker.send(WorkerOrder::Report(NoticeKind::Error, error.to_string()));
                 }
             }
@@ -53,7 +53,7 @@ impl FilmTools {
             self.is_at_moment = false;
             return;
         }
-        if self.is_at_moment && !view.is_along() {
+        if self.is_at_moment && !view.camera.is_along() {
             (self.path.is_playing, self.is_at_moment) = (false, false);
             return;
         }

@@ -6,7 +6,7 @@ use crate::app::panels::frame_strip::{StripAnswer, StripContext, StripPosition};
 use crate::app::quality::QualityMonitor;
 use crate::app::state::{RunState, Snapshot};
 use crate::app::viewer::SceneView;
-use crate::app::viewer::previewing::SavedPosition;
+use crate::app::viewer::viewpoint::Place;
 use eframe::egui::{Frame, Panel, Ui};
 
 /// Initial and largest share of the window's height for the strip.
@@ -18,7 +18,7 @@ pub(super) struct FrameStripState {
     outcomes: FrameOutcomes,
     position: StripPosition,
     /// Serial of the open dataset and view before a preview began.
-    before: Option<(u64, SavedPosition)>,
+    before: Option<(u64, Place)>,
 }
 
 impl FrameStripState {
@@ -37,7 +37,7 @@ impl FrameStripState {
             return;
         };
         self.outcomes.update(snapshot);
-        let shown = view.frame_ref().cloned();
+        let shown = view.camera.frame_ref().cloned();
         let thumbnails = view.thumbnails(opened);
         if let Some(thumbnails) = &thumbnails {
             thumbnails.set_yields_cores(snapshot.state == RunState::Training);
@@ -81,13 +81,13 @@ impl FrameStripState {
     ) {
         match asked {
             None | Some(StripAnswer::Fold) => {}
-            Some(StripAnswer::Show(frame)) => view.move_to_frame(frame),
+            Some(StripAnswer::Show(frame)) => view.camera.move_to_frame(frame),
             Some(StripAnswer::Preview(frame)) => {
                 if self.before.is_none() {
-                    self.before = Some((serial, view.current_position()));
+                    self.before = Some((serial, view.camera.place()));
                 }
-                if view.frame_ref() != Some(&frame) {
-                    view.move_to_frame(frame);
+                if view.camera.frame_ref() != Some(&frame) {
+                    view.camera.move_to_frame(frame);
                 }
             }
         }
@@ -96,7 +96,7 @@ impl FrameStripState {
         }
         // If another dataset was opened during the drag, the previous camera no longer applies.
         if let Some((_, before)) = self.before.take().filter(|(was, _)| *was == serial) {
-            view.restore_position(before);
+            view.camera.return_to(before);
         }
     }
 }

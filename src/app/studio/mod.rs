@@ -109,7 +109,7 @@ impl Studio {
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, waker.waker())?;
         let shell = Shell::new(context.egui_ctx.clone(), waker, device, adapter, exit);
         let mut view = shell.scene_view(painter, view);
-        worker.set_interval(view.snapshot_interval());
+        worker.set_interval(view.painter.snapshot_interval());
         // The previous window may have requested another attribute.
         worker.send(WorkerOrder::Watch(None));
         let mut film = FilmTools::default();
@@ -139,7 +139,7 @@ impl Studio {
     }
 
     pub fn n_drawn(&self) -> usize {
-        self.view.n_drawn()
+        self.view.painter.n_drawn()
     }
 
     pub fn view(&self) -> &SceneView {
@@ -203,8 +203,8 @@ impl Studio {
             ui.ctx().request_repaint_after(Duration::from_secs(1));
         }
         let surroundings = status::StatusContext {
-            adapter: &self.shell.renderer(self.view.gpu_failed()),
-            n_drawn: self.view.n_drawn(),
+            adapter: &self.shell.renderer(self.view.painter.gpu_failed()),
+            n_drawn: self.view.painter.n_drawn(),
             file_progress: self.worker.file_progress(),
             slow_frame: self.worker.slow_frame(),
         };
@@ -277,11 +277,11 @@ impl Studio {
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));
             // A click next to the splats deselects, which is no reason to switch tabs.
-            if picked.is_some() && !self.view.is_measuring() {
+            if picked.is_some() && !self.view.overlays.is_measuring() {
                 self.layout.activate(SideTab::Inspector);
             }
         }
-        if !self.timing.first_splats_logged && self.view.n_drawn() > 0 {
+        if !self.timing.first_splats_logged && self.view.painter.n_drawn() > 0 {
             self.timing.first_splats_logged = true;
             // Read by the test of the start-up time (`tests/app/window.rs`).
             tracing::info!(
@@ -329,7 +329,7 @@ impl eframe::App for Studio {
         let snapshot = self.worker.snapshot();
         std::thread::sleep(self.view.begin_pass(snapshot.state));
         self.timing.passes.begin(snapshot.state);
-        self.worker.set_interval(self.view.snapshot_interval());
+        self.worker.set_interval(self.view.painter.snapshot_interval());
         self.unsaved.handle_close_request(ctx, &snapshot);
     }
 

@@ -36,7 +36,7 @@ impl Studio {
 
     fn latency_tab(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         let mut budget_ms = self.view.settings.frame_budget_ms;
-        let csv = latency::ui(snapshot, self.view.drawn(), &mut budget_ms, ui);
+        let csv = latency::ui(snapshot, self.view.painter.drawn(), &mut budget_ms, ui);
         self.view.settings.frame_budget_ms = budget_ms;
         if let (Some(csv), Some(opened)) = (csv, &snapshot.opened) {
             self.worker.send(WorkerOrder::WriteText(opened.files.path("latency.csv"), csv));
@@ -66,15 +66,15 @@ impl Studio {
     }
 
     fn settings(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        let own_fov_deg = self.view.own_fov_deg();
+        let own_fov_deg = self.view.camera.own_fov_deg();
         let around = settings::SettingsContext {
-            adapter: &self.shell.renderer(self.view.gpu_failed()),
+            adapter: &self.shell.renderer(self.view.painter.gpu_failed()),
             own_fov_deg,
         };
         let adapters = self.shell.device.as_ref().map(|device| settings::Adapters {
             there: &device.there,
             current: &device.adapter,
-            gpu_failed: self.view.gpu_failed(),
+            gpu_failed: self.view.painter.gpu_failed(),
         });
         let before = self.training.clone();
         let (view, training) = (&mut self.view.settings, &mut self.training);
@@ -112,7 +112,7 @@ impl Studio {
 
     /// Reports errors of drawing the window itself, which no one else collects while the CPU draws the scene.
     pub(super) fn report_faults(&self) {
-        let is_on_cpu = self.view.drawn().drawer == ViewRenderer::Cpu;
+        let is_on_cpu = self.view.painter.drawn().drawer == ViewRenderer::Cpu;
         let Some(device) = self.shell.device.as_ref().filter(|_| is_on_cpu) else { return };
         for fault in device.faults.take_new() {
             let text = format!(
@@ -131,7 +131,7 @@ impl Studio {
             self.ready_card(opened, place, ui, snapshot);
         }
         let is_read = self.panels.closed_summary_serial == opened.serial;
-        let is_plain = self.view.mode() == ViewMode::Single
+        let is_plain = self.view.comparison.mode() == ViewMode::Single
             && self.view.settings.color_mode == ColorMode::Color;
         let is_done = snapshot.state == RunState::Finished && snapshot.source == Source::Dataset;
         if is_done && is_plain && !is_read {
@@ -180,7 +180,7 @@ impl Studio {
         let settings = Box::new(self.training.clone());
         // Sent even if the user then cancels discarding: the settings apply to the next run.
         self.worker.send(WorkerOrder::TrainBy(settings.clone()));
-        self.view.retain_camera_for(opened);
+        self.view.camera.retain_for(opened);
         self.confirm_then_send(WorkerOrder::Retrain(settings), snapshot);
     }
 
@@ -191,7 +191,7 @@ impl Studio {
             return;
         };
         if snapshot.state == RunState::Ready && run.scale != chosen {
-            self.view.retain_camera_for(opened);
+            self.view.camera.retain_for(opened);
             self.worker.send(WorkerOrder::Reset);
         }
     }

@@ -1,7 +1,6 @@
 //! Captions over the picture: names of the compared pictures, PSNR, hints.
 
 use super::photo::{ComparedPicture, Partner, PhotoResult, PictureRequest};
-use super::steering::ViewPosition;
 use super::toolbar::ViewMode;
 use super::{SceneView, measure};
 use crate::render::Renderer;
@@ -10,97 +9,85 @@ use eframe::egui::{
     Align2, Color32, CursorIcon, EventFilter, FontId, Id, Key, Label, Pos2, Rect, RichText, Sense,
     Stroke, Ui, Vec2, WidgetInfo,
 };
-use std::time::{Duration, Instant};
-
-/// Time for which a hint is shown.
-const HINT: Duration = Duration::from_secs(5);
 
 impl SceneView {
-    /// Draws divider, captions, metrics and hints over the picture.
     pub(super) fn draw_captions(
         &mut self,
         ui: &mut Ui,
         rect: Rect,
         request: &PictureRequest,
-        result: Option<Result<PhotoResult, String>>,
+        photo: Option<&Result<PhotoResult, String>>,
     ) {
         let inner = rect.shrink(MARGIN);
         if let Some(second) = &request.second {
             let at = |share: [f32; 2]| rect.lerp_inside(Vec2::from(share));
             let compared = Rect::from_min_max(at(second.area.min), at(second.area.max));
             if let Combination::Wipe(_) = second.how
-                && divider(ui, rect, compared, &mut self.divider)
+                && self.comparison.drag_divider(ui, rect, compared)
             {
-                // Counts as camera motion: the CPU renders at low resolution until the divider rests.
-                self.moved_at = Instant::now();
+                // The CPU renders at low resolution until the divider rests.
+                self.camera.note_movement();
             }
             self.captions(ui, inner.intersect(compared.shrink(MARGIN)), second);
         }
-        let known = result.as_ref().and_then(|s| s.as_ref().ok());
-        if let Some(pixel_counts) = known.and_then(|s| s.pixel_counts) {
+        let known = photo.and_then(|photo| photo.as_ref().ok());
+        if let Some(pixel_counts) = known.and_then(|photo| photo.pixel_counts) {
             measure::legend(&pixel_counts, inner.right_bottom(), ui);
         }
-        let psnr = known.and_then(|s| s.psnr);
-        if let Some(psnr) = psnr {
+        if let Some(psnr) = known.and_then(|photo| photo.psnr) {
             let [r, g, b] = self.settings.background.rgb8();
             let tooltip = format!(
                 "Whole photograph at its native size, as measured by `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x}`"
             );
-            let compared = known.and_then(|s| s.compared_psnr).zip(self.compared());
-            let compared = compared.map(|(psnr, model)| format!(" · {} {psnr:.2} dB", model.name));
-            let text = format!("PSNR {psnr:.2} dB{}", compared.unwrap_or_default());
+            let other = known.and_then(|photo| photo.compared_psnr).zip(self.comparison.model());
+            let other = other.map(|(psnr, model)| format!(" · {} {psnr:.2} dB", model.name));
+            let text = format!("PSNR {psnr:.2} dB{}", other.unwrap_or_default());
             plate(ui, inner.right_bottom(), Align2::RIGHT_BOTTOM, &text, &tooltip);
         }
-        if let Some(text) = self.hint_now(ui, result) {
+        if let Some(text) = self.hint_now(ui, photo) {
             plate(ui, inner.center_bottom(), Align2::CENTER_BOTTOM, &text, "");
         }
     }
 
     fn captions(&self, ui: &mut Ui, inner: Rect, second: &ComparedPicture) {
-        let own = renderer_label(self.settings.renderer);
-        let gain = self.settings.difference_gain.round();
-        let (left, right) = match (&second.partner, second.how) {
-            (Partner::Splats(_), Combination::Wipe(_)) => ("Projected".into(), Some("Exact")),
-            (Partner::Model(model, _), Combination::Wipe(_)) => {
-                ("Scene".to_owned(), Some(model.name.as_str()))
-            }
-            (Partner::Model(model, _), Combination::Difference(_)) => {
-                (format!("|Scene − {}| × {gain}", model.name), None)
-            }
-            (Partner::Photo(_), Combination::Wipe(_)) if self.mode == ViewMode::Preparation => {
-                (own.to_owned(), Some("Preparation"))
-            }
-            (Partner::Photo(_), Combination::Wipe(_)) => (own.to_owned(), Some("Photograph")),
-            (Partner::Splats(_), Combination::Difference(_)) => {
-                (format!("|Projected − exact| × {gain}"), None)
-            }
-            (Partner::Photo(_), Combination::Difference(_)) => {
-                (format!("|{own} − photograph| × {gain}"), None)
-            }
+        let own = match self.settings.renderer {
+            Renderer::Projected => "Projected",
+            Renderer::Exact => "Exact",
         };
-        plate(ui, inner.left_top(), Align2::LEFT_TOP, &left, "");
-        if let Some(right) = right {
+        let is_difference = matches!(second.how, Combination::Difference(_));
+        let (left, right) = match &second.partner {
+            Partner::Splats(_) if is_difference => ("Projected", "exact"),
+            Partner::Splats(_) => ("Projected", "Exact"),
+            Partner::Model(model, _) => ("Scene", model.name.as_str()),
+            Partner::Photo(_) if is_difference => (own, "photograph"),
+            Partner::Photo(_) if self.comparison.mode() == ViewMode::Preparation => {
+                (own, "Preparation")
+            }
+            Partner::Photo(_) => (own, "Photograph"),
+        };
+        if is_difference {
+            let gain = self.settings.difference_gain.round();
+            let text = format!("|{left} − {right}| × {gain}");
+            plate(ui, inner.left_top(), Align2::LEFT_TOP, &text, "");
+        } else {
+            plate(ui, inner.left_top(), Align2::LEFT_TOP, left, "");
             plate(ui, inner.right_top(), Align2::RIGHT_TOP, right, "");
         }
     }
 
-    fn hint_now(&self, ui: &Ui, result: Option<Result<PhotoResult, String>>) -> Option<String> {
-        if let Some(Err(problem)) = result {
-            return Some(problem);
+    fn hint_now(&self, ui: &Ui, photo: Option<&Result<PhotoResult, String>>) -> Option<String> {
+        if let Some(Err(problem)) = photo {
+            return Some(problem.clone());
         }
-        if let Some((text, since)) = &self.hint
-            && since.elapsed() < HINT
-        {
-            // egui does not repaint without input, so the hint would stay.
-            ui.ctx().request_repaint_after(HINT.saturating_sub(since.elapsed()));
-            return Some(text.clone());
+        if let Some(text) = self.overlays.hint(ui) {
+            return Some(text.to_owned());
         }
+        let of = self.n_frames;
         if let Some(past) = self.editor.displayed_past() {
-            let (frame, of) = (past.n_frames, self.n_frames);
-            return Some(format!("Scene after frame {frame} of {of} (Edit)"));
+            return Some(format!("Scene after frame {} of {of} (Edit)", past.n_frames));
         }
         if let Some(last) = self.editor.born_until() {
-            let (frame, of) = (last + 1, self.n_frames);
+            let frame = last + 1;
             return Some(format!(
                 "Splats born up to frame {frame} of {of}, in their current state (Edit)"
             ));
@@ -108,18 +95,11 @@ impl SceneView {
         if self.editor.is_box_selecting {
             return Some("Box select: drag over splats (B to exit)".to_owned());
         }
-        if let Some(hint) = self.measure.hint() {
+        if let Some(hint) = self.overlays.measure.hint() {
             return Some(hint.to_owned());
         }
-        let is_away = self.mode.needs_frame() && self.place == ViewPosition::Free;
+        let is_away = self.comparison.mode().needs_frame() && self.camera.is_free();
         is_away.then(|| "No photograph from this viewpoint: press [ or ] to go to one".to_owned())
-    }
-}
-
-fn renderer_label(renderer: Renderer) -> &'static str {
-    match renderer {
-        Renderer::Projected => "Projected",
-        Renderer::Exact => "Exact",
     }
 }
 
@@ -128,11 +108,11 @@ const GRIP: f32 = 14.0;
 /// Step of an arrow key, as a share of the viewport's width.
 const STEP: f32 = 0.02;
 /// Distance of captions from the edge of the viewport, points.
-pub const MARGIN: f32 = 10.0;
+const MARGIN: f32 = 10.0;
 
 /// Draws a draggable divider over the compared part of the viewport. `divider` is a share of the whole
 /// viewport's width. Returns true while it is dragged.
-pub fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bool {
+pub(super) fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bool {
     let x_of = |share: f32| viewport.left() + share * viewport.width();
     // Clamped where it is drawn, not where it is stored: a narrow photograph must not move the divider
     // permanently.
@@ -172,7 +152,7 @@ pub fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bo
 }
 
 /// Draws a line of text on a dark plate anchored at `at`; with a tooltip unless that is empty.
-pub fn plate(ui: &mut Ui, at: Pos2, anchor: Align2, text: &str, tooltip: &str) {
+fn plate(ui: &mut Ui, at: Pos2, anchor: Align2, text: &str, tooltip: &str) {
     let font = FontId::proportional(13.0);
     let size = ui.painter().layout_no_wrap(text.to_owned(), font.clone(), Color32::WHITE).size();
     let rect = anchor.anchor_size(at, size + Vec2::new(16.0, 8.0));

@@ -1,13 +1,18 @@
-//! Comparison of the scene with the other renderer, a photograph or a second model.
+//! Comparison of the scene with the other renderer, a photograph, a second model or the preview of an
+//! export.
 
-use super::SceneView;
+use super::export_preview::{ExportPreview, PreviewReport};
+use super::frame_refs::FrameRef;
 use super::photo::{
     ComparedPicture, Partner, PhotoQuery, PhotoRequests, PhotoResult, PictureRequest,
 };
-use super::steering::ViewPosition;
+use super::settings::ViewSettings;
 use super::toolbar::ViewMode;
+use super::viewpoint::Viewpoint;
 use crate::app::opening::{BareSplats, OpenError, read_splats};
+use crate::app::splat_updates::SplatChange;
 use crate::app::state::{NoticeKind, Opened};
+use crate::app::view_thread::take_finished;
 use crate::app::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Camera;
@@ -16,54 +21,104 @@ use crate::model::splat::framing::framing;
 use crate::pipeline::job::Job;
 use crate::render::compare::{Area, Combination};
 use crate::render::{Exposing, Lens, Paint, RenderOptions, Renderer};
-use eframe::egui::Ui;
+use eframe::egui::{Rect, Ui};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
 
-impl SceneView {
+pub struct Comparison {
+    mode: ViewMode,
+    /// Position of the wipe divider, as a share of the viewport's width.
+    divider: f32,
+    model: Option<Arc<ComparedModel>>,
+    reading: Option<(PathBuf, Job<ReadModel>)>,
+    /// Replaces `model` while an export is previewed.
+    pub(super) preview: ExportPreview,
+    mode_before_preview: Option<ViewMode>,
+    /// Started with the first photograph.
+    photos: Option<PhotoRequests>,
+}
+
+impl Default for Comparison {
+    fn default() -> Self {
+        Self {
+            mode: ViewMode::Single,
+            divider: 0.5,
+            model: None,
+            reading: None,
+            preview: ExportPreview::default(),
+            mode_before_preview: None,
+            photos: None,
+        }
+    }
+}
+
+impl Comparison {
+    pub fn mode(&self) -> ViewMode {
+        self.mode
+    }
+
+    pub(super) fn set_mode(&mut self, mode: ViewMode) {
+        self.mode = mode;
+    }
+
+    pub fn divider(&self) -> f32 {
+        self.divider
+    }
+
     /// Second model, if any; while an export is previewed, the exported model.
-    pub fn compared(&self) -> Option<&Arc<ComparedModel>> {
-        self.preview.model().or(self.compared.model())
+    pub fn model(&self) -> Option<&Arc<ComparedModel>> {
+        self.preview.model().or(self.model.as_ref())
     }
 
-    /// Reason why a comparison mode is unavailable, if it is.
-    pub fn mode_unavailable_reason(&self, mode: ViewMode, opened: &Opened) -> Option<&'static str> {
-        mode.unavailable_reason(self.settings.lens, opened, self.compared().map(|model| &**model))
+    /// Starts reading a checkpoint or splat file to compare with; replaces a read in progress.
+    pub(super) fn read(&mut self, path: PathBuf, waker: &Waker) -> std::io::Result<()> {
+        let file = path.clone();
+        let job = Job::start_waking("second model", waker.clone(), move || read(&file))?;
+        self.reading = Some((path, job));
+        Ok(())
     }
 
-    /// Starts reading a second model; the view compares with it once it is read.
-    pub fn compare_with(&mut self, path: PathBuf) -> std::io::Result<()> {
-        self.hint = Some((format!("Reading {}…", path.display()), Instant::now()));
-        self.compared.read(path, self.waker.clone())
-    }
-
-    /// Reason why there is no second model to remove, if so.
     pub fn remove_unavailable_reason(&self) -> Option<&'static str> {
         if self.preview.model().is_some() {
             // The model beside the scene is the preview, not an opened file.
             return Some("An export preview is shown: switch it off first");
         }
-        self.compared.model().is_none().then_some("No second model is open")
+        self.model.is_none().then_some("No second model is open")
     }
 
-    /// Removes the second model.
-    pub fn remove_compared(&mut self) {
-        self.compared.clear();
+    pub fn remove_model(&mut self) {
+        (self.model, self.reading) = (None, None);
     }
 
     /// Shows a second model that was read since the last call, relative to the scene's local origin
-    /// `origin`. Returns its notices.
-    pub fn take_compared(&mut self, origin: DVec3) -> Vec<(NoticeKind, String)> {
-        let taken = self.compared.take_finished_read();
-        self.compared.rebase_to_origin(origin);
-        let Some((is_there, told)) = taken else { return Vec::new() };
-        self.hint = None;
-        if is_there && !self.mode.has_model() {
-            self.mode = ViewMode::ModelWipe;
+    /// `origin`, which may change with the dataset. Returns its notices; after an error the previous model
+    /// stays.
+    pub(super) fn take_read(&mut self, origin: DVec3) -> Option<Vec<Notice>> {
+        let taken = take_finished(&mut self.reading).map(|(path, read)| match read {
+            Ok(Ok((model, notices))) => {
+                self.model = Some(Arc::new(model));
+                if !self.mode.has_model() {
+                    self.mode = ViewMode::ModelWipe;
+                }
+                notices
+            }
+            Ok(Err(problem)) => vec![(NoticeKind::Error, problem)],
+            Err(panic) => {
+                let text = panic.failure_notice("reading the model");
+                vec![(NoticeKind::Error, format!("{}: {text}", path.display()))]
+            }
+        });
+        if let Some(model) = self.model.as_mut().filter(|model| model.local_origin != origin) {
+            Arc::make_mut(model).move_origin(origin);
         }
-        told
+        taken
+    }
+
+    /// Passes on a change of the scene in learned colours: the PSNR must not depend on the displayed ones.
+    pub(super) fn change(&mut self, change: SplatChange) {
+        self.photos.iter_mut().for_each(|photos| photos.change(change.clone()));
+        self.preview.outdate();
     }
 
     /// Camera that took the photographs, if it is not the depth camera. Preparation uses the depth
@@ -72,28 +127,28 @@ impl SceneView {
         opened.color_camera().filter(|_| self.mode != ViewMode::Preparation)
     }
 
-    /// Returns the photograph at the current dataset camera with its metrics, if the mode uses it.
-    pub(super) fn request_photo_result(
+    pub(super) fn request_photo(
         &mut self,
         ui: &Ui,
-        opened: &Opened,
-        is_training: bool,
+        frame: Option<&FrameRef>,
+        (opened, settings): (&Opened, &ViewSettings),
+        learned: &Arc<SplatSet>,
+        (is_training, waker): (bool, &Waker),
     ) -> Option<Result<PhotoResult, String>> {
         // A second model is also measured against the photograph, if there is one.
-        let is_looked_at = self.mode.needs_frame() || self.mode.has_model();
-        let (true, ViewPosition::At(frame)) = (is_looked_at, &self.place) else { return None };
+        let is_used = self.mode.needs_frame() || self.mode.has_model();
         let query = PhotoQuery {
-            frame: frame.clone(),
+            frame: frame.filter(|_| is_used)?.clone(),
             color_camera: self.color_camera(opened),
             prepared: match self.mode {
                 ViewMode::Preparation => Some(Arc::new(opened.scene()?.surface.clone())),
                 _ => None,
             },
-            options: self.settings.measured(),
-            compared: self.compared().cloned(),
+            options: settings.measured(),
+            compared: self.model().cloned(),
         };
         if self.photos.is_none() {
-            match PhotoRequests::new(self.waker.clone(), self.palette.learned().clone()) {
+            match PhotoRequests::new(waker.clone(), learned.clone()) {
                 Ok(requests) => self.photos = Some(requests),
                 Err(error) => {
                     return Some(Err(format!("starting the photograph thread failed: {error}")));
@@ -105,58 +160,82 @@ impl SceneView {
 
     pub(super) fn picture_request(
         &self,
-        camera: Camera,
-        area: Area,
-        result: Option<&PhotoResult>,
+        settings: &ViewSettings,
+        view: &Viewpoint,
+        (camera, area): (Camera, Area),
+        photo: Option<&PhotoResult>,
     ) -> PictureRequest {
-        let settings = &self.settings;
-        let (radius, distance) = self
-            .camera
-            .map_or((1.0, 1.0), |view| (view.radius(), view.distance_to_middle(&camera)));
+        let (radius, distance) = view.extent(&camera);
         // A dataset camera is a pinhole, whatever lens is chosen.
-        let lens = if self.place == ViewPosition::Free { settings.lens } else { Lens::Pinhole };
+        let lens = if view.is_free() { settings.lens } else { Lens::Pinhole };
         let options =
             |renderer| settings.options(settings.method(renderer, lens), radius, distance);
-        let wipe = Combination::Wipe(self.divider);
-        let difference = Combination::Difference(settings.difference_gain);
-        let renderers = |how| {
-            let partner = Partner::Splats(options(Renderer::Exact));
-            (Renderer::Projected, Some(ComparedPicture { partner, area: Area::FULL, how }))
-        };
-        let photo = |how| {
-            let partner = result.map(|result| Partner::Photo(result.image.clone()));
-            (settings.renderer, partner.map(|partner| ComparedPicture { partner, area, how }))
-        };
-        let model = |how| {
-            let second = self.compared().map(|model| {
+        let partner = match self.mode {
+            ViewMode::Single => None,
+            ViewMode::Wipe | ViewMode::Difference => {
+                Some(Partner::Splats(options(Renderer::Exact)))
+            }
+            ViewMode::ModelWipe | ViewMode::ModelDifference => self.model().map(|model| {
                 let seen = options(settings.renderer);
                 // The near plane follows the model's own size: that of the scene could clip a model of
                 // another scale.
                 let own = settings.options(seen.method, model.radius, distance);
-                let options = RenderOptions { near: own.near, ..seen };
-                let partner = Partner::Model(model.clone(), options);
-                ComparedPicture { partner, area: Area::FULL, how }
-            });
-            (settings.renderer, second)
+                Partner::Model(model.clone(), RenderOptions { near: own.near, ..seen })
+            }),
+            ViewMode::PhotoWipe | ViewMode::PhotoDifference | ViewMode::Preparation => {
+                photo.map(|photo| Partner::Photo(photo.image.clone()))
+            }
         };
-        let (renderer, second) = match self.mode {
-            ViewMode::Single => (settings.renderer, None),
-            ViewMode::Wipe => renderers(wipe),
-            ViewMode::Difference => renderers(difference),
-            ViewMode::ModelWipe => model(wipe),
-            ViewMode::ModelDifference => model(difference),
-            ViewMode::PhotoWipe | ViewMode::Preparation => photo(wipe),
-            ViewMode::PhotoDifference => photo(difference),
+        let how = match self.mode.is_difference() {
+            true => Combination::Difference(settings.difference_gain),
+            false => Combination::Wipe(self.divider),
         };
-        let mut options = options(renderer);
-        if self.mode.has_photo()
-            && self.place != ViewPosition::Free
-            && options.style.paint == Paint::Stored
-        {
+        let second = partner.map(|partner| {
+            let area = if matches!(partner, Partner::Photo(_)) { area } else { Area::FULL };
+            ComparedPicture { partner, area, how }
+        });
+        let mut options = options(match self.mode {
+            ViewMode::Wipe | ViewMode::Difference => Renderer::Projected,
+            _ => settings.renderer,
+        });
+        if self.mode.has_photo() && !view.is_free() && options.style.paint == Paint::Stored {
             // Beside a photograph the scene is drawn with the exposure of that photograph.
             options.exposure_mode = Exposing::Recorded;
         }
         PictureRequest { camera, options, second }
+    }
+
+    /// Draws the divider of a wipe in the compared part of the viewport; true while it is dragged.
+    pub(super) fn drag_divider(&mut self, ui: &Ui, rect: Rect, compared: Rect) -> bool {
+        super::captions::divider(ui, rect, compared, &mut self.divider)
+    }
+
+    pub fn export_preview_report(&self) -> Option<PreviewReport> {
+        self.preview.report()
+    }
+
+    /// Takes a finished conversion, and switches the mode to the first one.
+    pub(super) fn take_preview(&mut self) {
+        if self.preview.take_finished_jobs() && self.mode_before_preview.is_none() {
+            self.mode_before_preview = Some(self.mode);
+            self.mode = ViewMode::ModelWipe;
+        }
+    }
+
+    /// Ends the preview and restores the previous mode.
+    pub(super) fn end_preview(&mut self) {
+        self.preview = ExportPreview::default();
+        if let Some(before) = self.mode_before_preview.take().filter(|_| self.mode.has_model()) {
+            self.mode = before;
+        }
+    }
+
+    pub(super) fn take_retained(&mut self) -> Self {
+        // The export dialog closes with the window, so its preview ends too.
+        self.end_preview();
+        // The thread of photographs would wake the closed window.
+        self.photos = None;
+        std::mem::take(self)
     }
 }
 
@@ -164,23 +243,19 @@ impl SceneView {
 /// points wide.
 const MAX_NAME: usize = 30;
 
-/// Model compared with the scene.
 #[derive(Clone, Debug)]
 pub struct ComparedModel {
     /// File name with its folder, shortened for a caption.
     pub name: String,
-    /// Path of the file.
     pub path: PathBuf,
     /// Splats, with positions relative to `local_origin`.
     pub splats: SplatSet,
-    /// Origin of the positions, world coordinates.
     pub local_origin: DVec3,
     /// Radius of the model, world units; it determines the near plane.
     pub radius: f64,
 }
 
 impl ComparedModel {
-    /// Re-expresses the positions relative to another origin.
     fn move_origin(&mut self, origin: DVec3) {
         let moved = self.local_origin - origin;
         for splat in self.splats.splats_mut() {
@@ -190,70 +265,11 @@ impl ComparedModel {
     }
 }
 
-/// Notice for the user.
-type NoticeText = (NoticeKind, String);
+type Notice = (NoticeKind, String);
 
-/// Model compared with the scene, and the one being read.
-#[derive(Default)]
-pub struct ModelSlot {
-    model: Option<Arc<ComparedModel>>,
-    reading: Option<Reading>,
-}
+type ReadModel = Result<(ComparedModel, Vec<Notice>), String>;
 
-struct Reading {
-    path: PathBuf,
-    job: Job<Result<(ComparedModel, Vec<NoticeText>), String>>,
-}
-
-impl ModelSlot {
-    /// Model, once it has been read.
-    pub fn model(&self) -> Option<&Arc<ComparedModel>> {
-        self.model.as_ref()
-    }
-
-    /// Starts reading a checkpoint or splat file; replaces a read in progress.
-    pub fn read(&mut self, path: PathBuf, waker: Waker) -> std::io::Result<()> {
-        let file = path.clone();
-        let job = Job::start_waking("second model", waker, move || read(&file))?;
-        self.reading = Some(Reading { path, job });
-        Ok(())
-    }
-
-    /// Re-expresses the model relative to the scene's local origin, which may change with the dataset.
-    pub fn rebase_to_origin(&mut self, origin: DVec3) {
-        if let Some(model) = self.model.as_mut().filter(|model| model.local_origin != origin) {
-            Arc::make_mut(model).move_origin(origin);
-        }
-    }
-
-    /// Removes the model.
-    pub fn clear(&mut self) {
-        *self = Self::default();
-    }
-
-    /// Takes a finished read: true if the model was replaced, and the notices. After an error the
-    /// previous model stays.
-    pub fn take_finished_read(&mut self) -> Option<(bool, Vec<NoticeText>)> {
-        let reading = self.reading.as_ref()?;
-        let read = reading.job.poll()?.unwrap_or_else(|panic| {
-            Err(format!(
-                "{}: {}",
-                reading.path.display(),
-                panic.failure_notice("reading the model")
-            ))
-        });
-        self.reading = None;
-        match read {
-            Ok((model, told)) => {
-                self.model = Some(Arc::new(model));
-                Some((true, told))
-            }
-            Err(problem) => Some((false, vec![(NoticeKind::Error, problem)])),
-        }
-    }
-}
-
-fn read(path: &Path) -> Result<(ComparedModel, Vec<NoticeText>), String> {
+fn read(path: &Path) -> ReadModel {
     let read = read_splats(path).map_err(|error: OpenError| error.to_string())?;
     let BareSplats { splats, local_origin, notices: told } = read;
     let Some(framing) = framing(splats.iter()) else {
@@ -295,18 +311,14 @@ mod compared_model_tests {
     fn positions_follow_the_scenes_origin() {
         let far = DVec3::new(5e5, 5e6, 0.0);
         let splat = Splat { mean: [1.0, 2.0, 3.0], ..Splat::default() };
-        let mut slot = ModelSlot {
-            model: Some(Arc::new(ComparedModel {
-                name: String::new(),
-                path: PathBuf::new(),
-                splats: SplatSet::from(vec![splat]),
-                local_origin: far,
-                radius: 1.0,
-            })),
-            reading: None,
+        let mut model = ComparedModel {
+            name: String::new(),
+            path: PathBuf::new(),
+            splats: SplatSet::from(vec![splat]),
+            local_origin: far,
+            radius: 1.0,
         };
-        slot.rebase_to_origin(far - DVec3::X);
-        let model = slot.model().unwrap();
+        model.move_origin(far - DVec3::X);
         assert_eq!(model.splats.view().splats()[0].mean, [2.0, 2.0, 3.0]);
         assert_eq!(model.local_origin, far - DVec3::X);
     }

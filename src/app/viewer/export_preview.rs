@@ -7,9 +7,9 @@
 use super::comparison::ComparedModel;
 use super::frame_refs::fit;
 use super::photo::PictureRequest;
-use super::toolbar::ViewMode;
 use crate::app::edit::marks::LeftOut;
 use crate::app::export_options::losses;
+use crate::app::view_thread::{one_thread, run_in, take_finished};
 use crate::app::worker::Waker;
 use crate::eval::metrics::psnr;
 use crate::export::mapping::Mapping;
@@ -21,7 +21,6 @@ use crate::pipeline::job::Job;
 use crate::render::cpu::CpuRenderer;
 use crate::render::{DisplayStyle, Paint, RenderOptions};
 use glam::DVec3;
-use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -32,33 +31,23 @@ const MEASURED_WIDTH: u32 = 480;
 /// Minimum time between two conversions of a changing scene.
 const INTERVAL: Duration = Duration::from_secs(3);
 
-/// Settings of an export.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExportChoice {
-    /// File format.
     pub format: ModelFormat,
-    /// Mapping from native to plain splats.
     pub mapping: Mapping,
-    /// Splats left out of the file.
     pub left_out: LeftOut,
 }
 
-/// State of a preview.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PreviewReport {
-    /// The scene is being converted.
     Converting,
-    /// The export would fail, with the reason.
     Refused(String),
-    /// The preview is shown.
     Shown {
-        /// Number of splats in the file.
         n_splats: usize,
         /// Size of the file without comments, bytes.
         bytes: u64,
         /// PSNR between renders of file and scene at the current view, dB; `None` until measured.
         psnr: Option<f64>,
-        /// Losses of the format, one sentence each.
         losses: Vec<String>,
     },
 }
@@ -84,13 +73,10 @@ impl Drop for Converting {
     }
 }
 
-/// Inputs of a PSNR measurement.
 type Measure = (Arc<ComparedModel>, Camera, RenderOptions);
 
-/// Export preview, if one is active.
 #[derive(Default)]
 pub(super) struct ExportPreview {
-    /// `None` while no preview is active.
     choice: Option<ExportChoice>,
     converting: Option<Converting>,
     converted: Option<Result<Converted, String>>,
@@ -98,8 +84,6 @@ pub(super) struct ExportPreview {
     begun_at: Option<Instant>,
     measuring: Option<(Measure, Job<f64>)>,
     measured: Option<(Measure, f64)>,
-    /// View mode before the preview.
-    pub before: Option<ViewMode>,
 }
 
 impl ExportPreview {
@@ -108,13 +92,13 @@ impl ExportPreview {
         self.converted.as_ref()?.as_ref().ok().map(|converted| &converted.model)
     }
 
-    /// Marks the conversion as out of date, because the scene has changed.
     pub fn outdate(&mut self) {
         self.is_stale = true;
     }
 
-    fn report(&self) -> PreviewReport {
-        match &self.converted {
+    pub fn report(&self) -> Option<PreviewReport> {
+        self.choice.as_ref()?;
+        Some(match &self.converted {
             None => PreviewReport::Converting,
             Some(Err(problem)) => PreviewReport::Refused(problem.clone()),
             Some(Ok(converted)) => PreviewReport::Shown {
@@ -123,12 +107,7 @@ impl ExportPreview {
                 psnr: self.current_psnr(),
                 losses: converted.losses.clone(),
             },
-        }
-    }
-
-    /// State of the preview; `None` if there is none.
-    pub fn current_report(&self) -> Option<PreviewReport> {
-        self.choice.as_ref().map(|_| self.report())
+        })
     }
 
     /// Starts the conversion of the scene, unless it is done or in progress. `frame` is the scene's up
@@ -152,10 +131,10 @@ impl ExportPreview {
             return Ok(());
         }
         let is_wanted = Arc::new(AtomicBool::new(true));
-        let (flag, scene, aside) =
-            (is_wanted.clone(), scene.clone(), single_thread_pool(is_training)?);
+        let aside = is_training.then(one_thread).transpose()?;
+        let (flag, scene) = (is_wanted.clone(), scene.clone());
         let convert = move || {
-            let converted = run_in(aside, || convert(scene, &choice, frame, &flag));
+            let converted = run_in(aside.as_ref(), || convert(scene, &choice, frame, &flag));
             converted.map_err(|fault| fault.to_string())
         };
         let job = Job::start_waking("export preview", waker.clone(), convert)?;
@@ -164,7 +143,6 @@ impl ExportPreview {
         Ok(())
     }
 
-    /// Latest PSNR, if it belongs to the current file.
     fn current_psnr(&self) -> Option<f64> {
         let (measure, psnr) = self.measured.as_ref()?;
         self.model().filter(|model| Arc::ptr_eq(model, &measure.0)).map(|_| *psnr)
@@ -184,10 +162,7 @@ impl ExportPreview {
                 is_first
             }
         };
-        let figure = self.measuring.as_ref().and_then(|(_, job)| job.poll());
-        if let Some(figure) = figure
-            && let Some((measure, _)) = self.measuring.take()
-        {
+        if let Some((measure, figure)) = take_finished(&mut self.measuring) {
             // NaN after a panic, which is logged, so that the measurement is not repeated.
             self.measured = Some((measure, figure.unwrap_or(f64::NAN)));
         }
@@ -217,38 +192,23 @@ impl ExportPreview {
         if is_done || self.measuring.is_some() {
             return Ok(());
         }
-        let (scene, of, aside) =
-            (converted.scene.clone(), measure.clone(), single_thread_pool(is_training)?);
+        let aside = is_training.then(one_thread).transpose()?;
+        let (scene, of) = (converted.scene.clone(), measure.clone());
         // The job owns its reference to the scene and drops it before the result arrives, so that the
         // next change of the splats need not copy them.
-        let figure = move || run_in(aside, || psnr_between(&scene, &of));
+        let figure = move || run_in(aside.as_ref(), || psnr_between(&scene, &of));
         let job = Job::start_waking("export figure", waker.clone(), figure)?;
         self.measuring = Some((measure, job));
         Ok(())
     }
 }
 
-/// Returns the PSNR between renders of the scene and of its file, dB.
 fn psnr_between(scene: &SplatSet, (model, camera, options): &Measure) -> f64 {
     let mut renderer = CpuRenderer::new();
     let [whole, plain] =
         [scene, &model.splats].map(|splats| renderer.render(splats, camera, options).color);
     // Both renders have the same size, so this cannot fail.
     psnr(&plain, &whole).unwrap_or(f64::NAN)
-}
-
-/// Returns a pool of one thread during training, which needs the other cores.
-fn single_thread_pool(is_training: bool) -> std::io::Result<Option<ThreadPool>> {
-    let pool = || ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other);
-    is_training.then(pool).transpose()
-}
-
-/// Runs work in the pool, or on all threads without one.
-fn run_in<T: Send>(pool: Option<ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
-    match pool {
-        Some(pool) => pool.install(work),
-        None => work(),
-    }
 }
 
 fn convert(

@@ -4,55 +4,39 @@
 //! multiple of the decoding time, to leave the cores to training; not every frame is shown then.
 
 use super::frame_refs::FrameRef;
+use crate::app::view_thread::RestingJob;
 use crate::app::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::frame::DepthKind;
 use crate::math::camera::Camera;
 use crate::math::pose::Pose;
-use crate::pipeline::job::Job;
 use eframe::egui::Color32;
 use glam::DVec3;
-use std::time::{Duration, Instant};
 
 /// Maximum number of points drawn, evenly subsampled; more would overlap.
 const MAX_POINTS: usize = 12_000;
-/// Rest after a frame during training, as a multiple of its decoding time.
-const REST: u32 = 15;
 
 /// Points in world coordinates with their colours, or the reason why there are none.
 pub(super) type Points = Result<Vec<(DVec3, Color32)>, String>;
 
-/// Points that are drawn, and the frame being decoded.
 #[derive(Default)]
 pub(super) struct FramePoints {
     shown: Option<(FrameRef, Points)>,
-    decoding: Option<Decoding>,
-    /// End of the rest that leaves the cores to training.
-    rests_until: Option<Instant>,
-}
-
-struct Decoding {
-    frame: FrameRef,
-    job: Job<(Points, Duration)>,
+    decoder: RestingJob<FrameRef, Points>,
 }
 
 impl FramePoints {
-    /// Decoded frame with its points, or the reason why it has none.
     pub fn displayed(&self) -> Option<(&FrameRef, &Points)> {
         self.shown.as_ref().map(|(frame, points)| (frame, points))
     }
 
-    /// Takes a decoded frame, if there is one.
     pub fn take_decoded(&mut self) {
-        let Some(decoding) = &self.decoding else { return };
-        let Some(decoded) = decoding.job.poll() else { return };
-        let (points, took) = decoded.unwrap_or_else(|panic| {
-            let name = &decoding.frame.entry().name;
-            (Err(format!("{name}: {}", panic.failure_notice("decoding the frame"))), Duration::ZERO)
+        let Some((frame, decoded)) = self.decoder.take() else { return };
+        let points = decoded.unwrap_or_else(|panic| {
+            let text = panic.failure_notice("decoding the frame");
+            Err(format!("{}: {text}", frame.entry().name))
         });
-        let frame = self.decoding.take().map(|decoding| decoding.frame);
-        self.shown = frame.map(|frame| (frame, points));
-        self.rests_until = Some(Instant::now() + took * REST);
+        self.shown = Some((frame, points));
     }
 
     /// Starts decoding a frame, unless it is done or in progress or the cores are needed.
@@ -64,18 +48,12 @@ impl FramePoints {
         waker: &Waker,
     ) -> std::io::Result<()> {
         let is_shown = self.shown.as_ref().is_some_and(|(shown, _)| *shown == frame);
-        let rests = is_training && self.rests_until.is_some_and(|until| Instant::now() < until);
-        if is_shown || rests || self.decoding.is_some() {
+        if is_shown || !self.decoder.is_ready(is_training) {
             return Ok(());
         }
         let asked = frame.clone();
-        let decode = move || {
-            let started = Instant::now();
-            (points_of(&asked, pose, color_camera.as_ref()), started.elapsed())
-        };
-        let job = Job::start_waking("frame points", waker.clone(), decode)?;
-        self.decoding = Some(Decoding { frame, job });
-        Ok(())
+        let decode = move || points_of(&asked, pose, color_camera.as_ref());
+        self.decoder.start("frame points", frame, waker.clone(), decode)
     }
 }
 

@@ -28,20 +28,15 @@ impl PartialEq for FrameRef {
     }
 }
 
-/// Direction of a step between frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
-    /// To the previous frame.
     Back,
-    /// To the next frame.
     Forth,
 }
 
 impl FrameRef {
-    /// First frame of a dataset; `None` if it has none.
     pub fn first(dataset: &Arc<Dataset>) -> Option<Self> {
-        let split = dataset.splits.iter().position(|split| !split.frames.is_empty())?;
-        Some(Self { dataset: dataset.clone(), split, index: 0 })
+        Self::numbered(dataset, 0)
     }
 
     /// Frame at a position in training order; `None` for a model.
@@ -50,7 +45,6 @@ impl FrameRef {
         Self::at(opened.dataset.as_ref()?, plan.split, *plan.frames.get(position)?)
     }
 
-    /// Frame by its split and its index within the split; `None` if there is none.
     pub fn at(dataset: &Arc<Dataset>, split: usize, index: usize) -> Option<Self> {
         dataset.splits.get(split)?.frames.get(index)?;
         Some(Self { dataset: dataset.clone(), split, index })
@@ -97,27 +91,22 @@ impl FrameRef {
         before + self.index
     }
 
-    /// Number of frames in all splits of the dataset.
     pub fn n_frames(&self) -> usize {
         self.dataset.splits.iter().map(|s| s.frames.len()).sum()
     }
 
-    /// Index of the split, and index within the split.
     pub fn position(&self) -> (usize, usize) {
         (self.split, self.index)
     }
 
-    /// Dataset of the frame.
     pub fn dataset(&self) -> &Arc<Dataset> {
         &self.dataset
     }
 
-    /// Split of the frame.
     pub fn split(&self) -> &DatasetSplit {
         &self.dataset.splits[self.split]
     }
 
-    /// Entry of the frame in its dataset.
     pub fn entry(&self) -> &FrameEntry {
         &self.split().frames[self.index]
     }

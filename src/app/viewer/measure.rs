@@ -28,19 +28,15 @@ const LINE: Color32 = Color32::from_rgb(255, 210, 70);
 /// largest standard deviation.
 const REACH: f64 = 4.0;
 
-/// End point of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredPoint {
-    /// Position, world units.
     pub point: DVec3,
     /// Covariance of the position, world units²; `None` for splats from files, which have no posterior.
     pub covariance: Option<Sym3>,
 }
 
-/// Length and its standard deviation, world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredLength {
-    /// Distance between the two points.
     pub length: f64,
     /// Standard deviation of the length, if both ends have a posterior.
     pub deviation: Option<f64>,
@@ -49,7 +45,6 @@ pub struct MeasuredLength {
 /// Measuring tool: off, or on with up to two points.
 #[derive(Clone, Debug, Default)]
 pub struct MeasureTool {
-    /// True if clicks measure.
     pub is_on: bool,
     ends: Vec<MeasuredPoint>,
     /// Clicked splat and point, until the trainer has inspected the splat.
@@ -57,12 +52,10 @@ pub struct MeasureTool {
 }
 
 impl MeasureTool {
-    /// Switches the tool off, or on without points.
     pub fn toggle(&mut self) {
         *self = Self { is_on: !self.is_on, ..Self::default() };
     }
 
-    /// Stores a clicked point until its splat is inspected.
     pub fn set_pending_point(&mut self, splat: u32, point: DVec3) {
         self.waiting = Some((splat, point));
     }
@@ -86,12 +79,10 @@ impl MeasureTool {
         tracing::debug!("measured from {point:.3}: {:?}", self.length());
     }
 
-    /// Number of measured points.
     pub fn n_ends(&self) -> usize {
         self.ends.len()
     }
 
-    /// Measured length, once both points are known.
     pub fn length(&self) -> Option<MeasuredLength> {
         let &[a, b] = self.ends.as_slice() else { return None };
         let line = b.point - a.point;
@@ -102,7 +93,6 @@ impl MeasureTool {
         Some(MeasuredLength { length, deviation })
     }
 
-    /// Hint for the next step, if there is one.
     pub fn hint(&self) -> Option<&'static str> {
         match self.ends.len() {
             _ if !self.is_on => None,
@@ -112,7 +102,6 @@ impl MeasureTool {
         }
     }
 
-    /// Draws points, line and length.
     pub fn draw(&self, world: &WorldPainter) {
         for end in &self.ends {
             if let Some(at) = world.position(end.point) {
@@ -132,7 +121,6 @@ impl MeasureTool {
     }
 }
 
-/// Formats a length with its standard deviation.
 pub fn format_length(MeasuredLength { length, deviation }: MeasuredLength) -> String {
     match deviation {
         Some(deviation) => {
@@ -165,38 +153,22 @@ pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
 /// Opacity of a status colour over a dropped pixel.
 const OVERLAY: f32 = 0.7;
 
-/// Reason why a pixel was dropped.
-struct Reason {
-    status: PixelStatus,
-    /// Distinguishable with red-green blindness (Okabe and Ito 2008).
-    color: [f32; 3],
-    label: &'static str,
-    count: fn(&SurfaceCounts) -> usize,
-}
+/// Reason why a pixel was dropped: its status, colour and label, and the count of such pixels. The colours are
+/// distinguishable with red-green blindness (Okabe and Ito 2008).
+type Reason = (PixelStatus, [f32; 3], &'static str, fn(&SurfaceCounts) -> usize);
 
 /// Every reason, in the order of the checks.
 const REASONS: [Reason; 7] = [
-    reason(PixelStatus::Hole, [0.25; 3], "no depth", |c| c.holes),
-    reason(PixelStatus::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
-    reason(PixelStatus::Range, [0.34, 0.71, 0.91], "outside the trusted depth range", |c| {
+    (PixelStatus::Hole, [0.25; 3], "no depth", |c| c.holes),
+    (PixelStatus::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
+    (PixelStatus::Range, [0.34, 0.71, 0.91], "outside the trusted depth range", |c| {
         c.dropped_range
     }),
-    reason(PixelStatus::Flying, [0.84, 0.37, 0.0], "no plane fits", |c| c.dropped_flying),
-    reason(PixelStatus::Slant, [0.0, 0.62, 0.45], "too oblique", |c| c.dropped_slant),
-    reason(PixelStatus::Far, [0.0, 0.45, 0.7], "too far from the origin", |c| c.dropped_far),
-    reason(PixelStatus::NoColor, [0.8, 0.47, 0.65], "outside the photograph", |c| {
-        c.dropped_no_color
-    }),
+    (PixelStatus::Flying, [0.84, 0.37, 0.0], "no plane fits", |c| c.dropped_flying),
+    (PixelStatus::Slant, [0.0, 0.62, 0.45], "too oblique", |c| c.dropped_slant),
+    (PixelStatus::Far, [0.0, 0.45, 0.7], "too far from the origin", |c| c.dropped_far),
+    (PixelStatus::NoColor, [0.8, 0.47, 0.65], "outside the photograph", |c| c.dropped_no_color),
 ];
-
-const fn reason(
-    status: PixelStatus,
-    color: [f32; 3],
-    label: &'static str,
-    count: fn(&SurfaceCounts) -> usize,
-) -> Reason {
-    Reason { status, color, label, count }
-}
 
 /// Prepares frames like training does and paints the status of their pixels.
 pub struct PixelStatusPainter {
@@ -225,7 +197,7 @@ impl PixelStatusPainter {
         let mut image =
             ground_truth(&frame.with_registered_color(), GroundTruth::Composited, background);
         for (pixel, &status) in image.data.iter_mut().zip(&self.preparer.statuses().data) {
-            if let Some(Reason { color, .. }) = REASONS.iter().find(|r| r.status == status) {
+            if let Some((_, color, ..)) = REASONS.iter().find(|reason| reason.0 == status) {
                 *pixel = std::array::from_fn(|i| OVERLAY * color[i] + (1.0 - OVERLAY) * pixel[i]);
             }
         }
@@ -247,7 +219,7 @@ pub fn legend(counts: &SurfaceCounts, corner: Pos2, ui: &Ui) {
                 let n_pixels = counts.kept + counts.holes + counts.dropped();
                 let share = |n: usize| n as f64 / n_pixels.max(1) as f64;
                 row(ui, None, "used", share(counts.kept));
-                for Reason { color, label, count, .. } in REASONS {
+                for (_, color, label, count) in REASONS {
                     if count(counts) > 0 {
                         row(ui, Some(color), label, share(count(counts)));
                     }

@@ -1,4 +1,4 @@
-//! Central view: camera, comparison modes, and painting on GPU or CPU.
+//! Central view of the scene: what is seen from where, compared with what, and painted by GPU or CPU.
 
 mod captions;
 pub mod comparison;
@@ -6,153 +6,87 @@ mod editing;
 pub mod export_preview;
 mod frame_points;
 pub mod frame_refs;
-mod frusta;
-mod guide;
 pub mod measure;
+pub mod overlays;
 pub mod painter;
 pub mod photo;
-mod place;
-pub mod previewing;
 pub mod settings;
-mod steering;
 pub mod thumbnails;
 pub mod toolbar;
+pub mod viewpoint;
 mod world_painter;
 
-use super::camera::ViewCamera;
-use super::drawing::DrawHistory;
+use super::command::UiCommand;
 use super::edit::editor::Editor;
-use super::opening::FileProposal;
+use super::film::Still;
 use super::palette::Palette;
 use super::panels::signal_color;
-use super::selection::SplatSelection;
-use super::software::Effort;
+use super::selection::PickPurpose;
 use super::splat_updates::{SplatChange, SplatUpdate};
-use super::state::{Opened, RunState, Snapshot};
+use super::state::{NoticeKind, Opened, RunState, Snapshot};
 use super::worker::Waker;
-use crate::math::camera::{Camera, Intrinsics};
+use crate::math::camera::Camera;
 use crate::math::camera_path::Keyframe;
+use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
-use crate::render::Lens;
+use crate::model::splat::framing::framing;
+use crate::render::attributes::Attribute;
 use crate::render::compare::Area;
-use comparison::ModelSlot;
-use editing::EditDrag;
+use crate::render::{Lens, Renderer};
+use comparison::Comparison;
 use eframe::egui::{Rect, Sense, Ui, Vec2};
-use export_preview::ExportPreview;
-use frame_points::FramePoints;
-use frame_refs::{FrameRef, fit};
+use export_preview::ExportChoice;
+use frame_refs::{Direction, FrameRef};
 use glam::DVec3;
-use measure::MeasureTool;
-use painter::ViewPainter;
-use photo::{PhotoRequests, PictureRequest};
+use measure::{MeasureTool, surface_point};
+use overlays::Overlays;
+use painter::{Effort, Painter, ViewPainter};
+use photo::PictureRequest;
 use settings::ViewSettings;
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
-use steering::{GuideStage, ViewPosition};
+use std::time::Duration;
 use thumbnails::Thumbnails;
 use toolbar::ViewMode;
+use viewpoint::{SETTLE, Viewpoint};
 use world_painter::WorldPainter;
-
-/// Time after the last movement until the picture is refined.
-const SETTLE: Duration = Duration::from_millis(150);
 
 /// Offset of the legend from the lower left corner of the viewport, points.
 const LEGEND: Vec2 = Vec2::new(10.0, -10.0);
 
-/// State of the central view.
 pub struct SceneView {
-    /// Settings of the viewport.
     pub settings: ViewSettings,
-    mode: ViewMode,
-    painter: ViewPainter,
-    waker: Waker,
-    camera: Option<ViewCamera>,
-    place: ViewPosition,
-    /// Stage of a guided camera; `None` once the user has steered.
-    guide: Option<GuideStage>,
-    is_flying: bool,
-    measure: MeasureTool,
-    /// Files of the subject whose camera is retained if it is opened again.
-    retained_for: Option<FileProposal>,
-    /// Size of the viewport in the last pass, pixels.
-    viewport: [u32; 2],
-    /// Serial of the dataset, and its thumbnails.
-    thumbnails: Option<(u64, Thumbnails)>,
-    /// Dataset camera visited last, from which stepping continues.
-    latest_frame: Option<FrameRef>,
-    /// Camera of the latest picture.
-    latest_camera: Option<Camera>,
-    /// Position of the wipe divider, as a share of the viewport's width.
-    divider: f32,
-    compared: ModelSlot,
-    /// Replaces `compared` while an export is previewed.
-    preview: ExportPreview,
-    points: FramePoints,
-    /// Started with the first photograph.
-    photos: Option<PhotoRequests>,
-    hint: Option<(String, Instant)>,
-    /// Serial of the subject for which the camera was set up.
-    serial: u64,
-    /// Displayed splats: for framing, for the painter, and for its replacement if the GPU fails.
+    pub camera: Viewpoint,
+    pub comparison: Comparison,
+    pub overlays: Overlays,
+    pub painter: Painter,
+    /// Splats with displayed colours: for framing, for the painter, and for its replacement if the GPU fails.
     palette: Palette,
     editor: Editor,
     n_frames: usize,
-    edit_drag: Option<EditDrag>,
-    /// Latest selection rectangle, points.
-    latest_box: Option<Rect>,
-    selection: SplatSelection,
-    moved_at: Instant,
-    drawn: DrawHistory,
-    /// Start of the last pass of the window.
-    passed_at: Instant,
-    gpu_failed: bool,
+    /// Serial of the subject for which the view was set up.
+    serial: u64,
+    waker: Waker,
 }
 
 impl SceneView {
-    /// Creates a view of nothing.
     pub fn new(painter: ViewPainter, settings: ViewSettings, waker: Waker) -> Self {
         Self {
             settings,
-            mode: ViewMode::Single,
-            drawn: DrawHistory::new(painter.drawer()),
-            painter,
-            waker,
-            camera: None,
-            place: ViewPosition::Free,
-            guide: Some(GuideStage::Start),
-            is_flying: false,
-            measure: MeasureTool::default(),
-            retained_for: None,
-            viewport: [1, 1],
-            thumbnails: None,
-            latest_frame: None,
-            latest_camera: None,
-            divider: 0.5,
-            compared: ModelSlot::default(),
-            preview: ExportPreview::default(),
-            points: FramePoints::default(),
-            photos: None,
-            hint: None,
-            serial: 0,
+            camera: Viewpoint::default(),
+            comparison: Comparison::default(),
+            overlays: Overlays::default(),
+            painter: Painter::new(painter),
             palette: Palette::default(),
             editor: Editor::default(),
             n_frames: 0,
-            edit_drag: None,
-            latest_box: None,
-            selection: SplatSelection::default(),
-            moved_at: Instant::now(),
-            passed_at: Instant::now(),
-            gpu_failed: false,
+            serial: 0,
+            waker,
         }
     }
 
-    /// Applies an update of the splats.
     pub fn apply_update(&mut self, update: SplatUpdate) {
-        if let Some(photos) = &mut self.photos {
-            // With learned colours: the PSNR must not depend on the displayed colours.
-            photos.change(update.change.clone());
-        }
-        self.preview.outdate();
+        self.comparison.change(update.change.clone());
         let n_frames = update.n_frames;
         self.editor.stored_scenes.install_finished_copies();
         let change = self.palette.change(update);
@@ -164,39 +98,12 @@ impl SceneView {
         self.pass_change_to_painter(change);
     }
 
-    /// True if the CPU draws because the GPU failed.
-    pub fn gpu_failed(&self) -> bool {
-        self.gpu_failed
-    }
-
-    /// Records that a GPU exists but could not be used from the start.
-    pub fn note_gpu_failure(&mut self) {
-        self.gpu_failed = true;
-    }
-
     /// Replaces the painter and passes it the whole scene.
-    pub fn set_painter(&mut self, mut painter: ViewPainter) {
+    pub fn set_painter(&mut self, painter: ViewPainter) {
+        self.painter = Painter::new(painter);
         // A new painter is empty, and the trainer sends only changes.
         let splats = self.editor.displayed_splats(&self.palette);
-        painter.change(SplatChange::All(splats.clone()), splats);
-        self.drawn = DrawHistory::new(painter.drawer());
-        self.painter = painter;
-        self.gpu_failed = false;
-    }
-
-    /// Number of splats in the picture.
-    pub fn n_drawn(&self) -> usize {
-        self.painter.n_drawn()
-    }
-
-    /// Timings of recent pictures.
-    pub fn drawn(&self) -> &DrawHistory {
-        &self.drawn
-    }
-
-    /// Comparison mode.
-    pub fn mode(&self) -> ViewMode {
-        self.mode
+        self.painter.change(SplatChange::All(splats.clone()), splats);
     }
 
     /// Splats in learned colours, whatever colours are displayed.
@@ -204,145 +111,113 @@ impl SceneView {
         self.palette.learned()
     }
 
-    /// Dataset camera in view, if any.
-    pub fn frame_ref(&self) -> Option<&FrameRef> {
-        match &self.place {
-            ViewPosition::Free | ViewPosition::Along(_) => None,
-            ViewPosition::At(frame) => Some(frame),
-        }
-    }
-
-    /// Position of the wipe divider, as a share of the viewport's width.
-    pub fn divider(&self) -> f32 {
-        self.divider
-    }
-
-    /// Size of the viewport in the last pass, pixels.
-    pub fn size_px(&self) -> [u32; 2] {
-        self.viewport
-    }
-
-    /// Centre of the steered camera, world units; `None` while nothing is open.
-    pub fn eye(&self) -> Option<DVec3> {
-        self.camera.map(|camera| camera.camera(self.viewport).pose.centre())
-    }
-
-    /// Orbit centre of the camera, world units; `None` while nothing is open.
-    pub fn target(&self) -> Option<DVec3> {
-        self.camera.map(|camera| camera.target())
-    }
-
-    /// Vertical field of view of the scene's own camera, degrees.
-    pub fn own_fov_deg(&self) -> f32 {
-        self.camera.map_or(45.0, |camera| camera.own_fov_y().to_degrees() as f32)
-    }
-
     /// Draws the view into the remaining space. Returns a message if the GPU failed.
     pub fn ui(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<String> {
         // Not reachable by Tab: the view uses keys that keyboard focus would consume.
         let sense = Sense::CLICK | Sense::DRAG;
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), sense);
-        let opened = snapshot.opened.as_ref()?;
-        self.take_preview();
+        let opened = snapshot.opened.as_deref()?;
+        self.comparison.take_preview();
         self.leave_unsupported_modes(opened);
+        self.apply_colors_and_edits();
         let pixels = rect.size() * ui.ctx().pixels_per_point();
         let size = [pixels.x.round() as u32, pixels.y.round() as u32];
         if size[0] == 0 || size[1] == 0 {
             return None; // minimised, or squeezed out by the panels
         }
-        self.viewport = size;
+        self.camera.set_size(size);
         self.n_frames = snapshot.n_frames;
-        self.follow_guide(opened, snapshot);
-        self.measure.add_inspected_point(snapshot.inspected.as_deref());
-        self.begin_edit(ui, &response, opened);
+        let is_training = snapshot.state == RunState::Training;
+        self.camera.follow_guide(opened, snapshot, || framing(self.palette.splats().iter()));
+        self.overlays.measure.add_inspected_point(snapshot.inspected.as_deref());
+        let latest = self.camera.latest().and_then(|camera| self.world(ui, rect, &camera, opened));
+        self.overlays.edit.begin(ui, &response, &self.editor, latest);
+        let edits = self.overlays.edit.is_active();
+        if edits {
+            // A guided camera must not move during the drag.
+            self.camera.end_guide();
+        }
+        let color_camera = self.comparison.color_camera(opened);
+        let scene = self.palette.splats().finishing();
+        let photo_camera = |frame: &FrameRef| frame.photo_camera(color_camera.as_ref(), scene);
         // Before the camera is computed, so that a drag shows in the same pass.
-        self.steer(ui, &response, opened, size);
-        let (camera, area) = self.camera_now(opened, size)?;
-        self.latest_camera = Some(camera);
-        let result = self.request_photo_result(ui, opened, snapshot.state == RunState::Training);
+        self.camera.steer(ui, &response, !edits, &self.settings, &photo_camera);
+        let (camera, area) = self.camera.camera_now(&self.settings, &photo_camera)?;
+        let photo = self.comparison.request_photo(
+            ui,
+            self.camera.frame_ref(),
+            (opened, &self.settings),
+            self.palette.learned(),
+            (is_training, &self.waker),
+        );
+        let known = photo.as_ref().and_then(|photo| photo.as_ref().ok());
         let request =
-            self.picture_request(camera, area, result.as_ref().and_then(|s| s.as_ref().ok()));
-        let message = self.paint(ui, rect, &request, snapshot.state);
-        self.measure_preview(&request, snapshot.state);
-        self.draw_world(ui, rect, &request, opened, snapshot);
-        self.draw_captions(ui, rect, &request, result);
+            self.comparison.picture_request(&self.settings, &self.camera, (camera, area), known);
+        let message = self.paint(ui, rect, &request, is_training);
+        if !self.camera.is_moving()
+            && let Err(error) = self.comparison.preview.measure(&request, is_training, &self.waker)
+        {
+            let text = format!("Starting the thread that measures the preview failed: {error}");
+            self.overlays.show_hint(text);
+        }
+        let world = self.world(ui, rect, &camera, opened);
+        if let Some(world) = &world {
+            self.draw_world(ui, world, opened, snapshot);
+        }
+        if self.camera.is_free() {
+            self.camera.gizmo(ui, rect);
+        }
+        self.draw_captions(ui, rect, &request, photo.as_ref());
         // The past is drawn in its own colours, to which the legend does not apply.
         let legend = self.palette.legend().filter(|_| self.editor.displayed_past().is_none());
         if let Some((attribute, range)) = legend {
             signal_color::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
         }
-        self.update_edit_drag(ui, &response, &request, opened);
+        let shown = (&request, world.as_ref());
+        self.overlays.edit.update(ui, &response, shown, &mut self.editor, &self.palette);
         // Picking needs positions, not colours, and these splats are shared without a copy.
         let splats = self.editor.pickable_splats(&self.palette);
-        let picked = self.selection.ui(
+        let measures = self.overlays.is_measuring();
+        let picked = self.overlays.selection.ui(
             ui,
             &response,
             &request,
             splats,
             snapshot,
             &self.waker,
-            self.measure.is_on,
+            measures,
         );
         message.or(picked.err().map(|e| format!("starting the picking thread failed: {e}")))
     }
 
-    /// Draws the overlays in world coordinates.
-    fn draw_world(
-        &mut self,
-        ui: &Ui,
-        rect: Rect,
-        request: &PictureRequest,
-        opened: &Opened,
-        snapshot: &Snapshot,
-    ) {
-        let is_pinhole = self.place != ViewPosition::Free || self.settings.lens == Lens::Pinhole;
-        if is_pinhole {
-            let radius = opened.home.radius;
-            let world = WorldPainter::new(ui, rect, &request.camera, radius);
-            if self.settings.shows_grid {
-                self.grid(&world, radius);
-            }
-            if self.shows_cameras(snapshot) {
-                self.draw_frusta(ui, &world, opened, snapshot);
-            }
-            if self.settings.shows_points {
-                self.draw_frame_points(&world, opened, snapshot);
-            }
-            self.measure.draw(&world);
-        }
-        if self.place == ViewPosition::Free {
-            self.gizmo(ui, rect);
-        }
+    /// Painter of overlays in world coordinates; `None` for a fisheye, which bends straight lines.
+    fn world(&self, ui: &Ui, rect: Rect, camera: &Camera, opened: &Opened) -> Option<WorldPainter> {
+        let is_pinhole = !self.camera.is_free() || self.settings.lens == Lens::Pinhole;
+        is_pinhole.then(|| WorldPainter::new(ui, rect, camera, opened.home.radius))
     }
 
-    /// Leaves modes that the scene or lens does not support, and applies colours and edits.
+    fn draw_world(&mut self, ui: &Ui, world: &WorldPainter, opened: &Opened, snapshot: &Snapshot) {
+        if self.settings.shows_grid {
+            world.grid(self.camera.up(), opened.home.radius);
+        }
+        let run = (opened, snapshot);
+        // Always before training, when there is nothing else to see.
+        if self.settings.shows_cameras || snapshot.frames_done == 0 {
+            self.overlays.draw_cameras(ui, world, run, &self.waker);
+        }
+        if self.settings.shows_points {
+            let (frame, scene) = (self.camera.frame_ref(), self.palette.splats().finishing());
+            self.overlays.draw_points(world, frame, run, scene, &self.waker);
+        }
+        self.overlays.measure.draw(world);
+    }
+
     fn leave_unsupported_modes(&mut self, opened: &Opened) {
-        if self.mode_unavailable_reason(self.mode, opened).is_some() {
-            self.mode = ViewMode::Single;
+        if self.mode_unavailable_reason(self.comparison.mode(), opened).is_some() {
+            self.comparison.set_mode(ViewMode::Single);
         }
         if self.settings.color_mode.unavailable_reason(opened.available_modes).is_some() {
             self.settings.color_mode = Default::default();
-        }
-        self.apply_colors_and_edits();
-    }
-
-    /// Returns the camera for a viewport of `size` pixels, and the area that a photograph would fill.
-    fn camera_now(&mut self, opened: &Opened, size: [u32; 2]) -> Option<(Camera, Area)> {
-        let camera = self.camera.as_mut()?;
-        let settings = &self.settings;
-        let fov_deg = match settings.lens {
-            Lens::Pinhole => settings.pinhole_fov_deg,
-            Lens::Fisheye => Some(settings.fisheye_fov_deg),
-        };
-        camera.set_lens(settings.lens, fov_deg.map(|fov| f64::from(fov).to_radians()));
-        match &self.place {
-            ViewPosition::At(frame) => {
-                let color_camera = self.color_camera(opened);
-                let scene = self.palette.splats().finishing();
-                Some(fit(&frame.photo_camera(color_camera.as_ref(), scene), size))
-            }
-            ViewPosition::Along(moment) => Some((camera_at_keyframe(moment, size), Area::FULL)),
-            ViewPosition::Free => Some((camera.camera(size), Area::FULL)),
         }
     }
 
@@ -351,48 +226,265 @@ impl SceneView {
         ui: &Ui,
         rect: Rect,
         request: &PictureRequest,
-        state: RunState,
+        is_training: bool,
     ) -> Option<String> {
-        let moving = self.moved_at.elapsed() < SETTLE;
+        let moving = self.camera.is_moving();
         // Training takes precedence over pictures, even while the camera moves.
-        let effort = match (state, moving) {
-            (RunState::Training, _) => Effort::BesideTraining,
-            (_, true) => Effort::Moving,
-            (_, false) => Effort::Full,
+        let effort = match (is_training, moving) {
+            (true, _) => Effort::BesideTraining,
+            (false, true) => Effort::Moving,
+            (false, false) => Effort::Full,
         };
         if moving {
             // egui does not repaint without input: one more pass refines the picture.
             ui.ctx().request_repaint_after(SETTLE);
         }
         let splats = self.editor.displayed_splats(&self.palette);
-        match self.painter.paint(ui, rect, request, effort, splats) {
-            Ok(sample) => {
-                sample.into_iter().for_each(|sample| self.drawn.push(sample));
-                None
+        let reason = self.painter.paint(ui, rect, request, effort, splats).err()?;
+        Some(match ViewPainter::software(&self.waker) {
+            Ok(painter) => {
+                self.set_painter(painter);
+                self.painter.note_gpu_failure();
+                format!(
+                    "the GPU can no longer draw the scene ({reason}); the CPU renderer is used instead; retry the GPU in Settings"
+                )
             }
-            Err(error) => self.fall_back_to_cpu(&error.to_string()),
+            Err(error) => format!(
+                "the GPU cannot draw the scene ({reason}) and starting the CPU renderer failed ({error}); export the scene and restart the program"
+            ),
+        })
+    }
+
+    /// Starts a pass of the window; returns the time to wait before it.
+    pub fn begin_pass(&mut self, state: RunState) -> Duration {
+        self.painter.begin_pass(state == RunState::Training && self.camera.is_moving())
+    }
+
+    /// Thumbnails of the open dataset; `None` if their thread could not be started.
+    pub fn thumbnails(&mut self, opened: &Opened) -> Option<&mut Thumbnails> {
+        self.overlays.thumbnails(opened, &self.waker)
+    }
+}
+
+/// Colours and edits.
+impl SceneView {
+    pub fn editor(&self) -> &Editor {
+        &self.editor
+    }
+
+    pub fn attributes(&self) -> &[ComponentAttributes] {
+        self.palette.attributes()
+    }
+
+    pub fn editor_and_palette(&mut self) -> (&mut Editor, &Palette) {
+        (&mut self.editor, &self.palette)
+    }
+
+    /// Attribute that the worker delivers with components: the displayed one, else evidence if a panel
+    /// or the birth filter needs attributes.
+    fn watched_attribute(&self) -> Option<Attribute> {
+        let is_asked = self.editor.needs_attributes || self.editor.born_until().is_some();
+        self.settings.color_mode.attribute().or(is_asked.then_some(Attribute::Evidence))
+    }
+
+    /// Returns the attribute to watch at the end of a pass. Panels renew their requests in the next
+    /// pass.
+    pub fn take_watched_attribute(&mut self) -> Option<Attribute> {
+        let watched = self.watched_attribute();
+        self.editor.needs_attributes = false;
+        watched
+    }
+
+    fn apply_colors_and_edits(&mut self) {
+        self.palette.set_stores_attributes(self.watched_attribute().is_some());
+        if let Some(change) = self.palette.set_attribute(self.settings.color_mode.attribute()) {
+            self.pass_change_to_painter(change);
+        }
+        if let Some(change) = self.editor.update_visible(&self.palette) {
+            self.painter.change(change, self.editor.displayed_splats(&self.palette));
         }
     }
 
-    /// Falls back to the CPU renderer and passes it the whole scene.
-    fn fall_back_to_cpu(&mut self, reason: &str) -> Option<String> {
-        match ViewPainter::software(&self.waker) {
-            Ok(painter) => {
-                self.set_painter(painter);
-                self.gpu_failed = true;
-                Some(format!(
-                    "the GPU can no longer draw the scene ({reason}); the CPU renderer is used instead; retry the GPU in Settings"
-                ))
-            }
-            Err(error) => Some(format!(
-                "the GPU cannot draw the scene ({reason}) and starting the CPU renderer failed ({error}); export the scene and restart the program"
-            )),
+    fn pass_change_to_painter(&mut self, change: SplatChange) {
+        if let Some(change) = self.editor.apply_change(change, &self.palette) {
+            self.painter.change(change, self.editor.displayed_splats(&self.palette));
         }
     }
 }
 
-/// Camera at a keyframe of a path, for a viewport of `width` × `height` pixels.
-fn camera_at_keyframe(moment: &Keyframe, [width, height]: [u32; 2]) -> Camera {
-    let intrinsics = Intrinsics::from_vertical_fov(width, height, moment.fov_y);
-    Camera { intrinsics, pose: moment.pose }
+/// Subjects, commands and clicks.
+impl SceneView {
+    /// Resets the view if another subject is open. Call it with every snapshot before anything is drawn
+    /// from it or any key is handled, so that no camera, comparison or pending pick of the previous
+    /// subject remains.
+    pub fn reset_for_subject(&mut self, opened: &Opened) {
+        if self.serial == opened.serial {
+            return;
+        }
+        self.serial = opened.serial;
+        self.overlays.reset_for_subject();
+        self.comparison.end_preview();
+        self.comparison.set_mode(ViewMode::Single);
+        self.editor.reset();
+        self.camera.reset_for_subject(opened);
+    }
+
+    pub fn is_another(&self, opened: &Opened) -> bool {
+        self.serial != opened.serial
+    }
+
+    pub fn apply(&mut self, command: UiCommand, opened: &Opened) {
+        let settings = &mut self.settings;
+        match command {
+            UiCommand::FrameScene => self.camera.fit_scene(self.editor.framing(&self.palette)),
+            UiCommand::Home => self.camera.go_home(opened),
+            UiCommand::ToggleRenderer if settings.lens == Lens::Fisheye => {
+                let text = "Only the exact renderer supports a fisheye: choose the pinhole first";
+                self.overlays.show_hint(text);
+            }
+            UiCommand::ToggleRenderer => {
+                settings.renderer = match settings.renderer {
+                    Renderer::Projected => Renderer::Exact,
+                    Renderer::Exact => Renderer::Projected,
+                };
+            }
+            UiCommand::PreviousCamera => self.camera.step(opened, Direction::Back),
+            UiCommand::NextCamera => self.camera.step(opened, Direction::Forth),
+            UiCommand::AutoCamera => self.camera.toggle_guide(),
+            UiCommand::Measure => self.overlays.measure.toggle(),
+            UiCommand::Cameras => settings.shows_cameras = !settings.shows_cameras,
+            UiCommand::Points => {
+                settings.shows_points = !settings.shows_points;
+                self.overlays.clear_points();
+            }
+            UiCommand::Grid => settings.shows_grid = !settings.shows_grid,
+            UiCommand::ComparePhoto if self.comparison.mode().has_photo() => {
+                self.set_mode(ViewMode::Single, opened);
+            }
+            UiCommand::ComparePhoto => self.set_mode(ViewMode::PhotoWipe, opened),
+            // The editor ignores commands that are not its own.
+            edit => self.editor.execute(edit, &self.palette),
+        }
+    }
+
+    pub fn mode_unavailable_reason(&self, mode: ViewMode, opened: &Opened) -> Option<&'static str> {
+        let model = self.comparison.model().map(|model| &**model);
+        mode.unavailable_reason(self.settings.lens, opened, model)
+    }
+
+    pub fn set_mode(&mut self, mode: ViewMode, opened: &Opened) {
+        self.comparison.set_mode(mode);
+        if mode.needs_frame() {
+            self.camera.move_to_any_frame(opened);
+        }
+    }
+
+    pub fn compare_at(&mut self, frame: FrameRef, opened: &Opened) {
+        self.camera.move_to_frame(frame);
+        if !self.comparison.mode().has_photo() {
+            self.set_mode(ViewMode::PhotoWipe, opened);
+        }
+    }
+
+    pub fn move_to_keyframe(&mut self, moment: Keyframe) {
+        if self.comparison.mode().needs_frame() {
+            self.comparison.set_mode(ViewMode::Single);
+        }
+        self.camera.move_to_keyframe(moment);
+    }
+
+    pub fn compare_with(&mut self, path: PathBuf) -> std::io::Result<()> {
+        self.overlays.show_hint(format!("Reading {}…", path.display()));
+        self.comparison.read(path, &self.waker)
+    }
+
+    /// Shows a second model that was read since the last call, relative to the scene's local origin
+    /// `origin`. Returns its notices.
+    pub fn take_compared(&mut self, origin: DVec3) -> Vec<(NoticeKind, String)> {
+        let read = self.comparison.take_read(origin);
+        if read.is_some() {
+            self.overlays.clear_hint();
+        }
+        read.unwrap_or_default()
+    }
+
+    /// Previews an export beside the scene; `None` ends the preview.
+    pub fn preview_export(
+        &mut self,
+        choice: Option<ExportChoice>,
+        opened: &Opened,
+        state: RunState,
+    ) -> std::io::Result<()> {
+        let Some(choice) = choice else {
+            self.comparison.end_preview();
+            return Ok(());
+        };
+        let (frame, scene) = ((opened.home.up, opened.local_origin), self.palette.learned());
+        let is_training = state == RunState::Training;
+        let preview = &mut self.comparison.preview;
+        preview.request_conversion(choice, scene, frame, is_training, &self.waker)
+    }
+
+    /// Returns the current picture for a file: the scene alone, without comparison and overlays.
+    pub fn still(&self) -> Option<Still> {
+        let camera = self.camera.latest()?;
+        let shown = (camera, Area::FULL);
+        let request = self.comparison.picture_request(&self.settings, &self.camera, shown, None);
+        let splats = self.editor.displayed_splats(&self.palette).clone();
+        Some(Still { splats, camera, options: request.options })
+    }
+
+    /// Takes the splat clicked for inspection, once; `Some(None)` if there was none. A double click
+    /// moves the orbit centre to the clicked point instead.
+    pub fn take_picked(&mut self) -> Option<Option<u32>> {
+        let found = self.overlays.selection.take_picked()?;
+        let picked = found
+            .inspect_err(|panic| {
+                let text = panic.failure_notice("finding the splat under the pointer");
+                self.overlays.show_hint(text);
+            })
+            .ok()?;
+        if self.editor.displayed_past().is_some() && picked.purpose != PickPurpose::Pivot {
+            let text = "Only current splats can be inspected: return to them in the Edit tab";
+            self.overlays.show_hint(text);
+            return None;
+        }
+        if picked.purpose == PickPurpose::Select {
+            return Some(picked.splat);
+        }
+        let splat = self.editor.pickable_splats(&self.palette).get(picked.splat? as usize)?;
+        let point = surface_point(splat, &picked.camera, picked.pixel);
+        if picked.purpose == PickPurpose::Measure {
+            self.overlays.measure.set_pending_point(picked.splat?, point);
+            return Some(picked.splat);
+        }
+        self.camera.set_target(point, &picked.camera);
+        None
+    }
+
+    pub fn take_retained_state(&mut self) -> KeptView {
+        KeptView {
+            serial: self.serial,
+            camera: std::mem::take(&mut self.camera),
+            comparison: self.comparison.take_retained(),
+            measure: std::mem::take(&mut self.overlays.measure),
+            editor: std::mem::take(&mut self.editor),
+        }
+    }
+
+    /// Restores the state of the previous window; it is reset once another subject is open.
+    pub fn restore_retained_state(&mut self, kept: KeptView) {
+        (self.serial, self.camera, self.comparison) = (kept.serial, kept.camera, kept.comparison);
+        self.overlays.measure = kept.measure;
+        self.editor = kept.editor.without_scene();
+    }
+}
+
+/// View state that the next window restores if the same subject is open.
+pub struct KeptView {
+    serial: u64,
+    camera: Viewpoint,
+    comparison: Comparison,
+    measure: MeasureTool,
+    editor: Editor,
 }

@@ -1,16 +1,102 @@
-//! Painter of the viewport: a GPU, or the CPU if there is no real one.
+//! Painting of the scene: by a GPU, or by the CPU renderer on a thread of its own if there is no real GPU
+//! (`rendering.md`, Software adapters).
 
-use super::photo::PictureRequest;
-use crate::app::drawing::{DrawSample, Painting, ViewRenderer};
-use crate::app::software::{Effort, SoftwarePainter};
+use super::photo::{ComparedPicture, Partner, PictureRequest};
+use crate::app::drawing::{DrawHistory, DrawSample, DrawStage, Painting, ViewRenderer};
 use crate::app::splat_updates::SplatChange;
+use crate::app::view_thread::{Announce, ViewThread, one_thread, run_in};
 use crate::app::viewport;
 use crate::app::viewport::{GpuViewPainter, ViewPaintError, WindowDevice};
 use crate::app::worker::Waker;
+use crate::math::image::{RgbImage, unit_to_byte};
 use crate::model::splat::appearance::SplatSet;
-use eframe::egui::{Rect, Ui};
+use crate::render::compare::combine;
+use crate::render::cpu::CpuRenderer;
+use eframe::egui::{Color32, ColorImage, Pos2, Rect, TextureHandle, TextureOptions, Ui};
+use std::time::{Duration, Instant};
 
-/// Painter in use.
+const GPU_INTERVAL: Duration = Duration::from_millis(33);
+
+pub struct Painter {
+    painter: ViewPainter,
+    drawn: DrawHistory,
+    gpu_failed: bool,
+    /// Start of the last pass of the window.
+    passed_at: Instant,
+}
+
+impl Painter {
+    pub(super) fn new(painter: ViewPainter) -> Self {
+        let drawn = DrawHistory::new(painter.drawer());
+        Self { painter, drawn, gpu_failed: false, passed_at: Instant::now() }
+    }
+
+    /// True if the CPU draws although a GPU exists.
+    pub fn gpu_failed(&self) -> bool {
+        self.gpu_failed
+    }
+
+    pub fn note_gpu_failure(&mut self) {
+        self.gpu_failed = true;
+    }
+
+    pub fn drawn(&self) -> &DrawHistory {
+        &self.drawn
+    }
+
+    pub fn n_drawn(&self) -> usize {
+        match &self.painter {
+            ViewPainter::Gpu(painter) => painter.n_drawn(),
+            ViewPainter::Software(painter) => painter.n_drawn,
+        }
+    }
+
+    /// Applies a change; `splats` are all splats after it.
+    pub(super) fn change(&mut self, change: SplatChange, splats: &SplatSet) {
+        match &mut self.painter {
+            ViewPainter::Gpu(painter) => painter.change(change, splats),
+            ViewPainter::Software(painter) => painter.change(change),
+        }
+    }
+
+    /// Paints over `rect`; `effort` applies to the CPU only. After an error this painter is unusable.
+    pub(super) fn paint(
+        &mut self,
+        ui: &Ui,
+        rect: Rect,
+        request: &PictureRequest,
+        effort: Effort,
+        splats: &SplatSet,
+    ) -> Result<(), ViewPaintError> {
+        let sample = match &mut self.painter {
+            ViewPainter::Gpu(painter) => Some(painter.paint(ui, rect, request, splats)?),
+            ViewPainter::Software(painter) => painter.paint(ui, rect, request, effort),
+        };
+        sample.into_iter().for_each(|sample| self.drawn.push(sample));
+        Ok(())
+    }
+
+    /// Minimum time between two snapshots during training. Every snapshot repaints the window, which a
+    /// software adapter does on the cores that train.
+    pub fn snapshot_interval(&self) -> Duration {
+        match self.painter {
+            ViewPainter::Gpu(_) => GPU_INTERVAL,
+            ViewPainter::Software(_) => FOLLOW_INTERVAL,
+        }
+    }
+
+    /// Starts a pass of the window; returns the time to wait before it. egui redraws the whole window
+    /// on every pointer movement, much more often than the scene is rendered. `merges` these movements
+    /// while the camera moves during training.
+    pub(super) fn begin_pass(&mut self, merges: bool) -> Duration {
+        let is_paced = merges && matches!(self.painter, ViewPainter::Software(_));
+        let apart = if is_paced { pass_interval() } else { Duration::ZERO };
+        let pause = apart.saturating_sub(self.passed_at.elapsed());
+        self.passed_at = Instant::now() + pause;
+        pause
+    }
+}
+
 pub enum ViewPainter {
     /// Paints with `render::gpu`.
     Gpu(Box<GpuViewPainter>),
@@ -47,48 +133,189 @@ impl ViewPainter {
         }
     }
 
-    /// Creates a CPU painter.
     pub fn software(waker: &Waker) -> std::io::Result<Self> {
         Ok(Self::Software(Box::new(SoftwarePainter::new(waker.clone())?)))
     }
 
-    /// Device that draws.
     pub fn drawer(&self) -> ViewRenderer {
         match self {
             Self::Gpu(painter) => painter.drawer(),
             Self::Software(_) => ViewRenderer::Cpu,
         }
     }
+}
 
-    /// Applies a change; `splats` are all splats after it.
-    pub fn change(&mut self, change: SplatChange, splats: &SplatSet) {
-        match self {
-            Self::Gpu(painter) => painter.change(change, splats),
-            Self::Software(painter) => painter.change(change),
-        }
+/// Minimum time between two pictures that follow training.
+const FOLLOW_INTERVAL: Duration = Duration::from_millis(500);
+
+/// Minimum time between two passes of the window while the camera moves during training: 200 ms of
+/// one core, shared by all cores.
+///
+/// This is the whole rule that protects training, together with [`Effort::BesideTraining`]. A pass
+/// takes about 20 ms of a core and a picture twice that, so drawing takes a fifth of the cores.
+fn pass_interval() -> Duration {
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
+    Duration::from_millis(200) / cores
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Effort {
+    /// One thread at half resolution. Each picture is followed by a rest of twice its time, and pictures
+    /// that only follow training are at least [`FOLLOW_INTERVAL`] apart.
+    BesideTraining,
+    /// While the camera moves: all threads at half resolution.
+    Moving,
+    /// All threads at full resolution.
+    Full,
+}
+
+impl Effort {
+    /// Size of the picture relative to the viewport, per side.
+    fn scale(self) -> f64 {
+        if self == Self::Full { 1.0 } else { 0.5 }
+    }
+}
+
+struct Picture {
+    image: ColorImage,
+    /// Number of splats at that time, without empty slots.
+    n_drawn: usize,
+    took: Duration,
+}
+
+pub struct SoftwarePainter {
+    thread: ViewThread<(PictureRequest, Effort), Picture>,
+    texture: Option<TextureHandle>,
+    asked: Option<(PictureRequest, Effort)>,
+    asked_at: Instant,
+    took: Duration,
+    is_stale: bool,
+    n_drawn: usize,
+}
+
+impl SoftwarePainter {
+    fn new(waker: Waker) -> std::io::Result<Self> {
+        let mut renderer = CpuRenderer::new();
+        // In rayon's global pool a picture would use every core, including those of training.
+        let alone = one_thread()?;
+        let draw = move |splats: &SplatSet, (request, effort): (PictureRequest, Effort)| {
+            let started = Instant::now();
+            let pool = (effort == Effort::BesideTraining).then_some(&alone);
+            let picture = run_in(pool, || picture(&mut renderer, splats, &request, effort.scale()));
+            let took = started.elapsed();
+            let n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
+            Picture { image: texels(&picture), n_drawn, took }
+        };
+        Ok(Self {
+            thread: ViewThread::start("drawing", waker, draw)?,
+            texture: None,
+            asked: None,
+            asked_at: Instant::now(),
+            took: Duration::ZERO,
+            is_stale: true,
+            n_drawn: 0,
+        })
     }
 
-    /// Number of splats in the picture.
-    pub fn n_drawn(&self) -> usize {
-        match self {
-            Self::Gpu(painter) => painter.n_drawn(),
-            Self::Software(painter) => painter.n_drawn(),
-        }
+    fn change(&mut self, change: SplatChange) {
+        self.thread.change(change);
+        self.is_stale = true;
     }
 
-    /// Paints over `rect`; `effort` applies to the CPU only. Returns the timing of a new picture. After
-    /// an error this painter is unusable.
-    pub fn paint(
+    /// Paints the newest picture over the viewport and requests the next one if needed; until then the
+    /// last picture remains. Returns the timing of a new picture.
+    fn paint(
         &mut self,
         ui: &Ui,
         rect: Rect,
         request: &PictureRequest,
         effort: Effort,
-        splats: &SplatSet,
-    ) -> Result<Option<DrawSample>, ViewPaintError> {
-        match self {
-            Self::Gpu(painter) => painter.paint(ui, rect, request, splats).map(Some),
-            Self::Software(painter) => Ok(painter.paint(ui, rect, request, effort)),
+    ) -> Option<DrawSample> {
+        let drawn = self.thread.take().map(|Picture { image, n_drawn, took }| {
+            (self.n_drawn, self.took) = (n_drawn, took);
+            // Linear, because pictures made during training or motion are smaller.
+            match &mut self.texture {
+                Some(texture) => texture.set(image, TextureOptions::LINEAR),
+                None => {
+                    let texture = ui.ctx().load_texture("splats", image, TextureOptions::LINEAR);
+                    self.texture = Some(texture);
+                }
+            }
+            let ms = 1e3 * took.as_secs_f64();
+            // Counted by the performance test of orbiting (`tests/app/window.rs`).
+            tracing::debug!("picture: {ms:.1} ms");
+            let mut sample = DrawSample::new(0);
+            sample.add(DrawStage::Picture, Some(ms));
+            sample
+        });
+        self.request_picture(ui, request, effort);
+        // A picture without splats is not painted: it would only fill the cleared window again, which
+        // is expensive on a software adapter. A comparison may still show a photograph.
+        if let Some(texture) = &self.texture
+            && (self.n_drawn > 0 || request.second.is_some())
+        {
+            let uv = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
+            ui.painter().image(texture.id(), rect, uv, Color32::WHITE);
         }
+        drawn
     }
+
+    fn request_picture(&mut self, ui: &Ui, request: &PictureRequest, effort: Effort) {
+        let moved = self.asked.as_ref().is_none_or(|(asked, _)| asked != request);
+        let refine = self.asked.as_ref().is_none_or(|(_, asked)| asked.scale() != effort.scale());
+        if !(moved || refine || self.is_stale) || self.thread.is_busy() {
+            return; // a finished picture wakes the window, which tries again
+        }
+        let mut announce = Announce::Wake;
+        if effort == Effort::BesideTraining {
+            let mut apart = 3 * self.took;
+            // A moved camera and the first picture do not wait for training.
+            if !moved && self.n_drawn > 0 {
+                apart = apart.max(FOLLOW_INTERVAL);
+                // The next snapshot shows the picture: painting the window with a software adapter costs
+                // more than the picture, so it happens once per snapshot.
+                announce = Announce::Quietly;
+            }
+            let pause = apart.saturating_sub(self.asked_at.elapsed());
+            if !pause.is_zero() {
+                ui.ctx().request_repaint_after(pause);
+                return;
+            }
+        }
+        self.thread.send_request((request.clone(), effort), announce);
+        self.asked = Some((request.clone(), effort));
+        self.asked_at = Instant::now();
+        self.is_stale = false;
+    }
+}
+
+fn picture(
+    renderer: &mut CpuRenderer,
+    splats: &SplatSet,
+    request: &PictureRequest,
+    scale: f64,
+) -> RgbImage {
+    let mut camera = request.camera;
+    if scale != 1.0 {
+        camera.intrinsics = camera.intrinsics.scaled(scale);
+    }
+    let mut first = renderer.render(splats, &camera, &request.options).color;
+    if let Some(ComparedPicture { partner, area, how }) = &request.second {
+        let mut render = |splats, options| renderer.render(splats, &camera, options).color;
+        let other = match partner {
+            Partner::Splats(options) => &render(splats, options),
+            Partner::Model(model, options) => &render(&model.splats, options),
+            Partner::Photo(photo) => &**photo,
+        };
+        combine(&mut first, other, *area, *how);
+    }
+    first
+}
+
+fn texels(picture: &RgbImage) -> ColorImage {
+    let pixels = picture.data.iter().map(|&p| {
+        let [r, g, b] = p.map(unit_to_byte);
+        Color32::from_rgb(r, g, b)
+    });
+    ColorImage::new([picture.width, picture.height], pixels.collect())
 }

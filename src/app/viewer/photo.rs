@@ -5,7 +5,7 @@ use super::comparison::ComparedModel;
 use super::frame_refs::FrameRef;
 use super::measure::PixelStatusPainter;
 use crate::app::splat_updates::SplatChange;
-use crate::app::view_thread::{Announce, ViewThread};
+use crate::app::view_thread::{Announce, ViewThread, one_thread, run_in};
 use crate::app::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::surface::{SurfaceCounts, SurfaceSettings};
@@ -25,7 +25,6 @@ use std::time::{Duration, Instant};
 /// Minimum time between two measurements while the scene changes.
 const INTERVAL: Duration = Duration::from_millis(500);
 
-/// Photograph to show, and render settings of its measurement.
 #[derive(Clone, Debug)]
 pub struct PhotoQuery {
     pub frame: FrameRef,
@@ -35,7 +34,6 @@ pub struct PhotoQuery {
     pub prepared: Option<Arc<SurfaceSettings>>,
     /// Render settings; their background shows through transparent photographs.
     pub options: RenderOptions,
-    /// Second model to measure as well.
     pub compared: Option<Arc<ComparedModel>>,
 }
 
@@ -59,38 +57,27 @@ impl PhotoQuery {
     }
 }
 
-/// Photograph and what is known about it.
 #[derive(Clone, Debug)]
 pub struct PhotoResult {
     /// Photograph over the background, sRGB-encoded; with pixel status if requested.
     pub image: Arc<RgbImage>,
-    /// Number of pixels by status, if requested.
     pub pixel_counts: Option<SurfaceCounts>,
     /// PSNR of the scene against the photograph, dB, once measured.
     pub psnr: Option<f64>,
-    /// PSNR of the second model, dB, once measured.
     pub compared_psnr: Option<f64>,
 }
 
-/// Part of the result to compute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PhotoTask {
     /// Only the photograph, which is available at once.
     Show,
     /// PSNR, with one thread because training needs the others.
     MeasureAside,
-    /// PSNR, with all threads.
     Measure,
 }
 
-struct Answer {
-    query: PhotoQuery,
-    result: Result<PhotoResult, String>,
-}
-
-/// Client of the photograph thread.
 pub struct PhotoRequests {
-    thread: ViewThread<(PhotoQuery, PhotoTask), Answer>,
+    thread: ViewThread<(PhotoQuery, PhotoTask), (PhotoQuery, Result<PhotoResult, String>)>,
     query: Option<PhotoQuery>,
     result: Option<Result<PhotoResult, String>>,
     is_stale: bool,
@@ -98,7 +85,6 @@ pub struct PhotoRequests {
 }
 
 impl PhotoRequests {
-    /// Starts the thread with the current splats.
     pub fn new(waker: Waker, splats: Arc<SplatSet>) -> std::io::Result<Self> {
         let mut worker = PhotoWorker::new()?;
         let thread = ViewThread::start(
@@ -106,7 +92,7 @@ impl PhotoRequests {
             waker,
             move |splats: &SplatSet, (query, question)| {
                 let result = worker.compute_result(splats, &query, question);
-                Answer { query, result }
+                (query, result)
             },
         )?;
         thread.change(SplatChange::All(splats));
@@ -118,7 +104,6 @@ impl PhotoRequests {
         self.is_stale = true;
     }
 
-    /// Returns the known part of the result, and requests the rest.
     pub fn request_result(
         &mut self,
         ui: &Ui,
@@ -151,13 +136,13 @@ impl PhotoRequests {
     }
 
     fn take_answer(&mut self) {
-        let (Some(answer), Some(query)) = (self.thread.take(), &self.query) else { return };
+        let (Some((of, result)), Some(query)) = (self.thread.take(), &self.query) else { return };
         // The user may have moved on meanwhile.
-        if answer.query.is_same_measurement(query) {
-            if let Ok(PhotoResult { psnr: Some(psnr), .. }) = &answer.result {
+        if of.is_same_measurement(query) {
+            if let Ok(PhotoResult { psnr: Some(psnr), .. }) = &result {
                 tracing::debug!("photograph met with {psnr:.2} dB");
             }
-            self.result = Some(answer.result);
+            self.result = Some(result);
         }
     }
 
@@ -191,25 +176,17 @@ struct PhotoWorker {
     renderer: CpuRenderer,
     alone: rayon::ThreadPool,
     painter: PixelStatusPainter,
-    /// Photograph decoded last.
-    latest: Option<(PhotoQuery, Photo)>,
+    /// Photograph decoded last, without metrics.
+    latest: Option<(PhotoQuery, PhotoResult)>,
     /// PSNR of the second model, which does not change with the scene.
     latest_compared: Option<(PhotoQuery, f64)>,
 }
 
-#[derive(Clone)]
-struct Photo {
-    image: Arc<RgbImage>,
-    pixel_counts: Option<SurfaceCounts>,
-}
-
 impl PhotoWorker {
     fn new() -> std::io::Result<Self> {
-        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-        let alone = alone.map_err(std::io::Error::other)?;
         Ok(Self {
             renderer: CpuRenderer::new(),
-            alone,
+            alone: one_thread()?,
             painter: PixelStatusPainter::new(),
             latest: None,
             latest_compared: None,
@@ -222,9 +199,9 @@ impl PhotoWorker {
         query: &PhotoQuery,
         question: PhotoTask,
     ) -> Result<PhotoResult, String> {
-        let Photo { image, pixel_counts } = self.photo(query)?;
+        let photo = self.photo(query)?;
         if question == PhotoTask::Show {
-            return Ok(PhotoResult { image, pixel_counts, psnr: None, compared_psnr: None });
+            return Ok(photo);
         }
         let known = self.latest_compared.take();
         let known = known.filter(|(measured, _)| measured.is_same_measurement(query));
@@ -233,7 +210,7 @@ impl PhotoWorker {
             let color_camera = query.color_camera.as_ref();
             // With the model's own pose corrections, which differ between models.
             let camera = query.frame.photo_camera(color_camera, splats.finishing());
-            psnr(&renderer.render(splats, &camera, &query.options).color, &image)
+            psnr(&renderer.render(splats, &camera, &query.options).color, &photo.image)
         };
         let both = || {
             let scene = measure(splats)?;
@@ -244,16 +221,14 @@ impl PhotoWorker {
             };
             Ok((scene, compared))
         };
-        let measured = match question {
-            PhotoTask::MeasureAside => self.alone.install(both),
-            PhotoTask::Show | PhotoTask::Measure => both(),
-        };
+        let pool = (question == PhotoTask::MeasureAside).then_some(&self.alone);
+        let measured = run_in(pool, both);
         let (scene, compared_psnr) = measured.map_err(|error: MetricError| error.to_string())?;
         self.latest_compared = compared_psnr.map(|psnr| (query.clone(), psnr));
-        Ok(PhotoResult { image, pixel_counts, psnr: Some(scene), compared_psnr })
+        Ok(PhotoResult { psnr: Some(scene), compared_psnr, ..photo })
     }
 
-    fn photo(&mut self, query: &PhotoQuery) -> Result<Photo, String> {
+    fn photo(&mut self, query: &PhotoQuery) -> Result<PhotoResult, String> {
         // Decoded once: during training the same photograph is measured twice a second.
         if let Some((latest, photo)) = &self.latest
             && latest.is_same_photo(query)
@@ -271,42 +246,34 @@ impl PhotoWorker {
                 (image, Some(pixel_counts))
             }
         };
-        let photo = Photo { image: Arc::new(image), pixel_counts };
+        let image = Arc::new(image);
+        let photo = PhotoResult { image, pixel_counts, psnr: None, compared_psnr: None };
         self.latest = Some((query.clone(), photo.clone()));
         Ok(photo)
     }
 }
 
-/// Picture of the viewport.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureRequest {
     /// Camera of the whole viewport, in screen pixels.
     pub camera: Camera,
-    /// Render options of the scene.
     pub options: RenderOptions,
-    /// Picture that it is compared with, if any.
     pub second: Option<ComparedPicture>,
 }
 
-/// Second picture of a comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ComparedPicture {
-    /// Source of the second picture.
     pub partner: Partner,
     /// Part of the viewport that it fills.
     pub area: Area,
-    /// How the two pictures are combined.
     pub how: Combination,
 }
 
-/// Source of the second picture of a comparison.
 #[derive(Clone, Debug)]
 pub enum Partner {
     /// The same splats with other options.
     Splats(RenderOptions),
-    /// Another model.
     Model(Arc<ComparedModel>, RenderOptions),
-    /// The photograph taken by this camera.
     Photo(Arc<RgbImage>),
 }
 

@@ -10,36 +10,24 @@ use crate::render::{
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
-/// Range of the factor on splat sizes.
 pub const SCALES: RangeInclusive<f32> = 0.1..=3.0;
-/// Range of the gain of differences.
 pub const GAINS: RangeInclusive<f32> = 1.0..=64.0;
-/// Range of a pinhole's vertical field of view, degrees.
 pub const PINHOLE_FOV_DEG: RangeInclusive<f32> = 10.0..=150.0;
-/// Range of a fisheye's vertical field of view, degrees.
 pub const FISHEYE_FOV_DEG: RangeInclusive<f32> = 60.0..=360.0;
 
-/// Maximum memory of earlier states, MB.
 pub const MAX_PAST_MB: u32 = 4096;
 
-/// Background colour, sRGB.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Background {
-    /// Nearly black.
     Dark,
-    /// Middle grey.
     Grey,
-    /// White.
     White,
-    /// Black.
     Black,
-    /// Any colour, sRGB bytes.
     Custom([u8; 3]),
 }
 
 impl Background {
-    /// As sRGB bytes.
     pub fn rgb8(self) -> [u8; 3] {
         match self {
             Background::Dark => [23, 25, 31],
@@ -59,38 +47,28 @@ impl Background {
 /// Default latency budget of a frame: the interval of a camera with 30 frames per second.
 const FRAME_BUDGET_MS: f64 = 33.3;
 
-/// Settings of the viewport.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ViewSettings {
     /// Renderer; always the exact one with a fisheye.
     pub renderer: Renderer,
-    /// Antialiasing of thin splats by the exact renderer.
     pub antialias: Antialias,
-    /// Mapping from pixels to rays.
     pub lens: Lens,
     /// Vertical field of view of the pinhole, degrees; `None` uses that of the scene's camera.
     pub pinhole_fov_deg: Option<f32>,
-    /// Vertical field of view of the fisheye, degrees.
     pub fisheye_fov_deg: f32,
-    /// Factor on the splats' sizes.
     pub scale: f32,
     /// Minimum opacity of splats that are drawn.
     pub opacity_cut: f32,
-    /// Background colour.
     pub background: Background,
     /// Exposure of scenes whose cameras used automatic exposure. Beside a photograph the recorded
     /// exposure is always used.
     pub exposing: Exposing,
-    /// Gain of differences.
     pub difference_gain: f32,
     /// True if dataset cameras are drawn; before training they always are.
     pub shows_cameras: bool,
-    /// True if the points of the current frame are drawn.
     pub shows_points: bool,
-    /// True if the ground grid and the axes are drawn.
     pub shows_grid: bool,
-    /// True if exports are previewed before they are written.
     pub previews_export: bool,
     /// Frames between two measurements of held-out views during training; `None` measures at rest only.
     pub quality_every: Option<usize>,
@@ -160,7 +138,6 @@ impl ViewSettings {
         }
     }
 
-    /// Memory for earlier states of a scene in training, bytes.
     pub fn past_bytes(&self) -> usize {
         self.past_mb as usize * 1_000_000
     }
@@ -174,7 +151,6 @@ impl ViewSettings {
         }
     }
 
-    /// Render method of a renderer through a lens, with these settings.
     pub fn method(&self, renderer: Renderer, lens: Lens) -> RenderMethod {
         match renderer {
             Renderer::Projected => RenderMethod::PROJECTED,

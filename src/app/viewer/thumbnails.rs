@@ -1,119 +1,89 @@
-//! Thumbnails of photographs and depth, decoded lazily on a separate thread and stored as textures.
+//! Thumbnails of photographs and depth, decoded lazily in the background and stored as textures.
 //!
 //! Their number is bounded, so that memory does not grow with the dataset: the least recently used is
-//! dropped, but never one on screen. During training the thread rests for a multiple of the decoding
-//! time and does not wake the window, which takes finished thumbnails when it repaints anyway.
+//! dropped, but never one on screen. During training decoding rests, and it does not wake the window,
+//! which takes finished thumbnails when it repaints anyway.
 
 use super::frame_refs::FrameRef;
+use crate::app::view_thread::{RestingJob, one_thread};
 use crate::app::worker::Waker;
 use crate::dataset::depth::Depth;
 use crate::eval::report::quantile;
-use crate::pipeline::panic_report::PanicReport;
 use crate::render::finish::ramp;
 use eframe::egui::{Color32, ColorImage, Context, TextureHandle, TextureOptions};
+use rayon::ThreadPool;
 use std::collections::HashMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::time::{Duration, Instant};
 
 /// Longest side of a thumbnail, pixels.
 const MAX_SIDE: usize = 192;
-/// Maximum number of queued frames.
-const MAX_WAITING: usize = 4;
 /// Maximum number of stored frames, about 220 kB each: enough for the cameras in the viewport, a strip
 /// across a wide screen and a table of views.
 const MAX_KEPT: usize = 256;
-/// Rest after a frame during training, as a multiple of the decoding time: on two cores training slows
-/// down by half of 1/`REST`.
-const REST: u32 = 15;
-/// Interval at which a resting thread checks whether training still runs.
-const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Colour of depth pixels without a measurement.
 const HOLE: Color32 = Color32::from_gray(18);
 
-/// Requested part of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
     Photo,
     PhotoAndDepth,
 }
 
-/// Result of decoding a frame.
-struct Decoded {
-    position: (usize, usize),
-    photo: Option<ColorImage>,
-    depth: Option<ColorImage>,
+/// Pictures of a frame, or the reason why some are missing.
+struct Pictures<T> {
+    photo: Option<T>,
+    depth: Option<T>,
     problem: Option<String>,
 }
 
-/// Thumbnails of a frame.
 struct StoredThumbnails {
     /// Largest part requested so far.
     part: Part,
     /// Pass of the window that used it last.
     used_in: u64,
-    photo: Option<TextureHandle>,
-    depth: Option<TextureHandle>,
-    problem: Option<String>,
+    /// `None` until decoded.
+    pictures: Option<Pictures<TextureHandle>>,
 }
 
-/// Thumbnails of a frame, as far as decoded.
 #[derive(Clone, Copy, Default)]
 pub struct FramePictures<'a> {
-    /// Photograph.
     pub photo: Option<&'a TextureHandle>,
     /// Depth over its own range, from violet (near) to yellow (far).
     pub depth: Option<&'a TextureHandle>,
-    /// Reason why the frame cannot be decoded.
     pub problem: Option<&'a str>,
 }
 
-/// Thumbnails of one dataset.
 pub struct Thumbnails {
-    requests: SyncSender<(FrameRef, Part)>,
-    decoded: Receiver<Decoded>,
+    decoder: RestingJob<(usize, usize), Pictures<ColorImage>>,
+    /// One thread, so that decoding does not use all cores.
+    alone: Arc<ThreadPool>,
     kept: HashMap<(usize, usize), StoredThumbnails>,
-    /// Number of frames queued or being decoded.
-    n_waiting: usize,
     yields_cores: Arc<AtomicBool>,
+    waker: Waker,
 }
 
 impl Thumbnails {
-    /// Starts the thread, which ends when this value is dropped.
     pub fn start(waker: Waker) -> std::io::Result<Self> {
-        let (requests, inbox) = sync_channel(MAX_WAITING);
-        let (answers, decoded) = sync_channel(MAX_WAITING);
-        let stands_back = Arc::new(AtomicBool::new(false));
-        let flag = stands_back.clone();
-        // One thread, so that parallel decoders do not use all cores.
-        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-        let alone = alone.map_err(std::io::Error::other)?;
-        let work = move || {
-            serve(&inbox, &answers, &flag, &waker, |frame, part| {
-                alone.install(|| decode(frame, part))
-            })
+        let yields_cores = Arc::new(AtomicBool::new(false));
+        let flag = yields_cores.clone();
+        let wake_at_rest = move || {
+            if !flag.load(Ordering::Relaxed) {
+                waker();
+            }
         };
-        std::thread::Builder::new().name("thumbnails".into()).spawn(work)?;
         Ok(Self {
-            requests,
-            decoded,
+            decoder: RestingJob::default(),
+            alone: Arc::new(one_thread()?),
             kept: HashMap::new(),
-            n_waiting: 0,
-            yields_cores: stands_back,
+            yields_cores,
+            waker: Arc::new(wake_at_rest),
         })
     }
 
-    /// Sets whether the thread leaves the cores to training.
     pub fn set_yields_cores(&self, stands_back: bool) {
         // Relaxed: no other memory depends on the flag.
         self.yields_cores.store(stands_back, Ordering::Relaxed);
-    }
-
-    /// Number of stored frames.
-    pub fn n_kept(&self) -> usize {
-        self.kept.len()
     }
 
     /// Returns the thumbnail of a photograph if it is decoded; else requests it if `may_decode`.
@@ -126,7 +96,6 @@ impl Thumbnails {
         self.look_up(context, frame, may_decode.then_some(Part::Photo)).photo
     }
 
-    /// Returns the decoded thumbnails of photograph and depth; requests missing ones.
     pub fn pictures(&mut self, context: &Context, frame: &FrameRef) -> FramePictures<'_> {
         self.look_up(context, frame, Some(Part::PhotoAndDepth))
     }
@@ -147,32 +116,25 @@ impl Thumbnails {
         }
         let Some(kept) = self.kept.get_mut(&position) else { return FramePictures::default() };
         kept.used_in = pass;
-        FramePictures {
-            photo: kept.photo.as_ref(),
-            depth: kept.depth.as_ref(),
-            problem: kept.problem.as_deref(),
-        }
+        kept.pictures.as_ref().map_or_else(FramePictures::default, |pictures| FramePictures {
+            photo: pictures.photo.as_ref(),
+            depth: pictures.depth.as_ref(),
+            problem: pictures.problem.as_deref(),
+        })
     }
 
     fn request(&mut self, frame: &FrameRef, part: Part, pass: u64) {
         let position = frame.position();
         let is_new = !self.kept.contains_key(&position);
-        if self.n_waiting == MAX_WAITING || is_new && !self.make_room(pass) {
+        let is_ready = self.decoder.is_ready(self.yields_cores.load(Ordering::Relaxed));
+        if !is_ready || is_new && !self.make_room(pass) {
             return;
         }
-        match self.requests.try_send((frame.clone(), part)) {
-            Ok(()) => {
-                self.n_waiting += 1;
-                let new = StoredThumbnails {
-                    part,
-                    used_in: pass,
-                    photo: None,
-                    depth: None,
-                    problem: None,
-                };
-                self.kept.entry(position).or_insert(new).part = part;
-            }
-            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
+        let (alone, asked) = (self.alone.clone(), frame.clone());
+        let decode = move || alone.install(|| decode(&asked, part));
+        if self.decoder.start("thumbnails", position, self.waker.clone(), decode).is_ok() {
+            let new = StoredThumbnails { part, used_in: pass, pictures: None };
+            self.kept.entry(position).or_insert(new).part = part;
         }
     }
 
@@ -190,55 +152,36 @@ impl Thumbnails {
         }
     }
 
-    fn take(&mut self, context: &Context) {
-        while let Ok(Decoded { position, photo, depth, problem }) = self.decoded.try_recv() {
-            self.n_waiting = self.n_waiting.saturating_sub(1);
-            let load = |what: &str, image: ColorImage| {
-                let name = format!("{what} {position:?}");
-                context.load_texture(name, image, TextureOptions::LINEAR)
-            };
-            // A frame that was dropped meanwhile is no longer on screen.
-            if let Some(kept) = self.kept.get_mut(&position) {
-                kept.photo = photo.map(|image| load("photograph", image));
-                kept.depth = depth.map(|image| load("depth", image));
-                kept.problem = problem;
-            }
-        }
-    }
-}
-
-/// Decodes requests until the channel closes.
-fn serve(
-    inbox: &Receiver<(FrameRef, Part)>,
-    answers: &SyncSender<Decoded>,
-    stands_back: &AtomicBool,
-    waker: &Waker,
-    decode: impl Fn(&FrameRef, Part) -> Decoded,
-) {
-    while let Ok((frame, part)) = inbox.recv() {
-        let started = Instant::now();
-        // Caught, because without this thread no further thumbnail would ever appear.
-        let decoded = catch_unwind(AssertUnwindSafe(|| decode(&frame, part)));
-        let decoded = decoded.unwrap_or_else(|panic| Decoded {
-            position: frame.position(),
+    fn take_decoded(&mut self) -> Option<((usize, usize), Pictures<ColorImage>)> {
+        let (position, decoded) = self.decoder.take()?;
+        let pictures = decoded.unwrap_or_else(|panic| Pictures {
             photo: None,
             depth: None,
-            problem: Some(PanicReport::of(&*panic).failure_notice("decoding the frame")),
+            problem: Some(panic.failure_notice("decoding the frame")),
         });
-        let rest_until = Instant::now() + started.elapsed() * REST;
-        if answers.send(decoded).is_err() {
+        Some((position, pictures))
+    }
+
+    fn take(&mut self, context: &Context) {
+        let Some((position, Pictures { photo, depth, problem })) = self.take_decoded() else {
             return;
-        }
-        if !stands_back.load(Ordering::Relaxed) {
-            waker();
-        }
-        while stands_back.load(Ordering::Relaxed) && Instant::now() < rest_until {
-            std::thread::sleep(POLL_INTERVAL);
+        };
+        let load = |what: &str, image: ColorImage| {
+            let name = format!("{what} {position:?}");
+            context.load_texture(name, image, TextureOptions::LINEAR)
+        };
+        // A frame that was dropped meanwhile is no longer on screen.
+        if let Some(kept) = self.kept.get_mut(&position) {
+            kept.pictures = Some(Pictures {
+                photo: photo.map(|image| load("photograph", image)),
+                depth: depth.map(|image| load("depth", image)),
+                problem,
+            });
         }
     }
 }
 
-fn decode(frame: &FrameRef, part: Part) -> Decoded {
+fn decode(frame: &FrameRef, part: Part) -> Pictures<ColorImage> {
     let position = frame.position();
     let photo_alone = || {
         let color = frame.entry().load_color().map_err(|error| error.to_string());
@@ -262,11 +205,9 @@ fn decode(frame: &FrameRef, part: Part) -> Decoded {
             let size = [color.width, color.height];
             let photo = shrink(size, |column, row| *color.at(column, row));
             let depth = depth.as_ref().map(depth_picture);
-            Decoded { position, photo: Some(photo), depth, problem }
+            Pictures { photo: Some(photo), depth, problem }
         }
-        Err(error) => {
-            Decoded { position, photo: None, depth: None, problem: problem.or(Some(error)) }
-        }
+        Err(error) => Pictures { photo: None, depth: None, problem: problem.or(Some(error)) },
     }
 }
 
@@ -324,6 +265,7 @@ mod tests {
     use crate::dataset::depth::{DepthCodes, DepthKind};
     use crate::math::image::Image;
     use crate::pipeline::start;
+    use std::time::{Duration, Instant};
 
     #[test]
     fn thumbnails_keep_shape_and_mean() {
@@ -355,23 +297,29 @@ mod tests {
         assert_eq!(depth_picture(&depth).pixels, [HOLE; 4]);
     }
 
+    fn wait_for_decoded(thumbnails: &mut Thumbnails) -> Pictures<ColorImage> {
+        let started = Instant::now();
+        loop {
+            if let Some((_, decoded)) = thumbnails.take_decoded() {
+                return decoded;
+            }
+            assert!(started.elapsed() < Duration::from_secs(60), "nothing is decoded");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
     #[test]
     fn a_frame_whose_decoding_panics_is_told_and_the_next_one_is_decoded() {
         let dataset = start::dataset().unwrap();
         let frame = FrameRef::first(&dataset).unwrap();
-        let (requests, inbox) = sync_channel(2);
-        let (answers, decoded) = sync_channel(2);
-        requests.send((frame.clone(), Part::PhotoAndDepth)).unwrap();
-        requests.send((frame, Part::Photo)).unwrap();
-        drop(requests);
-        let waker: Waker = Arc::new(|| {});
-        serve(&inbox, &answers, &AtomicBool::new(false), &waker, |frame, part| {
-            assert!(part == Part::Photo, "injected into decoding");
-            decode(frame, part)
-        });
-        let problem = decoded.recv().unwrap().problem.unwrap();
+        let mut thumbnails = Thumbnails::start(Arc::new(|| {})).unwrap();
+        let waker = thumbnails.waker.clone();
+        let panics = || -> Pictures<ColorImage> { panic!("injected into decoding") };
+        thumbnails.decoder.start("test", frame.position(), waker, panics).unwrap();
+        let problem = wait_for_decoded(&mut thumbnails).problem.unwrap();
         assert!(problem.contains("injected into decoding"), "{problem}");
-        assert!(decoded.recv().unwrap().photo.is_some());
+        thumbnails.request(&frame, Part::Photo, 1);
+        assert!(wait_for_decoded(&mut thumbnails).photo.is_some());
     }
 
     /// Simulates scrolling past every frame of a long recording.
@@ -380,21 +328,16 @@ mod tests {
         let dataset = start::dataset().unwrap();
         let frame = FrameRef::first(&dataset).unwrap();
         let mut thumbnails = Thumbnails::start(Arc::new(|| {})).unwrap();
-        let kept = |used_in| StoredThumbnails {
-            part: Part::PhotoAndDepth,
-            used_in,
-            photo: None,
-            depth: None,
-            problem: None,
-        };
+        let kept =
+            |used_in| StoredThumbnails { part: Part::PhotoAndDepth, used_in, pictures: None };
         thumbnails.kept = (0..MAX_KEPT).map(|i| ((7, i), kept(10 + i as u64))).collect();
         thumbnails.request(&frame, Part::PhotoAndDepth, 10);
         assert!(!thumbnails.kept.contains_key(&frame.position()), "all of them are on screen");
         thumbnails.request(&frame, Part::PhotoAndDepth, 12);
         assert!(thumbnails.kept.contains_key(&frame.position()));
         assert!(!thumbnails.kept.contains_key(&(7, 0)), "the least recently used one");
-        assert_eq!(thumbnails.n_kept(), MAX_KEPT);
-        let decoded = thumbnails.decoded.recv_timeout(Duration::from_secs(60)).unwrap();
+        assert_eq!(thumbnails.kept.len(), MAX_KEPT);
+        let decoded = wait_for_decoded(&mut thumbnails);
         assert!(decoded.photo.is_some() && decoded.depth.is_some() && decoded.problem.is_none());
     }
 }

@@ -26,7 +26,7 @@ pub fn ui(
         renderers(view, ui);
         ui.separator();
         asked = modes(view, opened, ui);
-        if view.mode.is_difference() {
+        if view.comparison.mode().is_difference() {
             let gain = DragValue::new(&mut view.settings.difference_gain)
                 .range(GAINS)
                 .speed(0.2)
@@ -38,20 +38,34 @@ pub fn ui(
         ui.separator();
         colors(view, opened, ui);
         ui.separator();
-        ui.menu_button(lens_label(view.settings.lens), |ui| {
-            let own_fov_deg = view.own_fov_deg();
-            lens(&mut view.settings, own_fov_deg, ui);
-        })
-        .response
-        .on_hover_text("Lens and field of view");
+        let label = match view.settings.lens {
+            Lens::Pinhole => "Pinhole",
+            Lens::Fisheye => "Fisheye",
+        };
+        let own_fov_deg = view.camera.own_fov_deg();
+        ui.menu_button(label, |ui| lens(&mut view.settings, own_fov_deg, ui))
+            .response
+            .on_hover_text("Lens and field of view");
         ui.separator();
-        asked = overlays(view, snapshot, ui).or(asked);
+        for (command, is_on) in [
+            (UiCommand::Cameras, view.settings.shows_cameras),
+            (UiCommand::Points, view.settings.shows_points),
+            (UiCommand::Grid, view.settings.shows_grid),
+            (UiCommand::Measure, view.overlays.is_measuring()),
+        ] {
+            asked = toggle(command, is_on, snapshot, ui).or(asked);
+        }
         if opened.dataset.is_some() {
             ui.separator();
             asked = cameras(view, snapshot, ui).or(asked);
         }
     });
     asked
+}
+
+fn toggle(command: UiCommand, is_on: bool, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
+    let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
+    command_button(command, is_on, why_not, ui).then_some(command)
 }
 
 fn renderers(view: &mut SceneView, ui: &mut Ui) {
@@ -69,24 +83,25 @@ fn renderers(view: &mut SceneView, ui: &mut Ui) {
     }
 }
 
-/// Draws the comparison menu; returns a command about the second model.
 fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
+    let shown = view.comparison.mode();
     ComboBox::from_id_salt("view mode")
         .width(150.0)
         .height(MENU)
-        .selected_text(view.mode.label())
+        .selected_text(shown.label())
         .show_ui(ui, |ui| {
             for mode in ViewMode::ALL {
                 let why_not = view.mode_unavailable_reason(mode, opened);
-                if entry(view.mode == mode, [mode.label(), mode.tooltip()], why_not, ui) {
+                if entry(shown == mode, [mode.label(), mode.tooltip()], why_not, ui) {
                     view.set_mode(mode, opened);
                 }
             }
             ui.separator();
             for command in [UiCommand::CompareModel, UiCommand::RemoveModel] {
                 let removes = command == UiCommand::RemoveModel;
-                let why_not = removes.then(|| view.remove_unavailable_reason()).flatten();
+                let why_not =
+                    removes.then(|| view.comparison.remove_unavailable_reason()).flatten();
                 if entry(false, [command.label(), command.tooltip()], why_not, ui) {
                     asked = Some(command);
                 }
@@ -114,39 +129,9 @@ fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
         .on_hover_text("Colour mode");
 }
 
-fn lens_label(lens: Lens) -> &'static str {
-    match lens {
-        Lens::Pinhole => "Pinhole",
-        Lens::Fisheye => "Fisheye",
-    }
-}
-
-fn overlays(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
-    let mut asked = None;
-    for (command, is_on) in [
-        (UiCommand::Cameras, view.settings.shows_cameras),
-        (UiCommand::Points, view.settings.shows_points),
-        (UiCommand::Grid, view.settings.shows_grid),
-        (UiCommand::Measure, view.is_measuring()),
-    ] {
-        let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
-        if command_button(command, is_on, why_not, ui) {
-            asked = Some(command);
-        }
-    }
-    asked
-}
-
 fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
-    let mut asked = None;
-    let mut button = |ui: &mut Ui, command: UiCommand, is_on: bool| {
-        let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
-        if command_button(command, is_on, why_not, ui) {
-            asked = Some(command);
-        }
-    };
-    button(ui, UiCommand::PreviousCamera, false);
-    match view.frame_ref() {
+    let mut asked = toggle(UiCommand::PreviousCamera, false, snapshot, ui);
+    match view.camera.frame_ref() {
         Some(frame) => {
             let text = format!("Camera {} of {}", frame.number() + 1, frame.n_frames());
             let (name, split) = (&frame.entry().name, &frame.split().name);
@@ -158,13 +143,16 @@ fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComma
             ui.add(Label::new(RichText::new("Free camera").weak()).extend());
         }
     }
-    button(ui, UiCommand::NextCamera, false);
-    button(ui, UiCommand::ComparePhoto, view.mode.has_photo());
-    button(ui, UiCommand::AutoCamera, view.is_guided());
+    for (command, is_on) in [
+        (UiCommand::NextCamera, false),
+        (UiCommand::ComparePhoto, view.comparison.mode().has_photo()),
+        (UiCommand::AutoCamera, view.camera.is_guided()),
+    ] {
+        asked = toggle(command, is_on, snapshot, ui).or(asked);
+    }
     asked
 }
 
-/// Comparison mode: one picture, or two as a wipe or a difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ViewMode {
     #[default]
@@ -190,27 +178,22 @@ labelled! { ViewMode:
 }
 
 impl ViewMode {
-    /// True if the mode shows a photograph.
     pub fn has_photo(self) -> bool {
         matches!(self, ViewMode::PhotoWipe | ViewMode::PhotoDifference)
     }
 
-    /// True if the mode shows a second model.
     pub fn has_model(self) -> bool {
         matches!(self, ViewMode::ModelWipe | ViewMode::ModelDifference)
     }
 
-    /// True if the mode needs a dataset camera.
     pub fn needs_frame(self) -> bool {
         self.has_photo() || self == ViewMode::Preparation
     }
 
-    /// True if the mode shows a difference.
     pub fn is_difference(self) -> bool {
         matches!(self, ViewMode::Difference | ViewMode::PhotoDifference | ViewMode::ModelDifference)
     }
 
-    /// Reason why the mode is unavailable, if it is.
     pub fn unavailable_reason(
         self,
         lens: Lens,

@@ -3,26 +3,22 @@
 //! egui draws them, not the renderers: they are few, they must be crisp, and the renderers must remain
 //! what `eval` measures. Splats do not occlude them.
 
-use super::SceneView;
+use super::viewpoint::Viewpoint;
 use crate::math::camera::Camera;
 use eframe::egui::{
     Align2, Color32, FontId, Id, Mesh, Painter, Pos2, Rect, Role, Sense, Shape, Stroke, TextureId,
     Ui, Vec2, WidgetInfo,
 };
 use glam::{DMat3, DVec3};
-use std::time::Instant;
 
 /// Near plane, as a share of the scene's radius.
 const NEAR: f64 = 1e-3;
-/// Side of the square that marks a point, window points.
 const POINT: f32 = 2.0;
 /// Subdivisions of a picture along each side, because egui's triangles lack perspective correction.
 const PIECES: usize = 4;
 
-/// Draws shapes given in world coordinates into the viewport.
 pub struct WorldPainter {
     painter: Painter,
-    /// Rotation from world to camera.
     rotation: DMat3,
     translation: DVec3,
     focal: [f64; 2],
@@ -50,7 +46,6 @@ impl WorldPainter {
         }
     }
 
-    /// egui's painter, clipped to the viewport.
     pub fn painter(&self) -> &Painter {
         &self.painter
     }
@@ -77,7 +72,6 @@ impl WorldPainter {
         self.painter.line_segment([self.on_screen(a), self.on_screen(b)], stroke);
     }
 
-    /// Draws small squares at points, each in its colour.
     pub fn points(&self, points: &[(DVec3, Color32)]) {
         let mut mesh = Mesh::default();
         for &(point, color) in points {
@@ -116,6 +110,25 @@ impl WorldPainter {
         self.painter.add(Shape::mesh(mesh));
     }
 
+    /// Draws the ground grid through the origin, and the axes. The cell size is a power of ten near 0.2
+    /// `radius`; `radius` is the scene's, world units.
+    pub fn grid(&self, up: DVec3, radius: f64) {
+        let cell = 10f64.powf((0.2 * radius).log10().round());
+        let across = up.any_orthonormal_vector();
+        let along = up.cross(across);
+        let reach = f64::from(CELLS) * cell;
+        for i in -CELLS..=CELLS {
+            let offset = f64::from(i) * cell;
+            for (a, b) in [(across, along), (along, across)] {
+                let stroke = Stroke::new(if i % 5 == 0 { 1.0 } else { 0.5 }, GRID);
+                self.line([a * offset - b * reach, a * offset + b * reach], stroke);
+            }
+        }
+        for (axis, _, color) in AXES {
+            self.line([DVec3::ZERO, axis * cell * 5.0], Stroke::new(2.0, color));
+        }
+    }
+
     fn in_camera(&self, world: DVec3) -> DVec3 {
         self.rotation * world + self.translation
     }
@@ -136,20 +149,18 @@ const AXES: [(DVec3, &str, Color32); 3] = [
 /// Length of an arm, and offset of the gizmo from the viewport's upper right corner, points.
 const ARM: f32 = 26.0;
 const PLACE: Vec2 = Vec2::new(-46.0, 84.0);
-/// Radius of an arm's end, points.
 const KNOB: f32 = 8.0;
 const GRID: Color32 = Color32::from_gray(90);
 /// Grid cells on either side of the origin.
 const CELLS: i32 = 10;
 
-impl SceneView {
+impl Viewpoint {
     /// Draws the axis gizmo. A click on an end moves the camera onto that axis; a right click makes
     /// that axis point up.
     pub(super) fn gizmo(&mut self, ui: &Ui, rect: Rect) {
-        let (Some(camera), viewport) = (&mut self.camera, self.viewport) else { return };
-        let (from_world, _) = camera.camera(viewport).pose.inverse();
+        let Some(from_world) = self.rotation_from_world() else { return };
         let centre = rect.right_top() + PLACE;
-        let up = camera.up();
+        let up = self.up();
         let mut ends: Vec<(DVec3, &str, Color32, DVec3)> = AXES
             .iter()
             .flat_map(|&(axis, name, color)| [(axis, name, color), (-axis, "", color)])
@@ -177,32 +188,8 @@ impl SceneView {
                 asked = Some((axis, true));
             }
         }
-        match asked {
-            None => return,
-            Some((axis, true)) => camera.set_up(axis),
-            Some((axis, false)) => camera.set_view_direction(-axis),
-        }
-        self.guide = None;
-        self.moved_at = Instant::now();
-    }
-
-    /// Draws the ground grid through the origin, and the axes. The cell size is a power of ten near 0.2
-    /// `radius`; `radius` is the scene's, world units.
-    pub(super) fn grid(&self, world: &WorldPainter, radius: f64) {
-        let Some(up) = self.camera.map(|camera| camera.up()) else { return };
-        let cell = 10f64.powf((0.2 * radius).log10().round());
-        let across = up.any_orthonormal_vector();
-        let along = up.cross(across);
-        let reach = f64::from(CELLS) * cell;
-        for i in -CELLS..=CELLS {
-            let offset = f64::from(i) * cell;
-            for (a, b) in [(across, along), (along, across)] {
-                let stroke = Stroke::new(if i % 5 == 0 { 1.0 } else { 0.5 }, GRID);
-                world.line([a * offset - b * reach, a * offset + b * reach], stroke);
-            }
-        }
-        for (axis, _, color) in AXES {
-            world.line([DVec3::ZERO, axis * cell * 5.0], Stroke::new(2.0, color));
+        if let Some((axis, is_up)) = asked {
+            self.apply_axis(axis, is_up);
         }
     }
 }

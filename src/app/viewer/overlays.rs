@@ -1,0 +1,185 @@
+//! Tools and drawings over the picture: dataset cameras, points of a frame, measuring, picking, hints.
+
+use super::editing::EditTool;
+use super::frame_points::FramePoints;
+use super::frame_refs::FrameRef;
+use super::measure::{MeasureTool, MeasuredLength};
+use super::thumbnails::Thumbnails;
+use super::world_painter::WorldPainter;
+use crate::app::selection::SplatSelection;
+use crate::app::state::{Opened, RunState, Snapshot};
+use crate::app::worker::Waker;
+use crate::math::camera::Camera;
+use crate::model::splat::appearance::Finishing;
+use eframe::egui::{Color32, Stroke, Ui};
+use glam::DVec3;
+use std::time::{Duration, Instant};
+
+/// Maximum number of cameras drawn, evenly subsampled; more would hide each other.
+const MAX_CAMERAS: usize = 60;
+/// Length of a frustum, in scene radii.
+const LENGTH: f64 = 0.25;
+/// Colours of frames not yet trained, of trained frames, and of the one trained last.
+const AHEAD: Color32 = Color32::from_rgb(120, 150, 190);
+const DONE: Color32 = Color32::from_rgb(110, 200, 120);
+const LATEST: Color32 = Color32::from_rgb(255, 170, 60);
+const HINT: Duration = Duration::from_secs(5);
+
+#[derive(Default)]
+pub struct Overlays {
+    pub(super) measure: MeasureTool,
+    pub(super) selection: SplatSelection,
+    pub(super) edit: EditTool,
+    points: FramePoints,
+    /// Serial of the dataset, and its thumbnails.
+    thumbnails: Option<(u64, Thumbnails)>,
+    hint: Option<(String, Instant)>,
+}
+
+impl Overlays {
+    pub(super) fn reset_for_subject(&mut self) {
+        self.measure = MeasureTool::default();
+        self.selection = SplatSelection::default();
+        self.points = FramePoints::default();
+    }
+
+    /// True if clicks measure.
+    pub fn is_measuring(&self) -> bool {
+        self.measure.is_on
+    }
+
+    pub fn n_measured(&self) -> usize {
+        self.measure.n_ends()
+    }
+
+    pub fn measured(&self) -> Option<MeasuredLength> {
+        self.measure.length()
+    }
+
+    pub(super) fn show_hint(&mut self, text: impl Into<String>) {
+        self.hint = Some((text.into(), Instant::now()));
+    }
+
+    pub(super) fn clear_hint(&mut self) {
+        self.hint = None;
+    }
+
+    pub(super) fn hint(&self, ui: &Ui) -> Option<&str> {
+        let (text, since) = self.hint.as_ref()?;
+        let left = HINT.saturating_sub(since.elapsed());
+        if left.is_zero() {
+            return None;
+        }
+        // egui does not repaint without input, so the hint would stay.
+        ui.ctx().request_repaint_after(left);
+        Some(text)
+    }
+
+    pub(super) fn thumbnails(&mut self, opened: &Opened, waker: &Waker) -> Option<&mut Thumbnails> {
+        if self.thumbnails.as_ref().is_none_or(|(serial, _)| *serial != opened.serial) {
+            let started = Thumbnails::start(waker.clone());
+            // The view works without thumbnails, so the error is dropped.
+            self.thumbnails = started.ok().map(|thumbnails| (opened.serial, thumbnails));
+        }
+        self.thumbnails.as_mut().map(|(_, thumbnails)| thumbnails)
+    }
+
+    pub(super) fn draw_cameras(
+        &mut self,
+        ui: &Ui,
+        world: &WorldPainter,
+        (opened, snapshot): (&Opened, &Snapshot),
+        waker: &Waker,
+    ) {
+        let Some(plan) = &opened.plan else { return };
+        let n = plan.frames.len();
+        let latest = snapshot.recent.last().map(|frame| frame.index);
+        let stride = n.div_ceil(MAX_CAMERAS).max(1);
+        let length = LENGTH * opened.home.radius;
+        // During training the cores are needed for training, not for thumbnails.
+        let may_decode = snapshot.state != RunState::Training;
+        for position in (0..n).step_by(stride).chain(latest) {
+            let Some(frame) = FrameRef::trained(opened, position) else { continue };
+            let color = match latest {
+                Some(latest) if latest == position => LATEST,
+                Some(latest) if position < latest => DONE,
+                _ => AHEAD,
+            };
+            let thumbnails = self.thumbnails(opened, waker);
+            draw_frustum(ui, world, &frame, length, color, thumbnails.map(|t| (t, may_decode)));
+        }
+    }
+
+    /// Number of the frame whose points are drawn, among all frames, and the number of its points.
+    pub fn points_shown(&self) -> Option<(usize, usize)> {
+        let (frame, points) = self.points.displayed()?;
+        Some((frame.number(), points.as_ref().map_or(0, Vec::len)))
+    }
+
+    pub(super) fn clear_points(&mut self) {
+        self.points = FramePoints::default();
+    }
+
+    /// Draws the points of the frame in view, else of the one trained last, else of the first; until they
+    /// are decoded, those of the previous one. The scene corrects their pose.
+    pub(super) fn draw_points(
+        &mut self,
+        world: &WorldPainter,
+        in_view: Option<&FrameRef>,
+        (opened, snapshot): (&Opened, &Snapshot),
+        scene: &Finishing,
+        waker: &Waker,
+    ) {
+        self.points.take_decoded();
+        let latest = snapshot.recent.last().map_or(0, |frame| frame.index);
+        if let Some(frame) = in_view.cloned().or_else(|| FrameRef::trained(opened, latest)) {
+            let cameras = (scene.corrected_pose(&frame.entry().camera.pose), opened.color_camera());
+            let is_training = snapshot.state == RunState::Training;
+            if let Err(error) = self.points.request_decoding(frame, cameras, is_training, waker) {
+                self.show_hint(format!(
+                    "Starting the thread that decodes the frame failed: {error}"
+                ));
+            }
+        }
+        match self.points.displayed() {
+            None => {}
+            Some((_, Ok(points))) => world.points(points),
+            Some((_, Err(problem))) => self.hint = Some((problem.clone(), Instant::now())),
+        }
+    }
+}
+
+fn draw_frustum(
+    ui: &Ui,
+    world: &WorldPainter,
+    frame: &FrameRef,
+    length: f64,
+    color: Color32,
+    thumbnails: Option<(&mut Thumbnails, bool)>,
+) {
+    let camera = frame.entry().photo_camera(None);
+    let corners = corners(&camera, length);
+    let apex = camera.pose.centre();
+    let known = thumbnails.and_then(|(thumbnails, may_decode)| {
+        thumbnails.get(ui.ctx(), frame, may_decode).map(|texture| texture.id())
+    });
+    if let Some(texture) = known {
+        let [top_left, top_right, _, bottom_left] = corners;
+        world.picture([top_left, top_right, bottom_left], texture, Color32::WHITE);
+    }
+    let stroke = Stroke::new(1.0, color);
+    for (i, &corner) in corners.iter().enumerate() {
+        world.line([apex, corner], stroke);
+        world.line([corner, corners[(i + 1) % corners.len()]], stroke);
+    }
+}
+
+/// Corners of the image at a depth, clockwise from the upper left, world coordinates.
+fn corners(camera: &Camera, depth: f64) -> [DVec3; 4] {
+    let k = &camera.intrinsics;
+    let [width, height] = [k.width, k.height].map(f64::from);
+    [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(|[x, y]| {
+        let ray = DVec3::new((x - k.cx) / k.fx, (y - k.cy) / k.fy, 1.0);
+        camera.pose.transform_point(ray * depth)
+    })
+}

@@ -1,0 +1,492 @@
+//! Camera of the view: steered by pointer and keys, placed at dataset cameras or path keyframes, or guided
+//! by training.
+//!
+//! A guided camera shows all dataset cameras before training, the camera of the latest frame during
+//! training, and the whole scene at the end. Steering by the user ends it, the Ride along command starts it
+//! again. It moves with the snapshots, without animation: pictures in between would take CPU time from
+//! training if no GPU draws.
+
+use super::frame_refs::{Direction, FrameRef, fit};
+use super::settings::ViewSettings;
+use crate::app::camera::ViewCamera;
+use crate::app::opening::FileProposal;
+use crate::app::state::{Opened, RunState, Snapshot, Source};
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::camera_path::{CameraPath, Keyframe};
+use crate::model::splat::framing::Framing;
+use crate::render::Lens;
+use crate::render::compare::Area;
+use eframe::egui::{Key, PointerButton, Response, Ui};
+use glam::{DMat3, DVec3};
+use std::time::{Duration, Instant};
+
+const TURNTABLE_S: f64 = 12.0;
+/// Time after the last movement until the picture is refined.
+pub(super) const SETTLE: Duration = Duration::from_millis(150);
+
+/// Position of the view and what moves it; restored after a temporary visit.
+#[derive(Clone)]
+pub struct Place {
+    position: ViewPosition,
+    /// Stage of a guided camera; `None` once the user has steered.
+    guide: Option<GuideStage>,
+    /// Dataset camera visited last, from which stepping continues.
+    latest_frame: Option<FrameRef>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum ViewPosition {
+    Free,
+    At(FrameRef),
+    Along(Keyframe),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum GuideStage {
+    /// Nothing of the subject is shown yet.
+    Start,
+    /// All cameras of the dataset.
+    Overview,
+    /// Camera of the frame at this position in training order.
+    Frame(usize),
+    End,
+}
+
+pub(super) type PhotoCamera<'a> = &'a dyn Fn(&FrameRef) -> Camera;
+
+pub struct Viewpoint {
+    /// Freely steered camera; `None` while nothing is open.
+    steered: Option<ViewCamera>,
+    place: Place,
+    is_flying: bool,
+    /// Files of the subject whose camera is retained if it is opened again.
+    retained_for: Option<FileProposal>,
+    size: [u32; 2],
+    /// Camera of the latest picture.
+    latest: Option<Camera>,
+    moved_at: Instant,
+}
+
+impl Default for Viewpoint {
+    fn default() -> Self {
+        let guide = Some(GuideStage::Start);
+        Self {
+            steered: None,
+            place: Place { position: ViewPosition::Free, guide, latest_frame: None },
+            is_flying: false,
+            retained_for: None,
+            size: [1, 1],
+            latest: None,
+            moved_at: Instant::now(),
+        }
+    }
+}
+
+impl Viewpoint {
+    /// Starts at the home view of another subject, unless its camera was retained.
+    pub(super) fn reset_for_subject(&mut self, opened: &Opened) {
+        self.place.latest_frame = None;
+        if self.retained_for.take().is_none_or(|kept| kept != opened.files) {
+            self.go_home(opened);
+            self.place.guide = Some(GuideStage::Start);
+        }
+    }
+
+    /// Retains the camera when the same files are opened again, once.
+    pub fn retain_for(&mut self, opened: &Opened) {
+        self.retained_for = Some(opened.files.clone());
+    }
+
+    pub fn frame_ref(&self) -> Option<&FrameRef> {
+        match &self.place.position {
+            ViewPosition::Free | ViewPosition::Along(_) => None,
+            ViewPosition::At(frame) => Some(frame),
+        }
+    }
+
+    pub fn is_free(&self) -> bool {
+        self.place.position == ViewPosition::Free
+    }
+
+    pub fn is_along(&self) -> bool {
+        matches!(self.place.position, ViewPosition::Along(_))
+    }
+
+    pub fn is_guided(&self) -> bool {
+        self.place.guide.is_some()
+    }
+
+    /// True while keys fly the camera; held keys then trigger no commands.
+    pub fn is_flying(&self) -> bool {
+        self.is_flying
+    }
+
+    pub(super) fn is_moving(&self) -> bool {
+        self.moved_at.elapsed() < SETTLE
+    }
+
+    /// Counts a change of the picture as a movement.
+    pub(super) fn note_movement(&mut self) {
+        self.moved_at = Instant::now();
+    }
+
+    pub fn size_px(&self) -> [u32; 2] {
+        self.size
+    }
+
+    pub(super) fn set_size(&mut self, size: [u32; 2]) {
+        self.size = size;
+    }
+
+    /// Centre of the steered camera, world units; `None` while nothing is open.
+    pub fn eye(&self) -> Option<DVec3> {
+        self.steered.map(|camera| camera.camera(self.size).pose.centre())
+    }
+
+    /// Orbit centre of the camera, world units; `None` while nothing is open.
+    pub fn target(&self) -> Option<DVec3> {
+        self.steered.map(|camera| camera.target())
+    }
+
+    pub fn up(&self) -> DVec3 {
+        self.steered.map_or(DVec3::Z, |camera| camera.up())
+    }
+
+    pub(super) fn rotation_from_world(&self) -> Option<DMat3> {
+        self.steered.map(|camera| camera.camera(self.size).pose.inverse().0)
+    }
+
+    pub fn own_fov_deg(&self) -> f32 {
+        self.steered.map_or(45.0, |camera| camera.own_fov_y().to_degrees() as f32)
+    }
+
+    /// Scene radius, and distance of a camera from the scene's centre, world units.
+    pub(super) fn extent(&self, camera: &Camera) -> (f64, f64) {
+        self.steered.map_or((1.0, 1.0), |view| (view.radius(), view.distance_to_middle(camera)))
+    }
+
+    pub(super) fn latest(&self) -> Option<Camera> {
+        self.latest
+    }
+
+    pub fn keyframe(&self) -> Option<Keyframe> {
+        let Camera { intrinsics, pose } = self.latest?;
+        Some(Keyframe { time: 0.0, pose, fov_y: intrinsics.fov_y() })
+    }
+
+    /// Path of one revolution about the orbit centre, from the current camera.
+    pub fn turntable(&self) -> Option<CameraPath> {
+        let fov_y = self.keyframe()?.fov_y;
+        Some(CameraPath::turntable(&self.steered?.orbit(), fov_y, TURNTABLE_S))
+    }
+
+    /// Returns the camera of the whole viewport, and the area that a photograph would fill.
+    pub(super) fn camera_now(
+        &mut self,
+        settings: &ViewSettings,
+        photo_camera: PhotoCamera<'_>,
+    ) -> Option<(Camera, Area)> {
+        let (steered, size) = (self.steered.as_mut()?, self.size);
+        let fov_deg = match settings.lens {
+            Lens::Pinhole => settings.pinhole_fov_deg,
+            Lens::Fisheye => Some(settings.fisheye_fov_deg),
+        };
+        steered.set_lens(settings.lens, fov_deg.map(|fov| f64::from(fov).to_radians()));
+        let shown = match &self.place.position {
+            ViewPosition::At(frame) => fit(&photo_camera(frame), size),
+            ViewPosition::Along(Keyframe { pose, fov_y, .. }) => {
+                let intrinsics = Intrinsics::from_vertical_fov(size[0], size[1], *fov_y);
+                (Camera { intrinsics, pose: *pose }, Area::FULL)
+            }
+            ViewPosition::Free => (steered.camera(size), Area::FULL),
+        };
+        self.latest = Some(shown.0);
+        Some(shown)
+    }
+
+    /// Moves the camera by user input; at a dataset camera it starts from that pose. `turns` is false while
+    /// a drag edits.
+    pub(super) fn steer(
+        &mut self,
+        ui: &Ui,
+        response: &Response,
+        turns: bool,
+        settings: &ViewSettings,
+        photo_camera: PhotoCamera<'_>,
+    ) {
+        let gesture = Gesture::read(ui, response, &mut self.is_flying, turns);
+        if gesture.is_nothing() {
+            return;
+        }
+        self.place.guide = None;
+        let from = self.camera_now(settings, photo_camera).filter(|_| !self.is_free());
+        let Some(camera) = &mut self.steered else { return };
+        if let Some((from, _)) = from {
+            camera.move_to_camera(&from);
+            self.place.position = ViewPosition::Free;
+        }
+        let size = response.rect.size();
+        let size = [f64::from(size.x), f64::from(size.y)];
+        camera.orbit_by(gesture.turn, size[1]);
+        camera.pan(gesture.pan, size);
+        camera.dolly(gesture.dolly);
+        camera.fly(gesture.fly);
+        self.note_movement();
+    }
+
+    pub(super) fn end_guide(&mut self) {
+        self.place.guide = None;
+    }
+
+    fn set_free(&mut self) {
+        (self.place.position, self.place.guide) = (ViewPosition::Free, None);
+        self.note_movement();
+    }
+
+    pub(super) fn go_home(&mut self, opened: &Opened) {
+        self.steered = Some(ViewCamera::home(&opened.home));
+        self.set_free();
+    }
+
+    pub(super) fn fit_scene(&mut self, scene: Option<Framing>) {
+        self.set_free();
+        if let (Some(camera), Some(scene)) = (&mut self.steered, scene) {
+            camera.fit_scene(&scene, self.size);
+        }
+    }
+
+    /// Makes a point seen by a camera the orbit centre.
+    pub(super) fn set_target(&mut self, point: DVec3, seen_by: &Camera) {
+        let is_free = self.is_free();
+        let Some(camera) = &mut self.steered else { return };
+        if !is_free {
+            camera.move_to_camera(seen_by);
+        }
+        camera.set_target(point);
+        self.set_free();
+    }
+
+    /// Makes an axis point up, or looks along it from its end.
+    pub(super) fn apply_axis(&mut self, axis: DVec3, is_up: bool) {
+        let Some(camera) = &mut self.steered else { return };
+        match is_up {
+            true => camera.set_up(axis),
+            false => camera.set_view_direction(-axis),
+        }
+        self.place.guide = None;
+        self.note_movement();
+    }
+
+    pub fn move_to_frame(&mut self, frame: FrameRef) {
+        self.set_free();
+        self.place.position = ViewPosition::At(frame.clone());
+        self.place.latest_frame = Some(frame);
+    }
+
+    /// Moves to the dataset camera visited last, or to the first one, unless it is at one already.
+    pub(super) fn move_to_any_frame(&mut self, opened: &Opened) {
+        let first = || opened.dataset.as_ref().and_then(FrameRef::first);
+        if self.is_free()
+            && let Some(frame) = self.place.latest_frame.clone().or_else(first)
+        {
+            self.move_to_frame(frame);
+        }
+    }
+
+    /// Moves to a keyframe of a camera path, until something else moves the camera.
+    pub(super) fn move_to_keyframe(&mut self, moment: Keyframe) {
+        self.set_free();
+        self.place.position = ViewPosition::Along(moment);
+    }
+
+    pub(super) fn step(&mut self, opened: &Opened, direction: Direction) {
+        let first = || opened.dataset.as_ref().and_then(FrameRef::first);
+        let frame = match (&self.place.latest_frame, direction) {
+            // The first step after steering returns to the last camera instead of passing it.
+            (Some(frame), _) if self.is_free() => Some(frame.clone()),
+            (Some(frame), _) => {
+                Some(frame.in_current_dataset(opened.dataset.as_ref()).neighbour(direction))
+            }
+            (None, Direction::Forth) => first(),
+            (None, Direction::Back) => first().map(|first| first.neighbour(direction)),
+        };
+        frame.into_iter().for_each(|frame| self.move_to_frame(frame));
+    }
+
+    pub fn place(&self) -> Place {
+        self.place.clone()
+    }
+
+    pub fn return_to(&mut self, place: Place) {
+        self.place = place;
+        self.note_movement();
+    }
+
+    pub(super) fn toggle_guide(&mut self) {
+        self.place.guide = match self.place.guide {
+            Some(_) => None,
+            None => Some(GuideStage::Start),
+        };
+    }
+
+    pub(super) fn follow_guide(
+        &mut self,
+        opened: &Opened,
+        snapshot: &Snapshot,
+        scene: impl FnOnce() -> Option<Framing>,
+    ) {
+        let Some(shown) = self.place.guide else { return };
+        let now = match (snapshot.state, snapshot.recent.last()) {
+            (RunState::Finished | RunState::Failed, _) => GuideStage::End,
+            (_, Some(frame)) => GuideStage::Frame(frame.index),
+            (_, None) => GuideStage::Overview,
+        };
+        if now == shown {
+            return;
+        }
+        (self.place.guide, self.place.position) = (Some(now), ViewPosition::Free);
+        let Some(camera) = &mut self.steered else { return };
+        match now {
+            GuideStage::Start => {}
+            GuideStage::Overview => {
+                if let Some(around) = framing_of_cameras(opened) {
+                    camera.fit_scene_from_above(&around, self.size);
+                    self.note_movement();
+                }
+            }
+            GuideStage::Frame(position) => {
+                if let Some(frame) = FrameRef::trained(opened, position) {
+                    camera.move_to_camera(&frame.entry().camera);
+                }
+            }
+            GuideStage::End => {
+                let is_dataset = snapshot.source == Source::Dataset;
+                // A room is shown from its first camera: from outside only the backs of its walls would
+                // be visible.
+                match scene() {
+                    Some(scene) if !(is_dataset && are_inside(&camera_centres(opened), &scene)) => {
+                        camera.fit_scene(&scene, self.size);
+                    }
+                    _ => *camera = ViewCamera::home(&opened.home),
+                }
+                self.note_movement();
+            }
+        }
+    }
+}
+
+fn camera_centres(opened: &Opened) -> Vec<DVec3> {
+    let (Some(dataset), Some(plan)) = (&opened.dataset, &opened.plan) else { return Vec::new() };
+    let frames = dataset.splits.get(plan.split).map_or(&[][..], |split| split.frames.as_slice());
+    let trained = plan.frames.iter().filter_map(|&index| frames.get(index));
+    trained.map(|frame| frame.camera.pose.centre()).collect()
+}
+
+/// Sphere around all cameras and the point halfway between them and the scene.
+fn framing_of_cameras(opened: &Opened) -> Option<Framing> {
+    let centres = camera_centres(opened);
+    let mean = centres.iter().copied().sum::<DVec3>() / centres.len().max(1) as f64;
+    let centre = 0.5 * (mean + opened.home.target);
+    let farthest = centres.iter().map(|c| c.distance(centre)).fold(0.0, f64::max);
+    let radius = farthest.max(0.5 * opened.home.radius);
+    (!centres.is_empty()).then_some(Framing { centre, radius })
+}
+
+/// True if most of the cameras are inside the scene.
+fn are_inside(cameras: &[DVec3], scene: &Framing) -> bool {
+    let n = cameras.iter().filter(|c| c.distance(scene.centre) < scene.radius).count();
+    2 * n > cameras.len()
+}
+
+/// User input of one pass; drags in points, flights in scene radii.
+struct Gesture {
+    turn: [f64; 2],
+    pan: [f64; 2],
+    dolly: f64,
+    fly: [f64; 3],
+}
+
+/// Flying keys and their directions: right, down, ahead.
+const FLYING: [(Key, [f64; 3]); 6] = [
+    (Key::W, [0.0, 0.0, 1.0]),
+    (Key::S, [0.0, 0.0, -1.0]),
+    (Key::A, [-1.0, 0.0, 0.0]),
+    (Key::D, [1.0, 0.0, 0.0]),
+    (Key::Q, [0.0, 1.0, 0.0]),
+    (Key::E, [0.0, -1.0, 0.0]),
+];
+/// Flight speed, scene radii per second, and the factors of Shift and Ctrl.
+const SPEED: f64 = 0.5;
+const FAST: f64 = 10.0;
+const SLOW: f64 = 0.1;
+/// Longest time step of a flight, seconds, so that a slow pass causes no large jump.
+const MAX_STEP_S: f32 = 0.1;
+
+impl Gesture {
+    fn read(ui: &Ui, response: &Response, is_flying: &mut bool, turns: bool) -> Self {
+        let delta = response.drag_delta();
+        let delta = [f64::from(delta.x), f64::from(delta.y)];
+        let is_turn = turns && response.dragged_by(PointerButton::Primary);
+        let is_pan = response.dragged_by(PointerButton::Secondary)
+            || response.dragged_by(PointerButton::Middle);
+        // Over a panel the wheel scrolls the panel.
+        let dolly = if response.hovered() {
+            let (wheel, zoom) = ui.input(|i| (i.smooth_scroll_delta.y, i.zoom_delta()));
+            // A pinch divides the distance by its factor; the wheel halves it every 240 points.
+            f64::from(wheel) + 240.0 * f64::from(zoom).log2()
+        } else {
+            0.0
+        };
+        Self {
+            turn: if is_turn { delta } else { [0.0; 2] },
+            pan: if is_pan && !is_turn { delta } else { [0.0; 2] },
+            dolly,
+            fly: flight(ui, is_flying),
+        }
+    }
+
+    fn is_nothing(&self) -> bool {
+        self.turn == [0.0; 2] && self.pan == [0.0; 2] && self.dolly == 0.0 && self.fly == [0.0; 3]
+    }
+}
+
+/// Flight by the held keys in this pass. Ctrl slows a flight in progress but starts none, because Ctrl
+/// with these keys saves and exports.
+fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
+    if ui.ctx().text_edit_focused() {
+        *is_flying = false;
+        return [0.0; 3];
+    }
+    let (held, modifiers, dt) = ui.input(|i| {
+        let held = FLYING.iter().filter(|(key, _)| i.key_down(*key)).map(|(_, way)| *way);
+        (held.collect::<Vec<[f64; 3]>>(), i.modifiers, i.stable_dt.min(MAX_STEP_S))
+    });
+    let add = |sum: [f64; 3], way: &[f64; 3]| std::array::from_fn(|k| sum[k] + way[k]);
+    let way = held.iter().fold([0.0; 3], add);
+    // Opposite keys cancel out, but releasing one of them must not end the flight.
+    *is_flying = !held.is_empty() && (*is_flying || !modifiers.command);
+    if !*is_flying {
+        return [0.0; 3];
+    }
+    // egui does not repaint without input events, and held keys cause none.
+    ui.ctx().request_repaint();
+    let factor = match (modifiers.shift, modifiers.command) {
+        (true, _) => FAST,
+        (false, true) => SLOW,
+        (false, false) => 1.0,
+    };
+    way.map(|share| share * SPEED * factor * f64::from(dt))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_around_an_object_are_outside_and_those_of_a_room_inside() {
+        let scene = Framing { centre: DVec3::ZERO, radius: 1.0 };
+        assert!(!are_inside(&[DVec3::X * 4.0, DVec3::Y * 4.0, DVec3::ZERO], &scene));
+        assert!(are_inside(&[DVec3::X * 0.5, DVec3::ZERO, DVec3::Z * 3.0], &scene));
+        assert!(!are_inside(&[], &scene), "a model without cameras is seen whole");
+    }
+}
