@@ -251,17 +251,21 @@ impl Plan {
 mod tests {
     use super::*;
     use crate::dataset::synthetic::{self, SyntheticParams};
+    use std::sync::LazyLock;
 
     fn plan(selection: &Selection, visited: &[u32]) -> Vec<usize> {
-        let params = SyntheticParams {
-            width: 32,
-            height: 24,
-            n_train: 6,
-            n_eval: 1,
-            ..SyntheticParams::demo()
-        };
-        let room = synthetic::dataset(&params).unwrap();
-        Plan::resumed(&room, selection, 5, visited).unwrap().frames
+        // Rendering the room takes longer than all plans of it.
+        static ROOM: LazyLock<Dataset> = LazyLock::new(|| {
+            let params = SyntheticParams {
+                width: 32,
+                height: 24,
+                n_train: 6,
+                n_eval: 1,
+                ..SyntheticParams::demo()
+            };
+            synthetic::dataset(&params).unwrap()
+        });
+        Plan::resumed(&ROOM, selection, 5, visited).unwrap().frames
     }
 
     #[test]
