@@ -18,6 +18,7 @@ use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::outcome::MemoryEstimate;
 use crate::train::scene::engine;
+use crate::train::scene::trainer::SceneTrainer;
 
 impl AnyPreset for SceneRun {
     fn seed(&self) -> u64 {
@@ -83,7 +84,7 @@ impl TypedPreset for SceneRun {
         _: &PositionRange,
         _: usize,
     ) -> Result<InitialLearner<Observation>, SessionError> {
-        let learner = engine::begin(&self.engine, self.surface.origin);
+        let learner = Box::new(SceneTrainer::new(&self.engine, self.surface.origin));
         Ok(InitialLearner { learner, normalization: self.normalization() })
     }
 
@@ -93,12 +94,12 @@ impl TypedPreset for SceneRun {
         frames: u64,
     ) -> Result<InitialLearner<Observation>, Mismatch> {
         let state = self.scene(model)?.clone();
-        let learner = engine::restore(&self.engine, state, frames).ok_or_else(|| {
+        let learner = SceneTrainer::restore(&self.engine, state, frames).ok_or_else(|| {
             Mismatch::Form(
                 "seeds that its scale can separate at this distance from the origin".to_owned(),
             )
         })?;
-        Ok(InitialLearner { learner, normalization: self.normalization() })
+        Ok(InitialLearner { learner: Box::new(learner), normalization: self.normalization() })
     }
 }
 
