@@ -10,9 +10,9 @@ use crate::model::attributes::StoredModel;
 use crate::model::scene::state::SceneState;
 use crate::model::splat::splats::CovarianceForm;
 use crate::observation::surface::Observation;
-use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch, RestoredLearner};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::frame_loop::{InitialLearner, TypedPreset, revive};
+use crate::pipeline::frame_loop::{InitialLearner, TypedPreset};
 use crate::pipeline::prefetch::frames_at_once;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
@@ -63,10 +63,6 @@ impl AnyPreset for SceneRun {
 
     fn check(&self, model: &StoredModel) -> Result<(), Mismatch> {
         self.scene(model).map(|_| ())
-    }
-
-    fn restore_any(&self, model: &StoredModel, frames: u64) -> Result<RestoredLearner, Mismatch> {
-        revive(self, model, frames)
     }
 }
 
