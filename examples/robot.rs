@@ -12,7 +12,8 @@ use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::observation::surface::Observation;
-use vbgs_studio::train::scene::{config::SceneConfig, engine};
+use vbgs_studio::train::learner::{Learner, Learns};
+use vbgs_studio::train::scene::{config::SceneConfig, trainer::SceneTrainer};
 
 const SIZE: [usize; 2] = [320, 240];
 
@@ -35,16 +36,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     // Lengths are metres: components of about 2 cm, noise and thresholds of a structured-light camera.
     let config = SceneConfig::coarse(0.02).check()?;
     let surface = SurfaceSettings::of_sensor(Sensor::Kinect, DVec3::ZERO);
-    let mut scene = engine::begin(&config, surface.origin);
+    let mut scene = SceneTrainer::new(&config, surface.origin);
     let (mut preparer, mut seen) = (Preparer::new(), Observation::empty());
     for step in 0..10 {
         // A refused frame leaves the scene unchanged; a robot could skip it instead of returning the error.
         preparer.prepare(&capture(step)?, &surface, &mut seen)?;
         let outcome = scene.learn(&seen)?;
-        println!("frame {step}: {} points, {} components", outcome.points, scene.used());
+        println!("frame {step}: {} points, {} components", outcome.points, scene.status().used);
     }
-    let surest = (0..scene.components()).max_by_key(|&k| scene.posterior(k).count as u64);
-    let posterior = scene.posterior(surest.ok_or("no points in any frame")?);
+    let surest =
+        (0..scene.status().components).max_by_key(|&k| scene.component(k).posterior.count as u64);
+    let posterior = scene.component(surest.ok_or("no points in any frame")?).posterior;
     println!("most points: a component at {:.3} m, from {}", posterior.mean_space, posterior.count);
     let path = std::env::temp_dir().join("robot.ply");
     let written = write(&path, &scene.splats(), &WriteOptions::new(ModelFormat::Ply))?;

@@ -179,7 +179,7 @@ fn examine(dataset: Arc<Dataset>) {
         return;
     };
     while let Ok(Step::Trained(_) | Step::Skipped(_)) = session.step() {}
-    let splats = session.stored_splats();
+    let splats = session.splats();
     let drawn = splats.iter().filter(|splat| splat.opacity > 0.0);
     drawn.for_each(|splat| assert!(splat.is_valid(), "{splat:?}"));
 }

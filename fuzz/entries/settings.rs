@@ -55,7 +55,7 @@ fn learn(scene: SceneOverrides) {
         return;
     };
     let _ = session.step();
-    let splats = session.stored_splats();
+    let splats = session.splats();
     let drawn = splats.iter().filter(|splat| splat.opacity > 0.0);
     drawn.for_each(|splat| assert!(splat.is_valid(), "{splat:?}"));
 }

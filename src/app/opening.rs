@@ -115,8 +115,8 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
         method: Some(session.config().method.clone()),
         is_native: session.config().method.scene().is_some(),
     };
-    let splats = match session.learner().used() {
-        0 => vec![Splat::default(); session.learner().components()].into(),
+    let splats = match session.learner().status().used {
+        0 => vec![Splat::default(); session.learner().status().components].into(),
         _ => {
             // At rest pending photographs are part of the drawn scene.
             session.settle();

@@ -114,7 +114,7 @@ impl ProtocolRun<'_> {
 
     fn measured(&self, mut session: Session) -> Result<Vec<ProtocolRow>, BenchError> {
         while !matches!(session.step()?, Step::Finished) {}
-        let splats = session.stored_splats();
+        let splats = session.splats();
         let median = |times: Vec<f64>| Spread::of(times).median;
         let frames = session.frames();
         let color_camera = session.config().method.as_any().color_camera();
@@ -130,7 +130,7 @@ impl ProtocolRun<'_> {
                 renderer: method.renderer().to_string(),
                 frames: frames.len(),
                 views: composited.0,
-                components: session.learner().used(),
+                components: session.learner().status().used,
                 drawn,
                 train_ms: median(frames.iter().map(|frame| frame.ms.stages.train).collect()),
                 prepare_ms: median(frames.iter().map(|frame| frame.ms.prepare).collect()),

@@ -24,7 +24,7 @@ pub fn run(reason: &str) -> Result<(), Failure> {
     let out = Path::new(FOLDER);
     output::create_folder(out)?;
     let splats = session.splats();
-    let comments = file_comments(&session.config().method, session.learner().frames());
+    let comments = file_comments(&session.config().method, session.learner().status().frames);
     for format in [ModelFormat::Ply, ModelFormat::Glb] {
         let options = WriteOptions {
             comments: &comments,

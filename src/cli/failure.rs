@@ -104,7 +104,7 @@ pub fn save_on_panic<T>(
 ) -> Result<T, Failure> {
     catch_unwind(AssertUnwindSafe(|| train(session))).map_err(|panic| {
         let said = PanicReport::of(&*panic);
-        let (frames, path) = (session.learner().frames(), out.join(RESCUED));
+        let (frames, path) = (session.learner().status().frames, out.join(RESCUED));
         let save = || match session.save_after_panic(&path) {
             Ok(()) => format!(
                 "the scene with its {frames} frames is in {}: continue with --resume, or export it",

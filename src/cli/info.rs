@@ -21,6 +21,7 @@ use vbgs_studio::model::splat::splats::bounds;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::run::RunConfig;
 use vbgs_studio::pipeline::tracked::Trajectory;
+use vbgs_studio::train::learner::Status;
 use vbgs_studio::{dataset, export};
 
 #[derive(Serialize)]
@@ -371,7 +372,7 @@ fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
     let run = SavedRun::read(&args.path)?;
     // Restored completely: the number of drawn splats is not stored but computed.
     let learner = run.revive()?.learner;
-    let (used, components) = (learner.used(), learner.components());
+    let Status { used, components, .. } = learner.status();
     let drawn = learner.splats().iter().filter(|splat| splat.is_drawable()).count();
     let tracking = run.trajectory()?.map(|trajectory| tracking(trajectory, &run));
     let defects = dataset_defect(&run).into_iter().chain(run.numerics_differ()).collect();

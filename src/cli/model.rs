@@ -104,10 +104,11 @@ impl Training {
     fn of(revived: &RestoredLearner) -> Self {
         let (learner, normalization) = (&revived.learner, &revived.normalization);
         let of = |i| {
-            ComponentAttributes::new(&learner.posterior(i), normalization, None, None)
-                .with_photometric_uncertainty(learner.photometric_deviations(i))
+            let component = learner.component(i);
+            ComponentAttributes::new(&component.posterior, normalization, None, None)
+                .with_photometric_uncertainty(component.photometric_deviations)
         };
-        let attributes: Vec<_> = (0..learner.components()).map(of).collect();
+        let attributes: Vec<_> = (0..learner.status().components).map(of).collect();
         let evidence = attributes.iter().map(|a| a.evidence.map_or(0.0, f64::from)).collect();
         let uncertainty = |a: &ComponentAttributes| a.uncertainty.map_or(f64::INFINITY, f64::from);
         let uncertainty = attributes.iter().map(uncertainty).collect();

@@ -172,7 +172,7 @@ pub fn measure_run(
         let frames = (plan.split, &plan.frames[..*visited]);
         measured.seen.extend(measure_training_views(splats.into(), dataset, frames, comparison)?);
     }
-    let splats = session.stored_splats();
+    let splats = session.splats();
     for group in groups(session, args)? {
         let found = measure(&splats, dataset, &group, comparison)?;
         measured.eval.extend(found.into_iter().map(|(report, _)| report));

@@ -56,7 +56,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
             if is_measured(session, args) && SEEN_AFTER.contains(&trained_frames(session)) {
                 // As they would be exported if the run ended here.
                 session.settle();
-                early.push((session.visited(), session.stored_splats()));
+                early.push((session.visited(), session.splats()));
             }
             // A failed autosave is reported but does not stop the run.
             if let Some(Err(error)) = autosave.poll(session) {
@@ -96,7 +96,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
 }
 
 fn print_warnings(session: &Session) {
-    let warnings = session.learner().warnings();
+    let warnings = session.learner().status().warnings;
     warnings.iter().for_each(|found| eprintln!("warning: {found}"));
 }
 
@@ -203,7 +203,7 @@ const KNOWN_CALIBRATION: &str = "no calibration is given: the published calibrat
 
 /// Number of frames trained on, including resumed ones.
 fn trained_frames(session: &Session) -> usize {
-    session.learner().frames() as usize
+    session.learner().status().frames as usize
 }
 
 enum Start {
@@ -289,7 +289,7 @@ const REPORT: &str = "report.json";
 
 /// Writes `checkpoint.vbgs` and `scene.ply` if any component is used; returns their names for a message.
 fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, Failure> {
-    if session.learner().used() == 0 {
+    if session.learner().status().used == 0 {
         return Ok("");
     }
     let checkpoint = args.out.join(CHECKPOINT);
@@ -300,14 +300,14 @@ fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, F
     };
     session.settle();
     session.take_outlier_warnings().iter().for_each(|doubt| eprintln!("warning: {doubt}"));
-    let comments = file_comments(&session.config().method, session.learner().frames());
+    let comments = file_comments(&session.config().method, session.learner().status().frames);
     let options = WriteOptions {
         comments: &comments,
         up: session.up(),
         local_origin: session.dataset().local_origin(),
         ..WriteOptions::new(ModelFormat::Ply)
     };
-    write(&args.out.join(SCENE), &session.stored_splats(), &options)?;
+    write(&args.out.join(SCENE), &session.splats(), &options)?;
     warn_of_origin(&args.out.join(SCENE), options.local_origin, ModelFormat::Ply.origin_carrier());
     Ok("scene.ply, checkpoint.vbgs and ")
 }

@@ -51,12 +51,6 @@ pub trait AnyPreset {
     /// # Errors
     /// [`Mismatch`] states the difference.
     fn check(&self, model: &StoredModel) -> Result<(), Mismatch>;
-
-    /// Restores a learner with the stored model, for any observation type.
-    ///
-    /// # Errors
-    /// As [`TypedPreset::restore`](super::frame_loop::TypedPreset::restore).
-    fn restore_any(&self, model: &StoredModel, frames: u64) -> Result<RestoredLearner, Mismatch>;
 }
 
 /// Maximum number of components of a model.

@@ -95,7 +95,7 @@ impl Autosave {
     /// the same path.
     pub fn new(path: PathBuf, interval: AutosaveInterval, session: &Session) -> Self {
         atomic::remove_leftovers(&path);
-        let begun = (session.learner().frames(), Instant::now());
+        let begun = (session.learner().status().frames, Instant::now());
         Self { path, interval, begun, in_flight: None }
     }
 
@@ -116,7 +116,7 @@ impl Autosave {
         if self.in_flight.is_some() {
             return None;
         }
-        let is_due = self.is_due(session.learner().frames());
+        let is_due = self.is_due(session.learner().status().frames);
         let refused = is_due.then(|| self.start_save(session).err()).flatten();
         // A thread that did not start takes precedence over the success of the previous save.
         refused.map(Err).or(ended)
@@ -125,7 +125,7 @@ impl Autosave {
     /// True if a save is in progress, or frames were trained on since the last one.
     pub fn is_pending(&self, session: &Session) -> bool {
         let (saved, _) = self.begun;
-        self.in_flight.is_some() || session.learner().frames() > saved
+        self.in_flight.is_some() || session.learner().status().frames > saved
     }
 
     /// Starts a save immediately, after waiting for the one in progress.

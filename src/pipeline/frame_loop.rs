@@ -195,18 +195,23 @@ pub struct InitialLearner<O> {
     pub normalization: Normalization,
 }
 
-/// Calls [`TypedPreset::restore`] and erases the observation type.
+impl<O: 'static> From<InitialLearner<O>> for RestoredLearner {
+    fn from(InitialLearner { learner, normalization }: InitialLearner<O>) -> Self {
+        Self { learner, normalization }
+    }
+}
+
+/// Restores a learner with the stored model, for any observation type.
 ///
 /// # Errors
 /// As [`TypedPreset::restore`].
-pub(super) fn revive<P: TypedPreset>(
-    preset: &P,
+pub(super) fn restore_any(
+    method: &Method,
     model: &StoredModel,
     frames: u64,
-) -> Result<RestoredLearner, Mismatch>
-where
-    ObservationOf<P>: 'static,
-{
-    let InitialLearner { learner, normalization } = preset.restore(model, frames)?;
-    Ok(RestoredLearner { learner, normalization })
+) -> Result<RestoredLearner, Mismatch> {
+    match method {
+        Method::Paper(config) => config.restore(model, frames).map(RestoredLearner::from),
+        Method::Scene(scene) => scene.restore(model, frames).map(RestoredLearner::from),
+    }
 }

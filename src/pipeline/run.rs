@@ -12,6 +12,7 @@ use crate::eval::report::{
 };
 use crate::model::attributes::ComponentAttributes;
 use crate::model::inspection::Inspection;
+use crate::train::learner::{Component, Status};
 use crate::train::outcome::ComparedPhotograph;
 use serde::{Deserialize, Serialize};
 
@@ -69,30 +70,31 @@ impl Session {
 
     fn attributes(&self, component: usize) -> ComponentAttributes {
         let engine = self.learner();
-        let elbo = engine.component_elbo().mean_elbo_of(component).map(|(mean, _)| mean);
-        let posterior = engine.posterior(component);
+        let elbo = engine.last_frame().component_elbo.mean_elbo_of(component);
+        let Component { posterior, photometric_deviations, .. } = engine.component(component);
         let birth = self.birth_of(component);
+        let elbo = elbo.map(|(mean, _)| mean);
         ComponentAttributes::new(&posterior, self.normalization(), elbo, birth)
-            .with_photometric_uncertainty(engine.photometric_deviations(component))
+            .with_photometric_uncertainty(photometric_deviations)
     }
 
     /// Returns all data of a component; `None` if `id` is out of range.
     pub fn inspect(&self, id: u32) -> Option<Inspection> {
         let component = id as usize;
-        if component >= self.learner().components() {
+        let components = self.learner().status().components;
+        if component >= components {
             return None;
         }
-        let posterior = self.learner().posterior(component);
+        let Component { posterior, photometric_deviations, .. } =
+            self.learner().component(component);
         // The responsibilities of a point sum to 1, so the counts sum to the number of points.
         let alpha0 = posterior.alpha - posterior.count;
-        let total = alpha0 * self.learner().components() as f64 + self.points() as f64;
-        let (attributes, splat) = (self.attributes(component), self.learner().splat(component));
+        let total = alpha0 * components as f64 + self.points() as f64;
+        let (attributes, splats) = (self.attributes(component), self.splats_of(&[id]));
+        let splat = (splats[0], splats.appearance_of(0));
         let inspection =
             Inspection::new(id, posterior, total, attributes, splat, self.normalization());
-        Some(Inspection {
-            photometric_deviations: self.learner().photometric_deviations(component),
-            ..inspection
-        })
+        Some(Inspection { photometric_deviations, ..inspection })
     }
 }
 
@@ -100,13 +102,13 @@ impl Session {
     /// Reports of the frames whose photographs were compared in the last step, as far as known: the newest,
     /// and buffered ones.
     pub fn compared_frames(&self) -> impl Iterator<Item = &FrameReport> {
-        let (past, n_learnt) = (self.past(), self.learner().frames());
-        let compared = self.learner().compared_photographs().iter();
+        let (past, n_learnt) = (self.past(), self.learner().status().frames);
+        let compared = self.learner().last_frame().compared_photographs.iter();
         compared.filter_map(move |compared| past.report_of(n_learnt, compared))
     }
 
     fn drawn(&self) -> usize {
-        self.stored_splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
+        self.splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
     }
 
     /// Returns the report so far; `adapter` is the name of the graphics adapter used for rendering, if any.
@@ -115,7 +117,8 @@ impl Session {
         let split = &dataset.splits[plan.split];
         let first = plan.frames.first().map(|&i| split.frames[i].camera.intrinsics);
         let path = dataset.path.as_ref();
-        let used = self.learner().device_use();
+        let devices = self.learner().device_use();
+        let Status { components, used, model_bytes, .. } = self.learner().status();
         Report {
             format: REPORT_FORMAT,
             dataset: DatasetReport {
@@ -131,19 +134,19 @@ impl Session {
             frames: past.frames.clone(),
             skipped: past.skipped.clone(),
             summary: Summary {
-                components: self.learner().components(),
-                used: self.learner().used(),
+                components,
+                used,
                 drawn: self.drawn(),
-                model_bytes: self.learner().model_bytes(),
+                model_bytes,
                 peak_rss_bytes: report::peak_rss_bytes(),
                 ..Summary::of_frames(&past.frames, past.wall_s)
             },
             eval,
             seen: Vec::new(),
             tracking: None,
-            comparer: used.photographs,
-            passes: used.passes,
-            points: used.points,
+            comparer: devices.photographs,
+            passes: devices.passes,
+            points: devices.points,
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::math::measured_pixel::Normalization;
 use crate::model::inspection::DeviceError;
 use crate::model::splat::appearance::SplatSet;
 use crate::train::device_trial::DevicePolicy;
-use crate::train::learner::{Learner, TrainingDevice};
+use crate::train::learner::{Learner, Status, TrainingDevice};
 use crate::train::outcome::{BirthLog, FrameOutcome, FrameTracking, MemoryEstimate};
 use glam::DVec3;
 use std::sync::Arc;
@@ -245,7 +245,7 @@ impl Session {
     }
 
     fn finish(&mut self) -> Result<Step, SessionError> {
-        if self.learner().frames() > 0 {
+        if self.learner().status().frames > 0 {
             self.settle();
             return Ok(Step::Finished);
         }
@@ -272,14 +272,15 @@ impl Session {
         let behind_ms = self.is_followed.then(|| latency_ms(marks)).flatten();
         self.forget_skipped(&frame);
         let learner = self.frames.learner();
-        self.births.record(learner.changed(), learner.components(), position);
+        let Status { components, used, .. } = learner.status();
+        self.births.record(learner.last_frame().changed, components, position);
         let report = FrameReport {
             index: position,
             frame,
             points: outcome.points,
             points_dropped,
-            components: learner.components(),
-            used: learner.used(),
+            components,
+            used,
             born: outcome.new_components,
             reassigned: outcome.reassigned,
             merged: outcome.merged,
@@ -301,8 +302,9 @@ impl Session {
     /// Stores how photographs compared with the scene.
     fn record_comparisons(&mut self) {
         let learner = self.frames.learner();
-        for compared in learner.compared_photographs() {
-            self.doubts.extend(self.past.record_comparison(learner.frames(), compared));
+        let n_learnt = learner.status().frames;
+        for compared in learner.last_frame().compared_photographs {
+            self.doubts.extend(self.past.record_comparison(n_learnt, compared));
         }
     }
 
@@ -313,7 +315,7 @@ impl Session {
 
     /// True if the scene is rendered as by [`Self::settle`].
     pub fn is_settled(&self) -> bool {
-        self.learner().is_settled()
+        self.learner().status().is_settled
     }
 
     /// Renders the scene as if all buffered photographs had been trained on, until the next frame. Returns
@@ -415,14 +417,8 @@ impl Session {
     }
 
     /// Splats of all components, in world units; entry `k` is component `k`, with opacity 0 if it is not
-    /// drawn.
+    /// drawn. Equal models give equal files.
     pub fn splats(&self) -> SplatSet {
-        self.learner().splats()
-    }
-
-    /// Splats for files and measurements, in the component order of checkpoints. Equal models give equal
-    /// files, and the budget is never exceeded.
-    pub fn stored_splats(&self) -> SplatSet {
         self.learner().splats()
     }
 

@@ -17,6 +17,7 @@ use crate::math::pose::Pose;
 use crate::model::scene::state::TrackedPose;
 use crate::model::splat::appearance::SplatView;
 use crate::observation::surface::Observation;
+use crate::train::learner::Component;
 use crate::train::scene::track::find_pose;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -182,18 +183,20 @@ impl Placer<'_> {
 /// Returns a surfel for every drawn component with a known normal. Models of the `paper` preset have none.
 pub fn surfels(revived: &RestoredLearner) -> Vec<(usize, Surfel)> {
     let (learner, normalization) = (&revived.learner, &revived.normalization);
+    let splats = learner.splats();
     let of = |component: usize| {
-        let (splat, _) = learner.splat(component);
-        let normal = learner.normal(component).filter(|_| splat.is_drawable())?;
-        let posterior = learner.posterior(component);
+        if !splats[component].is_drawable() {
+            return None;
+        }
+        let Component { posterior, normal, .. } = learner.component(component);
         let surfel = Surfel {
             mean: normalization.denormalize(posterior.mean_space),
-            normal,
+            normal: normal?,
             covariance: posterior.world_covariance(normalization),
             color: Normalization::denormalize_color(posterior.mean_color),
             evidence: posterior.count,
         };
         Some((component, surfel))
     };
-    (0..learner.components()).filter_map(of).collect()
+    (0..splats.len()).filter_map(of).collect()
 }

@@ -1,6 +1,6 @@
 //! Result of training on one frame.
 
-use super::learner::{Changed, Learner};
+use super::learner::{Changed, Learner, Status};
 use super::scene::track::TrackingLoss;
 use super::timing::StageMs;
 use crate::model::scene::state::TrackedPose;
@@ -82,9 +82,10 @@ pub struct BirthLog(Vec<u32>);
 impl BirthLog {
     /// Creates the log at the start of a session; components already in use have no known birth.
     pub fn new(engine: &dyn Learner) -> Self {
-        let is_used = |k| engine.used() > 0 && engine.posterior(k).count > 0.0;
+        let Status { components, used, .. } = engine.status();
+        let is_used = |k| used > 0 && engine.component(k).posterior.count > 0.0;
         let birth = |k| if is_used(k) { UNKNOWN } else { UNBORN };
-        Self((0..engine.components()).map(birth).collect())
+        Self((0..components).map(birth).collect())
     }
 
     /// Records the components changed by the frame at `position` of the run.

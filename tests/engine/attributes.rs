@@ -53,7 +53,7 @@ fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
             session.start_component_elbo();
             while let Step::Trained(frame) = session.step().unwrap() {
                 let engine = session.learner();
-                let elbo = engine.component_elbo();
+                let elbo = engine.last_frame().component_elbo;
                 let known = elbo.components();
                 let of = |&id: &u32| elbo.mean_elbo_of(id as usize).unwrap();
                 let (sum, n) = known
@@ -63,7 +63,9 @@ fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
                 assert_eq!(n as usize, frame.points, "{name}");
                 let expected = frame.elbo_mean * frame.points as f64;
                 assert!((sum / expected - 1.0).abs() < 1e-9, "{name}: {sum} {expected}");
-                let Changed::Listed(touched) = engine.changed() else { panic!("{name}: all") };
+                let Changed::Listed(touched) = engine.last_frame().changed else {
+                    panic!("{name}: all")
+                };
                 assert!(known.iter().all(|id| touched.contains(id)), "{name}");
             }
         }
@@ -86,7 +88,7 @@ fn a_component_has_an_elbo_only_while_somebody_asks_and_only_of_the_current_fram
     session.step().unwrap();
     let third = known(&session);
     assert!(!second.is_empty() && second != third);
-    let mut ids = session.learner().component_elbo().components().to_vec();
+    let mut ids = session.learner().last_frame().component_elbo.components().to_vec();
     ids.sort_unstable();
     assert_eq!(third, ids);
     session.stop_component_elbo();
@@ -113,7 +115,7 @@ fn components_are_born_with_their_first_points() {
         for (id, (attributes, born)) in
             session.attributes_of(&all()).iter().zip(&mut born).enumerate()
         {
-            let is_used = session.learner().posterior(id).count > 0.0;
+            let is_used = session.learner().component(id).posterior.count > 0.0;
             if is_used && born.is_none() {
                 *born = Some(frame.index as u32);
             }
@@ -132,7 +134,7 @@ fn births_before_a_stop_are_not_known() {
     session.step().unwrap();
     let file = folder.path().join("run.vbgs");
     session.save(&file).unwrap();
-    let first = session.learner().used();
+    let first = session.learner().status().used;
     let run = SavedRun::read(&file).unwrap();
     let mut resumed = run.resume(room(), &ResumeRequest::default(), false).unwrap();
     while !matches!(resumed.step().unwrap(), Step::Finished) {}

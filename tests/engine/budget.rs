@@ -7,11 +7,11 @@ use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, parse, to_bytes};
 use vbgs_studio::model::attributes::StoredModel;
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
+use vbgs_studio::train::learner::{Learner, Learns};
 use vbgs_studio::train::outcome::TrainingWarning;
 use vbgs_studio::train::scene::config::SceneConfig;
-use vbgs_studio::train::scene::engine;
-use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+use vbgs_studio::train::scene::trainer::SceneTrainer;
 
 /// Structural scale, world units.
 pub const H: f64 = 0.05;
@@ -45,16 +45,16 @@ proptest! {
         frames in vec(frame(250), 1..4),
     ) {
         let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
-        let mut scene = engine::begin(&config, DVec3::ZERO);
+        let mut scene = SceneTrainer::new(&config, DVec3::ZERO);
         for (frame, n) in frames.iter().zip(1..) {
             let outcome = scene.learn(frame).unwrap();
-            prop_assert!(scene.used() <= budget, "{}", scene.used());
+            prop_assert!(scene.status().used <= budget, "{}", scene.status().used);
             // No point is lost: if merging frees too little, the scale coarsens.
             prop_assert!(outcome.points == frame.points.len());
             let drawn = |splat: &&Splat| splat.opacity > 0.0;
             let n_drawn = scene.splats().iter().filter(drawn).count();
             prop_assert!(n_drawn <= budget, "{n_drawn} drawn");
-            let stored = checkpoint(&*scene, n);
+            let stored = checkpoint(&scene, n);
             prop_assert_eq!(parse(&to_bytes(&stored)).unwrap().checkpoint, stored);
         }
     }
@@ -73,20 +73,20 @@ proptest! {
         };
         let whole = in_one(&config, &frames, 1);
         prop_assert!(whole == in_one(&config, &frames, 3));
-        let mut scene = engine::begin(&config, DVec3::ZERO);
+        let mut scene = SceneTrainer::new(&config, DVec3::ZERO);
         for (frame, n) in frames.iter().zip(1..) {
             scene.learn(frame).unwrap();
-            let bytes = to_bytes(&checkpoint(&*scene, n));
+            let bytes = to_bytes(&checkpoint(&scene, n));
             let StoredModel::Scene(state) = parse(&bytes).unwrap().checkpoint.model else {
                 panic!("expected a stored scene")
             };
-            scene = engine::restore(&config, state, n).unwrap();
+            scene = SceneTrainer::restore(&config, state, n).unwrap();
         }
         prop_assert!(whole == scene.checkpoint_model());
     }
 }
 
-pub fn checkpoint(scene: &dyn SceneLearner, n: u64) -> Checkpoint {
+pub fn checkpoint(scene: &SceneTrainer, n: u64) -> Checkpoint {
     Checkpoint {
         config: "{}".into(),
         meta: "{}".into(),
@@ -100,7 +100,7 @@ pub fn checkpoint(scene: &dyn SceneLearner, n: u64) -> Checkpoint {
 fn in_one(config: &SceneConfig, frames: &[Observation], n_threads: usize) -> StoredModel {
     let threads = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
     threads.install(|| {
-        let mut scene = engine::begin(config, DVec3::ZERO);
+        let mut scene = SceneTrainer::new(config, DVec3::ZERO);
         for frame in frames {
             scene.learn(frame).unwrap();
         }
@@ -129,22 +129,27 @@ fn a_twentieth_of_the_budget_covers_everything_by_coarser_components() {
     };
     let learn = |budget: usize| {
         let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
-        let mut scene = engine::begin(&config, DVec3::ZERO);
+        let mut scene = SceneTrainer::new(&config, DVec3::ZERO);
         for i in 0..40 {
             assert_eq!(scene.learn(&strip(i)).unwrap().points, 4000);
         }
         scene
     };
     let asked = learn(1_000_000);
-    assert_eq!(asked.warnings(), []);
-    let few = learn(asked.used() / 20);
-    assert!(few.used() <= asked.used() / 20 && few.used() > asked.used() / 50, "{}", few.used());
-    let warnings = few.warnings();
+    assert_eq!(asked.status().warnings, []);
+    let few = learn(asked.status().used / 20);
+    assert!(
+        few.status().used <= asked.status().used / 20
+            && few.status().used > asked.status().used / 50,
+        "{}",
+        few.status().used
+    );
+    let warnings = few.status().warnings;
     let [TrainingWarning::Coarsened { requested: h, scale }] = warnings[..] else {
         panic!("{warnings:?}")
     };
     assert!(h == H && (2.0 * H..8.0 * H).contains(&scale), "{scale}");
-    let all = learn(asked.used());
+    let all = learn(asked.status().used);
     assert!(
         all.checkpoint_model() == asked.checkpoint_model(),
         "a budget that is not reached changed the scene"

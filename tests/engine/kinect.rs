@@ -17,8 +17,8 @@ use vbgs_studio::train::paper::config::PaperConfig;
 fn quality(session: &Session, scale_factor: f64) -> EvalReport {
     let conversion = Conversion { scale_factor, ..Conversion::right() };
     let learner = session.learner();
-    let splat = |k| conversion.splat(&learner.posterior(k), session.normalization());
-    let splats: Vec<_> = (0..learner.components()).map(splat).collect();
+    let splat = |k| conversion.splat(&learner.component(k).posterior, session.normalization());
+    let splats: Vec<_> = (0..learner.status().components).map(splat).collect();
     let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let options = EvalOptions::plain(GroundTruth::Composited, render);
     let dataset = session.dataset();
@@ -39,8 +39,8 @@ fn office() {
     println!(
         "median ms.train {:.1}, {} of {} components used",
         summary.train_ms_median,
-        session.learner().used(),
-        session.learner().components()
+        session.learner().status().used,
+        session.learner().status().components
     );
     for (scale_factor, least_db) in [(1.0, FLOOR_DB.0), (1.41, FLOOR_DB.1)] {
         let report = quality(&session, scale_factor);

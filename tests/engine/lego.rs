@@ -95,8 +95,8 @@ fn train(dataset: &Arc<Dataset>, overrides: PaperOverrides, max_frames: Option<u
 
 fn converted(session: &Session, conversion: Conversion) -> Vec<Splat> {
     let learner = session.learner();
-    let splat = |k| conversion.splat(&learner.posterior(k), session.normalization());
-    (0..learner.components()).map(splat).collect()
+    let splat = |k| conversion.splat(&learner.component(k).posterior, session.normalization());
+    (0..learner.status().components).map(splat).collect()
 }
 
 /// Mean PSNR over the views against either ground truth, dB.
@@ -132,7 +132,7 @@ fn measure_row(dataset: &Arc<Dataset>, views: &[View], reassign: ReassignPolicy)
         };
         let session = train(dataset, overrides, None);
         assert_eq!(session.frames().len(), 200);
-        row.used += share * session.learner().used() as f64;
+        row.used += share * session.learner().status().used as f64;
         row.train_ms.push(Summary::of_frames(session.frames(), 0.0).train_ms_median);
         let wide = Conversion { scale_factor: 1.41, ..Conversion::right() };
         let conversions = [Conversion::legacy(), wide, Conversion::right()];
@@ -200,10 +200,11 @@ fn quality(session: &Session) -> f64 {
 fn mixed_agrees_with_f64() {
     let Some(dataset) = open() else { return };
     let [exact, mixed] = both(&dataset, ReassignPolicy::Off);
-    let n_components = exact.learner().components();
+    let n_components = exact.learner().status().components;
     let (mut worst, mut n_differ) = (0.0f64, 0);
     for k in 0..n_components {
-        let (a, b) = (exact.learner().posterior(k), mixed.learner().posterior(k));
+        let (a, b) =
+            (exact.learner().component(k).posterior, mixed.learner().component(k).posterior);
         if a.count == b.count {
             worst = worst.max((a.mean_space - b.mean_space).length());
         } else {
@@ -230,7 +231,7 @@ fn mixed_reassigns_as_well_as_f64() {
     for reassign in [ReassignPolicy::Padded, ReassignPolicy::Forwarded] {
         let [exact, mixed] = both(&dataset, reassign);
         let (a, b) = (quality(&exact), quality(&mixed));
-        let used = [&exact, &mixed].map(|session| session.learner().used());
+        let used = [&exact, &mixed].map(|session| session.learner().status().used);
         println!("{reassign:?}: f64 {a:.4} dB, mixed {b:.4} dB, used {used:?}");
         assert!((a - b).abs() < 0.05, "{reassign:?}: f64 {a} dB, mixed {b} dB");
         let share = used[0] as f64 / used[1] as f64;
@@ -247,7 +248,7 @@ fn the_ply_reads_back_with_an_independent_reader() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");
     let summary = export::write(&path, &splats, &WriteOptions::new(ModelFormat::Ply)).unwrap();
-    assert_eq!(summary.n_written, session.learner().used());
+    assert_eq!(summary.n_written, session.learner().status().used);
 
     let mut file = BufReader::new(File::open(&path).unwrap());
     let ply = Parser::<DefaultElement>::new().read_ply(&mut file).unwrap();

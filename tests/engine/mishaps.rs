@@ -82,7 +82,7 @@ fn ends_with_what_it_learnt(mut session: Session, what: &str) {
     vbgs_studio::export::checkpoint::write(&file, &session.checkpoint().unwrap()).unwrap();
     let saved = SavedRun::read(&file).unwrap();
     assert!(saved.content.model == session.checkpoint().unwrap().model, "{what}");
-    assert!(session.stored_splats().view().splats().iter().any(|s| s.opacity > 0.0), "{what}");
+    assert!(session.splats().view().splats().iter().any(|s| s.opacity > 0.0), "{what}");
 }
 
 #[test]

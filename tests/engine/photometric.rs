@@ -17,9 +17,10 @@ use vbgs_studio::pipeline::plan::{Plan, Selection};
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::{SceneOverrides, SceneRun};
 use vbgs_studio::render::{RenderMethod, RenderOptions};
+use vbgs_studio::train::learner::{Learner, Learns};
 use vbgs_studio::train::outcome::ComparedPhotograph;
-use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+use vbgs_studio::train::scene::trainer::SceneTrainer;
 
 fn room() -> Arc<Dataset> {
     let params = SyntheticParams {
@@ -41,7 +42,7 @@ fn trained(mode: PhotometricMode) -> SplatSet {
 fn trained_with(asked: SceneOverrides) -> SplatSet {
     let mut session = Session::new(room(), asked, Selection::all_frames()).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
-    session.stored_splats()
+    session.splats()
 }
 
 #[test]
@@ -106,7 +107,7 @@ fn photographs_looked_at_again_teach_more_and_points_count_once() {
     for session in [&mut once, &mut twice] {
         assert!(matches!(session.step().unwrap(), Step::Finished));
     }
-    let [first, second] = [&once, &twice].map(|session| psnr(&session.stored_splats()));
+    let [first, second] = [&once, &twice].map(|session| psnr(&session.splats()));
     println!("once {first:.2} dB, twice {second:.2} dB");
     assert!(second > first + 0.2, "once {first:.2} dB, twice {second:.2} dB");
     assert_eq!((once.frames().len(), twice.frames().len()), (40, 80));
@@ -151,12 +152,12 @@ fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
     let used =
         |session: &Session| session.learner().device_use().photographs.unwrap().processor_frames;
     assert_eq!(used(&session), 12, "only trained photographs count");
-    let before = session.stored_splats();
+    let before = session.splats();
     let model = session.checkpoint().unwrap().model;
     assert!(session.settle() && !session.settle() && session.is_settled(), "settles once");
     assert_eq!((compared(&session), used(&session)), (20, 20));
     assert!(session.checkpoint().unwrap().model == model, "settling changed the model");
-    let settled = session.stored_splats();
+    let settled = session.splats();
     assert!(settled != before);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.vbgs");
@@ -170,7 +171,7 @@ fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
         assert!(!session.is_settled());
     }
     assert_eq!((used(&session), used(&resumed)), (13, 1));
-    assert!(session.stored_splats() == resumed.stored_splats());
+    assert!(session.splats() == resumed.splats());
     assert!(session.checkpoint().unwrap().model == resumed.checkpoint().unwrap().model);
 }
 
@@ -205,7 +206,7 @@ fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
     let plan = Plan::new(&room, &Selection::all_frames(), 0).unwrap();
     let run = SceneRun::new(&room, &plan, &SceneOverrides::default()).unwrap();
     let surface = run.prepared_surface();
-    let mut scene = engine::begin(&run.engine, surface.origin);
+    let mut scene = SceneTrainer::new(&run.engine, surface.origin);
     let (mut preparer, mut seen) = (Preparer::new(), Observation::empty());
     let mut doubted = Vec::new();
     for i in 0..room.splits[0].frames.len() {
@@ -215,10 +216,10 @@ fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
         }
         preparer.prepare(&frame, &surface, &mut seen).unwrap();
         scene.learn(&seen).unwrap();
-        doubted.extend(contradictions(scene.compared_photographs()));
+        doubted.extend(contradictions(scene.last_frame().compared_photographs));
     }
     scene.settle();
-    doubted.extend(contradictions(scene.compared_photographs()));
+    doubted.extend(contradictions(scene.last_frame().compared_photographs));
     doubted.sort_unstable();
     (scene.splats(), doubted)
 }

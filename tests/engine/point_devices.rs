@@ -9,9 +9,9 @@ use vbgs_studio::model::scene::sums::N_SUMS;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::device_trial::PassUse;
-use vbgs_studio::train::learner::TrainingDevice;
+use vbgs_studio::train::learner::{Learner, Learns, TrainingDevice};
 use vbgs_studio::train::scene::config::SceneConfig;
-use vbgs_studio::train::scene::engine;
+use vbgs_studio::train::scene::trainer::SceneTrainer;
 
 const FRAMES: usize = 4;
 
@@ -63,7 +63,7 @@ fn wall(t: usize, length: f32) -> Observation {
 
 /// Trains with the stub, compares every frame with the CPU alone, and returns the device's use.
 fn used(seed: u32, sums_left: usize, length: f32, policy: DevicePolicy) -> PassUse {
-    let begin = || engine::begin(&SceneConfig::fine(0.05), DVec3::ZERO);
+    let begin = || SceneTrainer::new(&SceneConfig::fine(0.05), DVec3::ZERO);
     let (mut alone, mut beside) = (begin(), begin());
     let idle = Idle { seed, sums_left, seeds: Vec::new(), sums: Vec::new() };
     beside.add_device(TrainingDevice::Points(Box::new(idle)), policy).unwrap();
@@ -71,7 +71,7 @@ fn used(seed: u32, sums_left: usize, length: f32, policy: DevicePolicy) -> PassU
         let frame = wall(t, length);
         let outcomes = [&mut alone, &mut beside].map(|learner| learner.learn(&frame).unwrap());
         assert_eq!(outcomes[0].elbo_mean, outcomes[1].elbo_mean);
-        assert_eq!(alone.changed(), beside.changed());
+        assert_eq!(alone.last_frame().changed, beside.last_frame().changed);
         assert!(alone.checkpoint_model() == beside.checkpoint_model());
     }
     beside.device_use().points.unwrap()

@@ -15,20 +15,20 @@ use vbgs_studio::model::paper::merging;
 use vbgs_studio::model::paper::state::Totals;
 use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
+use vbgs_studio::train::learner::{Learner, Learns};
 use vbgs_studio::train::scene::config::SceneConfig;
-use vbgs_studio::train::scene::engine;
-use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+use vbgs_studio::train::scene::trainer::SceneTrainer;
 
-fn learnt(config: &SceneConfig, frames: &[Observation]) -> Box<dyn SceneLearner> {
-    let mut scene = engine::begin(config, DVec3::ZERO);
+fn learnt(config: &SceneConfig, frames: &[Observation]) -> SceneTrainer {
+    let mut scene = SceneTrainer::new(config, DVec3::ZERO);
     for frame in frames {
         scene.learn(frame).unwrap();
     }
     scene
 }
 
-fn state(scene: &dyn SceneLearner) -> SceneState {
+fn state(scene: &SceneTrainer) -> SceneState {
     let StoredModel::Scene(state) = scene.checkpoint_model() else {
         panic!("expected a stored scene")
     };
@@ -61,11 +61,11 @@ proptest! {
         frames in vec(frame(200), 1..4),
     ) {
         let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
-        let mut scene = engine::begin(&config, DVec3::ZERO);
+        let mut scene = SceneTrainer::new(&config, DVec3::ZERO);
         let mut points = 0;
         for frame in &frames {
             points += scene.learn(frame).unwrap().points;
-            let posteriors = || (0..scene.components()).map(|k| scene.posterior(k));
+            let posteriors = || (0..scene.status().components).map(|k| scene.component(k).posterior);
             prop_assert_eq!(posteriors().map(|p| p.count).sum::<f64>(), points as f64);
             for posterior in posteriors().filter(|p| p.count > 0.0) {
                 let least = posterior.expected_covariance().eigen().values.min_element();
@@ -97,12 +97,12 @@ proptest! {
         let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
         let scene = learnt(&config, &frames);
         let n = frames.len() as u64;
-        let bytes = to_bytes(&checkpoint(&*scene, n));
+        let bytes = to_bytes(&checkpoint(&scene, n));
         let read = parse(&bytes).unwrap().checkpoint;
         prop_assert!(to_bytes(&read) == bytes);
         let StoredModel::Scene(state) = read.model else { panic!("expected a stored scene") };
-        let again = engine::restore(&config, state, n).unwrap();
-        prop_assert!(to_bytes(&checkpoint(&*again, n)) == bytes);
+        let again = SceneTrainer::restore(&config, state, n).unwrap();
+        prop_assert!(to_bytes(&checkpoint(&again, n)) == bytes);
         prop_assert!(again.splats() == scene.splats());
     }
 
@@ -112,7 +112,7 @@ proptest! {
         frames in vec(frame(200), 2..4),
     ) {
         let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
-        let run = |n_threads| with_threads(n_threads, || state(&*learnt(&config, &frames)));
+        let run = |n_threads| with_threads(n_threads, || state(&learnt(&config, &frames)));
         prop_assert!(run(1) == run(5));
     }
 }
@@ -190,7 +190,7 @@ fn said_in(world: &Similarity) -> Said {
     };
     let mut surface = SurfaceSettings::of_sensor(Sensor::Kinect, world.shift);
     surface.photograph = true;
-    let mut scene = engine::begin(&config, surface.origin);
+    let mut scene = SceneTrainer::new(&config, surface.origin);
     let (mut preparer, mut seen) = (Preparer::new(), Observation::empty());
     let mut points = 0;
     for frame in room() {
@@ -201,8 +201,7 @@ fn said_in(world: &Similarity) -> Said {
     let (mut mean, mut spread, mut scale, mut opacity) = (DVec3::ZERO, 0.0, 0.0, 0.0);
     let (mut color, mut n) = (DVec3::ZERO, 0.0);
     let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
-    for k in 0..scene.components() {
-        let (splat, _) = scene.splat(k);
+    for splat in scene.splats().iter() {
         if splat.opacity > 0.0 {
             let at = back(vector(splat.mean));
             n += 1.0;
@@ -214,7 +213,7 @@ fn said_in(world: &Similarity) -> Said {
         }
     }
     Said {
-        used: scene.used() as f64,
+        used: scene.status().used as f64,
         points: points as f64,
         mean: mean / n,
         spread: spread / n,

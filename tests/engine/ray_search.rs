@@ -3,8 +3,9 @@
 use super::budget::H;
 use glam::DVec3;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
+use vbgs_studio::train::learner::{Learner, Learns};
 use vbgs_studio::train::scene::config::SceneConfig;
-use vbgs_studio::train::scene::engine;
+use vbgs_studio::train::scene::trainer::SceneTrainer;
 
 /// Half-width of the wall's depth noise, world units.
 const NOISE: f64 = 0.5 * H;
@@ -33,7 +34,7 @@ fn noisy_wall(frame: i32) -> Observation {
 /// Used components after eight frames of the wall, and the RMS distance of their splats from it.
 fn learnt(ray_search: f64) -> (usize, f64) {
     let config = SceneConfig { ray_search, ..SceneConfig::fine(H) };
-    let mut scene = engine::begin(&config, DVec3::ZERO);
+    let mut scene = SceneTrainer::new(&config, DVec3::ZERO);
     for frame in 0..8 {
         assert_eq!(scene.learn(&noisy_wall(frame)).unwrap().points, 3600, "no point is lost");
     }
@@ -41,7 +42,7 @@ fn learnt(ray_search: f64) -> (usize, f64) {
     let errors: Vec<f64> =
         splats.iter().map(|splat| f64::from(splat.mean[2]) - 100.0 * H).collect();
     let squares: f64 = errors.iter().map(|error| error * error).sum();
-    (scene.used(), (squares / errors.len() as f64).sqrt())
+    (scene.status().used, (squares / errors.len() as f64).sqrt())
 }
 
 #[test]

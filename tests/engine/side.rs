@@ -17,8 +17,9 @@ use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::render::cpu::{CpuRenderer, Rendered};
 use vbgs_studio::render::{RenderMethod, RenderOptions};
+use vbgs_studio::train::learner::{Learner, Learns};
 use vbgs_studio::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
-use vbgs_studio::train::scene::{config::SceneConfig, engine};
+use vbgs_studio::train::scene::{config::SceneConfig, trainer::SceneTrainer};
 
 const FRAMES: usize = 16;
 /// Half-width of the window whose colour range bounds a pixel, px, and the tolerance beyond that range.
@@ -132,7 +133,7 @@ fn wall(paint: Paint, frames: usize, step: f64, photometric: bool) -> (SplatSet,
     let config = SceneConfig { photometric, ..SceneConfig::coarse(0.03) };
     let mut surface = SurfaceSettings::of_sensor(Sensor::Kinect, DVec3::ZERO);
     surface.photograph = config.photometric.is_some();
-    let mut scene = engine::begin(&config, surface.origin);
+    let mut scene = SceneTrainer::new(&config, surface.origin);
     let (mut preparer, mut seen) = (Preparer::new(), Observation::empty());
     let mut first = None;
     for i in 0..frames {

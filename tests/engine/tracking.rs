@@ -121,13 +121,13 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
     let mut session = session(images.to.path(), images.n);
     loop {
         let before = session.learner().checkpoint_model();
-        let was_drawn = session.stored_splats();
+        let was_drawn = session.splats();
         // Settles between frames, as an idle window or a save does.
-        assert_eq!(session.settle(), session.learner().frames() > 0);
+        assert_eq!(session.settle(), session.learner().status().frames > 0);
         match session.step().unwrap() {
             Step::Skipped(skipped) => {
                 assert!(session.learner().checkpoint_model() == before, "{skipped:?}");
-                assert!(!session.is_settled() && session.stored_splats() == was_drawn);
+                assert!(!session.is_settled() && session.splats() == was_drawn);
                 assert!(skipped.message.contains(&skipped.frame), "{skipped:?}");
             }
             Step::Trained(frame) => assert!(frame.tracked.is_some()),

@@ -89,7 +89,9 @@ fn fits_ahead_of_moves_give_the_bits_of_two_passes() {
             assert_eq!((a.reassigned, a.elbo_mean), (b.reassigned, b.elbo_mean), "{fraction}");
             assert!(once.point_elbo() == twice.point_elbo(), "{fraction}");
             let owned = |engine: &dyn PaperLearner| {
-                (0..COMPONENTS).map(|k| engine.component_elbo().mean_elbo_of(k)).collect::<Vec<_>>()
+                (0..COMPONENTS)
+                    .map(|k| engine.last_frame().component_elbo.mean_elbo_of(k))
+                    .collect::<Vec<_>>()
             };
             assert!(owned(&*once) == owned(&*twice), "{fraction}");
         }
@@ -126,7 +128,7 @@ fn a_restored_engine_goes_on_to_the_same_bits() {
             let mut other = learner::restore(
                 &config(&overrides),
                 half.state(),
-                half.frames(),
+                half.status().frames,
                 Normalization::IDENTITY,
             )
             .unwrap();
@@ -160,7 +162,7 @@ fn truncation_assigns_as_the_dense_e_step() {
 fn precisions_stay_close_to_the_oracle() {
     let frames = frames();
     let posteriors = |engine: Box<dyn PaperLearner>| -> Vec<_> {
-        (0..engine.components()).map(|k| engine.posterior(k)).collect()
+        (0..engine.status().components).map(|k| engine.component(k).posterior).collect()
     };
     let base = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
     let f64 = PaperOverrides { precision: Some(Precision::F64), ..base.clone() };

@@ -16,7 +16,7 @@ use vbgs_studio::train::paper::config::{
 use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::paper::learner;
 use vbgs_studio::train::paper::learner::PaperLearner;
-use vbgs_studio::train::timing::StageMs;
+use vbgs_studio::train::timing::{PAPER_STAGES, StageMs};
 
 /// Tiles per side of a frame.
 const SIDE: usize = 12;
@@ -237,7 +237,7 @@ fn milliseconds(learner: &mut dyn PaperLearner, frames: &[Points<f32>]) -> Strin
         of_frames.sort_by(f64::total_cmp);
         of_frames[of_frames.len() / 2]
     };
-    let stages = learner.stages().iter().enumerate();
+    let stages = PAPER_STAGES.iter().enumerate();
     let stages =
         stages.map(|(i, stage)| format!("{} {:.2}", stage.key, median(&|ms| ms.values()[i])));
     format!("{:.2} ms ({})", median(&|ms| ms.train), stages.collect::<Vec<_>>().join(", "))

@@ -66,7 +66,7 @@ fn psnr(room: &Arc<Dataset>, session: &Session) -> f64 {
     let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let options = EvalOptions::plain(GroundTruth::Composited, render);
     let views: Vec<usize> = (0..room.splits[1].frames.len()).collect();
-    let splats = session.stored_splats();
+    let splats = session.splats();
     evaluate(&splats, room, 1, &views, &options, |_| ()).unwrap().0.psnr_mean
 }
 

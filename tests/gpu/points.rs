@@ -18,10 +18,10 @@ use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::points::GpuPoints;
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::device_trial::PassUse;
-use vbgs_studio::train::learner::TrainingDevice;
+use vbgs_studio::train::learner::{Learner, Learns, TrainingDevice};
 use vbgs_studio::train::scene::config::SceneConfig;
-use vbgs_studio::train::scene::engine;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+use vbgs_studio::train::scene::trainer::SceneTrainer;
 
 /// Structural scale of the synthetic frames, world units.
 const H: f64 = 0.05;
@@ -76,7 +76,7 @@ fn compared(
     frames: &[Observation],
     before: impl Fn(usize),
 ) -> PassUse {
-    let [mut alone, mut beside] = [(); 2].map(|()| engine::begin(config, DVec3::ZERO));
+    let [mut alone, mut beside] = [(); 2].map(|()| SceneTrainer::new(config, DVec3::ZERO));
     beside.add_device(TrainingDevice::Points(Box::new(points(gpu))), DevicePolicy::Device).unwrap();
     for (i, frame) in frames.iter().enumerate() {
         before(i);
@@ -93,7 +93,7 @@ fn compared(
             "frame {i}"
         );
         assert!(beside.checkpoint_model() == alone.checkpoint_model(), "statistics of frame {i}");
-        assert_eq!(beside.changed(), alone.changed(), "frame {i}");
+        assert_eq!(beside.last_frame().changed, alone.last_frame().changed, "frame {i}");
     }
     beside.device_use().points.unwrap()
 }

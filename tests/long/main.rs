@@ -22,10 +22,10 @@ use vbgs_studio::model::scene::sums::N_SUMS;
 use vbgs_studio::model::splat::pose_log::FrameExposure;
 use vbgs_studio::model::splat::pose_log::FramePose;
 use vbgs_studio::observation::surface::Observation;
+use vbgs_studio::train::learner::{Learner, Learns};
 use vbgs_studio::train::scene::config::SceneConfig;
-use vbgs_studio::train::scene::engine;
-use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+use vbgs_studio::train::scene::trainer::SceneTrainer;
 
 #[global_allocator]
 static ALLOCATOR: Counted = Counted;
@@ -101,12 +101,12 @@ fn slope(by_round: &[f64]) -> f64 {
 }
 
 /// Bytes of the wide rows. A component gets its single wide row after 4,096 points.
-fn of_wide_rows(scene: &dyn SceneLearner) -> usize {
+fn of_wide_rows(scene: &SceneTrainer) -> usize {
     let StoredModel::Scene(state) = scene.checkpoint_model() else {
         panic!("a scene is stored as one")
     };
     let StoredSums { wide, .. } = state.sums;
-    assert!(wide.len() <= scene.used());
+    assert!(wide.len() <= scene.status().used);
     wide.len() * size_of::<[f64; N_SUMS]>()
 }
 
@@ -117,7 +117,7 @@ fn of_frames(n_frames: u64) -> usize {
 }
 
 /// Sums of all components.
-fn totals(scene: &dyn SceneLearner) -> Vec<[f64; N_SUMS]> {
+fn totals(scene: &SceneTrainer) -> Vec<[f64; N_SUMS]> {
     let StoredModel::Scene(state) = scene.checkpoint_model() else {
         panic!("a scene is stored as one")
     };
@@ -147,7 +147,7 @@ fn memory_and_time_stay_flat(n: usize) {
     let frames = round(&surface);
     let photometric = PhotometricMode::Light.rule();
     let config = SceneConfig { photometric, max_components: 4000, ..SceneConfig::coarse(H) };
-    let mut scene = engine::begin(&config, surface.origin);
+    let mut scene = SceneTrainer::new(&config, surface.origin);
     let (mut model, mut ms, mut used) = (vec![], vec![], vec![]);
     let (mut memory, mut resident) = (Vec::with_capacity(n), Vec::with_capacity(n));
     for _ in 0..n {
@@ -156,11 +156,11 @@ fn memory_and_time_stay_flat(n: usize) {
             scene.learn(frame).unwrap();
         }
         ms.push((computed_ms() - start) / ROUND as f64);
-        let wide = of_wide_rows(scene.as_ref());
-        model.push((scene.model_bytes() - wide) as f64);
-        used.push(scene.used() as f64);
+        let wide = of_wide_rows(&scene);
+        model.push((scene.status().model_bytes - wide) as f64);
+        used.push(scene.status().used as f64);
         // Wide rows are stored in a tree whose nodes are two thirds full.
-        let kept = scene.model_bytes() + wide / 2 + of_frames(scene.frames());
+        let kept = scene.status().model_bytes + wide / 2 + of_frames(scene.status().frames);
         memory.push(bytes() as f64 - kept as f64);
         resident.extend(rss_bytes().map(|bytes| bytes as f64));
     }
@@ -169,7 +169,7 @@ fn memory_and_time_stay_flat(n: usize) {
         "{} frames: {} components, {:.1} KB; from the second to the last tenth: components \
          {:+.2} %, model {:+.2} %, CPU ms per frame {:+.1} % of {:.2}",
         n * ROUND,
-        scene.used(),
+        scene.status().used,
         model[model.len() - 1] / 1e3,
         100.0 * of_components,
         100.0 * of_model,
@@ -195,7 +195,7 @@ fn memory_and_time_stay_flat(n: usize) {
     let of_memory = rise(&memory);
     eprintln!(
         "allocated beside the model and {:.2} MB of frames: {:.2} MB, {:+.2} %",
-        of_frames(scene.frames()) as f64 / 1e6,
+        of_frames(scene.status().frames) as f64 / 1e6,
         memory[n - 1] / 1e6,
         100.0 * of_memory
     );
@@ -212,7 +212,7 @@ fn sums_do_not_drift(n: usize) {
     let surface = SurfaceSettings::of_sensor(Sensor::Kinect, DVec3::ZERO);
     let frames = round(&surface);
     let config = SceneConfig { refine: false, ..SceneConfig::fine(H) };
-    let mut scene = engine::begin(&config, surface.origin);
+    let mut scene = SceneTrainer::new(&config, surface.origin);
     // Points of the first round may find nearer seeds that were born after them, so the second counts.
     let (mut first, mut once) = (Vec::new(), Vec::new());
     for i in 0..n {
@@ -220,8 +220,8 @@ fn sums_do_not_drift(n: usize) {
             scene.learn(frame).unwrap();
         }
         match i {
-            0 => first = totals(scene.as_ref()),
-            1 => once = totals(scene.as_ref()),
+            0 => first = totals(&scene),
+            1 => once = totals(&scene),
             _ => {}
         }
     }
@@ -230,6 +230,6 @@ fn sums_do_not_drift(n: usize) {
         .iter()
         .zip(&once)
         .map(|(first, second)| std::array::from_fn(|i| first[i] + (second[i] - first[i]) * times));
-    assert_eq!(totals(scene.as_ref()), expected.collect::<Vec<[f64; N_SUMS]>>());
+    assert_eq!(totals(&scene), expected.collect::<Vec<[f64; N_SUMS]>>());
     eprintln!("{} sums are exact after {} frames", once.len() * N_SUMS, n * ROUND);
 }

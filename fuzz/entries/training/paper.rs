@@ -137,9 +137,9 @@ fn preparation(input: &mut Bytes) -> Option<UnprojectSettings> {
 
 /// Learns a frame; an index that cannot be built leaves the number of frames or counts this one.
 fn learn(config: &PaperConfig, mixture: &mut dyn PaperLearner, points: &Points<f32>) {
-    let before = mixture.frames();
+    let before = mixture.status().frames;
     let Ok(outcome) = mixture.learn(points) else { return };
-    assert_eq!(mixture.frames(), before + 1);
+    assert_eq!(mixture.status().frames, before + 1);
     let FrameOutcome { points: learnt, elbo_mean, reassigned, .. } = outcome;
     assert!(learnt <= points.len(), "{learnt} of {} points", points.len());
     assert!(!elbo_mean.is_nan(), "an evidence that is no number");
@@ -155,10 +155,10 @@ fn learn_beside_copy(
     points: &Points<f32>,
     normalization: Normalization,
 ) {
-    let model = read_back(mixture.checkpoint_model(), mixture.frames());
+    let model = read_back(mixture.checkpoint_model(), mixture.status().frames);
     assert!(model == mixture.checkpoint_model(), "another mixture is read");
     let StoredModel::Mixture { state, .. } = model else { panic!("a mixture is stored as one") };
-    let mut copy = restored(config, state, mixture.frames(), normalization);
+    let mut copy = restored(config, state, mixture.status().frames, normalization);
     assert!(copy.checkpoint_model() == mixture.checkpoint_model(), "another mixture comes back");
     learn(config, mixture, points);
     learn(config, &mut *copy, points);
@@ -173,16 +173,16 @@ fn doubled(
 ) -> Box<dyn PaperLearner> {
     let state = mixture.state();
     let Ok(totals) = merging::add(&state.totals, &state.totals) else {
-        return restored(config, state, mixture.frames(), normalization);
+        return restored(config, state, mixture.status().frames, normalization);
     };
     let hyper = config.hyper();
     let model =
         StoredModel::Mixture { normalization, hyper, state: ModelState { totals, ..state } };
-    let StoredModel::Mixture { state, .. } = read_back(model, 2 * mixture.frames()) else {
+    let StoredModel::Mixture { state, .. } = read_back(model, 2 * mixture.status().frames) else {
         panic!("a mixture is stored as one")
     };
-    let twice = restored(config, state, 2 * mixture.frames(), normalization);
-    assert_eq!(twice.used(), mixture.used());
+    let twice = restored(config, state, 2 * mixture.status().frames, normalization);
+    assert_eq!(twice.status().used, mixture.status().used);
     twice
 }
 
@@ -203,22 +203,22 @@ fn check_shares(mixture: &mut dyn PaperLearner, points: &Points<f32>) {
     for shares in shares.iter().filter(|shares| !shares.is_empty()) {
         let whole: f64 = shares.iter().map(|(_, share)| share).sum();
         assert!((whole - 1.0).abs() < 1e-3, "shares of a point add up to {whole}");
-        assert!(shares.iter().all(|(k, _)| (*k as usize) < mixture.components()));
+        assert!(shares.iter().all(|(k, _)| (*k as usize) < mixture.status().components));
     }
 }
 
 /// What holds whatever was seen.
 fn check(mixture: &dyn PaperLearner) {
-    let components = mixture.components();
-    assert!(mixture.used() <= components, "{} of {components} used", mixture.used());
+    let components = mixture.status().components;
+    assert!(mixture.status().used <= components, "{} of {components} used", mixture.status().used);
     let stored = mixture.splats();
     let drawn = stored.iter().filter(|splat| splat.opacity > 0.0);
     drawn.for_each(|splat| assert!(splat.is_valid(), "{splat:?}"));
-    if let Changed::Listed(changed) = mixture.changed() {
+    if let Changed::Listed(changed) = mixture.last_frame().changed {
         assert!(changed.iter().all(|&k| (k as usize) < components), "{changed:?}");
     }
     for component in 0..components {
-        let posterior = mixture.posterior(component);
+        let posterior = mixture.component(component).posterior;
         assert!(posterior.count >= 0.0, "{}", posterior.count);
     }
 }

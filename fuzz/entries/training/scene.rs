@@ -7,10 +7,11 @@ use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
 use vbgs_studio::export::checkpoint::StoredModel;
 use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
+use vbgs_studio::train::learner::{Learner, Learns};
 use vbgs_studio::train::scene::config::SceneConfig;
 use vbgs_studio::train::scene::engine;
-use vbgs_studio::train::scene::engine::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+use vbgs_studio::train::scene::trainer::SceneTrainer;
 
 /// Settings, then commands until the bytes end. By how many steps the scale is wider then.
 pub fn train(kind: u8, mut input: Bytes) -> u32 {
@@ -23,9 +24,9 @@ pub fn train(kind: u8, mut input: Bytes) -> u32 {
     }
     let mut surface = SurfaceSettings::of_sensor(sensor, origin);
     surface.photograph = config.photometric.is_some();
-    let mut scene = engine::begin(&config, origin);
+    let mut scene = SceneTrainer::new(&config, origin);
     let (mut preparer, mut seen) = (Preparer::new(), Observation::empty());
-    let mut earlier = state(&*scene);
+    let mut earlier = state(&scene);
     for _ in 0..MAX_COMMANDS {
         if input.is_empty() {
             break;
@@ -43,21 +44,21 @@ pub fn train(kind: u8, mut input: Bytes) -> u32 {
             4 if input.flag() => drop(scene.settle()),
             4 => drop(scene.revisit_photograph(&seen)),
             5 => {
-                scene = reopened(&config, &*scene);
-                earlier = state(&*scene);
+                scene = reopened(&config, &scene);
+                earlier = state(&scene);
             }
-            6 => scene = fused(&config, &*scene, &earlier),
+            6 => scene = fused(&config, &scene, &earlier),
             _ => match input.flag() {
                 true => scene.component_elbo_mut().start(),
                 false => scene.component_elbo_mut().stop(),
             },
         }
-        check(&config, &*scene);
+        check(&config, &scene);
     }
-    state(&*scene).coarsening_steps
+    state(&scene).coarsening_steps
 }
 
-fn state(scene: &dyn SceneLearner) -> SceneState {
+fn state(scene: &SceneTrainer) -> SceneState {
     let StoredModel::Scene(state) = scene.checkpoint_model() else {
         panic!("a scene is stored as one")
     };
@@ -89,39 +90,37 @@ fn config(kind: u8, input: &mut Bytes) -> SceneConfig {
 }
 
 /// The scene out of the checkpoint of itself.
-fn reopened(config: &SceneConfig, scene: &dyn SceneLearner) -> Box<dyn SceneLearner> {
-    let state = read_back(scene.checkpoint_model(), scene.frames());
+fn reopened(config: &SceneConfig, scene: &SceneTrainer) -> SceneTrainer {
+    let state = read_back(scene.checkpoint_model(), scene.status().frames);
     let StoredModel::Scene(state) = state else { panic!("a scene is stored as one") };
-    let restored = engine::restore(config, state, scene.frames()).expect("seeds within reach");
+    let restored =
+        SceneTrainer::restore(config, state, scene.status().frames).expect("seeds within reach");
     assert!(restored.checkpoint_model() == scene.checkpoint_model(), "another scene comes back");
     restored
 }
 
 /// The scene with a part that learnt nothing since, and with itself as it was, at a finer scale perhaps.
-fn fused(
-    config: &SceneConfig,
-    scene: &dyn SceneLearner,
-    earlier: &SceneState,
-) -> Box<dyn SceneLearner> {
+fn fused(config: &SceneConfig, scene: &SceneTrainer, earlier: &SceneState) -> SceneTrainer {
     let now = state(scene);
     let Some(fused) = engine::fuse(config, None, &[&now, earlier]) else {
         return reopened(config, scene);
     };
-    let StoredModel::Scene(fused) = read_back(StoredModel::Scene(fused), 2 * scene.frames()) else {
+    let StoredModel::Scene(fused) = read_back(StoredModel::Scene(fused), 2 * scene.status().frames)
+    else {
         panic!("a scene is stored as one")
     };
-    engine::restore(config, fused, 2 * scene.frames()).expect("seeds within reach")
+    SceneTrainer::restore(config, fused, 2 * scene.status().frames).expect("seeds within reach")
 }
 
 /// What holds whatever was seen.
-fn check(config: &SceneConfig, scene: &dyn SceneLearner) {
+fn check(config: &SceneConfig, scene: &SceneTrainer) {
     let stored = scene.splats();
     let drawn = stored.iter().filter(|splat| splat.opacity > 0.0);
     let n_drawn = drawn.inspect(|splat| assert!(splat.is_valid(), "{splat:?}")).count();
     assert!(n_drawn <= config.max_components, "{n_drawn} of {}", config.max_components);
-    assert!(scene.used() <= config.max_components, "{} used", scene.used());
-    for component in 0..scene.components() {
-        let posterior = scene.posterior(component);
+    assert!(scene.status().used <= config.max_components, "{} used", scene.status().used);
+    for component in 0..scene.status().components {
+        let posterior = scene.component(component).posterior;
         assert!(posterior.count >= 0.0, "{}", posterior.count);
     }
 }

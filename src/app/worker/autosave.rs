@@ -109,7 +109,7 @@ impl Files {
         let path = slot.path().to_owned();
         let autosave = Autosave::new(path, AutosaveInterval::default(), session);
         self.saver = Saver::On(autosave, slot);
-        self.n_unsaved = session.learner().frames() as usize;
+        self.n_unsaved = session.learner().status().frames as usize;
     }
 
     /// Finds the newest run that an earlier window left behind, of one dataset or of any.

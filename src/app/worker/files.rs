@@ -91,12 +91,12 @@ impl Export<'_> {
             progress.is_wanted()
         };
         let format = ModelFormat::from_path(self.path)?;
-        let comments = run
-            .session()
-            .map(|session| file_comments(&session.config().method, session.learner().frames()));
+        let comments = run.session().map(|session| {
+            file_comments(&session.config().method, session.learner().status().frames)
+        });
         // Edits refer to indices of splats in the window, not in files.
         let (splats, flags) = match self.left_out.is_empty() {
-            true => (run.stored_splats(), None),
+            true => (run.splats(), None),
             false => {
                 let splats = run.splats();
                 let flags = self.left_out.deleted_flags(&splats);

@@ -162,9 +162,9 @@ impl Outbox {
 
     /// Marks the components that a frame changed.
     pub fn mark_trained(&mut self, learner: &dyn Learner) {
-        match learner.changed() {
+        match learner.last_frame().changed {
             Changed::Listed(ids) => self.dirty.mark(ids),
-            Changed::All => self.dirty.mark_all(learner.components()),
+            Changed::All => self.dirty.mark_all(learner.status().components),
         }
     }
 
@@ -174,14 +174,14 @@ impl Outbox {
 
     pub fn mark_all(&mut self, run: &Run) {
         if let Some(session) = run.session() {
-            self.dirty.mark_all(session.learner().components());
+            self.dirty.mark_all(session.learner().status().components);
         }
     }
 
     /// Marks the components that changed because rays of a frame passed through them, without receiving
     /// points. Done when training rests: delivering all of them after every frame would slow it down.
     pub fn mark_visibility(&mut self, run: &Run) {
-        if run.session().is_some_and(|s| s.learner().changes_unlisted_components()) {
+        if run.session().is_some_and(|session| session.config().method.scene().is_some()) {
             self.mark_all(run);
         }
     }

@@ -87,11 +87,6 @@ impl Run {
         }
     }
 
-    /// Splats as files store them.
-    pub fn stored_splats(&self) -> SplatSet {
-        self.session().map_or_else(|| self.splats(), Session::stored_splats)
-    }
-
     /// Reports of the latest frames. Those with pending photographs change once these are trained on.
     pub fn recent_frames(&self) -> &[FrameReport] {
         let frames = self.session().map_or(&[][..], Session::frames);

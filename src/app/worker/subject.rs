@@ -187,7 +187,7 @@ impl WorkerThread {
             Content::Session(session) => {
                 snapshot.source = Source::Dataset;
                 snapshot.n_frames = session.plan().frames.len();
-                snapshot.frames_done = session.learner().frames() as usize;
+                snapshot.frames_done = session.learner().status().frames as usize;
                 snapshot.state = match session.visited() {
                     0 if is_demo => RunState::Training,
                     0 => RunState::Ready,

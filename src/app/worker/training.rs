@@ -33,7 +33,7 @@ impl WorkerThread {
         let Some(step) = step else { return false };
         // The component ELBO of the frame before no longer holds, whether or not this frame changes its
         // components.
-        self.outbox.mark(session.learner().component_elbo().components());
+        self.outbox.mark(session.learner().last_frame().component_elbo.components());
         match step {
             Ok(Step::Waiting) => {}
             Ok(Step::Trained(_)) => {
@@ -96,7 +96,7 @@ impl WorkerThread {
         // The performance tests parse this line (`tests/app/window.rs`).
         let (median, all) = (summary.train_ms_median, self.outbox.snapshot.trained_s);
         tracing::info!("finished: train_ms_median {median:.3} trained_s {all:.3}");
-        for warning in session.learner().warnings() {
+        for warning in session.learner().status().warnings {
             let text = warning.to_string();
             self.outbox.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
         }
@@ -113,11 +113,11 @@ impl WorkerThread {
 
     pub(super) fn refresh_session_info(&mut self) {
         let Some(session) = self.run.session() else { return };
-        let (learner, snapshot) = (session.learner(), &mut self.outbox.snapshot);
+        let (status, snapshot) = (session.learner().status(), &mut self.outbox.snapshot);
         snapshot.n_frames = session.plan().frames.len();
-        snapshot.components = learner.components();
-        snapshot.used = learner.used();
-        snapshot.model_bytes = learner.model_bytes();
+        snapshot.components = status.components;
+        snapshot.used = status.used;
+        snapshot.model_bytes = status.model_bytes;
         // Frames are only added to the list; snapshots share it until then.
         if snapshot.skipped.len() != session.skipped().len() {
             snapshot.skipped = Arc::new(session.skipped().to_vec());

@@ -165,7 +165,7 @@ fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDra
 }
 
 fn posteriors(engine: &dyn PaperLearner) -> Vec<ComponentPosterior> {
-    (0..engine.components()).map(|k| engine.posterior(k)).collect()
+    (0..engine.status().components).map(|k| engine.component(k).posterior).collect()
 }
 
 /// All combinations of widths, widest first.

@@ -67,8 +67,9 @@ impl TrainingSample {
     /// the paper.
     pub fn psnr(&self, engine: &dyn PaperLearner, config: &PaperConfig) -> Result<f64, BenchError> {
         // The engine was trained in model coordinates, so its splats are converted to world here.
-        let splat = |k| config.conversion.splat(&engine.posterior(k), &self.normalization);
-        let splats: Vec<_> = (0..engine.components()).map(splat).collect();
+        let splat =
+            |k| config.conversion.splat(&engine.component(k).posterior, &self.normalization);
+        let splats: Vec<_> = (0..engine.status().components).map(splat).collect();
         let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let options = EvalOptions::plain(GroundTruth::Rgb, render);
         let (split, views) = &self.views;

@@ -126,7 +126,7 @@ impl TimedRow {
             update_ms,
             reassign_ms,
             psnr: sample.psnr(&*runs.engine, config)?,
-            used: runs.engine.used(),
+            used: runs.engine.status().used,
             elbo_diff_max: errors.map(|e| e.elbo_max),
             elbo_diff_mean: errors.map(|e| e.elbo_mean),
             total_variation_mean: errors.map(|e| e.variation_mean),

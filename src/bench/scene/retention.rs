@@ -15,8 +15,9 @@ use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::prefetch::Prefetch;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::scene::engine;
+use crate::train::learner::{Learner, Learns};
 use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
+use crate::train::scene::trainer::SceneTrainer;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -109,7 +110,7 @@ impl Retention {
         run: &SceneRun,
     ) -> Result<(Vec<RetentionRow>, RetentionSummary), BenchError> {
         let surface = run.prepared_surface();
-        let mut scene = engine::begin(&run.engine, surface.origin);
+        let mut scene = SceneTrainer::new(&run.engine, surface.origin);
         let (mut rows, mut held_out) = (Vec::new(), Vec::new());
         let n_frames = self.plan.frames.len();
         let every = n_frames.div_ceil(LOOKS[0]).max(1);

@@ -21,9 +21,9 @@ use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::prefetch::Prefetch;
 use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
 use crate::render::{RenderMethod, RenderOptions};
+use crate::train::learner::{Learner, Learns};
 use crate::train::scene::config::SceneConfig;
-use crate::train::scene::engine;
-use crate::train::scene::engine::SceneLearner;
+use crate::train::scene::trainer::SceneTrainer;
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
@@ -106,7 +106,7 @@ pub fn n_sweeps(runs: &[SceneRun]) -> usize {
 /// An engine shared by configurations with equal sums.
 struct TrainedSums {
     config: SceneConfig,
-    engine: Box<dyn SceneLearner>,
+    engine: SceneTrainer,
     train_ms: Vec<f64>,
 }
 
@@ -122,7 +122,7 @@ fn train_alike(
     for run in runs {
         // Runs that differ only in drawing share their sums.
         if !courses.iter().any(|course| course.has_sums_of(run)) {
-            let engine = engine::begin(&run.engine, surface.origin);
+            let engine = SceneTrainer::new(&run.engine, surface.origin);
             courses.push(TrainedSums { config: run.engine.clone(), engine, train_ms: Vec::new() });
         }
     }
@@ -152,8 +152,8 @@ fn train_alike(
         course.engine.settle();
         Some(Trained {
             splats: course.engine.splats(),
-            born: course.engine.components(),
-            model_bytes: course.engine.model_bytes(),
+            born: course.engine.status().components,
+            model_bytes: course.engine.status().model_bytes,
             train_ms: course.train_ms.clone(),
             prepare_ms: prepare_ms.clone(),
         })

@@ -9,6 +9,7 @@ use crate::export::checkpoint;
 use crate::export::checkpoint::{Checkpoint, LoadedCheckpoint};
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::any_preset::{Mismatch, RestoredLearner};
+use crate::pipeline::frame_loop::restore_any;
 use crate::pipeline::plan::MAX_PASSES;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::tracked::Trajectory;
@@ -113,7 +114,7 @@ impl SavedRun {
     /// [`RunError::Form`], [`RunError::Prior`] or [`RunError::Json`] if model and settings do not match.
     pub fn revive(&self) -> Result<RestoredLearner, RunError> {
         let (model, frames) = (&self.content.model, self.content.cursor.frames);
-        let revived = self.config.method.as_any().restore_any(model, frames);
+        let revived = restore_any(&self.config.method, model, frames);
         let mut revived = revived.map_err(|why| self.mismatch(why))?;
         revived.learner.settle();
         Ok(revived)

@@ -44,7 +44,7 @@ impl Session {
             past: past.clone(),
             planned_frames: plan.frames.len(),
             cursor: Cursor {
-                frames: self.learner().frames(),
+                frames: self.learner().status().frames,
                 points: past.points,
                 visited: plan.frames.iter().take(past.visited).map(|&frame| frame as u32).collect(),
             },

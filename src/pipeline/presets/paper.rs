@@ -10,9 +10,9 @@ use crate::model::attributes::StoredModel;
 use crate::model::paper::state::{ModelState, Totals};
 use crate::model::splat::splats::CovarianceForm;
 use crate::observation::points::Points;
-use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch, RestoredLearner};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::frame_loop::{InitialLearner, TypedPreset, revive};
+use crate::pipeline::frame_loop::{InitialLearner, TypedPreset};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::prefetch::frames_at_once;
 use crate::pipeline::run::RunConfig;
@@ -63,10 +63,6 @@ impl AnyPreset for PaperConfig {
 
     fn check(&self, model: &StoredModel) -> Result<(), Mismatch> {
         self.mixture(model).map(|_| ())
-    }
-
-    fn restore_any(&self, model: &StoredModel, frames: u64) -> Result<RestoredLearner, Mismatch> {
-        revive(self, model, frames)
     }
 }
 

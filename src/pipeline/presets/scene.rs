@@ -10,14 +10,15 @@ use crate::model::attributes::StoredModel;
 use crate::model::scene::state::SceneState;
 use crate::model::splat::splats::CovarianceForm;
 use crate::observation::surface::Observation;
-use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch, RestoredLearner};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::frame_loop::{InitialLearner, TypedPreset, revive};
+use crate::pipeline::frame_loop::{InitialLearner, TypedPreset};
 use crate::pipeline::prefetch::frames_at_once;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::outcome::MemoryEstimate;
 use crate::train::scene::engine;
+use crate::train::scene::trainer::SceneTrainer;
 
 impl AnyPreset for SceneRun {
     fn seed(&self) -> u64 {
@@ -63,10 +64,6 @@ impl AnyPreset for SceneRun {
     fn check(&self, model: &StoredModel) -> Result<(), Mismatch> {
         self.scene(model).map(|_| ())
     }
-
-    fn restore_any(&self, model: &StoredModel, frames: u64) -> Result<RestoredLearner, Mismatch> {
-        revive(self, model, frames)
-    }
 }
 
 impl TypedPreset for SceneRun {
@@ -83,7 +80,7 @@ impl TypedPreset for SceneRun {
         _: &PositionRange,
         _: usize,
     ) -> Result<InitialLearner<Observation>, SessionError> {
-        let learner = engine::begin(&self.engine, self.surface.origin);
+        let learner = Box::new(SceneTrainer::new(&self.engine, self.surface.origin));
         Ok(InitialLearner { learner, normalization: self.normalization() })
     }
 
@@ -93,12 +90,12 @@ impl TypedPreset for SceneRun {
         frames: u64,
     ) -> Result<InitialLearner<Observation>, Mismatch> {
         let state = self.scene(model)?.clone();
-        let learner = engine::restore(&self.engine, state, frames).ok_or_else(|| {
+        let learner = SceneTrainer::restore(&self.engine, state, frames).ok_or_else(|| {
             Mismatch::Form(
                 "seeds that its scale can separate at this distance from the origin".to_owned(),
             )
         })?;
-        Ok(InitialLearner { learner, normalization: self.normalization() })
+        Ok(InitialLearner { learner: Box::new(learner), normalization: self.normalization() })
     }
 }
 

@@ -6,21 +6,19 @@ use super::init::InitialDraw;
 use super::trainer::PaperTrainer;
 use crate::math::measured_pixel::Normalization;
 use crate::model::attributes::StoredModel;
-use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::inspection::DeviceError;
 use crate::model::paper::state::ModelState;
-use crate::model::splat::appearance::{Appearance, SplatSet};
+use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::splats::Splat;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::device_trial::DevicePolicy;
-use crate::train::learner::{Changed, DeviceUse, Learner, Learns, TrainingDevice};
-use crate::train::outcome::{
-    FrameOutcome, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES, TrainingWarning,
+use crate::train::learner::{
+    Changed, Component, DeviceUse, LastFrame, Learner, Learns, Status, TrainingDevice,
 };
-use crate::train::timing::{PAPER_STAGES, TrainStage};
+use crate::train::outcome::{FrameOutcome, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES};
 use rayon::prelude::*;
 
 /// Minimum number of components per parallel task: smaller tasks cost more than they save.
@@ -46,6 +44,13 @@ pub(super) struct NormalizedTrainer<R: PaperScalar> {
     pub widened: Points<R>,
 }
 
+impl<R: PaperScalar> NormalizedTrainer<R> {
+    fn splat(&self, component: usize) -> Splat {
+        let conversion = self.trainer.config().conversion;
+        conversion.splat(&self.trainer.posterior(component), &self.normalization)
+    }
+}
+
 impl<R: PaperScalar> Learns<Points<f32>> for NormalizedTrainer<R> {
     fn learn(&mut self, points: &Points<f32>) -> Result<FrameOutcome, IndexError> {
         self.trainer.train(R::points(points, &mut self.widened))
@@ -67,52 +72,38 @@ impl<R: PaperScalar> PaperLearner for NormalizedTrainer<R> {
 }
 
 impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
-    fn stages(&self) -> &'static [TrainStage] {
-        &PAPER_STAGES
+    fn status(&self) -> Status {
+        Status {
+            frames: self.trainer.frames(),
+            components: self.trainer.components(),
+            used: self.trainer.used(),
+            model_bytes: self.trainer.model_bytes(),
+            is_settled: false,
+            warnings: Vec::new(),
+        }
     }
 
-    fn frames(&self) -> u64 {
-        self.trainer.frames()
+    fn last_frame(&self) -> LastFrame<'_> {
+        LastFrame {
+            changed: Changed::Listed(self.trainer.changed_components()),
+            compared_photographs: &[],
+            component_elbo: self.trainer.component_elbo(),
+        }
     }
 
-    fn components(&self) -> usize {
-        self.trainer.components()
-    }
-
-    fn used(&self) -> usize {
-        self.trainer.used()
-    }
-
-    fn changed(&self) -> Changed<'_> {
-        Changed::Listed(self.trainer.changed_components())
-    }
-
-    fn changes_unlisted_components(&self) -> bool {
-        false
-    }
-
-    fn model_bytes(&self) -> usize {
-        self.trainer.model_bytes()
-    }
-
-    fn posterior(&self, component: usize) -> ComponentPosterior {
-        self.trainer.posterior(component)
-    }
-
-    fn splat(&self, component: usize) -> (Splat, Appearance) {
-        let conversion = self.trainer.config().conversion;
-        let splat = conversion.splat(&self.posterior(component), &self.normalization);
-        (splat, Appearance::default())
+    fn component(&self, component: usize) -> Component {
+        let posterior = self.trainer.posterior(component);
+        Component { posterior, normal: None, photometric_deviations: None }
     }
 
     fn splats(&self) -> SplatSet {
-        let ids = (0..self.components()).into_par_iter().with_min_len(MIN_SPLATS);
-        ids.map(|k| self.splat(k).0).collect::<Vec<_>>().into()
+        let ids = (0..self.trainer.components()).into_par_iter().with_min_len(MIN_SPLATS);
+        ids.map(|k| self.splat(k)).collect::<Vec<_>>().into()
     }
 
     fn splats_of(&self, components: &[u32]) -> SplatSet {
         let ids = components.par_iter().with_min_len(MIN_SPLATS);
-        ids.map(|&k| self.splat(k as usize).0).collect::<Vec<_>>().into()
+        ids.map(|&k| self.splat(k as usize)).collect::<Vec<_>>().into()
     }
 
     fn add_device(
@@ -130,16 +121,8 @@ impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
         DeviceUse { passes: self.trainer.pass_use(), ..DeviceUse::default() }
     }
 
-    fn component_elbo(&self) -> &ComponentElbo {
-        self.trainer.component_elbo()
-    }
-
     fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
         self.trainer.component_elbo_mut()
-    }
-
-    fn warnings(&self) -> Vec<TrainingWarning> {
-        Vec::new()
     }
 
     fn checkpoint_model(&self) -> StoredModel {
@@ -208,7 +191,7 @@ impl PaperConfig {
 /// let mut mixture = learner::begin(&config, &InitialDraw::random(50, 0), Normalization::IDENTITY)?;
 /// let outcome = mixture.learn(&Points::from_rows(&[[0.1; 6], [0.2; 6]]))?;
 /// assert_eq!(outcome.points, 2);
-/// assert!(mixture.used() >= 1);
+/// assert!(mixture.status().used >= 1);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn begin(

@@ -142,7 +142,7 @@ fn all_that_was_learnt_moves_with_the_world() {
         assert!((a.opacity - b.opacity).abs() < 1e-3, "{a:?} {b:?}");
         let numbers = a.scale.iter().zip(b.scale).chain(a.color.iter().zip(b.color));
         assert!(numbers.into_iter().all(|(a, b)| (a - b).abs() < 5e-4), "{a:?} {b:?}");
-        let [from, to] = [&trainer, &moved].map(|trainer| trainer.normal(id).unwrap());
+        let [from, to] = [&trainer, &moved].map(|trainer| trainer.component(id).normal.unwrap());
         assert!((motion.rotation() * from - to).length() < 1e-3);
         let [from, to] = [&before, &after].map(|set| set.view().appearance()[id].gradient[1]);
         let apart = motion.rotation() * vector(from) - vector(to);

@@ -31,6 +31,6 @@ mod observe;
 mod point_fits;
 mod rigid_equations;
 mod seed_groups;
-mod trainer;
+pub mod trainer;
 #[cfg(test)]
 mod wall_tests;

@@ -72,7 +72,7 @@ fn a_failed_save_is_said_and_tried_again() {
 fn figures_of_a_save_beside_training() {
     for components in [25_000, 200_000] {
         let (mut session, frame) = large(components);
-        let used = session.learner().used();
+        let used = session.learner().status().used;
         let path = tempfile::tempdir().unwrap();
         let (mut stalls, mut saves) = (Vec::new(), 0);
         let mut autosave = Autosave::new(path.path().join("run.vbgs"), every(1), &session);
@@ -120,9 +120,9 @@ fn large(components: usize) -> (Session, f64) {
         SceneOverrides { scale: Some(StructuralScale::World(h)), ..SceneOverrides::default() };
     let mut session = Session::new(room, asked, Selection::all_frames()).unwrap();
     let mut ms = Vec::new();
-    while session.learner().used() < components || ms.len() < 8 {
+    while session.learner().status().used < components || ms.len() < 8 {
         let Step::Trained(frame) = session.step().unwrap() else {
-            panic!("only {} components", session.learner().used())
+            panic!("only {} components", session.learner().status().used)
         };
         ms.push(frame.ms.stages.train);
     }

@@ -129,7 +129,7 @@ fn a_fused_scene_keeps_to_the_budget() {
     let held = SceneOverrides { budget, ..free };
     let (start, shards) = self::shards(&held, 2);
     let all = reread(&merge_onto(&start, shards.clone()).unwrap().unwrap());
-    let used = all.revive().unwrap().learner.used();
+    let used = all.revive().unwrap().learner.status().used;
     assert!(used <= n, "{used} of {n}");
     assert_eq!(points(scene(&all)), points(scene(&union)));
 }

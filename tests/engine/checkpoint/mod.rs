@@ -102,7 +102,7 @@ fn ply(session: &Session) -> Vec<u8> {
     let folder: TempDir = tempfile::tempdir().unwrap();
     let path: &Path = &folder.path().join("scene.ply");
     let options = WriteOptions { up: session.up(), ..WriteOptions::new(ModelFormat::Ply) };
-    export::write(path, &session.stored_splats(), &options).unwrap();
+    export::write(path, &session.splats(), &options).unwrap();
     std::fs::read(path).unwrap()
 }
 

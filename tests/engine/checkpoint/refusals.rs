@@ -169,6 +169,6 @@ fn the_run_of_version_1_0_still_opens() {
     assert_eq!(train.reassign, ReassignPolicy::Forwarded);
     assert_eq!((config.selection.stride, config.selection.max_frames), (2, Some(3)));
     assert_eq!(run.content.cursor.visited, [0, 2, 4]);
-    assert_eq!(run.revive().unwrap().learner.used(), 12);
+    assert_eq!(run.revive().unwrap().learner.status().used, 12);
     assert_eq!(run.splats().unwrap().iter().filter(|s| s.is_drawable()).count(), 12);
 }

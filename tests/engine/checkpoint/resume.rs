@@ -45,8 +45,8 @@ fn the_model_is_as_it_was_at_once() {
     assert_eq!(run.splats().unwrap(), session.splats());
     assert_eq!(run.up(), session.up());
     let learner = run.revive().unwrap().learner;
-    for k in 0..learner.components() {
-        assert_eq!(learner.posterior(k), session.learner().posterior(k));
+    for k in 0..learner.status().components {
+        assert_eq!(learner.component(k).posterior, session.learner().component(k).posterior);
     }
     let resumed = run.resume(room(), &ResumeRequest::default(), false).unwrap();
     assert_eq!(resumed.splats(), session.splats());

@@ -82,10 +82,10 @@ fn the_scene_is_as_it_was_at_once() {
     let session = trained(&plain(), first(5));
     let run = saved(&session);
     assert_eq!(run.config, *session.config());
-    assert_eq!(run.splats().unwrap(), session.stored_splats());
+    assert_eq!(run.splats().unwrap(), session.splats());
     assert_eq!(run.up(), session.up());
     let learner = run.revive().unwrap().learner;
-    assert_eq!(learner.components(), session.learner().components());
+    assert_eq!(learner.status().components, session.learner().status().components);
     let resumed = run.resume(room(), &ResumeRequest::default(), false).unwrap();
     assert_eq!(resumed.normalization(), session.normalization());
     assert_eq!(timeless(resumed.checkpoint().unwrap()), timeless(session.checkpoint().unwrap()));
@@ -239,6 +239,6 @@ fn merged_scenes_are_read_back() {
         let scene = scene(&run.content);
         let is_reached = scene.components.is_some() || scene.coarsening_steps > 0;
         assert!(is_reached, "{budget:?}: the budget was not reached");
-        assert_eq!(run.splats().unwrap(), session.stored_splats(), "{budget:?}");
+        assert_eq!(run.splats().unwrap(), session.splats(), "{budget:?}");
     }
 }

@@ -165,13 +165,13 @@ impl<'a> Truth<'a> {
             engine.learn(&self.frame).unwrap();
         }
         let found: Vec<ComponentPosterior> =
-            (0..engine.components()).map(|k| engine.posterior(k)).collect();
+            (0..engine.status().components).map(|k| engine.component(k).posterior).collect();
         let PosteriorErrors { mean_max, covariance_max, .. } =
             posterior_errors(&found, &self.posteriors);
         StabilityRow {
             case: self.case.name,
             points_broken: self.sound.iter().filter(|sound| !**sound).count(),
-            used: engine.used(),
+            used: engine.status().used,
             responsibility_error: self.responsibility_error(&mut *engine),
             count_error: self.count_error(&found),
             mean_error: mean_max,

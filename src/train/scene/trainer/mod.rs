@@ -49,6 +49,25 @@ pub struct SceneTrainer {
 
 impl SceneTrainer {
     /// Creates an empty scene, whose positions are relative to `origin` (world units).
+    ///
+    /// ```
+    /// use glam::DVec3;
+    /// use vbgs_studio::observation::surface::{Observation, SurfacePoint};
+    /// use vbgs_studio::train::learner::Learner;
+    /// use vbgs_studio::train::scene::{config::SceneConfig, trainer::SceneTrainer};
+    ///
+    /// let at = |x| SurfacePoint {
+    ///     position: [x, 0.0, 1.0],
+    ///     normal: [0.0, 0.0, -1.0],
+    ///     direction: [0.0, 0.0, 1.0],
+    ///     ..SurfacePoint::default()
+    /// };
+    /// let frame = Observation { points: vec![at(0.0), at(0.05), at(0.5)], ..Observation::empty() };
+    /// let mut scene = SceneTrainer::new(&SceneConfig::fine(0.1), DVec3::ZERO);
+    /// assert_eq!(scene.train(&frame).points, 3);
+    /// assert_eq!(scene.status().used, 2, "one of them had a seed within 0.1");
+    /// assert_eq!(scene.component(0).posterior.count, 2.0);
+    /// ```
     pub fn new(config: &SceneConfig, origin: DVec3) -> Self {
         let scene = Scene::new(config, origin);
         Self {

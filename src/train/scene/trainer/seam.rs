@@ -14,10 +14,10 @@ use crate::observation::surface::Observation;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::device_trial::DevicePolicy;
-use crate::train::learner::{Changed, DeviceUse, Learner, Learns, TrainingDevice};
-use crate::train::outcome::{ComparedPhotograph, FrameOutcome, TrainingWarning};
-use crate::train::scene::engine::SceneLearner;
-use crate::train::timing::{SCENE_STAGES, TrainStage};
+use crate::train::learner::{
+    Component, DeviceUse, LastFrame, Learner, Learns, Status, TrainingDevice,
+};
+use crate::train::outcome::{FrameOutcome, TrainingWarning};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -31,61 +31,49 @@ impl Learns<Observation> for SceneTrainer {
     }
 }
 
-impl SceneLearner for SceneTrainer {
-    fn set_splat_rule(&mut self, rule: SplatRule) {
-        self.scene.config.splat_rule = rule;
-        // It was computed from pictures drawn with the previous rule.
-        self.photographs.unsettle();
-    }
-}
-
 impl Learner for SceneTrainer {
-    fn stages(&self) -> &'static [TrainStage] {
-        &SCENE_STAGES
+    fn status(&self) -> Status {
+        let Scene { sums, seeds, frames, .. } = &self.scene;
+        Status {
+            frames: *frames,
+            // Rows of sums, used or free.
+            components: sums.len(),
+            used: seeds.view().components.used(),
+            model_bytes: sums.bytes() + seeds.bytes() + self.photographs.learner.state().bytes(),
+            is_settled: self.photographs.is_settled(),
+            warnings: self.warnings(),
+        }
     }
 
-    fn frames(&self) -> u64 {
-        self.scene.frames
-    }
-
-    /// Number of rows of sums, used or free.
-    fn components(&self) -> usize {
-        self.scene.sums.len()
-    }
-
-    fn used(&self) -> usize {
-        self.scene.seeds.view().components.used()
-    }
-
-    fn changed(&self) -> Changed<'_> {
-        self.changes.get()
-    }
-
-    fn changes_unlisted_components(&self) -> bool {
-        true
-    }
-
-    fn model_bytes(&self) -> usize {
-        let Scene { sums, seeds, .. } = &self.scene;
-        sums.bytes() + seeds.bytes() + self.photographs.learner.state().bytes()
+    fn last_frame(&self) -> LastFrame<'_> {
+        LastFrame {
+            changed: self.changes.get(),
+            compared_photographs: self.photographs.compared(),
+            component_elbo: &self.component_elbo,
+        }
     }
 
     /// World units relative to the scene's origin, colours normalised. The prior mean is the seed
     /// (`model.md`, Quirks of the reference).
-    fn posterior(&self, id: usize) -> ComponentPosterior {
-        let moments = self.scene.sums_of(id).moments();
+    fn component(&self, id: usize) -> Component {
+        let sums = self.scene.sums_of(id);
         // Computed about the seed, so that the prior pulls towards it and not to the origin, then moved.
-        let mut posterior = ComponentPosterior::new(&self.scene.hyper, DVec3::ZERO, &moments);
+        let mut posterior =
+            ComponentPosterior::new(&self.scene.hyper, DVec3::ZERO, &sums.moments());
         posterior.mean_space += self.scene.seed(id);
-        posterior
+        Component {
+            posterior,
+            normal: sums.normal.try_normalize(),
+            photometric_deviations: PhotometricDeviations::of(self.photographs.drawn(), id),
+        }
     }
 
-    fn photometric_deviations(&self, id: usize) -> Option<PhotometricDeviations> {
-        PhotometricDeviations::of(self.photographs.drawn(), id)
+    fn splats(&self) -> SplatSet {
+        self.set_of((0..self.scene.sums.len()).into_par_iter())
     }
 
-    fn compared_photographs(&self) -> &[ComparedPhotograph] {
-        self.photographs.compared()
+    fn splats_of(&self, ids: &[u32]) -> SplatSet {
+        self.set_of(ids.par_iter().map(|&id| id as usize))
     }
 
     fn settle(&mut self) -> bool {
@@ -94,10 +82,6 @@ impl Learner for SceneTrainer {
             self.changes.add_all();
         }
         is_new
-    }
-
-    fn is_settled(&self) -> bool {
-        self.photographs.is_settled()
     }
 
     fn add_device(
@@ -124,30 +108,21 @@ impl Learner for SceneTrainer {
         }
     }
 
-    fn normal(&self, id: usize) -> Option<DVec3> {
-        self.scene.sums_of(id).normal.try_normalize()
-    }
-
-    fn splat(&self, id: usize) -> (Splat, Appearance) {
-        let (splat, appearance) =
-            self.photographs.drawn().splat(id).unwrap_or_else(|| self.scene.splat(id));
-        (splat, Appearance { observed: self.scene.sums.observed_cone(id), ..appearance })
-    }
-
-    fn splats(&self) -> SplatSet {
-        self.set_of((0..self.scene.sums.len()).into_par_iter())
-    }
-
-    fn splats_of(&self, ids: &[u32]) -> SplatSet {
-        self.set_of(ids.par_iter().map(|&id| id as usize))
-    }
-
-    fn component_elbo(&self) -> &ComponentElbo {
-        &self.component_elbo
-    }
-
     fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
         &mut self.component_elbo
+    }
+
+    fn checkpoint_model(&self) -> StoredModel {
+        StoredModel::Scene(self.state())
+    }
+}
+
+impl SceneTrainer {
+    /// Sets the splat rule from now on.
+    pub fn set_splat_rule(&mut self, rule: SplatRule) {
+        self.scene.config.splat_rule = rule;
+        // It was computed from pictures drawn with the previous rule.
+        self.photographs.unsettle();
     }
 
     fn warnings(&self) -> Vec<TrainingWarning> {
@@ -163,8 +138,11 @@ impl Learner for SceneTrainer {
         budget.into_iter().chain(coarsened).chain(reach).chain(repaired).collect()
     }
 
-    fn checkpoint_model(&self) -> StoredModel {
-        StoredModel::Scene(self.state())
+    /// Splat of a component, from photographs if they were trained on.
+    pub(super) fn splat(&self, id: usize) -> (Splat, Appearance) {
+        let (splat, appearance) =
+            self.photographs.drawn().splat(id).unwrap_or_else(|| self.scene.splat(id));
+        (splat, Appearance { observed: self.scene.sums.observed_cone(id), ..appearance })
     }
 }
 
