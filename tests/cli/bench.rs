@@ -186,7 +186,7 @@ fn wrong_usage_is_said_before_any_work() {
         scratch.run(&format!("bench render {options}")).fails(code, parts);
     }
     if cfg!(feature = "gui") {
-        let parts = ["--adapter", "--device gpu, tiles or all"];
+        let parts = ["--adapter", "--device gpu or all"];
         scratch.run("bench render --device cpu --adapter arc").fails(2, &parts);
     } else {
         scratch.run("bench render --device gpu").fails(2, &["'gpu'", "--device"]);

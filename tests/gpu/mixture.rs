@@ -186,7 +186,7 @@ fn what_the_device_has_no_room_for_is_said() {
         .add_device(TrainingDevice::Passes(Box::new(mixture(&gpu))), DevicePolicy::Device)
         .unwrap_err();
     let why = refused.to_string();
-    assert!(why.contains("means of components need a buffer of 1 MiB"), "{why}");
+    assert!(why.contains("a buffer of 1 MiB is needed for means of components"), "{why}");
     assert_eq!(learner.device_use().passes.unwrap().device, None);
     // Few components, but a frame that is too large for the device: the CPU trains it.
     let few = PaperOverrides { components: Some(2000), ..PaperOverrides::default() };

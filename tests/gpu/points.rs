@@ -170,7 +170,7 @@ fn what_the_device_has_no_room_for_is_said() {
     let used = compared(&gpu, &SceneConfig::fine(H), &walls(), |_| ());
     assert_eq!(counts(&used), [0, FRAMES as u64]);
     let why = used.given_up.unwrap();
-    assert!(why.contains("points of a frame need a buffer of 1 MiB"), "{why}");
+    assert!(why.contains("a buffer of 1 MiB is needed for points of a frame"), "{why}");
 }
 
 /// Random positions near the origin.

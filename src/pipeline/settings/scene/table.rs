@@ -91,7 +91,7 @@ settings! {
         get |run| run.surface.calibration.clone();
         set |run, calibration| run.surface.calibration = Some(calibration);
     }
-    /// Pixels that become points: every one, every other row, or every other pixel of every other row.
+    /// Pixels that become points: every one, or every other pixel of every other row.
     /// Weights make up for those left out.
     sampling: PixelSampling {
         label "Sampling";
