@@ -92,8 +92,10 @@ impl CameraPath {
     pub fn at(&self, seconds: f64) -> Keyframe {
         let time = self.keyframes[0].time + seconds.clamp(0.0, self.duration());
         let next = self.keyframes.partition_point(|keyframe| keyframe.time <= time);
+        // No segment begins at the last keyframe.
         let i = next.clamp(1, self.keyframes.len() - 1) - 1;
         let [a, b] = [self.keyframes[i], self.keyframes[i + 1]];
+        // Keyframes are exact: as quaternions, their rotations would change in the last bits.
         if time == a.time {
             return a;
         }

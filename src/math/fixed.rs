@@ -32,6 +32,7 @@ pub fn to_fixed(value: f64) -> i128 {
     let shift = biased - 1075 + FRACTION_BITS;
     // A 53-bit mantissa shifted by 73 has 126 bits, the most that fit in an `i128` with a margin.
     let magnitude = if biased == 0x7FF || shift > 73 {
+        // Half the range: two saturated values add without overflow.
         if value.is_nan() { 0 } else { i128::MAX / 2 }
     } else if shift >= 0 {
         mantissa << shift
@@ -47,6 +48,7 @@ pub fn to_fixed(value: f64) -> i128 {
 /// Converts a total to `f64`, rounded to nearest.
 #[inline]
 pub fn from_fixed(total: i128) -> f64 {
+    // A power of two, so only the conversion of the total rounds.
     const QUANTUM: f64 = 1.0 / (1u128 << FRACTION_BITS) as f64;
     total as f64 * QUANTUM
 }
@@ -64,6 +66,7 @@ pub struct Quanta {
 /// 96 bits saturate; NaN counts as zero (callers drop non-finite points first).
 #[inline(always)]
 pub fn to_quanta(value: f64, bits: u32) -> Quanta {
+    // A power of two, so scaling is exact.
     let scaled = value * (1u64 << bits) as f64;
     match round_small(scaled) {
         (low, true) => Quanta { high: 0, low },

@@ -62,6 +62,7 @@ impl Rng {
 
     /// Returns a uniform number in `[0, 1)` with 53 bits.
     pub fn uniform(&mut self) -> f64 {
+        // 53 bits are what an f64 represents exactly.
         (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
@@ -70,6 +71,7 @@ impl Rng {
     pub fn uniform_at(&self, index: u64) -> f64 {
         // The complemented key gives a sequence distinct from the stream's.
         let bits = mix(!self.key ^ mix(index.wrapping_mul(GOLDEN_GAMMA)));
+        // Never 0, since callers take the logarithm.
         ((bits >> 11) + 1) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 

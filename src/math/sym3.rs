@@ -194,6 +194,7 @@ fn positive_sqrt(value: f64) -> Option<f64> {
 }
 
 fn jacobi_rotate(a: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usize) {
+    // θ would be NaN for equal diagonal entries.
     if a[p][q] == 0.0 {
         return;
     }

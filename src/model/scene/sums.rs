@@ -312,6 +312,7 @@ pub fn first_violated_moment(row: &[f64; N_SUMS]) -> Option<(usize, f64)> {
     ];
     let rounding = SLACK_PER_POINT * row[0];
     let bounded = |i: usize, [a, b]: [f64; 2]| {
+        // `2|ab| ≤ a² + b²` needs no root and holds for sums rounded term by term.
         2.0 * row[i].abs() <= (a + b) * (1.0 + RELATIVE_SLACK) + rounding
     };
     let (i, [a, b]) = pairs.into_iter().find(|&(i, squares)| !bounded(i, squares))?;
@@ -363,6 +364,7 @@ pub fn repair_scatter(row: &mut [f64; N_SUMS]) -> bool {
     if least > hidden {
         return false;
     }
+    // Twice the hidden error, so that a repaired row passes this test when repeated.
     let quanta = ((2.0 * hidden - least) / QUANTUM).ceil().max(1.0);
     for i in [4, 7, 9] {
         row[i] += quanta * QUANTUM;

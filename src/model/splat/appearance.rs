@@ -139,6 +139,7 @@ impl SplatSet {
         let n = self.splats.len().max(slot + 1);
         self.splats.resize(n, Splat::default());
         self.splats[slot] = splat;
+        // Plain splats take no memory for appearance until another kind is added.
         if !self.appearance.is_empty() || appearance != Appearance::default() {
             self.appearance.resize(n, Appearance::default());
             self.appearance[slot] = appearance;

@@ -53,6 +53,7 @@ pub fn framing<'a>(splats: impl IntoIterator<Item = &'a Splat>) -> Option<Framin
     });
     let centre = 0.5 * (lo + hi);
     let radius = AIR * scene().map(|blob| blob.reach(centre)).fold(0.0, f64::max);
+    // A radius of 0 would leave the camera no distance.
     Some(Framing { centre, radius: radius.max(1e-6) })
 }
 
@@ -76,6 +77,7 @@ fn median(blobs: &[SplatExtent]) -> Option<DVec3> {
 fn end_of_scene(reaches: &[f64], core: f64) -> f64 {
     let mut counts = [0usize; N_SHELLS];
     for reach in reaches.iter().filter(|reach| **reach > core) {
+        // The core has no extent if most splats are points at one place.
         let shell = ((reach / core.max(f64::MIN_POSITIVE) - 1.0) / SHELL) as usize;
         if let Some(count) = counts.get_mut(shell) {
             *count += 1;

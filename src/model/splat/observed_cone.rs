@@ -27,6 +27,7 @@ impl ObservedCone {
         let along = Sym3::outer(mean.normalize_or_zero());
         let spread =
             covariance.add_scaled(1.0, along).add_scaled(LEAST * LEAST, Sym3::diagonal(1.0));
+        // Zero means unknown: then no direction is out of bounds.
         let inverse = spread.scaled(EDGE * EDGE).inverse().unwrap_or(Sym3::diagonal(0.0));
         Self {
             mean: mean.as_vec3().to_array(),
@@ -56,6 +57,7 @@ impl ObservedCone {
     /// over differences up to `reach`: the factor on an unclamped slope.
     pub fn linear_fit(&self, reach: f64) -> DMat3 {
         let eigen = self.inverse().eigen();
+        // Rounding to f32 can make an eigenvalue negative.
         let share = |value: f64| linear_share(1.0 / (value.max(0.0).sqrt() * reach));
         let shares = DMat3::from_diagonal(eigen.values.map(share));
         eigen.vectors * shares * eigen.vectors.transpose()

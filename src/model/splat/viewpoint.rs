@@ -76,6 +76,7 @@ pub fn interpolate<T, const N: usize>(
     let n = views.len();
     let among = |k: usize| {
         let (i, j) = (k / n, k % n);
+        // The noise also keeps the matrix definite for frames at one place.
         covariance(views[i].distance(&views[j], reach)) + if i == j { NOISE } else { 0.0 }
     };
     let factor = Cholesky::new(n, &(0..n * n).map(among).collect::<Vec<f64>>())?;

@@ -129,10 +129,12 @@ fn draw_by_race<'a>(
 
 /// Sort key of a candidate's arrival time; `None` if it certainly exceeds `bound`.
 fn arrival_key(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Option<u64> {
+    // Times are not negative, so their sign bit is free to sort probability zero last.
     const LAST: u64 = 1 << 63;
     let uniform = stream.uniform_at(candidate.point().into());
     // Differences of `q` replace those of the ELBO: a common factor does not change the race.
     let gap = distance(candidate.order()) - best;
+    // NaN is the difference of two infinite distances.
     if gap <= 0.0 || gap.is_nan() {
         return Some(LAST | uniform.to_bits());
     }
@@ -146,6 +148,7 @@ fn arrival_key(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Option
 /// Sort key that orders distances from largest to smallest.
 fn descending_key(distance: f64) -> u64 {
     let bits = distance.to_bits();
+    // Bits of negative floats already grow as the value falls; those of the others are inverted.
     if bits >> 63 == 1 { bits } else { !(bits | 1 << 63) }
 }
 
@@ -193,6 +196,7 @@ impl Smallest {
     /// Allocates memory for selecting `n` items with a sample of `sampled` items.
     pub fn with_capacity(n: usize, sampled: usize) -> Self {
         Self {
+            // The estimated bound admits more than `n` items.
             parts: std::array::from_fn(|_| Vec::with_capacity(2 * n)),
             sample: Vec::with_capacity(sampled),
             found: Vec::with_capacity(2 * n),

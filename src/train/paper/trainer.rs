@@ -28,6 +28,7 @@ use crate::train::timing::{PAPER_STAGES, PaperStage, StageMs, Stopwatch};
 use glam::DVec3;
 use rayon::prelude::*;
 
+// Points per partial sum; fixed, so that the mean does not depend on the number of threads.
 const SUMMED: usize = 64;
 const SUMS: usize = 128;
 
@@ -149,6 +150,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
             self.fit(points, ms);
             return Ok(0);
         };
+        // Dense scoring uses other candidates than the fit. With more moves than tiles, few tiles
+        // would remain unaffected.
         let is_fit = self.config.reassign != ReassignPolicy::Dense
             && quota.moves <= points.n_tiles()
             && self.passes.can_run_again(&self.inputs(self.config.candidates));
@@ -167,6 +170,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     fn run_reached(&mut self, points: &Points<R>, ms: &mut StageMs) {
         let mut clock = Stopwatch::start();
         let narrow = |space: [R; 3]| space.map(|v| v.to_f64() as f32);
+        // A move changes scores at both of its ends.
         let left = self.displaced.iter().map(|&(space, _)| narrow(space));
         let came_to = self.moves.iter().map(|&(_, point)| narrow(points.position(point as usize)));
         self.places.clear();
@@ -221,6 +225,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         q_sums.resize(q.len().div_ceil(SUMMED), (0.0, 0));
         let sums = q_sums.par_iter_mut().zip(q.par_chunks(SUMMED)).with_min_len(SUMS);
         sums.for_each(|(sums, q)| {
+            // NaN marks points left out.
             *sums = q.iter().filter(|q| !q.is_nan()).fold((0.0, 0), |(sum, n), q| (sum + q, n + 1));
         });
         // Summed in order, so that the result does not depend on the number of threads.

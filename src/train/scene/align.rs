@@ -35,6 +35,7 @@ pub const ROUNDS: usize = 24;
 /// Mean movement of a point in a round, units of the structural scale, below which the pose has converged.
 const CONVERGED: f64 = 0.02;
 /// Minimum number of components that determine a motion.
+// A rigid motion has six unknowns, and a plane constrains one.
 const MIN_COMPONENTS: usize = 6;
 /// Number of components from which the prior's full deviation applies.
 const MANY_COMPONENTS: f64 = 500.0;
@@ -130,6 +131,7 @@ impl PoseAlignment<'_> {
         let matches = &found.matches;
         let reach = matches.iter().map(|m| (m.position - centre).length()).sum::<f64>();
         let turned = (motion.turn * before.turn.inverse()).to_scaled_axis().length();
+        // A rotation moves a point in proportion to its distance from the camera.
         let moved = (motion.shift - before.shift).length() + turned * reach / matches.len() as f64;
         Some(Improvement { motion, has_converged: moved < CONVERGED * self.h })
     }
@@ -281,6 +283,7 @@ impl ColoredPlane {
             seed,
             mean: seed + sums.mean_offset(),
             normal,
+            // Rounding can make the variance across a flat component negative.
             variance: covariance.quadratic_form(normal).max(0.0),
             color: sums.color / sums.count,
             // The points give no information on the colour across the plane, so that part is removed.

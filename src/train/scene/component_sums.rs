@@ -146,6 +146,7 @@ impl ComponentSums {
     pub fn state(&self) -> (StoredSums, Vec<VisibilityCounts>) {
         // Parallel, since training is blocked meanwhile.
         let ids = (0..self.rows.len() as u32).into_par_iter().with_min_len(4096);
+        // Merging can fill a row before it spills; counting it as wide stores equal sums alike.
         let is_wide = |id: &u32| self.wide.get(*id).is_some() || is_full(self.row(*id as usize));
         let wide = ids.filter(is_wide).map(|id| WideRow { id, sums: self.sums(id as usize) });
         let wide: Vec<WideRow> = wide.collect();
@@ -232,10 +233,12 @@ impl ComponentSums {
         self.wide.remove(dropped as u32);
         let row = &mut self.rows[kept];
         row.visibility = row.visibility.plus(visibility);
+        // Below the limit, the row has room for the next frame.
         if value(row.sums[0]) + sums[0] < FULL {
             let sums = sums.map(sum_quanta);
             row.sums.iter_mut().zip(sums).for_each(|(sum, other)| *sum = sum.wrapping_add(other));
         } else {
+            // Shifting leaves fractions, but wide rows stay exact only in whole quanta.
             let sums = sums.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM);
             self.add_wide(kept as u32, sums);
         }
@@ -270,6 +273,7 @@ impl ComponentSums {
             turned
         };
         let wide = self.wide.ids();
+        // Before the rows rotate, since the sums of a wide component include its row.
         let all: Vec<_> = wide.map(|id| (id as usize, turned(&self.sums(id as usize)))).collect();
         self.rows.par_iter_mut().with_min_len(256).for_each(|row| {
             row.sums = turned(&row.sums.map(value)).map(sum_quanta);
@@ -346,6 +350,7 @@ impl WideSums {
     #[inline(always)]
     pub fn get(&self, id: u32) -> Option<&[f64; N_SUMS]> {
         let place = *self.places.get(id as usize)?;
+        // `NONE` lies beyond all rows, so it needs no test of its own.
         self.rows.get(place as usize).map(|(_, sums)| sums)
     }
 
@@ -372,6 +377,7 @@ impl WideSums {
         let place = std::mem::replace(place, NONE) as usize;
         if place < self.rows.len() {
             self.rows.swap_remove(place);
+            // The last row fills the gap, so its index changes.
             if let Some((moved, _)) = self.rows.get(place) {
                 self.places[*moved as usize] = place as u32;
             }

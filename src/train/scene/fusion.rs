@@ -163,6 +163,7 @@ impl Component {
         let way = (vector(other.seed) - vector(self.seed)) / h;
         let moved = SceneSums::new(&other.sums, 1.0).about_shifted_seed(way).to_array();
         for (sum, moved) in self.sums.iter_mut().zip(moved) {
+            // Shifting leaves fractions of quanta, which would make later additions inexact.
             *sum += (moved / QUANTUM).round_ties_even() * QUANTUM;
         }
         self.visibility = self.visibility.plus(other.visibility);
@@ -194,10 +195,12 @@ impl Fused {
     /// The others are appended: they were apart from the start's components when born.
     fn add_new_components(&mut self, own: impl Iterator<Item = Component>) {
         let n_before = self.own.len();
+        // A component without points has no mean to match by.
         for component in own.filter(|component| component.sums[0] > 0.0) {
             let mean = component.mean(self.h);
             let reach = self.h as f32 * f32::from(component.share) / f32::from(WHOLE);
             let is_within = |&seed: &usize| {
+                // Seeds of the same scene were born apart, so only those of other scenes count.
                 squared_distance(self.own.position(seed), mean) <= reach * reach && seed < n_before
             };
             let near = self.own.nearest(mean).map(|seed| seed as usize);
@@ -228,6 +231,7 @@ impl Fused {
             origin: like.origin,
             coarsening_steps: like.coarsening_steps,
             seeds: self.components.iter().map(|component| component.seed).collect(),
+            // A scene that never coarsened stores no shares, as in training.
             shares: shares.iter().any(|&share| share != WHOLE).then_some(shares),
             components: None,
             sums,
@@ -293,6 +297,7 @@ impl Estimate {
     fn form_difference(&self, other: &Self) -> Option<[f64; N_FORM]> {
         let (a, b) = (&self.splat, &other.splat);
         let turn = (rotation(b).conjugate() * rotation(a)).normalize();
+        // A quaternion and its negative are the same rotation; this one has the smaller angle.
         let turn = if turn.w < 0.0 { -turn } else { turn }.to_scaled_axis();
         if turn.length() > MAX_TURN {
             return None;
@@ -323,6 +328,7 @@ impl Estimate {
         let splat = &mut self.splat;
         for i in 0..3 {
             splat.mean[i] = (f64::from(splat.mean[i]) + step[i]) as f32;
+            // Steps of scales are logarithmic, so scales stay positive.
             splat.scale[i] = (f64::from(splat.scale[i]) * libm::exp(step[3 + i])) as f32;
         }
         let turn = DQuat::from_scaled_axis(DVec3::new(step[6], step[7], step[8]));
@@ -370,6 +376,7 @@ pub fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -
     if let Some((steps, precision)) = color.solved(&base.color, &color_prior, known) {
         result.apply_color_step(&steps, &precision);
     }
+    // Nearly singular sums of precisions can give values that no splat may have.
     let sound = result.splat.is_drawable() && result.appearance.is_valid();
     Some(if sound { result } else { base })
 }

@@ -76,6 +76,7 @@ impl SeedGrid {
     /// True if a position is close enough to the origin to have a cell.
     #[inline(always)]
     pub fn has_cell(&self, position: [f32; 3]) -> bool {
+        // False for NaN.
         position.iter().all(|x| (x * self.per_cell).abs() < MAX_CELLS)
     }
 
@@ -96,10 +97,12 @@ impl SeedGrid {
 
     #[inline(always)]
     fn bucket(&self, [x, y, z]: [i32; 3]) -> usize {
+        // The multipliers are primes of xxHash32.
         let mixed = (x as u32).wrapping_mul(0x9E37_79B1)
             ^ (y as u32).wrapping_mul(0x85EB_CA77).rotate_left(11)
             ^ (z as u32).wrapping_mul(0xC2B2_AE3D).rotate_left(21);
         let mixed = mixed ^ (mixed >> 15);
+        // The lowest bits of a product depend only on the lowest bits of its factors.
         mixed.wrapping_mul(0x2C1B_3C6D) as usize >> 4 & (self.heads.len() - 1)
     }
 
@@ -118,6 +121,7 @@ impl SeedGrid {
     /// Returns the grid with every seed moved by `place`; `None` if one gets out of range.
     pub fn moved(&self, place: impl Fn([f32; 3]) -> [f32; 3]) -> Option<Self> {
         let Self { cell, per_cell, .. } = *self;
+        // Both are copied: recomputed from the rounded cell, the reciprocal could differ.
         let mut moved = Self { cell, per_cell, ..Self::new(1.0) };
         for position in self.positions.iter().map(|&position| place(position)) {
             if !moved.has_cell(position) {
@@ -130,8 +134,10 @@ impl SeedGrid {
 
     fn link(&mut self, id: u32) {
         let position = self.positions[id as usize];
+        // An arithmetic shift rounds down for negative cells too.
         let bucket = self.bucket(self.cell_of(position).map(|c| c >> BLOCK_BITS));
         let head = self.heads[bucket];
+        // The `NONE` of an empty bucket lies beyond all nodes.
         let has_room = self.nodes.get(head as usize).is_some_and(|node| node.ids[NODE - 1] == NONE);
         if !has_room {
             self.heads[bucket] = self.nodes.len() as u32;
@@ -323,6 +329,7 @@ impl Kernel for Gather<'_> {
                 }
                 let mut inside = inside.sign_bits();
                 while inside != 0 {
+                    // The remainder shows the compiler that the index is in bounds.
                     let i = inside.trailing_zeros() as usize % NODE;
                     found.push((node.ids[i], node.position(i)));
                     inside &= inside - 1;

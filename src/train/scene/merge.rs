@@ -70,6 +70,7 @@ pub fn merge_down(
             );
         }
         components.merge(&pairs);
+        // Every pass costs a search over all components, however few pairs it finds.
         if pairs.len() < worthwhile {
             return;
         }
@@ -181,6 +182,7 @@ fn error(sums: &SceneSums) -> f64 {
         }
         None => 0.0,
     };
+    // Rounding can make the smallest eigenvalue of a flat component negative.
     let thickness = covariance.eigen().values.min_element().max(0.0);
     n * (THICKNESS_COST * thickness - color.length_squared() - explained)
 }
@@ -249,6 +251,7 @@ pub fn coarsened(state: SceneState, steps: u32) -> Option<SceneState> {
     }
     let (sums, visibility) = sums.state();
     let shares = state.shares.unwrap_or_else(|| vec![WHOLE; state.seeds.len()]);
+    // A share of 0 would leave a seed without any extent.
     let narrower = |share: u8| ((f64::from(share) / by).round() as u8).max(1);
     let shares = Some(shares.into_iter().map(narrower).collect());
     Some(SceneState { coarsening_steps: steps, shares, sums, visibility, ..state })

@@ -74,6 +74,7 @@ impl PointFits {
         fitter.has_points = false;
         fitter.ms = [0.0; 2];
         fitter.turn = match fitter.trial.choose(n_points) {
+            // GPUs may flush subnormal numbers to zero, which changes the nearest seed.
             _ if !SCALES.contains(&h) => DeviceChoice::Processor,
             DeviceChoice::Device if !fitter.is_verified => DeviceChoice::Both,
             turn => turn,
@@ -107,6 +108,7 @@ impl PointFits {
         let device_ms = clock.lap_ms();
         if let Some(fitter) = self.device.as_mut().filter(|_| is_found) {
             fitter.ms[1] += device_ms;
+            // Otherwise the processor repeats the search, for comparison.
             if fitter.turn == DeviceChoice::Device {
                 return std::mem::swap(owners, &mut fitter.owners);
             }
@@ -171,6 +173,7 @@ impl PointFits {
                         accumulate(component_sums, seed_positions, frame, h, touched);
                     }
                     touched.extend_from_slice(&slots.ids);
+                    // Components of both lists, ascending, as the processor lists them.
                     touched.sort_unstable();
                     self.count_device_frame(frame.points.len());
                     return;
@@ -188,7 +191,6 @@ impl PointFits {
         }
     }
 
-    /// Counts a frame of `n_points` points computed by the device.
     fn count_device_frame(&mut self, n_points: usize) {
         self.points += n_points as u64;
         self.open_points += self.slots.n_left as u64;
@@ -207,7 +209,6 @@ impl PointFits {
         self.used.trial = fitter.trial.medians;
     }
 
-    /// Drops the device, with one warning.
     fn drop_device(&mut self, reason: String) {
         self.used.record_fallback(reason);
         self.device = None;
@@ -292,6 +293,7 @@ impl PointSlots {
         let mut any_left = false;
         for (id, slot) in self.of_components.iter_mut().enumerate() {
             let pixels = std::mem::replace(slot.get_mut(), NONE);
+            // The mark is the highest bit, above any number of pixels.
             if pixels >= LEFT || f64::from(pixels) > FULL {
                 (*slot.get_mut(), any_left) = (LEFT, true);
             } else if pixels > 0 {
@@ -316,6 +318,7 @@ impl PointSlots {
             if is_frame_plain && is_plain(point) && shift.abs() <= MAX_FACTOR {
                 count.fetch_add(frame.weight, Ordering::Relaxed);
             } else {
+                // `Relaxed` suffices: the counts are read after the parallel loop ends.
                 count.fetch_or(LEFT, Ordering::Relaxed);
             }
         });

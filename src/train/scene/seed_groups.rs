@@ -70,6 +70,7 @@ fn corners(places: impl Iterator<Item = [f32; 3]>, radius: f32) -> Option<[[f32;
         }
     }
     let wider = [low.map(|x| x - radius), high.map(|x| x + radius)];
+    // Without places the corners are still infinite and in reverse order.
     (low[0] <= high[0]).then_some(wider)
 }
 
@@ -124,6 +125,7 @@ fn nearest_of<V: Vector>(
         let y = places[1] - V::splat(seed[1]);
         let z = places[2] - V::splat(seed[2]);
         let squared = x * x + y * y + z * z;
+        // Both masks hold only for equal distances, and neither for NaN.
         let is_closer = squared.mask_at_most(best);
         let is_farther = best.mask_at_most(squared);
         doubtful = V::select(is_closer.and(is_farther), V::splat(SET_LANE), doubtful);
@@ -260,6 +262,7 @@ impl Reach {
     #[inline(always)]
     pub fn along_ray(self, point: &SurfacePoint) -> f32 {
         // Limited by the maximum offset in sums.
+        // The seed found may lie one `h` from the ray.
         (self.half_widths * point.noise).min((MAX_OFFSET - 1.0) * self.h)
     }
 }

@@ -206,6 +206,7 @@ impl PhotometricLearner {
         while !self.state.buffered.is_empty() {
             compared.extend(self.train_on_drawn(&mut draws, step).1);
         }
+        // These steps are taken back, so their repairs do not count.
         self.repaired = repaired;
         (std::mem::replace(&mut self.state, before), compared)
     }
@@ -265,6 +266,7 @@ impl PhotometricLearner {
         let outcome =
             waiting::judge(noise, compared.squared_error, compared.pixels, view.outlier_factor);
         let deviation = step.rule.noise * waiting::usual(noise);
+        // Weights sum over the compared rows only, one of `every`.
         let mut seen = compared.visible_splats(MIN_SEEN / every as f32);
         if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {
             seen.clear();
@@ -299,6 +301,7 @@ impl PhotometricLearner {
         let PhotometricState { splats, appearance, form, color, .. } = &mut self.state;
         let shapes = splats.par_chunks_mut(n).zip(form.par_chunks_mut(n));
         let colors = appearance.par_chunks_mut(n).zip(color.par_chunks_mut(n));
+        // One run per task: the visible splats may cluster in few runs.
         shapes.zip(colors).enumerate().with_max_len(1).map(
             move |(task, ((splats, form), (appearance, color)))| {
                 let first = task * n;

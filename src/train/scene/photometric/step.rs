@@ -65,6 +65,7 @@ impl Kernel for LearnRun<'_> {
             repaired += run.step_rows(&rows, &sums, variance, rule);
             for &row in &rows {
                 if let Some(extent) = extents(run.first + row) {
+                    // After the step, since its trust region does not bound the sum of many steps.
                     clamp_to_points(&mut run.splats[row], &extent);
                 }
             }
@@ -217,6 +218,7 @@ fn apply_form_step(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRul
     let at = DVec3::from_array(splat.mean.map(f64::from));
     splat.mean = (at + DVec3::new(step[0], step[1], step[2])).as_vec3().to_array();
     let mut scale: [f64; 3] =
+        // Steps of scales and opacity are logarithmic: both stay positive.
         std::array::from_fn(|i| f64::from(splat.scale[i]) * libm::exp(step[3 + i]));
     let least = scale.iter().fold(0.0f64, |a, &b| a.max(b)) / MAX_ASPECT;
     scale.iter_mut().for_each(|s| *s = s.max(least));
@@ -240,6 +242,8 @@ fn apply_color_step(
     rule: &PhotometricRule,
     extent: f64,
 ) {
+    // A deviation of 0 excludes coefficients; their precision `HELD` is finite, so they would
+    // still move a little.
     if rule.prior.directional == 0.0 {
         step[1..4].fill(0.0);
     }
@@ -269,6 +273,7 @@ fn clamp_to_points(splat: &mut Splat, extent: &PointExtent) {
     let mut offset = axes.transpose() * (at - extent.mean);
     let mut is_beyond = false;
     for axis in 0..3 {
+        // Rounding can make the variance of a flat component slightly negative.
         let deviation = extent.covariance.quadratic_form(axes.col(axis)).max(0.0).sqrt();
         splat.scale[axis] = splat.scale[axis].min((MOST_SCALE * deviation) as f32);
         is_beyond |= offset[axis].abs() > deviation;
@@ -281,6 +286,7 @@ fn clamp_to_points(splat: &mut Splat, extent: &PointExtent) {
 }
 
 fn largest(splat: &Splat) -> f64 {
+    // Never 0, since steps are divided by it.
     f64::from(splat.scale.iter().fold(f32::MIN_POSITIVE, |a, &s| a.max(s)))
 }
 
@@ -307,6 +313,7 @@ pub fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM]
 
 /// True if photographs have increased the precision of a colour.
 pub fn is_trained(color: &[f32; N_COLOR_PRECISION], prior: &PriorDeviations) -> bool {
+    // An exact comparison suffices, since `begin` stores this very value.
     color[0] != precision_of(prior.color) as f32
 }
 
