@@ -171,10 +171,12 @@ impl CameraRing {
         }
         let miss = |pose: &Pose| {
             let to_camera = from_centre(pose);
+            // Sine of the angle between axis and centre, so that the world's scale does not matter.
             to_camera.cross(pose.forward()).length() / to_camera.length()
         };
         let mut misses: Vec<f64> = poses.iter().map(miss).collect();
         misses.sort_by(f64::total_cmp);
+        // The median tolerates a few cameras that face elsewhere.
         if *misses.get(misses.len() / 2)? > MAX_AXIS_MISS {
             return None;
         }
@@ -193,6 +195,7 @@ impl CameraRing {
         let mut azimuths: Vec<f64> = poses.iter().map(|pose| self.azimuth(pose)).collect();
         azimuths.sort_by(f64::total_cmp);
         let (Some(first), Some(last)) = (azimuths.first(), azimuths.last()) else { return 0.0 };
+        // The span is the circle less the largest gap; the gap from last to first crosses ±π.
         let around = first + TAU - last;
         let gaps = azimuths.iter().zip(azimuths.iter().skip(1)).map(|(a, b)| b - a);
         TAU - gaps.fold(around, f64::max)
@@ -209,6 +212,7 @@ fn axes_intersection(poses: &[Pose]) -> Option<DVec3> {
         across += off_axis;
         sum += off_axis * pose.centre();
     }
+    // Means, so that the limit of the determinant does not depend on the number of cameras.
     let n = poses.len().max(1) as f64;
     let (across, sum) = (across * n.recip(), sum / n);
     (across.determinant() > MIN_DETERMINANT).then(|| across.inverse() * sum)

@@ -184,6 +184,7 @@ impl<'a> Images<'a> {
         let stems = |listing: &FolderListing| {
             let stem = |name: &str| Some((name.rsplit_once('.')?.0.to_owned(), name.to_owned()));
             let mut found: Vec<_> = listing.files().filter_map(stem).collect();
+            // By value, because text sorts 10 before 9.
             found.sort_by(|(a, _), (b, _)| value(a).total_cmp(&value(b)).then(a.cmp(b)));
             found
         };
@@ -245,6 +246,7 @@ fn from(images: &[(String, String)], least: f64) -> &[(String, String)] {
 }
 
 fn find<'a>(images: &'a [(String, String)], stem: &str) -> Option<&'a str> {
+    // `1` and `01` have the same value.
     let rest = from(images, value(stem)).iter();
     let mut equal = rest.take_while(|(other, _)| value(other) == value(stem));
     equal.find(|(other, _)| other == stem).map(|(_, name)| name.as_str())

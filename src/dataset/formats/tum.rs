@@ -90,6 +90,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     });
     let taken: Vec<&TimedImage> = depths
         .iter()
+        // Before anything is read for a frame, so that a poll of a long recording costs little.
         .filter(|depth| !folder.was_taken(frame_name(&depth.name)))
         .filter(|depth| !is_growing || has_all_data(depth, poses, &colors))
         .collect();
@@ -156,6 +157,7 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
     }
     let unordered = found.array_windows().filter(|[before, here]| here.time < before.time).count();
     recording.note_unordered(list, unordered);
+    // A stable sort: of images with one time, the one listed first is used.
     found.sort_by(|a, b| a.time.total_cmp(&b.time));
     let mut unique: Vec<TimedImage> = Vec::with_capacity(found.len());
     for image in found {
@@ -184,6 +186,7 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
             Ok(Some(pose)) => poses.push(pose),
             Ok(None) | Err(_) => {
                 let expected = "finite t tx ty tz and a unit quaternion qx qy qz qw";
+                // Shortened for the message: a damaged line may be of any length.
                 let found = content.chars().take(60).collect();
                 let problem = FrameProblem::Line { expected, found, line };
                 recording.skip(&format!("pose {line}"), file.clone(), problem);
@@ -307,6 +310,7 @@ impl Poses<'_> {
         let ends = (self.at(time - 0.5 * seconds), self.at(time + 0.5 * seconds));
         let turn = match ends {
             (Some(first), Some(last)) => first.offset_to(&last).1.to_scaled_axis(),
+            // At the ends of the trajectory the rotation is unknown and stays uncorrected.
             _ => DVec3::ZERO,
         };
         RollingShutter { rotation: turn }
