@@ -146,6 +146,7 @@ impl<'a> FrameLine<'a> {
         let cameras = recording.cameras_of_lens(&k, size, depth_size, self.file)?;
         // Some packages convert depth to images; the content decides.
         let is_image = depth.as_ref().is_some_and(|file| decode::depth_size(file).is_ok());
+        // Depth stored as images is in millimetres by default.
         let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(0.001));
         let encoding = if is_image { DepthEncoding { codes, ..encoding } } else { encoding };
         let least = recording.least_confidence();

@@ -169,6 +169,7 @@ pub fn write_mesh(
         MeshFormat::Glb => {
             let layout =
                 MeshLayout::new(&mesh, origin, options).map_err(|fault| fault.with_path(path))?;
+            // A GLB stores positions and colours in two passes over the vertices.
             let steps = &mut steps(n_rows + n_vertices);
             write_atomic(path, |out| layout.write(out, &mesh, steps))?
         }
@@ -187,6 +188,7 @@ fn in_file_axes(
     if mesh.triangles.is_empty() {
         return Err(Fault::NoSurface { n_components: surfels.len() });
     }
+    // glTF prescribes y-up.
     let axes = if format == MeshFormat::Glb { Axes::YUp } else { options.axes };
     let options = WriteOptions { axes, format: ModelFormat::Ply, ..options.clone() };
     let turn = file_rotation(&options);
