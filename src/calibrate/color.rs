@@ -118,6 +118,7 @@ pub(super) fn color_residuals(
         let (Some(here), Some(there)) = (here, there) else { continue };
         let color = std::array::from_fn(|i| here.color[i] - there.color[i]);
         let mut slope = here.slope;
+        // The other view's pose is fixed, so its derivatives are left out.
         for (slope, there) in slope.iter_mut().zip(there.slope) {
             slope.iter_mut().zip(&there[..N]).for_each(|(slope, there)| *slope -= there);
         }

@@ -76,10 +76,12 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
         let status = match result {
             Err(message) => FrameStatus::Skipped(message),
             Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms }) => {
+                // Points count once: further passes train on the photograph only.
                 let learnt = match is_repeat {
                     false => self.learner.learn(&observation),
                     true => Ok(self.learner.revisit_photograph(&observation)),
                 };
+                // Before the result is examined: a failed frame returns its memory as well.
                 self.prefetch.recycle(observation);
                 match learnt {
                     Ok(FrameOutcome { tracking: Some(FrameTracking::Lost(loss)), .. }) => {

@@ -108,6 +108,7 @@ fn remove_origin_frames(run: &mut SavedRun, origin: &SavedRun) -> Result<(), Run
         }
     }
     run.content.cursor = Cursor { frames, points, visited };
+    // The origin's time counts once.
     run.meta.wall_s -= origin.meta.wall_s;
     Ok(())
 }
@@ -118,6 +119,7 @@ fn origin_error(run: &SavedRun, origin: &SavedRun, found: &'static str) -> RunEr
 
 /// Combines two runs into one over the frames of both, still with the model of `a`.
 fn combine_runs(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
+    // The merged run continues on all remaining frames, not on those of one shard.
     let config = a.config.without_shard();
     let (ours, theirs) = (a.content.cursor, b.content.cursor);
     let cursor = Cursor {
@@ -255,6 +257,7 @@ fn first_different_mean(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
         return None;
     }
     let (a, b) = (a.rows(), b.rows());
+    // Without a difference in the common rows, the first one is where the shorter list ends.
     Some(a.iter().zip(&b).position(|(a, b)| a != b).unwrap_or(a.len().min(b.len())))
 }
 

@@ -59,6 +59,7 @@ impl SavedRun {
         let config: RunConfig = parse(path, "CONF", &content.config)?;
         let meta = parse(path, "META", &content.meta)?;
         let run = Self { path: path.to_owned(), version, bytes, config, meta, content };
+        // Sections may be valid and yet contradict each other.
         run.config.method.as_any().check(&run.content.model).map_err(|why| run.mismatch(why))?;
         run.check_visits()?;
         Ok(run)
