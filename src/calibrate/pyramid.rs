@@ -62,8 +62,8 @@ fn halved(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
     for row in 0..height {
         for column in 0..width {
             let texel = |i: usize, j: usize| {
+                // An image of one row or column has no second texel.
                 image.at((2 * column + i).min(image.width - 1), (2 * row + j).min(image.height - 1))
-            // An image of one row or column has no second texel.
             };
             let four = [texel(0, 0), texel(1, 0), texel(0, 1), texel(1, 1)];
             data.push(std::array::from_fn(|i| {

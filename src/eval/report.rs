@@ -359,6 +359,7 @@ pub fn with_evaluation(
 ) -> MemoryEstimate {
     let MemoryEstimate { model, frames } = estimate;
     MemoryEstimate {
+        // Saturating: an absurd setting must lead to a refusal, not to an overflow.
         model: model.saturating_add(SPLAT_BYTES.saturating_mul(components as u64)),
         // Training frames are freed before views are evaluated.
         frames: frames.max(PIXEL_BYTES.saturating_mul(pixels as u64).saturating_add(FIXED_BYTES)),
