@@ -60,7 +60,6 @@ impl<'a> CrossValidation<'a> {
             let mut evidence = views.match_views(input, &own, free, 0)?;
             refine(&mut evidence, prior, &mut own, free);
             Ok(Half { evidence, best: own })
-        // Only downwards: two halves may agree by chance.
         };
         Ok(Self { prior, start, halves: [half(first)?, half(second)?] })
     }
@@ -74,13 +73,12 @@ impl<'a> CrossValidation<'a> {
         free: &[usize],
     ) {
         let [a, b] = [0, 1].map(|i| self.halves[i].best.unknowns);
-        // The same depth in both, so that only the camera differs.
+        // Only downwards: two halves may agree by chance.
         let times = evidence.normalised_disagreement(self.prior, best, free, [&a, &b]).max(1.0);
         let prior = self.prior;
         let halves = self.halves.iter_mut().map(|half| (&mut half.evidence, &mut half.best));
         for (evidence, best) in halves.chain([(evidence, best)]) {
             evidence.scale_down(times);
-            // Both halves must confirm the camera.
             evidence.fit(prior, best, free);
         }
     }
@@ -90,11 +88,13 @@ impl<'a> CrossValidation<'a> {
         let mut falls = [0.0; 2];
         for (own, other) in [(0, 1), (1, 0)] {
             let found = self.halves[own].best.unknowns;
+            // The same depth in both, so that only the camera differs.
             let before = Unknowns { camera: self.start.camera, ..found };
             let evidence = &mut self.halves[other].evidence;
             let start = evidence.loss(self.prior, &before, ResidualKind::Color);
             falls[other] = 1.0 - evidence.loss(self.prior, &found, ResidualKind::Color) / start;
         }
+        // Both halves must confirm the camera.
         let fall = falls[0].min(falls[1]);
         // In pixels, because correlated values may differ much with little effect.
         let shift = rms_pixel_distance(&self.halves[0].evidence.matches, &self.start, best);
