@@ -138,6 +138,7 @@ impl Dataset {
         })?;
         let [training, ..] = TRAINING_NAMES;
         let name = self.splits.get(split).map_or("", |split| split.name.as_str());
+        // Training on a split for evaluation would falsify the figures.
         let is_for_evaluation = EVALUATION_NAMES.contains(&name);
         match self.find(|s| s.name == training) {
             Some(_) if is_for_evaluation => refuse(training, "colour only".to_owned()),

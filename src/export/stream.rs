@@ -86,6 +86,7 @@ impl<'a> ProgressCounter<'a> {
 
     pub fn advance(&mut self, n: usize) -> io::Result<()> {
         self.done += n;
+        // A count of zero rows must not divide by zero.
         let share = self.done as f64 / self.total.max(1) as f64;
         match self.progress.0 {
             Some(told) if !told(share.min(1.0)) => Err(io::Error::other(Cancelled)),

@@ -164,8 +164,8 @@ impl<'a> Column<'a> {
             return Err(fault(&format!("a byteStride of {row_bytes} or more"), stride.to_string()));
         }
         let needed = match accessor.count {
-            // No padding need follow the last row.
             0 => Some(0),
+            // No padding need follow the last row.
             n => (n - 1).checked_mul(stride).and_then(|bytes| bytes.checked_add(row_bytes)),
         };
         let bytes = needed.and_then(|n| slice(data, accessor.byte_offset, n)).ok_or_else(|| {

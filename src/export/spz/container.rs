@@ -100,6 +100,7 @@ struct Table<'a> {
 
 impl<'a> Table<'a> {
     fn parse(bytes: &'a [u8], header: &SpzHeader) -> Result<Self, Fault> {
+        // Degree 0 has no stream of harmonics.
         let n = if header.degree == 0 { 5 } else { 6 };
         if usize::from(header.n_streams) != n {
             let expected = format!("{n} streams for harmonics of degree {}", header.degree);
@@ -130,6 +131,7 @@ fn zstandard(stream: &[u8], needed: usize, name: &str) -> Result<Vec<u8>, Fault>
     let mut decoder = zstd::Decoder::with_buffer(stream).map_err(|e| fault(&e))?.single_frame();
     decoder.window_log_max(MAX_WINDOW_LOG).map_err(|e| fault(&e))?;
     let column = read_exactly(&mut decoder, needed, name)?;
+    // One byte more reveals a longer stream.
     match decoder.read(&mut [0]) {
         Ok(0) => Ok(column),
         Ok(_) => {

@@ -69,7 +69,6 @@ impl SavedRun {
     }
 }
 
-/// Compares the selection and order of frames.
 fn frame_conflict(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
     // Destructured completely, so that new fields cause a compile error here. Frame limit, shard, passes and
     // follow may differ.
