@@ -112,6 +112,7 @@ pub(super) fn color_residuals(
         let (place, by_depth) = measured_position(matches, sample, at.1);
         let [own, its] = [view, other as usize].map(|view| matches.poses[view]);
         let across = |direction: DVec3| its.rotation * (own.rotation.transpose() * direction);
+        // The same place in the other view's frame.
         let there = its.rotation * (own.rotation.transpose() * place + own.centre - its.centre);
         let here = sample_color(photos, at, view, (place, by_depth));
         let there = sample_color(photos, at, other as usize, (there, by_depth.map(across)));

@@ -114,6 +114,7 @@ fn runs(n: usize) -> Vec<Range<usize>> {
         return std::iter::once(0..n).collect();
     }
     let n_runs = MAX_FRAMES / RUN;
+    // The last run ends with the recording.
     (0..n_runs).map(|i| i * (n - RUN) / (n_runs - 1)).map(|first| first..first + RUN).collect()
 }
 

@@ -207,6 +207,7 @@ fn add_samples(path: &Path, crc: &mut crc32fast::Hasher) -> IoResult<()> {
     let spare = file.metadata()?.len().saturating_sub(SAMPLED_BYTES);
     let mut bytes = Vec::new();
     for place in 0..SAMPLED_PLACES {
+        // The last sample ends with the file.
         file.seek(SeekFrom::Start(spare * place / (SAMPLED_PLACES - 1)))?;
         bytes.clear();
         file.by_ref().take(SAMPLED_BYTES).read_to_end(&mut bytes)?;

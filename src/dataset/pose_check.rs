@@ -136,6 +136,7 @@ fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
         from.centre().distance(to.centre()) > MIN_MOTION[0] * usual || angle.acos() > MIN_MOTION[1]
     };
     let candidates = || GAPS.iter().filter_map(|gap| frames.get(*gap));
+    // If the camera hardly moves, the largest gap is compared.
     let second = candidates().find(has_moved).or_else(|| candidates().next_back())?;
     let (columns, rows) = (stride(depth.width), stride(depth.height));
     let mut samples = Vec::new();

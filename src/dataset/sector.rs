@@ -180,8 +180,10 @@ impl CameraRing {
         if *misses.get(misses.len() / 2)? > MAX_AXIS_MISS {
             return None;
         }
+        // Azimuth is measured in the plane across the up axis.
         let first = from_centre(poses.first()?).reject_from(up).try_normalize()?;
         let ring = Self { centre, horizon: [first, up.cross(first)] };
+        // Cameras on one side only make a recording, not an object.
         (ring.span(poses) > MIN_SPAN.to_radians()).then_some(ring)
     }
 
@@ -207,6 +209,7 @@ fn axes_intersection(poses: &[Pose]) -> Option<DVec3> {
     let (mut across, mut sum) = (DMat3::ZERO, DVec3::ZERO);
     for pose in poses {
         let axis = pose.forward();
+        // Projector onto the plane across the axis.
         let off_axis =
             DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
         across += off_axis;

@@ -328,6 +328,7 @@ impl Summary {
         Self {
             train_ms_median: quantile(&train_ms, 0.5),
             train_ms_p95: quantile(&train_ms, 0.95),
+            // JSON has neither NaN nor infinity.
             points_per_s: if total_s > 0.0 { points as f64 / total_s } else { 0.0 },
             wall_s,
             ..Self::default()

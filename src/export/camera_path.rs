@@ -200,6 +200,7 @@ impl KeyframeText {
         if !(self.time.is_finite() && self.time.abs() <= 1e6) {
             return Err(refuse("time", "seconds, up to 1e6", self.time.to_string()));
         }
+        // Negated, so that NaN is refused as well.
         if !(self.fov_y > 1.0 && self.fov_y < 170.0) {
             let expected = "more than 1 and less than 170 degrees";
             return Err(refuse("fov_y", expected, self.fov_y.to_string()));

@@ -37,6 +37,7 @@ pub(super) fn write_rows(
             (from..end.min(from + PART_ROWS)).for_each(|row| encode(row, &mut bytes));
             bytes
         });
+        // Collected in order, so that the file does not depend on the threads.
         for bytes in parts.collect::<Vec<_>>() {
             out.write_all(&bytes)?;
         }

@@ -200,6 +200,7 @@ impl Plan {
         if selection.hold_out == HoldOut::Sector {
             return;
         }
+        // Planned frames stay, even above the limit.
         let most = selection.max_frames.unwrap_or(usize::MAX).max(self.frames.len());
         let all = Selection { max_frames: None, ..selection.clone() };
         let training = match self.held_out {
@@ -237,6 +238,7 @@ impl Plan {
             visited.iter().copied().filter(|&frame| known.insert(frame)).collect();
         plan.frames.retain(|frame| !known.contains(frame));
         plan.frames.splice(0..0, first);
+        // Visited frames stay, even above a lower limit.
         plan.frames.truncate(selection.max_frames.unwrap_or(usize::MAX).max(known.len()));
         plan.repeat(selection, seed);
         let mut left = plan.frames;

@@ -54,6 +54,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 fn frame_lines(folder: &Folder) -> Option<&str> {
     let is_ours = |name: &&str| {
         let text = folder.peek(name);
+        // Every line is a frame, so the first one suffices.
         let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
         let json: Value = serde_json::from_str(first).unwrap_or_default();
         first_of(&json, &POSE_KEYS).is_some()
@@ -214,6 +215,7 @@ impl<'a> FrameLine<'a> {
             return Ok(size);
         }
         let n = std::fs::metadata(file.path())?.len() / size_of::<f32>() as u64;
+        // From `w · h = n`, with `w / h` of the photograph.
         let width = (n as f64 * f64::from(color.0) / f64::from(color.1)).sqrt().round();
         let height = (n as f64 / width.max(1.0)).round();
         match (width * height) as u64 == n && n > 0 && width <= f64::from(u32::MAX) {

@@ -150,6 +150,7 @@ impl Metadata {
     ) -> Result<(u32, u32), DatasetError> {
         if codes != CodeKind::BareFloats {
             let depths = frames.values().filter_map(|frame| frame.depth.as_ref());
+            // Unreadable files are reported with their frames.
             return Ok(recording::depth_size(depths).ok().flatten().unwrap_or(color));
         }
         if let Some(stated) = self.side("dw").zip(self.side("dh")) {

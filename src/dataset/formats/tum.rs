@@ -215,7 +215,9 @@ fn cameras(
     let file = recording.folder.path.join("camera-intrinsics.txt");
     let (file, k) = match stated::in_text_file(recording.folder, size)? {
         Some(stated) => stated,
+        // A stand-in: `cameras_of_lens` uses the option's numbers.
         None if recording.options.intrinsics.is_some() => (file, PRIMESENSE),
+        // The maker's intrinsics hold for this size only.
         None if size == (PRIMESENSE.width, PRIMESENSE.height) => {
             recording.note(
                 "no intrinsics in the folder: the manufacturer's 525, 525, 319.5, 239.5 are used",
@@ -330,6 +332,7 @@ impl Poses<'_> {
     /// Cameras with the photograph taken at another time than depth; unchanged if the trajectory has no
     /// pose there.
     fn cameras_at_times(&self, cameras: Cameras, size: [u32; 2], times: [f64; 2]) -> Cameras {
+        // One pose suffices, and colours stay registered to depth.
         if (times[0] - times[1]).abs() < SIMULTANEOUS {
             return cameras;
         }
@@ -389,6 +392,7 @@ fn frame_name(depth: &str) -> &str {
 }
 
 fn nearest(colors: &[TimedImage], time: f64) -> Result<&TimedImage, FrameProblem> {
+    // Photographs are sorted by time, so only two are candidates.
     let after = colors.partition_point(|image| image.time < time);
     let around = [after.checked_sub(1).and_then(|i| colors.get(i)), colors.get(after)];
     let distance = |image: &&TimedImage| (image.time - time).abs();

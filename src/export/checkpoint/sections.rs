@@ -119,6 +119,7 @@ pub(super) fn wrong_type(tag: [u8; 4], expected: &str, code: u32) -> Defect {
 }
 
 pub(super) fn check_size(tag: [u8; 4], least: usize, n: usize) -> Result<(), Defect> {
+    // The limit of imported models bounds the memory here too.
     if (least..=DEFAULT_MAX_SPLATS).contains(&n) {
         return Ok(());
     }

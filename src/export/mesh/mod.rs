@@ -103,6 +103,7 @@ fn ply(
         row.extend_from_slice(&mesh.colors[i].to_array().map(|c| unit_to_byte(c as f32)));
     })?;
     write_rows(out, mesh.triangles.len(), steps, |i, row| {
+        // A list of a PLY begins with its length.
         row.push(3);
         mesh.triangles[i].iter().for_each(|v| row.extend_from_slice(&v.to_le_bytes()));
     })

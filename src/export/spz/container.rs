@@ -106,6 +106,7 @@ impl<'a> Table<'a> {
             let expected = format!("{n} streams for harmonics of degree {}", header.degree);
             return Err(Fault::malformed(HEADER, expected, header.n_streams.to_string()));
         }
+        // Offset of the table: extension records of any length precede it.
         let start = match bytes.get(16..20) {
             Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]) as usize,
             _ => return Err(Fault::malformed(HEADER, "32 bytes", format!("{}", bytes.len()))),

@@ -78,6 +78,7 @@ fn fuse(origin: Option<&SavedRun>, mut runs: Vec<SavedRun>) -> Result<Option<Sav
         let found = "components that are added instead of fused";
         return Err(origin_error(first, origin.unwrap_or(first), found));
     };
+    // The origin's frames come first and count once.
     let mut runs = origin.cloned().into_iter().chain(runs);
     let Some(first) = runs.next() else { return Ok(None) };
     let mut all = runs.try_fold(first, combine_runs)?;
@@ -103,6 +104,7 @@ fn remove_origin_frames(run: &mut SavedRun, origin: &SavedRun) -> Result<(), Run
             let found = "components that were merged as its budget was reached";
             return Err(origin_error(run, origin, found));
         }
+        // A run that continues another only appends seeds.
         if !now.seeds.starts_with(&then.seeds) {
             return Err(origin_error(run, origin, "other components"));
         }

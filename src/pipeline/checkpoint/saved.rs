@@ -133,6 +133,7 @@ impl SavedRun {
 
     /// Up direction in the world.
     pub fn up(&self) -> DVec3 {
+        // Not checked on reading: a zero vector must not give NaN.
         DVec3::from_array(self.meta.up).try_normalize().unwrap_or(DVec3::Z)
     }
 
@@ -198,5 +199,6 @@ pub(super) fn parse<T: for<'de> Deserialize<'de>>(
 
 /// Serializes with sorted keys, so that equal values have equal bytes.
 pub(super) fn canonical(value: &impl Serialize) -> Result<String, serde_json::Error> {
+    // Objects of `Value` sort their keys.
     Ok(serde_json::to_value(value)?.to_string())
 }

@@ -218,6 +218,7 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
 #[expect(clippy::indexing_slicing, reason = "the table holds indices of the sums")]
 fn check_sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
     let n = row[0];
+    // Each point contributes at most `MAX_TERM`.
     let most = MAX_TERM * n * (1.0 + RELATIVE_SLACK);
     // Directions are unit vectors: `view zz` is not stored but follows from N, `xx` and `yy`.
     let last = n - row[28] - row[31];
