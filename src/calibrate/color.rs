@@ -112,12 +112,14 @@ pub(super) fn color_residuals(
         let (place, by_depth) = measured_position(matches, sample, at.1);
         let [own, its] = [view, other as usize].map(|view| matches.poses[view]);
         let across = |direction: DVec3| its.rotation * (own.rotation.transpose() * direction);
+        // The same place in the other view's frame.
         let there = its.rotation * (own.rotation.transpose() * place + own.centre - its.centre);
         let here = sample_color(photos, at, view, (place, by_depth));
         let there = sample_color(photos, at, other as usize, (there, by_depth.map(across)));
         let (Some(here), Some(there)) = (here, there) else { continue };
         let color = std::array::from_fn(|i| here.color[i] - there.color[i]);
         let mut slope = here.slope;
+        // The other view's pose is fixed, so its derivatives are left out.
         for (slope, there) in slope.iter_mut().zip(there.slope) {
             slope.iter_mut().zip(&there[..N]).for_each(|(slope, there)| *slope -= there);
         }

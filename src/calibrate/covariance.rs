@@ -26,12 +26,14 @@ impl Covariance {
 
     /// Adds `weight · step · stepᵀ`.
     pub fn add(&mut self, step: &[f64], weight: f64) {
+        // `chunks_exact_mut` panics at size 0.
         for (row, by) in self.values.chunks_exact_mut(self.n.max(1)).zip(step) {
             row.iter_mut().zip(step).for_each(|(value, other)| *value += weight * by * other);
         }
     }
 
     pub fn raise_variance(&mut self, place: usize, least: f64) {
+        // The root, for row and column: the variance grows by the factor, and correlations stay.
         let factor = (least / self.variance(place)).max(1.0).sqrt();
         for other in 0..self.n {
             self.values[place * self.n + other] *= factor;
@@ -94,6 +96,7 @@ impl Scatter {
             let mean = gradients.iter().map(|g| g[place]).sum::<f64>() / n;
             gradients.iter_mut().for_each(|g| g[place] -= mean);
         }
+        // With no more views than unknowns, the correction is undefined.
         let freedom = (n - free.len() as f64).max(1.0);
         Self { gradients, weight: n / freedom }
     }

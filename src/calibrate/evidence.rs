@@ -87,6 +87,7 @@ impl<'a> Evidence<'a> {
 
     pub fn update_weights(&mut self, at: &Estimate) {
         self.weights.iter_mut().for_each(|weights| weights.fill(1.0));
+        // The median of perfect data is zero.
         self.half_weight_squares = self
             .median_squares(at)
             .map(|usual| (OUTLYING * OUTLYING * usual).max(f64::MIN_POSITIVE));
@@ -104,6 +105,7 @@ impl<'a> Evidence<'a> {
             [0, 1].map(|k| views.iter().map(|both| both[k]).collect::<Vec<_>>());
         let [planes, seen] = [&thickness, &colors].map(NormalEquations::total);
         self.points = [planes.n, seen.n];
+        // All points of a component in one view count as one observation.
         let witnesses = self.matches.n_sightings() as f64 / self.matches.samples().len() as f64;
         self.information = [
             1.0 / overdispersion(&thickness).max(LEAST_VARIANCE[0]),
@@ -268,6 +270,7 @@ impl<'a> Evidence<'a> {
     }
 }
 
+// Unit normals of a plane add up to nearly their number.
 const MIN_COHERENCE: f64 = 0.9;
 
 /// Distance of a point from its component's plane, with derivatives by depth offset and scale.

@@ -123,6 +123,8 @@ impl Evidence<'_> {
             covariance.add(&factor.solve(gradient), scatter.weight);
         }
         for (place, &i) in free.iter().enumerate() {
+            // The prior has no views that scatter: its gradient has the variance that its curvature
+            // states.
             let mut gradient = vec![0.0; n];
             gradient[place] = known.curvature_at(i, i).sqrt();
             covariance.add(&factor.solve(&gradient), 1.0);
@@ -154,6 +156,7 @@ impl Linearised {
         let step = self.total.damped_step(free, damping)?;
         let mut change = [0.0; N];
         free.iter().zip(step).for_each(|(&i, step)| change[i] = step);
+        // Poses are damped like the unknowns.
         self.apply_change(at, &change, 1.0 / (1.0 + damping))
     }
 

@@ -45,6 +45,7 @@ impl CameraPose {
         let across = [0.754_877_666_246_693, 0.569_840_290_998_053]
             .map(|ratio| (f64::from(point.pixel) * ratio).fract() - 0.5);
         let step = f64::from(point.footprint) * DVec3::new(across[0], across[1], 0.0);
+        // Back along the ray onto the tangent plane.
         local + step - local * (normal.dot(step) / normal.dot(local))
     }
 }

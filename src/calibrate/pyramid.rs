@@ -31,6 +31,7 @@ impl Pyramid {
         let Image { width, height, data } = &self.0[level];
         let shrink = 1.0 / (1u32 << level) as f64;
         let (x, y) = (u * shrink - 0.5, v * shrink - 0.5);
+        // Negated, so that NaN is outside as well.
         if !(x >= 0.0 && y >= 0.0 && x < *width as f64 - 1.0 && y < *height as f64 - 1.0) {
             return None;
         }
@@ -61,6 +62,7 @@ fn halved(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
     for row in 0..height {
         for column in 0..width {
             let texel = |i: usize, j: usize| {
+                // An image of one row or column has no second texel.
                 image.at((2 * column + i).min(image.width - 1), (2 * row + j).min(image.height - 1))
             };
             let four = [texel(0, 0), texel(1, 0), texel(0, 1), texel(1, 1)];

@@ -76,6 +76,7 @@ impl Unknowns {
     }
 
     pub fn natural_slope(&self, i: usize) -> f64 {
+        // The unknown is the logarithm of the focal length factor.
         if i == CAMERA + FOCAL { self.natural_value(i) } else { 1.0 }
     }
 }
@@ -114,6 +115,7 @@ impl SensorPrior {
     /// units. Camera unknowns are relative to `start`.
     pub fn new(known: ColorCamera, start: &Unknowns, metre: f64) -> Self {
         let camera = start.camera.parameters_of(&known);
+        // The image width is unknown here, and the principal point is near its middle.
         let width = 2.0 * known.principal[0].max(1.0);
         let mut mean = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         mean[CAMERA..].copy_from_slice(&camera);

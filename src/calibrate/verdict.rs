@@ -53,6 +53,7 @@ impl<'a> CrossValidation<'a> {
         (start, best): (Unknowns, Unknowns),
         free: &[usize],
     ) -> Result<Self, FrameError> {
+        // The first half holds the even-numbered frames (`survey`).
         let [first, second] = views.split_at(views.frames.len().div_ceil(2));
         let half = |views: Views<'a>| -> Result<Half<'a>, FrameError> {
             let mut own = Estimate::as_recorded(best, views.frames.len());
@@ -72,6 +73,7 @@ impl<'a> CrossValidation<'a> {
         free: &[usize],
     ) {
         let [a, b] = [0, 1].map(|i| self.halves[i].best.unknowns);
+        // Only downwards: two halves may agree by chance.
         let times = evidence.normalised_disagreement(self.prior, best, free, [&a, &b]).max(1.0);
         let prior = self.prior;
         let halves = self.halves.iter_mut().map(|half| (&mut half.evidence, &mut half.best));
@@ -86,11 +88,13 @@ impl<'a> CrossValidation<'a> {
         let mut falls = [0.0; 2];
         for (own, other) in [(0, 1), (1, 0)] {
             let found = self.halves[own].best.unknowns;
+            // The same depth in both, so that only the camera differs.
             let before = Unknowns { camera: self.start.camera, ..found };
             let evidence = &mut self.halves[other].evidence;
             let start = evidence.loss(self.prior, &before, ResidualKind::Color);
             falls[other] = 1.0 - evidence.loss(self.prior, &found, ResidualKind::Color) / start;
         }
+        // Both halves must confirm the camera.
         let fall = falls[0].min(falls[1]);
         // In pixels, because correlated values may differ much with little effect.
         let shift = rms_pixel_distance(&self.halves[0].evidence.matches, &self.start, best);
@@ -154,6 +158,7 @@ impl<'a> CrossValidation<'a> {
             .map(|(place, &i)| self.value(i, &best.unknowns, covariance.error(place)))
             .collect();
         let mut free = free.to_vec();
+        // Depth first: without it, the camera values tested below shift.
         if let Some(doubt) = self.depth_rejection(&best.unknowns, &free, &covariance) {
             DEPTH.iter().for_each(|&i| values[i].revert(doubt.clone()));
             free = self.revert_values(&DEPTH, &free, evidence, best);
@@ -209,6 +214,7 @@ impl<'a> CrossValidation<'a> {
         if certainty < SIGNIFICANT {
             return Some(format!("the best is only {certainty:.1} standard errors away"));
         }
+        // Depth was tested jointly before.
         if DEPTH.contains(&i) {
             return None;
         }
@@ -255,6 +261,7 @@ fn excluding(free: &[usize], held: &[usize]) -> Vec<usize> {
 }
 
 fn insignificance([a, b]: [f64; 2], of: &str) -> Option<String> {
+    // The mean must reach the limit, and each half at least half of it.
     (a.min(b) < 0.5 * MIN_RISE || a + b < 2.0 * MIN_RISE).then(|| {
         format!(
             "held-out frames hardly need it: without it their {of} changes by {:+.1} % and {:+.1} %",

@@ -70,7 +70,9 @@ impl DatasetSplit {
 }
 
 fn have_same_aspect_ratio(one: [u32; 2], other: [u32; 2]) -> bool {
+    // Products of two sides may exceed 32 bits.
     let ([w, h], [width, height]) = (one.map(i64::from), other.map(i64::from));
+    // Downscaling rounds each side by up to half a pixel.
     (w * height - h * width).abs() < w.max(h).max(width).max(height)
 }
 
@@ -112,6 +114,7 @@ pub(super) fn check(k: &Intrinsics) -> Result<(), IntrinsicsDefect> {
             });
         }
     }
+    // False for NaN.
     let inside = |c: f64, size: u32| c >= 0.0 && c <= f64::from(size);
     if !(inside(k.cx, k.width) && inside(k.cy, k.height)) {
         return Err(IntrinsicsDefect {

@@ -12,6 +12,7 @@ use std::ops::Range;
 
 /// Limit of decoded photographs: two to three seconds for a phone's, on two cores.
 const MAX_FRAMES: usize = 160;
+// Long enough for a frame with `REACH` neighbours on both sides.
 const RUN: usize = 8;
 /// Neighbours before and after a frame that its sharpness is compared with, and the fewest in total.
 const REACH: usize = 3;
@@ -113,6 +114,7 @@ fn runs(n: usize) -> Vec<Range<usize>> {
         return std::iter::once(0..n).collect();
     }
     let n_runs = MAX_FRAMES / RUN;
+    // The last run ends with the recording.
     (0..n_runs).map(|i| i * (n - RUN) / (n_runs - 1)).map(|first| first..first + RUN).collect()
 }
 
@@ -149,6 +151,7 @@ fn find_brightness_jumps(runs: &[Vec<MeasuredFrame>]) -> Vec<BrightnessJump> {
         _ => None,
     });
     let steps: Vec<(&str, f64)> = steps.collect();
+    // Logarithms, so that a fall by a factor counts like a rise.
     let usual = median(steps.iter().map(|(_, factor)| factor.ln().abs()).collect());
     let limit = JUMP.ln().max(JUMP_PER_MEDIAN * usual.unwrap_or(0.0));
     let far = steps.into_iter().filter(|(_, factor)| factor.ln().abs() > limit);
@@ -161,6 +164,7 @@ fn find_time_gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
         .filter_map(|[before, here]| Some((here.name.as_str(), here.time? - before.time?)))
         .collect();
     let usual = median(steps.iter().map(|(_, seconds)| *seconds).collect());
+    // Frames that all have the same time have no usual step.
     let Some(usual) = usual.filter(|usual| *usual > 0.0) else { return (None, Vec::new()) };
     let odd = steps.into_iter().filter(|(_, seconds)| *seconds < 0.0 || *seconds > GAP * usual);
     let gaps = odd.map(|(frame, seconds)| TimeGap { frame: frame.to_owned(), seconds });
@@ -192,6 +196,7 @@ impl PhotoQuality {
     /// Measures a photograph; transparent pixels count as black for sharpness.
     pub fn of(photograph: &Image<[u8; 4]>) -> Self {
         let luma = photograph.map(|&[r, g, b, a]| {
+            // Weights of Rec. 601 luma.
             let luma = 0.299 * f32::from(r) + 0.587 * f32::from(g) + 0.114 * f32::from(b);
             luma / 255.0 * f32::from(a) / 255.0
         });
@@ -201,6 +206,7 @@ impl PhotoQuality {
         let [energy, coarse] = [energy(&fine), energy(&blocks(&fine, COARSE))];
         // A step of a hundredth of a code: anything below is rounding, not detail.
         let has_detail = coarse > 1e-9;
+        // A fully transparent photograph has brightness 0, not NaN.
         Self { sharpness: has_detail.then(|| energy / coarse), brightness: total / opaque.max(1.0) }
     }
 }

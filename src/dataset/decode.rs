@@ -69,6 +69,7 @@ fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
 }
 
 pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem> {
+    // Pictures need only their header; other depth files are read whole below.
     if let ByteSource::File(path) = source {
         let mut magic = [0; 4];
         if open_file(path)?.read_exact(&mut magic).is_ok() && !lengths::is_known(&magic) {
@@ -98,6 +99,7 @@ pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 
 }
 
 fn pixels(rgba: Vec<u8>) -> Vec<[u8; 4]> {
+    // No copy if the capacity is a multiple of a pixel.
     try_cast_vec(rgba).unwrap_or_else(|(_, rgba)| rgba.as_chunks().0.to_vec())
 }
 

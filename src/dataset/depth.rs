@@ -116,6 +116,7 @@ impl Depth {
             }
             DepthCodes::Linear16 { codes, .. } => {
                 let along_axis = |code: u16, factor| match code {
+                    // Codes of holes are no lengths.
                     0 | HOLE16 => code,
                     code => (f64::from(code) * scaled(factor)).round() as u16,
                 };

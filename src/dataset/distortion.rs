@@ -70,6 +70,7 @@ impl Distortion {
                 left + t.x * (right - left)
             };
             let (upper, lower) = (mix(upper), mix(lower));
+            // The cast truncates: half a step more rounds to nearest.
             (upper + t.y * (lower - upper) + 0.5).to_array().map(|channel| channel as u8)
         })
     }

@@ -91,6 +91,7 @@ impl Fingerprint {
             last: FrameMark::of(last),
             reading: Some(crc(frames, add_decoding)),
             sizes: Some(crc(frames, |crc, frame| {
+                // An unknown size differs from every real one.
                 frame.files().for_each(|file| crc.number(file_size(file).unwrap_or(u64::MAX)));
             })),
             content: Some(content(frames)),
@@ -134,6 +135,7 @@ impl Fingerprint {
 }
 
 fn differs(a: Option<u32>, b: Option<u32>) -> bool {
+    // Older fingerprints lack some sums, which is no difference.
     a.zip(b).is_some_and(|(a, b)| a != b)
 }
 
@@ -180,6 +182,7 @@ fn add_decoding(crc: &mut Crc, frame: &FrameEntry) {
     crc.number(code);
     crc.number(u64::from(kind == DepthKind::Z));
     crc.reals([unit, trusted[0], trusted[1]]);
+    // A number that no least confidence has.
     crc.number(depth.confidence.as_ref().map_or(u64::MAX, |(_, least)| u64::from(*least)));
 }
 
@@ -204,6 +207,7 @@ fn add_samples(path: &Path, crc: &mut crc32fast::Hasher) -> IoResult<()> {
     let spare = file.metadata()?.len().saturating_sub(SAMPLED_BYTES);
     let mut bytes = Vec::new();
     for place in 0..SAMPLED_PLACES {
+        // The last sample ends with the file.
         file.seek(SeekFrom::Start(spare * place / (SAMPLED_PLACES - 1)))?;
         bytes.clear();
         file.by_ref().take(SAMPLED_BYTES).read_to_end(&mut bytes)?;

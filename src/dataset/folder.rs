@@ -398,6 +398,7 @@ impl Seek for RetryingFile {
 pub(super) fn read_bytes(path: &Path, most: u64) -> IoResult<Vec<u8>> {
     let mut file = open_file(path)?;
     let size = file.metadata()?.len();
+    // Checked before the allocation, which takes the stated size.
     if size > most {
         let (found, most) = (size.div_ceil(1 << 20), most >> 20);
         return Err(Error::other(format!("{found} MiB, above the limit of {most} MiB")));

@@ -85,6 +85,7 @@ impl GrowingRecording {
             unfinished: HashMap::new(),
             unreadable: HashMap::new(),
             polled: Vec::new(),
+            // The first poll is always due.
             has_recent_changes: true,
             is_unresolved: true,
         }
@@ -124,6 +125,7 @@ impl GrowingRecording {
             Ok(dataset) => !dataset.warnings.is_empty(),
             Err(_) => true,
         };
+        // After `is_unresolved` is set: an error may vanish as the recording grows.
         let mut dataset = found?;
         if let Some(layout) = self.layout.filter(|layout| *layout != dataset.layout) {
             let found = format!("{} and {}", layout.name(), dataset.layout.name());
@@ -148,6 +150,7 @@ impl GrowingRecording {
             dataset.extend_held_out(at);
         }
         dataset.splits.retain(|split| !split.frames.is_empty());
+        // While the recording grows, an incomplete file is no defect yet.
         if is_growing && !dataset.splits.is_empty() {
             dataset.warnings.clear();
         }
@@ -353,6 +356,7 @@ fn has_image_end(path: &Path) -> Option<bool> {
 }
 
 fn may_still_grow(problem: &FrameProblem) -> bool {
+    // A file cut off in the middle gives one of these errors, depending on its decoder.
     matches!(
         problem,
         FrameProblem::Read(_)

@@ -155,9 +155,11 @@ const EXR_CHANNELS: [&str; 5] = ["Z", "Y", "R", "V", "depth"];
 fn read_exr(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile { expected: "a whole EXR image", found };
     let damaged = |e: exr::error::Error| wrong(e.to_string());
+    // Headers first: reading the image allocates the sizes that they state.
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(damaged)?;
     for header in &meta.headers {
         let size = header.layer_size;
+        // A sample of an EXR has at least two bytes.
         check_size(bytes, [size.width(), size.height()], 2 * header.channels.list.len())?;
     }
     let image = open_exr()
@@ -166,6 +168,7 @@ fn read_exr(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
         .all_channels()
         .first_valid_layer()
         .all_attributes()
+        // Frames are decoded in parallel already.
         .non_parallel()
         .from_buffered(Cursor::new(bytes))
         .map_err(damaged)?;
@@ -187,6 +190,7 @@ fn read_tiff(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(damaged)?;
     let (width, height) = decoder.dimensions().map_err(damaged)?;
     let [width, height] = [width as usize, height as usize];
+    // Accepted samples have at least two bytes.
     check_size(bytes, [width, height], 2)?;
     let stored = match decoder.read_image().map_err(damaged)? {
         DecodingResult::U16(codes) if codes.len() == width * height => {
@@ -221,6 +225,7 @@ impl StoredDepth {
         match self {
             Self::Codes(codes) => DepthCodes::Linear16 { codes, unit },
             Self::Floats(image) => {
+                // Scaled in f64, so that the length is rounded once.
                 DepthCodes::Lengths(image.map(|&v| (f64::from(v) * unit) as f32))
             }
         }

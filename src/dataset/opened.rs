@@ -249,6 +249,7 @@ impl Dataset {
         let Some(at) = held_out.filter(|at| *at != split) else { return };
         if let Ok([held_out, trained]) = self.splits.get_disjoint_mut([at, split]) {
             let frames = trained.frames.iter().step_by(HOLD_OUT_EVERY);
+            // `split` may have grown: frames held out before stay, and only later ones are added.
             let more = frames.skip(held_out.frames.len()).cloned();
             held_out.frames.extend(more);
         }
@@ -356,6 +357,7 @@ fn first_inlier_position(split: &DatasetSplit) -> Option<DVec3> {
 fn spread(split: &DatasetSplit, centre: DVec3) -> f64 {
     let distance = |frame: &FrameEntry| frame.camera.pose.centre().distance(centre);
     let mut distances: Vec<f64> = split.frames.iter().map(distance).collect();
+    // The median ignores wild poses.
     let middle = distances.len() / 2;
     *distances.select_nth_unstable_by(middle, f64::total_cmp).1
 }

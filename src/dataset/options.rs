@@ -70,6 +70,7 @@ impl LoadOptions {
     pub(super) fn units_per_metre(&self, unit: f64) -> f64 {
         let (Some(scale), Some(range)) = (self.depth_scale, self.depth_range) else { return 1.0 };
         let Some(ratio) = relative_to_sensor_range(range) else { return 1.0 };
+        // Ratios, so that too large and too small count alike.
         let off = |(metre, unlikely): &(f64, f64)| unlikely * (ratio / metre).max(metre / ratio);
         // Metres come first: `min_by` returns the first of equals.
         let units = [1.0, scale / unit, 100.0, 1000.0].map(|metre| (metre, 1.0));

@@ -130,11 +130,13 @@ fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
     let has_moved = |other: &&FrameEntry| {
         let to = other.camera.pose;
         let turn = to.rotation().transpose() * from.rotation();
+        // Rounding may push the cosine beyond 1.
         let angle = (0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0)).clamp(-1.0, 1.0);
         // Either suffices: a wrong pose may rotate where the camera moved straight.
         from.centre().distance(to.centre()) > MIN_MOTION[0] * usual || angle.acos() > MIN_MOTION[1]
     };
     let candidates = || GAPS.iter().filter_map(|gap| frames.get(*gap));
+    // If the camera hardly moves, the largest gap is compared.
     let second = candidates().find(has_moved).or_else(|| candidates().next_back())?;
     let (columns, rows) = (stride(depth.width), stride(depth.height));
     let mut samples = Vec::new();
@@ -177,12 +179,14 @@ impl PoseTrial {
     fn of(pairs: &[FramePair], stated: PoseConvention, poses: PoseConvention, unit: f64) -> Self {
         let (mut n_agreed, mut n_counted, mut errors) = (0.0, 0.0, Vec::new());
         for pair in pairs {
+            // Never fails: a rigid pose is rigid in every convention.
             let read = |pose: &Pose| poses.pose(stated.matrix(pose)).unwrap_or(*pose);
             let (from, to) = (read(&pair.from), read(&pair.to));
             let (rotation, shift) = to.inverse();
             let k = &pair.intrinsics;
             let mut n_inside = 0usize;
             for sample in &pair.samples {
+                // A unit scales depth, but not the positions of the cameras.
                 let p = rotation * from.transform_point(*sample * unit) + shift;
                 let at = [k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy];
                 let is_inside = p.z > 0.0
@@ -267,6 +271,7 @@ impl PoseConvention {
 
     /// Converts a pose to a matrix of this convention.
     pub fn matrix(self, pose: &Pose) -> DMat4 {
+        // The axes are orthogonal, so their transpose is their inverse.
         let world_from_camera = pose.to_opencv() * self.axes().transpose();
         match self.is_world_to_camera() {
             false => world_from_camera,

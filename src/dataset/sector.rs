@@ -171,15 +171,19 @@ impl CameraRing {
         }
         let miss = |pose: &Pose| {
             let to_camera = from_centre(pose);
+            // Sine of the angle between axis and centre, so that the world's scale does not matter.
             to_camera.cross(pose.forward()).length() / to_camera.length()
         };
         let mut misses: Vec<f64> = poses.iter().map(miss).collect();
         misses.sort_by(f64::total_cmp);
+        // The median tolerates a few cameras that face elsewhere.
         if *misses.get(misses.len() / 2)? > MAX_AXIS_MISS {
             return None;
         }
+        // Azimuth is measured in the plane across the up axis.
         let first = from_centre(poses.first()?).reject_from(up).try_normalize()?;
         let ring = Self { centre, horizon: [first, up.cross(first)] };
+        // Cameras on one side only make a recording, not an object.
         (ring.span(poses) > MIN_SPAN.to_radians()).then_some(ring)
     }
 
@@ -193,6 +197,7 @@ impl CameraRing {
         let mut azimuths: Vec<f64> = poses.iter().map(|pose| self.azimuth(pose)).collect();
         azimuths.sort_by(f64::total_cmp);
         let (Some(first), Some(last)) = (azimuths.first(), azimuths.last()) else { return 0.0 };
+        // The span is the circle less the largest gap; the gap from last to first crosses ±π.
         let around = first + TAU - last;
         let gaps = azimuths.iter().zip(azimuths.iter().skip(1)).map(|(a, b)| b - a);
         TAU - gaps.fold(around, f64::max)
@@ -204,11 +209,13 @@ fn axes_intersection(poses: &[Pose]) -> Option<DVec3> {
     let (mut across, mut sum) = (DMat3::ZERO, DVec3::ZERO);
     for pose in poses {
         let axis = pose.forward();
+        // Projector onto the plane across the axis.
         let off_axis =
             DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
         across += off_axis;
         sum += off_axis * pose.centre();
     }
+    // Means, so that the limit of the determinant does not depend on the number of cameras.
     let n = poses.len().max(1) as f64;
     let (across, sum) = (across * n.recip(), sum / n);
     (across.determinant() > MIN_DETERMINANT).then(|| across.inverse() * sum)

@@ -127,6 +127,7 @@ impl Dataset {
             if let Some(split) = self.find(|s| s.has_depth && s.name == name) {
                 return Ok(split);
             }
+            // The next name may be that of the split for evaluation.
             if let Some((first, n_listed)) = self.unusable_split(name) {
                 let found = format!("none in {n_listed} listed; the first problem: {first}");
                 return refuse(name, found);
@@ -138,6 +139,7 @@ impl Dataset {
         })?;
         let [training, ..] = TRAINING_NAMES;
         let name = self.splits.get(split).map_or("", |split| split.name.as_str());
+        // Training on a split for evaluation would falsify the figures.
         let is_for_evaluation = EVALUATION_NAMES.contains(&name);
         match self.find(|s| s.name == training) {
             Some(_) if is_for_evaluation => refuse(training, "colour only".to_owned()),

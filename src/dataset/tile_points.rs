@@ -208,6 +208,7 @@ impl TileBuffer {
 
 #[inline(always)]
 fn first_four<T: Copy>(values: &[T]) -> [T; QUAD] {
+    // One bounds check for all four.
     let four = &values[..QUAD];
     std::array::from_fn(|j| four[j])
 }

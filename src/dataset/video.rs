@@ -34,6 +34,7 @@ impl Video {
     }
 
     pub fn frame(&self, index: usize) -> Result<PathBuf, FrameProblem> {
+        // The first caller extracts the frames; concurrent ones wait for its result.
         let unpacked = self.frames.get_or_init(|| extract_frames(&self.path));
         let folder = unpacked.as_ref().map_err(|found| FrameProblem::Video(found.clone()))?;
         let file = folder.path().join(format!("{index:06}.jpg"));

@@ -74,6 +74,7 @@ fn isolated(centres: &[DVec3]) -> Vec<(usize, f64, f64)> {
     let spread = median(centres.iter().map(|centre| centre.distance(middle)));
     let usual = median(apart.iter().copied());
     let least = (STEPS * usual).max(SPREADS * spread);
+    // `least > 0`: a camera that does not move has no outliers.
     let is_wild = |(_, apart): &(usize, f64)| least > 0.0 && *apart > least;
     apart.into_iter().enumerate().filter(is_wild).map(|(i, apart)| (i, apart, usual)).collect()
 }

@@ -105,6 +105,7 @@ impl Alignment {
                 return pixel;
             }
             std::array::from_fn(|i| {
+                // Clamped as by a display.
                 (self.gain[i] * f64::from(pixel[i]) + self.offset[i]).clamp(0.0, 1.0) as f32
             })
         });
@@ -150,6 +151,7 @@ impl Sums {
     fn of_row(render: &[[f32; 3]], coverage: &[f32], truth: &[[f32; 3]]) -> Self {
         let mut sums = Self::default();
         for ((render, &coverage), truth) in render.iter().zip(coverage).zip(truth) {
+            // f32 sums over a million pixels would lose digits.
             let (x, y) = (render.map(f64::from), truth.map(f64::from));
             let error: f64 = x.iter().zip(&y).map(|(x, y)| (x - y) * (x - y)).sum();
             sums.error += error;

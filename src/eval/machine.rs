@@ -16,6 +16,7 @@ pub fn describe(adapter: Option<String>) -> MachineReport {
 }
 
 fn cpu_name() -> String {
+    // Systems other than Linux have no such file, and the architecture is named instead.
     let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
@@ -83,6 +84,7 @@ const V2: Names =
 /// limit. `groups` is the content of `/proc/self/cgroup`, `root` the cgroup mount point.
 fn available_in_groups(groups: &str, root: &Path) -> Option<u64> {
     let of_line = |line: &str| {
+        // A line is `id:controllers:path`, without controllers in version 2.
         let mut fields = line.splitn(3, ':').skip(1);
         let (controllers, group) = (fields.next()?, fields.next()?.trim_start_matches('/'));
         let is_memory = controllers.split(',').any(|name| name == "memory");
@@ -106,6 +108,7 @@ fn available_in_group(group: &Path, names: &Names) -> Option<u64> {
     let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
     let field = |line: &str| line.strip_prefix(names.reclaimable)?.trim().parse::<u64>().ok();
     let reclaimable = stat.lines().find_map(field).unwrap_or(0);
+    // Usage and limit are read one after the other, so usage may be the larger.
     Some(limit.saturating_sub(used.saturating_sub(reclaimable)))
 }
 

@@ -328,6 +328,7 @@ impl Summary {
         Self {
             train_ms_median: quantile(&train_ms, 0.5),
             train_ms_p95: quantile(&train_ms, 0.95),
+            // JSON has neither NaN nor infinity.
             points_per_s: if total_s > 0.0 { points as f64 / total_s } else { 0.0 },
             wall_s,
             ..Self::default()
@@ -359,6 +360,7 @@ pub fn with_evaluation(
 ) -> MemoryEstimate {
     let MemoryEstimate { model, frames } = estimate;
     MemoryEstimate {
+        // Saturating: an absurd setting must lead to a refusal, not to an overflow.
         model: model.saturating_add(SPLAT_BYTES.saturating_mul(components as u64)),
         // Training frames are freed before views are evaluated.
         frames: frames.max(PIXEL_BYTES.saturating_mul(pixels as u64).saturating_add(FIXED_BYTES)),

@@ -104,6 +104,7 @@ impl fmt::Display for EvalScale {
 
 /// Area-averages an image to equal or smaller sides; partially covered pixels count by their share.
 pub(super) fn area_averaged(picture: &RgbImage, [width, height]: [usize; 2]) -> RgbImage {
+    // Along rows, then along columns: the mean over an area is separable.
     let (columns, rows) = (spans(picture.width, width), spans(picture.height, height));
     let mut narrow = Image::filled(width, picture.height, [0.0f32; 3]);
     narrow.data.par_chunks_mut(width).zip(picture.data.par_chunks(picture.width)).for_each(
@@ -133,6 +134,7 @@ fn spans(from: usize, to: usize) -> Vec<Span> {
     let length = from as f64 / to as f64;
     let span = |i: usize| {
         let (start, end) = (i as f64 * length, (i + 1) as f64 * length);
+        // Rounding may place the last span beyond the image.
         let first = (start as usize).min(from - 1);
         let last = (end.ceil() as usize).clamp(first + 1, from);
         let covered = |pixel: usize| end.min(pixel as f64 + 1.0) - start.max(pixel as f64);

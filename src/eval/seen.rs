@@ -70,6 +70,7 @@ pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> u
 }
 
 fn photograph_key(frame: &FrameEntry) -> (String, Option<&Path>) {
+    // Name and file are the same in every split that contains the frame.
     (frame.name.clone(), frame.color_path())
 }
 

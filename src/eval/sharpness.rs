@@ -135,6 +135,7 @@ fn blurred(values: &[f64], width: usize, step: usize) -> Vec<f64> {
     );
     let mut both = vec![0.0; values.len()];
     both.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, out)| {
+        // By rows, which are contiguous in memory.
         for (source, tap) in reach(row, height) {
             let line = &across[source * width..][..width];
             out.iter_mut().zip(line).for_each(|(out, value)| *out += tap * value);

@@ -96,6 +96,7 @@ impl<R: Real> SsimRow<'_, R> {
             for (tap, &weight) in self.window.iter().enumerate() {
                 let row = (self.row + tap) * width;
                 let [x, y] = self.images.map(|i| &i.data[row..][..width].as_flattened()[at..]);
+                // The last block of a row is padded, and its surplus sums are discarded below.
                 if let (Some(x), Some(y)) = (x.first_chunk(), y.first_chunk()) {
                     add(&mut sums, weight, x, y);
                 } else {

@@ -67,6 +67,7 @@ impl TrajectoryError {
         let angle = |(tracked, recorded): &(Pose, Pose)| {
             let left = recorded.rotation().transpose() * turn * tracked.rotation();
             let trace = left.x_axis.x + left.y_axis.y + left.z_axis.z;
+            // Rounding may push the cosine beyond 1.
             (0.5 * (trace - 1.0)).clamp(-1.0, 1.0).acos()
         };
         let root = |squares: f64| (squares / n).sqrt();
@@ -85,6 +86,7 @@ fn best_rotation(m: DMat3) -> DMat3 {
     // From the two largest axes; the third follows, which excludes a reflection.
     let x = (m * right.x_axis).try_normalize().unwrap_or(DVec3::X);
     let across = m * right.y_axis;
+    // Collinear centres leave the rotation about their line open, so any serves.
     let y = (across - x * x.dot(across)).try_normalize().unwrap_or(x.any_orthonormal_vector());
     DMat3::from_cols(x, y, x.cross(y)) * right.transpose()
 }

@@ -27,6 +27,7 @@ use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+// Full size twice: the second render is from a corrected pose.
 const SCALES: [f64; 4] = [0.25, 0.5, 1.0, 1.0];
 /// Maximum number of Gauss-Newton steps per render.
 const ROUNDS: usize = 10;
@@ -64,6 +65,7 @@ pub(super) fn aligned(
     for scale in SCALES {
         let k = camera.intrinsics.scaled(scale);
         let size = [k.width as usize, k.height as usize];
+        // From the best pose so far: a scale that failed must not affect the next.
         let points = rendered_points(&best, &camera.intrinsics, &k, renderer);
         let photograph = area_averaged(truth, size);
         let moved = align_pose(&points, &photograph, &k, [&camera.pose, &best.pose], &mut memory);
@@ -96,6 +98,7 @@ fn rendered_points(
     let small = area_averaged(color, [width, height]);
     // Depth and coverage are not averaged: a mean of two surfaces lies on neither.
     let under = |column: usize, row: usize| {
+        // The full-size pixel under the centre of the smaller one.
         [(2 * column + 1) * color.width / (2 * width), (2 * row + 1) * color.height / (2 * height)]
     };
     let is_covered = |column: usize, row: usize| {
@@ -119,6 +122,7 @@ fn rendered_points(
             let slope =
                 std::array::from_fn(|i| [0.5 * (right[i] - left[i]), 0.5 * (below[i] - above[i])]);
             let ray = full.ray(at[0], at[1]);
+            // The projected renderer measures z, the exact one the distance along the ray.
             let z = match renderer {
                 Renderer::Projected => length,
                 Renderer::Exact => length / ray.length(),
@@ -192,6 +196,7 @@ fn align_pose(
         let depth = seen.iter().map(|point| point.z).sum::<f64>() / seen.len() as f64;
         let [turn, shift] = step(seen, recorded, &pose, SHIFT_DEVIATION * depth)?;
         pose = pose.attached_camera(shift, DQuat::from_scaled_axis(turn));
+        // Motion in the image at the mean depth.
         let pixels = k.fx.max(k.fy) * (turn.length() + shift.length() / depth);
         if pixels < MIN_STEP {
             break;
@@ -254,6 +259,7 @@ fn step(
             for point in points {
                 let trust = 1.0 / (1.0 + (size(point) / scale).powi(2));
                 for (i, [gain, _]) in lines.iter().enumerate() {
+                    // The residual contains `gain · shown`, so its slope has the gain as well.
                     sums.add(residual(point, i), &point.slope[i].map(|slope| gain * slope), trust);
                 }
             }
@@ -273,6 +279,7 @@ fn step(
         for (i, value, deviation) in
             [(axis, turn[axis], TURN_DEVIATION), (axis + 3, shift[axis], shift_deviation)]
         {
+            // The diagonal of a 6 × 6 matrix.
             matrix[7 * i] += deviation.powi(-2);
             right[i] -= value * deviation.powi(-2);
         }

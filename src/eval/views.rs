@@ -195,6 +195,7 @@ fn score(
     let depth_mae = match measured_depth(frame, surfaces, options) {
         // Without a covered pixel the error would be a mean over nothing.
         Some(depth) if covered.is_some() => {
+            // NaN if no covered pixel has depth; JSON has no NaN.
             Some(metrics::depth_error(&rendered.depth, coverage, &depth)?)
                 .filter(|mae| mae.is_finite())
         }

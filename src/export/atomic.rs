@@ -339,6 +339,7 @@ impl<'a> Temporary<'a, File> {
             let is_locked = file.lock().is_ok();
             // Another process may have removed the file between creation and lock.
             match is_locked && matches!(path.try_exists(), Ok(false)) {
+                // On this error `tempfile` tries another name.
                 true => Err(io::ErrorKind::AlreadyExists.into()),
                 false => Ok(file),
             }
@@ -375,6 +376,7 @@ pub fn remove_leftovers(path: &Path) {
         let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
         if is_file && entry.file_name().to_str().is_some_and(|found| is_temporary(found, name)) {
             let Ok(left) = File::open(entry.path()) else { continue };
+            // A writer holds the lock until it is done; the system releases that of a killed one.
             if left.try_lock().is_ok() {
                 let _ = std::fs::remove_file(entry.path());
             }

@@ -45,6 +45,7 @@ pub enum CameraPathError {
 }
 
 #[derive(Serialize, Deserialize)]
+// A misspelt optional field would be ignored silently.
 #[serde(deny_unknown_fields)]
 struct FileText {
     version: u32,
@@ -87,6 +88,7 @@ impl PacedPath {
     /// [`CameraPathError`], which names the file.
     pub fn read(path: &Path, up: DVec3) -> Result<Self, CameraPathError> {
         let failed = |error| CameraPathError::Io { path: path.to_owned(), error };
+        // Before reading, so that a wrong file cannot exhaust the memory.
         let length = std::fs::metadata(path).map_err(failed)?.len();
         if length > MAX_BYTES {
             return Err(value_error(path, "file", "at most 16 MiB", format!("{length} bytes")));
@@ -119,6 +121,7 @@ impl PacedPath {
 
     /// Returns the camera of every picture. The last keyframe of a loop equals its first and is left out.
     pub fn keyframe_per_frame(&self) -> impl ExactSizeIterator<Item = Keyframe> {
+        // A path shorter than a frame still has its two ends.
         let steps = (self.path.duration() * self.fps).round().max(1.0) as usize;
         let n = if self.path.is_loop() { steps } else { steps + 1 };
         (0..n).map(|i| self.path.at(i as f64 / self.fps))
@@ -144,6 +147,7 @@ impl FileText {
                 self.version.to_string(),
             );
         }
+        // Negated, so that NaN is refused as well.
         if !(self.fps > 0.0 && self.fps <= 1000.0) {
             return refuse("fps", "more than 0, at most 1000", self.fps.to_string());
         }
@@ -163,6 +167,7 @@ impl FileText {
             return refuse("keyframes", "two or more", n.to_string());
         };
         let (apart, turn) = first.offset_to(&last);
+        // No rotation means |w| = 1: a quaternion and its negative are the same rotation.
         if self.is_loop
             && (apart.length() > 1e-6 * (1.0 + first.centre().length())
                 || turn.w.abs() < 1.0 - 1e-9)
@@ -195,6 +200,7 @@ impl KeyframeText {
         if !(self.time.is_finite() && self.time.abs() <= 1e6) {
             return Err(refuse("time", "seconds, up to 1e6", self.time.to_string()));
         }
+        // Negated, so that NaN is refused as well.
         if !(self.fov_y > 1.0 && self.fov_y < 170.0) {
             let expected = "more than 1 and less than 170 degrees";
             return Err(refuse("fov_y", expected, self.fov_y.to_string()));
@@ -227,6 +233,7 @@ impl KeyframeText {
 }
 
 fn is_in_range(place: &[f64; 3]) -> bool {
+    // False for NaN as well.
     place.iter().all(|x| x.abs() <= 1e9)
 }
 

@@ -139,6 +139,7 @@ pub(super) fn shorten(text: &str) -> String {
 pub(super) fn shorten_to(text: &str, most: usize) -> String {
     let mut short = String::new();
     for c in text.chars() {
+        // Control characters of a file must not reach a terminal.
         let escaped = c.escape_default();
         if short.len() + escaped.len() > most {
             short.push('…');

@@ -149,6 +149,7 @@ impl WriteSelection<'_> {
     pub fn selects(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
         let is_inside =
             self.crop.is_none_or(|[a, b]| mean.cmpge(a.min(b)).all() && mean.cmple(a.max(b)).all());
+        // A splat without an entry passes every limit.
         let evidence = evidence.and_then(|all| all.get(i)).map_or(f64::INFINITY, |of| *of);
         let uncertainty = self.uncertainty.and_then(|all| all.get(i)).map_or(0.0, |of| *of);
         is_inside

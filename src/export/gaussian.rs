@@ -66,6 +66,7 @@ impl Gaussian {
         let raw = Self {
             mean: wide(splat.mean),
             opacity: f64::from(splat.opacity),
+            // At the mean observed direction, the exported colour equals the native one.
             color: wide(splat.color) + slope * (mean - fit * mean),
             // The logarithm of 0 is not finite.
             scale: wide(splat.scale).max(DVec3::splat(scale_floor(wide(splat.scale)))),
@@ -80,6 +81,7 @@ impl Gaussian {
         Self {
             mean: turn.rotate_vector(self.mean),
             rotation: turn.rotate_quaternion(self.rotation),
+            // The slope takes world directions, so they are rotated back first.
             directional: self.directional * turn.matrix.transpose(),
             ..self
         }
@@ -168,6 +170,7 @@ pub(super) fn sigmoid(x: f64) -> f64 {
 }
 
 pub(super) fn srgb_to_linear(encoded: f64) -> f64 {
+    // Constants of IEC 61966-2-1, here and below.
     if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 

@@ -41,6 +41,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Imported, Fault> {
 }
 
 fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fault> {
+    // Some editors begin a text with a byte order mark.
     let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start();
     if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
         ply::read::ply(bytes, max_splats)

@@ -43,6 +43,7 @@ pub fn read_back<'a>(
     let bytes = write::encode(splats.into(), options)?;
     let model = read::decode(&bytes)?;
     let there = match model.is_z_up {
+        // Reading rotated such a file to z-up, which is undone as well.
         true => file_rotation(options).then(AxisRotation::Y_UP_TO_Z_UP),
         false => file_rotation(options),
     };
@@ -51,6 +52,7 @@ pub fn read_back<'a>(
 }
 
 fn to_model_axes(read: SplatSet, turn: AxisRotation, scale: f64) -> SplatSet {
+    // A rotation or factor would round.
     if turn.is_identity() && scale == 1.0 {
         return read;
     }

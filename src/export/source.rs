@@ -34,6 +34,7 @@ impl<'a> ExportRows<'a> {
     pub fn new(view: SplatView<'a>, options: &WriteOptions) -> Result<Self, Fault> {
         check(view.splats().len(), options)?;
         let is_points = options.format == ModelFormat::PointCloudPly;
+        // Points have neither a flat top nor a gradient.
         let mapping = (!is_points && !mapping::is_plain(view)).then_some(options.mapping);
         let (selection, evidence) = (options.selection, options.confidence);
         let rows_of = |i: usize| -> Option<(u8, bool)> {

@@ -37,6 +37,7 @@ pub(super) fn write_rows(
             (from..end.min(from + PART_ROWS)).for_each(|row| encode(row, &mut bytes));
             bytes
         });
+        // Collected in order, so that the file does not depend on the threads.
         for bytes in parts.collect::<Vec<_>>() {
             out.write_all(&bytes)?;
         }
@@ -86,6 +87,7 @@ impl<'a> ProgressCounter<'a> {
 
     pub fn advance(&mut self, n: usize) -> io::Result<()> {
         self.done += n;
+        // A count of zero rows must not divide by zero.
         let share = self.done as f64 / self.total.max(1) as f64;
         match self.progress.0 {
             Some(told) if !told(share.min(1.0)) => Err(io::Error::other(Cancelled)),

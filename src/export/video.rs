@@ -32,6 +32,7 @@ pub struct VideoWriter {
 
 /// Video extensions and their encoder options: near-lossless and widely playable.
 const ENDINGS: [(&str, &[&str]); 3] = [
+    // `+faststart` moves the index to the front, so that players can stream the file.
     ("mp4", &["-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]),
     ("webm", &["-c:v", "libvpx-vp9", "-crf", "28", "-b:v", "0", "-pix_fmt", "yuv420p"]),
     ("webp", &["-c:v", "libwebp", "-quality", "85", "-loop", "0"]),
@@ -76,6 +77,7 @@ impl VideoWriter {
         ffmpeg.args(["-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-"]);
         // Most players require even dimensions.
         ffmpeg.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]).args(encoding).arg(target);
+        // `finish` reads the errors; other output is not needed.
         ffmpeg.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
         let ffmpeg = ffmpeg.spawn().map_err(|e| failed(format!("no runnable ffmpeg ({e})")))?;
         Ok(Self { path: path.to_owned(), ffmpeg, folder: growing })

@@ -41,6 +41,7 @@ pub fn write<'a>(
 ) -> Result<WriteSummary, ExportError> {
     let view: SplatView = splats.into();
     let source = select_rows(view, options).map_err(|fault| fault.with_path(path))?;
+    // Before any file is created: layouts refuse what their format cannot hold.
     let content = prepare_content(&source, options).map_err(|fault| fault.with_path(path))?;
     let bytes = atomic::write_atomic(path, |out| content(out))?;
     let n_skipped = view.splats().len() - source.n_drawable();
@@ -95,6 +96,7 @@ fn prepare_content<'a>(
 }
 
 fn check_comments(comments: &[String]) -> Result<(), Fault> {
+    // A line break would end the comment and begin another header line.
     let printable = |line: &String| line.bytes().all(|b| (b' '..=b'~').contains(&b));
     match comments.iter().find(|line| !printable(line)) {
         None => Ok(()),

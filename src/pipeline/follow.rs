@@ -206,6 +206,7 @@ impl Follow {
             return None;
         }
         self.pace.record_check(now);
+        // No scan is running, so the lock is free.
         for (frame, marks) in self.returned.drain(..) {
             lock(&self.recording).return_frame(frame, marks);
         }
@@ -219,13 +220,13 @@ impl Follow {
     /// Allows an unreadable frame to be found again once its files have changed.
     pub(super) fn give_back(&mut self, frame: String, marks: FrameMarks) {
         match self.scan {
+            // The scan holds the lock, perhaps for as long as its drive hangs.
             Some(_) => self.returned.push((frame, marks)),
             None => lock(&self.recording).return_frame(frame, marks),
         }
     }
 }
 
-/// Result of a scan.
 pub(super) enum ScanFindings {
     /// No complete new frame.
     Nothing,

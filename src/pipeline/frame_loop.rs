@@ -23,7 +23,6 @@ pub(super) trait FrameLoop: Send {
     /// Trains on the next frame, waiting at most `patience` for it to be decoded.
     fn step(&mut self, patience: Duration) -> Next<SteppedFrame>;
 
-    /// Appends frames to the queue.
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>);
 
     fn learner(&self) -> &dyn Learner;
@@ -37,11 +36,9 @@ pub(super) struct SteppedFrame {
     pub name: String,
     /// Marks of its files before they were read.
     pub marks: FrameMarks,
-    /// What happened to the frame.
     pub status: FrameStatus,
 }
 
-/// What happened to a frame.
 pub(super) enum FrameStatus {
     /// The learner was updated.
     Learnt {
@@ -59,7 +56,6 @@ pub(super) enum FrameStatus {
     Failed(IndexError),
 }
 
-/// Prefetch and the learner of its observations.
 pub(super) struct PresetLoop<P: Prepare> {
     pub prefetch: Prefetch<P>,
     pub learner: Box<dyn Learns<P::Observation>>,
@@ -76,10 +72,12 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
         let status = match result {
             Err(message) => FrameStatus::Skipped(message),
             Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms }) => {
+                // Points count once: further passes train on the photograph only.
                 let learnt = match is_repeat {
                     false => self.learner.learn(&observation),
                     true => Ok(self.learner.revisit_photograph(&observation)),
                 };
+                // Before the result is examined: a failed frame returns its memory as well.
                 self.prefetch.recycle(observation);
                 match learnt {
                     Ok(FrameOutcome { tracking: Some(FrameTracking::Lost(loss)), .. }) => {
@@ -109,7 +107,6 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
     }
 }
 
-/// Initial state of a learner.
 pub(super) enum InitialState<'a> {
     /// Untrained; positions lie in this range.
     Fresh(&'a PositionRange),

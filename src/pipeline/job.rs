@@ -61,6 +61,7 @@ impl<T: Send + 'static> Job<T> {
         waker: Waker,
         work: impl FnOnce(&Progress) -> T + Send + 'static,
     ) -> io::Result<Self> {
+        // One slot, so that the thread ends without waiting for a reader.
         let (answer, results) = sync_channel(1);
         let progress = Arc::new(Progress::default());
         progress.begin();
@@ -135,6 +136,7 @@ impl Progress {
     /// Sets the finished share, from 0 to 1; true if it changed enough to redraw.
     pub fn set_share(&self, share: f64) -> bool {
         let done = (share.clamp(0.0, 1.0) * WHOLE) as u32;
+        // A change of a whole percent.
         self.done.swap(done, Ordering::Relaxed) / 10 != done / 10
     }
 

@@ -52,6 +52,7 @@ fn check_against(
     limit: ComponentLimit,
     available: u64,
 ) -> Result<(), MemoryError> {
+    // Free memory is rounded down and needed memory up, so that a message never contradicts itself.
     let (available_mb, megabytes) = (available / 1_000_000, |n: u64| n.div_ceil(1_000_000));
     if estimate.frames > available {
         return Err(MemoryError::Frames { available_mb, needed_mb: megabytes(estimate.frames) });
@@ -64,6 +65,7 @@ fn check_against(
     if estimate.total() <= available {
         return Ok(());
     }
+    // At least one byte, so that the division is defined.
     let per_component = (estimate.model / found.max(1) as u64).max(1);
     let most = available.saturating_sub(estimate.frames) / per_component;
     let needed_mb = megabytes(estimate.total());

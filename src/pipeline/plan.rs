@@ -106,6 +106,7 @@ impl Selection {
     fn repeat_order(&self, frames: &[usize], seed: u64, pass: usize) -> Vec<usize> {
         let mut frames = frames.to_vec();
         if self.order == Order::Shuffled {
+            // Sorted first, so that a pass does not depend on the order of the first one.
             frames.sort_unstable();
             Rng::new(seed, Purpose::Order, pass as u64).shuffle(&mut frames);
         }
@@ -123,6 +124,7 @@ impl Selection {
         if self.order == Order::Shuffled {
             Rng::new(seed, Purpose::Order, 0).shuffle(&mut frames);
         }
+        // After the shuffle: all shards together are the whole plan.
         if let Some(Shard { index, of }) = self.shard {
             frames = frames.into_iter().skip(index - 1).step_by(of).collect();
         }
@@ -198,12 +200,14 @@ impl Plan {
         if selection.hold_out == HoldOut::Sector {
             return;
         }
+        // Planned frames stay, even above the limit.
         let most = selection.max_frames.unwrap_or(usize::MAX).max(self.frames.len());
         let all = Selection { max_frames: None, ..selection.clone() };
         let training = match self.held_out {
             Some(_) => without_every_8th(n_frames),
             None => (0..n_frames).collect(),
         };
+        // Sequential order does not use the seed.
         let selected = all.of(training, 0).into_iter();
         self.frames.extend(selected.filter(|&frame| frame >= known));
         self.frames.truncate(most);
@@ -224,6 +228,7 @@ impl Plan {
         seed: u64,
         visited: &[u32],
     ) -> Result<Self, DatasetError> {
+        // The limit counts visited frames as well, so it is applied below.
         let all = Selection { max_frames: None, passes: 1, ..selection.clone() };
         let mut plan = Self::new(dataset, &all, seed)?;
         let visited: Vec<usize> = visited.iter().map(|&frame| frame as usize).collect();
@@ -233,6 +238,7 @@ impl Plan {
             visited.iter().copied().filter(|&frame| known.insert(frame)).collect();
         plan.frames.retain(|frame| !known.contains(frame));
         plan.frames.splice(0..0, first);
+        // Visited frames stay, even above a lower limit.
         plan.frames.truncate(selection.max_frames.unwrap_or(usize::MAX).max(known.len()));
         plan.repeat(selection, seed);
         let mut left = plan.frames;

@@ -304,6 +304,7 @@ impl<P: Prepare> Prefetch<P> {
 
     /// Returns the next frame, waiting at most `patience`.
     pub fn next_within(&mut self, patience: Duration) -> Next<Prepared<P::Observation>> {
+        // Without spare cores a batch is requested at once, while the training threads are idle.
         if self.is_ahead || self.ready.is_empty() && self.coming.is_empty() {
             self.request();
         }
@@ -316,6 +317,7 @@ impl<P: Prepare> Prefetch<P> {
                 Err(RecvTimeoutError::Disconnected) => {}
             }
             self.coming.pop_front();
+            // Later frames are still in preparation, and waiting for them would delay training.
             if self.is_ahead {
                 break;
             }
@@ -343,6 +345,7 @@ impl<P: Prepare> Shared<P> {
     fn run(&self) {
         let mut worker = Worker::<P>::default();
         while let Some((frame, slot)) = receive_shared(&self.tasks, |tasks| tasks.recv().ok()) {
+            // Without waiting: the first frames have no memory to reuse.
             worker.recycled = receive_shared(&self.recycled, |recycled| recycled.try_recv().ok());
             // Fails if the handle was dropped.
             drop(slot.send(worker.prepare(&self.preparation, &frame)));
@@ -355,6 +358,7 @@ fn receive_shared<T>(
     channel: &Mutex<Receiver<T>>,
     next: impl FnOnce(&Receiver<T>) -> Option<T>,
 ) -> Option<T> {
+    // A panic of another thread leaves the channel intact.
     next(&channel.lock().unwrap_or_else(PoisonError::into_inner))
 }
 

@@ -188,6 +188,7 @@ impl RunProgress {
     ) -> Option<String> {
         let at = self.report_index(n_learnt, compared)?;
         let report = self.frames.get_mut(at)?;
+        // A photograph may be compared repeatedly, but an outlier is reported once.
         let is_told = report.outlier_warning().is_some();
         report.photograph = Some(compared.outcome);
         report.outlier_warning().filter(|_| !is_told)

@@ -143,6 +143,7 @@ impl PlacedViews {
 impl Trajectory {
     /// Poses of the closest placed frames before and after a frame in its recording, nearest first.
     fn neighbour_poses(&self, dataset: &Dataset, entry: &FrameEntry) -> Vec<Pose> {
+        // In every split: in `held-out`, the neighbours of a frame are missing.
         let holds = |frames: &[FrameEntry]| frames.iter().position(|f| f.name == entry.name);
         let frames = dataset.splits.iter().map(|split| split.frames.as_slice());
         let tracked = frames.filter_map(|frames| Some((holds(frames)?, frames)));

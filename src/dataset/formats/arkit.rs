@@ -54,6 +54,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 fn frame_lines(folder: &Folder) -> Option<&str> {
     let is_ours = |name: &&str| {
         let text = folder.peek(name);
+        // Every line is a frame, so the first one suffices.
         let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
         let json: Value = serde_json::from_str(first).unwrap_or_default();
         first_of(&json, &POSE_KEYS).is_some()
@@ -146,6 +147,7 @@ impl<'a> FrameLine<'a> {
         let cameras = recording.cameras_of_lens(&k, size, depth_size, self.file)?;
         // Some packages convert depth to images; the content decides.
         let is_image = depth.as_ref().is_some_and(|file| decode::depth_size(file).is_ok());
+        // Depth stored as images is in millimetres by default.
         let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(0.001));
         let encoding = if is_image { DepthEncoding { codes, ..encoding } } else { encoding };
         let least = recording.least_confidence();
@@ -213,6 +215,7 @@ impl<'a> FrameLine<'a> {
             return Ok(size);
         }
         let n = std::fs::metadata(file.path())?.len() / size_of::<f32>() as u64;
+        // From `w · h = n`, with `w / h` of the photograph.
         let width = (n as f64 * f64::from(color.0) / f64::from(color.1)).sqrt().round();
         let height = (n as f64 / width.max(1.0)).round();
         match (width * height) as u64 == n && n > 0 && width <= f64::from(u32::MAX) {

@@ -153,6 +153,7 @@ impl FrameList {
         let mut frames = Vec::new();
         for (i, frame) in self.frames()?.iter().enumerate() {
             let named = frame.get("file_path").and_then(Value::as_str);
+            // An entry without a path is reported by its place in the list.
             let name = named.map_or_else(|| format!("{i}"), |n| n.trim_start_matches("./").into());
             if folder.was_taken(&name) {
                 continue;

@@ -85,6 +85,7 @@ pub(super) fn parse(
         (format.recognise)(folder).map(|why| (*layout, format, why))
     };
     let mut found: Vec<_> = FORMATS.iter().filter_map(recognise).collect();
+    // A file that could not be read could have identified another layout.
     if let Some(error) = folder.take_unread() {
         return Err(error);
     }

@@ -55,6 +55,7 @@ pub(super) fn is_list(json: &Value) -> bool {
     let bends = |value: &Value| {
         LENS_KEYS.iter().any(|key| value.get(key).and_then(Value::as_f64).unwrap_or(0.0) != 0.0)
     };
+    // NeRF-synthetic has no lens terms.
     let lens = bends(json) || frames.iter().any(bends);
     let is_posed = frames.iter().any(|frame| frame.get("transform_matrix").is_some());
     let own = |frame: &Value| named(&DEPTH_KEYS, frame) || named(&["fl_x"], frame);
@@ -162,6 +163,7 @@ impl FrameList<'_> {
             let color = photograph(recording.folder, name)?;
             let depth = first_of(frame, &DEPTH_KEYS).and_then(Value::as_str);
             let depth = depth.map(|text| depth_file(recording.folder, text)).transpose()?;
+            // The frame's own size: images of one list may differ.
             let header = decode::header(&color)?;
             Ok::<_, FrameProblem>((pose, color, depth, (header.width, header.height)))
         };
@@ -187,6 +189,7 @@ impl FrameList<'_> {
             tangential: [term("p1")?, term("p2")?],
             ..Distortion::default()
         };
+        // Only a time of the frame itself: `number` would fall back to one of the list.
         let time = match frame.get("timestamp") {
             Some(_) => camera.number("timestamp")?,
             None => None,

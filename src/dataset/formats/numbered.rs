@@ -97,9 +97,11 @@ impl NumberedFiles {
 /// Parses the first digits after the prefix; `00012-000033.png` has the number 12.
 fn number(name: &str, prefix: &str, extensions: &[&str]) -> Option<u64> {
     let (stem, extension) = name.rsplit_once('.')?;
+    // Some cameras write extensions in upper case.
     if !extensions.iter().any(|e| e.eq_ignore_ascii_case(extension)) {
         return None;
     }
+    // As in `frame_000012.png`.
     let digits = stem.strip_prefix(prefix)?.trim_start_matches(['_', '-']);
     digits.split(|c: char| !c.is_ascii_digit()).next()?.parse().ok()
 }

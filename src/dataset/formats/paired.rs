@@ -71,6 +71,7 @@ fn pairs(
 ) -> BTreeMap<u64, Pair> {
     let folder = recording.folder;
     let same = colors.numbers().eq(depths.numbers());
+    // While the recording grows, equal counts are a coincidence.
     let by_order = !same && colors.len() == depths.len() && !folder.is_growing();
     if by_order {
         recording.note("colour and depth are numbered differently: paired by their order");
@@ -128,6 +129,7 @@ fn cameras(
             (file, PRIMESENSE)
         }
     };
+    // The file may state the camera of depth or that of the photographs.
     if (k.width, k.height) != depth_size {
         same_size((k.width, k.height), size, &file)?;
     }
@@ -191,6 +193,7 @@ fn trajectory_log(folder: &Folder) -> Option<&str> {
         let mut lines = text.lines();
         let head = lines.next().and_then(head);
         let row = lines.next().map(matrix::parse_numbers::<4>);
+        // Heads of Open3D's trajectories repeat the index.
         matches!(head, Some([a, b, _]) if a == b) && matches!(row, Some(Ok(_)))
     };
     let logs = || folder.listing.files().filter(|name| name.ends_with(".log"));

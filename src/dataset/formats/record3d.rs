@@ -73,6 +73,7 @@ impl Metadata {
         let k = self.intrinsics(size)?;
         let depth_size = self.depth_size(frames, codes, size)?;
         let poses = self.array("poses");
+        // No error: only the frames without a pose are skipped below.
         if poses.len() < frames.len() {
             let (listed, found) = (poses.len(), frames.len());
             recording
@@ -81,6 +82,7 @@ impl Metadata {
         let encoding = recording.encoding(codes, Sensor::Lidar, TRUSTED_DEPTH);
         let least = recording.least_confidence();
         for (&number, frame) in frames {
+            // A number beyond any index has no pose, so its frame is skipped.
             let index = usize::try_from(number).unwrap_or(usize::MAX);
             let name = number.to_string();
             let pose = match pose(poses.get(index), index) {
@@ -148,6 +150,7 @@ impl Metadata {
     ) -> Result<(u32, u32), DatasetError> {
         if codes != CodeKind::BareFloats {
             let depths = frames.values().filter_map(|frame| frame.depth.as_ref());
+            // Unreadable files are reported with their frames.
             return Ok(recording::depth_size(depths).ok().flatten().unwrap_or(color));
         }
         if let Some(stated) = self.side("dw").zip(self.side("dh")) {
@@ -170,6 +173,7 @@ fn pose(value: Option<&Value>, index: usize) -> Result<Pose, FrameProblem> {
     let wrong = || FrameProblem::Entry { expected, found: describe_json(value) };
     let numbers = stated::flat_numbers(value).ok_or_else(wrong)?;
     let Ok([qx, qy, qz, qw, x, y, z]) = <[f64; 7]>::try_from(numbers) else { return Err(wrong()) };
+    // This file has the rotation first, `TimedPose` has the position first.
     let timed = TimedPose::new([0.0, x, y, z, qx, qy, qz, qw]).ok_or_else(wrong)?;
     Ok(Pose::from_opengl(timed.matrix())?)
 }
@@ -251,6 +255,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let member = |name: String| names.contains(&name).then(|| ByteSource::member(&archive, &name));
     let mut frames = BTreeMap::new();
     for name in &names {
+        // Photographs define the frames, so depth without one would vanish silently.
         let alone = name.strip_prefix(FRAMES).and_then(|n| n.strip_suffix(".depth"));
         if let Some(stem) = alone.filter(|stem| !names.contains(&format!("{FRAMES}{stem}.jpg"))) {
             let problem = FrameProblem::MissingColor(format!("{FRAMES}{stem}.jpg"));
@@ -265,6 +270,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             depth: member(format!("{FRAMES}{stem}.depth")),
             confidence: member(format!("{FRAMES}{stem}.conf")),
         };
+        // `1.jpg` and `01.jpg` have the same number.
         match frames.contains_key(&number) {
             true => {
                 let problem = FrameProblem::Duplicate(format!("`{name}`"));
@@ -350,6 +356,7 @@ fn sources(
         FrameProblem::MissingColor(Path::new(COLORS).join(number.to_string()).display().to_string())
     };
     let confidence = file(confidences)?;
+    // While the recording grows, a missing map may still be written; afterwards there is none.
     if folder.is_growing() && confidences.is_some() && confidence.is_none() {
         return Err(FrameProblem::MissingConfidence(number.to_string()));
     }

@@ -141,6 +141,7 @@ impl<'a> Recording<'a> {
         }
         // The frames that training holds out, under a name that users can choose.
         let held_out: Vec<_> = self.frames.iter().step_by(HOLD_OUT_EVERY).cloned().collect();
+        // A recording of one frame has none to hold out; a poll may find one frame of many.
         let is_enough = self.frames.len() > 1 || self.folder.was_any_taken();
         let split = |name: &str, frames| DatasetSplit { name: name.to_owned(), frames, has_depth };
         self.parsed.splits.push(split(SPLIT, self.frames));
@@ -186,6 +187,7 @@ impl<'a> Recording<'a> {
         };
         check_intrinsics(&of_depth, file)?;
         let resampled = || ColorCamera::from_depth_intrinsics(&of_depth, [color.0, color.1]);
+        // Without a colour camera, photographs have the camera of depth.
         Ok(Cameras { depth: of_depth, color: (color != depth).then(resampled) })
     }
 }

@@ -60,6 +60,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         if folder.was_taken(&name) {
             continue;
         }
+        // Lines count frames from 0.
         let line = usize::try_from(number).ok().and_then(|i| lines.get(i));
         let found = line
             .ok_or_else(|| FrameProblem::MissingPose(format!("line {} of {POSES}", number + 1)))

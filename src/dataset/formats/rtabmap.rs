@@ -63,6 +63,7 @@ fn calibration(folder: &Folder) -> Option<String> {
     let is_yaml = |name: &&str| [".yaml", ".yml"].iter().any(|end| name.ends_with(end));
     let holds = |relative: &str| {
         let text = folder.peek(relative);
+        // Other YAML files may lie beside the calibration.
         text.contains("camera_matrix:")
     };
     if let Some(name) = subfolder(folder, CALIBRATIONS) {
@@ -76,6 +77,7 @@ fn calibration(folder: &Folder) -> Option<String> {
 fn pose_file(folder: &Folder) -> Option<&str> {
     let is_ours = |name: &&str| {
         let text = folder.peek(name);
+        // Other texts may begin with numbers too.
         let named = name.contains("poses") || name.contains("trajectory") || name.contains("odom");
         named && lines(&text).next().is_some_and(|(_, line)| pose(line).is_ok())
     };
@@ -94,6 +96,7 @@ fn pose(line: &str) -> Result<PoseLine, FrameProblem> {
         let wrong = || FrameProblem::PoseShape("numbers without a unit quaternion".to_owned());
         Ok::<_, FrameProblem>((Some(numbers[0]), pose.ok_or_else(wrong)?.matrix()))
     };
+    // The count of numbers distinguishes the forms.
     if let Ok(numbers) = matrix::parse_numbers::<8>(line) {
         let (time, matrix) = timed(numbers)?;
         return Ok(PoseLine { time, number: None, matrix });
@@ -116,6 +119,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     };
     let (calibration_file, calibration) = folder.text(&calibration_name(folder))?;
     let stated = read_camera(&calibration_file, &calibration)?;
+    // The calibration is that of the photographs.
     super::recording::same_size((stated.width, stated.height), size, &calibration_file)?;
     let cameras = recording.cameras_of_lens(&stated, size, depth_size, &calibration_file)?;
     // A phone's lidar has a lower resolution than its photographs; depth cameras do not.
@@ -184,6 +188,7 @@ impl<'a> Images<'a> {
         let stems = |listing: &FolderListing| {
             let stem = |name: &str| Some((name.rsplit_once('.')?.0.to_owned(), name.to_owned()));
             let mut found: Vec<_> = listing.files().filter_map(stem).collect();
+            // By value, because text sorts 10 before 9.
             found.sort_by(|(a, _), (b, _)| value(a).total_cmp(&value(b)).then(a.cmp(b)));
             found
         };
@@ -245,6 +250,7 @@ fn from(images: &[(String, String)], least: f64) -> &[(String, String)] {
 }
 
 fn find<'a>(images: &'a [(String, String)], stem: &str) -> Option<&'a str> {
+    // `1` and `01` have the same value.
     let rest = from(images, value(stem)).iter();
     let mut equal = rest.take_while(|(other, _)| value(other) == value(stem));
     equal.find(|(other, _)| other == stem).map(|(_, name)| name.as_str())
@@ -302,10 +308,12 @@ fn data<'a>(text: &'a str, key: &str) -> Option<&'a str> {
 fn from_rows(rows: [f64; 12]) -> DMat4 {
     let mut m = [0.0; 16];
     m[..12].copy_from_slice(&rows);
+    // Twelve numbers lack the last row.
     m[15] = 1.0;
     DMat4::from_cols_array(&m).transpose()
 }
 
 fn beginning(text: &str) -> String {
+    // A message must not reproduce a damaged file.
     text.lines().next().unwrap_or("an empty file").chars().take(40).collect()
 }

@@ -105,6 +105,7 @@ fn cameras(
             let is_one = of_color == of_depth;
             Ok(Cameras { depth: of_depth, color: (!is_one).then_some(camera) })
         }
+        // Only one lens is known, so both images are taken to be through it.
         (_, Some((file, stated))) | (Some((file, stated)), None) => {
             recording.cameras_of_lens(&stated, color, depth, &file)
         }

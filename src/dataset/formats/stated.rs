@@ -105,6 +105,7 @@ pub(super) fn in_text_file(
 pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
     for name in folder.listing.files().filter(|name| name.ends_with(".json")) {
         let (file, text) = folder.text(name)?;
+        // Other JSON files, such as settings, may lie beside the camera's.
         let Ok(json) = serde_json::from_str::<Value>(&text) else { continue };
         let Some(matrix) = json.get("intrinsic_matrix") else { continue };
         let side = |key| json.get(key).and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok());
@@ -227,6 +228,7 @@ pub(super) fn majority<S, T: Copy + PartialEq, E>(
     ask: impl Fn(&S) -> Result<T, E>,
 ) -> Result<Option<T>, E> {
     let n = files.len().min(SAMPLED_FILES);
+    // Evenly spaced: an odd frame, even the first, costs only itself.
     let is_asked = |(at, _): &(usize, &S)| (0..n).any(|i| i * files.len() / n == *at);
     let (mut answers, mut error) = (Vec::new(), None);
     // Retried once: a passing disk error would change the result for all frames silently.

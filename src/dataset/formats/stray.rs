@@ -38,6 +38,7 @@ const CONFIDENCES: &str = "confidence";
 const COLORS: &str = "rgb";
 const VIDEO: &str = "rgb.mp4";
 const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
+// Size of the app's videos, for which it writes the camera matrix.
 const VIDEO_SIZE: (u32, u32) = (1920, 1440);
 /// Metres per code.
 const DEPTH_UNIT: f64 = 0.001;
@@ -85,6 +86,7 @@ impl Files {
     fn confidence(&self, folder: &Folder, frame: u64) -> Result<Option<ByteSource>, FrameProblem> {
         let Some(maps) = &self.confidences else { return Ok(None) };
         match maps.file(folder, frame).transpose()? {
+            // The map may still be written.
             None if folder.is_growing() => {
                 Err(FrameProblem::MissingConfidence(format!("{CONFIDENCES}/{frame:06}.png")))
             }
@@ -181,6 +183,7 @@ fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Op
     }
     let numbers: Vec<u64> = match &files.colors {
         Some(colors) => colors.numbers().collect(),
+        // All pictures of a video have one size.
         None => vec![0],
     };
     let sources = numbers.into_iter().filter_map(|n| files.color(folder, n)?.ok());
@@ -197,6 +200,7 @@ fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Op
 fn camera(recording: &mut Recording, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
     let (file, text) = recording.folder.text(CAMERA)?;
     let k = stated::from_text(&text, size, &file)?;
+    // A principal point far from the centre reveals a matrix for another size.
     let is_centred = |(width, height): (u32, u32)| {
         let off = [k.cx / f64::from(width) - 0.5, k.cy / f64::from(height) - 0.5];
         off.iter().all(|off| off.abs() < 0.15)
@@ -206,6 +210,7 @@ fn camera(recording: &mut Recording, size: (u32, u32)) -> Result<Intrinsics, Dat
     }
     let is_grey = recording.options.geometry_only;
     let of = |(width, height): (u32, u32)| Intrinsics { width, height, ..k };
+    // Aspect ratios are compared without division, hence without rounding.
     if is_centred(VIDEO_SIZE) && (is_grey || size.0 * VIDEO_SIZE.1 == size.1 * VIDEO_SIZE.0) {
         if !is_grey {
             let (width, height) = VIDEO_SIZE;

@@ -19,6 +19,7 @@ impl TimedPose {
     /// From `t tx ty tz qx qy qz qw`; `None` unless all are finite and the quaternion's length is near 1.
     pub fn new([time, x, y, z, qx, qy, qz, qw]: [f64; 8]) -> Option<Self> {
         let (position, turn) = (DVec3::new(x, y, z), DQuat::from_xyzw(qx, qy, qz, qw));
+        // Rounded text stays far closer to length 1; other numbers are no quaternion.
         let is_turn = (0.5..2.0).contains(&turn.length());
         (time.is_finite() && position.is_finite() && is_turn).then(|| Self {
             time,
@@ -90,6 +91,7 @@ impl Trajectory {
             }
             (Some(only), None) => only.matrix(),
             (None, Some(only)) => only.matrix(),
+            // Not reached: without any pose the distance above is infinite.
             (None, None) => Pose::IDENTITY.to_opencv(),
         })
     }

@@ -90,6 +90,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     });
     let taken: Vec<&TimedImage> = depths
         .iter()
+        // Before anything is read for a frame, so that a poll of a long recording costs little.
         .filter(|depth| !folder.was_taken(frame_name(&depth.name)))
         .filter(|depth| !is_growing || has_all_data(depth, poses, &colors))
         .collect();
@@ -156,6 +157,7 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
     }
     let unordered = found.array_windows().filter(|[before, here]| here.time < before.time).count();
     recording.note_unordered(list, unordered);
+    // A stable sort: of images with one time, the one listed first is used.
     found.sort_by(|a, b| a.time.total_cmp(&b.time));
     let mut unique: Vec<TimedImage> = Vec::with_capacity(found.len());
     for image in found {
@@ -184,6 +186,7 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
             Ok(Some(pose)) => poses.push(pose),
             Ok(None) | Err(_) => {
                 let expected = "finite t tx ty tz and a unit quaternion qx qy qz qw";
+                // Shortened for the message: a damaged line may be of any length.
                 let found = content.chars().take(60).collect();
                 let problem = FrameProblem::Line { expected, found, line };
                 recording.skip(&format!("pose {line}"), file.clone(), problem);
@@ -212,7 +215,9 @@ fn cameras(
     let file = recording.folder.path.join("camera-intrinsics.txt");
     let (file, k) = match stated::in_text_file(recording.folder, size)? {
         Some(stated) => stated,
+        // A stand-in: `cameras_of_lens` uses the option's numbers.
         None if recording.options.intrinsics.is_some() => (file, PRIMESENSE),
+        // The maker's intrinsics hold for this size only.
         None if size == (PRIMESENSE.width, PRIMESENSE.height) => {
             recording.note(
                 "no intrinsics in the folder: the manufacturer's 525, 525, 319.5, 239.5 are used",
@@ -307,6 +312,7 @@ impl Poses<'_> {
         let ends = (self.at(time - 0.5 * seconds), self.at(time + 0.5 * seconds));
         let turn = match ends {
             (Some(first), Some(last)) => first.offset_to(&last).1.to_scaled_axis(),
+            // At the ends of the trajectory the rotation is unknown and stays uncorrected.
             _ => DVec3::ZERO,
         };
         RollingShutter { rotation: turn }
@@ -326,6 +332,7 @@ impl Poses<'_> {
     /// Cameras with the photograph taken at another time than depth; unchanged if the trajectory has no
     /// pose there.
     fn cameras_at_times(&self, cameras: Cameras, size: [u32; 2], times: [f64; 2]) -> Cameras {
+        // One pose suffices, and colours stay registered to depth.
         if (times[0] - times[1]).abs() < SIMULTANEOUS {
             return cameras;
         }
@@ -385,6 +392,7 @@ fn frame_name(depth: &str) -> &str {
 }
 
 fn nearest(colors: &[TimedImage], time: f64) -> Result<&TimedImage, FrameProblem> {
+    // Photographs are sorted by time, so only two are candidates.
     let after = colors.partition_point(|image| image.time < time);
     let around = [after.checked_sub(1).and_then(|i| colors.get(i)), colors.get(after)];
     let distance = |image: &&TimedImage| (image.time - time).abs();

@@ -46,6 +46,7 @@ impl<'a> Emitter<'a> {
             settings,
             colors,
             turn: pose.rotation().as_mat3().transpose().to_cols_array_2d(),
+            // Subtracted in f64: far from zero, f32 would lose the camera's position.
             centre: (pose.centre() - settings.origin).as_vec3().to_array(),
             focal: [k.fx as f32, k.fy as f32],
             per_focal: (1.0 / k.fx) as f32,
@@ -133,6 +134,7 @@ impl Emitter<'_> {
         let position = [x + V::splat(right), y + V::splat(down), ahead + V::splat(front)];
         let far = !(within(position[0]) & within(position[1]) & within(position[2])) as u8;
         let range = z * per_z;
+        // The fitted normal points away from the camera, a point's towards it.
         let normal = scaled(surface.normal, V::splat(-1.0) / normal_length);
         PointLanes {
             flying: if self.settings.flying_pixels { !fitted.accepted[at] } else { 0 },
@@ -164,6 +166,7 @@ impl Emitter<'_> {
         if self.settings.flying_pixels {
             return planar;
         }
+        // Without the filter, a pixel without a plane keeps its own depth and faces the camera.
         let mut accepted = [0.0; LANES];
         for (lane, accepted_lane) in accepted.iter_mut().enumerate() {
             *accepted_lane = if fitted.accepted[at] >> lane & 1 == 1 { SET_LANE } else { 0.0 };
@@ -336,6 +339,7 @@ impl SurfaceCounts {
     pub fn of(statuses: &[PixelStatus]) -> Self {
         // One pass per status with sums of bytes vectorises; a histogram does not.
         let of = |status: PixelStatus| {
+            // A byte holds the count of 255 pixels.
             let count =
                 |run: &[PixelStatus]| run.iter().map(|f| u8::from(*f == status)).sum::<u8>();
             statuses.chunks(usize::from(u8::MAX)).map(|run| usize::from(count(run))).sum()

@@ -86,6 +86,7 @@ impl FitRows<'_> {
 
 impl Fitted {
     fn resize(&mut self, blocks: usize) {
+        // Never shrinks: `usable` masks stale entries of an earlier frame.
         if self.accepted.len() < blocks {
             self.usable.resize(blocks, 0);
             self.accepted.resize(blocks, 0);
@@ -264,6 +265,7 @@ fn whole<V: Vector>(residuals: &[V; WINDOW]) -> Sums<V> {
     let mut sums = Sums::none();
     for (row, depths) in residuals.as_chunks::<SIDE>().0.iter().enumerate() {
         let offset = V::splat(row as f32 - RADIUS as f32);
+        // The same order of additions gives the same bits, whichever path a window takes.
         sums.add(offset, [V::splat(1.0); SIDE], *depths);
     }
     sums

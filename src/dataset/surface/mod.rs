@@ -104,6 +104,7 @@ impl Preparer {
         if let (Some(color_camera), Some(camera)) = (&color_camera, &camera) {
             let k = &frame.camera.intrinsics;
             let [x, y] = color_camera.focal;
+            // The larger ratio, so that squares of neighbouring pixels leave no gap.
             let footprint = (x / k.fx).max(y / k.fy) as f32;
             let size = [frame.color.width, frame.color.height];
             let is_whole = settings.photograph;
@@ -126,6 +127,7 @@ impl Preparer {
         out.origin = settings.origin;
         out.camera = frame.camera;
         out.tolerance = profile.tolerance;
+        // Its memory is reused.
         let earlier = out.photograph.take();
         out.photograph = settings.photograph.then(|| {
             let gain = calibration.gain(&frame.name);

@@ -147,6 +147,7 @@ impl Planes {
             let at = self.at(0, row);
             self.z[at..at + used.start].fill(NOTHING);
             self.z[at + used.end..at + width].fill(NOTHING);
+            // Lengths of unusable pixels are ranges already: infinite for background, else NaN.
             ranges[..used.start].copy_from_slice(&self.lengths[..used.start]);
             ranges[used.end..].copy_from_slice(&self.lengths[used.end..]);
             let inside = at + used.start..at + used.end;

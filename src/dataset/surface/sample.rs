@@ -39,6 +39,7 @@ impl FrameSample {
         let mut trusted = [0.0; 2];
         let (mut n, mut unreadable) = (0, None);
         for index in sampled(frames) {
+            // Further frames only replace unreadable ones.
             if n == SAMPLED_FRAMES {
                 break;
             }
@@ -69,6 +70,7 @@ impl FrameSample {
             }
             _ => {
                 let error = no_points(dataset, trusted, &mut seen, n);
+                // If any frame was read, its depth is the problem, not the file error.
                 match unreadable.filter(|_| n == 0) {
                     Some(found) => Err(NoUsableDepth { found, ..error }),
                     None => Err(error),

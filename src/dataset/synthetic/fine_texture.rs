@@ -111,7 +111,9 @@ fn paper(m: Vec2, height: f32, at: &SurfaceSample) -> Vec3 {
 /// Ink coverage of rows of random letters, each a 3 × 5 dot matrix.
 fn text(p: Vec2, height: f32, at: &SurfaceSample) -> f32 {
     const MEAN_INK: f32 = 0.26;
+    // A line has five rows of dots and two of spacing.
     let dot = height / 7.0;
+    // Dots finer than a pixel would alias; their mean has the same brightness.
     if at.pixel_footprint > 1.5 * dot {
         return MEAN_INK;
     }
@@ -123,6 +125,7 @@ fn text(p: Vec2, height: f32, at: &SurfaceSample) -> f32 {
         let pick = |salt: u32| hash(letter, line, at.seed ^ salt);
         // Blank columns between letters, blank letters between words, every eighth line blank.
         let is_blank = x == 3 || y > 4 || pick(0x42) < 0.17 || line.rem_euclid(8) == 7;
+        // Some dots are always set, so that no letter is blank.
         let strokes = (pick(0x43) * 32768.0) as u32 | 0b010_000_010_000_010;
         let bit = strokes >> (x + 3 * y) & 1;
         f32::from(u8::from(!is_blank && bit == 1))

@@ -58,6 +58,7 @@ pub(super) fn choose(
     let training = TrainingViews { room, k: trained.intrinsics, poses };
     let mut chosen = Vec::with_capacity(n);
     for i in 0..n {
+        // A stream for each view: more views do not change the first ones.
         let mut rng = Rng::new(rules.seed ^ STREAM, Purpose::Synthetic, i as u64);
         match training.free_view(rules, &mut rng) {
             Some(pose) => chosen.push(pose),
@@ -106,12 +107,14 @@ impl TrainingViews<'_> {
         let way = target - eye;
         let [near, far] = rules.distance;
         let is_near = (near..=far).contains(&way.length());
+        // Cheap tests come before rays.
         if !is_near || -normal.dot(way) < FACING * way.length() || !self.is_free(eye) {
             return None;
         }
         if self.room.is_blocked(&Ray::new(eye, way)) {
             return None;
         }
+        // Last, since it casts a ray to every training view.
         let aside = self.degrees_to_nearest_view(target, normal, eye)?;
         let [least, most] = rules.view_angle_degrees;
         let pose = Pose::look_at(eye, target, DVec3::Z)?;

@@ -86,6 +86,7 @@ impl SyntheticParams {
             let expected = "0 with the phone, whose lidar model adds its own noise";
             return wrong("depth noise", expected, self.depth_noise.to_string());
         }
+        // Refuses NaN as well.
         if !(0.0..=100.0).contains(&self.depth_noise) {
             return wrong("depth noise", "0 to 100 half-widths", self.depth_noise.to_string());
         }

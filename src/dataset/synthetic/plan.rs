@@ -93,6 +93,7 @@ impl ViewPlan {
                     is_of_phone: true,
                     ..PlannedSplit::exact("train", poses)
                 };
+                // The offset avoids training viewpoints at the usual frame counts.
                 let between = |i: usize| walk.steady((i as f64 + 0.37) / params.n_eval as f64);
                 let eval = (0..params.n_eval).map(between).collect();
                 (train, PlannedSplit::exact("eval", eval), Some(phone))
@@ -106,6 +107,7 @@ impl ViewPlan {
             }
         };
         let mut splits = vec![train, eval, PlannedSplit::exact("free", free)];
+        // Splits are never empty, so that code may take the first frame of one.
         splits.retain(|split| !split.poses.is_empty());
         Ok(Self { scene, splits, phone })
     }
@@ -245,6 +247,7 @@ fn phase(seed: u64) -> f64 {
 
 /// Never `None`: the path avoids the vertical through the target.
 fn pose(turn: f64, turns: f64) -> Option<Pose> {
+    // One more swing than turns: heights differ between turns, and the path still closes.
     let swing = (TAU * turn * (1.0 + 1.0 / turns)).sin();
     let eye = path_position(turn, 1.0, HEIGHT[0] + HEIGHT[1] * swing);
     Pose::look_at(eye, target(turn), DVec3::Z)

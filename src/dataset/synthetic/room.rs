@@ -73,6 +73,7 @@ impl FurnishedRoom {
 
     /// True if a solid other than the shell blocks `ray` between its origin and t = 1.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
+        // The surface at the end of the ray does not block it.
         let nearer = |hit: Hit| hit.t < 1.0 - 1e-6;
         // The shell encloses every ray that ends inside, so it never blocks.
         self.solids[1..].iter().any(|s| s.shape.intersect(ray).is_some_and(nearer))
@@ -158,6 +159,7 @@ fn add_furniture(solids: &mut Vec<Solid>, rng: &mut Rng) {
 fn bright(rng: &mut Rng) -> Vec3 {
     let hue = rng.range(0.0, 6.0) as f32;
     let channel = |shift: f32| {
+        // Hues between 0.09 and 0.55, neither black nor white.
         let distance = ((hue + shift) % 6.0 - 3.0).abs() - 1.0;
         0.09 + 0.46 * distance.clamp(0.0, 1.0)
     };

@@ -188,6 +188,7 @@ impl LightMap {
         let place = |v: f64, n: usize| {
             // The outer half texel has only one neighbour.
             let x = (v * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
+            // The last texel is a right neighbour only.
             let i = (x as usize).min(n - 2);
             (i, (x - i as f64) as f32)
         };
@@ -209,6 +210,7 @@ fn gather(room: &FurnishedRoom, point: DVec3, normal: DVec3) -> Vec3 {
 
 fn lamp_irradiance(room: &FurnishedRoom, start: DVec3, normal: DVec3, lamp: &Lamp) -> Vec3 {
     let area = lamp.edges[0].length() * lamp.edges[1].length();
+    // Divided by π, as the maps store it.
     let per_sample = area / (std::f64::consts::PI * (LAMP_GRID * LAMP_GRID) as f64);
     let mut sum = 0.0;
     for i in 0..LAMP_GRID * LAMP_GRID {
@@ -233,6 +235,7 @@ fn ambient(room: &FurnishedRoom, start: DVec3, normal: DVec3) -> Vec3 {
     let (tangent, bitangent) = normal.any_orthonormal_pair();
     let mut n_open = 0;
     for i in 0..SKY_RAYS {
+        // Uniform on the disc, which projects to a cosine weight.
         let radius = ((i as f64 + 0.5) / SKY_RAYS as f64).sqrt();
         let disc = DVec2::from_angle(i as f64 * GOLDEN_ANGLE) * radius;
         let up = (1.0 - radius * radius).sqrt();

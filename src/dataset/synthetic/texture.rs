@@ -41,6 +41,7 @@ impl Texture {
         let metres = (at.uv * at.size).as_vec2();
         match *self {
             Self::Walls => match at.face {
+                // Faces 4 and 5 are floor and ceiling, the low and high sides of z.
                 4 => planks(metres, at),
                 5 => vec3(0.80, 0.79, 0.76) * (0.97 + 0.03 * noise2(metres * 6.0, at.seed)),
                 face => wall(metres, face, at),
@@ -98,6 +99,7 @@ fn planks(m: Vec2, at: &SurfaceSample) -> Vec3 {
     const WIDTH: f32 = 0.16;
     const LENGTH: f32 = 1.3;
     let row = (m.y / WIDTH).floor();
+    // Each row is shifted at random, so that joints of planks do not line up.
     let along = m.x / LENGTH + hash(row as i32, 7, at.seed);
     let tint = hash(row as i32, along.floor() as i32, at.seed ^ 0x51);
     let grain = noise2(Vec2::new(m.x * 4.0 + tint * 40.0, m.y * 60.0), at.seed);
@@ -139,6 +141,7 @@ fn damask(m: Vec2, blur: f32) -> f32 {
 }
 
 fn wood(m: Vec2, color: Vec3, at: &SurfaceSample) -> Vec3 {
+    // The grain runs along the longer side.
     let long = if at.size.x >= at.size.y { m } else { Vec2::new(m.y, m.x) };
     let bend = noise2(long * Vec2::new(1.5, 5.0), at.seed) * 0.06;
     // Rings finer than a pixel would alias differently in each view.
@@ -156,6 +159,7 @@ fn fabric(m: Vec2, color: Vec3, at: &SurfaceSample) -> Vec3 {
 }
 
 fn marble(color: Vec3, at: &SurfaceSample) -> Vec3 {
+    // By world position, not by chart, so that the pattern has no seam.
     let p = at.world.as_vec3() * 9.0;
     let turbulence = noise3(p, at.seed) + 0.5 * noise3(p * 2.1, at.seed ^ 0x5);
     let vein = ((p.x + p.y + p.z) * 1.2 + turbulence * 7.0).sin().abs();
@@ -172,6 +176,7 @@ fn glaze(color: Vec3, at: &SurfaceSample) -> Vec3 {
 }
 
 fn leaves(at: &SurfaceSample) -> Vec3 {
+    // By world position, not by chart, so that the pattern has no seam.
     let p = at.world.as_vec3() * 22.0;
     let cluster = noise3(p, at.seed) * 0.65 + noise3(p * 2.3, at.seed ^ 0x21) * 0.35;
     vec3(0.02, 0.07, 0.02).lerp(vec3(0.26, 0.48, 0.12), cluster * cluster * 1.6)
@@ -226,6 +231,7 @@ fn books(m: Vec2, at: &SurfaceSample) -> Vec3 {
 
 fn drawers(m: Vec2, at: &SurfaceSample) -> Vec3 {
     let base = wood(m, vec3(0.36, 0.20, 0.10), at);
+    // Face 2 is the front, the low side of y.
     if at.face != 2 {
         return base;
     }
@@ -305,6 +311,7 @@ pub(super) struct SurfaceSample {
 
 /// Step function: 0 below `edge`, 1 above, with a linear ramp of width `blur` between.
 pub(super) fn step(value: f32, edge: f32, blur: f32) -> f32 {
+    // A footprint of zero would divide by zero.
     ((value - edge) / blur.max(1e-4) + 0.5).clamp(0.0, 1.0)
 }
 
@@ -329,6 +336,7 @@ pub(super) fn band(value: f32, blur: f32) -> f32 {
 
 /// Hashes a lattice point to a uniform number in `[0, 1)`.
 pub(super) fn hash(x: i32, y: i32, seed: u32) -> f32 {
+    // Shifts and last two factors: a two-round mixer of low bias from C. Wellons' hash prospector.
     let mut h = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77) ^ seed;
     h = (h ^ (h >> 15)).wrapping_mul(0x2C1B_3C6D);
     h = (h ^ (h >> 12)).wrapping_mul(0x297A_2D39);

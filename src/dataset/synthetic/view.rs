@@ -152,6 +152,7 @@ struct ScreenBounds {
 
 impl ScreenBounds {
     fn new(index: usize, solid: &Solid, camera: &Camera) -> Self {
+        // Nearer corners would project to huge coordinates.
         const NEAR: f64 = 1e-3;
         let (lo, hi) = solid.shape.bounds();
         let k = &camera.intrinsics;
@@ -219,6 +220,7 @@ impl ToneCurve {
     #[inline]
     fn byte(&self, light: f32) -> u8 {
         let root = (light.max(0.0) * (1.0 / Self::WHITE)).sqrt();
+        // Brighter radiance is white as well.
         self.table[((root * Self::STEPS as f32) as usize).min(Self::STEPS)]
     }
 }

@@ -234,6 +234,7 @@ fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], De
     if !bytes.get(end..start).is_some_and(is_padding) {
         return refuse("only zeros up to the next multiple of 64", "something else".into());
     }
+    // A type unknown here belongs to an optional section of a later version, which is never read.
     let size = ElementType::of_code(entry.element).map_or(1, ElementType::size);
     if !content.len().is_multiple_of(size) {
         return refuse(

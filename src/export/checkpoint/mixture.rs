@@ -41,6 +41,7 @@ pub(super) fn sections<'a>(
 pub(super) fn read(sections: &Sections) -> Result<StoredModel, Defect> {
     let alpha_init: Vec<f64> = sections.elements(sections::ALPHA, None)?;
     let n = alpha_init.len();
+    // This number of components determines the sizes of all other sections.
     check_size(sections::ALPHA, 1, n)?;
     let state = ModelState { alpha_init, means: means(sections, n)?, totals: totals(sections, n)? };
     check::check_mixture(&state)?;
@@ -89,6 +90,7 @@ fn means(sections: &Sections, n: usize) -> Result<InitialMeans, Defect> {
 
 fn means_of<T: Stored>(sections: &Sections, n: usize) -> Result<[Vec<[T; 3]>; 2], Defect> {
     let bytes = sections.bytes::<T>(sections::MEANS, Some(6 * n))?;
+    // All of space precedes all of colour.
     let (space, color) = bytes.split_at(bytes.len() / 2);
     Ok([rows(space)?, rows(color)?])
 }

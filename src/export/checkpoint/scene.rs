@@ -254,6 +254,7 @@ fn read_buffered_photographs(sections: &Sections) -> Result<Vec<BufferedPhotogra
     let views: Vec<PhotographView> = bytemuck::cast_vec(views);
     // Views are checked before they determine the number of pixels.
     check::check_buffered_views(views.iter())?;
+    // Saturating: an impossible sum then fails the check of the section's size.
     let n = views.iter().map(PhotographView::n_pixels).fold(0, usize::saturating_add);
     let words: Vec<u32> = sections.elements(sections::PHOTO_PIXELS, Some(n))?;
     let mut pixels = words.into_iter().map(u32::to_le_bytes);

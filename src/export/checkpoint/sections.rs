@@ -119,6 +119,7 @@ pub(super) fn wrong_type(tag: [u8; 4], expected: &str, code: u32) -> Defect {
 }
 
 pub(super) fn check_size(tag: [u8; 4], least: usize, n: usize) -> Result<(), Defect> {
+    // The limit of imported models bounds the memory here too.
     if (least..=DEFAULT_MAX_SPLATS).contains(&n) {
         return Ok(());
     }
@@ -126,6 +127,7 @@ pub(super) fn check_size(tag: [u8; 4], least: usize, n: usize) -> Result<(), Def
     Err(Defect::malformed(tag_text(tag), expected, n.to_string()))
 }
 
+// Upper case: programs that do not know such a section refuse the file.
 pub const CONFIG: [u8; 4] = *b"CONF";
 pub const META: [u8; 4] = *b"META";
 pub const NUMERICS: [u8; 4] = *b"NUMX";

@@ -6,10 +6,12 @@ use crate::export::error::{Fault, shorten};
 use std::io;
 use std::io::Write;
 
+// `glTF`, `JSON` and `BIN\0` as little-endian words.
 const MAGIC: u32 = 0x4654_6C67;
 const JSON: u32 = 0x4E4F_534A;
 const BIN: u32 = 0x004E_4942;
 
+// The file's header and the heads of both chunks.
 const OVERHEAD_BYTES: u64 = 12 + 8 + 8;
 
 pub(super) fn file_size(json: usize, bin: u64) -> u64 {
@@ -81,6 +83,7 @@ fn word(bytes: &[u8], at: usize, place: &str) -> Result<u32, Fault> {
     }
 }
 
+// Component types have the numbers of OpenGL.
 const I8: u32 = 5120;
 const U8: u32 = 5121;
 const I16: u32 = 5122;
@@ -162,6 +165,7 @@ impl<'a> Column<'a> {
         }
         let needed = match accessor.count {
             0 => Some(0),
+            // No padding need follow the last row.
             n => (n - 1).checked_mul(stride).and_then(|bytes| bytes.checked_add(row_bytes)),
         };
         let bytes = needed.and_then(|n| slice(data, accessor.byte_offset, n)).ok_or_else(|| {

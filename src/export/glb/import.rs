@@ -162,6 +162,7 @@ impl<'a> Columns<'a> {
         let position = open(root, buffers, part, POSITION, None)?;
         let count = Some(position.count);
         let has = |semantic| part.primitive.attributes.get(semantic).is_some();
+        // If both are missing, `open` reports the harmonics.
         let color = if has(SH_0) || !has(COLOR_0) {
             let coefficient = open(root, buffers, part, SH_0, count)?;
             Color::Sh { coefficient, linear }
@@ -225,6 +226,7 @@ impl<'a> Columns<'a> {
             let gaussian = match &self.shape {
                 None => point,
                 Some(shape) => {
+                    // glTF stores w last.
                     let [x, y, z, w] = shape.rotation.get(row);
                     let rotation = rows.rotation([w, x, y, z]);
                     let (scale, rotation) = placement.shape(shape.scale(row, scales)?, rotation);
@@ -391,6 +393,7 @@ pub(super) fn placed_meshes(root: &Root) -> Result<Vec<(Placement, usize)>, Faul
 }
 
 fn start_nodes(root: &Root) -> Result<Vec<usize>, Fault> {
+    // Without a default scene, glTF leaves the choice to the reader.
     let index = root.scene.unwrap_or(0);
     match root.scenes.get(index) {
         Some(scene) => Ok(scene.nodes.clone()),
@@ -443,6 +446,7 @@ impl Placement {
         if linear.determinant() <= 0.0 {
             return fault("a negative or zero scale, which mirrors or flattens splats");
         }
+        // NaN counts as sheared.
         let sheared = |a: DVec3, b: DVec3| {
             a.normalize().dot(b.normalize()).abs().partial_cmp(&SHEAR_TOLERANCE)
                 != Some(std::cmp::Ordering::Less)

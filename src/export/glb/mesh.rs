@@ -51,6 +51,7 @@ impl MeshLayout {
             mode: Some(TRIANGLES),
             extensions: PrimitiveExtensions::default(),
         };
+        // Bounds of the rounded positions: glTF requires those of the stored values.
         let positions = || mesh.positions.iter().map(|p| p.as_vec3());
         let bounds = (
             positions().fold(Vec3::INFINITY, Vec3::min).to_array(),
@@ -71,7 +72,9 @@ impl MeshLayout {
         let n = mesh.positions.len();
         write_rows(out, n, steps, |i, row| put_floats(row, &mesh.positions[i].to_array()))?;
         write_rows(out, n, steps, |i, row| {
+            // Vertex colours of glTF are linear.
             let [r, g, b] = mesh.colors[i].to_array().map(srgb_to_linear);
+            // An opaque alpha keeps rows at multiples of 4 bytes, as glTF requires.
             for channel in [r, g, b, 1.0] {
                 row.extend_from_slice(&((65535.0 * channel).round() as u16).to_le_bytes());
             }

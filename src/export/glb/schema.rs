@@ -147,10 +147,12 @@ pub(super) struct Accessor {
     pub kind: String,
     #[serde(default, skip_serializing_if = "is_false")]
     pub normalized: bool,
+    // Not read: bounds of other accessors have other lengths.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub min: Option<[f32; 3]>,
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub max: Option<[f32; 3]>,
+    // Only its presence matters: sparse accessors are refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sparse: Option<Value>,
 }

@@ -107,6 +107,7 @@ fn block_surfel_pairs(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>
             }
         }
     }
+    // Groups the pairs by block and fixes the order of sums within a block.
     reached.par_sort_unstable();
     match reached.chunk_by(|a, b| a.0 == b.0).count() {
         n if n > MAX_BLOCKS => Err(too_small(cell)),
@@ -230,6 +231,7 @@ fn surface_cells(field: &Field, place: IVec3) -> Vec<(IVec3, DVec3, DVec3)> {
 fn vertex(field: &Field, cell: IVec3) -> Option<(DVec3, DVec3)> {
     let mut corners = [Sample { distance: 0.0, color: DVec3::ZERO }; 8];
     for (i, corner) in corners.iter_mut().enumerate() {
+        // Only cells with all corners defined: the mesh ends where evidence ends.
         *corner = field.at(cell + offset(i))?;
     }
     let (mut n_cuts, mut position, mut color) = (0.0, DVec3::ZERO, DVec3::ZERO);

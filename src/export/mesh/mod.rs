@@ -103,6 +103,7 @@ fn ply(
         row.extend_from_slice(&mesh.colors[i].to_array().map(|c| unit_to_byte(c as f32)));
     })?;
     write_rows(out, mesh.triangles.len(), steps, |i, row| {
+        // A list of a PLY begins with its length.
         row.push(3);
         mesh.triangles[i].iter().for_each(|v| row.extend_from_slice(&v.to_le_bytes()));
     })
@@ -169,6 +170,7 @@ pub fn write_mesh(
         MeshFormat::Glb => {
             let layout =
                 MeshLayout::new(&mesh, origin, options).map_err(|fault| fault.with_path(path))?;
+            // A GLB stores positions and colours in two passes over the vertices.
             let steps = &mut steps(n_rows + n_vertices);
             write_atomic(path, |out| layout.write(out, &mesh, steps))?
         }
@@ -187,6 +189,7 @@ fn in_file_axes(
     if mesh.triangles.is_empty() {
         return Err(Fault::NoSurface { n_components: surfels.len() });
     }
+    // glTF prescribes y-up.
     let axes = if format == MeshFormat::Glb { Axes::YUp } else { options.axes };
     let options = WriteOptions { axes, format: ModelFormat::Ply, ..options.clone() };
     let turn = file_rotation(&options);

@@ -20,6 +20,7 @@ impl<'a> Body<'a> {
     }
 
     pub fn skip(&mut self, element: &PlyElement) -> Result<(), Fault> {
+        // Rows without properties take no bytes, so any count is valid.
         if element.properties.is_empty() {
             return Ok(());
         }
@@ -120,6 +121,7 @@ impl<'a> Body<'a> {
     fn binary(&mut self, kind: Scalar) -> Result<f64, Found> {
         let (value, rest) = self.rest.split_at_checked(kind.size()).ok_or_else(end_of_file)?;
         self.rest = rest;
+        // Missing high bytes stay zero, and the casts below take the low ones.
         let mut bytes = [0; 8];
         let places = bytes.iter_mut();
         match self.encoding == Encoding::BigEndian {

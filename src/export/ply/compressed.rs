@@ -28,6 +28,7 @@ pub(super) fn read(
     let (mut chunks, mut words, mut sh) = (None, None, None);
     for element in &header.elements {
         match element.name.as_str() {
+            // A clone, because `skip` below advances over every element.
             CHUNK => chunks = Some(Chunks::read(&mut body.clone(), element, max_splats)?),
             "vertex" => words = Some(Words::open(&body, element, max_splats)?),
             "sh" => sh = Some(Harmonics::open(&body, element)?),
@@ -155,6 +156,7 @@ impl<'a> Words<'a> {
 
     fn row(&mut self, i: usize) -> Result<[u32; 4], Fault> {
         self.body.read_row(self.element, i, &mut self.values)?;
+        // Exact: f64 holds all integers of 32 bits.
         Ok(pick(&self.values, self.columns).map(|word| word as u32))
     }
 }
@@ -178,6 +180,7 @@ impl<'a> Harmonics<'a> {
         let mut degree_1 = [[0; 3]; N_REST_DEGREE_1];
         for (i, coefficient) in degree_1.iter_mut().enumerate() {
             for (channel, column) in coefficient.iter_mut().enumerate() {
+                // Channel by channel, each with a third of the coefficients.
                 *column = find(element, &format!("f_rest_{}", channel * n / 3 + i))?;
             }
         }
@@ -187,6 +190,7 @@ impl<'a> Harmonics<'a> {
 
     fn directional(&mut self, i: usize) -> Result<DMat3, Fault> {
         self.body.read_row(self.element, i, &mut self.values)?;
+        // The end codes are the exact limits, the others the middles of their intervals.
         let value = |byte: f64| match byte {
             0.0 => -SH_RANGE,
             255.0 => SH_RANGE,
@@ -223,6 +227,7 @@ fn unpack_fractions<const N: usize>(word: u32, bits: [u32; N]) -> [f64; N] {
 /// other three as fractions from −√½ to √½.
 fn smallest_three(word: u32) -> [f64; 4] {
     let [a, b, c] = unpack_fractions(word & 0x3FFF_FFFF, [10, 10, 10]).map(|s| (s - 0.5) * SQRT_2);
+    // The quantised components may be longer than 1 together.
     let largest = (1.0 - a * a - b * b - c * c).max(0.0).sqrt();
     match word >> 30 {
         0 => [largest, a, b, c],

@@ -166,6 +166,7 @@ impl Line<'_> {
         let (name, kind) = match self.words().as_slice() {
             ["property", "list", length, item, name] => {
                 let length = scalar(length)?;
+                // A length is a whole number.
                 if matches!(length, Scalar::F32 | Scalar::F64) {
                     return Err(self.fault("an integer type for the length of a list"));
                 }
@@ -193,6 +194,7 @@ impl Line<'_> {
 fn next_line<'a>(bytes: &'a [u8], offset: &mut usize) -> Result<std::borrow::Cow<'a, str>, Fault> {
     let end = bytes.len().min(MAX_HEADER_BYTES).max(*offset);
     let searched = bytes.get(*offset..end).unwrap_or_default();
+    // A line without its break is truncated.
     let mut parts = searched.splitn(2, |&b| b == b'\n');
     let (Some(line), Some(_)) = (parts.next(), parts.next()) else {
         let found = match bytes.len() > MAX_HEADER_BYTES {

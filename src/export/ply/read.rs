@@ -179,6 +179,7 @@ impl Layout {
         match &self.shape {
             None => point,
             Some(shape) => Gaussian {
+                // Stored as a logit.
                 opacity: sigmoid(pick(values, [shape.opacity])[0]),
                 scale: shape.scale(values),
                 rotation: rows.rotation(pick(values, shape.rotation)),

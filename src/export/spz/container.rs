@@ -100,11 +100,13 @@ struct Table<'a> {
 
 impl<'a> Table<'a> {
     fn parse(bytes: &'a [u8], header: &SpzHeader) -> Result<Self, Fault> {
+        // Degree 0 has no stream of harmonics.
         let n = if header.degree == 0 { 5 } else { 6 };
         if usize::from(header.n_streams) != n {
             let expected = format!("{n} streams for harmonics of degree {}", header.degree);
             return Err(Fault::malformed(HEADER, expected, header.n_streams.to_string()));
         }
+        // Offset of the table: extension records of any length precede it.
         let start = match bytes.get(16..20) {
             Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]) as usize,
             _ => return Err(Fault::malformed(HEADER, "32 bytes", format!("{}", bytes.len()))),
@@ -130,6 +132,7 @@ fn zstandard(stream: &[u8], needed: usize, name: &str) -> Result<Vec<u8>, Fault>
     let mut decoder = zstd::Decoder::with_buffer(stream).map_err(|e| fault(&e))?.single_frame();
     decoder.window_log_max(MAX_WINDOW_LOG).map_err(|e| fault(&e))?;
     let column = read_exactly(&mut decoder, needed, name)?;
+    // One byte more reveals a longer stream.
     match decoder.read(&mut [0]) {
         Ok(0) => Ok(column),
         Ok(_) => {

@@ -80,5 +80,6 @@ fn splat(file: &Unpacked, i: usize, rows: &mut Rows) -> Gaussian {
 }
 
 fn row<const N: usize>(column: &[u8], i: usize) -> [u8; N] {
+    // Never missing: columns have the bytes of all splats.
     column.as_chunks().0.get(i).copied().unwrap_or([0; N])
 }

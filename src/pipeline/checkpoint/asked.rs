@@ -69,7 +69,6 @@ impl SavedRun {
     }
 }
 
-/// Compares the selection and order of frames.
 fn frame_conflict(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
     // Destructured completely, so that new fields cause a compile error here. Frame limit, shard, passes and
     // follow may differ.
@@ -109,6 +108,7 @@ fn depth_conflict(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict>
         // Not an option of the command line; taken from the checkpoint.
         local_origin: _,
     } = asked;
+    // An absent flag requests nothing.
     let grey = |load: &LoadOptions| load.geometry_only.then_some(true);
     let tracked = |load: &LoadOptions| load.track.then_some(true);
     [
@@ -158,6 +158,7 @@ impl SavedRun {
         let Checkpoint { history, cursor, model, .. } = content;
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
         config.selection.shard = asked.shard.or(config.selection.shard);
+        // At least the visits so far, so that the plan contains all of them.
         config.selection.passes = asked.passes.unwrap_or(config.selection.passes).max(most_visits);
         let plan = Plan::resumed(
             &dataset,

@@ -78,6 +78,7 @@ fn fuse(origin: Option<&SavedRun>, mut runs: Vec<SavedRun>) -> Result<Option<Sav
         let found = "components that are added instead of fused";
         return Err(origin_error(first, origin.unwrap_or(first), found));
     };
+    // The origin's frames come first and count once.
     let mut runs = origin.cloned().into_iter().chain(runs);
     let Some(first) = runs.next() else { return Ok(None) };
     let mut all = runs.try_fold(first, combine_runs)?;
@@ -103,11 +104,13 @@ fn remove_origin_frames(run: &mut SavedRun, origin: &SavedRun) -> Result<(), Run
             let found = "components that were merged as its budget was reached";
             return Err(origin_error(run, origin, found));
         }
+        // A run that continues another only appends seeds.
         if !now.seeds.starts_with(&then.seeds) {
             return Err(origin_error(run, origin, "other components"));
         }
     }
     run.content.cursor = Cursor { frames, points, visited };
+    // The origin's time counts once.
     run.meta.wall_s -= origin.meta.wall_s;
     Ok(())
 }
@@ -118,6 +121,7 @@ fn origin_error(run: &SavedRun, origin: &SavedRun, found: &'static str) -> RunEr
 
 /// Combines two runs into one over the frames of both, still with the model of `a`.
 fn combine_runs(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
+    // The merged run continues on all remaining frames, not on those of one shard.
     let config = a.config.without_shard();
     let (ours, theirs) = (a.content.cursor, b.content.cursor);
     let cursor = Cursor {
@@ -255,6 +259,7 @@ fn first_different_mean(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
         return None;
     }
     let (a, b) = (a.rows(), b.rows());
+    // Without a difference in the common rows, the first one is where the shorter list ends.
     Some(a.iter().zip(&b).position(|(a, b)| a != b).unwrap_or(a.len().min(b.len())))
 }
 

@@ -60,6 +60,7 @@ impl SavedRun {
         let config: RunConfig = parse(path, "CONF", &content.config)?;
         let meta = parse(path, "META", &content.meta)?;
         let run = Self { path: path.to_owned(), version, bytes, config, meta, content };
+        // Sections may be valid and yet contradict each other.
         run.config.method.as_any().check(&run.content.model).map_err(|why| run.mismatch(why))?;
         run.check_visits()?;
         Ok(run)
@@ -133,6 +134,7 @@ impl SavedRun {
 
     /// Up direction in the world.
     pub fn up(&self) -> DVec3 {
+        // Not checked on reading: a zero vector must not give NaN.
         DVec3::from_array(self.meta.up).try_normalize().unwrap_or(DVec3::Z)
     }
 
@@ -198,5 +200,6 @@ pub(super) fn parse<T: for<'de> Deserialize<'de>>(
 
 /// Serializes with sorted keys, so that equal values have equal bytes.
 pub(super) fn canonical(value: &impl Serialize) -> Result<String, serde_json::Error> {
+    // Objects of `Value` sort their keys.
     Ok(serde_json::to_value(value)?.to_string())
 }

@@ -97,6 +97,7 @@ fn if_readable(history: String) -> Option<String> {
 }
 
 pub(super) fn now_unix_s() -> u64 {
+    // A clock set before 1970 must not prevent saving.
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
 }
 
@@ -122,6 +123,7 @@ impl Session {
             let read = SavedRun::read(path).map(drop).map_err(|error| error.to_string());
             read.inspect_err(|_| drop(std::fs::remove_file(path)))
         };
+        // The state after a panic may be inconsistent and panic again.
         catch_unwind(AssertUnwindSafe(attempt))
             .unwrap_or_else(|panic| Err(PanicReport::of(&*panic).to_string()))
     }

@@ -146,6 +146,7 @@ fn initial_draw(
         let loaded = dataset.load(plan.split, index);
         let counts =
             loaded.and_then(|frame| Unprojector::new().unproject(&frame, &settings, &mut points));
+        // Unusable frames are skipped, as in training.
         if counts.is_ok() && !points.is_empty() {
             break;
         }

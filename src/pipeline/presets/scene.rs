@@ -105,8 +105,10 @@ impl SceneRun {
         let StoredModel::Scene(state) = model else {
             return Err(Mismatch::Form("a scene".to_owned()));
         };
+        // Settings from a file are checked like the user's.
         self.engine.clone().check().map_err(|error| Mismatch::Setting(error.to_string()))?;
         let origin = self.surface.origin.to_array();
+        // Compared exactly, since all seeds are relative to it.
         if state.origin != origin {
             return Err(Mismatch::Form(format!("the origin {origin:?}")));
         }

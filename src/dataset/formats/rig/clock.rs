@@ -79,10 +79,12 @@ pub(super) fn estimate_delay<P: Sync>(
         .par_iter()
         .map(|pair| std::array::from_fn(|i| distance(pair, delay_of(i as f64))))
         .collect();
+    // Every other pair, so that both halves span the recording.
     let half = |first: usize| sum(table.iter().skip(first).step_by(2));
     let all = sum(table.iter());
     let (delay, least) = lowest(&all)?;
     let halves = [lowest(&half(0))?.0, lowest(&half(1))?.0];
+    // The entry in the middle is that without delay.
     let is_determined =
         least < (1.0 - FALL) * all[N_STEPS] && (halves[0] - halves[1]).abs() < AGREED;
     (is_determined && delay.abs() >= LEAST).then_some(delay)
@@ -108,6 +110,7 @@ fn lowest(distances: &Distances) -> Option<(f64, f64)> {
     if left < here || right < here {
         return None;
     }
+    // Vertex of the parabola through the three distances.
     let bend = left - 2.0 * here + right;
     let off = if bend > 0.0 { 0.5 * (left - right) / bend } else { 0.0 };
     Some((delay_of(before as f64 + 1.0 + off), *here))
@@ -189,6 +192,7 @@ impl<'a> RotatingImage<'a> {
         let at = |by: f64| (clock.at)(shot.depth.0 + by);
         let (before, pose, after) = (at(-RATE)?, at(0.0)?, at(RATE)?);
         let turn = before.offset_to(&after).1.to_scaled_axis();
+        // In world axes, so that rates at different poses compare.
         Some(Self { shot, pose, rate: before.rotation() * turn / (2.0 * RATE) })
     }
 

@@ -46,8 +46,10 @@ impl Pair {
             Some([grey_at(&self.greys[0], x)?, grey_at(&self.greys[1], y)?])
         };
         let shown: Vec<[f64; 2]> = self.points.iter().filter_map(shown).collect();
+        // Automatic exposure may differ between the photographs.
         let gain =
             shown.iter().map(|[x, _]| x).sum::<f64>() / shown.iter().map(|[_, y]| y).sum::<f64>();
+        // Without common points the match is the worst: a delay must not gain by losing points.
         if shown.is_empty() || !gain.is_finite() {
             return FARTHEST;
         }
@@ -77,6 +79,7 @@ fn load(shot: &ImagePair, k: &Intrinsics) -> Option<Image<f32>> {
 fn grey_at(grey: &Image<f32>, [u, v, _]: [f64; 3]) -> Option<f64> {
     let (x, y) = (u / SQUARE as f64 - 0.5, v / SQUARE as f64 - 0.5);
     let (column, row) = (x.floor(), y.floor());
+    // Before the casts, which saturate at 0.
     let is_inside = column >= 0.0 && row >= 0.0;
     let (right, down) = (x - column, y - row);
     let (column, row) = (column as usize, row as usize);

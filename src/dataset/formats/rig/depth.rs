@@ -33,6 +33,7 @@ impl<'a> Pair<'a> {
             sum += share.abs().min(FARTHEST);
             n += 1.0;
         }
+        // Without common samples the match is the worst: a delay must not gain by losing them.
         if n > 0.0 { sum / n } else { FARTHEST }
     }
 

@@ -49,6 +49,7 @@ where
         return Mount::default();
     }
     let search = Search { clock, delay };
+    // Alternating, so that both halves span the recording.
     let (every, other): (Vec<_>, Vec<_>) = pairs.iter().enumerate().partition(|(i, _)| i % 2 == 0);
     let [every, other] =
         [every, other].map(|half| half.into_iter().map(|(_, pair)| pair).collect());
@@ -107,6 +108,7 @@ where
         let mut best = at(1.0);
         for times in (1..DOUBLINGS).map(|i| f64::from(1 << i)) {
             let next = at(times);
+            // NaN must not count as a fall.
             if next.1.is_nan() || next.1 >= best.1 {
                 break;
             }
@@ -193,6 +195,7 @@ impl Strips {
     /// accuracy.
     pub fn project(&self, world: DVec3) -> Option<[f64; 3]> {
         let k = &self.intrinsics;
+        // The middle strip is the best guess before the row is known.
         let (mut strip, mut seen) = (self.poses.len() / 2, None);
         for _ in 0..2 {
             let (rotation, translation) = (*self.poses.get(strip)?)?.inverse();
@@ -201,9 +204,11 @@ impl Strips {
                 return None;
             }
             let (u, v) = (k.fx * local.x / local.z + k.cx, k.fy * local.y / local.z + k.cy);
+            // Negated, so that NaN is outside.
             if !(u >= 0.0 && v >= 0.0 && u < f64::from(k.width) && v < f64::from(k.height)) {
                 return None;
             }
+            // Rows below the last strip belong to it.
             strip = (v as usize / EVERY).min(self.poses.len() - 1);
             seen = Some([u, v, local.z]);
         }

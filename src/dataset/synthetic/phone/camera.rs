@@ -65,6 +65,7 @@ impl PhoneCamera {
     fn photograph(&self, scene: &SyntheticScene, frame: usize) -> Image<[u8; 4]> {
         let k = scene.intrinsics();
         let poses = self.exposure_poses(frame, &k);
+        // Radiance is averaged, as in a shutter; the tone curve comes after.
         let mut light = Image::filled(k.width as usize, k.height as usize, Vec3::ZERO);
         for pose in &poses {
             let seen = scene.radiance(&Camera { intrinsics: k, pose: *pose });
@@ -75,6 +76,7 @@ impl PhoneCamera {
         let (width, centre) = (light.width, DVec2::new(k.cx, k.cy));
         let developed = light.data.iter().enumerate().map(|(i, light)| {
             let pixel = DVec2::new((i % width) as f64, (i / width) as f64);
+            // 1 in the corners.
             let from_centre = (pixel + 0.5 - centre).length_squared() / centre.length_squared();
             tone.pixel(*light * (gain * (1.0 - VIGNETTING * from_centre) as f32))
         });
@@ -132,6 +134,7 @@ pub(super) fn gains(n: usize, seed: u64) -> Vec<f32> {
 }
 
 fn next(gain: f64, rng: &mut Rng) -> f64 {
+    // Uniform in the logarithm: brighter and darker steps are equally likely.
     let [low, high] = GAINS.map(f64::ln);
     loop {
         // Terminates quickly: at most a quarter of the draws are rejected.

@@ -69,6 +69,7 @@ pub(super) fn sagging_cable(
 ) -> impl Iterator<Item = Solid> {
     let at = move |i: usize| {
         let part = i as f64 / PIECES as f64;
+        // A parabola approximates a hanging cable.
         from.lerp(to, part) - DVec3::Z * (4.0 * sag * part * (1.0 - part))
     };
     (0..PIECES).map(move |i| rod(at(i), at(i + 1), CABLE, texture))

@@ -32,6 +32,7 @@ impl Walk {
         let even = frame / n_frames.max(1) as f64;
         let [.., phase] = self.phases;
         let wave = |x: f64| (TAU * (HURRIES * x + phase)).sin();
+        // The pace stays above a quarter of the mean, so that time never runs backwards.
         even + 0.75 / (TAU * HURRIES) * (wave(even) - wave(0.0))
     }
 
@@ -114,11 +115,13 @@ fn walk(n: usize, largest: f64, rng: &mut Rng) -> Vec<DVec3> {
     let mut places = Vec::with_capacity(n);
     for _ in 0..n {
         places.push(place);
+        // Correlated steps give a smooth path.
         pace = 0.8 * pace + DVec3::from_array([(); 3].map(|()| rng.normal()));
         // Mean reversion: a tracker relocalises against known places.
         place = 0.97 * place + pace;
     }
     let farthest = places.iter().fold(0.0f64, |most, place| most.max(place.length()));
+    // A single frame has no drift to scale.
     let scale = if farthest > 0.0 { largest / farthest } else { 0.0 };
     places.iter().map(|place| *place * scale).collect()
 }

@@ -60,6 +60,7 @@ impl LiveFiles {
             .collect();
         let mut lists = Vec::new();
         for &(name, head, of_frame) in self.lists {
+            // Lists grow line by line and are not copied whole.
             rest.remove(Path::new(name));
             let path = finished.join(name);
             let text =
@@ -74,6 +75,7 @@ impl LiveFiles {
         let n = columns.first().map_or(0, Vec::len);
         for i in 0..n {
             due(i, n);
+            // Images before list lines, so that a listed image exists.
             columns.iter().try_for_each(|column| copy(finished, out, &column[i]))?;
             for (file, lines, head, of_frame) in &lists {
                 append(file, &lines[head + i * of_frame..head + (i + 1) * of_frame])?;

@@ -37,6 +37,7 @@ const SLACK: f64 = 1e-3;
 const SLACK_QUANTA: f64 = (1u64 << 24) as f64;
 
 pub(in super::super) fn check_mixture(model: &ModelState) -> Result<(), Defect> {
+    // Negated, so that NaN is refused as well.
     let is_wild = |(_, a): &(usize, &f64)| !(a.is_finite() && **a > 0.0);
     if let Some((k, &alpha)) = model.alpha_init.iter().enumerate().find(is_wild) {
         return Err(value_defect(sections::ALPHA, k, "alpha", "a positive number", alpha));
@@ -53,6 +54,7 @@ pub(in super::super) fn check_mixture(model: &ModelState) -> Result<(), Defect> 
                 let limbs = carries.next_if(|carry| carry.id as usize == k).map(|c| c.limbs);
                 let mut of_row = row.map(|v| v as f64);
                 for (sum, limb) in of_row.iter_mut().zip(limbs.unwrap_or([0; N_SUMS])) {
+                    // A carry counts 2⁶⁴ quanta.
                     *sum += f64::from(limb) * 2f64.powi(64);
                 }
                 sums(k, of_row, SLACK, SLACK_QUANTA)

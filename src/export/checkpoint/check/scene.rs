@@ -42,6 +42,7 @@ pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
         if let Some(&found) = frame.turn.iter().chain(&frame.shift).find(|x| !x.is_finite()) {
             return Err(value_defect(sections::POSES, at, "correction", "a finite number", found));
         }
+        // Older files lack rotations, which are read as zeros.
         if frame.rotation != [0.0; 4] && frame.poses().is_none() {
             let [x, ..] = frame.rotation;
             return Err(value_defect(
@@ -110,6 +111,7 @@ fn no_defects(
 }
 
 fn photometric(state: &PhotometricState) -> Result<(), Defect> {
+    // Views first: `n_pixels` below needs valid sizes.
     check_buffered_views(state.buffered.iter().map(|waiting| &waiting.view))?;
     let mut all = state.buffered.iter().enumerate();
     if let Some((at, odd)) = all.find(|(_, w)| w.pixels.len() != w.view.n_pixels()) {
@@ -192,6 +194,7 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
         let refuse = |i: usize, expected: &str| {
             Err(value_defect(sections::WIDE_SUMS, k, NAMES[i], expected, row.sums[i]))
         };
+        // Exact, since the quantum is a power of two.
         let is_odd = |v: &f64| !(v.abs() <= MAX_SUM && (v / QUANTUM).fract() == 0.0);
         if let Some(i) = row.sums.iter().position(is_odd) {
             return refuse(i, "a whole multiple of 2^-15 up to 2^38");
@@ -215,7 +218,9 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
 #[expect(clippy::indexing_slicing, reason = "the table holds indices of the sums")]
 fn check_sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
     let n = row[0];
+    // Each point contributes at most `MAX_TERM`.
     let most = MAX_TERM * n * (1.0 + RELATIVE_SLACK);
+    // Directions are unit vectors: `view zz` is not stored but follows from N, `xx` and `yy`.
     let last = n - row[28] - row[31];
     let least_last = -(RELATIVE_SLACK + SLACK_PER_POINT) * n;
     let sound = (0.0..f64::INFINITY).contains(&n)

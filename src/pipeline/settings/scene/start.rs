@@ -19,6 +19,7 @@ use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
 
+// Kinect frames of 640 × 480 pixels are larger, a phone's of 256 × 192 are not.
 const LARGE_FRAME: usize = 150_000;
 
 impl SceneRun {
@@ -37,10 +38,12 @@ impl SceneRun {
         overrides.apply(&mut run);
         SceneOverrides::check(&run)?;
         check_shuffle_buffer(overrides, &run.engine)?;
+        // Before frames are sampled: a calibration for another aspect ratio is refused at once.
         if let Some(camera) = run.surface.calibration.as_ref().and_then(|given| given.color_camera)
         {
             dataset.splits[plan.split].camera_scaling(&camera)?;
         }
+        // Further passes have the same frames.
         let sample = FrameSample::of(dataset, plan.split, &plan.first_pass(), &run.surface)?;
         run.engine.h = scale_in_world_units(&run, &sample)?;
         Ok(Self { engine: run.engine.check()?, ..run })
@@ -113,6 +116,7 @@ fn check_shuffle_buffer(
 
 /// Settings measured with each kind of sensor (`scene.md`, Settings by sensor), except `h`.
 fn sensor_defaults(sensor: Sensor) -> SceneConfig {
+    // `h` follows from the sampled frames; NaN would fail every check.
     match sensor {
         Sensor::Inverse8Ray => SceneConfig::fine(f64::NAN),
         Sensor::Exact { .. } => SceneConfig::exact(f64::NAN),

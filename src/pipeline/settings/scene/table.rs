@@ -63,6 +63,7 @@ settings! {
         range "0 to {MAX_WAITING} photographs", |n| *n <= MAX_WAITING;
         get |run| run.engine.photometric.map(|rule| rule.shuffle_buffer);
         set |run, n| {
+            // Without photometric training, `check_shuffle_buffer` refuses the value.
             if let Some(rule) = &mut run.engine.photometric {
                 rule.shuffle_buffer = n;
             }
@@ -74,6 +75,7 @@ settings! {
         default "native";
         get |run| Some(SplatKind::of(&run.engine.splat_rule));
         set |run, kind| {
+            // The default rule is native.
             if kind == SplatKind::Plain {
                 run.engine.splat_rule = run.engine.splat_rule.plain();
             }
