@@ -124,7 +124,9 @@ fn sections_that_do_not_belong_together_are_refused() {
     refused(&|c| c.config = c.config.replace("3000", "2999"), "expected the prior");
     refused(&|c| *mixture(c).0 = Hyper::paper(3000, 1.0), "expected the prior");
     let narrow = |c: &mut Checkpoint| {
-        c.config = c.config.replace("fixed64", "fixed128").replace("mixed", "custom");
+        let precision = |of| format!(r#""precision":"{of}""#);
+        let wide = c.config.replace("fixed64", "fixed128");
+        c.config = wide.replace(&precision("mixed"), &precision("custom"));
     };
     refused(&narrow, "expected totals of the form Fixed128");
     refused(&|c| c.meta = "[]".into(), "section `META`");
