@@ -127,7 +127,7 @@ pub(super) fn check_size(tag: [u8; 4], least: usize, n: usize) -> Result<(), Def
     Err(Defect::malformed(tag_text(tag), expected, n.to_string()))
 }
 
-// Upper case: programs that do not know such a section refuse the file.
+// Upper case: programs without support for such a section refuse the file.
 pub const CONFIG: [u8; 4] = *b"CONF";
 pub const META: [u8; 4] = *b"META";
 pub const NUMERICS: [u8; 4] = *b"NUMX";
