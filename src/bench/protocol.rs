@@ -103,6 +103,7 @@ impl ProtocolRun<'_> {
             _ => SceneOverrides::default().into(),
         };
         let session = Session::new(self.scene.clone(), asked, selection)?;
+        // A stored run is reused only for the same version, settings and number of views.
         let of = json!({
             "program": env!("CARGO_PKG_VERSION"),
             "settings": session.config(),
@@ -195,6 +196,7 @@ fn panels(rows: &[ProtocolRow], scenes: &[String]) -> [Panel; 2] {
     let latency = Axis::Log("median ms per frame".to_owned());
     [
         panel("quality", quality, |row| row.psnr, &["projected", "exact"]),
+        // Training time does not depend on the renderer, so one renderer suffices.
         panel("latency", latency, |row| row.train_ms, &["projected"]),
     ]
 }

@@ -177,6 +177,7 @@ pub fn run_precision_search(args: &PrecisionSearchArgs) -> Result<(), Failure> {
     let dataset = open(Some(&args.dataset), &args.depth)?;
     let out = &args.common.out;
     output::create_folder(out)?;
+    // Checked before the search, so that its result can be written.
     output::check_files(&["precision-search.json", "precision-search.ron"].map(|n| out.join(n)))?;
     let search =
         output::steps("search", |progress| precision_search::run(&plan, dataset, progress))?;

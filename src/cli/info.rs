@@ -88,6 +88,7 @@ struct ModelInfo {
 }
 
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
+    // An archive is a file that holds a dataset, not a model.
     if args.path.is_file() && !dataset::is_archive(&args.path) {
         if is_checkpoint(&args.path) {
             return describe_checkpoint(args);
@@ -145,6 +146,7 @@ fn poses_info(dataset: &Dataset) -> PosesInfo {
 fn frame_rate(frames: &[FrameEntry]) -> Option<f64> {
     let (first, last) = (frames.first()?.time?, frames.last()?.time?);
     let rate = (frames.len() as f64 - 1.0) / (last - first);
+    // A single frame, or equal times, give no finite rate.
     (rate.is_finite() && rate > 0.0).then_some(rate)
 }
 
@@ -384,6 +386,7 @@ fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
         version: format!("{}.{}", version.0, version.1),
         program: meta.program,
         frames: cursor.frames,
+        // Skipped frames count as visited but not as trained.
         skipped: cursor.visited.len() as u64 - cursor.frames,
         planned_frames: meta.planned_frames,
         points: cursor.points,

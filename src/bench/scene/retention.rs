@@ -120,6 +120,7 @@ impl Retention {
             let prepared = match frame.result {
                 Ok(prepared) => prepared,
                 Err(problem) => {
+                    // An unreadable frame does not end the run unless no frame remains.
                     first_problem.get_or_insert(problem);
                     continue;
                 }
@@ -147,6 +148,7 @@ impl Retention {
         }
         let splats = scene.splats();
         for row in &mut rows {
+            // `after_frames` counts from 1, positions count from 0.
             row.at_end = self.psnr(&splats, self.own(row.after_frames - 1))?;
         }
         let summary = summarise(configuration, &rows, held_out);

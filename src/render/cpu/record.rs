@@ -40,6 +40,7 @@ pub(super) struct ConicRecord {
     pub color: [f32; 3],
     /// Depth of the centre along the ray `(x, y, 1)` (pinhole) or distance along a unit ray (fisheye).
     pub reach: f32,
+    // 16 bits per side, so that the record fills exactly 64 bytes.
     pub rect: Rect,
 }
 

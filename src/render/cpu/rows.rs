@@ -103,10 +103,12 @@ pub(super) fn longest_first<T: Send>(
     run: impl Fn(T) + Sync,
 ) {
     let mut tasks: Vec<(usize, T)> = tasks.collect();
+    // Ascending, because `pop` takes the last task.
     tasks.sort_by_key(|(work, _)| *work);
     let tasks = Mutex::new(tasks);
     let next = || tasks.lock().unwrap_or_else(PoisonError::into_inner).pop();
     rayon::scope(|scope| {
+        // One loop per thread: rayon would not start separate tasks in this order.
         for _ in 0..rayon::current_num_threads() {
             scope.spawn(|_| {
                 while let Some((_, task)) = next() {
@@ -146,6 +148,7 @@ impl DepthSorter {
         let keyed = |&record: &u32| Keyed { key: depth(record).to_bits(), record };
         items.extend(records.iter().map(keyed));
         if items.len() < MIN_RADIX_LENGTH {
+            // The record breaks ties, which gives the stable order of the radix sort.
             items.sort_unstable_by_key(|item| (item.key, item.record));
         } else {
             // One loop counts the digits of all passes, because reordering leaves the counts unchanged.

@@ -138,6 +138,7 @@ impl<P: TaskPart> GpuTask<P> {
         for part in parts {
             let bytes = part.bytes(&self.sizes);
             if self.parts[part.index()].ensure_capacity(&self.device, bytes)? {
+                // Any kernel may bind the replaced buffer.
                 self.kernels.iter_mut().for_each(|kernel| kernel.bound = None);
                 is_lost = true;
             }
@@ -206,15 +207,18 @@ impl<P: TaskPart> GpuTask<P> {
             .filter(|upload| !upload.copies.is_empty())
             .map(|upload| upload.staging.buffer())
             .collect();
+        // wgpu rejects submissions that use a mapped buffer.
         staged.iter().for_each(|buffer| buffer.unmap());
         let submission = self.queue.submit([commands]);
         // Staging buffers are mapped again here, so that the next upload need not wait.
         let mut maps = vec![(self.readback.buffer(), wgpu::MapMode::Read, bytes)];
         maps.extend(staged.into_iter().map(|buffer| (buffer, wgpu::MapMode::Write, buffer.size())));
         wait_mapped(&self.device, submission, &maps).map_err(failed)?;
+        // wgpu reports errors of the device to a callback, not to the failing call.
         if let Some(fault) = self.faults.take_new().into_iter().next() {
             return Err(failed(fault.message));
         }
+        // The buffer only grows, so it may be larger than the result.
         self.result = Some(self.readback.buffer().get_mapped_range(..bytes).map_err(failed)?);
         self.uploads.iter_mut().for_each(|upload| upload.copies.clear());
         Ok(())
@@ -254,6 +258,7 @@ impl<P: TaskPart> GpuTask<P> {
             });
             bound.dispatch(&mut pass, grid);
         }
+        // The pass borrows the encoder, and copies follow.
         drop(pass);
         let mut to_byte = 0;
         for part in read {
@@ -269,7 +274,6 @@ impl<P: TaskPart> GpuTask<P> {
     }
 }
 
-/// Wraps the message of a failed task.
 pub(super) fn failed(reason: impl ToString) -> GpuError {
     GpuError::TaskFailed { reason: reason.to_string() }
 }

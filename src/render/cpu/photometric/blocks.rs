@@ -35,6 +35,7 @@ const FEATURES: [(usize, usize); N_QUADRATIC] = [(0, 0), (1, 0), (0, 1), (2, 0),
 /// Index of the curvature moment for the product of two features.
 const PRODUCTS: [[usize; N_QUADRATIC]; N_QUADRATIC] = {
     let mut places = [[0; N_QUADRATIC]; N_QUADRATIC];
+    // `for` loops are not allowed in constants.
     let mut f = 0;
     while f < N_QUADRATIC {
         let mut g = 0;
@@ -79,7 +80,9 @@ impl<V: Vector> ParameterSums<V> {
         linear: &[V; N_LINEAR],
         sums: &[V; N_IMAGE_SUMS],
     ) {
+        // The product of the row with the moments is shared by all columns.
         let mut through = [V::splat(0.0); N_QUADRATIC];
+        // Features outside this range have coefficient 0.
         for f in range(row) {
             self.gradient[row] = self.gradient[row] + of_row[f] * sums[GRADIENT + f];
             for (g, through) in through.iter_mut().enumerate() {
@@ -99,6 +102,7 @@ impl<V: Vector> ParameterSums<V> {
     /// Adds the effect of the mean on colour: view-dependent and spatially varying colours change with it.
     #[inline(always)]
     fn add_moving_color(&mut self, linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) {
+        // One curvature serves all channels: the blending weight is the same in each.
         let bend = sums[COLOR_CURVATURE];
         for k in 0..3 {
             let pull = sums[COLOR + 3 * k];
@@ -214,6 +218,7 @@ impl<'a> PhotometricSums<'a> {
     pub fn visible_splats(&self, weight: f32) -> Vec<VisibleSplat> {
         let lists = self.view.lists;
         let seen = |(rank, record): (u32, u32)| {
+            // The CPU sums by record. Other devices sum by splat, without gaps between chunks.
             let place = match self.order {
                 SumOrder::ByRecord => record,
                 SumOrder::BySplat => rank,
@@ -242,8 +247,10 @@ impl<'a> PhotometricSums<'a> {
     ) -> ParameterSums<V> {
         let view = &self.view.view;
         let mut lanes = SplatLanes::new();
+        // Lanes without a splat read zeros, so their results are 0.
         let mut sums = [&[0.0; N_IMAGE_SUMS]; LANES];
         for (lane, (seen, splat, appearance)) in splats.iter().take(LANES).enumerate() {
+            // Views without colour gradients store none; the default gradient is 0.
             let gradients = &self.view.lists.records.gradients;
             let gradient = gradients.get(seen.record as usize).copied().unwrap_or_default();
             lanes.set(lane, view, (splat, appearance), &gradient);

@@ -92,12 +92,14 @@ impl DrawnTile {
         target: &TargetTile,
     ) {
         for &index in list {
+            // All pixels are finished: the rest of a long list costs nothing.
             if self.open_rows == 0 {
                 break;
             }
             let index = index as usize;
             let before = self.hits.len();
             self.draw_splat::<V>(&all.records[index], all.gradients.get(index), target);
+            // Splats without a hit contribute to no sum; the second walk skips them.
             if self.hits.len() > before {
                 self.shown.push(VisibleSplat { list_index: first + index, end: self.hits.len() });
             }
@@ -115,6 +117,7 @@ impl DrawnTile {
         let x0 = self.left as f32 + 0.5 - splat.u;
         let x =
             [V::load(&LANE_COLUMNS[0]) + V::splat(x0), V::load(&LANE_COLUMNS[1]) + V::splat(x0)];
+        // A tile has 16 rows, so the shifts stay below the 32 bits of the mask.
         for row in set_bits(self.open_rows & ((1 << rows.end) - (1 << rows.start))) {
             let y = V::splat((self.top + row) as f32 + 0.5 - splat.v);
             let mut stopped = false;
@@ -153,6 +156,7 @@ impl DrawnTile {
             let wrong = weight * target.depth_error(group, splat, offset);
             (V::load(&self.depth_error[group]) + wrong).store(&mut self.depth_error[group]);
         }
+        // Alphas before the cap, because the second walk depends on where the cap applies.
         let mut hit = Hit { free: [0.0; LANES], group: group as u32 };
         free.store(&mut hit.free);
         self.hits.push(hit);

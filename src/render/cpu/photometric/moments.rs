@@ -54,7 +54,6 @@ impl<V: Vector> HitTerms<V> {
     }
 }
 
-/// Adds the contributions of pixel groups to a splat's sums.
 #[inline(always)]
 pub(super) fn sum_hits<V: Vector>(hits: &[HitTerms<V>], sums: &mut ImageSums) {
     let zero = V::splat(0.0);
@@ -72,6 +71,7 @@ pub(super) fn sum_hits<V: Vector>(hits: &[HitTerms<V>], sums: &mut ImageSums) {
         add(&mut bends, hit.alpha_curvature, hit.quadratic());
     }
     lanes[CURVATURE..][..N_QUADRATIC].copy_from_slice(&bends);
+    // Split from the quadratic moments: 15 sums at once would not fit in registers.
     let mut bends = [zero; N_ABOVE];
     for hit in hits {
         add(&mut bends, hit.alpha_curvature, hit.higher_moments());
@@ -109,6 +109,7 @@ fn add_lanes<V: Vector>(sums: &mut ImageSums, lanes: &[V; N_IMAGE_SUMS]) {
         rows.copy_from_slice(lanes);
         (V::load(sums) + V::lane_sums(rows)).store(sums);
     }
+    // The last, partial group is padded with zeros and summed in the same order.
     let (rest, lanes) = (whole.into_remainder(), eights.remainder());
     let mut rows = [V::splat(0.0); LANES];
     rows[..lanes.len()].copy_from_slice(lanes);

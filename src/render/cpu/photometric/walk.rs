@@ -118,12 +118,14 @@ impl SecondWalk {
     ) {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         let left = V::load(&tile.transmittance[group]);
+        // Finished pixels store their transmittance negated.
         let end = left.max(zero - left);
         let covered = one - end;
         let full = V::splat(rule.full_coverage);
         let fill = (one / full).min(one / covered);
         // Derivative of `1/A` in a filled pixel, times the final transmittance.
         let filled = end / (covered * covered);
+        // Below full coverage `f` is constant. The selection also removes quotients by 0.
         let filled = V::select(covered.mask_at_most(full), zero, filled);
         let mut residual = [zero; 3];
         let mut squared = zero;
@@ -140,6 +142,7 @@ impl SecondWalk {
         }
         // Without a known coverage, a mostly covered pixel is assumed to lie inside a surface.
         let coverage = V::load(&target.coverage[group]);
+        // Unknown coverage is NaN, which fails every comparison, also with itself.
         let (is_number, is_seen) =
             (coverage.mask_at_most(coverage), V::splat(MIN_COUNTED_COVERAGE).mask_at_most(covered));
         let is_known = V::select(is_number, V::splat(SET_LANE), is_seen);
@@ -221,6 +224,7 @@ impl SecondWalk {
         (front - weight).store(&mut self.transmittance[group]);
         let fill = V::load(&self.fill[group]);
         let filled = fill * weight;
+        // The cap keeps alpha below 1, so the quotient is finite.
         let per_open = V::splat(1.0) / (V::splat(1.0) - alpha);
         let ahead = fill * front;
         let (mut along, mut squared) = (V::splat(0.0), V::splat(0.0));

@@ -167,6 +167,7 @@ fn digits(bits: u32, keys: Keys<'_>) -> Vec<Digit> {
             let shift = i * width;
             let (source, is_first, sink, [least, largest]) = match keys {
                 Keys::Indexed { source, sink, range, .. } if i == 0 => (source, 1, sink, range),
+                // Later passes sort only the keys that the first pass retained.
                 Keys::Indexed { sink, .. } => (sink, 0, 0, [0; 2]),
                 Keys::Valued { source } => (source, 0, 0, [0; 2]),
             };
