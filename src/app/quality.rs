@@ -213,6 +213,7 @@ impl QualityMonitor {
         let Some(answer) = self.thread.as_ref().and_then(ViewThread::take) else { return };
         let QualityAnswer { query, scores, took } = answer;
         let is_current = self.subject.is_some_and(|(_, options)| options == query.options);
+        // The answer belongs to other settings or to a scene with other pending photographs.
         if !is_current || self.settled != query.settled {
             return;
         }
