@@ -453,8 +453,7 @@ impl Gesture {
     }
 }
 
-/// Flight by the held keys in this pass. Ctrl slows a flight in progress but starts none, because Ctrl
-/// with these keys saves and exports.
+/// Flight by the held keys in this pass.
 fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
     // Keys then enter text.
     if ui.ctx().text_edit_focused() {
