@@ -84,6 +84,7 @@ impl ViewCamera {
     }
 
     pub fn pan(&mut self, delta_px: [f64; 2], size_px: [f64; 2]) {
+        // Points at the distance of the target follow the pointer.
         let per_pixel = self.orbit.distance / self.focal(size_px);
         let rotation = self.orbit.pose().rotation();
         let shift = rotation.x_axis * delta_px[0] + rotation.y_axis * delta_px[1];

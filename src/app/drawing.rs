@@ -18,7 +18,6 @@ pub enum DrawStage {
     Picture,
     /// Projection of the splats on the GPU.
     Preprocess,
-    /// Depth sort on the GPU.
     Sort,
     Draw,
 }

@@ -51,6 +51,7 @@ impl FilmThread {
         order: FilmRequest,
         waker: Waker,
     ) -> std::io::Result<()> {
+        // Cancels a running film, as every job does when it is dropped.
         self.0 = None;
         let output = order.output.clone();
         let pool = order.is_beside_training.then(one_thread).transpose()?;

@@ -213,6 +213,7 @@ impl QualityMonitor {
         let Some(answer) = self.thread.as_ref().and_then(ViewThread::take) else { return };
         let QualityAnswer { query, scores, took } = answer;
         let is_current = self.subject.is_some_and(|(_, options)| options == query.options);
+        // The answer belongs to other settings or to a scene with other pending photographs.
         if !is_current || self.settled != query.settled {
             return;
         }
@@ -240,6 +241,7 @@ impl QualityMonitor {
                 if Some(query.at.0) != self.measured_at {
                     (self.measured_at, self.n_measured) = (Some(query.at.0), 0);
                 }
+                // The sampled views come first, so that the history compares the same views.
                 if self.n_measured == 0 {
                     self.history.extend(mean_quality(&scores, query.at));
                 }
@@ -278,6 +280,7 @@ impl QualityMonitor {
                     false => retained().map(|views| (QualityPurpose::Retention, views)),
                 };
                 let rest = self.rest_until.saturating_duration_since(Instant::now());
+                // An idle window draws no pass that would notice the end of the rest.
                 if next.is_some() && !rest.is_zero() {
                     context.request_repaint_after(rest);
                 }

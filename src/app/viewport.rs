@@ -147,6 +147,7 @@ impl GpuViewPainter {
             (SplatChange::Some { .. }, None) => {}
             (_, pending) => *pending = None,
         }
+        // Empty slots have opacity 0.
         self.n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
     }
 
@@ -330,6 +331,7 @@ impl CallbackTrait for PaintWindow {
         _: &mut CallbackResources,
     ) -> Vec<wgpu::CommandBuffer> {
         let mut window = self.window.lock().unwrap_or_else(PoisonError::into_inner);
+        // Drawn before the window's pass, in which no other render pass can begin.
         let list = window.update_to_pass(&self.pass, screen.size_in_pixels);
         window.painter.draw(device, encoder, screen.size_in_pixels, &list);
         Vec::new()
@@ -341,6 +343,7 @@ impl CallbackTrait for PaintWindow {
         pass: &mut wgpu::RenderPass<'static>,
         _: &CallbackResources,
     ) {
+        // egui sets the viewport to the callback's rectangle, but the image covers the window.
         let [width, height] = info.screen_size_px;
         pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(0, 0, width, height);

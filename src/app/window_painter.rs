@@ -28,9 +28,9 @@ pub struct WindowPainter {
 }
 
 impl WindowPainter {
-    /// Draws a context's window from now on. Windows with an sRGB format, which encode colours
-    /// themselves, are left to egui.
+    /// Draws a context's window from now on.
     pub fn install(context: &Context, state: &RenderState) {
+        // Windows with an sRGB format encode colours themselves: they are left to egui.
         if !state.target_format.is_srgb() {
             let painter = MeshPainter::new(&state.device, state.target_format);
             let window = KeptWindow { painter, shown: None, changes: Vec::new() };
@@ -38,8 +38,7 @@ impl WindowPainter {
         }
     }
 
-    /// Passes changed texels of a texture to egui's painter, which would otherwise read them after the
-    /// pass.
+    /// Passes changed texels of a texture to egui's painter.
     fn update_texture(&self, window: &mut KeptWindow, id: TextureId, delta: &ImageDelta) {
         let RenderState { device, queue, renderer, .. } = &self.state;
         let mut renderer = renderer.write();
@@ -61,6 +60,7 @@ impl WindowPainter {
         for ClippedPrimitive { primitive, .. } in primitives {
             let Primitive::Mesh(Mesh { texture_id: TextureId::Managed(key), .. }) = primitive
             else {
+                // Changes of callbacks and of user textures appear in no texture delta.
                 return false;
             };
             ids.insert(*key);
@@ -85,10 +85,12 @@ impl Plugin for WindowPainter {
     }
 
     fn output_hook(&mut self, context: &Context, output: &mut FullOutput) {
+        // The kept image is that of the root window.
         if context.viewport_id() != ViewportId::ROOT {
             return;
         }
         let mut window = self.window.lock().unwrap_or_else(PoisonError::into_inner);
+        // Here, because egui's painter would read them only after the pass.
         for (id, deltas) in output.textures_delta.set.drain() {
             deltas.iter().for_each(|delta| self.update_texture(&mut window, id, delta));
         }
@@ -169,6 +171,7 @@ fn touched_pixels(place: Rect, pixels_per_point: f32, size: [u32; 2]) -> PixelRe
     // Casts saturate: positions left of the window or above it become 0.
     let (min, max) = (place.min * pixels_per_point, place.max * pixels_per_point);
     PixelRect {
+        // Rounded outwards, so that partly covered pixels are drawn again.
         min: [(min.x.floor() as u32).min(size[0]), (min.y.floor() as u32).min(size[1])],
         max: [(max.x.ceil() as u32).min(size[0]), (max.y.ceil() as u32).min(size[1])],
     }
@@ -235,6 +238,7 @@ impl Batches<'_> {
             if !inside.intersects(bounds) {
                 continue;
             }
+            // Only here, because a mesh outside the region needs no table.
             places.resize(mesh.vertices.len(), u32::MAX);
             let indices = [0, 1, 2].map(|k| {
                 let place = &mut places[corners[k]];
@@ -258,6 +262,7 @@ impl Batches<'_> {
                 batch.indices.extend(indices);
                 return;
             }
+            // An earlier batch would draw the triangle below this one.
             if batch.bounds.intersects(bounds) {
                 break;
             }
@@ -296,6 +301,7 @@ fn kind(texture: TextureId, corners: &[Vertex; 3]) -> MeshKind {
 fn clip_space(vertex: Vertex, pixels_per_point: f32, size: [u32; 2]) -> MeshVertex {
     let Pos2 { x, y } = vertex.pos * pixels_per_point;
     MeshVertex {
+        // In clip space y points up, in the window down.
         position: [2.0 * x / size[0] as f32 - 1.0, 1.0 - 2.0 * y / size[1] as f32],
         uv: vertex.uv.into(),
         color: vertex.color.to_array(),
@@ -385,6 +391,7 @@ impl WindowDamage {
                     self.add(gone.chain(new).fold(Rect::NOTHING, Rect::union).intersect(clip));
                 }
             }
+            // Another clip or texture can change every pixel of both.
             _ => [before, now].into_iter().for_each(|primitive| self.add_primitive(primitive)),
         }
     }
@@ -420,6 +427,7 @@ fn changed_triangles(before: &Mesh, now: &Mesh) -> [Range<usize>; 2] {
     changed(n, |i, k| {
         let (first, second) = (corners(before, i), corners(now, k));
         let is_head = first == second && first.iter().all(|&corner| corner < gone.start);
+        // Vertices inserted in the middle shift later indices; distances from the end stay the same.
         let from_end = |mesh: &Mesh, i| corners(mesh, i).map(|corner| mesh.vertices.len() - corner);
         let is_tail = || {
             let (first, second) = (from_end(before, i), from_end(now, k));

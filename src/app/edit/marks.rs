@@ -71,6 +71,7 @@ impl Edits {
     /// Mark of the splat now in `slot`.
     pub fn mark(&self, slot: u32, splat: &Splat) -> Option<Mark> {
         let marked = self.marked.get(&slot)?;
+        // Training may have reused the slot for another splat.
         let is_same = marked.mean.distance(Vec3::from_array(splat.mean)) <= marked.reach;
         is_same.then_some(marked.mark)
     }
@@ -174,6 +175,7 @@ impl EditLog {
             self.states[self.at] = next;
             return;
         }
+        // Undone states do not follow from the new one.
         self.states.truncate(self.at + 1);
         self.states.push(next);
         if self.states.len() > MAX_STATES {
@@ -216,6 +218,7 @@ impl PartialEq for LeftOut {
         let marks = [&self.0, &other.0].map(|edits| &edits.marked);
         let n_deleted = [&self.0, &other.0].map(|edits| edits.count(Mark::Deleted));
         let mut deleted = marks[0].iter().filter(|(_, mark)| is_deleted(mark));
+        // With equal counts of deleted splats, one direction of the comparison suffices.
         let is_same = |(slot, mark)| marks[1].get(slot) == Some(mark);
         self.0.crop == other.0.crop
             && (Arc::ptr_eq(marks[0], marks[1])

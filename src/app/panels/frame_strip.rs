@@ -125,6 +125,7 @@ pub fn ui(
             } else if let Some(pointer) = response.interact_pointer_pos()
                 && response.dragged()
             {
+                // The pointer may leave the strip during a drag.
                 let at = ((pointer.x - start.x) / width).clamp(0.0, (n - 1) as f32) as usize;
                 asked = FrameRef::numbered(dataset, at).map(StripAnswer::Preview);
             }
@@ -156,6 +157,7 @@ fn frame_to_scroll_to(
     };
     let number = shown.map(FrameRef::number).or_else(|| trained().map(|frame| frame.number()))?;
     let to = Some((opened.serial, number));
+    // Frames must not move while the pointer is over them.
     if is_used || position.scrolled_to == to {
         return None;
     }
@@ -176,6 +178,7 @@ fn draw_frame(
     let (split, index) = frame.position();
     let evaluated = quality.evaluation().filter(|evaluation| evaluation.new_views.split == split);
     let measured = evaluated.and_then(|_| quality.views().iter().find(|view| view.index == index));
+    // Requested only when drawn, so that decoding follows the visible frames.
     let pictures = thumbnails.map(|thumbnails| thumbnails.pictures(ui.ctx(), frame));
     let latest = outcomes.latest_position();
     let is_latest = match state {

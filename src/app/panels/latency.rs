@@ -88,6 +88,7 @@ fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
     totals.sort_by(f64::total_cmp);
     let top = (1.25 * quantile(&totals, 0.98)).max(f64::MIN_POSITIVE);
     plot_axes::plot("latency", ["frame", "ms"], 190.0)
+        // Stacked areas start at 0.
         .include_y(0.0)
         .label_formatter(|at| {
             let x = match at {

@@ -125,6 +125,7 @@ impl ExportPreview {
             (self.choice, self.converting) = (Some(choice.clone()), None);
             self.is_stale = true;
         }
+        // Conversions take cores from training, so that they are spaced only then.
         let is_early = self.begun_at.is_some_and(|begun| begun.elapsed() < INTERVAL);
         let waits = self.converting.is_some() || is_training && is_early;
         if !self.is_stale || waits && !is_new {
@@ -179,6 +180,7 @@ impl ExportPreview {
         let Some(Ok(converted)) = &self.converted else { return Ok(()) };
         let k = &request.camera.intrinsics;
         let width = k.width.clamp(1, MEASURED_WIDTH);
+        // In 64 bits, because the product of two sides may exceed 32 bits.
         let height = (u64::from(k.height) * u64::from(width) / u64::from(k.width.max(1))).max(1);
         let (camera, _) = fit(&request.camera, [width, height as u32]);
         // With learned colours, whatever colours are displayed.
@@ -218,6 +220,7 @@ fn convert(
     is_wanted: &AtomicBool,
 ) -> Result<Converted, Fault> {
     let scene = choice.left_out.remaining(scene);
+    // Relaxed: no other memory depends on the flag.
     let told = |_| is_wanted.load(Ordering::Relaxed);
     let options = WriteOptions {
         up,

@@ -63,6 +63,7 @@ impl MeasureTool {
     /// Adds the stored point once its splat is inspected; a third point starts a new measurement.
     pub fn add_inspected_point(&mut self, inspected: Option<&Inspected>) {
         let (Some((id, point)), Some(inspected)) = (self.waiting, inspected) else { return };
+        // The snapshot may still inspect the splat clicked before.
         if inspected.id() != id {
             return;
         }
@@ -87,6 +88,7 @@ impl MeasureTool {
         let &[a, b] = self.ends.as_slice() else { return None };
         let line = b.point - a.point;
         let length = line.length();
+        // Two clicks at the same point have no direction.
         let along = line / length.max(f64::MIN_POSITIVE);
         let variance = |end: MeasuredPoint| end.covariance.map(|c| c.quadratic_form(along));
         let deviation = variance(a).zip(variance(b)).map(|(a, b)| (a + b).sqrt());
@@ -136,11 +138,13 @@ pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
     let mean = DVec3::from_array(splat.mean.map(f64::from));
     let [w, x, y, z] = splat.rotation.map(f64::from);
     let scale = splat.scale.map(f64::from);
+    // A flat splat has its surface normal along its shortest axis.
     let thinnest = (0..3).min_by(|&a, &b| scale[a].total_cmp(&scale[b])).unwrap_or(0);
     let normal = DQuat::from_xyzw(x, y, z, w).normalize() * DVec3::AXES[thinnest];
     let k = &camera.intrinsics;
     let ray = DVec3::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy, 1.0);
     let (eye, ray) = (camera.pose.centre(), camera.pose.rotation() * ray);
+    // Infinite or NaN for a ray parallel to the plane; checked below.
     let share = normal.dot(mean - eye) / normal.dot(ray);
     let point = eye + ray * share;
     let reach = REACH * scale.into_iter().fold(0.0, f64::max);

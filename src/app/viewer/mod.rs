@@ -130,6 +130,7 @@ impl SceneView {
         let is_training = snapshot.state == RunState::Training;
         self.camera.follow_guide(opened, snapshot, || framing(self.palette.splats().iter()));
         self.overlays.measure.add_inspected_point(snapshot.inspected.as_deref());
+        // Handles are hit where the latest picture shows them.
         let latest = self.camera.latest().and_then(|camera| self.world(ui, rect, &camera, opened));
         self.overlays.edit.begin(ui, &response, &self.editor, latest);
         let edits = self.overlays.edit.is_active();
@@ -287,10 +288,10 @@ impl SceneView {
         self.settings.color_mode.attribute().or(is_asked.then_some(Attribute::Evidence))
     }
 
-    /// Returns the attribute to watch at the end of a pass. Panels renew their requests in the next
-    /// pass.
+    /// Returns the attribute to watch at the end of a pass.
     pub fn take_watched_attribute(&mut self) -> Option<Attribute> {
         let watched = self.watched_attribute();
+        // Panels renew their requests in the next pass.
         self.editor.needs_attributes = false;
         watched
     }
@@ -429,6 +430,7 @@ impl SceneView {
     pub fn still(&self) -> Option<Still> {
         let camera = self.camera.latest()?;
         let shown = (camera, Area::FULL);
+        // Without a photograph, and over the whole viewport: a file shows the scene alone.
         let request = self.comparison.picture_request(&self.settings, &self.camera, shown, None);
         let splats = self.editor.displayed_splats(&self.palette).clone();
         Some(Still { splats, camera, options: request.options })

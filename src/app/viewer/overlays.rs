@@ -43,7 +43,6 @@ impl Overlays {
         self.points = FramePoints::default();
     }
 
-    /// True if clicks measure.
     pub fn is_measuring(&self) -> bool {
         self.measure.is_on
     }

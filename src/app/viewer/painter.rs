@@ -98,9 +98,7 @@ impl Painter {
 }
 
 pub enum ViewPainter {
-    /// Paints with `render::gpu`.
     Gpu(Box<GpuViewPainter>),
-    /// Paints with `render::cpu`.
     Software(Box<SoftwarePainter>),
 }
 

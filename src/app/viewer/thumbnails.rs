@@ -68,6 +68,7 @@ impl Thumbnails {
         let yields_cores = Arc::new(AtomicBool::new(false));
         let flag = yields_cores.clone();
         let wake_at_rest = move || {
+            // Relaxed: no other memory depends on the flag.
             if !flag.load(Ordering::Relaxed) {
                 waker();
             }
@@ -228,6 +229,7 @@ fn shrink([width, height]: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) 
             for y in (row * factor..(row + 1) * factor).take_while(|&y| y < height) {
                 for x in (column * factor..(column + 1) * factor).take_while(|&x| x < width) {
                     let [r, g, b, a] = pixel(x, y).map(u32::from);
+                    // Weighted by alpha, which makes transparent pixels black.
                     sum = [sum[0] + r * a / 255, sum[1] + g * a / 255, sum[2] + b * a / 255];
                     n += 1;
                 }

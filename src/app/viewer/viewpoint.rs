@@ -88,6 +88,7 @@ impl Viewpoint {
         self.place.latest_frame = None;
         if self.retained_for.take().is_none_or(|kept| kept != opened.files) {
             self.go_home(opened);
+            // After `go_home`, which ends the guide.
             self.place.guide = Some(GuideStage::Start);
         }
     }
@@ -278,6 +279,7 @@ impl Viewpoint {
     }
 
     pub fn move_to_frame(&mut self, frame: FrameRef) {
+        // Before the position, which it resets.
         self.set_free();
         self.place.position = ViewPosition::At(frame.clone());
         self.place.latest_frame = Some(frame);
@@ -388,6 +390,7 @@ fn framing_of_cameras(opened: &Opened) -> Option<Framing> {
     let mean = centres.iter().copied().sum::<DVec3>() / centres.len().max(1) as f64;
     let centre = 0.5 * (mean + opened.home.target);
     let farthest = centres.iter().map(|c| c.distance(centre)).fold(0.0, f64::max);
+    // A single camera at the home target would give a radius of 0.
     let radius = farthest.max(0.5 * opened.home.radius);
     (!centres.is_empty()).then_some(Framing { centre, radius })
 }
@@ -450,9 +453,9 @@ impl Gesture {
     }
 }
 
-/// Flight by the held keys in this pass. Ctrl slows a flight in progress but starts none, because Ctrl
-/// with these keys saves and exports.
+/// Flight by the held keys in this pass.
 fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
+    // Keys then enter text.
     if ui.ctx().text_edit_focused() {
         *is_flying = false;
         return [0.0; 3];
@@ -464,6 +467,7 @@ fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
     let add = |sum: [f64; 3], way: &[f64; 3]| std::array::from_fn(|k| sum[k] + way[k]);
     let way = held.iter().fold([0.0; 3], add);
     // Opposite keys cancel out, but releasing one of them must not end the flight.
+    // Ctrl slows a flight but starts none, because Ctrl with these keys saves and exports.
     *is_flying = !held.is_empty() && (*is_flying || !modifiers.command);
     if !*is_flying {
         return [0.0; 3];

@@ -37,8 +37,8 @@ impl Files {
         self.n_unsaved += 1;
     }
 
-    /// Records that the user has saved the run to a file.
     pub fn record_save(&mut self) {
+        // The slot was released, so that another window may hold it.
         if let Saver::Stored(Rescue::Stored { path, .. }) = &self.saver
             && let Ok(Some(slot)) = AutosaveSlot::lock_existing(path)
         {
@@ -86,7 +86,9 @@ impl Files {
 
     /// Claims a slot and starts the first autosave.
     fn start(&mut self, session: &Session) -> Result<(), String> {
+        // Stays off if no slot can be claimed, so that the user is warned once.
         self.saver = Saver::Off;
+        // The demo has no path; it can be recomputed and is not saved.
         let (Some(folder), Some(dataset)) = (self.folders.first(), &session.dataset().path) else {
             return Ok(());
         };
@@ -103,12 +105,12 @@ impl Files {
         begun
     }
 
-    /// Continues the autosave in the slot of a resumed run, none of whose frames are in a file of the
-    /// user's.
+    /// Continues the autosave in the slot of a resumed run.
     pub fn adopt(&mut self, slot: AutosaveSlot, session: &Session) {
         let path = slot.path().to_owned();
         let autosave = Autosave::new(path, AutosaveInterval::default(), session);
         self.saver = Saver::On(autosave, slot);
+        // None of these frames are in a file of the user's.
         self.n_unsaved = session.learner().status().frames as usize;
     }
 
@@ -120,6 +122,7 @@ impl Files {
     /// Stores training that no checkpoint holds for the next start, once, even if autosave is off. The
     /// demo is not stored.
     pub fn store(&mut self, session: Option<&Session>) -> Rescue {
+        // A panic and the end of the program may both store the same state.
         if let Saver::Stored(known) = &self.saver {
             return known.clone();
         }
@@ -128,6 +131,7 @@ impl Files {
         let Some(dataset) = &session.dataset().path else { return Rescue::Nothing };
         let used = match std::mem::replace(&mut self.saver, Saver::Off) {
             Saver::On(autosave, slot) => {
+                // Dropped first, because it may still write to the slot.
                 drop(autosave);
                 Some(slot)
             }
@@ -139,6 +143,7 @@ impl Files {
         });
         let mut problems = Vec::new();
         let mut rescue = None;
+        // The slot in use comes first: it holds an older state of the same run.
         for slot in used.map(Ok).into_iter().chain(others) {
             let stored = slot.and_then(|slot| {
                 let path = slot.path().to_owned();

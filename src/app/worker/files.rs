@@ -16,7 +16,6 @@ use crate::pipeline::job::Progress;
 use glam::DVec3;
 use std::path::Path;
 
-/// Model file to be written.
 pub struct Export<'a> {
     /// Number by which the snapshot reports the outcome.
     pub number: u64,

@@ -9,7 +9,6 @@ use crate::train::learner::{Changed, Learner};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Maximum number of stored notices.
 const MAX_NOTICES: usize = 50;
 
 pub struct Outbox {
@@ -160,7 +159,6 @@ impl Outbox {
         self.snapshot.late = Arc::new(all);
     }
 
-    /// Marks the components that a frame changed.
     pub fn mark_trained(&mut self, learner: &dyn Learner) {
         match learner.last_frame().changed {
             Changed::Listed(ids) => self.dirty.mark(ids),
@@ -193,7 +191,6 @@ impl Outbox {
         self.shared.updates.push(change.into());
     }
 
-    /// Delivers all splats again.
     pub fn deliver_all(&mut self, run: &Run) {
         self.dirty.take();
         let splats = run.splats();

@@ -18,9 +18,7 @@ use std::time::Instant;
 /// Number of frames over which the frame rate is averaged.
 const RATE_FRAMES: usize = 30;
 
-/// Result of sampling the frames of the opened dataset.
 pub struct FrameSampling {
-    /// Agreement of poses with depth.
     pub poses: Option<PoseCheck>,
     /// Pixel width and depth noise.
     pub sample: Option<FrameSample>,
@@ -63,7 +61,6 @@ impl Run {
         }
     }
 
-    /// Records the subject to be opened or awaited.
     pub fn set_subject(&mut self, subject: Subject, calibration: Option<Arc<GivenCalibration>>) {
         (self.subject, self.calibration) = (Some(subject), calibration);
     }
@@ -142,7 +139,6 @@ impl Run {
         if span_s > 0.0 { (self.ends.len() - 1) as f64 / span_s } else { 0.0 }
     }
 
-    /// Restarts the measurement of the frame rate.
     pub fn reset_frame_rate(&mut self) {
         self.ends.clear();
     }
@@ -151,7 +147,6 @@ impl Run {
         self.sampling.is_some()
     }
 
-    /// Starts sampling the frames of the dataset.
     pub fn start_sampling(&mut self) {
         self.sampling = None;
         let Some(session) = self.session() else { return };

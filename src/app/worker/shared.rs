@@ -12,12 +12,10 @@ use std::time::Duration;
 #[derive(Default)]
 pub struct Shared {
     pub snapshot: Mailbox<Arc<Snapshot>>,
-    /// Changed splats for the viewport.
     pub updates: SplatUpdates,
     pub crash: Mailbox<Option<Crash>>,
     /// The file being exported.
     pub file: Progress,
-    /// The opening in progress.
     pub opening: Progress,
     is_closing: AtomicBool,
     interval_us: AtomicU64,

@@ -126,6 +126,7 @@ impl WorkerThread {
             }
             None => {}
         }
+        // Nothing waits for a frame unless something is trained.
         if !(self.has_pending_step || self.outbox.snapshot.state == RunState::Training) {
             self.outbox.set_unread(false);
         }
@@ -145,6 +146,7 @@ impl WorkerThread {
             WorkerOrder::Train => self.set_state(RunState::Training),
             WorkerOrder::Pause => {
                 self.set_state(RunState::Paused);
+                // Deferred during training, which these deliveries would slow down.
                 self.outbox.mark_visibility(&self.run);
             }
             // A click that arrives after the end of training must not restart it.
@@ -167,6 +169,7 @@ impl WorkerThread {
             }
             WorkerOrder::Export(number, path, mapping, left_out) => {
                 begin_write(&mut self.outbox, number);
+                // Files include photographs that are still pending.
                 self.settle();
                 let export = Export { number, path: &path, mapping, left_out: &left_out };
                 export.write(&self.run, &mut self.outbox, &self.shared.file);
@@ -217,10 +220,9 @@ impl WorkerThread {
         self.outbox.notify(NoticeKind::Error, message);
     }
 
-    /// Sets the watched attribute. Everything is delivered again, because attributes of unchanged
-    /// components have not been sent.
     pub(super) fn watch(&mut self, attribute: Option<Attribute>) {
         self.run.watch(attribute);
+        // Everything again: attributes of unchanged components have not been sent.
         if attribute.is_some() {
             self.outbox.mark_all(&self.run);
         }
@@ -263,7 +265,6 @@ impl WorkerThread {
     }
 }
 
-/// Order to the training thread.
 #[derive(Clone, Debug)]
 pub enum WorkerOrder {
     /// Use these settings for what is opened or reset from now on.
