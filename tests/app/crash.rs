@@ -153,11 +153,11 @@ fn a_panic_of_training_stores_the_run_and_leaves_the_window() {
 }
 
 /// Makes the next pool thread that wakes the window panic, once. Pool threads are those without a name.
-fn panic_of_pool(window: &Window) -> Arc<AtomicBool> {
+fn panic_of_film(window: &Window) -> Arc<AtomicBool> {
     let armed = Arc::new(AtomicBool::new(true));
     let trigger = armed.clone();
     window.ctx.set_request_repaint_callback(move |_| {
-        let is_meant = std::thread::current().name().is_none();
+        let is_meant = std::thread::current().name() == Some("film");
         assert!(!(is_meant && trigger.swap(false, Ordering::SeqCst)), "injected into a film");
     });
     armed
@@ -174,7 +174,7 @@ fn a_panic_of_a_film_costs_the_film_and_is_told() {
     let Hosted { window, worker, .. } = &mut hosted;
     train(window);
     wait(window, "splats", |s| s.n_drawn() > 100);
-    let armed = panic_of_pool(window);
+    let armed = panic_of_film(window);
     draw_film(window, &folder.path().join("film"));
     wait(window, "the error notice", |s| {
         let told = |text: &str| text.contains("injected into a film") && text.contains("report it");
