@@ -152,29 +152,34 @@ impl GpuViewPainter {
     }
 
     /// Renders the scene, twice to compare renderers, and queues the picture for painting over `rect`.
-    /// Returns its timings; after an error this painter is unusable.
+    /// A picture that is complete is composed again without rendering. Returns the timings of a rendered
+    /// one; after an error this painter is unusable.
     pub fn paint(
         &mut self,
         ui: &Ui,
         rect: Rect,
         request: &PictureRequest,
         splats: &SplatSet,
-    ) -> Result<DrawSample, ViewPaintError> {
+    ) -> Result<Option<DrawSample>, ViewPaintError> {
         // Any fault ends this painter, even one of egui's drawing: both use one device, and a fault
         // does not state its source.
         if let Some(fault) = self.faults.take_new().into_iter().next() {
             return Err(ViewPaintError::Fault(fault.message));
         }
+        // Not the bytes of the upload, which are none when the last splats go.
+        let is_changed = self.pending.as_ref().is_none_or(|ids| !ids.is_empty());
         let mut sample = DrawSample::new(self.upload(splats)?);
         self.update_second_model(request)?;
-        self.settle(ui, request, sample.uploaded_bytes > 0);
-        self.draw(request, &mut sample)?;
+        let is_complete = self.is_complete(ui, request, is_changed);
+        if !is_complete {
+            self.draw(request, &mut sample)?;
+        }
         self.compose(request)?;
         // egui runs the callback in the window's pass, where `self` is out of reach: hence the shared
         // compositor.
         let callback = PaintScene(self.compositor.clone());
         ui.painter().add(egui_wgpu::Callback::new_paint_callback(rect, callback));
-        Ok(sample)
+        Ok((!is_complete).then_some(sample))
     }
 
     fn draw(&mut self, request: &PictureRequest, sample: &mut DrawSample) -> Result<(), GpuError> {
@@ -277,21 +282,24 @@ impl GpuViewPainter {
         Ok(())
     }
 
-    /// Requests further pictures after a change, because the first one may leave out the farthest splats and
-    /// an idle window draws no other.
-    fn settle(&mut self, ui: &Ui, request: &PictureRequest, is_uploaded: bool) {
+    /// True if the picture of an unchanged view is complete. Requests further pictures after a change,
+    /// because the first one may leave out the farthest splats and an idle window draws no other.
+    fn is_complete(&mut self, ui: &Ui, request: &PictureRequest, is_changed: bool) -> bool {
         let partner = request.second.as_ref().map(|second| &second.partner);
         let partner = partner.filter(|partner| !matches!(partner, Partner::Photo(_)));
         let view = Some((request.camera, request.options, partner.cloned()));
-        if is_uploaded || self.drawn_view != view {
+        if is_changed || self.drawn_view != view {
             self.drawn_view = view;
             self.n_unsettled = SETTLING_IMAGES;
+        } else if self.n_unsettled == 0 {
+            return true;
         } else {
-            self.n_unsettled = self.n_unsettled.saturating_sub(1);
+            self.n_unsettled -= 1;
         }
         if self.n_unsettled > 0 {
             ui.ctx().request_repaint();
         }
+        false
     }
 }
 

@@ -69,7 +69,7 @@ impl Painter {
         splats: &SplatSet,
     ) -> Result<(), ViewPaintError> {
         let sample = match &mut self.painter {
-            ViewPainter::Gpu(painter) => Some(painter.paint(ui, rect, request, splats)?),
+            ViewPainter::Gpu(painter) => painter.paint(ui, rect, request, splats)?,
             ViewPainter::Software(painter) => painter.paint(ui, rect, request, effort),
         };
         sample.into_iter().for_each(|sample| self.drawn.push(sample));
