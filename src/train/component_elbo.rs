@@ -78,6 +78,7 @@ struct Ownership {
 
 impl Ownership {
     fn count(&mut self, q: &[f64], n_components: usize) {
+        // Never shorter: the rows of the last frame are cleared below.
         self.rows.resize(n_components.max(self.rows.len()), (0.0, 0));
         // Clears only the rows of the last frame: a frame reaches few components.
         for id in self.ids.drain(..) {

@@ -92,6 +92,7 @@ impl DeviceTrial {
             return DeviceChoice::Device;
         }
         let is_trying = !self.times_ms[0].is_empty();
+        // A trial that has begun ends, whatever the load of its later frames.
         if is_trying || load >= FEW && load > MANY * self.load {
             self.load = self.load.max(load);
             return DeviceChoice::Both;

@@ -76,6 +76,7 @@ impl Scoring {
             sum += e;
             *q = e.to_f64();
         }
+        // One division per point instead of one per candidate.
         let total = S::ONE / sum;
         distances.iter_mut().for_each(|r| *r = (S::of(*r) * total).to_f64());
         (min - sum.ln() / scale).to_f64()

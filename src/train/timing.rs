@@ -46,6 +46,7 @@ impl StageMs {
     /// Adds a pass of `wall_ms`, split among search, E-step and sums in proportion to the thread time of
     /// each.
     pub fn add_pass(&mut self, wall_ms: f64, thread_nanos: [u64; 3]) {
+        // A pass without points has no thread time.
         let total = thread_nanos.iter().sum::<u64>().max(1) as f64;
         let laps = [PaperStage::Candidates, PaperStage::EStep, PaperStage::Stats];
         for (stage, nanos) in laps.into_iter().zip(thread_nanos) {

@@ -46,6 +46,7 @@ impl CellSort {
         end.fill(ids.len() as u32);
         // A power of two, so that a shift gives a cell's range.
         let width = n_cells.div_ceil(RANGES).next_power_of_two();
+        // With few ids the last parts are empty.
         let size = cell_of_id.len().div_ceil(PARTS).max(1);
         self.parts.par_iter_mut().enumerate().for_each(|(i, part)| {
             let first = (i * size).min(cell_of_id.len());

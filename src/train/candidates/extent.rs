@@ -105,6 +105,7 @@ impl Kernel for AnyWithin<'_> {
         let extent = Extent::of_points::<V>(tile, 0..x.len());
         let farthest = reach2.iter().fold(0f32, |farthest, &r| farthest.max(r));
         let radius = extent.radius_for_reach(farthest.sqrt());
+        // No box holds such points; running the tile again is correct in any case.
         if !(extent.is_finite() && radius.is_finite()) {
             return true;
         }

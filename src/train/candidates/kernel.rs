@@ -131,6 +131,7 @@ pub(super) fn nth_smallest(values: [f32; STEP], rank: usize) -> f32 {
 #[inline(always)]
 pub(super) fn select<V: Vector>(list: &Columns, distance2: &[f32], limit: f32, near: &mut Columns) {
     let size = list.len.next_multiple_of(LANES);
+    // `reserve` adds padding of one step, so a whole vector also fits behind the last entry.
     near.reserve(size);
     // Slices of equal length, so that one bounds check covers all.
     let (x, y, z) = (&list.x[..size], &list.y[..size], &list.z[..size]);

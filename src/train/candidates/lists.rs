@@ -87,6 +87,7 @@ impl Lists {
         if rank <= STEP {
             return nth_smallest(least, rank);
         }
+        // Selection reorders, but the distances must stay in the order of the entries.
         self.sorted.clear();
         self.sorted.extend_from_slice(&self.distance2[..self.raw.len]);
         *self.sorted.select_nth_unstable_by(rank - 1, f32::total_cmp).1
@@ -105,6 +106,7 @@ impl Lists {
         self.near_limit = 0.0;
         let extent = Extent::of_points::<V>(points, chunk);
         let bound2 = self.raw_bound2::<V>(extent.centre, rank);
+        // Without a finite radius, every entry must stay a candidate.
         let Some(limit) = extent.centre_radius(bound2) else { return false };
         let Self { raw, near, distance2, .. } = self;
         select::<V>(raw, distance2, limit * limit, near);
@@ -207,6 +209,7 @@ impl Lists {
         // The near list is complete within a ball about the chunk's centre, not about the point.
         let off = squared_distance(position, self.near_centre).sqrt();
         let reach = (off + distance2.sqrt()) * RELATIVE_MARGIN;
+        // A NaN distance fails the comparison and uses the complete list.
         if reach < self.near_limit { ListKind::Near } else { ListKind::Raw }
     }
 

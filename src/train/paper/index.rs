@@ -75,6 +75,7 @@ impl Index {
         let shape = if keeps_cells { self.shape } else { self.shape_of(model)? };
         self.shape = shape;
         self.n_moved = if keeps_cells { self.n_moved + n } else { 0 };
+        // Without sorted means, an earlier move is still pending, and only the last one is listed.
         self.is_incremental = keeps_cells && FEW * n <= model.len() && self.sorted.get().is_some();
         if let Some(sorted) = self.sorted.take() {
             *self.spare.get_mut().unwrap_or_else(PoisonError::into_inner) = sorted;
@@ -119,6 +120,7 @@ impl Index {
         known: Option<u64>,
     ) -> MeanCells<'a> {
         let InitialModel { space, color, weight, .. } = model;
+        // Only the last move is listed; a device that missed one needs all means.
         let is_last = known.is_some_and(|known| known + 1 == self.revision);
         let moved = is_last.then_some(&self.moved[..]);
         MeanCells { shape: self.shape, space, color, weight, changed_components: moved }

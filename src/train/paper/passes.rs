@@ -152,6 +152,7 @@ impl Passes {
         self.processor.run(inputs, points, output, q, owners);
         let processor_ms = clock.lap_ms();
         if let Some((device_ms, found_q, records)) = found {
+            // NaN marks points left out, and differs from itself.
             let is_equal = |(a, b): (&f64, &f64)| a == b || a.is_nan() && b.is_nan();
             let is_proved = found_q.iter().zip(&*q).all(is_equal)
                 && records == self.processor.effective_records();
@@ -195,6 +196,7 @@ impl Passes {
                 let fused = if *left_open { fused_inputs(inputs, points) } else { None };
                 if let Some(fused) = fused {
                     let mut open = found.open.to_vec();
+                    // `run_some` needs ascending tiles; a device lists them in any order.
                     open.sort_unstable();
                     processor.run_some(&fused, &open, output, q, &mut []);
                 }
@@ -247,6 +249,7 @@ impl PassDevice {
         index: &Index,
     ) -> Result<(), DeviceError> {
         if self.revision != Some(index.revision()) {
+            // Cleared first: after a failed upload, the means on the device are unknown.
             let known = self.revision.take();
             self.device.set_means(&index.means_for_device(model, known))?;
             self.revision = Some(index.revision());
@@ -315,6 +318,7 @@ impl Pass {
         // Equal parts per worker, whichever thread runs them, so that warm buffers suffice.
         let each = records.len().div_ceil(self.workers.len()).max(1);
         self.workers.par_iter().zip(records.par_chunks(each)).for_each(|(worker, records)| {
+            // A poisoned buffer is safe to use: every pass clears it first.
             let mut worker = worker.write().unwrap_or_else(PoisonError::into_inner);
             for words in records {
                 let record = TileRecord::from_words(words);
@@ -335,6 +339,7 @@ impl Pass {
             // Adding 0.0 unifies zeros of either sign.
             kept.extend(records.map(|r| (r.id, r.tile, r.sums.map(|sum| (sum + 0.0).to_bits()))));
         }
+        // Workers receive tiles in any order.
         kept.sort_unstable();
         kept
     }

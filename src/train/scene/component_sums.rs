@@ -146,7 +146,7 @@ impl ComponentSums {
     pub fn state(&self) -> (StoredSums, Vec<VisibilityCounts>) {
         // Parallel, since training is blocked meanwhile.
         let ids = (0..self.rows.len() as u32).into_par_iter().with_min_len(4096);
-        // Merging can fill a row before it spills; counting it as wide stores equal sums alike.
+        // Full rows count as wide, so that equal sums are stored alike before and after they spill.
         let is_wide = |id: &u32| self.wide.get(*id).is_some() || is_full(self.row(*id as usize));
         let wide = ids.filter(is_wide).map(|id| WideRow { id, sums: self.sums(id as usize) });
         let wide: Vec<WideRow> = wide.collect();

@@ -105,6 +105,7 @@ impl Comparers {
     ) -> PhotometricSums<'_> {
         let TrainingView { camera, near, rows, .. } = *learnt;
         self.view.near = near;
+        // Dropped one call late, since the result of `compare` still borrows the device.
         if self.counts.given_up.is_some() {
             self.device = None;
         }

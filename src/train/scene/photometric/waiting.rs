@@ -110,6 +110,7 @@ const SEEN_THROUGH: [f64; 2] = [4.0, 0.2];
 
 /// Mean squared difference over `pixels` pixels of three channels; `None` without pixels.
 pub fn difference(squared_error: f64, pixels: f64) -> Option<f64> {
+    // One infinite residual would spoil the running mean for good.
     (pixels > 0.0 && squared_error.is_finite()).then(|| squared_error / (3.0 * pixels))
 }
 

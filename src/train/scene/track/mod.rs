@@ -165,6 +165,7 @@ impl Tracker<'_> {
             let coarse = fit(coarsest, at(2), start, ROUNDS[2], depth)?;
             fit(middle, at(1), &coarse.pose, ROUNDS[1], depth)
         });
+        // Compared in order: ties go to the first start, whatever thread ends first.
         aligned.collect::<Vec<_>>().into_iter().fold(None, better)
     }
 

@@ -107,6 +107,7 @@ impl ReferenceLevel {
             let (column, row) = (2 * (i % width), 2 * (i / width));
             let four = [(0, 0), (1, 0), (0, 1), (1, 1)]
                 .map(|(dx, dy)| *self.texels.at(column + dx, row + dy));
+            // Depths of two surfaces would average to a place where there is none.
             let nearest = four.iter().map(|texel| texel[1]).filter(|z| *z > 0.0);
             let nearest = nearest.fold(f64::INFINITY, f64::min);
             let same = four.iter().filter(|t| t[1] > 0.0 && t[1] <= nearest * (1.0 + EDGE));
@@ -148,6 +149,7 @@ impl ReferenceLevel {
     /// edges.
     pub fn at(&self, point: DVec3) -> Option<Texel> {
         let k = &self.intrinsics;
+        // Texels are centred half a pixel from their corners.
         let (u, v) = (k.fx * point.x / point.z + k.cx - 0.5, k.fy * point.y / point.z + k.cy - 0.5);
         let is_inside = point.z > 0.0
             && (0.0..f64::from(k.width) - 1.0).contains(&u)

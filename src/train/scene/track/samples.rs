@@ -44,6 +44,7 @@ pub struct FrameSamples {
 /// Brightness of an sRGB-encoded colour.
 pub fn brightness(color: [f32; 3]) -> f64 {
     let [red, green, blue] = color.map(f64::from);
+    // Luma weights of ITU-R BT.601.
     0.299 * red + 0.587 * green + 0.114 * blue
 }
 

@@ -170,6 +170,7 @@ impl Poses {
     pub fn common_motion(&self, scene: &Scene, frame: &Observation) -> Option<Pose> {
         let n = self.corrections.len();
         let is_due =
+            // Tracked poses have no recorded frame of reference to return to.
             scene.config.align && !scene.config.track && n >= FEWEST_FRAMES && n.is_power_of_two();
         let deviations = [TURN_DEVIATION, f64::from(frame.tolerance.place)];
         is_due.then(|| common_motion(&self.corrections, deviations)).flatten()
@@ -177,6 +178,7 @@ impl Poses {
 
     pub fn move_by(&mut self, motion: &Pose) {
         let corrections = self.corrections.iter_mut();
+        // Frames of older checkpoints lack the rotation and stay.
         corrections.for_each(|frame| *frame = frame.moved(motion).unwrap_or(*frame));
         self.exposures.iter_mut().for_each(|frame| *frame = frame.moved(motion));
     }
