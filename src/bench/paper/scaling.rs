@@ -28,7 +28,7 @@ pub struct ScalingPlan {
     pub base_points: usize,
     /// Components while another size is swept.
     pub base_components: usize,
-    /// Runs per size, each of a warm-up frame and [`TIMED_FRAMES`].
+    /// Runs per size, each of a warm-up frame and `TIMED_FRAMES`.
     pub repeats: usize,
     pub options: BenchOptions,
 }
