@@ -20,8 +20,8 @@ use crate::train::estep::{Scoring, squared_distance};
 use crate::train::timing::{Lap, StageClock};
 use std::ops::Range;
 
-// Marks an owner that refers to shares of several components. `NOBODY` has this bit too, so owners
-// without it are slots.
+// Marks an owner that refers to shares of several components. `NO_OWNER` has this bit too, so
+// owners without it are slots.
 const SHARED: u32 = 1 << 31;
 
 #[derive(Clone, Copy)]

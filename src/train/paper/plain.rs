@@ -113,7 +113,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
     }
 
     /// Writes the component of largest responsibility (the first of equals) of each point in `owners`;
-    /// `NOBODY` if all responsibilities are zero.
+    /// `NO_OWNER` if all responsibilities are zero.
     pub fn find_owners(&self, ids: &[u32], responsibilities: &[f64], owners: &mut [u32]) {
         let per_point = self.per_point().max(1);
         let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));

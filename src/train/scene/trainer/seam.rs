@@ -129,9 +129,8 @@ impl SceneTrainer {
         let UnassignedPoints { budget, reach } = self.unassigned;
         let budget = (budget > 0).then_some(TrainingWarning::OverBudget { points: budget });
         let Scene { coarsened, asked_scale: requested, config, .. } = &self.scene;
-        let scale = round(config.h);
-        let coarsened =
-            (*coarsened > 0).then_some(TrainingWarning::Coarsened { requested: *requested, scale });
+        let coarsened = (*coarsened > 0)
+            .then(|| TrainingWarning::Coarsened { requested: *requested, scale: round(config.h) });
         let reach = (reach > 0).then_some(TrainingWarning::TooFarFromOrigin { points: reach });
         let splats = self.photographs.learner.repaired();
         let repaired = (splats > 0).then_some(TrainingWarning::PrecisionReset { splats });
