@@ -78,8 +78,8 @@ pub fn notes(summary: &AccuracySummary, n_crack_views: usize) -> Vec<String> {
     notes
 }
 
-/// Quality of the first two tables, and quality against number of components.
-pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
+/// Quality of the first two tables, and quality against training time and number of components.
+pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 3] {
     // Without registration, exposure changes colours more than the model does, so use aligned
     // colours.
     let (title, measure): (_, fn(&AccuracyRow) -> Spread) = if is_registered {
@@ -112,16 +112,24 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
             of_table(Table::LeaveOneOut, "one change each"),
         ],
     };
-    let curves = Panel {
-        title: "components against quality".to_owned(),
-        x: Axis::Log("components drawn".to_owned()),
+    let against = |name: &str, x: Axis, cost: fn(&AccuracyRow) -> f64| Panel {
+        title: format!("{name} against quality"),
+        x,
         y: Axis::Linear(title.to_owned()),
-        series: curves(rows, measure),
+        series: curves(rows, cost, measure),
     };
-    [parts, curves]
+    let speed = Axis::Linear("training, ms a frame".to_owned());
+    let speed = against("time", speed, |row| row.train_ms);
+    let components = Axis::Log("components drawn".to_owned());
+    let components = against("components", components, |row| row.drawn);
+    [parts, speed, components]
 }
 
-fn curves(rows: &[AccuracyRow], measure: fn(&AccuracyRow) -> Spread) -> Vec<Series> {
+fn curves(
+    rows: &[AccuracyRow],
+    cost: fn(&AccuracyRow) -> f64,
+    measure: fn(&AccuracyRow) -> Spread,
+) -> Vec<Series> {
     let of_table = |which| rows.iter().filter(move |row| row.table == which);
     let scales: Vec<&AccuracyRow> = of_table(Table::Scale).collect();
     let budgets: Vec<&AccuracyRow> = of_table(Table::Budget).collect();
@@ -129,7 +137,7 @@ fn curves(rows: &[AccuracyRow], measure: fn(&AccuracyRow) -> Spread) -> Vec<Seri
         name,
         marks: rows
             .iter()
-            .map(|row| Mark { x: Spread::exact(row.drawn), y: measure(row), label: None })
+            .map(|row| Mark { x: Spread::exact(cost(row)), y: measure(row), label: None })
             .collect(),
         connected: true,
     };
