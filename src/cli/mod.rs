@@ -97,16 +97,18 @@ fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
 /// Logs warnings to stderr; `VBGS_LOG=info` or `debug` shows more. The graphics and window libraries log
 /// only errors, because the program's own messages cover their warnings.
 fn start_logging() {
-    use tracing_subscriber::EnvFilter;
+    use tracing_subscriber::filter::Targets;
+    use tracing_subscriber::prelude::*;
     let level = std::env::var("VBGS_LOG").unwrap_or_else(|_| "warn".to_owned());
     let quiet = "eframe=off,winit=error,egui_wgpu=error,wgpu_core=error,wgpu_hal=off,naga=error";
-    let filter = EnvFilter::try_new(format!("{level},{quiet}"))
+    let filter: Targets = format!("{level},{quiet}")
+        .parse()
         // An invalid level must not stop the program.
-        .unwrap_or_else(|_| EnvFilter::new(format!("warn,{quiet}")));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
+        .or_else(|_| format!("warn,{quiet}").parse())
+        .unwrap_or_default();
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
-        .without_time()
-        .init();
+        .without_time();
+    tracing_subscriber::registry().with(lines.with_filter(filter)).init();
 }
