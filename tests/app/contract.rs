@@ -261,10 +261,9 @@ const PROMISES: &[(&str, &[&str])] = &[
         &["journey.rs: a_hand_opens_trains_orbits_compares_measures_exports_and_quits"],
     ),
     (
-        "The scene after frame k can be viewed (from births and stored snapshots)",
+        "The scene after frame k can be viewed (from stored copies)",
         &[
             "editing.rs: a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it",
-            "editing.rs: training_goes_on_beside_edits_and_what_it_bears_is_shown",
             "src/app/edit/past.rs: moments_keep_to_the_budget_and_none_is_kept_that_exceeds_it_alone",
         ],
     ),

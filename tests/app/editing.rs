@@ -1,8 +1,8 @@
 //! Selecting, hiding, deleting and cropping splats, and showing the scene of earlier frames.
 
 use super::harness::{
-    Window, click, dataset, drag_between, is, settled, train, wait, wait_for_label,
-    wait_for_picture, window, write_to,
+    Window, click, dataset, drag_between, is, settled, train, wait, wait_for_picture, window,
+    write_to,
 };
 use super::viewer::{choose, press};
 use crate::common::adapter::turn;
@@ -209,22 +209,6 @@ fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
         window.key_press_modifiers(Modifiers::COMMAND, key);
         wait(&mut window, "the deleted, back and away", move |s| s.n_drawn() == n);
     }
-    // Moving the slider back leaves only splats born in the first frame. Hiding the frame strip makes room
-    // for the slider in the panel.
-    press(&mut window, Key::T);
-    click(&mut window, "Edit");
-    wait(&mut window, "births", |s| s.view().attributes().iter().any(|k| k.birth.is_some()));
-    let at = slider(&mut window, 1);
-    drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
-    window.get_by_label("By birth, as it is now").click_accesskit();
-    let first = wait_until_fewer(&mut window, left);
-    assert!(first > 0, "no splat was born in the first frame");
-    wait_for_label(&mut window, "Splats born up to frame 1 of 4, in their current state (Edit)");
-}
-
-fn wait_until_fewer(window: &mut Window, than: usize) -> usize {
-    wait(window, "fewer splats", move |s| s.n_drawn() < than);
-    window.state().n_drawn()
 }
 
 /// The view of an earlier frame equals the picture shown then, even while training continues.
@@ -249,7 +233,6 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         }
         wait(&mut window, "more splats", move |s| s.n_drawn() > drawn);
         assert!(settled(&mut window) != first, "the scene has grown");
-        click(&mut window, "As it was");
         let at = slider(&mut window, 1);
         drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
         wait(&mut window, "the past", move |s| s.n_drawn() == drawn);

@@ -2,7 +2,7 @@
 
 use super::marks::{EditLog, Edits, LeftOut, Mark, SelectCriterion, SelectMode};
 use super::past::{PastScene, PastScenes};
-use super::visible::{SceneParts, VisibilityRules, VisibleSplats};
+use super::visible::{VisibilityRules, VisibleSplats};
 use crate::app::command::UiCommand;
 use crate::app::palette::Palette;
 use crate::app::panels::quality::EvidenceHistogram;
@@ -22,16 +22,6 @@ pub struct EditCounts {
     /// Splats excluded from exports: deleted or outside the crop box.
     pub left_out: usize,
     pub deleted: usize,
-    pub unknown_birth: usize,
-}
-
-/// What the viewport shows for an earlier frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum EarlierView {
-    #[default]
-    StoredCopy,
-    /// Current splats that already existed then.
-    BornByThen,
 }
 
 /// Undo log, visible splats and tool state.
@@ -46,7 +36,6 @@ pub struct Editor {
     pub threshold: Option<f64>,
     /// Number of frames seen by the scene on display; `None` shows the current scene.
     pub earlier_frames: Option<usize>,
-    pub earlier_view: EarlierView,
     pub stored_scenes: PastScenes,
     /// True if a panel needs component attributes; set in every pass that needs them.
     pub needs_attributes: bool,
@@ -76,14 +65,11 @@ impl Editor {
     /// Applies a splat change that `palette` already contains; returns the change for painters, if any.
     pub fn apply_change(&mut self, change: SplatChange, palette: &Palette) -> Option<SplatChange> {
         self.revision += 1;
-        self.visible.apply_change(change, parts(palette, None))
+        self.visible.apply_change(change, palette.splats())
     }
 
     pub fn displayed_past(&self) -> Option<&PastScene> {
-        match self.earlier_view {
-            EarlierView::StoredCopy => self.stored_scenes.latest_at(self.earlier_frames?),
-            EarlierView::BornByThen => None,
-        }
+        self.stored_scenes.latest_at(self.earlier_frames?)
     }
 
     /// Returns to the current scene, since edits apply to its splats.
@@ -93,18 +79,11 @@ impl Editor {
         }
     }
 
-    /// Latest birth frame shown, as a position in the run; `None` shows all births.
-    pub fn born_until(&self) -> Option<u32> {
-        let until = |n_frames: usize| n_frames.saturating_sub(1) as u32;
-        self.earlier_frames.filter(|_| self.displayed_past().is_none()).map(until)
-    }
-
     /// Applies the current edits to the visible splats; returns the change for painters, if any.
     pub fn update_visible(&mut self, palette: &Palette) -> Option<SplatChange> {
-        let past = self.displayed_past().cloned();
-        let (edits, born_until) = (self.edits().clone(), self.born_until());
-        let rules = VisibilityRules { edits, born_until, past: past.clone() };
-        let change = self.visible.set_rules(rules, parts(palette, past.as_ref()));
+        let rules =
+            VisibilityRules { edits: self.edits().clone(), past: self.displayed_past().cloned() };
+        let change = self.visible.set_rules(rules, palette.splats());
         self.revision += u64::from(change.is_some());
         change
     }
@@ -239,22 +218,12 @@ impl Editor {
                 continue;
             }
             let mark = edits.mark(slot, splat);
-            let known = palette.attributes().get(slot as usize);
             counts.all += 1;
             counts.selected += usize::from(mark == Some(Mark::Selected));
             counts.hidden += usize::from(mark == Some(Mark::Hidden));
             counts.deleted += usize::from(mark == Some(Mark::Deleted));
             counts.left_out += usize::from(!edits.is_exported(slot, splat));
-            counts.unknown_birth += usize::from(known.is_none_or(|known| known.birth.is_none()));
         }
         counts
-    }
-}
-
-fn parts<'a>(palette: &'a Palette, past: Option<&'a PastScene>) -> SceneParts<'a> {
-    match past {
-        // Attributes describe the current splats, not earlier ones.
-        Some(past) => SceneParts { colored: &past.splats, known: &[] },
-        None => SceneParts { colored: palette.splats(), known: palette.attributes() },
     }
 }

@@ -3,7 +3,7 @@
 use super::card::{SLIDER, choices, command_button, named, section, weak};
 use super::signal_color::format_number;
 use crate::app::command::UiCommand;
-use crate::app::edit::editor::{EarlierView, EditCounts, Editor};
+use crate::app::edit::editor::{EditCounts, Editor};
 use crate::app::edit::marks::SelectCriterion;
 use crate::app::palette::Palette;
 use crate::app::state::{Opened, Snapshot};
@@ -41,7 +41,7 @@ pub fn ui(
         section("Hidden and deleted", ui);
         hidden_and_deleted(editor, &counts, &mut asked, ui);
         section("Earlier frames", ui);
-        walk_back(view, counts.unknown_birth, snapshot, ui);
+        walk_back(view, snapshot, ui);
     });
     asked
 }
@@ -155,37 +155,20 @@ fn hidden_and_deleted(
     weak(ui, "The model, its checkpoints and its quality figures include all splats.");
 }
 
-/// Draws the controls; `n_unborn` is the number of splats with unknown birth frame.
-fn walk_back(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mut Ui) {
-    let last = snapshot.n_seen();
-    let (editor, palette) = view.editor_and_palette();
-    let knows_births = palette.attributes().iter().any(|known| known.birth.is_some());
-    let is_kept = !editor.stored_scenes.moments().is_empty();
-    if last == 0 || !knows_births && !is_kept {
+fn walk_back(view: &mut SceneView, snapshot: &Snapshot, ui: &mut Ui) {
+    let editor = view.editor_and_palette().0;
+    if editor.stored_scenes.moments().is_empty() {
         editor.earlier_frames = None;
         weak(ui, "Available for scenes trained since they were opened.");
-        return;
+    } else {
+        // A copy may be newer than the snapshot of this pass.
+        slider(editor, snapshot.n_seen().max(1), ui);
+        weak(ui, &describe_display(editor));
+        weak(ui, "This does not affect saving or exporting.");
     }
-    ui.horizontal_wrapped(|ui| {
-        choices(&mut editor.earlier_view, &VIEW_CHOICES, ui);
-    });
-    slider(editor, last, ui);
-    weak(ui, &describe_display(editor));
-    if editor.born_until().is_some() && n_unborn > 0 {
-        weak(ui, &format!("{n_unborn} splats with unknown birth frame are always shown."));
-    }
-    weak(ui, "This does not affect saving or exporting.");
+    // Drawn in either case: with a limit of 0 there are no copies, and the user may raise it again.
     budget(view, ui);
 }
-
-const VIEW_CHOICES: [(EarlierView, &str, &str); 2] = [
-    (EarlierView::StoredCopy, "As it was", "Shows a stored copy of the scene after that frame"),
-    (
-        EarlierView::BornByThen,
-        "By birth, as it is now",
-        "Shows the current splats that were created up to that frame, in their current state",
-    ),
-];
 
 fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
     ui.spacing_mut().slider_width = SLIDER;
@@ -204,20 +187,15 @@ fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
 
 fn describe_display(editor: &Editor) -> String {
     let Some(asked) = editor.earlier_frames else { return "Showing the current scene.".to_owned() };
-    match (editor.earlier_view, editor.displayed_past()) {
-        (_, Some(past)) if past.n_frames == asked => format!(
+    match editor.displayed_past() {
+        Some(past) if past.n_frames == asked => format!(
             "Showing the scene after frame {asked}, in its learned colours. Figures refer to the current scene."
         ),
-        (_, Some(past)) => format!(
+        Some(past) => format!(
             "Showing the scene after frame {}, the latest copy up to frame {asked}, in its learned colours. Figures refer to the current scene.",
             past.n_frames
         ),
-        (EarlierView::StoredCopy, None) => format!(
-            "No copy exists up to frame {asked}: showing the current splats created by then."
-        ),
-        (EarlierView::BornByThen, None) => {
-            format!("Showing the current splats created up to frame {asked}.")
-        }
+        None => format!("No copy exists up to frame {asked}: showing the current scene."),
     }
 }
 

@@ -282,10 +282,10 @@ impl SceneView {
     }
 
     /// Attribute that the worker delivers with components: the displayed one, else evidence if a panel
-    /// or the birth filter needs attributes.
+    /// needs attributes.
     fn watched_attribute(&self) -> Option<Attribute> {
-        let is_asked = self.editor.needs_attributes || self.editor.born_until().is_some();
-        self.settings.color_mode.attribute().or(is_asked.then_some(Attribute::Evidence))
+        let for_panels = self.editor.needs_attributes.then_some(Attribute::Evidence);
+        self.settings.color_mode.attribute().or(for_panels)
     }
 
     /// Returns the attribute to watch at the end of a pass.
