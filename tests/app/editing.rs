@@ -7,7 +7,7 @@ use super::harness::{
 use super::viewer::{choose, press};
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Rect, pos2};
+use eframe::egui::{Key, Modifiers, PointerButton, Pos2, Rect, pos2};
 use egui_kittest::kittest::Queryable;
 use std::path::Path;
 use vbgs_studio::app::Painting;
@@ -138,52 +138,12 @@ fn exports_lack_what_was_deleted_or_cropped_and_the_model_keeps_it() {
     assert_eq!(exported(&mut window, &file("again")).0, all, "undo restores every splat");
 }
 
-/// Returns the `n`-th slider of the open panel.
-fn slider(window: &mut Window, n: usize) -> Rect {
+/// Returns the slider of the open panel.
+fn slider(window: &mut Window) -> Rect {
     window.run_steps(2);
-    let sliders = window.query_all_by_role(Role::Slider).map(|slider| slider.rect());
+    let mut sliders = window.query_all_by_role(Role::Slider).map(|slider| slider.rect());
     // Excludes the detail slider in the toolbar above.
-    sliders.filter(|rect| rect.top() > 100.0).nth(n).unwrap()
-}
-
-#[test]
-fn one_slider_selects_by_evidence_while_it_moves_and_is_one_step() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    let room = dataset(folder.path(), 3);
-    let Some(mut window) = trained(&room, Painting::Auto) else { return };
-    click(&mut window, "Edit");
-    wait(&mut window, "what is known", |s| !s.view().attributes().is_empty());
-    for doubt in ["Evidence below", "Uncertainty above"] {
-        click(&mut window, doubt);
-        let at = slider(&mut window, 0);
-        let place = |share: f32| at.left_center().lerp(at.right_center(), share);
-        window.event(Event::PointerMoved(place(0.3)));
-        window.step();
-        let press = |pressed| Event::PointerButton {
-            pos: place(0.3),
-            button: PointerButton::Primary,
-            pressed,
-            modifiers: Modifiers::NONE,
-        };
-        window.event(press(true));
-        window.step();
-        let mut selected = Vec::new();
-        for i in 0..=4 {
-            window.event(Event::PointerMoved(place(0.3 + 0.1 * i as f32)));
-            window.run_steps(2);
-            selected.push(edits(&window).count(Mark::Selected));
-        }
-        window.event(press(false));
-        window.run_steps(2);
-        assert!(selected.iter().any(|n| *n != selected[0]), "{doubt}: {selected:?}");
-        let last = edits(&window).count(Mark::Selected);
-        let all = window.state().snapshot().used;
-        assert!(last > 0 && last < all, "{doubt}: {last} of {all}");
-        window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
-        window.run_steps(2);
-        assert!(edits(&window).count(Mark::Selected) == 0, "the whole drag is one step");
-    }
+    sliders.find(|rect| rect.top() > 100.0).unwrap()
 }
 
 #[test]
@@ -233,7 +193,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         }
         wait(&mut window, "more splats", move |s| s.n_drawn() > drawn);
         assert!(settled(&mut window) != first, "the scene has grown");
-        let at = slider(&mut window, 1);
+        let at = slider(&mut window);
         drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
         wait(&mut window, "the past", move |s| s.n_drawn() == drawn);
         window.get_by_label("Scene after frame 1 of 6 (Edit)");
@@ -247,7 +207,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         assert!(settled(&mut window) == first, "what is trained is not shown");
         window.get_by_label("Back to now").click_accesskit();
         wait(&mut window, "the scene of now", move |s| s.n_drawn() > drawn);
-        let at = slider(&mut window, 1);
+        let at = slider(&mut window);
         drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
         wait(&mut window, "the past again", move |s| s.n_drawn() == drawn);
         press(&mut window, Key::B);

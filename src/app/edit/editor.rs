@@ -1,6 +1,6 @@
 //! Edits of the open scene and the state of the editing tools.
 
-use super::marks::{EditLog, Edits, LeftOut, Mark, SelectCriterion, SelectMode};
+use super::marks::{EditLog, Edits, LeftOut, Mark, SelectMode};
 use super::past::{PastScene, PastScenes};
 use super::visible::{VisibilityRules, VisibleSplats};
 use crate::app::command::UiCommand;
@@ -31,14 +31,13 @@ pub struct Editor {
     visible: VisibleSplats,
     /// True while dragging over the viewport selects splats.
     pub is_box_selecting: bool,
-    pub criterion: SelectCriterion,
-    /// Value of the threshold slider; `None` until it is moved.
-    pub threshold: Option<f64>,
     /// Number of frames seen by the scene on display; `None` shows the current scene.
     pub earlier_frames: Option<usize>,
     pub stored_scenes: PastScenes,
     /// True if a panel needs component attributes; set in every pass that needs them.
     pub needs_attributes: bool,
+    /// True if the viewport shows the crop box and its handles; set in every pass that draws their panel.
+    pub shows_crop: bool,
     /// Incremented by every change of splats or edits; invalidates cached results.
     revision: u64,
     counted: Option<(u64, EditCounts)>,
@@ -105,23 +104,18 @@ impl Editor {
         }
     }
 
+    /// Combines the displayed splats in these slots with the selection.
     pub fn select(
         &mut self,
         slots: impl IntoIterator<Item = u32>,
         palette: &Palette,
         how: SelectMode,
     ) {
-        let next = self.with_displayed(slots, palette, how);
+        let shown = self.displayed_splats(palette);
+        let is_shown = |slot: &u32| shown.get(*slot as usize).is_some_and(Splat::is_drawable);
+        let slots = slots.into_iter().filter(is_shown);
+        let next = self.edits().with_selection(slots, palette.learned(), how);
         self.log.step(next);
-    }
-
-    /// Selects the splats that meet the threshold; one undo step while the slider is dragged.
-    pub fn select_by_threshold(&mut self, threshold: f64, palette: &Palette) {
-        self.return_to_current();
-        self.threshold = Some(threshold);
-        let slots = self.criterion.slots(threshold, palette.learned(), palette.attributes());
-        let next = self.with_displayed(slots, palette, SelectMode::Replace);
-        self.log.drag(next);
     }
 
     pub fn invert(&mut self, palette: &Palette) {
@@ -129,17 +123,6 @@ impl Editor {
         let (edits, all) = (self.edits().clone(), (0..).zip(palette.learned().iter()));
         let others = all.filter(|(slot, splat)| edits.mark(*slot, splat) != Some(Mark::Selected));
         self.select(others.map(|(slot, _)| slot), palette, SelectMode::Replace);
-    }
-
-    fn with_displayed(
-        &self,
-        slots: impl IntoIterator<Item = u32>,
-        palette: &Palette,
-        how: SelectMode,
-    ) -> Edits {
-        let shown = self.displayed_splats(palette);
-        let is_shown = |slot: &u32| shown.get(*slot as usize).is_some_and(Splat::is_drawable);
-        self.edits().with_selection(slots.into_iter().filter(is_shown), palette.learned(), how)
     }
 
     /// Reason why an edit command would change nothing; `None` for other commands.

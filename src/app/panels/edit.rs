@@ -1,11 +1,8 @@
 //! Panel of edits: selection, crop box, hidden and deleted splats, earlier frames.
 
-use super::card::{SLIDER, choices, command_button, named, section, weak};
-use super::signal_color::format_number;
+use super::card::{SLIDER, command_button, named, section, weak};
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::{EditCounts, Editor};
-use crate::app::edit::marks::SelectCriterion;
-use crate::app::palette::Palette;
 use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::SceneView;
 use crate::app::viewer::settings::MAX_PAST_MB;
@@ -20,12 +17,10 @@ pub fn ui(
     let mut asked = None;
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         let (editor, palette) = view.editor_and_palette();
-        editor.needs_attributes = true;
+        editor.shows_crop = true;
         let counts = editor.counts(palette);
         commands(editor, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo], &mut asked, ui);
         weak(ui, "Drag a box in the viewport to select splats, including occluded ones. Shift adds, Ctrl removes; the right button still pans.");
-        section("Select by threshold", ui);
-        threshold(editor, palette, ui);
         section("Selected", ui);
         ui.label(format!("{} of {} splats", counts.selected, counts.all));
         let of_selection = [UiCommand::HideSelected, UiCommand::DeleteSelected, UiCommand::Deselect];
@@ -61,36 +56,6 @@ fn button(editor: &Editor, command: UiCommand, asked: &mut Option<UiCommand>, ui
     if command_button(command, is_on, why_not, ui) {
         *asked = Some(command);
     }
-}
-
-fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
-    ui.horizontal_wrapped(|ui| {
-        let all = SelectCriterion::ALL.map(|criterion| (criterion, criterion.label(), ""));
-        if choices(&mut editor.criterion, &all, ui) {
-            editor.threshold = None;
-        }
-    });
-    let criterion = editor.criterion;
-    let Some([low, high]) = criterion.range(palette.attributes()) else {
-        weak(ui, "Not available for the open file: it needs a trained scene or a checkpoint.");
-        return;
-    };
-    let start = match criterion {
-        SelectCriterion::LowEvidence => low,
-        SelectCriterion::HighUncertainty => high,
-    };
-    ui.spacing_mut().slider_width = SLIDER;
-    let mut value = editor.threshold.unwrap_or(start).clamp(low, high);
-    let slider = Slider::new(&mut value, low..=high)
-        .logarithmic(true)
-        .custom_formatter(|value, _| format_number(value))
-        .suffix(format!(" {}", criterion.attribute().unit()));
-    let slider = named(ui.add(slider), "Select by threshold")
-        .on_hover_text("Splats beyond the threshold are selected while the slider moves");
-    if slider.changed() {
-        editor.select_by_threshold(value, palette);
-    }
-    end_step(editor, &slider);
 }
 
 /// Ends the undo step when a control is released: a whole drag is one step.

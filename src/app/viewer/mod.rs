@@ -292,7 +292,7 @@ impl SceneView {
     pub fn take_watched_attribute(&mut self) -> Option<Attribute> {
         let watched = self.watched_attribute();
         // Panels renew their requests in the next pass.
-        self.editor.needs_attributes = false;
+        (self.editor.needs_attributes, self.editor.shows_crop) = (false, false);
         watched
     }
 
