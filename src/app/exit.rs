@@ -25,27 +25,11 @@ pub struct Handover {
 /// after a panic.
 #[derive(Clone, Default)]
 pub struct Exit {
-    reason: Arc<Mailbox<ExitReason>>,
-    handover: Arc<Mailbox<Option<Handover>>>,
+    pub reason: Arc<Mailbox<ExitReason>>,
+    pub handover: Arc<Mailbox<Option<Handover>>>,
 }
 
 impl Exit {
-    pub fn set_reason(&self, why: ExitReason) {
-        self.reason.set(why);
-    }
-
-    pub fn reason(&self) -> ExitReason {
-        self.reason.get()
-    }
-
-    pub fn hand_over(&self, handover: Handover) {
-        self.handover.set(Some(handover));
-    }
-
-    pub fn take_handover(&self) -> Option<Handover> {
-        self.handover.take()
-    }
-
     /// Creates the record of the next window with the stored state and no reason.
     pub fn for_next_window(&self) -> Self {
         Self { reason: Arc::default(), handover: self.handover.clone() }

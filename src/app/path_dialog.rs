@@ -24,8 +24,9 @@ fn at_home(path: &Path, home: Option<PathBuf>) -> PathBuf {
     }
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Purpose {
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+pub enum Purpose {
+    #[default]
     Open,
     Compare,
     Save,
@@ -85,6 +86,7 @@ pub enum PathAnswer {
     Cancelled,
 }
 
+#[derive(Default)]
 pub struct PathDialog {
     purpose: Purpose,
     is_open: bool,
@@ -106,40 +108,8 @@ pub struct PathDialog {
 }
 
 impl PathDialog {
-    pub fn open() -> Self {
-        Self::new(Purpose::Open)
-    }
-
-    pub fn compare() -> Self {
-        Self::new(Purpose::Compare)
-    }
-
-    pub fn save() -> Self {
-        Self::new(Purpose::Save)
-    }
-
-    pub fn export() -> Self {
-        Self::new(Purpose::Export)
-    }
-
-    pub fn film() -> Self {
-        Self::new(Purpose::Film)
-    }
-
-    fn new(purpose: Purpose) -> Self {
-        Self {
-            purpose,
-            is_open: false,
-            path: String::new(),
-            proposed_for: 0,
-            native: None,
-            no_native: false,
-            approved: None,
-            checking: None,
-            replacing: None,
-            problem: None,
-            takes_focus: false,
-        }
+    pub fn new(purpose: Purpose) -> Self {
+        Self { purpose, ..Self::default() }
     }
 
     pub fn is_open(&self) -> bool {

@@ -1,9 +1,10 @@
 //! Mailbox of changed splats from the trainer to the viewport. Neither waits: the trainer adds updates
 //! only after the last one was taken, and the viewport takes what is available.
 
+use super::mailbox::Mailbox;
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// Change of splats. Threads of the window share it without copying it.
 #[derive(Clone, Debug)]
@@ -43,29 +44,25 @@ impl From<SplatChange> for SplatUpdate {
 }
 
 #[derive(Debug, Default)]
-pub struct SplatUpdates(Mutex<Vec<SplatUpdate>>);
+pub struct SplatUpdates(Mailbox<Vec<SplatUpdate>>);
 
 impl SplatUpdates {
-    fn lock(&self) -> MutexGuard<'_, Vec<SplatUpdate>> {
-        // A panic during a push or take leaves the list valid.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     pub fn is_empty(&self) -> bool {
-        self.lock().is_empty()
+        self.0.with(|waiting| waiting.is_empty())
     }
 
     /// Adds an update; a replacement of all splats drops the updates before it.
     pub fn push(&self, update: SplatUpdate) {
-        let mut waiting = self.lock();
-        if matches!(update.change, SplatChange::All(_)) {
-            waiting.clear();
-        }
-        waiting.push(update);
+        self.0.with(|waiting| {
+            if matches!(update.change, SplatChange::All(_)) {
+                waiting.clear();
+            }
+            waiting.push(update);
+        });
     }
 
     pub fn take(&self) -> Vec<SplatUpdate> {
-        std::mem::take(&mut *self.lock())
+        self.0.take()
     }
 }
 

@@ -169,7 +169,7 @@ impl Host {
         ended?;
         // For the next window everything is open; it lacks only the splats.
         *first = vec![WorkerOrder::Deliver];
-        Ok(exit.reason())
+        Ok(exit.reason.get())
     }
 }
 
@@ -264,7 +264,7 @@ pub fn run_guarded(
         Ok(ended) => ended,
         // The device cannot be polled here: it was dropped with the window, which polled it last
         // (`Studio::drop`).
-        Err(_) if exit.reason() == ExitReason::DeviceLost => Ok(()),
+        Err(_) if exit.reason.get() == ExitReason::DeviceLost => Ok(()),
         Err(payload) => Err(WindowError::Crashed(Box::new(Crash {
             thread: CrashedThread::Window,
             panic: PanicReport::of(&*payload),

@@ -113,7 +113,7 @@ fn a_panic_after_the_device_was_lost_is_the_devices_loss() {
     device.destroy();
     let ended = panic_in(window, &worker, &exit);
     assert!(ended.is_ok(), "{ended:?}");
-    assert_eq!(exit.reason(), ExitReason::DeviceLost);
+    assert_eq!(exit.reason.get(), ExitReason::DeviceLost);
     assert!(worker.crash().is_none());
     assert!(!folder.path().join("autosave").exists(), "training goes on");
     assert_eq!(worker.snapshot().unsaved_frames, 3, "in the next window");

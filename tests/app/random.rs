@@ -379,7 +379,7 @@ fn a_device_may_be_lost_at_any_moment() {
         }
         device.destroy();
         let started = Instant::now();
-        while exit.reason() != ExitReason::DeviceLost {
+        while exit.reason.get() != ExitReason::DeviceLost {
             assert!(
                 started.elapsed() < PATIENCE,
                 "round {round}: loss not detected after {inputs:?}"

@@ -102,7 +102,13 @@ impl Studio {
         // Orders go first, so that the trainer works while the GPU is initialised.
         let StoredSettings { view, training, recent, layout, problems } =
             StoredSettings::read(|part| context.storage?.get_string(part));
-        give_first_orders(&worker, &training, first, problems);
+        // Settings before everything else, since they apply to datasets opened after them.
+        worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
+        let warn = |problem| WorkerOrder::Report(NoticeKind::Warning, problem);
+        first
+            .into_iter()
+            .chain(problems.into_iter().map(warn))
+            .for_each(|order| worker.send(order));
         strengthen_weak_text(&context.egui_ctx);
         let waker = WindowWaker::of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
@@ -113,7 +119,7 @@ impl Studio {
         // The previous window may have requested another attribute.
         worker.send(WorkerOrder::Watch(None));
         let mut film = FilmTools::default();
-        if let Some(Handover { view: kept, path }) = shell.exit.take_handover() {
+        if let Some(Handover { view: kept, path }) = shell.exit.handover.take() {
             view.restore_retained_state(kept);
             film = FilmTools::new(path);
         }
@@ -156,7 +162,7 @@ impl Studio {
 
     /// Closes the window but not the run.
     fn close_window(&mut self, why: ExitReason) {
-        self.shell.exit.set_reason(why);
+        self.shell.exit.reason.set(why);
         // No confirmation: unsaved training continues in the next window.
         self.unsaved.close(&self.shell.egui);
     }
@@ -172,7 +178,8 @@ impl Studio {
         }
         let mut path = std::mem::take(&mut self.film.path);
         path.is_playing = false;
-        self.shell.exit.hand_over(Handover { view: self.view.take_retained_state(), path });
+        let handover = Handover { view: self.view.take_retained_state(), path };
+        self.shell.exit.handover.set(Some(handover));
     }
 
     /// Draws everything except dialogs.
@@ -295,7 +302,7 @@ impl Studio {
 impl Drop for Studio {
     fn drop(&mut self) {
         self.shell.record_lost_device();
-        if self.shell.exit.reason() != ExitReason::Closed {
+        if self.shell.exit.reason.get() != ExitReason::Closed {
             self.hand_over();
         }
     }
@@ -307,7 +314,7 @@ impl eframe::App for Studio {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        let adapter = match self.shell.exit.reason() {
+        let adapter = match self.shell.exit.reason.get() {
             ExitReason::Adapter(chosen) => Some(chosen),
             ExitReason::Closed | ExitReason::DeviceLost => None,
         };
@@ -354,18 +361,4 @@ impl eframe::App for Studio {
         drop_target(ui.ctx());
         self.timing.passes.end(self.timing.started);
     }
-}
-
-/// Sends the initial settings, orders and warnings about unreadable stored settings to the worker.
-fn give_first_orders(
-    worker: &Worker,
-    training: &TrainSettings,
-    first: Vec<WorkerOrder>,
-    problems: Vec<String>,
-) {
-    // Settings go first, since they apply to datasets opened after them.
-    worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
-    first.into_iter().for_each(|order| worker.send(order));
-    let warn = |problem| worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
-    problems.into_iter().for_each(warn);
 }

@@ -28,6 +28,7 @@ const CAMERAS: Duration = Duration::from_secs(2);
 /// Timeout of a poll of the starting session, after which orders are handled.
 const PATIENCE: Duration = Duration::from_millis(50);
 
+#[derive(Default)]
 pub struct Following {
     /// Recording on which no session has started.
     awaited: Option<Follow>,
@@ -36,19 +37,10 @@ pub struct Following {
     /// Time at which the frames of a recording ran out; `None` once training is at rest.
     waiting_since: Option<Instant>,
     /// Time of the last update of the cameras of a growing recording.
-    cameras_updated: Instant,
+    cameras_updated: Option<Instant>,
 }
 
 impl Following {
-    pub fn new() -> Self {
-        Self {
-            awaited: None,
-            beginning: None,
-            waiting_since: None,
-            cameras_updated: Instant::now(),
-        }
-    }
-
     /// Awaits a recording; `None` ends that for another subject.
     pub fn await_recording(&mut self, follow: Option<Follow>) {
         (self.awaited, self.beginning, self.waiting_since) = (follow, None, None);
@@ -134,7 +126,7 @@ impl Following {
         let has_ended = followed.is_none() && out.snapshot.followed.is_some();
         if out.snapshot.followed != followed {
             out.snapshot.followed = followed;
-            out.mark_changed();
+            out.is_changed = true;
         }
         if has_ended && out.snapshot.follows {
             out.snapshot.follows = false;
@@ -144,7 +136,7 @@ impl Following {
             );
             out.notify(NoticeKind::Info, text);
         }
-        if has_ended || self.cameras_updated.elapsed() > CAMERAS {
+        if has_ended || self.cameras_updated.is_none_or(|at| at.elapsed() > CAMERAS) {
             self.update_cameras(run, out);
         }
         self.publish_at_rest(is_waiting && out.snapshot.followed.is_some(), run, out);
@@ -166,9 +158,9 @@ impl Following {
             let plan = Some(Arc::new(session.plan().clone()));
             let opened = Opened { dataset, plan, info, ..Opened::clone(opened) };
             out.snapshot.opened = Some(Arc::new(opened));
-            out.mark_changed();
+            out.is_changed = true;
         }
-        self.cameras_updated = Instant::now();
+        self.cameras_updated = Some(Instant::now());
     }
 
     /// Publishes changes deferred until training rests (see [`Outbox::mark_visibility`]), once per rest.
@@ -180,7 +172,7 @@ impl Following {
                 run.reset_frame_rate();
                 out.snapshot.frames_per_s = 0.0;
                 out.mark_visibility(run);
-                out.mark_changed();
+                out.is_changed = true;
             }
             Some(_) | None => {}
         }

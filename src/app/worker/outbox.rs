@@ -7,7 +7,7 @@ use crate::app::state::{HISTORY, Notice, NoticeKind, NoticeTopic, RunState, Snap
 use crate::pipeline::job::Waker;
 use crate::train::learner::{Changed, Learner};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 const MAX_NOTICES: usize = 50;
 
@@ -18,8 +18,9 @@ pub struct Outbox {
     published: Instant,
     dirty: Dirty,
     /// True if the snapshot differs from the published one.
-    is_changed: bool,
-    next_serial: u64,
+    pub is_changed: bool,
+    /// Serial of the next notice or opened subject.
+    pub next_serial: u64,
 }
 
 impl Outbox {
@@ -39,26 +40,9 @@ impl Outbox {
         (self.waker)();
     }
 
-    pub fn mark_changed(&mut self) {
-        self.is_changed = true;
-    }
-
-    pub fn is_changed(&self) -> bool {
-        self.is_changed
-    }
-
     /// True if something waits for its publication.
     pub fn has_news(&self) -> bool {
         self.is_changed || !self.dirty.is_empty()
-    }
-
-    pub fn serial(&self) -> u64 {
-        self.next_serial
-    }
-
-    /// Ends the use of the current serial, by an opened subject.
-    pub fn advance_serial(&mut self) {
-        self.next_serial += 1;
     }
 
     pub fn notify(&mut self, kind: NoticeKind, text: String) {
@@ -113,10 +97,6 @@ impl Outbox {
             self.snapshot.unread_since = is_unread.then(Instant::now);
             self.is_changed = true;
         }
-    }
-
-    pub fn interval(&self) -> Duration {
-        self.shared.interval()
     }
 
     /// Publishes to the window, at most once per interval unless `at_once`. Changed splats are
@@ -263,6 +243,7 @@ mod tests {
     use crate::app::worker::{Worker, WorkerOrder};
     use crate::dataset::synthetic::SyntheticParams;
     use crate::dataset::synthetic::write::{SyntheticLayout, write};
+    use std::time::Duration;
 
     /// Timeout of training all frames.
     const PATIENCE: Duration = Duration::from_secs(120);

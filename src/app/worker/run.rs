@@ -26,27 +26,19 @@ pub struct FrameSampling {
 
 #[derive(Default)]
 pub struct Run {
-    subject: Option<Subject>,
-    calibration: Option<Arc<GivenCalibration>>,
+    pub subject: Option<Subject>,
+    pub calibration: Option<Arc<GivenCalibration>>,
     content: Option<Content>,
     /// Attribute by which the viewport colours components.
-    watched: Option<Attribute>,
+    pub watched: Option<Attribute>,
     /// Component that snapshots inspect.
-    inspecting: Option<u32>,
-    sampling: Option<Job<FrameSampling>>,
+    pub inspecting: Option<u32>,
+    pub sampling: Option<Job<FrameSampling>>,
     /// End times of recent frames, for the frame rate.
     ends: VecDeque<Instant>,
 }
 
 impl Run {
-    pub fn subject(&self) -> Option<&Subject> {
-        self.subject.as_ref()
-    }
-
-    pub fn calibration(&self) -> Option<&Arc<GivenCalibration>> {
-        self.calibration.as_ref()
-    }
-
     pub fn session(&self) -> Option<&Session> {
         match &self.content {
             Some(Content::Session(session)) => Some(session),
@@ -98,10 +90,6 @@ impl Run {
         }
     }
 
-    pub fn watched(&self) -> Option<Attribute> {
-        self.watched
-    }
-
     pub fn watch(&mut self, attribute: Option<Attribute>) {
         self.watched = attribute;
         let Some(session) = self.session_mut() else { return };
@@ -109,10 +97,6 @@ impl Run {
             Some(Attribute::Elbo) => session.start_component_elbo(),
             _ => session.stop_component_elbo(),
         }
-    }
-
-    pub fn set_inspected(&mut self, id: Option<u32>) {
-        self.inspecting = id;
     }
 
     pub fn inspect(&self) -> Option<Arc<Inspected>> {
@@ -141,10 +125,6 @@ impl Run {
 
     pub fn reset_frame_rate(&mut self) {
         self.ends.clear();
-    }
-
-    pub fn is_sampling(&self) -> bool {
-        self.sampling.is_some()
     }
 
     pub fn start_sampling(&mut self) {

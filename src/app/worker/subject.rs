@@ -80,7 +80,7 @@ impl WorkerThread {
                 self.await_recording(*follow, calibration, subject);
             }
             Found::Whole(opened) => {
-                self.outbox.advance_serial();
+                self.outbox.next_serial += 1;
                 self.run.set_subject(subject, calibration);
                 self.install_subject(*opened);
                 let opened = self.outbox.snapshot.opened.clone();
@@ -126,7 +126,7 @@ impl WorkerThread {
         let mut training = self.training.clone();
         // Into the copy, because settings outlive the dataset of the calibration.
         training.scene.calibration = calibration.map(|c| c.calibration.clone());
-        let (follows, serial) = (self.outbox.snapshot.follows, self.outbox.serial());
+        let (follows, serial) = (self.outbox.snapshot.follows, self.outbox.next_serial);
         let read = subject.clone();
         let path = match subject {
             Subject::Path(path) => Some(path.as_path()),
@@ -164,7 +164,7 @@ impl WorkerThread {
         self.outbox.forget_notices(NoticeTopic::Subject);
         self.outbox.reset_snapshot();
         self.outbox.snapshot.opened = Some(Arc::new(opened.opened));
-        self.outbox.snapshot.calibration = self.run.calibration().cloned();
+        self.outbox.snapshot.calibration = self.run.calibration.clone();
         self.following.await_recording(None);
         self.files.discard();
         self.outbox.replace_splats(SplatChange::all(opened.splats));
@@ -173,7 +173,7 @@ impl WorkerThread {
         self.run.set_content(Some(opened.content));
         self.run.start_sampling();
         // The splats above were sent without attributes; these follow if the viewport needs them.
-        self.watch(self.run.watched());
+        self.watch(self.run.watched);
         for (kind, text) in opened.notices {
             self.outbox.notify_of(NoticeTopic::Subject, kind, text);
         }
@@ -181,7 +181,7 @@ impl WorkerThread {
     }
 
     fn show_content(&mut self, content: &Content) {
-        let is_demo = self.run.subject() == Some(&Subject::Demo);
+        let is_demo = self.run.subject == Some(Subject::Demo);
         let snapshot = &mut self.outbox.snapshot;
         match content {
             Content::Session(session) => {
@@ -210,8 +210,8 @@ impl WorkerThread {
 
     /// Reopens the subject with its calibration and the current settings, which thus take effect.
     pub(super) fn reset(&mut self) {
-        if let Some(subject) = self.run.subject().cloned() {
-            self.open_with(self.run.calibration().cloned(), subject);
+        if let Some(subject) = self.run.subject.clone() {
+            self.open_with(self.run.calibration.clone(), subject);
         }
     }
 
@@ -236,7 +236,7 @@ impl WorkerThread {
 
     /// Subject to which a calibration applies, or the reason why there is none.
     fn calibratable(&self) -> Result<Subject, &'static str> {
-        match self.run.subject() {
+        match &self.run.subject {
             None => Err("a calibration applies to a dataset: open the dataset first"),
             Some(Subject::Path(open)) if open.is_file() => {
                 Err("a calibration applies to a dataset but a file is open: open its dataset first")
@@ -267,7 +267,7 @@ impl WorkerThread {
     fn try_resume(&mut self, run: &AbandonedRun) -> Result<(), String> {
         let slot = AutosaveSlot::lock_existing(&run.slot).map_err(|error| error.to_string())?;
         let slot = slot.ok_or("another window has resumed it")?;
-        let (file, serial) = (run.file.clone(), self.outbox.serial());
+        let (file, serial) = (run.file.clone(), self.outbox.next_serial);
         let opened = self.while_loading(|worker| {
             // The drive of the dataset may have been disconnected.
             let read = worker.read_cancellable(Some(&run.dataset), move || {
@@ -276,7 +276,7 @@ impl WorkerThread {
             Ok(read??)
         });
         let opened = opened.map_err(|refusal| refusal.text)?;
-        self.outbox.advance_serial();
+        self.outbox.next_serial += 1;
         let calibration = match &opened.content {
             Content::Session(session) => {
                 let method = &session.config().method;

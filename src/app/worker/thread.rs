@@ -54,7 +54,7 @@ impl WorkerThread {
             training: TrainSettings::default(),
             run: Run::default(),
             files: Files::new(folders),
-            following: Following::new(),
+            following: Following::default(),
             has_pending_step: false,
         }
     }
@@ -102,8 +102,8 @@ impl WorkerThread {
     /// Time until something may be due without an order; `None` if nothing can be.
     fn idle_timeout(&self) -> Option<Duration> {
         // Retries the delivery of pending splats.
-        if self.outbox.has_news() || self.run.is_sampling() {
-            return Some(self.outbox.interval());
+        if self.outbox.has_news() || self.run.sampling.is_some() {
+            return Some(self.shared.interval());
         }
         let saves = self.training.autosave_s.is_some();
         let is_pending =
@@ -116,7 +116,7 @@ impl WorkerThread {
         let acted = order.is_some();
         match order {
             Some(order) => {
-                self.outbox.mark_changed();
+                self.outbox.is_changed = true;
                 self.apply(order);
             }
             None if self.has_pending_step => self.step_once(),
@@ -133,7 +133,7 @@ impl WorkerThread {
         self.autosave();
         self.take_sampling();
         // The first frame is shown at once.
-        let is_first = self.outbox.snapshot.frames_done == 1 && self.outbox.is_changed();
+        let is_first = self.outbox.snapshot.frames_done == 1 && self.outbox.is_changed;
         self.outbox.publish(&self.run, acted || is_first);
     }
 
@@ -190,7 +190,7 @@ impl WorkerThread {
             }
             WorkerOrder::ForgetReports => self.outbox.forget_notices(NoticeTopic::Window),
             WorkerOrder::Watch(attribute) => self.watch(attribute),
-            WorkerOrder::Inspect(id) => self.run.set_inspected(id),
+            WorkerOrder::Inspect(id) => self.run.inspecting = id,
             WorkerOrder::Deliver => self.outbox.deliver_all(&self.run),
         }
     }

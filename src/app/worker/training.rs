@@ -122,13 +122,13 @@ impl WorkerThread {
         if snapshot.skipped.len() != session.skipped().len() {
             snapshot.skipped = Arc::new(session.skipped().to_vec());
         }
-        self.outbox.mark_changed();
+        self.outbox.is_changed = true;
     }
 
     /// Publishes the result of sampling the frames, once.
     pub(super) fn take_sampling(&mut self) {
         let Some(sampling) = self.run.take_sampling() else { return };
-        self.outbox.mark_changed();
+        self.outbox.is_changed = true;
         let sampling = match sampling {
             Ok(sampling) => sampling,
             Err(text) => return self.outbox.notify(NoticeKind::Warning, text),
@@ -146,14 +146,14 @@ impl WorkerThread {
         if !follows {
             return self.following.stop(&mut self.run, &mut self.outbox);
         }
-        let (state, subject) = (self.outbox.snapshot.state, self.run.subject().cloned());
+        let (state, subject) = (self.outbox.snapshot.state, self.run.subject.clone());
         let Some(session) = self.run.session_mut() else { return };
         match subject {
             // From the first frame on: the last ones may have been half-written when they were read.
             Some(subject)
                 if state == RunState::Ready && is_read_from(session.dataset(), &subject) =>
             {
-                self.open_with(self.run.calibration().cloned(), subject);
+                self.open_with(self.run.calibration.clone(), subject);
             }
             _ => {
                 if session.follow(None) && state == RunState::Finished {
@@ -167,12 +167,12 @@ impl WorkerThread {
     /// Starts a session on the first frames of the awaited recording, if they exist.
     pub(super) fn poll_awaited_recording(&mut self) {
         let mut training = self.training.clone();
-        let calibration = self.run.calibration();
+        let calibration = self.run.calibration.as_ref();
         training.scene.calibration = calibration.map(|given| given.calibration.clone());
-        match self.following.poll(&training, self.outbox.serial()) {
+        match self.following.poll(&training, self.outbox.next_serial) {
             Ok(None) => {}
             Ok(Some(begun)) => {
-                self.outbox.advance_serial();
+                self.outbox.next_serial += 1;
                 self.install_subject(begun);
                 // Training starts without an order, because the recording continues.
                 self.outbox.set_state(RunState::Training);
