@@ -114,6 +114,7 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
             ColorMode::Birth,
         ],
         method: Some(session.config().method.clone()),
+        calibration: None,
         is_native: session.config().method.scene().is_some(),
     };
     let splats = match session.learner().status().used {
@@ -260,6 +261,7 @@ fn view(path: &Path, scene: BareSplats, serial: u64) -> OpenedSubject {
         selection: None,
         available_modes: &[],
         method: None,
+        calibration: None,
         is_native: !is_plain(splats.view()),
     };
     OpenedSubject { splats: splats.clone(), opened, notices, content: Content::Model(splats) }

@@ -116,7 +116,7 @@ fn a_panic_after_the_device_was_lost_is_the_devices_loss() {
     assert_eq!(exit.reason.get(), ExitReason::DeviceLost);
     assert!(worker.crash().is_none());
     assert!(!folder.path().join("autosave").exists(), "training goes on");
-    assert_eq!(worker.snapshot().unsaved_frames, 3, "in the next window");
+    assert_eq!(worker.snapshot().files.unsaved_frames, 3, "in the next window");
 }
 
 #[test]

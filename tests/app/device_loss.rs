@@ -178,7 +178,7 @@ fn at_any_moment_a_lost_device_costs_a_window_and_nothing_else() {
     }
     let mut rng = Rng::new(asked("VBGS_WINDOW_SEED").unwrap_or(1), Purpose::Synthetic, 0);
     let mut run = Run::new();
-    for round in 0..asked("VBGS_WINDOW_LOSSES").unwrap_or(2 * MOMENTS.len() as u64) {
+    for round in 0..asked("VBGS_WINDOW_LOSSES").unwrap_or(MOMENTS.len() as u64) {
         let moment = MOMENTS[round as usize % MOMENTS.len()];
         let painting = [Painting::Auto, Painting::Gpu][rng.below(2)];
         let (mut window, device) = run.window(painting);

@@ -93,10 +93,10 @@ fn what_a_box_selects_is_seen_in_every_colour_and_is_hidden_and_comes_back() {
 
 /// Exports to a file; returns its number of splats and the text of the notice.
 fn exported(window: &mut Window, file: &Path) -> (usize, String) {
-    let before = window.state().snapshot().latest_write;
+    let before = window.state().snapshot().files.latest_write;
     write_to(window, Key::E, "Export", file);
     wait(window, "the file", move |s| {
-        let latest = s.snapshot().latest_write;
+        let latest = s.snapshot().files.latest_write;
         latest != before && latest.is_some_and(|write| write.is_written)
     });
     let words = window.state().snapshot().notices.last().unwrap().text.clone();
@@ -118,7 +118,7 @@ fn exports_lack_what_was_deleted_or_cropped_and_the_model_keeps_it() {
     let (without, words) = exported(&mut window, &file("without"));
     assert!(without < all, "{without} of {all}");
     assert!(words.contains(&format!("{n} splats were left out")), "{words}");
-    assert!(window.state().snapshot().used >= all, "the model must still contain all splats");
+    assert!(window.state().snapshot().model.used >= all, "the model must still contain all splats");
     click(&mut window, "Edit");
     window.get_by_label_contains("An export writes");
     // Undo restores the selection, which defines the crop box.

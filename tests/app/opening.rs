@@ -94,8 +94,13 @@ fn a_dataset_with_bad_frames_trains_on_the_others_and_counts_them() {
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
     train(&mut window);
     let snapshot = window.state().snapshot();
-    assert_eq!(snapshot.skipped.len() + snapshot.frames_done, 4, "{:?}", snapshot.skipped);
-    assert_eq!(snapshot.skipped.len(), 1);
+    assert_eq!(
+        snapshot.frames.skipped.len() + snapshot.frames_done,
+        4,
+        "{:?}",
+        snapshot.frames.skipped
+    );
+    assert_eq!(snapshot.frames.skipped.len(), 1);
     window.run_steps(2);
     window.get_by_label("1 frames skipped");
 }
@@ -114,15 +119,17 @@ fn a_dataset_that_vanishes_while_it_trains_leaves_what_was_learnt() {
     std::fs::remove_dir_all(&path).unwrap();
     window.key_press(Key::Space);
     wait(&mut window, "the end", |s| {
-        !s.snapshot().skipped.is_empty() && s.snapshot().state != RunState::Training
+        !s.snapshot().frames.skipped.is_empty() && s.snapshot().state != RunState::Training
     });
     let snapshot = window.state().snapshot();
-    assert_eq!(snapshot.skipped.len() + snapshot.frames_done, 60);
-    let reason = &snapshot.skipped.last().unwrap().message;
+    assert_eq!(snapshot.frames.skipped.len() + snapshot.frames_done, 60);
+    let reason = &snapshot.frames.skipped.last().unwrap().message;
     assert!(reason.contains(".png"), "{reason}");
     let file = folder.path().join("scene.ply");
     write_to(&mut window, Key::E, "Export", &file);
-    wait(&mut window, "the file", |s| s.snapshot().latest_write.is_some_and(|w| w.is_written));
+    wait(&mut window, "the file", |s| {
+        s.snapshot().files.latest_write.is_some_and(|w| w.is_written)
+    });
     assert!(export::read(&file).unwrap().splats.len() > 100);
 }
 

@@ -186,10 +186,10 @@ fn what_waits_is_given_up_where_no_file_was_written() {
     };
     wait(&mut window, "the message", is_told);
     window.run_steps(2);
-    assert_eq!(window.state().snapshot().unsaved_frames, 2);
+    assert_eq!(window.state().snapshot().files.unsaved_frames, 2);
 
     write_to(&mut window, Key::S, "Save", &folder.path().join("later.vbgs"));
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     window.run_steps(4);
     assert_eq!(
         (name(window.state()), window.state().snapshot().state),

@@ -36,7 +36,7 @@ fn components_become_more_in_every_colour() {
             click(&mut window, "Step");
             wait(&mut window, "a frame", |s| s.snapshot().frames_done == n);
             wait(&mut window, "splats", |s| s.n_drawn() > 0);
-            let now = window.state().snapshot().components;
+            let now = window.state().snapshot().model.components;
             assert!(now > components, "{now} components after {components}");
             components = now;
             window.get_by_label(&format!("{components} components"));
@@ -84,20 +84,20 @@ fn the_preset_is_chosen_in_settings_and_reset_trains_by_it() {
     click(&mut window, "Latency");
     click(&mut window, "Step");
     wait_for_label(&mut window, "Candidate search");
-    assert_eq!(window.state().snapshot().components, 100_000);
+    assert_eq!(window.state().snapshot().model.components, 100_000);
 
     click(&mut window, "Settings");
     click(&mut window, "Scene preset");
     click(&mut window, "Details");
     click(&mut window, "At most");
-    assert_eq!(window.state().snapshot().components, 100_000, "until the next run");
+    assert_eq!(window.state().snapshot().model.components, 100_000, "until the next run");
     click(&mut window, "Scene");
     click(&mut window, "Reset");
     click(&mut window, "Discard");
-    wait(&mut window, "a scene", |s| s.snapshot().components == 0);
+    wait(&mut window, "a scene", |s| s.snapshot().model.components == 0);
     click(&mut window, "Step");
     wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
-    let components = window.state().snapshot().components;
+    let components = window.state().snapshot().model.components;
     assert!((1..25_000).contains(&components), "{components}");
     wait_for_label(&mut window, &format!("{components} of at most 25000 components"));
     window.get_by_label("25000 components");
@@ -116,7 +116,7 @@ fn a_scene_tells_its_settings_and_is_exported_as_chosen() {
     }
     let file = folder.path().join("one.ply");
     write_to(&mut window, Key::E, "Export", &file);
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     let one = export::read(&file).unwrap().splats;
     assert!(one.iter().all(|splat| splat.opacity < 1.0));
 

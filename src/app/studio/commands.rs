@@ -42,7 +42,7 @@ impl Studio {
                 self.apply_detail(snapshot);
                 self.worker.send(WorkerOrder::Step);
             }
-            UiCommand::Follow => self.worker.send(WorkerOrder::Follow(!snapshot.follows)),
+            UiCommand::Follow => self.worker.send(WorkerOrder::Follow(!snapshot.following.is_on)),
             UiCommand::Reset => self.confirm_then_send(WorkerOrder::Reset, snapshot),
             UiCommand::Save => self.dialogs.save.show(),
             UiCommand::Export => self.dialogs.export.show(),
@@ -81,7 +81,7 @@ impl Studio {
 
     fn copy_command_line(&self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
-        let line = command_line(opened, &self.training, snapshot.calibration.as_deref());
+        let line = command_line(opened, &self.training);
         let (kind, text) = match line {
             Ok(line) => {
                 let text = format!("Copied: {line}");
@@ -116,7 +116,7 @@ impl Studio {
     pub(super) fn is_on(&self, command: UiCommand, snapshot: &Snapshot) -> bool {
         let is_open = snapshot.opened.is_some();
         match command {
-            UiCommand::Follow => snapshot.follows,
+            UiCommand::Follow => snapshot.following.is_on,
             UiCommand::AutoCamera => is_open && self.view.camera.is_guided(),
             UiCommand::Measure => self.view.overlays.is_measuring(),
             UiCommand::Cameras => self.view.settings.shows_cameras,

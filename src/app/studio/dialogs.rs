@@ -153,7 +153,7 @@ impl UnsavedWork {
     ) {
         let Some((stage, _)) = &self.pending else { return };
         match *stage {
-            Stage::Decision => match confirm_discard(ui, snapshot.unsaved_frames) {
+            Stage::Decision => match confirm_discard(ui, snapshot.files.unsaved_frames) {
                 None => {}
                 Some(Decision::Discard) => self.execute(worker, ui),
                 Some(Decision::Save) => {
@@ -168,7 +168,7 @@ impl UnsavedWork {
             },
             Stage::Name => {}
             Stage::File(number) => {
-                match snapshot.latest_write.filter(|latest| latest.number == number) {
+                match snapshot.files.latest_write.filter(|latest| latest.number == number) {
                     Some(outcome) if outcome.is_written => self.execute(worker, ui),
                     // Without the file the action would discard the training after all.
                     Some(_) => self.pending = None,

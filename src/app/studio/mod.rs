@@ -200,7 +200,9 @@ impl Studio {
             Some(BarAnswer::Retrain) => self.retrain(snapshot),
         }
         let postponed = self.panels.postponed_slot.as_ref();
-        if let Some(run) = snapshot.abandoned.as_ref().filter(|run| postponed != Some(&run.slot)) {
+        if let Some(run) =
+            snapshot.files.abandoned.as_ref().filter(|run| postponed != Some(&run.slot))
+        {
             let answer =
                 Panel::top("abandoned").frame(frame).show(ui, |ui| status::abandoned(run, ui));
             self.handle_abandoned_answer(run, answer.inner, snapshot);

@@ -159,7 +159,7 @@ impl Studio {
             };
             format!(
                 "Train on the same frames again with a structural scale of {scale}: about {} components. The view stays",
-                2 * snapshot.used
+                2 * snapshot.model.used
             )
         });
         match ready::summary(snapshot, &self.quality, forecast.as_deref(), place, ui) {

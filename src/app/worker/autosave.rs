@@ -241,7 +241,7 @@ mod tests {
 
         let run = folder.path().join("run.vbgs");
         worker.send(WorkerOrder::Save(1, run.clone()));
-        wait("the file", || worker.snapshot().latest_write.is_some_and(|w| w.is_written));
+        wait("the file", || worker.snapshot().files.latest_write.is_some_and(|w| w.is_written));
         assert!(run.is_file() && !path.exists(), "the user's file replaces the stored run");
     }
 
@@ -303,7 +303,7 @@ mod tests {
         assert!(started.file_progress().is_none(), "nothing is being written any more");
 
         started.send(export(2));
-        wait("the file", || started.snapshot().latest_write.is_some_and(|w| w.is_written));
+        wait("the file", || started.snapshot().files.latest_write.is_some_and(|w| w.is_written));
         assert!(crate::export::read(&file).is_ok(), "the scene is still there to be exported");
         let is_temporary = |name: &std::ffi::OsStr| name.to_string_lossy().ends_with(".tmp");
         let left = std::fs::read_dir(folder.path()).unwrap();

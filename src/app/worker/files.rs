@@ -129,12 +129,12 @@ pub fn write_text(path: &Path, text: &str, out: &mut Outbox) {
 
 /// Records a file as not written until it is; after a panic this remains.
 pub fn begin_write(out: &mut Outbox, number: u64) {
-    out.snapshot.latest_write = Some(WriteOutcome { number, is_written: false });
+    out.snapshot.files.latest_write = Some(WriteOutcome { number, is_written: false });
 }
 
 fn end_write(out: &mut Outbox, number: u64, text: String) {
-    out.snapshot.unsaved_frames = 0;
-    out.snapshot.latest_write = Some(WriteOutcome { number, is_written: true });
+    out.snapshot.files.unsaved_frames = 0;
+    out.snapshot.files.latest_write = Some(WriteOutcome { number, is_written: true });
     out.notify(NoticeKind::Info, text);
 }
 

@@ -48,7 +48,7 @@ impl Following {
 
     pub fn stop(&mut self, run: &mut Run, out: &mut Outbox) {
         self.await_recording(None);
-        out.snapshot.followed = None;
+        out.snapshot.following.recording = None;
         if out.snapshot.state == RunState::Waiting {
             out.set_state(RunState::Empty);
         }
@@ -123,13 +123,13 @@ impl Following {
             is_waiting,
             problem: silence.or_else(|| follow.problem().map(str::to_owned)),
         });
-        let has_ended = followed.is_none() && out.snapshot.followed.is_some();
-        if out.snapshot.followed != followed {
-            out.snapshot.followed = followed;
+        let has_ended = followed.is_none() && out.snapshot.following.recording.is_some();
+        if out.snapshot.following.recording != followed {
+            out.snapshot.following.recording = followed;
             out.is_changed = true;
         }
-        if has_ended && out.snapshot.follows {
-            out.snapshot.follows = false;
+        if has_ended && out.snapshot.following.is_on {
+            out.snapshot.following.is_on = false;
             let text = format!(
                 "The recording has ended; it has {} frames to train",
                 out.snapshot.n_frames
@@ -139,7 +139,7 @@ impl Following {
         if has_ended || self.cameras_updated.is_none_or(|at| at.elapsed() > CAMERAS) {
             self.update_cameras(run, out);
         }
-        self.publish_at_rest(is_waiting && out.snapshot.followed.is_some(), run, out);
+        self.publish_at_rest(is_waiting && out.snapshot.following.recording.is_some(), run, out);
     }
 
     /// Warning about a drive from which no session starts.
@@ -170,7 +170,7 @@ impl Following {
             Some(since) if since.elapsed() > AT_REST => {
                 self.waiting_since = None;
                 run.reset_frame_rate();
-                out.snapshot.frames_per_s = 0.0;
+                out.snapshot.pace.frames_per_s = 0.0;
                 out.mark_visibility(run);
                 out.is_changed = true;
             }

@@ -130,7 +130,7 @@ impl Worker {
             (Ok(rescue), _) => rescue,
             (Err(_), Some(crash)) => crash.rescue,
             (Err(_), None) => Rescue::Lost {
-                frames: self.snapshot().unsaved_frames,
+                frames: self.snapshot().files.unsaved_frames,
                 problems: vec!["the training thread has ended".to_owned()],
             },
         }
@@ -138,7 +138,7 @@ impl Worker {
 
     /// Time spent waiting for the current frame, if it is long: its drive may not respond.
     pub fn slow_frame(&self) -> Option<Duration> {
-        let waited = self.snapshot().unread_since?.elapsed();
+        let waited = self.snapshot().pace.unread_since?.elapsed();
         (waited >= SLOW_FRAME).then_some(waited)
     }
 }

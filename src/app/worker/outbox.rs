@@ -3,7 +3,9 @@
 use super::run::Run;
 use super::shared::Shared;
 use crate::app::splat_updates::{SplatChange, SplatUpdate};
-use crate::app::state::{HISTORY, Notice, NoticeKind, NoticeTopic, RunState, Snapshot};
+use crate::app::state::{
+    FileState, FollowState, HISTORY, Notice, NoticeKind, NoticeTopic, RunState, Snapshot,
+};
 use crate::pipeline::job::Waker;
 use crate::train::learner::{Changed, Learner};
 use std::sync::Arc;
@@ -75,12 +77,12 @@ impl Outbox {
 
     /// Replaces the snapshot for another subject; what does not depend on the subject stays.
     pub fn reset_snapshot(&mut self) {
+        let Snapshot { notices, files, following, .. } = std::mem::take(&mut self.snapshot);
         self.snapshot = Snapshot {
-            notices: self.snapshot.notices.clone(),
+            notices,
             // The window may not have read yet that its file was written.
-            latest_write: self.snapshot.latest_write,
-            abandoned: self.snapshot.abandoned.take(),
-            follows: self.snapshot.follows,
+            files: FileState { unsaved_frames: 0, ..files },
+            following: FollowState { recording: None, ..following },
             ..Snapshot::default()
         };
         self.is_changed = true;
@@ -93,8 +95,8 @@ impl Outbox {
 
     /// Records whether training waits for a frame that has not been read.
     pub fn set_unread(&mut self, is_unread: bool) {
-        if is_unread != self.snapshot.unread_since.is_some() {
-            self.snapshot.unread_since = is_unread.then(Instant::now);
+        if is_unread != self.snapshot.pace.unread_since.is_some() {
+            self.snapshot.pace.unread_since = is_unread.then(Instant::now);
             self.is_changed = true;
         }
     }
@@ -113,7 +115,7 @@ impl Outbox {
         self.snapshot.inspected = run.inspect();
         self.snapshot.includes_pending_photographs =
             run.session().is_some_and(|session| session.is_settled());
-        self.snapshot.recent = Arc::new(run.recent_frames().to_vec());
+        self.snapshot.frames.recent = Arc::new(run.recent_frames().to_vec());
         self.shared.snapshot.set(Arc::new(self.snapshot.clone()));
         self.published = Instant::now();
         self.is_changed = false;
@@ -134,9 +136,9 @@ impl Outbox {
         // At rest all pending photographs are compared at once, and none of these may be dropped.
         let most = HISTORY.max(late.len());
         // A new list, because published snapshots share the old one.
-        let mut all = [&self.snapshot.late[..], &late].concat();
+        let mut all = [&self.snapshot.frames.late[..], &late].concat();
         all.drain(..all.len().saturating_sub(most));
-        self.snapshot.late = Arc::new(all);
+        self.snapshot.frames.late = Arc::new(all);
     }
 
     pub fn mark_trained(&mut self, learner: &dyn Learner) {

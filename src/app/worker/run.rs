@@ -1,9 +1,8 @@
 //! The open subject: its content, and what the window watches of it.
 
 use crate::app::opening::Content;
-use crate::app::state::{GivenCalibration, HISTORY, Inspected, Subject};
+use crate::app::state::{FrameSampling, GivenCalibration, HISTORY, Inspected, Subject};
 use crate::dataset::pose_check;
-use crate::dataset::pose_check::PoseCheck;
 use crate::dataset::surface::sample::FrameSample;
 use crate::eval::report::FrameReport;
 use crate::model::attributes::ComponentAttributes;
@@ -17,12 +16,6 @@ use std::time::Instant;
 
 /// Number of frames over which the frame rate is averaged.
 const RATE_FRAMES: usize = 30;
-
-pub struct FrameSampling {
-    pub poses: Option<PoseCheck>,
-    /// Pixel width and depth noise.
-    pub sample: Option<FrameSample>,
-}
 
 #[derive(Default)]
 pub struct Run {
@@ -137,7 +130,11 @@ impl Run {
             sample: surface
                 .and_then(|surface| FrameSample::of(&dataset, split, &frames, &surface).ok()),
             // The poses of the built-in scene are exact.
-            poses: dataset.path.as_ref().and_then(|_| pose_check::check(&dataset, split)),
+            poses: dataset
+                .path
+                .as_ref()
+                .and_then(|_| pose_check::check(&dataset, split))
+                .map(Arc::new),
         };
         match Job::start("frame sampling", sample) {
             Ok(job) => self.sampling = Some(job),

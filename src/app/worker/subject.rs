@@ -6,7 +6,9 @@ use crate::app::opening;
 use crate::app::opening::{Content, OpenedSubject};
 use crate::app::rescue::{AbandonedRun, AutosaveSlot};
 use crate::app::splat_updates::SplatChange;
-use crate::app::state::{GivenCalibration, NoticeKind, NoticeTopic, RunState, Source, Subject};
+use crate::app::state::{
+    GivenCalibration, NoticeKind, NoticeTopic, Opened, RunState, Source, Subject,
+};
 use crate::dataset::calibration::Calibration;
 use crate::eval::report::FrameReport;
 use crate::pipeline::follow::Follow;
@@ -88,7 +90,7 @@ impl WorkerThread {
                 if let Some(path) = dataset.and_then(|dataset| dataset.path.as_deref()) {
                     self.offer_abandoned_run(Some(path));
                 }
-                if self.outbox.snapshot.follows {
+                if self.outbox.snapshot.following.is_on {
                     self.set_follows(true);
                 }
             }
@@ -126,7 +128,7 @@ impl WorkerThread {
         let mut training = self.training.clone();
         // Into the copy, because settings outlive the dataset of the calibration.
         training.scene.calibration = calibration.map(|c| c.calibration.clone());
-        let (follows, serial) = (self.outbox.snapshot.follows, self.outbox.next_serial);
+        let (follows, serial) = (self.outbox.snapshot.following.is_on, self.outbox.next_serial);
         let read = subject.clone();
         let path = match subject {
             Subject::Path(path) => Some(path.as_path()),
@@ -163,8 +165,8 @@ impl WorkerThread {
     pub(super) fn install_subject(&mut self, opened: OpenedSubject) {
         self.outbox.forget_notices(NoticeTopic::Subject);
         self.outbox.reset_snapshot();
-        self.outbox.snapshot.opened = Some(Arc::new(opened.opened));
-        self.outbox.snapshot.calibration = self.run.calibration.clone();
+        let calibration = self.run.calibration.clone();
+        self.outbox.snapshot.opened = Some(Arc::new(Opened { calibration, ..opened.opened }));
         self.following.await_recording(None);
         self.files.discard();
         self.outbox.replace_splats(SplatChange::all(opened.splats));
@@ -195,15 +197,15 @@ impl WorkerThread {
                     _ => RunState::Finished,
                 };
                 let trained = session.frames().iter().map(|frame| frame.ms.stages.train);
-                snapshot.trained_s = 1e-3 * trained.sum::<f64>();
+                snapshot.pace.trained_s = 1e-3 * trained.sum::<f64>();
                 let doubted = session.frames().iter().filter_map(FrameReport::outlier_warning);
-                snapshot.outlier_reports = Arc::new(doubted.collect());
+                snapshot.frames.outliers = Arc::new(doubted.collect());
             }
             Content::Model(splats) => {
                 snapshot.source = Source::Model;
                 snapshot.state = RunState::Finished;
-                snapshot.components = splats.len();
-                snapshot.used = splats.len();
+                snapshot.model.components = splats.len();
+                snapshot.model.used = splats.len();
             }
         }
     }
@@ -251,14 +253,14 @@ impl WorkerThread {
     /// Offers the newest run that an earlier window left behind, of one dataset or of any.
     pub(super) fn offer_abandoned_run(&mut self, dataset: Option<&Path>) {
         if let Some(run) = self.files.find_abandoned(dataset) {
-            self.outbox.snapshot.abandoned = Some(Arc::new(run));
+            self.outbox.snapshot.files.abandoned = Some(Arc::new(run));
         }
     }
 
     pub(super) fn resume_abandoned_run(&mut self) {
-        let Some(run) = self.outbox.snapshot.abandoned.take() else { return };
+        let Some(run) = self.outbox.snapshot.files.abandoned.take() else { return };
         if let Err(problem) = self.try_resume(&run) {
-            self.outbox.snapshot.abandoned = Some(run.clone());
+            self.outbox.snapshot.files.abandoned = Some(run.clone());
             let text = format!("{}: training cannot be resumed: {problem}", run.file.display());
             self.outbox.notify(NoticeKind::Error, text);
         }
@@ -291,13 +293,13 @@ impl WorkerThread {
         self.install_subject(opened);
         if let Some(session) = self.run.session() {
             self.files.adopt(slot, session);
-            self.outbox.snapshot.unsaved_frames = self.outbox.snapshot.frames_done;
+            self.outbox.snapshot.files.unsaved_frames = self.outbox.snapshot.frames_done;
         }
         Ok(())
     }
 
     pub(super) fn discard_abandoned_run(&mut self) {
-        let Some(run) = self.outbox.snapshot.abandoned.take() else { return };
+        let Some(run) = self.outbox.snapshot.files.abandoned.take() else { return };
         if let Ok(Some(slot)) = AutosaveSlot::lock_existing(&run.slot) {
             slot.delete_files();
         }

@@ -211,7 +211,7 @@ impl WorkerThread {
 
     fn reset_frame_rate(&mut self) {
         self.run.reset_frame_rate();
-        self.outbox.snapshot.frames_per_s = 0.0;
+        self.outbox.snapshot.pace.frames_per_s = 0.0;
     }
 
     pub(super) fn fail(&mut self, message: String) {

@@ -38,7 +38,7 @@ impl WorkerThread {
             Ok(Step::Waiting) => {}
             Ok(Step::Trained(_)) => {
                 self.outbox.mark_trained(session.learner());
-                self.outbox.snapshot.trained_s += started.elapsed().as_secs_f64();
+                self.outbox.snapshot.pace.trained_s += started.elapsed().as_secs_f64();
                 self.outbox.add_late_reports(&self.run);
                 self.record_trained_frame();
             }
@@ -69,8 +69,8 @@ impl WorkerThread {
         let reports = session.take_outlier_warnings();
         if !reports.is_empty() {
             // A new list, because published snapshots share the old one.
-            let known = &self.outbox.snapshot.outlier_reports;
-            self.outbox.snapshot.outlier_reports = Arc::new([&known[..], &reports].concat());
+            let known = &self.outbox.snapshot.frames.outliers;
+            self.outbox.snapshot.frames.outliers = Arc::new([&known[..], &reports].concat());
         }
     }
 
@@ -78,23 +78,23 @@ impl WorkerThread {
         self.files.record_frame();
         let snapshot = &mut self.outbox.snapshot;
         snapshot.frames_done += 1;
-        snapshot.unsaved_frames += 1;
-        if snapshot.followed.is_some() && snapshot.frames_done == ENOUGH_FRAMES {
+        snapshot.files.unsaved_frames += 1;
+        if snapshot.following.recording.is_some() && snapshot.frames_done == ENOUGH_FRAMES {
             self.run.start_sampling();
         }
-        snapshot.frames_per_s = self.run.record_frame();
+        snapshot.pace.frames_per_s = self.run.record_frame();
         self.refresh_session_info();
     }
 
     fn finish(&mut self) {
         self.outbox.set_state(RunState::Finished);
-        self.outbox.snapshot.frames_per_s = 0.0;
+        self.outbox.snapshot.pace.frames_per_s = 0.0;
         self.outbox.mark_visibility(&self.run);
         self.outbox.add_late_reports(&self.run);
         let Some(session) = self.run.session() else { return };
         let summary = Summary::of_frames(session.frames(), 0.0);
         // The performance tests parse this line (`tests/app/window.rs`).
-        let (median, all) = (summary.train_ms_median, self.outbox.snapshot.trained_s);
+        let (median, all) = (summary.train_ms_median, self.outbox.snapshot.pace.trained_s);
         tracing::info!("finished: train_ms_median {median:.3} trained_s {all:.3}");
         for warning in session.learner().status().warnings {
             let text = warning.to_string();
@@ -115,12 +115,12 @@ impl WorkerThread {
         let Some(session) = self.run.session() else { return };
         let (status, snapshot) = (session.learner().status(), &mut self.outbox.snapshot);
         snapshot.n_frames = session.plan().frames.len();
-        snapshot.components = status.components;
-        snapshot.used = status.used;
-        snapshot.model_bytes = status.model_bytes;
+        snapshot.model.components = status.components;
+        snapshot.model.used = status.used;
+        snapshot.model.bytes = status.model_bytes;
         // Frames are only added to the list; snapshots share it until then.
-        if snapshot.skipped.len() != session.skipped().len() {
-            snapshot.skipped = Arc::new(session.skipped().to_vec());
+        if snapshot.frames.skipped.len() != session.skipped().len() {
+            snapshot.frames.skipped = Arc::new(session.skipped().to_vec());
         }
         self.outbox.is_changed = true;
     }
@@ -129,20 +129,19 @@ impl WorkerThread {
     pub(super) fn take_sampling(&mut self) {
         let Some(sampling) = self.run.take_sampling() else { return };
         self.outbox.is_changed = true;
-        let sampling = match sampling {
-            Ok(sampling) => sampling,
-            Err(text) => return self.outbox.notify(NoticeKind::Warning, text),
-        };
-        self.outbox.snapshot.sample = sampling.sample;
-        let Some(check) = sampling.poses else { return };
-        if let Some(warning) = wording::pose_warning(&check) {
-            self.outbox.notify(NoticeKind::Warning, warning);
+        match sampling {
+            Ok(sampling) => {
+                if let Some(warning) = sampling.poses.as_deref().and_then(wording::pose_warning) {
+                    self.outbox.notify(NoticeKind::Warning, warning);
+                }
+                self.outbox.snapshot.sampling = sampling;
+            }
+            Err(text) => self.outbox.notify(NoticeKind::Warning, text),
         }
-        self.outbox.snapshot.poses = Some(Arc::new(check));
     }
 
     pub(super) fn set_follows(&mut self, follows: bool) {
-        self.outbox.snapshot.follows = follows;
+        self.outbox.snapshot.following.is_on = follows;
         if !follows {
             return self.following.stop(&mut self.run, &mut self.outbox);
         }
