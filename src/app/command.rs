@@ -8,6 +8,7 @@ use eframe::egui::{Context, Key, KeyboardShortcut, Modifiers};
 macro_rules! labelled {
     ($type:ident: $($value:ident: $label:literal, $tooltip:literal;)*) => {
         impl $type {
+            // The length follows from the list, so that no value can be missing.
             pub const ALL: [Self; [$(Self::$value),*].len()] = [$(Self::$value),*];
 
             pub fn label(self) -> &'static str {
@@ -26,7 +27,6 @@ macro_rules! labelled {
 }
 pub(super) use labelled;
 
-/// When a command is available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Needs {
     Nothing,
@@ -44,7 +44,6 @@ enum Needs {
     Model,
 }
 
-/// Part of the program that executes a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Executor {
     Window,
@@ -75,6 +74,7 @@ const fn key(key: Key) -> KeyboardShortcut {
     KeyboardShortcut::new(Modifiers::NONE, key)
 }
 
+// `COMMAND` is Cmd on macOS and Ctrl elsewhere.
 const fn ctrl(key: Key) -> KeyboardShortcut {
     KeyboardShortcut::new(Modifiers::COMMAND, key)
 }
@@ -99,6 +99,7 @@ macro_rules! commands {
 
             fn row(self) -> &'static CommandRow {
                 match self {
+                    // A constant block, because a row must outlive this call.
                     $(Self::$command => const {
                         &CommandRow {
                             names: &[$($name),+],
@@ -219,7 +220,6 @@ impl UiCommand {
         self.row().menu
     }
 
-    /// True if the view alone executes the command.
     pub fn is_view_command(self) -> bool {
         self.row().executor == Executor::View
     }
@@ -247,6 +247,7 @@ impl UiCommand {
         }
         let is_for = |source| RunState::ALL.iter().any(|&state| self.is_available(state, source));
         Some(match (state, source) {
+            // First, because the source is still that of the subject opened before.
             (RunState::Loading, _) => "A file or folder is being opened",
             (RunState::Waiting, _) => "The followed recording has no complete frame yet",
             (_, Source::Nothing) => "Nothing is open",
@@ -281,6 +282,7 @@ impl UiCommand {
     /// True if a focused control uses one of its keys: to be pressed, to change its value, or to move
     /// the focus.
     pub fn conflicts_with_controls(self) -> bool {
+        // egui handles these keys itself while a control has the focus.
         const KEYS: [Key; 5] = [Key::Space, Key::Tab, Key::ArrowLeft, Key::ArrowRight, Key::Escape];
         self.shortcuts().iter().any(|shortcut| KEYS.contains(&shortcut.logical_key))
     }

@@ -32,6 +32,7 @@ pub struct Exit {
 impl Exit {
     /// Creates the record of the next window with the stored state and no reason.
     pub fn for_next_window(&self) -> Self {
+        // Shared, not moved: a window that fails to open has not taken the state.
         Self { reason: Arc::default(), handover: self.handover.clone() }
     }
 }

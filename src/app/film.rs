@@ -25,7 +25,7 @@ pub struct FilmRequest {
     pub output: PathBuf,
     pub options: RenderOptions,
     pub left_out: LeftOut,
-    /// True if training needs the other cores.
+    /// True if the film must leave the other cores to training.
     pub is_beside_training: bool,
 }
 
@@ -66,6 +66,7 @@ impl FilmThread {
     }
 
     pub fn share(&self) -> Option<f32> {
+        // There is no share before the first picture.
         self.0.as_ref().map(|running| running.drawing.progress().share().unwrap_or(0.0))
     }
 
@@ -116,6 +117,7 @@ fn render_film(
             return Ok(FilmOutcome::Cancelled(i));
         }
         let picture = renderer.render(&*scene, &camera, &order.options).color;
+        // The encoder has ended; `finish` returns the cause.
         if !film.push(&picture)? {
             break;
         }

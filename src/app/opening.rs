@@ -54,7 +54,7 @@ pub enum OpenError {
     Setting(#[from] RefusedSetting),
 }
 
-/// Opens a subject, to be trained with `training` unless it has its own settings; `serial` numbers it.
+/// Opens the subject numbered `serial`. It is trained with `training` unless it stores its own settings.
 pub fn open(
     subject: &Subject,
     training: &TrainSettings,
@@ -63,6 +63,7 @@ pub fn open(
     match subject {
         Subject::Demo => Ok(session(start::session(training.request()?)?, serial, None)),
         Subject::Path(path) if is_checkpoint(path) => checkpoint(path, serial),
+        // An archive is a file too, but contains a dataset.
         Subject::Path(path) if path.is_file() && !dataset::is_archive(path) => {
             Ok(view(path, read_splats(path)?, serial))
         }
@@ -74,13 +75,14 @@ pub fn open(
     }
 }
 
-/// Wraps a session of the demo, or of the subject at a path.
+/// Returns the subject of a session; without `path` it is the demo.
 pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject {
     let dataset = session.dataset().clone();
     let notes = dataset.notes.iter().map(|note| (NoticeKind::Info, note.clone()));
     let warnings = match dataset.warnings.len() {
         0 => None,
         1 => Some((NoticeKind::Warning, dataset.warnings[0].to_string())),
+        // One notice, because every frame of a dataset may be unusable.
         n => Some((
             NoticeKind::Warning,
             format!("{n} frames are unusable; the first: {}", dataset.warnings[0]),
@@ -118,6 +120,7 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
         is_native: session.config().method.scene().is_some(),
     };
     let splats = match session.learner().status().used {
+        // Invisible placeholders: later updates refer to components by their index.
         0 => vec![Splat::default(); session.learner().status().components].into(),
         _ => {
             // At rest pending photographs are part of the drawn scene.
@@ -138,11 +141,13 @@ fn home_of(session: &Session) -> HomeView {
     let [lo, hi] = session.config().position_range.map(DVec3::from_array);
     let (centre, radius) = ((lo + hi) * 0.5, 0.5 * (hi - lo).length());
     let ahead = (centre - camera.pose.centre()).dot(camera.pose.forward());
+    // The camera may look past the centre or away from it.
     let distance = ahead.clamp(0.2 * radius, 2.0 * radius);
     let target = camera.pose.centre() + camera.pose.forward() * distance;
     HomeView { camera, up: session.up(), target, radius }
 }
 
+/// Horizontal field of view for a model, radians: model files contain no camera.
 const MODEL_FOV: f64 = 1.0;
 
 /// Resumes the run of a checkpoint; if that fails, shows its scene.
@@ -156,7 +161,7 @@ fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     })
 }
 
-/// Opens an autosaved run, as if its dataset had stayed open.
+/// Opens an autosaved run under the name and path of its dataset.
 pub fn open_run(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let run = SavedRun::read(path)?;
     resumed(&run, serial, run.meta.dataset.as_deref())
@@ -170,6 +175,7 @@ fn resumed(run: &SavedRun, serial: u64, path: Option<&Path>) -> Result<OpenedSub
 
 fn drawable(all: &SplatSet) -> SplatSet {
     let mut drawn = SplatSet::default().finished(all.finishing().clone());
+    // A checkpoint also stores components that are unused.
     for (i, splat) in all.iter().enumerate().filter(|(_, splat)| splat.is_drawable()) {
         drawn.push(*splat, all.appearance_of(i));
     }

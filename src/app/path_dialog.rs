@@ -16,8 +16,9 @@ use std::time::Duration;
 /// Offset of a dialog beside the picture from the upper right corner of the window, points.
 const ASIDE: [f32; 2] = [-8.0, 72.0];
 
-/// Replaces a leading `~` by the user's home folder, like a shell.
+/// Replaces a leading `~` by the user's home folder.
 fn at_home(path: &Path, home: Option<PathBuf>) -> PathBuf {
+    // Shells expand it, but a typed or pasted path has passed through none.
     match (path.strip_prefix("~"), home) {
         (Ok(rest), Some(home)) => home.join(rest),
         _ => path.to_owned(),
@@ -177,6 +178,7 @@ impl PathDialog {
             return self.confirm(waker);
         }
         if !stays || ui.input(|i| i.key_pressed(Key::Escape)) {
+            // A check in progress must not answer for a closed dialog.
             (self.is_open, self.checking) = (false, None);
             return Some(PathAnswer::Cancelled);
         }
@@ -225,6 +227,7 @@ impl PathDialog {
                     panic.failure_notice("checking this path")
                 ));
             }
+            // Pictures of a film are written into a folder, which may exist.
             Ok(Occupant::Folder) if self.purpose != Purpose::Film => {
                 let path = path.display();
                 self.problem = Some(format!("{path} is a folder: add the name of a file"));
@@ -349,6 +352,7 @@ impl PathDialog {
         pick: impl FnOnce() -> Option<PathBuf> + Send + 'static,
     ) {
         if ui.add_enabled(self.native.is_none(), Button::new(label)).clicked() {
+            // Without a thread the field still works.
             self.native = Job::start_waking("dialog", waker.clone(), pick).ok();
         }
     }
@@ -377,6 +381,7 @@ enum Occupant {
     Folder,
 }
 
+/// Time after which a dialog shows that it waits for a drive; drives that respond take less.
 const HINT_DELAY: Duration = Duration::from_secs(1);
 
 impl Occupant {

@@ -62,6 +62,7 @@ impl SplatSelection {
         }
         let clicked = response.interact_pointer_pos().filter(|_| response.clicked());
         let Some(at) = clicked else { return Ok(()) };
+        // egui measures in points, cameras in pixels.
         let pixel = (at - response.rect.min) * ui.ctx().pixels_per_point();
         let pixel = DVec2::new(pixel.x.into(), pixel.y.into());
         let purpose = match (response.double_clicked(), measures) {

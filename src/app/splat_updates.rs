@@ -1,5 +1,5 @@
-//! Mailbox of changed splats from the trainer to the viewport. Neither waits: the trainer adds updates
-//! only after the last one was taken, and the viewport takes what is available.
+//! Mailbox of changed splats from the trainer to the viewport. Neither side waits: the trainer
+//! adds updates only after the last one was taken, and the viewport takes what is available.
 
 use super::mailbox::Mailbox;
 use crate::model::attributes::ComponentAttributes;
@@ -39,6 +39,7 @@ pub struct SplatUpdate {
 
 impl From<SplatChange> for SplatUpdate {
     fn from(change: SplatChange) -> Self {
+        // With 0 frames no copy for the walk back is stored.
         Self { change, attributes: Vec::new(), n_frames: 0 }
     }
 }
@@ -54,6 +55,7 @@ impl SplatUpdates {
     /// Adds an update; a replacement of all splats drops the updates before it.
     pub fn push(&self, update: SplatUpdate) {
         self.0.with(|waiting| {
+            // Earlier updates would cost the viewport time without any effect.
             if matches!(update.change, SplatChange::All(_)) {
                 waiting.clear();
             }

@@ -4,7 +4,6 @@
 use super::harness::{Window, click, dataset, train, wait, wait_for_label, window, write_to};
 use crate::common::adapter::turn;
 use eframe::egui::Key;
-use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::{Painting, Studio};

@@ -111,6 +111,7 @@ impl Editor {
         palette: &Palette,
         how: SelectMode,
     ) {
+        // Hidden, deleted and cropped splats are transparent and cannot be selected.
         let shown = self.displayed_splats(palette);
         let is_shown = |slot: &u32| shown.get(*slot as usize).is_some_and(Splat::is_drawable);
         let slots = slots.into_iter().filter(is_shown);

@@ -92,6 +92,7 @@ impl Edits {
         splats: &[Splat],
         how: SelectMode,
     ) -> Self {
+        // Copied, because other states of the undo log share the marks.
         let mut marked = HashMap::clone(&self.marked);
         if how == SelectMode::Replace {
             marked.retain(|_, splat| splat.mark != Mark::Selected);

@@ -16,7 +16,7 @@ const MAX_MOMENTS: usize = 32;
 
 #[derive(Clone, Debug)]
 pub struct PastScene {
-    /// Frames seen until then, skipped ones included.
+    /// Number of frames seen before the copy, skipped ones included.
     pub n_frames: usize,
     /// Splats in their learned colours.
     pub splats: Arc<SplatSet>,
@@ -25,6 +25,7 @@ pub struct PastScene {
 
 impl PartialEq for PastScene {
     fn eq(&self, other: &Self) -> bool {
+        // Comparing splats would cost time in every pass.
         self.serial == other.serial
     }
 }
@@ -63,6 +64,7 @@ impl PastScenes {
         if n_frames == 0 || bytes > budget || !self.is_due(n_frames) {
             return;
         }
+        // Before the check below, because thinning doubles the interval.
         self.thin(MAX_MOMENTS - 1, budget - bytes);
         if self.is_due(n_frames) {
             self.serial += 1;
@@ -120,6 +122,7 @@ impl PastScenes {
                 is_kept = !is_kept;
                 is_kept
             });
+            // Or new copies would be denser than the remaining ones.
             self.interval *= 2;
         }
     }

@@ -80,6 +80,7 @@ impl VisibleSplats {
         if rules == self.rules {
             return None;
         }
+        // There is no list of displayed splats yet, or it is of another scene.
         let is_another = self.rules.are_inactive() || self.rules.past != rules.past;
         self.rules = rules;
         if self.rules.are_inactive() {
@@ -142,6 +143,7 @@ pub fn slots_within<'a>(
     let (rotation, translation) = camera.pose.inverse();
     let is_within = move |splat: &Splat| {
         let point = rotation * DVec3::from_array(splat.mean.map(f64::from)) + translation;
+        // A fisheye lens also sees points beside and behind the image plane.
         let ahead = match lens {
             Lens::Pinhole => point.z,
             Lens::Fisheye => point.length(),

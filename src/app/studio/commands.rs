@@ -27,6 +27,7 @@ impl Studio {
         if !command.is_available(snapshot.state, snapshot.source) {
             return;
         }
+        // Read by the test that drives the program with a mouse (`tests/app/journey.rs`).
         tracing::debug!("command: {command:?}");
         match command {
             UiCommand::Open => self.dialogs.open.show(),
@@ -186,6 +187,7 @@ impl Studio {
         let paths: Vec<PathBuf> =
             ui.input(|i| i.raw.dropped_files.iter().map(|file| file.path().to_owned()).collect());
         match <[PathBuf; 1]>::try_from(paths) {
+            // A single path may be a calibration for the open dataset.
             Ok([path]) => self.open_path(path, snapshot),
             Err(none) if none.is_empty() => {}
             Err(several) => self.confirm_then_send(WorkerOrder::OpenFirst(several), snapshot),
@@ -200,7 +202,7 @@ impl Studio {
         self.worker.send(WorkerOrder::Report(kind, text));
     }
 
-    /// Reports that a thread could not be started; true if it was.
+    /// Reports that a thread could not be started. Returns true if it was started.
     fn is_started(&self, purpose: &str, started: std::io::Result<()>) -> bool {
         if let Err(error) = &started {
             let text = format!("cannot start a thread to {purpose}: {error}");
@@ -219,6 +221,7 @@ impl Studio {
             None => {}
             Some(Answer::Resume) => self.confirm_then_send(WorkerOrder::ResumeAbandoned, snapshot),
             Some(Answer::Forget) => self.worker.send(WorkerOrder::DiscardAbandoned),
+            // Only in this window: the next start offers the run again.
             Some(Answer::NotNow) => self.panels.postponed_slot = Some(run.slot.clone()),
         }
     }
@@ -247,6 +250,7 @@ impl Studio {
         let notices = [self.film.thread.poll_notice(), self.film.still.take()];
         notices.into_iter().flatten().for_each(|(kind, text)| self.report(kind, text));
         help(ui, &mut self.dialogs.help_is_open);
+        // Taken out, because the closure borrows the whole window.
         let mut finder = std::mem::take(&mut self.dialogs.finder);
         let chosen = finder.ui(ui, |action| self.unavailable_reason(action, snapshot).is_none());
         self.dialogs.finder = finder;
@@ -300,6 +304,7 @@ impl Studio {
         });
         let started = self.view.preview_export(choice, opened, snapshot.state);
         if !self.is_started("preview the file", started) {
+            // Otherwise every pass would report the same error again.
             self.view.settings.previews_export = false;
         }
     }

@@ -60,7 +60,7 @@ impl Behavior<DockPane> for Dock<'_> {
         }
     }
 
-    /// Drawn like the window's other selectable buttons.
+    /// Draws a tab like the window's other selectable buttons.
     fn tab_ui(
         &mut self,
         tiles: &mut Tiles<DockPane>,
@@ -93,6 +93,7 @@ impl Behavior<DockPane> for Dock<'_> {
 
     /// Reduces the margins of titles in a narrow panel before egui_tiles hides tabs behind an arrow.
     fn tab_bar_left_ui(&mut self, tiles: &Tiles<DockPane>, ui: &mut Ui, _: TileId, tabs: &Tabs) {
+        // Aligns the first title with the panel's contents.
         ui.add_space(f32::from(MARGIN.left) - TAB_MARGIN.x);
         let font = TextStyle::Button.resolve(ui.style());
         let width = |tab: &TileId| {
@@ -139,7 +140,7 @@ impl Behavior<DockPane> for Dock<'_> {
         }
     }
 
-    /// Drawn in the foreground, since the viewport is drawn after the tiles.
+    /// Draws the preview in the foreground, since the viewport is drawn after the tiles.
     fn paint_drag_preview(
         &self,
         visuals: &Visuals,
@@ -162,6 +163,7 @@ impl Behavior<DockPane> for Dock<'_> {
 pub(super) fn tiles(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
     studio.layout.resize(ui.available_size(), GAP);
     let before = studio.layout.tree.clone();
+    // Taken out, because drawing a panel needs the whole window.
     let nothing = Tree::empty(before.id());
     let mut tree = std::mem::replace(&mut studio.layout.tree, nothing);
     let picture = tree.tiles.find_pane(&DockPane::Picture);
@@ -205,5 +207,6 @@ fn viewport(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot)
 
 pub(super) fn reset_layout(layout: &mut WindowLayout, egui: &Context) {
     *layout = WindowLayout::default();
+    // egui stores the sizes of the panels around the tiles.
     egui.data_mut(|data| data.remove_by_type::<PanelState>());
 }

@@ -64,6 +64,7 @@ impl FilmTools {
             None => self.path.is_playing = false,
         }
         self.is_at_moment = true;
+        // Without input, egui would not draw the next moment.
         ui.ctx().request_repaint();
     }
 }

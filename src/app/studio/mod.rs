@@ -57,7 +57,7 @@ pub struct Studio {
     timing: Timing,
 }
 
-/// What panels and cards retain between passes.
+/// State of panels and cards between passes.
 #[derive(Default)]
 struct PanelStates {
     strip: FrameStripState,
@@ -160,7 +160,7 @@ impl Studio {
         &self.shell.exit
     }
 
-    /// Closes the window but not the run.
+    /// Closes the window; the run continues in the next one.
     fn close_window(&mut self, why: ExitReason) {
         self.shell.exit.reason.set(why);
         // No confirmation: unsaved training continues in the next window.
@@ -256,7 +256,7 @@ impl Studio {
         self.dialogs.propose(opened);
     }
 
-    /// Draws the viewport, or the start page if nothing is open, below `noticed` points of notices.
+    /// Draws the viewport, or the start page if nothing is open. Notices cover the upper `noticed` points.
     fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot, noticed: f32) {
         // Taken even if nothing is drawn: the worker sends the next update only after this one.
         for update in self.worker.splat_updates().take() {
@@ -278,6 +278,7 @@ impl Studio {
             self.report(NoticeKind::Error, message);
         }
         let settings = &self.view.settings;
+        // Quality is measured at dataset cameras, which are pinhole cameras.
         let method = settings.method(settings.renderer, Lens::Pinhole);
         let (every, splats) = (settings.quality_every, self.view.learned());
         self.quality.update(ui.ctx(), snapshot, method, every, splats);
@@ -329,6 +330,7 @@ impl eframe::App for Studio {
             adapter.as_ref(),
         );
         let caveat = self.shell.device.as_ref().and_then(|device| viewport::caveat(&device.state));
+        // Also without a caveat: the stored one may be of an earlier adapter.
         storage.set_string(persistence::CAVEAT, caveat.unwrap_or_default());
     }
 

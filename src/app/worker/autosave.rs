@@ -14,15 +14,15 @@ pub struct Files {
     /// Folders for slots; the further ones are only used when the program ends unexpectedly.
     folders: Vec<PathBuf>,
     saver: Saver,
-    /// Number of trained frames that no checkpoint holds.
+    /// Number of trained frames that no checkpoint contains.
     n_unsaved: usize,
 }
 
 enum Saver {
-    /// Nothing was saved yet; since this moment there is something to save, if there is.
+    /// Nothing was saved yet. Holds the time of the first unsaved frame, if there is one.
     Waiting(Option<Instant>),
     On(Autosave, AutosaveSlot),
-    /// Off: it failed, of which the user was warned, or does not apply.
+    /// Autosave failed, after a warning, or does not apply to the subject.
     Off,
     /// The run was stored because of a panic or a termination; its slot is released.
     Stored(Rescue),
@@ -47,8 +47,8 @@ impl Files {
         self.discard();
     }
 
-    /// Removes the autosave, because the run is in a file of the user's or is not wanted, and prepares
-    /// for the next run. A stored run stays for the next start.
+    /// Deletes the autosave of a run that the user has saved or discarded, and prepares for the next run.
+    /// A stored run stays for the next start.
     pub fn discard(&mut self) {
         self.n_unsaved = 0;
         let saver = std::mem::replace(&mut self.saver, Saver::Waiting(None));
@@ -64,6 +64,7 @@ impl Files {
         match &mut self.saver {
             Saver::Off | Saver::Stored(_) => None,
             Saver::On(autosave, _) => {
+                // The user may change the interval at any time.
                 autosave.set_interval(AutosaveInterval { frames: None, time: Some(time) });
                 autosave.poll(session)?.err().map(|error| error.to_string())
             }

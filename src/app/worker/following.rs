@@ -41,7 +41,7 @@ pub struct Following {
 }
 
 impl Following {
-    /// Awaits a recording; `None` ends that for another subject.
+    /// Awaits a recording; `None` stops waiting.
     pub fn await_recording(&mut self, follow: Option<Follow>) {
         (self.awaited, self.beginning, self.waiting_since) = (follow, None, None);
     }
@@ -60,6 +60,7 @@ impl Following {
     /// Time until the next poll for frames, if there is none to train.
     pub fn time_to_next_poll(&self, state: RunState, run: &Run) -> Option<Duration> {
         let rest = match (state, run.session()) {
+            // `poll` itself waits for the job.
             (RunState::Waiting, _) if self.beginning.is_some() => Duration::ZERO,
             (RunState::Waiting, _) => self.awaited.as_ref()?.time_to_next_scan(),
             (RunState::Training, Some(session)) if session.is_caught_up() => {
@@ -142,7 +143,7 @@ impl Following {
         self.publish_at_rest(is_waiting && out.snapshot.following.recording.is_some(), run, out);
     }
 
-    /// Warning about a drive from which no session starts.
+    /// Warning that the drive does not respond while a session starts.
     fn silence(&self) -> Option<String> {
         let (follow, job) = (self.awaited.as_ref()?, self.beginning.as_ref()?);
         silence(follow.path(), job.elapsed())
@@ -151,6 +152,7 @@ impl Following {
     /// Publishes the grown list of frames and cameras.
     fn update_cameras(&mut self, run: &Run, out: &mut Outbox) {
         let (Some(session), Some(opened)) = (run.session(), &out.snapshot.opened) else { return };
+        // The session replaces its dataset when frames arrive.
         let is_published =
             opened.dataset.as_ref().is_some_and(|dataset| Arc::ptr_eq(dataset, session.dataset()));
         if !is_published {

@@ -11,6 +11,7 @@ use crate::train::learner::{Changed, Learner};
 use std::sync::Arc;
 use std::time::Instant;
 
+/// Most notices of a snapshot, whose list is copied for every new one.
 const MAX_NOTICES: usize = 50;
 
 pub struct Outbox {
@@ -42,7 +43,7 @@ impl Outbox {
         (self.waker)();
     }
 
-    /// True if something waits for its publication.
+    /// True if a change is not yet published.
     pub fn has_news(&self) -> bool {
         self.is_changed || !self.dirty.is_empty()
     }
@@ -174,6 +175,7 @@ impl Outbox {
     }
 
     pub fn deliver_all(&mut self, run: &Run) {
+        // Contained in the whole scene.
         self.dirty.take();
         let splats = run.splats();
         let ids: Vec<u32> = (0..splats.len() as u32).collect();

@@ -1,4 +1,4 @@
-//! The open subject: its content, and what the window watches of it.
+//! The open subject with its content, and the attribute and component that the window observes.
 
 use crate::app::opening::Content;
 use crate::app::state::{FrameSampling, GivenCalibration, HISTORY, Inspected, Subject};
@@ -69,7 +69,7 @@ impl Run {
         }
     }
 
-    /// Reports of the latest frames. Those with pending photographs change once these are trained on.
+    /// Reports of the latest frames. A report changes once its pending photograph is trained on.
     pub fn recent_frames(&self) -> &[FrameReport] {
         let frames = self.session().map_or(&[][..], Session::frames);
         &frames[frames.len().saturating_sub(HISTORY)..]
@@ -88,6 +88,7 @@ impl Run {
         let Some(session) = self.session_mut() else { return };
         match attribute {
             Some(Attribute::Elbo) => session.start_component_elbo(),
+            // It costs every frame time, so it is computed only while it is shown.
             _ => session.stop_component_elbo(),
         }
     }
@@ -113,6 +114,7 @@ impl Run {
         let now = Instant::now();
         self.ends.push_back(now);
         let span_s = self.ends.front().map_or(0.0, |first| (now - *first).as_secs_f64());
+        // Ends are one more than the intervals between them.
         if span_s > 0.0 { (self.ends.len() - 1) as f64 / span_s } else { 0.0 }
     }
 
@@ -121,6 +123,7 @@ impl Run {
     }
 
     pub fn start_sampling(&mut self) {
+        // Dropping a job cancels it, also if no other one can start.
         self.sampling = None;
         let Some(session) = self.session() else { return };
         let (dataset, split) = (session.dataset().clone(), session.plan().split);

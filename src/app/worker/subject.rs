@@ -145,7 +145,7 @@ impl WorkerThread {
         Ok(found??)
     }
 
-    /// Waits for a folder to hold a frame, which may take long; nothing else is open meanwhile.
+    /// Waits until a folder contains a frame; nothing is open meanwhile.
     fn await_recording(
         &mut self,
         follow: Follow,
@@ -168,6 +168,7 @@ impl WorkerThread {
         let calibration = self.run.calibration.clone();
         self.outbox.snapshot.opened = Some(Arc::new(Opened { calibration, ..opened.opened }));
         self.following.await_recording(None);
+        // The user has confirmed that the previous run may be discarded.
         self.files.discard();
         self.outbox.replace_splats(SplatChange::all(opened.splats));
         self.show_content(&opened.content);
@@ -267,6 +268,7 @@ impl WorkerThread {
     }
 
     fn try_resume(&mut self, run: &AbandonedRun) -> Result<(), String> {
+        // Locked before it is read, or two windows could resume the same run.
         let slot = AutosaveSlot::lock_existing(&run.slot).map_err(|error| error.to_string())?;
         let slot = slot.ok_or("another window has resumed it")?;
         let (file, serial) = (run.file.clone(), self.outbox.next_serial);
@@ -293,6 +295,7 @@ impl WorkerThread {
         self.install_subject(opened);
         if let Some(session) = self.run.session() {
             self.files.adopt(slot, session);
+            // Only the autosave contains these frames, no file of the user's.
             self.outbox.snapshot.files.unsaved_frames = self.outbox.snapshot.frames_done;
         }
         Ok(())

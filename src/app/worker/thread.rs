@@ -37,7 +37,7 @@ pub struct WorkerThread {
 /// Interval at which autosaves are polled while no frames are trained.
 const SAVES: Duration = Duration::from_secs(1);
 
-/// Error if the handle was dropped.
+/// Error: the handle was dropped.
 struct Dismissed;
 
 impl WorkerThread {
@@ -99,7 +99,7 @@ impl WorkerThread {
         }
     }
 
-    /// Time until something may be due without an order; `None` if nothing can be.
+    /// Time until the next work that needs no order; `None` if there is none.
     fn idle_timeout(&self) -> Option<Duration> {
         // Retries the delivery of pending splats.
         if self.outbox.has_news() || self.run.sampling.is_some() {
@@ -267,44 +267,44 @@ impl WorkerThread {
 
 #[derive(Clone, Debug)]
 pub enum WorkerOrder {
-    /// Use these settings for what is opened or reset from now on.
+    /// Trains subjects that are opened or reset later with these settings.
     TrainBy(Box<TrainSettings>),
-    /// Open a subject; the demo is also trained at once.
+    /// Opens a subject; the demo is also trained at once.
     Open(Subject),
-    /// Open the first path that can be opened, and list the others in a notice.
+    /// Opens the first path that can be opened, and lists the others in a notice.
     OpenFirst(Vec<PathBuf>),
-    /// Restart with the open subject, its cameras corrected by a calibration file.
+    /// Restarts with the open subject, its cameras corrected by a calibration file.
     Calibrate(PathBuf),
     Train,
-    /// Stop after the current frame.
+    /// Stops after the current frame.
     Pause,
     Step,
-    /// Follow recordings, the open one and those opened next; or stop following.
+    /// Follows recordings, the open one and those opened next; or stops following.
     Follow(bool),
     Reset,
-    /// Restart with the same subject and other settings, and train at once.
+    /// Restarts with the same subject and other settings, and trains at once.
     Retrain(Box<TrainSettings>),
-    /// Write a checkpoint of the newest state; the snapshot reports the outcome by this number.
+    /// Writes a checkpoint of the newest state; the snapshot reports the outcome under this number.
     Save(u64, PathBuf),
-    /// Export the newest scene, with the mapping from native to plain splats and the splats left out by
-    /// edits; the snapshot reports the outcome by this number.
+    /// Exports the newest scene, with the mapping from native to plain splats and the splats left out by
+    /// edits; the snapshot reports the outcome under this number.
     Export(u64, PathBuf, Mapping, LeftOut),
-    /// Write a text to a file, under an unused name if it exists.
+    /// Writes a text to a file, under an unused name if it exists.
     WriteText(PathBuf, String),
-    /// Stop, and store training that no checkpoint holds for the next start, because the program ends
+    /// Stops training and stores frames that no checkpoint contains, because the program ends
     /// unexpectedly.
     Store(SyncSender<Rescue>),
-    /// Resume the run that the snapshot offers.
+    /// Resumes the run that the snapshot offers.
     ResumeAbandoned,
     DiscardAbandoned,
-    /// Publish a notice of the window.
+    /// Publishes a notice of the window.
     Report(NoticeKind, String),
-    /// Remove the notices of the window, because another adapter draws.
+    /// Removes the notices of the window, because another adapter draws.
     ForgetReports,
-    /// Deliver attributes of components with their splats from now on; `None` stops that.
+    /// Delivers attributes of components with their splats from now on; `None` stops that.
     Watch(Option<Attribute>),
-    /// Include the inspection of a component in snapshots; `None` stops that.
+    /// Includes the inspection of a component in snapshots; `None` stops that.
     Inspect(Option<u32>),
-    /// Deliver all splats again, for a new window.
+    /// Delivers all splats again, for a new window.
     Deliver,
 }
