@@ -32,12 +32,12 @@ enum Needs {
     Nothing,
     /// No file or folder is being opened.
     NotLoading,
-    /// A dataset whose training can go on.
+    /// A dataset whose training can start or continue.
     Resting,
     Training,
-    /// A dataset of which something is trained.
+    /// A dataset whose training has started.
     Trained,
-    /// Something that can be drawn.
+    /// A dataset or model that can be drawn.
     Scene,
     Dataset,
     /// A dataset or a model.
@@ -61,7 +61,7 @@ pub enum Menu {
 }
 
 struct CommandRow {
-    /// Label, and the name out of context if neighbouring buttons explain the label.
+    /// Label, followed by a longer name if the label is clear only beside its neighbours.
     names: &'static [&'static str],
     tooltip: &'static str,
     keys: &'static [KeyboardShortcut],
@@ -266,7 +266,7 @@ impl UiCommand {
         self.row().keys
     }
 
-    /// Keys as shown in menus; empty if it has none.
+    /// Shortcuts as shown in menus; empty if the command has none.
     pub fn keys(self, ctx: &Context) -> String {
         let name = |shortcut: &KeyboardShortcut| {
             // `[` is clearer than its name; other symbols, such as arrows, are missing from the fonts.
@@ -279,8 +279,8 @@ impl UiCommand {
         self.shortcuts().iter().map(name).collect::<Vec<_>>().join(" or ")
     }
 
-    /// True if a focused control uses one of its keys: to be pressed, to change its value, or to move
-    /// the focus.
+    /// True if a focused control also reacts to one of the command's keys, by a press, a change of its
+    /// value or a change of focus.
     pub fn conflicts_with_controls(self) -> bool {
         // egui handles these keys itself while a control has the focus.
         const KEYS: [Key; 5] = [Key::Space, Key::Tab, Key::ArrowLeft, Key::ArrowRight, Key::Escape];

@@ -1,4 +1,4 @@
-//! Reason why a window ended and the state it hands over to the next window.
+//! Reason why a window ended, and the state that it hands over to the next one.
 
 use super::mailbox::Mailbox;
 use super::path_editor::PathEditor;
@@ -21,8 +21,8 @@ pub struct Handover {
     pub path: PathEditor,
 }
 
-/// Shared record of why a window ends and what it hands over. It outlives the window, whose own state is gone
-/// after a panic.
+/// Reason why a window ends, and the state for the next one. Shared, because a panic destroys the window's
+/// own state.
 #[derive(Clone, Default)]
 pub struct Exit {
     pub reason: Arc<Mailbox<ExitReason>>,

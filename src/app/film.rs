@@ -1,7 +1,7 @@
 //! Renders a camera path to files on a thread of its own.
 //!
-//! Uses the renderer of `render --path`, so that both give the same film. While training runs, one thread
-//! renders.
+//! Uses the renderer of `render --path`, so that both give the same film. While training runs, only one
+//! thread renders.
 
 use super::edit::marks::LeftOut;
 use super::settings_file::unused;
@@ -21,7 +21,7 @@ use std::sync::Arc;
 pub struct FilmRequest {
     pub path: PacedPath,
     pub size: [u32; 2],
-    /// Video file by its extension, otherwise a folder of pictures.
+    /// Video file if the extension names one, otherwise a folder of pictures.
     pub output: PathBuf,
     pub options: RenderOptions,
     pub left_out: LeftOut,
@@ -29,7 +29,7 @@ pub struct FilmRequest {
     pub is_beside_training: bool,
 }
 
-/// Outcome without an error, with the number of pictures written.
+/// Outcome of a film without errors, with the number of pictures written.
 enum FilmOutcome {
     Complete(usize),
     Cancelled(usize),

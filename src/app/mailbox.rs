@@ -2,8 +2,8 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// Holds the latest value. The lock is held for one assignment or clone only, so that neither a panic nor
-/// a slow reader on one side affects the other.
+/// Latest value. Every access under its lock is short, so that neither a panic nor a slow reader on one side
+/// affects the other.
 #[derive(Debug, Default)]
 pub struct Mailbox<T>(Mutex<T>);
 

@@ -30,7 +30,7 @@ pub enum Content {
     Model(SplatSet),
 }
 
-/// Freshly opened subject, with everything that the window needs.
+/// Newly opened subject: its content, its properties for panels, and notices.
 pub struct OpenedSubject {
     pub content: Content,
     pub splats: SplatSet,

@@ -1,7 +1,7 @@
 //! Dialogs for one path: a text field, and a native dialog if there is one.
 //!
-//! The field always works, while native dialogs need a desktop portal. A native dialog itself confirms
-//! the replacement of a file; for the field this module does. The path is checked on a separate thread,
+//! The field always works, while native dialogs need a desktop portal. A native dialog confirms the
+//! replacement of a file itself; this module does so for the field. The path is checked on a separate thread,
 //! because a drive that does not respond must not block the window.
 
 use super::opening::FileProposal;
@@ -133,14 +133,14 @@ impl PathDialog {
         (self.approved, self.replacing, self.problem) = (None, None, None);
     }
 
-    /// Draws the dialog with further `choices`. `told` is drawn below the buttons, because it may
-    /// appear later and buttons must not move under the pointer. Returns the result, once there is one.
+    /// Draws the dialog with further `choices`. Content that may appear later is drawn by `below`, under
+    /// the buttons, because these must not move under the pointer. Returns the result once there is one.
     pub fn ui(
         &mut self,
         ui: &Ui,
         waker: &Waker,
         choices: impl FnOnce(&mut Ui),
-        told: impl FnOnce(&mut Ui),
+        below: impl FnOnce(&mut Ui),
     ) -> Option<PathAnswer> {
         if !self.is_open {
             return None;
@@ -160,7 +160,7 @@ impl PathDialog {
             .anchor(anchor, offset)
             .show(ui.ctx(), |ui| {
                 confirmed = self.content(ui, waker, choices);
-                told(ui);
+                below(ui);
                 // Below everything else, because it appears later: buttons must not move under the
                 // pointer.
                 if let Some((path, job)) = &self.checking {
@@ -266,6 +266,7 @@ impl PathDialog {
         if replace {
             return Some(self.answer(path));
         }
+        // Escape, or a click beside the prompt.
         if keep || response.should_close() {
             self.replacing = None;
         }

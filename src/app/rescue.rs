@@ -39,7 +39,7 @@ pub struct Crash {
     pub rescue: Rescue,
 }
 
-/// Outcome of storing training that no checkpoint holds.
+/// Outcome of storing frames that no checkpoint contains.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Rescue {
     Nothing,
@@ -165,6 +165,7 @@ pub fn find_newest(folders: &[PathBuf], dataset: Option<&Path>) -> Option<Abando
     let mut slots = slots.into_iter().rev().map(|(_, path)| path);
     slots.find_map(|path| {
         let is_meant = dataset.as_ref().is_none_or(|dataset| is_slot_of(&path, dataset));
+        // A locked slot belongs to a window that is still open.
         let is_free = is_meant && matches!(AutosaveSlot::lock_existing(&path), Ok(Some(_)));
         is_free.then(|| read_run(&path)).flatten().filter(|run| {
             // The file name holds only a checksum of the dataset's path, which may collide.
@@ -186,6 +187,7 @@ fn slot_modified(path: &Path) -> Option<(SystemTime, PathBuf)> {
 }
 
 fn read_run(path: &Path) -> Option<AbandonedRun> {
+    // A crash may have damaged the newer file.
     [path.to_owned(), backup_path(path)].into_iter().find_map(|file| {
         let run = SavedRun::read(&file).ok()?;
         Some(AbandonedRun {

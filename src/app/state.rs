@@ -25,7 +25,7 @@ pub enum RunState {
     #[default]
     Empty,
     Loading,
-    /// A recording is followed that has no complete frame yet.
+    /// The followed recording has no complete frame yet.
     Waiting,
     Ready,
     Training,
@@ -99,7 +99,7 @@ pub struct Opened {
     pub is_demo: bool,
     /// Dataset, for comparisons with photographs; `None` for a model.
     pub dataset: Option<Arc<Dataset>>,
-    /// Origin of the positions, in the world coordinates of its files.
+    /// Origin of splat positions, in the world coordinates of the subject's files.
     pub local_origin: DVec3,
     /// Frames to train, in training order; `None` for a model.
     pub plan: Option<Arc<Plan>>,
@@ -159,7 +159,7 @@ impl Inspected {
     }
 }
 
-/// Snapshot of the run: small values only, shared without copying.
+/// Snapshot of the run. Contains only small values and shared lists, since every publication copies it.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
     pub state: RunState,
@@ -186,7 +186,7 @@ pub struct Snapshot {
 pub struct FrameLists {
     /// Reports of the latest frames, oldest first, at most [`HISTORY`].
     pub recent: Arc<Vec<FrameReport>>,
-    /// Reports of older frames whose pending photographs were compared since; the latest of them.
+    /// Reports of frames older than `recent` whose photographs were compared later; only the latest.
     pub late: Arc<Vec<FrameReport>>,
     pub skipped: Arc<Vec<SkippedFrame>>,
     /// Reports of outlier frames, whose photographs do not fit the scene.

@@ -104,6 +104,7 @@ pub fn run(
     }
     let adapter = adapter.or(found.adapter).unwrap_or(AdapterChoice::Auto);
     let mut first: Vec<WorkerOrder> = vec![WorkerOrder::Open(subject)];
+    // After the dataset, whose cameras it corrects.
     first.extend(calibration.map(WorkerOrder::Calibrate));
     let open = |adapter: &AdapterChoice| {
         let opened = Instant::now();

@@ -31,7 +31,6 @@ struct MarkedSplat {
     reach: f32,
 }
 
-/// How a new selection combines with the current one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SelectMode {
     Replace,
@@ -100,6 +99,7 @@ impl Edits {
         for slot in slots {
             let Some(splat) = splats.get(slot as usize) else { continue };
             match (self.mark(slot, splat), how) {
+                // Not displayed, so the user cannot mean them.
                 (Some(Mark::Hidden | Mark::Deleted), _) => {}
                 (_, SelectMode::Remove) => drop(marked.remove(&slot)),
                 _ => {

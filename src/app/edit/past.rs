@@ -43,7 +43,7 @@ pub struct PastScenes {
     /// Least number of frames between two copies.
     interval: usize,
     serial: u64,
-    /// Copying threads by the number of their copy.
+    /// Copying threads, each with the serial of its copy.
     copies: Vec<(u64, JoinHandle<SplatSet>)>,
 }
 
@@ -61,6 +61,7 @@ impl PastScenes {
             *self = Self { serial: self.serial, ..Self::default() };
         }
         let bytes = bytes_of(scene);
+        // A copy larger than the budget would displace all others.
         if n_frames == 0 || bytes > budget || !self.is_due(n_frames) {
             return;
         }
@@ -113,6 +114,7 @@ impl PastScenes {
 
     fn thin(&mut self, most: usize, budget: usize) {
         while self.moments.len() > most || self.bytes() > budget {
+            // The thinning below always retains the first copy.
             if self.moments.len() == 1 {
                 self.moments.clear();
                 return;

@@ -62,6 +62,7 @@ impl VisibleSplats {
         if self.rules.are_inactive() {
             return Some(change);
         }
+        // Training does not change the earlier scene.
         if self.rules.past.is_some() {
             return None;
         }
@@ -84,6 +85,7 @@ impl VisibleSplats {
         let is_another = self.rules.are_inactive() || self.rules.past != rules.past;
         self.rules = rules;
         if self.rules.are_inactive() {
+            // Frees the copy of the scene.
             self.shown = Arc::default();
             return Some(SplatChange::All(current.clone()));
         }

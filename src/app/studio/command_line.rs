@@ -73,6 +73,7 @@ fn path(path: &Path) -> Result<String, NoCommandLine> {
 }
 
 fn shell_quoted(word: &str) -> String {
+    // Any other character may have a meaning in some shell.
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-./:=,+@%\\".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) && (cfg!(windows) || !word.contains('\\')) {
         return word.to_owned();

@@ -186,12 +186,17 @@ impl Studio {
     pub(super) fn handle_dropped_files(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let paths: Vec<PathBuf> =
             ui.input(|i| i.raw.dropped_files.iter().map(|file| file.path().to_owned()).collect());
-        match <[PathBuf; 1]>::try_from(paths) {
-            // A single path may be a calibration for the open dataset.
-            Ok([path]) => self.open_path(path, snapshot),
-            Err(none) if none.is_empty() => {}
-            Err(several) => self.confirm_then_send(WorkerOrder::OpenFirst(several), snapshot),
+        let Some((first, others)) = paths.split_first() else { return };
+        if !others.is_empty() {
+            // A user may drop all photographs of a capture instead of its folder.
+            let text = format!(
+                "only one subject can be open: {} is opened, {} other dropped paths were left out; to open a capture, drop its folder",
+                first.display(),
+                others.len()
+            );
+            self.report(NoticeKind::Warning, text);
         }
+        self.open_path(first.clone(), snapshot);
     }
 
     pub(super) fn confirm_then_send(&mut self, order: WorkerOrder, snapshot: &Snapshot) {
@@ -226,7 +231,6 @@ impl Studio {
         }
     }
 
-    /// Draws the dialogs and acts on their answers.
     pub(super) fn show_dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let waker = self.shell.waker().clone();
         // No action waits for this dialog, so cancelling it has no effect.
@@ -291,7 +295,6 @@ impl Studio {
         }
     }
 
-    /// Previews the choices of the export dialog while it is open.
     fn preview_export(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         let Dialogs { mapping, export, .. } = &self.dialogs;

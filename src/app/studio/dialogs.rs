@@ -226,6 +226,7 @@ fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
             }
         });
     });
+    // Escape, or a click beside the prompt.
     if response.should_close() {
         decision = decision.or(Some(Decision::Cancel));
     }

@@ -159,7 +159,6 @@ impl Behavior<DockPane> for Dock<'_> {
     }
 }
 
-/// Draws panels and viewport in the remaining room.
 pub(super) fn tiles(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
     studio.layout.resize(ui.available_size(), GAP);
     let before = studio.layout.tree.clone();
@@ -181,11 +180,11 @@ pub(super) fn tiles(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &S
     studio.layout.tree = if is_dropped && !is_valid(&tree) { before } else { tree };
     let Some(place) = place else { return };
     let mut ui = ui.new_child(UiBuilder::new().max_rect(place).id_salt("picture"));
+    // The viewport must not paint over the panels beside it.
     ui.set_clip_rect(place);
     viewport(studio, &mut ui, frame, snapshot);
 }
 
-/// Draws the viewport with its toolbar and overlays.
 fn viewport(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
     if let Some(opened) = &snapshot.opened {
         let asked = Panel::top("viewport bar").frame(frame).show(ui, |ui| {

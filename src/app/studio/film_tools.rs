@@ -24,7 +24,6 @@ impl FilmTools {
         Self { path, ..Self::default() }
     }
 
-    /// Draws the panel of the path and executes its requests.
     pub fn panel(
         &mut self,
         view: &mut SceneView,

@@ -178,11 +178,10 @@ impl Studio {
     /// Trains on the same frames with the current settings; the view stays.
     pub(super) fn retrain(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
-        let settings = Box::new(self.training.clone());
         // Sent even if the user then cancels discarding: the settings apply to the next run.
-        self.worker.send(WorkerOrder::TrainBy(settings.clone()));
+        self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
         self.view.camera.retain_for(opened);
-        self.confirm_then_send(WorkerOrder::Retrain(settings), snapshot);
+        self.confirm_then_send(WorkerOrder::Retrain, snapshot);
     }
 
     /// Applies a level of detail chosen after opening, if no frame is trained yet.

@@ -9,7 +9,6 @@ use crate::pipeline::session::Session;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Autosave of the open run.
 pub struct Files {
     /// Folders for slots; the further ones are only used when the program ends unexpectedly.
     folders: Vec<PathBuf>,
@@ -70,6 +69,7 @@ impl Files {
             }
             Saver::Waiting(_) if self.n_unsaved == 0 => None,
             Saver::Waiting(since) => {
+                // Counted from the first unsaved frame: a short run leaves no file.
                 let is_due = since.get_or_insert_with(Instant::now).elapsed() >= time;
                 if is_due { self.start(session).err() } else { None }
             }
@@ -85,7 +85,6 @@ impl Files {
         }
     }
 
-    /// Claims a slot and starts the first autosave.
     fn start(&mut self, session: &Session) -> Result<(), String> {
         // Stays off if no slot can be claimed, so that the user is warned once.
         self.saver = Saver::Off;

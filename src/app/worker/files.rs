@@ -64,6 +64,7 @@ impl Export<'_> {
                     summary.n_written,
                 );
                 end_write(out, self.number, text);
+                // Never an error, because a file of this format was just written.
                 let carrier = ModelFormat::from_path(self.path).map(ModelFormat::origin_carrier);
                 if let Some(warning) = carrier.ok().and_then(|by| warning(local_origin(out), by)) {
                     out.notify(NoticeKind::Warning, format!("{path}: {warning}"));

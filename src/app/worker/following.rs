@@ -57,7 +57,7 @@ impl Following {
         }
     }
 
-    /// Time until the next poll for frames, if there is none to train.
+    /// Time until the next poll for frames; `None` unless training waits for a recording.
     pub fn time_to_next_poll(&self, state: RunState, run: &Run) -> Option<Duration> {
         let rest = match (state, run.session()) {
             // `poll` itself waits for the job.
@@ -111,7 +111,6 @@ impl Following {
         }
     }
 
-    /// Updates the state of the recording in the snapshot.
     pub fn update(&mut self, run: &mut Run, out: &mut Outbox) {
         let session = run.session();
         let is_waiting = session.is_none_or(Session::is_caught_up);
@@ -149,7 +148,6 @@ impl Following {
         silence(follow.path(), job.elapsed())
     }
 
-    /// Publishes the grown list of frames and cameras.
     fn update_cameras(&mut self, run: &Run, out: &mut Outbox) {
         let (Some(session), Some(opened)) = (run.session(), &out.snapshot.opened) else { return };
         // The session replaces its dataset when frames arrive.

@@ -52,6 +52,7 @@ impl Worker {
     /// Starts the thread; autosaves go to the first folder, and to the next ones if the program ends
     /// unexpectedly and the first cannot be written.
     pub fn start_with(waker: Waker, folders: Vec<PathBuf>) -> std::io::Result<Self> {
+        // The hook records the place of a panic, which its payload lacks.
         PanicReport::install_hook();
         let (orders, inbox) = sync_channel(MAX_ORDERS);
         let shared = Arc::new(Shared::default());
@@ -68,7 +69,7 @@ impl Worker {
     }
 
     pub fn send(&self, order: WorkerOrder) {
-        let opens = matches!(order, WorkerOrder::Open(_) | WorkerOrder::OpenFirst(_));
+        let opens = matches!(order, WorkerOrder::Open(_));
         if opens && self.snapshot().state == RunState::Loading {
             // The newest request counts, and the current opening may never end.
             self.cancel_opening();
@@ -122,6 +123,7 @@ impl Worker {
     pub fn store(&self) -> Rescue {
         // An opening is no longer wanted, and its drive may never respond.
         self.shared.close();
+        // Room for the answer, so that the thread need not wait for this one.
         let (sender, receiver) = sync_channel(1);
         self.send(WorkerOrder::Store(sender));
         // Without a time limit, because the program ends afterwards and loses what is unsaved. If the
@@ -136,7 +138,7 @@ impl Worker {
         }
     }
 
-    /// Time spent waiting for the current frame, if at least [`SLOW_FRAME`].
+    /// Time spent waiting for the current frame; `None` below 5 s.
     pub fn slow_frame(&self) -> Option<Duration> {
         let waited = self.snapshot().pace.unread_since?.elapsed();
         (waited >= SLOW_FRAME).then_some(waited)

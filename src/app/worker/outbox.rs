@@ -76,7 +76,7 @@ impl Outbox {
         self.snapshot.notices = Arc::new(kept.cloned().collect());
     }
 
-    /// Replaces the snapshot for another subject; what does not depend on the subject stays.
+    /// Resets the snapshot for another subject; keeps notices, outcomes of files and the follow switch.
     pub fn reset_snapshot(&mut self) {
         let Snapshot { notices, files, following, .. } = std::mem::take(&mut self.snapshot);
         self.snapshot = Snapshot {

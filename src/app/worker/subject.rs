@@ -15,13 +15,13 @@ use crate::pipeline::follow::Follow;
 use crate::pipeline::job::Job;
 use crate::pipeline::panic_report::PanicReport;
 use crate::train::setting::Preset;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 enum Found {
     Whole(Box<OpenedSubject>),
-    /// A folder that is still being recorded, or will be.
+    /// A folder whose recording continues or has not begun.
     Recording(Box<Follow>),
 }
 
@@ -33,41 +33,6 @@ impl WorkerThread {
     ) {
         if let Err(refusal) = self.try_open(calibration, subject) {
             self.outbox.notify(refusal.kind, refusal.text);
-        }
-    }
-
-    /// Opens the first path that can be opened, because only one subject can be open, and lists the
-    /// others in a notice.
-    pub(super) fn open_first(&mut self, paths: &[PathBuf]) {
-        // One notice for all: a user may drop all photographs of a capture instead of its folder.
-        let mut problem = None;
-        for (i, path) in paths.iter().enumerate() {
-            match self.try_open(None, Subject::Path(path.clone())) {
-                // Cancelled, together with the remaining paths.
-                Err(refusal) if refusal.kind == NoticeKind::Info => {
-                    return self.outbox.notify(refusal.kind, refusal.text);
-                }
-                Err(refusal) => problem = problem.or(Some(refusal.text)),
-                Ok(()) if paths.len() == 1 => return,
-                Ok(()) => {
-                    let others = paths.iter().enumerate().filter(|(j, _)| *j != i);
-                    let others: Vec<&PathBuf> = others.map(|(_, path)| path).collect();
-                    let reason = problem.map(|p| format!(" ({p})")).unwrap_or_default();
-                    let text = format!(
-                        "{} is open; only one subject can be open, left out: {}{reason}",
-                        path.display(),
-                        list_paths(&others)
-                    );
-                    return self.outbox.notify(NoticeKind::Warning, text);
-                }
-            }
-        }
-        if let Some(problem) = problem {
-            let text = match paths.len() {
-                1 => problem,
-                n => format!("none of the {n} paths can be opened; the first: {problem}"),
-            };
-            self.outbox.notify(NoticeKind::Error, text);
         }
     }
 
@@ -98,8 +63,7 @@ impl WorkerThread {
         Ok(())
     }
 
-    /// Opens something in the state of loading. After a failure the subject opened before stays open,
-    /// paused.
+    /// Runs `open` in the state of loading. If it fails, the previous subject stays open, paused.
     fn while_loading<T>(
         &mut self,
         open: impl FnOnce(&mut Self) -> Result<T, Refusal>,
@@ -211,7 +175,7 @@ impl WorkerThread {
         }
     }
 
-    /// Reopens the subject with its calibration and the current settings, which thus take effect.
+    /// Reopens the subject with its calibration, to apply the current settings.
     pub(super) fn reset(&mut self) {
         if let Some(subject) = self.run.subject.clone() {
             self.open_with(self.run.calibration.clone(), subject);
@@ -341,17 +305,6 @@ impl WorkerThread {
         // Of the subject, so that it disappears once that is open.
         self.outbox.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
         self.outbox.publish(&self.run, true);
-    }
-}
-
-/// Lists the first few paths, and the number of the others.
-fn list_paths(paths: &[&PathBuf]) -> String {
-    const NAMED: usize = 3;
-    let names: Vec<String> =
-        paths.iter().take(NAMED).map(|path| path.display().to_string()).collect();
-    match paths.len().saturating_sub(NAMED) {
-        0 => names.join(", "),
-        more => format!("{} and {more} more", names.join(", ")),
     }
 }
 

@@ -61,6 +61,7 @@ impl WorkerThread {
 
     /// Executes orders and trains until the handle is dropped.
     pub fn run(mut self) {
+        // Of any dataset, because none is open yet.
         self.offer_abandoned_run(None);
         while let Ok(order) = self.next_order() {
             // Catches panics of each turn, not of the loop, so that a panic costs one order or one
@@ -120,6 +121,7 @@ impl WorkerThread {
                 self.apply(order);
             }
             None if self.has_pending_step => self.step_once(),
+            // A frame that was not read yet is tried again in the next turn.
             None if self.outbox.snapshot.state == RunState::Training => drop(self.step()),
             None if self.outbox.snapshot.state == RunState::Waiting => {
                 self.poll_awaited_recording();
@@ -141,7 +143,6 @@ impl WorkerThread {
         match order {
             WorkerOrder::TrainBy(settings) => self.training = *settings,
             WorkerOrder::Open(subject) => self.open_with(None, subject),
-            WorkerOrder::OpenFirst(paths) => self.open_first(&paths),
             WorkerOrder::Calibrate(path) => self.calibrate(&path),
             WorkerOrder::Train => self.set_state(RunState::Training),
             WorkerOrder::Pause => {
@@ -158,8 +159,7 @@ impl WorkerThread {
             WorkerOrder::Step => {}
             WorkerOrder::Follow(follows) => self.set_follows(follows),
             WorkerOrder::Reset => self.reset(),
-            WorkerOrder::Retrain(settings) => {
-                self.training = *settings;
+            WorkerOrder::Retrain => {
                 self.reset();
                 self.set_state(RunState::Training);
             }
@@ -271,8 +271,6 @@ pub enum WorkerOrder {
     TrainBy(Box<TrainSettings>),
     /// Opens a subject; the demo is also trained at once.
     Open(Subject),
-    /// Opens the first path that can be opened, and lists the others in a notice.
-    OpenFirst(Vec<PathBuf>),
     /// Restarts with the open subject, its cameras corrected by a calibration file.
     Calibrate(PathBuf),
     Train,
@@ -282,8 +280,8 @@ pub enum WorkerOrder {
     /// Follows recordings, the open one and those opened next; or stops following.
     Follow(bool),
     Reset,
-    /// Restarts with the same subject and other settings, and trains at once.
-    Retrain(Box<TrainSettings>),
+    /// Restarts with the same subject and the current settings, and trains at once.
+    Retrain,
     /// Writes a checkpoint of the newest state; the snapshot reports the outcome under this number.
     Save(u64, PathBuf),
     /// Exports the newest scene, with the mapping from native to plain splats and the splats left out by

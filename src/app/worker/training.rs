@@ -63,7 +63,6 @@ impl WorkerThread {
         true
     }
 
-    /// Adds new reports of outlier frames to the snapshot.
     fn add_outlier_reports(&mut self) {
         let Some(session) = self.run.session_mut() else { return };
         let reports = session.take_outlier_warnings();
@@ -79,6 +78,7 @@ impl WorkerThread {
         let snapshot = &mut self.outbox.snapshot;
         snapshot.frames_done += 1;
         snapshot.files.unsaved_frames += 1;
+        // The first sample was taken when the recording had too few frames.
         if snapshot.following.recording.is_some() && snapshot.frames_done == ENOUGH_FRAMES {
             self.run.start_sampling();
         }
