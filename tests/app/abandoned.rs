@@ -1,14 +1,14 @@
 //! Autosaved runs of a killed window: the next window offers to continue or forget them and never deletes
 //! one without the user's consent.
 
-use super::harness::{PATIENCE, Window, click, dataset, is, wait};
+use super::harness::{Window, click, dataset, is, until, wait};
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::{Key, Vec2, ViewportCommand, ViewportId};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use vbgs_studio::app::rescue::Rescue;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::app::training::TrainSettings;
@@ -32,14 +32,6 @@ fn worker(state: &Path) -> Arc<Worker> {
 fn always_saving() -> WorkerOrder {
     let settings = TrainSettings { autosave_s: Some(0), ..TrainSettings::default() };
     WorkerOrder::TrainBy(Box::new(settings))
-}
-
-fn until(what: &str, condition: impl Fn() -> bool) {
-    let started = Instant::now();
-    while !condition() {
-        assert!(started.elapsed() < PATIENCE, "waited for {what}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
 }
 
 /// Lists the checkpoints in the autosave folder.

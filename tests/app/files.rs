@@ -1,12 +1,11 @@
 //! Writing scenes and runs, and opening them again.
 
-use super::harness::{PATIENCE, click, dataset, is, train, wait, window, write_to};
+use super::harness::{click, dataset, is, train, until, wait, window, write_to};
 use crate::common::adapter::turn;
 use eframe::egui::Key;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, Weak};
-use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::edit::marks::LeftOut;
 use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Source, Subject};
@@ -100,19 +99,12 @@ fn an_export_is_given_up_when_the_user_says_so() {
     let room = dataset(folder.path(), 2);
     started.send(WorkerOrder::Open(Subject::Path(room)));
     started.send(WorkerOrder::Train);
-    let wait = |what: &str, condition: &dyn Fn() -> bool| {
-        let begun = Instant::now();
-        while !condition() {
-            assert!(begun.elapsed() < PATIENCE, "waited for {what}");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    };
-    wait("the end", &|| started.snapshot().state == RunState::Finished);
+    until("the end", || started.snapshot().state == RunState::Finished);
     let file = folder.path().join("scene.ply");
     std::fs::write(&file, "older").unwrap();
     started.send(WorkerOrder::Export(1, file.clone(), Mapping::default(), LeftOut::default()));
     let is_told = |n: &Notice| n.kind == NoticeKind::Info && n.text.contains("cancelled");
-    wait("the message", &|| started.snapshot().notices.iter().any(is_told));
+    until("the message", || started.snapshot().notices.iter().any(is_told));
     assert!(seen.load(Ordering::SeqCst));
     assert_eq!(std::fs::read(&file).unwrap(), b"older");
     let outcome = started.snapshot().files.latest_write.unwrap();

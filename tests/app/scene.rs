@@ -2,16 +2,21 @@
 //! export to plain splats.
 
 use super::harness::{
-    click, close_notice, dataset, drop_on, is, paper_window, train, wait, wait_for_label,
+    click, close_notice, dataset, drop_on, is, paper_window, train, until, wait, wait_for_label,
     wait_for_picture, window, write_to,
 };
 use super::viewer::{choose, evaluated, position, press, session};
 use crate::common::adapter::turn;
 use eframe::egui::{Key, Modifiers};
 use egui_kittest::kittest::Queryable;
+use std::cell::RefCell;
 use std::path::Path;
-use vbgs_studio::app::state::{NoticeKind, Opened, RunState, Subject};
+use std::sync::Arc;
+use vbgs_studio::app::frame_outcomes::{FrameOutcomes, FrameState};
+use vbgs_studio::app::state::{HISTORY, NoticeKind, Opened, RunState, Subject};
+use vbgs_studio::app::training::TrainSettings;
 use vbgs_studio::app::viewer::toolbar::ViewMode;
+use vbgs_studio::app::worker::{Worker, WorkerOrder};
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
@@ -211,4 +216,38 @@ fn a_calibration_is_dropped_on_its_dataset() {
     wait(&mut window, "the start", |s| s.snapshot().frames_done == 0);
     let opened = window.state().snapshot().opened.clone().unwrap();
     assert_eq!(calibration(&opened), Some(read), "its cameras stay corrected");
+}
+
+/// Photographs are drawn at random, so that some wait for longer than a snapshot reports their frame.
+#[test]
+fn photographs_that_wait_longer_than_frames_are_shown_still_tell_how_they_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let params = SyntheticParams {
+        width: 32,
+        height: 24,
+        n_train: HISTORY + 100,
+        n_eval: 0,
+        ..SyntheticParams::demo()
+    };
+    write(&params, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| {}).unwrap();
+    let worker = Worker::start_with(Arc::new(|| {}), Vec::new()).unwrap();
+    let mut settings = TrainSettings { autosave_s: None, ..TrainSettings::default() };
+    settings.scene.shuffle_buffer = Some(150);
+    worker.send(WorkerOrder::TrainBy(Box::new(settings)));
+    worker.send(WorkerOrder::Open(Subject::Path(folder.path().to_owned())));
+    worker.send(WorkerOrder::Train);
+    let outcomes = RefCell::new(FrameOutcomes::default());
+    until("the end", || {
+        let snapshot = worker.snapshot();
+        outcomes.borrow_mut().update(&snapshot);
+        snapshot.state == RunState::Finished
+    });
+    let plan = worker.snapshot().opened.as_ref().unwrap().plan.clone().unwrap();
+    assert!(plan.frames.len() > HISTORY, "{}", plan.frames.len());
+    let outcomes = outcomes.into_inner();
+    let untold = plan.frames.iter().filter(|&&frame| {
+        let state = outcomes.state_of((plan.split, frame), "");
+        !matches!(state, FrameState::Trained(_, Some(outcome)) if outcome.psnr_before.is_some())
+    });
+    assert_eq!(untold.collect::<Vec<_>>(), [&0; 0]);
 }

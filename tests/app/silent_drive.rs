@@ -2,8 +2,8 @@
 #![cfg(target_os = "linux")]
 
 use super::harness::{
-    PATIENCE, Window, click, dataset, drag, drop_on, is, settled, train, wait, wait_for_label,
-    wait_for_picture, window, write_to,
+    PATIENCE, Window, click, dataset, drag, drop_on, is, settled, train, until, wait,
+    wait_for_label, wait_for_picture, window, write_to,
 };
 use super::viewer::press;
 use crate::common::adapter::turn;
@@ -124,16 +124,9 @@ fn a_program_that_is_ended_keeps_its_training_and_waits_for_no_drive() {
     let worker = Worker::start_with(Arc::new(|| {}), vec![folder.path().to_owned()]).unwrap();
     worker.send(WorkerOrder::Open(Subject::Path(dataset(folder.path(), 2))));
     worker.send(WorkerOrder::Step);
-    let wait = |what: &str, condition: &dyn Fn() -> bool| {
-        let started = Instant::now();
-        while !condition() {
-            assert!(started.elapsed() < PATIENCE, "waited for {what}");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    };
-    wait("a frame", &|| worker.snapshot().frames_done == 1);
+    until("a frame", || worker.snapshot().frames_done == 1);
     worker.send(WorkerOrder::Open(Subject::Path(silent.folder.clone())));
-    wait("the start of opening", &|| worker.snapshot().state == RunState::Loading);
+    until("the start of opening", || worker.snapshot().state == RunState::Loading);
     let started = Instant::now();
     let kept = worker.store();
     assert!(started.elapsed() < PASS, "{:?}", started.elapsed());

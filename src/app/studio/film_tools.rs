@@ -20,10 +20,6 @@ pub(super) struct FilmTools {
 }
 
 impl FilmTools {
-    pub fn new(path: PathEditor) -> Self {
-        Self { path, ..Self::default() }
-    }
-
     pub fn panel(
         &mut self,
         view: &mut SceneView,

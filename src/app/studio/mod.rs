@@ -121,7 +121,7 @@ impl Studio {
         let mut film = FilmTools::default();
         if let Some(Handover { view: kept, path }) = shell.exit.handover.take() {
             view.restore_retained_state(kept);
-            film = FilmTools::new(path);
+            film.path = path;
         }
         Ok(Self {
             quality: QualityMonitor::new(shell.waker().clone()),

@@ -111,7 +111,7 @@ impl Following {
         }
     }
 
-    pub fn update(&mut self, run: &mut Run, out: &mut Outbox) {
+    pub fn update(&mut self, run: &Run, out: &mut Outbox) {
         let session = run.session();
         let is_waiting = session.is_none_or(Session::is_caught_up);
         let followed = match &self.awaited {
@@ -164,13 +164,12 @@ impl Following {
     }
 
     /// Publishes changes deferred until training rests (see [`Outbox::mark_visibility`]), once per rest.
-    fn publish_at_rest(&mut self, is_waiting: bool, run: &mut Run, out: &mut Outbox) {
+    fn publish_at_rest(&mut self, is_waiting: bool, run: &Run, out: &mut Outbox) {
         match self.waiting_since {
             _ if !is_waiting => self.waiting_since = Some(Instant::now()),
             Some(since) if since.elapsed() > AT_REST => {
                 self.waiting_since = None;
-                run.reset_frame_rate();
-                out.snapshot.pace.frames_per_s = 0.0;
+                out.reset_frame_rate();
                 out.mark_visibility(run);
                 out.is_changed = true;
             }

@@ -8,8 +8,12 @@ use crate::app::state::{
 };
 use crate::pipeline::job::Waker;
 use crate::train::learner::{Changed, Learner};
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Instant;
+
+/// Number of frames over which the frame rate is averaged.
+const RATE_FRAMES: usize = 30;
 
 /// Most notices of a snapshot, whose list is copied for every new one.
 const MAX_NOTICES: usize = 50;
@@ -24,6 +28,8 @@ pub struct Outbox {
     pub is_changed: bool,
     /// Serial of the next notice or opened subject.
     pub next_serial: u64,
+    /// End times of recent frames, for the frame rate.
+    ends: VecDeque<Instant>,
 }
 
 impl Outbox {
@@ -36,6 +42,7 @@ impl Outbox {
             dirty: Dirty::default(),
             is_changed: true,
             next_serial: 1,
+            ends: VecDeque::new(),
         }
     }
 
@@ -78,6 +85,7 @@ impl Outbox {
 
     /// Resets the snapshot for another subject; keeps notices, outcomes of files and the follow switch.
     pub fn reset_snapshot(&mut self) {
+        self.ends.clear();
         let Snapshot { notices, files, following, .. } = std::mem::take(&mut self.snapshot);
         self.snapshot = Snapshot {
             notices,
@@ -87,6 +95,24 @@ impl Outbox {
             ..Snapshot::default()
         };
         self.is_changed = true;
+    }
+
+    /// Counts the end of a frame in the frame rate.
+    pub fn record_frame(&mut self) {
+        if self.ends.len() == RATE_FRAMES {
+            self.ends.pop_front();
+        }
+        let now = Instant::now();
+        self.ends.push_back(now);
+        let span_s = self.ends.front().map_or(0.0, |first| (now - *first).as_secs_f64());
+        // Ends are one more than the intervals between them.
+        let n_intervals = (self.ends.len() - 1) as f64;
+        self.snapshot.pace.frames_per_s = if span_s > 0.0 { n_intervals / span_s } else { 0.0 };
+    }
+
+    pub fn reset_frame_rate(&mut self) {
+        self.ends.clear();
+        self.snapshot.pace.frames_per_s = 0.0;
     }
 
     pub fn set_state(&mut self, state: RunState) {
@@ -241,16 +267,6 @@ impl Dirty {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::frame_outcomes::{FrameOutcomes, FrameState};
-    use crate::app::state::Subject;
-    use crate::app::training::TrainSettings;
-    use crate::app::worker::{Worker, WorkerOrder};
-    use crate::dataset::synthetic::SyntheticParams;
-    use crate::dataset::synthetic::write::{SyntheticLayout, write};
-    use std::time::Duration;
-
-    /// Timeout of training all frames.
-    const PATIENCE: Duration = Duration::from_secs(120);
 
     #[test]
     fn changed_components_are_taken_once_and_may_be_new() {
@@ -263,39 +279,5 @@ mod tests {
         dirty.mark_all(3);
         dirty.mark(&[2, 3]);
         assert_eq!(dirty.take(), [0, 1, 2, 3]);
-    }
-
-    #[test]
-    fn photographs_that_wait_longer_than_frames_are_shown_still_tell_how_they_compared() {
-        let folder = tempfile::tempdir().unwrap();
-        let params = SyntheticParams {
-            width: 32,
-            height: 24,
-            n_train: HISTORY + 100,
-            n_eval: 0,
-            ..SyntheticParams::demo()
-        };
-        write(&params, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| {}).unwrap();
-        let worker = Worker::start_with(Arc::new(|| {}), Vec::new()).unwrap();
-        let mut settings = TrainSettings { autosave_s: None, ..TrainSettings::default() };
-        settings.scene.shuffle_buffer = Some(150);
-        worker.send(WorkerOrder::TrainBy(Box::new(settings)));
-        worker.send(WorkerOrder::Open(Subject::Path(folder.path().to_owned())));
-        worker.send(WorkerOrder::Train);
-        let (started, mut outcomes) = (Instant::now(), FrameOutcomes::default());
-        while worker.snapshot().state != RunState::Finished {
-            assert!(started.elapsed() < PATIENCE, "{:?}", worker.snapshot().notices);
-            outcomes.update(&worker.snapshot());
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        let snapshot = worker.snapshot();
-        outcomes.update(&snapshot);
-        let plan = snapshot.opened.as_ref().unwrap().plan.clone().unwrap();
-        assert!(plan.frames.len() > HISTORY, "{}", plan.frames.len());
-        let untold = plan.frames.iter().filter(|&&frame| {
-            let state = outcomes.state_of((plan.split, frame), "");
-            !matches!(state, FrameState::Trained(_, Some(outcome)) if outcome.psnr_before.is_some())
-        });
-        assert_eq!(untold.collect::<Vec<_>>(), [&0; 0]);
     }
 }

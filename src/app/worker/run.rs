@@ -10,12 +10,7 @@ use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::job::Job;
 use crate::pipeline::session::Session;
 use crate::render::attributes::Attribute;
-use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Instant;
-
-/// Number of frames over which the frame rate is averaged.
-const RATE_FRAMES: usize = 30;
 
 #[derive(Default)]
 pub struct Run {
@@ -27,8 +22,6 @@ pub struct Run {
     /// Component that snapshots inspect.
     pub inspecting: Option<u32>,
     pub sampling: Option<Job<FrameSampling>>,
-    /// End times of recent frames, for the frame rate.
-    ends: VecDeque<Instant>,
 }
 
 impl Run {
@@ -53,7 +46,6 @@ impl Run {
     /// Replaces the content; `None` while a recording is awaited.
     pub fn set_content(&mut self, content: Option<Content>) {
         self.content = content;
-        self.ends.clear();
         // A sampling of the previous dataset is abandoned.
         self.sampling = None;
         // The index would refer to another component.
@@ -104,22 +96,6 @@ impl Run {
             },
         };
         Some(Arc::new(inspected))
-    }
-
-    /// Records the end of a frame; returns the frame rate.
-    pub fn record_frame(&mut self) -> f64 {
-        if self.ends.len() == RATE_FRAMES {
-            self.ends.pop_front();
-        }
-        let now = Instant::now();
-        self.ends.push_back(now);
-        let span_s = self.ends.front().map_or(0.0, |first| (now - *first).as_secs_f64());
-        // Ends are one more than the intervals between them.
-        if span_s > 0.0 { (self.ends.len() - 1) as f64 / span_s } else { 0.0 }
-    }
-
-    pub fn reset_frame_rate(&mut self) {
-        self.ends.clear();
     }
 
     pub fn start_sampling(&mut self) {

@@ -123,7 +123,7 @@ impl WorkerThread {
         self.outbox.reset_snapshot();
         self.outbox.set_state(RunState::Waiting);
         self.following.await_recording(Some(follow));
-        self.following.update(&mut self.run, &mut self.outbox);
+        self.following.update(&self.run, &mut self.outbox);
     }
 
     pub(super) fn install_subject(&mut self, opened: OpenedSubject) {

@@ -200,7 +200,7 @@ impl WorkerThread {
         // An order that arrives after the end of training must not restart it.
         if self.may_train() {
             self.outbox.set_state(state);
-            self.reset_frame_rate();
+            self.outbox.reset_frame_rate();
         }
     }
 
@@ -209,14 +209,9 @@ impl WorkerThread {
         matches!(state, RunState::Ready | RunState::Training | RunState::Paused)
     }
 
-    fn reset_frame_rate(&mut self) {
-        self.run.reset_frame_rate();
-        self.outbox.snapshot.pace.frames_per_s = 0.0;
-    }
-
     pub(super) fn fail(&mut self, message: String) {
         self.outbox.set_state(RunState::Failed);
-        self.reset_frame_rate();
+        self.outbox.reset_frame_rate();
         self.outbox.notify(NoticeKind::Error, message);
     }
 

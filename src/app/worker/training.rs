@@ -59,7 +59,7 @@ impl WorkerThread {
             Err(error) => self.fail(format!("{error}; the scene trained so far can be exported")),
         }
         self.add_outlier_reports();
-        self.following.update(&mut self.run, &mut self.outbox);
+        self.following.update(&self.run, &mut self.outbox);
         true
     }
 
@@ -82,13 +82,13 @@ impl WorkerThread {
         if snapshot.following.recording.is_some() && snapshot.frames_done == ENOUGH_FRAMES {
             self.run.start_sampling();
         }
-        snapshot.pace.frames_per_s = self.run.record_frame();
+        self.outbox.record_frame();
         self.refresh_session_info();
     }
 
     fn finish(&mut self) {
         self.outbox.set_state(RunState::Finished);
-        self.outbox.snapshot.pace.frames_per_s = 0.0;
+        self.outbox.reset_frame_rate();
         self.outbox.mark_visibility(&self.run);
         self.outbox.add_late_reports(&self.run);
         let Some(session) = self.run.session() else { return };
@@ -158,7 +158,7 @@ impl WorkerThread {
                 if session.follow(None) && state == RunState::Finished {
                     self.outbox.set_state(RunState::Training);
                 }
-                self.following.update(&mut self.run, &mut self.outbox);
+                self.following.update(&self.run, &mut self.outbox);
             }
         }
     }
@@ -181,6 +181,6 @@ impl WorkerThread {
                 self.outbox.notify(NoticeKind::Error, error);
             }
         }
-        self.following.update(&mut self.run, &mut self.outbox);
+        self.following.update(&self.run, &mut self.outbox);
     }
 }
