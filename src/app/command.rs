@@ -8,6 +8,7 @@ use eframe::egui::{Context, Key, KeyboardShortcut, Modifiers};
 macro_rules! labelled {
     ($type:ident: $($value:ident: $label:literal, $tooltip:literal;)*) => {
         impl $type {
+            // The length follows from the list, so that no value can be missing.
             pub const ALL: [Self; [$(Self::$value),*].len()] = [$(Self::$value),*];
 
             pub fn label(self) -> &'static str {
@@ -26,25 +27,23 @@ macro_rules! labelled {
 }
 pub(super) use labelled;
 
-/// When a command is available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Needs {
     Nothing,
     /// No file or folder is being opened.
     NotLoading,
-    /// A dataset whose training can go on.
+    /// A dataset whose training can start or continue.
     Resting,
     Training,
-    /// A dataset of which something is trained.
+    /// A dataset whose training has started.
     Trained,
-    /// Something that can be drawn.
+    /// A dataset or model that can be drawn.
     Scene,
     Dataset,
     /// A dataset or a model.
     Model,
 }
 
-/// Part of the program that executes a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Executor {
     Window,
@@ -62,7 +61,7 @@ pub enum Menu {
 }
 
 struct CommandRow {
-    /// Label, and the name out of context if neighbouring buttons explain the label.
+    /// Label, followed by a longer name if the label is clear only beside its neighbours.
     names: &'static [&'static str],
     tooltip: &'static str,
     keys: &'static [KeyboardShortcut],
@@ -75,6 +74,7 @@ const fn key(key: Key) -> KeyboardShortcut {
     KeyboardShortcut::new(Modifiers::NONE, key)
 }
 
+// `COMMAND` is Cmd on macOS and Ctrl elsewhere.
 const fn ctrl(key: Key) -> KeyboardShortcut {
     KeyboardShortcut::new(Modifiers::COMMAND, key)
 }
@@ -99,6 +99,7 @@ macro_rules! commands {
 
             fn row(self) -> &'static CommandRow {
                 match self {
+                    // A constant block, because a row must outlive this call.
                     $(Self::$command => const {
                         &CommandRow {
                             names: &[$($name),+],
@@ -219,7 +220,6 @@ impl UiCommand {
         self.row().menu
     }
 
-    /// True if the view alone executes the command.
     pub fn is_view_command(self) -> bool {
         self.row().executor == Executor::View
     }
@@ -247,6 +247,7 @@ impl UiCommand {
         }
         let is_for = |source| RunState::ALL.iter().any(|&state| self.is_available(state, source));
         Some(match (state, source) {
+            // First, because the source is still that of the subject opened before.
             (RunState::Loading, _) => "A file or folder is being opened",
             (RunState::Waiting, _) => "The followed recording has no complete frame yet",
             (_, Source::Nothing) => "Nothing is open",
@@ -265,7 +266,7 @@ impl UiCommand {
         self.row().keys
     }
 
-    /// Keys as shown in menus; empty if it has none.
+    /// Shortcuts as shown in menus; empty if the command has none.
     pub fn keys(self, ctx: &Context) -> String {
         let name = |shortcut: &KeyboardShortcut| {
             // `[` is clearer than its name; other symbols, such as arrows, are missing from the fonts.
@@ -278,9 +279,10 @@ impl UiCommand {
         self.shortcuts().iter().map(name).collect::<Vec<_>>().join(" or ")
     }
 
-    /// True if a focused control uses one of its keys: to be pressed, to change its value, or to move
-    /// the focus.
+    /// True if a focused control also reacts to one of the command's keys, by a press, a change of its
+    /// value or a change of focus.
     pub fn conflicts_with_controls(self) -> bool {
+        // egui handles these keys itself while a control has the focus.
         const KEYS: [Key; 5] = [Key::Space, Key::Tab, Key::ArrowLeft, Key::ArrowRight, Key::Escape];
         self.shortcuts().iter().any(|shortcut| KEYS.contains(&shortcut.logical_key))
     }

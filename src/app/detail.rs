@@ -55,18 +55,19 @@ pub fn retrainable_run(opened: &Opened) -> Option<&SceneRun> {
 /// Forecasts a run with another structural scale (world units); `None` before the first frame.
 pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
     let run = snapshot.opened.as_deref()?.scene()?;
-    let mut ms: Vec<f64> = snapshot.recent.iter().map(|frame| frame.ms.stages.train).collect();
-    if snapshot.used == 0 || ms.is_empty() {
+    let mut ms: Vec<f64> =
+        snapshot.frames.recent.iter().map(|frame| frame.ms.stages.train).collect();
+    if snapshot.model.used == 0 || ms.is_empty() {
         return None;
     }
     ms.sort_by(f64::total_cmp);
-    let used = snapshot.used as f64;
+    let used = snapshot.model.used as f64;
     // Components cover surfaces, so their number is inversely proportional to the squared scale.
     let components = (used * (run.engine.h / length).powi(2)).min(run.engine.max_components as f64);
     let factor = components / used;
     Some(DetailForecast {
         components,
-        model_bytes: snapshot.model_bytes as f64 * factor,
+        model_bytes: snapshot.model.bytes as f64 * factor,
         frame_ms: quantile(&ms, 0.5) * (1.0 + COMPONENT_SHARE * (factor - 1.0)),
     })
 }
@@ -79,7 +80,7 @@ pub fn finer(snapshot: &Snapshot) -> Option<StructuralScale> {
     let in_world = StructuralScale::World(FINER * run.engine.h);
     let is_shown =
         |scale, sample: &FrameSample| !effective_scale(&run.engine, scale, sample).is_noise_limited;
-    match (run.scale, &snapshot.sample) {
+    match (run.scale, &snapshot.sampling.sample) {
         (StructuralScale::Pixels(n), None) => Some(StructuralScale::Pixels(FINER * n)),
         (StructuralScale::Pixels(n), Some(sample))
             if is_shown(StructuralScale::Pixels(FINER * n), sample) =>

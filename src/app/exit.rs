@@ -1,4 +1,4 @@
-//! Reason why a window ended and the state it hands over to the next window.
+//! Reason why a window ended, and the state that it hands over to the next one.
 
 use super::mailbox::Mailbox;
 use super::path_editor::PathEditor;
@@ -21,33 +21,18 @@ pub struct Handover {
     pub path: PathEditor,
 }
 
-/// Shared record of why a window ends and what it hands over. It outlives the window, whose own state is gone
-/// after a panic.
+/// Reason why a window ends, and the state for the next one. Shared, because a panic destroys the window's
+/// own state.
 #[derive(Clone, Default)]
 pub struct Exit {
-    reason: Arc<Mailbox<ExitReason>>,
-    handover: Arc<Mailbox<Option<Handover>>>,
+    pub reason: Arc<Mailbox<ExitReason>>,
+    pub handover: Arc<Mailbox<Option<Handover>>>,
 }
 
 impl Exit {
-    pub fn set_reason(&self, why: ExitReason) {
-        self.reason.set(why);
-    }
-
-    pub fn reason(&self) -> ExitReason {
-        self.reason.get()
-    }
-
-    pub fn hand_over(&self, handover: Handover) {
-        self.handover.set(Some(handover));
-    }
-
-    pub fn take_handover(&self) -> Option<Handover> {
-        self.handover.take()
-    }
-
     /// Creates the record of the next window with the stored state and no reason.
     pub fn for_next_window(&self) -> Self {
+        // Shared, not moved: a window that fails to open has not taken the state.
         Self { reason: Arc::default(), handover: self.handover.clone() }
     }
 }

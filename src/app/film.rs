@@ -1,7 +1,7 @@
 //! Renders a camera path to files on a thread of its own.
 //!
-//! Uses the renderer of `render --path`, so that both give the same film. While training runs, one thread
-//! renders.
+//! Uses the renderer of `render --path`, so that both give the same film. While training runs, only one
+//! thread renders.
 
 use super::edit::marks::LeftOut;
 use super::settings_file::unused;
@@ -21,15 +21,15 @@ use std::sync::Arc;
 pub struct FilmRequest {
     pub path: PacedPath,
     pub size: [u32; 2],
-    /// Video file by its extension, otherwise a folder of pictures.
+    /// Video file if the extension names one, otherwise a folder of pictures.
     pub output: PathBuf,
     pub options: RenderOptions,
     pub left_out: LeftOut,
-    /// True if training needs the other cores.
+    /// True if the film must leave the other cores to training.
     pub is_beside_training: bool,
 }
 
-/// Outcome without an error, with the number of pictures written.
+/// Outcome of a film without errors, with the number of pictures written.
 enum FilmOutcome {
     Complete(usize),
     Cancelled(usize),
@@ -66,6 +66,7 @@ impl FilmThread {
     }
 
     pub fn share(&self) -> Option<f32> {
+        // There is no share before the first picture.
         self.0.as_ref().map(|running| running.drawing.progress().share().unwrap_or(0.0))
     }
 
@@ -116,6 +117,7 @@ fn render_film(
             return Ok(FilmOutcome::Cancelled(i));
         }
         let picture = renderer.render(&*scene, &camera, &order.options).color;
+        // The encoder has ended; `finish` returns the cause.
         if !film.push(&picture)? {
             break;
         }

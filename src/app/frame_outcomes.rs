@@ -70,15 +70,16 @@ impl FrameOutcomes {
         }
         self.update_plan(opened);
         let outcome = |report: &FrameReport| (report.index, TrainedFrame::from(report));
-        let reports = [(&mut self.recent, &snapshot.recent), (&mut self.late, &snapshot.late)];
+        let reports =
+            [(&mut self.recent, &snapshot.frames.recent), (&mut self.late, &snapshot.frames.late)];
         for (known, new) in reports.into_iter().filter(|(known, new)| !Arc::ptr_eq(known, new)) {
             known.clone_from(new);
             // Known frames too: a photograph in the shuffle buffer is trained on some frames later.
             self.outcomes.extend(new.iter().map(outcome));
         }
         self.n_processed = self.recent.last().map_or(self.n_processed, |newest| newest.index + 1);
-        if !Arc::ptr_eq(&self.skipped, &snapshot.skipped) {
-            self.skipped = snapshot.skipped.clone();
+        if !Arc::ptr_eq(&self.skipped, &snapshot.frames.skipped) {
+            self.skipped = snapshot.frames.skipped.clone();
             let named = self.skipped.iter().enumerate();
             self.skipped_index = named.map(|(i, skipped)| (skipped.frame.clone(), i)).collect();
         }
@@ -156,9 +157,9 @@ mod tests {
         let photograph =
             |difference| Some(PhotographOutcome { difference, usual: 0.1, contradiction: None });
         let first = FrameReport { photograph: photograph(0.1), ..report(1) };
-        snapshot.recent = Arc::new(vec![first, report(3)]);
+        snapshot.frames.recent = Arc::new(vec![first, report(3)]);
         let why = SkippedFrame { frame: name(4), message: "damaged".into() };
-        snapshot.skipped = Arc::new(vec![why]);
+        snapshot.frames.skipped = Arc::new(vec![why]);
         known.update(&snapshot);
         assert_eq!(known.state_of((split, 4), &name(4)), FrameState::Skipped("damaged".into()));
         assert_eq!(known.state_of((split, 0), &name(0)), FrameState::Trained(0, None));

@@ -1,22 +1,22 @@
 //! Latest value published from one thread to another.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
-/// Holds the latest value. The lock is held for one assignment or clone only, so that neither a panic nor
-/// a slow reader on one side affects the other.
+/// Latest value. Every access under its lock is short, so that neither a panic nor a slow reader on one side
+/// affects the other.
 #[derive(Debug, Default)]
 pub struct Mailbox<T>(Mutex<T>);
 
 impl<T> Mailbox<T> {
     pub fn set(&self, value: T) {
-        *self.lock() = value;
+        self.with(|held| *held = value);
     }
 
     pub fn get(&self) -> T
     where
         T: Clone,
     {
-        self.lock().clone()
+        self.with(|held| held.clone())
     }
 
     /// Takes the value and leaves the default.
@@ -24,11 +24,12 @@ impl<T> Mailbox<T> {
     where
         T: Default,
     {
-        std::mem::take(&mut *self.lock())
+        self.with(std::mem::take)
     }
 
-    fn lock(&self) -> MutexGuard<'_, T> {
-        // Every write is one assignment, so the value is valid even after a panic.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Applies `access` to the value under the lock. It must leave a valid value even if it panics.
+    pub fn with<R>(&self, access: impl FnOnce(&mut T) -> R) -> R {
+        // Every access leaves a valid value, so a poisoned lock is no reason to lose it.
+        access(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }

@@ -2,14 +2,13 @@
 
 use super::color_mode::ColorMode;
 use super::session_info::{origin_info, session_info};
-use super::state::{HomeView, NoticeKind, Opened, Subject, WriteOutcome};
+use super::state::{HomeView, NoticeKind, Opened, Subject};
 use super::training::{RefusedSetting, TrainSettings};
-use super::worker::WorkerOrder;
 use crate::dataset::LoadOptions;
 use crate::dataset::error::DatasetError;
+use crate::export::ExportError;
 use crate::export::checkpoint::is_checkpoint;
 use crate::export::mapping::is_plain;
-use crate::export::{ExportError, Imported};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splat::appearance::SplatSet;
@@ -31,7 +30,7 @@ pub enum Content {
     Model(SplatSet),
 }
 
-/// Freshly opened subject, with everything that the window needs.
+/// Newly opened subject: its content, its properties for panels, and notices.
 pub struct OpenedSubject {
     pub content: Content,
     pub splats: SplatSet,
@@ -55,7 +54,7 @@ pub enum OpenError {
     Setting(#[from] RefusedSetting),
 }
 
-/// Opens a subject, to be trained with `training` unless it has its own settings; `serial` numbers it.
+/// Opens the subject numbered `serial`. It is trained with `training` unless it stores its own settings.
 pub fn open(
     subject: &Subject,
     training: &TrainSettings,
@@ -64,7 +63,10 @@ pub fn open(
     match subject {
         Subject::Demo => Ok(session(start::session(training.request()?)?, serial, None)),
         Subject::Path(path) if is_checkpoint(path) => checkpoint(path, serial),
-        Subject::Path(path) if path.is_file() && !dataset::is_archive(path) => model(path, serial),
+        // An archive is a file too, but contains a dataset.
+        Subject::Path(path) if path.is_file() && !dataset::is_archive(path) => {
+            Ok(view(path, read_splats(path)?, serial))
+        }
         Subject::Path(path) => {
             let dataset = Arc::new(dataset::open(path, &LoadOptions::default())?);
             let opened = Session::new(dataset, training.request()?, Selection::all_frames())?;
@@ -73,13 +75,14 @@ pub fn open(
     }
 }
 
-/// Wraps a session of the demo, or of the subject at a path.
+/// Returns the subject of a session; without `path` it is the demo.
 pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject {
     let dataset = session.dataset().clone();
     let notes = dataset.notes.iter().map(|note| (NoticeKind::Info, note.clone()));
     let warnings = match dataset.warnings.len() {
         0 => None,
         1 => Some((NoticeKind::Warning, dataset.warnings[0].to_string())),
+        // One notice, because every frame of a dataset may be unusable.
         n => Some((
             NoticeKind::Warning,
             format!("{n} frames are unusable; the first: {}", dataset.warnings[0]),
@@ -113,9 +116,11 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
             ColorMode::Birth,
         ],
         method: Some(session.config().method.clone()),
+        calibration: None,
         is_native: session.config().method.scene().is_some(),
     };
     let splats = match session.learner().status().used {
+        // Invisible placeholders: later updates refer to components by their index.
         0 => vec![Splat::default(); session.learner().status().components].into(),
         _ => {
             // At rest pending photographs are part of the drawn scene.
@@ -136,49 +141,41 @@ fn home_of(session: &Session) -> HomeView {
     let [lo, hi] = session.config().position_range.map(DVec3::from_array);
     let (centre, radius) = ((lo + hi) * 0.5, 0.5 * (hi - lo).length());
     let ahead = (centre - camera.pose.centre()).dot(camera.pose.forward());
+    // The camera may look past the centre or away from it.
     let distance = ahead.clamp(0.2 * radius, 2.0 * radius);
     let target = camera.pose.centre() + camera.pose.forward() * distance;
     HomeView { camera, up: session.up(), target, radius }
 }
 
+/// Horizontal field of view for a model, radians: model files contain no camera.
 const MODEL_FOV: f64 = 1.0;
 
 /// Resumes the run of a checkpoint; if that fails, shows its scene.
 fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let run = SavedRun::read(path)?;
-    let warning = run.numerics_differ().map(|text| (NoticeKind::Warning, text));
-    match continued(&run) {
-        Ok(continued) => {
-            let mut opened = session(continued, serial, Some(path));
-            opened.notices.extend(warning);
-            Ok(opened)
-        }
-        Err(error) => {
-            let all = run.splats()?;
-            let text = format!("{error}; the scene is shown, but training cannot be resumed");
-            Ok(view(
-                path,
-                drawable(&all),
-                (run.up(), run.local_origin()),
-                run.bytes,
-                vec![(NoticeKind::Warning, text)],
-                serial,
-            ))
-        }
-    }
+    resumed(&run, serial, Some(path)).or_else(|error| {
+        let mut scene = scene_of(&run)?;
+        let text = format!("{error}; the scene is shown, but training cannot be resumed");
+        scene.notices.push((NoticeKind::Warning, text));
+        Ok(view(path, scene, serial))
+    })
 }
 
-/// Opens an autosaved run, as if its dataset had stayed open.
+/// Opens an autosaved run under the name and path of its dataset.
 pub fn open_run(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let run = SavedRun::read(path)?;
-    let warning = run.numerics_differ().map(|text| (NoticeKind::Warning, text));
-    let mut opened = session(continued(&run)?, serial, run.meta.dataset.as_deref());
-    opened.notices.extend(warning);
+    resumed(&run, serial, run.meta.dataset.as_deref())
+}
+
+fn resumed(run: &SavedRun, serial: u64, path: Option<&Path>) -> Result<OpenedSubject, OpenError> {
+    let mut opened = session(continued(run)?, serial, path);
+    opened.notices.extend(run.numerics_differ().map(|text| (NoticeKind::Warning, text)));
     Ok(opened)
 }
 
 fn drawable(all: &SplatSet) -> SplatSet {
     let mut drawn = SplatSet::default().finished(all.finishing().clone());
+    // A checkpoint also stores components that are unused.
     for (i, splat) in all.iter().enumerate().filter(|(_, splat)| splat.is_drawable()) {
         drawn.push(*splat, all.appearance_of(i));
     }
@@ -193,13 +190,6 @@ fn continued(run: &SavedRun) -> Result<Session, OpenError> {
     Ok(run.clone().resume(dataset, &ResumeRequest::default(), false)?)
 }
 
-fn model(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
-    let model = export::read(path)?;
-    let up = model.up().unwrap_or(DVec3::Z);
-    let notices = notices_of(&model, path);
-    Ok(view(path, model.splats, (up, model.local_origin), model.bytes, notices, serial))
-}
-
 /// Splats of a checkpoint or a model file, without a run.
 pub struct BareSplats {
     /// Splats, with positions relative to `local_origin`.
@@ -207,20 +197,16 @@ pub struct BareSplats {
     /// Origin of the positions, in the world coordinates of the file's dataset.
     pub local_origin: DVec3,
     pub notices: Vec<(NoticeKind, String)>,
+    up: DVec3,
+    /// Size of the file, bytes.
+    bytes: u64,
 }
 
 pub fn read_splats(path: &Path) -> Result<BareSplats, OpenError> {
     if is_checkpoint(path) {
-        let run = SavedRun::read(path)?;
-        let splats = drawable(&run.splats()?);
-        return Ok(BareSplats { splats, local_origin: run.local_origin(), notices: Vec::new() });
+        return scene_of(&SavedRun::read(path)?);
     }
     let model = export::read(path)?;
-    let told = notices_of(&model, path);
-    Ok(BareSplats { splats: model.splats, local_origin: model.local_origin, notices: told })
-}
-
-fn notices_of(model: &Imported, path: &Path) -> Vec<(NoticeKind, String)> {
     let mut notices: Vec<_> =
         model.notes.iter().map(|n| (NoticeKind::Info, n.to_string())).collect();
     if model.skipped > 0 {
@@ -228,17 +214,27 @@ fn notices_of(model: &Imported, path: &Path) -> Vec<(NoticeKind, String)> {
         let text = format!("{n} rows of {path} are not finite and were left out");
         notices.push((NoticeKind::Warning, text));
     }
-    notices
+    Ok(BareSplats {
+        up: model.up().unwrap_or(DVec3::Z),
+        local_origin: model.local_origin,
+        bytes: model.bytes,
+        splats: model.splats,
+        notices,
+    })
 }
 
-fn view(
-    path: &Path,
-    splats: SplatSet,
-    (up, local_origin): (DVec3, DVec3),
-    bytes: u64,
-    notices: Vec<(NoticeKind, String)>,
-    serial: u64,
-) -> OpenedSubject {
+fn scene_of(run: &SavedRun) -> Result<BareSplats, OpenError> {
+    Ok(BareSplats {
+        splats: drawable(&run.splats()?),
+        local_origin: run.local_origin(),
+        notices: Vec::new(),
+        up: run.up(),
+        bytes: run.bytes,
+    })
+}
+
+fn view(path: &Path, scene: BareSplats, serial: u64) -> OpenedSubject {
+    let BareSplats { splats, local_origin, notices, up, bytes } = scene;
     let framing = framing(splats.iter()).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
     let intrinsics = Intrinsics::from_horizontal_fov(800, 600, MODEL_FOV);
     let orbit = Orbit {
@@ -271,63 +267,10 @@ fn view(
         selection: None,
         available_modes: &[],
         method: None,
+        calibration: None,
         is_native: !is_plain(splats.view()),
     };
     OpenedSubject { splats: splats.clone(), opened, notices, content: Content::Model(splats) }
-}
-
-#[derive(Clone, Debug)]
-pub enum Continuation {
-    Send(WorkerOrder),
-    Close,
-}
-
-/// Stage of a waiting action.
-#[derive(Clone, Debug)]
-pub enum Pending {
-    /// The user is prompted about unsaved training.
-    Asking(Continuation),
-    /// The user is prompted for a file name.
-    Naming(Continuation),
-    /// The file with this number is being written.
-    Writing(Continuation, u64),
-}
-
-#[derive(Debug)]
-pub enum AfterWrite {
-    Wait(Pending),
-    GoAhead(Continuation),
-    /// The action is dropped, because the file was not written.
-    GiveUp,
-}
-
-impl Pending {
-    /// Replaces the action; the stage remains.
-    pub fn instead(self, next: Continuation) -> Self {
-        match self {
-            Self::Asking(_) => Self::Asking(next),
-            Self::Naming(_) => Self::Naming(next),
-            Self::Writing(_, number) => Self::Writing(next, number),
-        }
-    }
-
-    /// Records that the user has named the file, whose number is `number`.
-    pub fn named(self, number: u64) -> Self {
-        match self {
-            Self::Naming(next) => Self::Writing(next, number),
-            other => other,
-        }
-    }
-
-    /// Checks whether the awaited file was written.
-    pub fn after(self, latest: Option<WriteOutcome>) -> AfterWrite {
-        match (self, latest) {
-            (Self::Writing(next, number), Some(outcome)) if outcome.number == number => {
-                if outcome.is_written { AfterWrite::GoAhead(next) } else { AfterWrite::GiveUp }
-            }
-            (waiting, _) => AfterWrite::Wait(waiting),
-        }
-    }
 }
 
 const DEMO: &str = "demo";
@@ -367,38 +310,6 @@ impl FileProposal {
 /// Absolute path; unchanged if the current folder is unknown.
 pub fn absolute_or_same(path: &Path) -> PathBuf {
     absolute(path).unwrap_or_else(|_| path.to_owned())
-}
-
-#[cfg(test)]
-mod pending_tests {
-    use super::*;
-
-    fn outcome(number: u64, is_written: bool) -> Option<WriteOutcome> {
-        Some(WriteOutcome { number, is_written })
-    }
-
-    #[test]
-    fn only_the_file_that_is_waited_for_decides() {
-        let waiting = Pending::Naming(Continuation::Close).named(7);
-        for other in [None, outcome(6, true), outcome(6, false)] {
-            assert!(matches!(
-                waiting.clone().after(other),
-                AfterWrite::Wait(Pending::Writing(_, 7))
-            ));
-        }
-        let done = waiting.clone().after(outcome(7, true));
-        assert!(matches!(done, AfterWrite::GoAhead(Continuation::Close)));
-        assert!(matches!(waiting.after(outcome(7, false)), AfterWrite::GiveUp));
-        let asking = Pending::Asking(Continuation::Close).named(7);
-        assert!(matches!(asking.after(outcome(7, true)), AfterWrite::Wait(Pending::Asking(_))));
-    }
-
-    #[test]
-    fn closing_takes_the_place_of_what_waited() {
-        let waiting = Pending::Writing(Continuation::Send(WorkerOrder::Reset), 3);
-        let closing = waiting.instead(Continuation::Close).after(outcome(3, true));
-        assert!(matches!(closing, AfterWrite::GoAhead(Continuation::Close)));
-    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Dialogs for one path: a text field, and a native dialog if there is one.
 //!
-//! The field always works, while native dialogs need a desktop portal. A native dialog itself confirms
-//! the replacement of a file; for the field this module does. The path is checked on a separate thread,
+//! The field always works, while native dialogs need a desktop portal. A native dialog confirms the
+//! replacement of a file itself; this module does so for the field. The path is checked on a separate thread,
 //! because a drive that does not respond must not block the window.
 
 use super::opening::FileProposal;
@@ -16,16 +16,18 @@ use std::time::Duration;
 /// Offset of a dialog beside the picture from the upper right corner of the window, points.
 const ASIDE: [f32; 2] = [-8.0, 72.0];
 
-/// Replaces a leading `~` by the user's home folder, like a shell.
+/// Replaces a leading `~` by the user's home folder.
 fn at_home(path: &Path, home: Option<PathBuf>) -> PathBuf {
+    // Shells expand it, but a typed or pasted path has passed through none.
     match (path.strip_prefix("~"), home) {
         (Ok(rest), Some(home)) => home.join(rest),
         _ => path.to_owned(),
     }
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Purpose {
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+pub enum Purpose {
+    #[default]
     Open,
     Compare,
     Save,
@@ -85,6 +87,7 @@ pub enum PathAnswer {
     Cancelled,
 }
 
+#[derive(Default)]
 pub struct PathDialog {
     purpose: Purpose,
     is_open: bool,
@@ -106,40 +109,8 @@ pub struct PathDialog {
 }
 
 impl PathDialog {
-    pub fn open() -> Self {
-        Self::new(Purpose::Open)
-    }
-
-    pub fn compare() -> Self {
-        Self::new(Purpose::Compare)
-    }
-
-    pub fn save() -> Self {
-        Self::new(Purpose::Save)
-    }
-
-    pub fn export() -> Self {
-        Self::new(Purpose::Export)
-    }
-
-    pub fn film() -> Self {
-        Self::new(Purpose::Film)
-    }
-
-    fn new(purpose: Purpose) -> Self {
-        Self {
-            purpose,
-            is_open: false,
-            path: String::new(),
-            proposed_for: 0,
-            native: None,
-            no_native: false,
-            approved: None,
-            checking: None,
-            replacing: None,
-            problem: None,
-            takes_focus: false,
-        }
+    pub fn new(purpose: Purpose) -> Self {
+        Self { purpose, ..Self::default() }
     }
 
     pub fn is_open(&self) -> bool {
@@ -162,14 +133,14 @@ impl PathDialog {
         (self.approved, self.replacing, self.problem) = (None, None, None);
     }
 
-    /// Draws the dialog with further `choices`. `told` is drawn below the buttons, because it may
-    /// appear later and buttons must not move under the pointer. Returns the result, once there is one.
+    /// Draws the dialog with further `choices`. Content that may appear later is drawn by `below`, under
+    /// the buttons, because these must not move under the pointer. Returns the result once there is one.
     pub fn ui(
         &mut self,
         ui: &Ui,
         waker: &Waker,
         choices: impl FnOnce(&mut Ui),
-        told: impl FnOnce(&mut Ui),
+        below: impl FnOnce(&mut Ui),
     ) -> Option<PathAnswer> {
         if !self.is_open {
             return None;
@@ -189,7 +160,7 @@ impl PathDialog {
             .anchor(anchor, offset)
             .show(ui.ctx(), |ui| {
                 confirmed = self.content(ui, waker, choices);
-                told(ui);
+                below(ui);
                 // Below everything else, because it appears later: buttons must not move under the
                 // pointer.
                 if let Some((path, job)) = &self.checking {
@@ -207,6 +178,7 @@ impl PathDialog {
             return self.confirm(waker);
         }
         if !stays || ui.input(|i| i.key_pressed(Key::Escape)) {
+            // A check in progress must not answer for a closed dialog.
             (self.is_open, self.checking) = (false, None);
             return Some(PathAnswer::Cancelled);
         }
@@ -255,6 +227,7 @@ impl PathDialog {
                     panic.failure_notice("checking this path")
                 ));
             }
+            // Pictures of a film are written into a folder, which may exist.
             Ok(Occupant::Folder) if self.purpose != Purpose::Film => {
                 let path = path.display();
                 self.problem = Some(format!("{path} is a folder: add the name of a file"));
@@ -293,6 +266,7 @@ impl PathDialog {
         if replace {
             return Some(self.answer(path));
         }
+        // Escape, or a click beside the prompt.
         if keep || response.should_close() {
             self.replacing = None;
         }
@@ -379,6 +353,7 @@ impl PathDialog {
         pick: impl FnOnce() -> Option<PathBuf> + Send + 'static,
     ) {
         if ui.add_enabled(self.native.is_none(), Button::new(label)).clicked() {
+            // Without a thread the field still works.
             self.native = Job::start_waking("dialog", waker.clone(), pick).ok();
         }
     }
@@ -407,6 +382,7 @@ enum Occupant {
     Folder,
 }
 
+/// Time after which a dialog shows that it waits for a drive; drives that respond take less.
 const HINT_DELAY: Duration = Duration::from_secs(1);
 
 impl Occupant {

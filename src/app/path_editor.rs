@@ -5,6 +5,7 @@ use crate::math::camera_path::{CameraPath, Keyframe};
 use glam::DVec3;
 use std::path::Path;
 
+/// Default time between two keyframes, seconds.
 const STEP_S: f64 = 2.0;
 
 #[derive(Clone, Debug)]
@@ -13,6 +14,7 @@ pub struct PathEditor {
     pub fps: f64,
     /// True if the path returns from the last keyframe to the first.
     pub is_loop: bool,
+    /// Time from the last keyframe back to the first, seconds.
     pub way_back: f64,
     /// Playback position, seconds from the first keyframe.
     pub moment: f64,
@@ -47,7 +49,7 @@ impl PathEditor {
         self.keyframes[i].time - self.keyframes[i - 1].time
     }
 
-    /// Appends a camera [`STEP_S`] after the last.
+    /// Appends a keyframe [`STEP_S`] after the last one.
     pub fn add(&mut self, camera: Keyframe) {
         let time = self.keyframes.last().map_or(0.0, |last| last.time + STEP_S);
         self.keyframes.push(Keyframe { time, ..camera });
@@ -79,6 +81,7 @@ impl PathEditor {
     pub fn take(&mut self, paced: &PacedPath) {
         let path = &paced.path;
         let all = path.keyframes();
+        // The last keyframe of a loop repeats the first one.
         let (first, n) = (all[0].time, all.len() - usize::from(path.is_loop()));
         if path.is_loop() {
             self.way_back = all[n].time - all[n - 1].time;
@@ -101,6 +104,7 @@ impl PathEditor {
         {
             keyframes.push(Keyframe { time: last.time + self.way_back, ..*first });
         }
+        // A loop of one keyframe has two points but no movement.
         let is_enough = self.keyframes.len() > 1;
         let path = CameraPath::new(keyframes, self.is_loop).filter(|_| is_enough)?;
         Some(PacedPath { path, fps: self.fps })
@@ -116,6 +120,7 @@ impl PathEditor {
         self.moment += seconds;
         if self.moment >= path.duration() {
             self.is_playing = self.is_loop;
+            // The remainder, because a slow pass may take longer than the whole loop.
             self.moment =
                 if self.is_loop { self.moment % path.duration() } else { path.duration() };
         }

@@ -39,6 +39,7 @@ impl StoredSettings {
             problems.extend(problem);
             read
         }
+        // Each part is read alone, so that an unreadable one leaves the others.
         let mut problems = Vec::new();
         let recent = |text: &str| from_text("recent paths", text);
         Self {

@@ -358,7 +358,7 @@ impl QualityMonitor {
             views,
             options,
             near_rule: NearRule::of(opened.method.as_ref().map(Method::preset)),
-            at: (snapshot.frames_done, snapshot.trained_s, snapshot.used),
+            at: (snapshot.frames_done, snapshot.pace.trained_s, snapshot.model.used),
             settled: snapshot.includes_pending_photographs,
         };
         if self.thread.is_none() {

@@ -1,4 +1,4 @@
-//! Autosave slots of training runs, and what becomes of a run when the program ends unexpectedly.
+//! Autosave slots of training runs, and the rescue of a run when the program ends unexpectedly.
 //!
 //! A run has one slot: a checkpoint named after its dataset in the platform's state folder, and a lock
 //! file beside it that stays locked while the window lives. A process loses its locks however it ends.
@@ -27,7 +27,7 @@ pub enum CrashedThread {
     Training,
 }
 
-/// Panic, with what became of the unsaved training.
+/// Panic of a thread, and the outcome of storing its unsaved training.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{} crashed: {panic}; {rescue}", match thread {
     CrashedThread::Window => "the window",
@@ -39,7 +39,7 @@ pub struct Crash {
     pub rescue: Rescue,
 }
 
-/// Outcome of storing training that no checkpoint holds.
+/// Outcome of storing frames that no checkpoint contains.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Rescue {
     Nothing,
@@ -78,6 +78,7 @@ impl fmt::Display for Rescue {
 
 /// Folders for autosaves, in order of preference.
 pub fn default_folders() -> Vec<PathBuf> {
+    // The last resort: the state folder may be missing, full or read-only.
     let temporary = std::env::temp_dir().join(user_folders::APP);
     user_folders::state().into_iter().chain([temporary]).collect()
 }
@@ -99,6 +100,7 @@ impl AutosaveSlot {
         std::fs::create_dir_all(&folder)?;
         for n in 1..=MAX_SLOTS {
             let path = folder.join(slot_name(dataset, n));
+            // Locked before the check, or another window could claim the slot in between.
             if let Some(slot) = Self::lock_existing(&path)?
                 && !path.exists()
                 && !backup_path(&path).exists()
@@ -163,6 +165,7 @@ pub fn find_newest(folders: &[PathBuf], dataset: Option<&Path>) -> Option<Abando
     let mut slots = slots.into_iter().rev().map(|(_, path)| path);
     slots.find_map(|path| {
         let is_meant = dataset.as_ref().is_none_or(|dataset| is_slot_of(&path, dataset));
+        // A locked slot belongs to a window that is still open.
         let is_free = is_meant && matches!(AutosaveSlot::lock_existing(&path), Ok(Some(_)));
         is_free.then(|| read_run(&path)).flatten().filter(|run| {
             // The file name holds only a checksum of the dataset's path, which may collide.
@@ -175,6 +178,7 @@ pub fn find_newest(folders: &[PathBuf], dataset: Option<&Path>) -> Option<Abando
 fn slot_modified(path: &Path) -> Option<(SystemTime, PathBuf)> {
     let path = match path.extension()?.to_str()? {
         ENDING => path.to_owned(),
+        // A backup is named after its slot: `<slot>.vbgs.bak`.
         "bak" => path.with_extension(""),
         _ => return None,
     };
@@ -183,6 +187,7 @@ fn slot_modified(path: &Path) -> Option<(SystemTime, PathBuf)> {
 }
 
 fn read_run(path: &Path) -> Option<AbandonedRun> {
+    // A crash may have damaged the newer file.
     [path.to_owned(), backup_path(path)].into_iter().find_map(|file| {
         let run = SavedRun::read(&file).ok()?;
         Some(AbandonedRun {
@@ -207,12 +212,15 @@ fn slot_name(dataset: &Path, n: usize) -> String {
 }
 
 fn is_slot_of(path: &Path, dataset: &Path) -> bool {
+    // Further slots of a dataset have a number after the stem.
     path.file_name().and_then(|n| n.to_str()).is_some_and(|name| name.starts_with(&stem(dataset)))
 }
 
 fn stem(dataset: &Path) -> String {
     let name = dataset.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+    // Only characters that every file system accepts.
     let plain: String = name.chars().filter(|c| c.is_ascii_alphanumeric() || *c == '_').collect();
+    // Datasets in different folders may have the same name.
     format!("{plain}-{:08x}", crc32fast::hash(dataset.as_os_str().as_encoded_bytes()))
 }
 

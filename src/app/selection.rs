@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 /// Radii of the outlines, standard deviations, and their line widths, points.
 const RIMS: [(f64, f32); 2] = [(1.0, 2.0), (2.0, 1.0)];
-/// Visible on every colour of the ramp.
+/// Outline colour, visible on every colour of the ramp.
 const LIGHT: Color32 = Color32::from_rgb(255, 90, 220);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,6 +62,7 @@ impl SplatSelection {
         }
         let clicked = response.interact_pointer_pos().filter(|_| response.clicked());
         let Some(at) = clicked else { return Ok(()) };
+        // egui measures in points, cameras in pixels.
         let pixel = (at - response.rect.min) * ui.ctx().pixels_per_point();
         let pixel = DVec2::new(pixel.x.into(), pixel.y.into());
         let purpose = match (response.double_clicked(), measures) {
@@ -87,7 +88,7 @@ impl SplatSelection {
     }
 }
 
-/// Render options at a pixel: a wipe has two sides.
+/// Render options of the picture at a pixel, since the sides of a wipe may differ.
 fn options_at(request: &PictureRequest, pixel: DVec2) -> RenderOptions {
     let width = f64::from(request.camera.intrinsics.width);
     match &request.second {

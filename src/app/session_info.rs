@@ -19,6 +19,7 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
         ("Layout".to_owned(), format!("{} ({})", dataset.layout.name(), dataset.recognised_by)),
     ];
     for split in &dataset.splits {
+        // Datasets have no empty splits.
         let k = &split.frames[0].camera.intrinsics;
         let depth = if split.has_depth { "with depth" } else { "colour only" };
         let text = format!("{} frames, {}×{}, {depth}", split.frames.len(), k.width, k.height);
@@ -47,6 +48,7 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
 /// Line with the local origin, for a world far from its own origin.
 pub fn origin_info(origin: DVec3) -> Option<(String, String)> {
     let [x, y, z] = origin.to_array();
+    // All digits: users add the origin to exported positions.
     (origin != DVec3::ZERO).then(|| ("Local origin".to_owned(), format!("{x}  {y}  {z}")))
 }
 

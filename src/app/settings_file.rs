@@ -156,9 +156,11 @@ fn read(file: &Path) -> Result<Parts, Unusable> {
         io::ErrorKind::NotFound => Unusable::Missing,
         _ => Unusable::Unread(error),
     })?;
+    // A folder or device of this name cannot be replaced by the settings.
     if !metadata.is_file() {
         return Err(Unusable::Unread(io::Error::other("it is not a file")));
     }
+    // Checked before reading, to bound the memory.
     if metadata.len() > MAX_BYTES {
         return Err(Unusable::Broken(format!("{} bytes", metadata.len())));
     }
@@ -193,6 +195,7 @@ pub fn unused(path: &Path) -> PathBuf {
     let ending = path.extension().unwrap_or_default().to_string_lossy();
     let numbered = (2..).map(|n| path.with_file_name(format!("{stem}-{n}.{ending}")));
     let mut paths = std::iter::once(path.to_owned()).chain(numbered);
+    // The fallback is never used, because the numbers have no end.
     paths.find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
 }
 

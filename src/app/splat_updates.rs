@@ -1,9 +1,10 @@
-//! Mailbox of changed splats from the trainer to the viewport. Neither waits: the trainer adds updates
-//! only after the last one was taken, and the viewport takes what is available.
+//! Mailbox of changed splats from the trainer to the viewport. Neither side waits: the trainer
+//! adds updates only after the last one was taken, and the viewport takes what is available.
 
+use super::mailbox::Mailbox;
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// Change of splats. Threads of the window share it without copying it.
 #[derive(Clone, Debug)]
@@ -38,34 +39,32 @@ pub struct SplatUpdate {
 
 impl From<SplatChange> for SplatUpdate {
     fn from(change: SplatChange) -> Self {
+        // With 0 frames no copy for the walk back is stored.
         Self { change, attributes: Vec::new(), n_frames: 0 }
     }
 }
 
 #[derive(Debug, Default)]
-pub struct SplatUpdates(Mutex<Vec<SplatUpdate>>);
+pub struct SplatUpdates(Mailbox<Vec<SplatUpdate>>);
 
 impl SplatUpdates {
-    fn lock(&self) -> MutexGuard<'_, Vec<SplatUpdate>> {
-        // A panic during a push or take leaves the list valid.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     pub fn is_empty(&self) -> bool {
-        self.lock().is_empty()
+        self.0.with(|waiting| waiting.is_empty())
     }
 
     /// Adds an update; a replacement of all splats drops the updates before it.
     pub fn push(&self, update: SplatUpdate) {
-        let mut waiting = self.lock();
-        if matches!(update.change, SplatChange::All(_)) {
-            waiting.clear();
-        }
-        waiting.push(update);
+        self.0.with(|waiting| {
+            // Earlier updates would cost the viewport time without any effect.
+            if matches!(update.change, SplatChange::All(_)) {
+                waiting.clear();
+            }
+            waiting.push(update);
+        });
     }
 
     pub fn take(&self) -> Vec<SplatUpdate> {
-        std::mem::take(&mut *self.lock())
+        self.0.take()
     }
 }
 

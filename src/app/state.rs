@@ -25,7 +25,7 @@ pub enum RunState {
     #[default]
     Empty,
     Loading,
-    /// A recording is followed that has no complete frame yet.
+    /// The followed recording has no complete frame yet.
     Waiting,
     Ready,
     Training,
@@ -99,7 +99,7 @@ pub struct Opened {
     pub is_demo: bool,
     /// Dataset, for comparisons with photographs; `None` for a model.
     pub dataset: Option<Arc<Dataset>>,
-    /// Origin of the positions, in the world coordinates of its files.
+    /// Origin of splat positions, in the world coordinates of the subject's files.
     pub local_origin: DVec3,
     /// Frames to train, in training order; `None` for a model.
     pub plan: Option<Arc<Plan>>,
@@ -107,6 +107,7 @@ pub struct Opened {
     /// Colour modes that are available in addition to those of every splat.
     pub available_modes: &'static [ColorMode],
     pub method: Option<Method>,
+    pub calibration: Option<Arc<GivenCalibration>>,
     /// True if its splats are native ones, which an export may have to map to plain ones.
     pub is_native: bool,
 }
@@ -158,55 +159,93 @@ impl Inspected {
     }
 }
 
-/// Snapshot of the run: small values only, shared without copying.
+/// Snapshot of the run. Contains only small values and shared lists, since every publication copies it.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
     pub state: RunState,
     pub source: Source,
     pub opened: Option<Arc<Opened>>,
-    /// Reports of the latest frames, oldest first, at most [`HISTORY`].
-    pub recent: Arc<Vec<FrameReport>>,
-    /// Reports of older frames whose pending photographs were compared since; the latest of them.
-    pub late: Arc<Vec<FrameReport>>,
     pub frames_done: usize,
     pub n_frames: usize,
+    pub frames: FrameLists,
     /// True if pending photographs are part of the drawn scene.
     pub includes_pending_photographs: bool,
-    pub components: usize,
-    pub used: usize,
+    pub model: ModelSize,
+    pub pace: Pace,
+    pub files: FileState,
+    /// True if the program was terminated and training was stored; windows then close.
+    pub is_terminated: bool,
+    pub inspected: Option<Arc<Inspected>>,
+    pub sampling: FrameSampling,
+    pub notices: Arc<Vec<Notice>>,
+    pub following: FollowState,
+}
+
+/// Reports about single frames. Snapshots share each list until it changes.
+#[derive(Clone, Debug, Default)]
+pub struct FrameLists {
+    /// Reports of the latest frames, oldest first, at most [`HISTORY`].
+    pub recent: Arc<Vec<FrameReport>>,
+    /// Reports of frames older than `recent` whose photographs were compared later; only the latest.
+    pub late: Arc<Vec<FrameReport>>,
     pub skipped: Arc<Vec<SkippedFrame>>,
     /// Reports of outlier frames, whose photographs do not fit the scene.
-    pub outlier_reports: Arc<Vec<String>>,
+    pub outliers: Arc<Vec<String>>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ModelSize {
+    /// Number of components, unused ones included.
+    pub components: usize,
+    pub used: usize,
+    pub bytes: usize,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pace {
     /// Trained frames per second of wall time, over the latest frames.
     pub frames_per_s: f64,
     /// Training time, seconds, including waits for frames.
     pub trained_s: f64,
-    pub model_bytes: usize,
+    /// Start of the wait for a frame that has not been read, if training waits.
+    pub unread_since: Option<Instant>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct FileState {
     /// Number of frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
-    /// True if the program was terminated and training was stored; windows then close.
-    pub is_terminated: bool,
     pub latest_write: Option<WriteOutcome>,
-    pub inspected: Option<Arc<Inspected>>,
-    /// Agreement of the poses with depth, once it is known.
-    pub poses: Option<Arc<PoseCheck>>,
-    /// Pixel width and depth noise, once known; only for a dataset that the scene preset trains.
-    pub sample: Option<FrameSample>,
-    pub calibration: Option<Arc<GivenCalibration>>,
     /// Run that an earlier window left behind, offered for resuming.
     pub abandoned: Option<Arc<AbandonedRun>>,
-    pub notices: Arc<Vec<Notice>>,
+}
+
+/// Measurements on a sample of the frames; `None` until they are known.
+#[derive(Clone, Debug, Default)]
+pub struct FrameSampling {
+    /// Agreement of the poses with depth.
+    pub poses: Option<Arc<PoseCheck>>,
+    /// Pixel width and depth noise; only for a dataset that the scene preset trains.
+    pub sample: Option<FrameSample>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct FollowState {
     /// True if recordings are followed, the open one and those opened next.
-    pub follows: bool,
-    pub followed: Option<Followed>,
-    /// Since when training waits for a frame that has not been read, if it does.
-    pub unread_since: Option<Instant>,
+    pub is_on: bool,
+    pub recording: Option<Followed>,
 }
 
 impl Snapshot {
     /// Number of frames that the scene has seen, including skipped ones.
     pub fn n_seen(&self) -> usize {
-        self.frames_done + self.skipped.len()
+        self.frames_done + self.frames.skipped.len()
+    }
+
+    /// True if training would be lost by closing or by opening another subject. Never for the demo,
+    /// which can be recomputed.
+    pub fn has_training_to_lose(&self) -> bool {
+        self.files.unsaved_frames > 0 && self.opened.as_ref().is_some_and(|opened| !opened.is_demo)
     }
 }
 
@@ -217,14 +256,6 @@ pub struct Followed {
     pub is_waiting: bool,
     /// Reason why no frames arrive, other than a lack of new files.
     pub problem: Option<String>,
-}
-
-impl Snapshot {
-    /// True if training would be lost by closing or by opening another subject. Never for the demo,
-    /// which can be recomputed.
-    pub fn has_training_to_lose(&self) -> bool {
-        self.unsaved_frames > 0 && self.opened.as_ref().is_some_and(|opened| !opened.is_demo)
-    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

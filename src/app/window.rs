@@ -26,9 +26,11 @@ const MAX_LOSSES: usize = 3;
 /// Lifetime from which a window counts as stable.
 const WELL_AFTER: Duration = Duration::from_secs(60);
 
-/// Opens windows until the user closes one. A failing adapter is replaced by wgpu's choice, and that by
-/// the software adapter if there has been a window; a crash is final. Otherwise returns the last error,
-/// and whether there ever was a window.
+/// Opens windows until the user closes one. If an adapter fails, the next window uses wgpu's choice, and
+/// after that the software adapter if a window was ever open. A crash is final.
+///
+/// # Errors
+/// The last error, and whether a window was ever open.
 fn keep_open(
     mut adapter: AdapterChoice,
     mut open: impl FnMut(&AdapterChoice) -> Result<(ExitReason, Duration), WindowError>,
@@ -97,10 +99,12 @@ pub fn run(
     let settings = SettingsFile::of_user();
     let found = settings.as_ref().map(SettingsFile::open).unwrap_or_default();
     for text in found.problems {
+        // Notices of the worker outlive a window that cannot be opened.
         host.worker.send(WorkerOrder::Report(NoticeKind::Warning, text));
     }
     let adapter = adapter.or(found.adapter).unwrap_or(AdapterChoice::Auto);
     let mut first: Vec<WorkerOrder> = vec![WorkerOrder::Open(subject)];
+    // After the dataset, whose cameras it corrects.
     first.extend(calibration.map(WorkerOrder::Calibrate));
     let open = |adapter: &AdapterChoice| {
         let opened = Instant::now();
@@ -169,7 +173,7 @@ impl Host {
         ended?;
         // For the next window everything is open; it lacks only the splats.
         *first = vec![WorkerOrder::Deliver];
-        Ok(exit.reason())
+        Ok(exit.reason.get())
     }
 }
 
@@ -264,7 +268,7 @@ pub fn run_guarded(
         Ok(ended) => ended,
         // The device cannot be polled here: it was dropped with the window, which polled it last
         // (`Studio::drop`).
-        Err(_) if exit.reason() == ExitReason::DeviceLost => Ok(()),
+        Err(_) if exit.reason.get() == ExitReason::DeviceLost => Ok(()),
         Err(payload) => Err(WindowError::Crashed(Box::new(Crash {
             thread: CrashedThread::Window,
             panic: PanicReport::of(&*payload),
@@ -323,6 +327,7 @@ pub enum WindowError {
 impl From<eframe::Error> for WindowError {
     fn from(error: eframe::Error) -> Self {
         match error {
+            // `run` has checked before that a display is announced.
             eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => Self::DisplaySilent,
             eframe::Error::Wgpu(error) => Self::NoAdapter(error.to_string()),
             other => Self::Window(other.to_string()),

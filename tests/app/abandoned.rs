@@ -1,14 +1,14 @@
 //! Autosaved runs of a killed window: the next window offers to continue or forget them and never deletes
 //! one without the user's consent.
 
-use super::harness::{PATIENCE, Window, click, dataset, is, wait};
+use super::harness::{Window, click, dataset, is, until, wait};
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::{Key, Vec2, ViewportCommand, ViewportId};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use vbgs_studio::app::rescue::Rescue;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::app::training::TrainSettings;
@@ -32,14 +32,6 @@ fn worker(state: &Path) -> Arc<Worker> {
 fn always_saving() -> WorkerOrder {
     let settings = TrainSettings { autosave_s: Some(0), ..TrainSettings::default() };
     WorkerOrder::TrainBy(Box::new(settings))
-}
-
-fn until(what: &str, condition: impl Fn() -> bool) {
-    let started = Instant::now();
-    while !condition() {
-        assert!(started.elapsed() < PATIENCE, "waited for {what}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
 }
 
 /// Lists the checkpoints in the autosave folder.
@@ -105,14 +97,14 @@ fn a_killed_run_is_offered_and_goes_on_to_the_same_scene() {
     click(&mut window, "Continue");
     wait(&mut window, "the run", |s| s.snapshot().frames_done == 2);
     assert_eq!(window.state().snapshot().state, RunState::Paused);
-    assert_eq!(window.state().snapshot().unsaved_frames, 2, "not yet saved by the user");
+    assert_eq!(window.state().snapshot().files.unsaved_frames, 2, "not yet saved by the user");
     assert!(window.query_by_label("Continue").is_none());
 
     window.key_press(Key::Space);
     wait(&mut window, "the end", is(RunState::Finished));
     let file = folder.path().join("run.vbgs");
     worker.send(WorkerOrder::Save(1, file.clone()));
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     let opened = vbgs_studio::dataset::open(&room, &LoadOptions::default()).unwrap();
     let whole = SceneOverrides::default();
     let mut whole = Session::new(Arc::new(opened), whole, Selection::all_frames()).unwrap();
@@ -163,7 +155,7 @@ fn a_damaged_save_is_passed_over_for_the_one_before() {
     let next = worker(&state);
     next.send(WorkerOrder::Open(Subject::Path(room.clone())));
     until("the dataset", || next.snapshot().state == RunState::Ready);
-    let offered = next.snapshot().abandoned.clone().expect("an offer");
+    let offered = next.snapshot().files.abandoned.clone().expect("an offer");
     assert_eq!(offered.frames, 2);
     assert_eq!((&offered.slot, &offered.file), (&file, &file.with_added_extension("bak")));
     next.send(WorkerOrder::ResumeAbandoned);

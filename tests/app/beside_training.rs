@@ -53,7 +53,7 @@ fn trained_s(room: &Path, beside: Beside) -> Option<f64> {
     if beside == Beside::WindowWithoutPast {
         keep_no_past(&mut window);
     }
-    let before = window.state().snapshot().trained_s;
+    let before = window.state().snapshot().pace.trained_s;
     window.key_press(Key::Space);
     window.step();
     if beside == Beside::Orbiting {
@@ -78,7 +78,7 @@ fn trained_s(room: &Path, beside: Beside) -> Option<f64> {
     }
     let moments = window.state().view().editor().stored_scenes.moments().len();
     assert_eq!(moments == 0, beside == Beside::WindowWithoutPast, "{moments} moments");
-    Some(window.state().snapshot().trained_s - before)
+    Some(window.state().snapshot().pace.trained_s - before)
 }
 
 fn trained_alone_s(subject: Subject) -> f64 {
@@ -89,7 +89,7 @@ fn trained_alone_s(subject: Subject) -> f64 {
             assert!(started.elapsed() < 2 * PATIENCE, "it is never {state:?}");
             std::thread::sleep(Duration::from_millis(5));
         }
-        worker.snapshot().trained_s
+        worker.snapshot().pace.trained_s
     };
     worker.send(WorkerOrder::Open(subject));
     reached(RunState::Ready, 0);

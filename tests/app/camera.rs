@@ -86,7 +86,7 @@ fn f_shows_the_whole_scene_and_fills_the_smaller_side() {
     let Some(mut window) = window(Some(Subject::Path(lego)), Painting::Auto) else { return };
     train(&mut window);
     write_to(&mut window, Key::E, "Export", &file);
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     let lego = export::read(&file).unwrap().splats;
     for source in [Source::Dataset, Source::Model] {
         for size in [[1000.0, 640.0], [1700.0, 500.0], [700.0, 1300.0]] {

@@ -199,7 +199,6 @@ const PROMISES: &[(&str, &[&str])] = &[
             "waiting.rs: frames_are_trained_while_the_window_does_nothing",
             "window.rs: figures_of_start_up_and_cost",
             "window.rs: a_window_at_rest_costs_nothing_shown_or_hidden",
-            "window.rs: figures_of_orbiting",
             "beside_training.rs: figures_beside_training",
         ],
     ),
@@ -241,7 +240,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         "A full disk gives an error; the scene stays and can be written elsewhere",
         &[
             "full_disk.rs: a_full_disk_is_said_and_the_scene_is_written_elsewhere",
-            "full_disk.rs: what_waits_for_a_file_is_given_up_on_a_full_disk_and_nothing_is_discarded",
+            "saving.rs: what_waits_is_given_up_where_no_file_was_written",
             "src/app/settings_file.rs: half_a_file_gives_way_to_the_last_good_one_and_is_kept",
         ],
     ),
@@ -261,10 +260,9 @@ const PROMISES: &[(&str, &[&str])] = &[
         &["journey.rs: a_hand_opens_trains_orbits_compares_measures_exports_and_quits"],
     ),
     (
-        "The scene after frame k can be viewed (from births and stored snapshots)",
+        "The scene after frame k can be viewed (from stored copies)",
         &[
             "editing.rs: a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it",
-            "editing.rs: training_goes_on_beside_edits_and_what_it_bears_is_shown",
             "src/app/edit/past.rs: moments_keep_to_the_budget_and_none_is_kept_that_exceeds_it_alone",
         ],
     ),

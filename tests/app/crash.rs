@@ -2,19 +2,25 @@
 //! and the waker, so the program needs no code for it.
 
 use super::device_loss::draw_film;
-use super::harness::{self, PATIENCE, Window, click, dataset, is, train, wait, wait_for_label};
+use super::harness::{
+    self, PATIENCE, Window, click, dataset, is, train, until, wait, wait_for_label,
+};
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::Vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::time::Instant;
+use vbgs_studio::app::edit::marks::LeftOut;
 use vbgs_studio::app::rescue::{CrashedThread, Rescue};
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
 use vbgs_studio::app::{Exit, ExitReason, Painting, Studio, WindowError, run_guarded};
+use vbgs_studio::export;
+use vbgs_studio::export::mapping::Mapping;
+use vbgs_studio::pipeline::checkpoint::SavedRun;
 
 /// A window on a worker that outlives it, as in the program.
 struct Hosted {
@@ -113,10 +119,10 @@ fn a_panic_after_the_device_was_lost_is_the_devices_loss() {
     device.destroy();
     let ended = panic_in(window, &worker, &exit);
     assert!(ended.is_ok(), "{ended:?}");
-    assert_eq!(exit.reason(), ExitReason::DeviceLost);
+    assert_eq!(exit.reason.get(), ExitReason::DeviceLost);
     assert!(worker.crash().is_none());
     assert!(!folder.path().join("autosave").exists(), "training goes on");
-    assert_eq!(worker.snapshot().unsaved_frames, 3, "in the next window");
+    assert_eq!(worker.snapshot().files.unsaved_frames, 3, "in the next window");
 }
 
 #[test]
@@ -185,4 +191,116 @@ fn a_panic_of_a_film_costs_the_film_and_is_told() {
     draw_film(window, &folder.path().join("again"));
     let second = folder.path().join("again/00002.png");
     wait(window, "pictures", |_| second.exists());
+}
+
+/// Starts a worker that has trained one frame; it panics while `armed` is set.
+fn stepped_worker(room: PathBuf, folders: &[&Path], armed: &Arc<AtomicBool>) -> Worker {
+    let trigger = armed.clone();
+    let waker: Waker = Arc::new(move || assert!(!trigger.load(Ordering::SeqCst), "injected"));
+    let folders = folders.iter().map(|folder| folder.to_path_buf()).collect();
+    let worker = Worker::start_with(waker, folders).unwrap();
+    worker.send(WorkerOrder::Open(Subject::Path(room)));
+    worker.send(WorkerOrder::Step);
+    until("a frame", || worker.snapshot().frames_done == 1);
+    worker
+}
+
+/// Checks that a run of one frame is stored below `folder`; returns its path.
+fn stored(rescue: &Rescue, folder: &Path) -> PathBuf {
+    let Rescue::Stored { path, frames: 1 } = rescue else { panic!("{rescue}") };
+    assert!(path.starts_with(folder.join("autosave")), "{rescue}");
+    assert_eq!(SavedRun::read(path).unwrap().content.cursor.frames, 1);
+    path.clone()
+}
+
+#[test]
+fn a_run_is_stored_once_in_the_first_folder_that_takes_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, state) = (folder.path().join("file"), folder.path().join("state"));
+    std::fs::write(&file, "").unwrap();
+    let room = dataset(folder.path(), 3);
+    let worker = stepped_worker(room, &[&file, &state], &Arc::default());
+    let rescue = worker.store();
+    let path = stored(&rescue, &state);
+    assert_eq!(worker.store(), rescue, "the same state is stored once");
+    assert!(worker.snapshot().is_terminated);
+
+    let run = folder.path().join("run.vbgs");
+    worker.send(WorkerOrder::Save(1, run.clone()));
+    until("the file", || worker.snapshot().files.latest_write.is_some_and(|w| w.is_written));
+    assert!(run.is_file() && !path.exists(), "the user's file replaces the stored run");
+}
+
+#[test]
+fn a_run_that_no_folder_takes_is_lost_and_every_reason_is_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let room = dataset(folder.path(), 3);
+    let worker = stepped_worker(room, &[&file, &file.join("more")], &Arc::default());
+    let Rescue::Lost { frames: 1, problems } = worker.store() else { panic!("lost") };
+    assert_eq!(problems.len(), 2, "{problems:?}");
+}
+
+#[test]
+fn a_second_panic_ends_the_thread_and_the_run_stays_stored() {
+    let folder = tempfile::tempdir().unwrap();
+    let armed = Arc::new(AtomicBool::new(false));
+    let worker = stepped_worker(dataset(folder.path(), 3), &[folder.path()], &armed);
+    armed.store(true, Ordering::SeqCst);
+    worker.send(WorkerOrder::Inspect(None));
+    until("the end", || !worker.is_alive());
+    let crash = worker.crash().unwrap();
+    assert_eq!(crash.thread, CrashedThread::Training);
+    assert!(crash.panic.place.as_ref().is_some_and(|place| place.contains("crash.rs")));
+    assert_eq!(worker.store(), crash.rescue, "known although the thread has ended");
+    drop(worker);
+    stored(&crash.rescue, folder.path());
+}
+
+#[test]
+fn a_panic_while_a_file_is_written_keeps_the_older_file_and_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let known: Arc<OnceLock<Weak<Worker>>> = Arc::default();
+    let (writer, told) = (known.clone(), AtomicBool::new(false));
+    // Panics once, while the trainer writes a file.
+    let waker: Waker = Arc::new(move || {
+        let writer = writer.get().and_then(Weak::upgrade);
+        let writes = writer.is_some_and(|writer| writer.file_progress().is_some());
+        assert!(!writes || told.swap(true, Ordering::SeqCst), "injected into a file");
+    });
+    let worker = Arc::new(Worker::start_with(waker, vec![folder.path().to_owned()]).unwrap());
+    worker.send(WorkerOrder::Open(Subject::Path(dataset(folder.path(), 3))));
+    worker.send(WorkerOrder::Step);
+    let file = folder.path().join("scene.ply");
+    std::fs::write(&file, "older").unwrap();
+    until("a frame", || worker.snapshot().frames_done == 1);
+    known.set(Arc::downgrade(&worker)).unwrap();
+    let order =
+        |number| WorkerOrder::Export(number, file.clone(), Mapping::default(), LeftOut::default());
+    worker.send(order(1));
+    until("the crash", || worker.crash().is_some());
+    let crash = worker.crash().unwrap();
+    stored(&crash.rescue, folder.path());
+    assert!(crash.panic.message.contains("injected into a file"), "{crash}");
+    assert_eq!(std::fs::read(&file).unwrap(), b"older");
+    assert!(worker.file_progress().is_none(), "nothing is being written any more");
+
+    worker.send(order(2));
+    until("the file", || worker.snapshot().files.latest_write.is_some_and(|w| w.is_written));
+    assert!(export::read(&file).is_ok(), "the scene is still there to be exported");
+    let names = std::fs::read_dir(folder.path()).unwrap().map(|f| f.unwrap().file_name());
+    let temporary = names.filter(|name| name.to_string_lossy().ends_with(".tmp"));
+    assert_eq!(temporary.count(), 0);
+}
+
+#[test]
+fn nothing_is_written_where_nothing_was_unsaved() {
+    let folder = tempfile::tempdir().unwrap();
+    let room = dataset(folder.path(), 3);
+    let worker = stepped_worker(room, &[folder.path()], &Arc::default());
+    worker.send(WorkerOrder::Save(1, folder.path().join("run.vbgs")));
+    assert_eq!(worker.store(), Rescue::Nothing);
+    assert_eq!(worker.snapshot().state, RunState::Paused);
+    assert!(!folder.path().join("autosave").exists());
 }

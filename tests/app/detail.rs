@@ -38,7 +38,7 @@ fn the_slider_holds_for_the_first_run_and_offers_another_with_its_forecast() {
     let subject = Subject::Path(dataset(folder.path(), 3));
     let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    wait(&mut window, "sampling of its frames", |s| s.snapshot().sample.is_some());
+    wait(&mut window, "sampling of its frames", |s| s.snapshot().sampling.sample.is_some());
     let before = pixels(&window);
     refine(&mut window, 5);
     window.get_by_label_contains("A forecast appears after the first trained frame");
@@ -49,14 +49,14 @@ fn the_slider_holds_for_the_first_run_and_offers_another_with_its_forecast() {
     click(&mut window, "×");
     assert!(window.query_by_label("Again, finer").is_none(), "nothing else was chosen");
 
-    let used = window.state().snapshot().used;
+    let used = window.state().snapshot().model.used;
     refine(&mut window, 12);
     window.get_by_label_contains("ms per frame after 3 frames");
     click(&mut window, "Again, finer");
     click(&mut window, "Discard");
     wait(&mut window, "the end of a finer run", |s| {
         let now = s.snapshot();
-        now.state == RunState::Finished && now.used > used
+        now.state == RunState::Finished && now.model.used > used
     });
     assert!(pixels(&window) < first);
 }
@@ -146,7 +146,7 @@ fn the_papers_settings_are_typed_in_the_panel_trained_by_and_copied() {
     click(&mut window, "Train");
     wait(&mut window, "the end", is(RunState::Finished));
     let snapshot = window.state().snapshot();
-    assert_eq!(snapshot.components, 2000);
+    assert_eq!(snapshot.model.components, 2000);
     let Some(Method::Paper(config)) = &snapshot.opened.as_ref().unwrap().method else {
         panic!("trained by the paper's preset")
     };

@@ -1,13 +1,13 @@
 //! Selecting, hiding, deleting and cropping splats, and showing the scene of earlier frames.
 
 use super::harness::{
-    Window, click, dataset, drag_between, is, settled, train, wait, wait_for_label,
-    wait_for_picture, window, write_to,
+    Window, click, dataset, drag_between, is, settled, train, wait, wait_for_picture, window,
+    write_to,
 };
 use super::viewer::{choose, press};
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Rect, pos2};
+use eframe::egui::{Key, Modifiers, PointerButton, Pos2, Rect, pos2};
 use egui_kittest::kittest::Queryable;
 use std::path::Path;
 use vbgs_studio::app::Painting;
@@ -93,10 +93,10 @@ fn what_a_box_selects_is_seen_in_every_colour_and_is_hidden_and_comes_back() {
 
 /// Exports to a file; returns its number of splats and the text of the notice.
 fn exported(window: &mut Window, file: &Path) -> (usize, String) {
-    let before = window.state().snapshot().latest_write;
+    let before = window.state().snapshot().files.latest_write;
     write_to(window, Key::E, "Export", file);
     wait(window, "the file", move |s| {
-        let latest = s.snapshot().latest_write;
+        let latest = s.snapshot().files.latest_write;
         latest != before && latest.is_some_and(|write| write.is_written)
     });
     let words = window.state().snapshot().notices.last().unwrap().text.clone();
@@ -118,7 +118,7 @@ fn exports_lack_what_was_deleted_or_cropped_and_the_model_keeps_it() {
     let (without, words) = exported(&mut window, &file("without"));
     assert!(without < all, "{without} of {all}");
     assert!(words.contains(&format!("{n} splats were left out")), "{words}");
-    assert!(window.state().snapshot().used >= all, "the model must still contain all splats");
+    assert!(window.state().snapshot().model.used >= all, "the model must still contain all splats");
     click(&mut window, "Edit");
     window.get_by_label_contains("An export writes");
     // Undo restores the selection, which defines the crop box.
@@ -138,52 +138,12 @@ fn exports_lack_what_was_deleted_or_cropped_and_the_model_keeps_it() {
     assert_eq!(exported(&mut window, &file("again")).0, all, "undo restores every splat");
 }
 
-/// Returns the `n`-th slider of the open panel.
-fn slider(window: &mut Window, n: usize) -> Rect {
+/// Returns the slider of the open panel.
+fn slider(window: &mut Window) -> Rect {
     window.run_steps(2);
-    let sliders = window.query_all_by_role(Role::Slider).map(|slider| slider.rect());
+    let mut sliders = window.query_all_by_role(Role::Slider).map(|slider| slider.rect());
     // Excludes the detail slider in the toolbar above.
-    sliders.filter(|rect| rect.top() > 100.0).nth(n).unwrap()
-}
-
-#[test]
-fn one_slider_selects_by_evidence_while_it_moves_and_is_one_step() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    let room = dataset(folder.path(), 3);
-    let Some(mut window) = trained(&room, Painting::Auto) else { return };
-    click(&mut window, "Edit");
-    wait(&mut window, "what is known", |s| !s.view().attributes().is_empty());
-    for doubt in ["Evidence below", "Uncertainty above"] {
-        click(&mut window, doubt);
-        let at = slider(&mut window, 0);
-        let place = |share: f32| at.left_center().lerp(at.right_center(), share);
-        window.event(Event::PointerMoved(place(0.3)));
-        window.step();
-        let press = |pressed| Event::PointerButton {
-            pos: place(0.3),
-            button: PointerButton::Primary,
-            pressed,
-            modifiers: Modifiers::NONE,
-        };
-        window.event(press(true));
-        window.step();
-        let mut selected = Vec::new();
-        for i in 0..=4 {
-            window.event(Event::PointerMoved(place(0.3 + 0.1 * i as f32)));
-            window.run_steps(2);
-            selected.push(edits(&window).count(Mark::Selected));
-        }
-        window.event(press(false));
-        window.run_steps(2);
-        assert!(selected.iter().any(|n| *n != selected[0]), "{doubt}: {selected:?}");
-        let last = edits(&window).count(Mark::Selected);
-        let all = window.state().snapshot().used;
-        assert!(last > 0 && last < all, "{doubt}: {last} of {all}");
-        window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
-        window.run_steps(2);
-        assert!(edits(&window).count(Mark::Selected) == 0, "the whole drag is one step");
-    }
+    sliders.find(|rect| rect.top() > 100.0).unwrap()
 }
 
 #[test]
@@ -209,22 +169,6 @@ fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
         window.key_press_modifiers(Modifiers::COMMAND, key);
         wait(&mut window, "the deleted, back and away", move |s| s.n_drawn() == n);
     }
-    // Moving the slider back leaves only splats born in the first frame. Hiding the frame strip makes room
-    // for the slider in the panel.
-    press(&mut window, Key::T);
-    click(&mut window, "Edit");
-    wait(&mut window, "births", |s| s.view().attributes().iter().any(|k| k.birth.is_some()));
-    let at = slider(&mut window, 1);
-    drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
-    window.get_by_label("By birth, as it is now").click_accesskit();
-    let first = wait_until_fewer(&mut window, left);
-    assert!(first > 0, "no splat was born in the first frame");
-    wait_for_label(&mut window, "Splats born up to frame 1 of 4, in their current state (Edit)");
-}
-
-fn wait_until_fewer(window: &mut Window, than: usize) -> usize {
-    wait(window, "fewer splats", move |s| s.n_drawn() < than);
-    window.state().n_drawn()
 }
 
 /// The view of an earlier frame equals the picture shown then, even while training continues.
@@ -249,8 +193,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         }
         wait(&mut window, "more splats", move |s| s.n_drawn() > drawn);
         assert!(settled(&mut window) != first, "the scene has grown");
-        click(&mut window, "As it was");
-        let at = slider(&mut window, 1);
+        let at = slider(&mut window);
         drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
         wait(&mut window, "the past", move |s| s.n_drawn() == drawn);
         window.get_by_label("Scene after frame 1 of 6 (Edit)");
@@ -264,7 +207,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         assert!(settled(&mut window) == first, "what is trained is not shown");
         window.get_by_label("Back to now").click_accesskit();
         wait(&mut window, "the scene of now", move |s| s.n_drawn() > drawn);
-        let at = slider(&mut window, 1);
+        let at = slider(&mut window);
         drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
         wait(&mut window, "the past again", move |s| s.n_drawn() == drawn);
         press(&mut window, Key::B);

@@ -82,7 +82,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
 
     // The file holds the previewed splats.
     window.get_by_role_and_label(Role::Button, "Export").click();
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     let file = export::read(&ply).unwrap();
     assert!(file.splats == shown.splats, "the file differs from the preview");
     wait(&mut window, "no preview", |s| s.view().comparison.export_preview_report().is_none());

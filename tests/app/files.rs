@@ -1,12 +1,11 @@
 //! Writing scenes and runs, and opening them again.
 
-use super::harness::{PATIENCE, click, dataset, is, train, wait, window, write_to};
+use super::harness::{click, dataset, is, train, until, wait, window, write_to};
 use crate::common::adapter::turn;
 use eframe::egui::Key;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, Weak};
-use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::edit::marks::LeftOut;
 use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Source, Subject};
@@ -24,7 +23,7 @@ fn export_writes_the_newest_state_and_the_file_opens_again() {
 
     let file = folder.path().join("scene.glb");
     write_to(&mut window, Key::E, "Export", &file);
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     let n_splats = export::read(&file).unwrap().splats.len();
     wait(&mut window, "splats", |s| s.n_drawn() == n_splats);
 
@@ -48,9 +47,9 @@ fn a_saved_run_opens_where_it_stopped_and_goes_on() {
     wait(&mut window, "one frame", |s| s.snapshot().frames_done == 1);
     let file = folder.path().join("run.vbgs");
     write_to(&mut window, Key::S, "Save", &file);
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
-    let used = window.state().snapshot().used;
+    let used = window.state().snapshot().model.used;
     let drawn = window.state().n_drawn();
     assert!(drawn <= used, "{drawn} of {used}");
     drop(window);
@@ -59,7 +58,10 @@ fn a_saved_run_opens_where_it_stopped_and_goes_on() {
     let Some(mut again) = open(&file) else { return };
     wait(&mut again, "the run", is(RunState::Paused));
     let snapshot = again.state().snapshot();
-    assert_eq!((snapshot.source, snapshot.frames_done, snapshot.used), (Source::Dataset, 1, used));
+    assert_eq!(
+        (snapshot.source, snapshot.frames_done, snapshot.model.used),
+        (Source::Dataset, 1, used)
+    );
     wait(&mut again, "splats", |s| s.n_drawn() == drawn);
     again.key_press(Key::Space);
     wait(&mut again, "the end", is(RunState::Finished));
@@ -97,22 +99,15 @@ fn an_export_is_given_up_when_the_user_says_so() {
     let room = dataset(folder.path(), 2);
     started.send(WorkerOrder::Open(Subject::Path(room)));
     started.send(WorkerOrder::Train);
-    let wait = |what: &str, condition: &dyn Fn() -> bool| {
-        let begun = Instant::now();
-        while !condition() {
-            assert!(begun.elapsed() < PATIENCE, "waited for {what}");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    };
-    wait("the end", &|| started.snapshot().state == RunState::Finished);
+    until("the end", || started.snapshot().state == RunState::Finished);
     let file = folder.path().join("scene.ply");
     std::fs::write(&file, "older").unwrap();
     started.send(WorkerOrder::Export(1, file.clone(), Mapping::default(), LeftOut::default()));
     let is_told = |n: &Notice| n.kind == NoticeKind::Info && n.text.contains("cancelled");
-    wait("the message", &|| started.snapshot().notices.iter().any(is_told));
+    until("the message", || started.snapshot().notices.iter().any(is_told));
     assert!(seen.load(Ordering::SeqCst));
     assert_eq!(std::fs::read(&file).unwrap(), b"older");
-    let outcome = started.snapshot().latest_write.unwrap();
+    let outcome = started.snapshot().files.latest_write.unwrap();
     assert_eq!((outcome.number, outcome.is_written), (1, false));
     assert_eq!(started.file_progress(), None);
 }

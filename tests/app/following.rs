@@ -33,7 +33,7 @@ fn a_recording_is_trained_from_before_its_first_frame_to_its_end() {
     let path = folder.path().join("room");
     let Some(mut window) = window(None, Painting::Auto) else { return };
     click(&mut window, "Follow");
-    wait(&mut window, "the switch", |studio| studio.snapshot().follows);
+    wait(&mut window, "the switch", |studio| studio.snapshot().following.is_on);
     drop_on(&mut window, &path);
     wait(&mut window, "waiting", is(RunState::Waiting));
     wait_for_label(&mut window, "Waiting");
@@ -48,8 +48,11 @@ fn a_recording_is_trained_from_before_its_first_frame_to_its_end() {
     let snapshot = window.state().snapshot();
     // The first and the ninth of the ten frames are held out.
     assert_eq!((snapshot.frames_done, snapshot.n_frames), (8, 8));
-    assert!(snapshot.skipped.is_empty(), "{:?}", snapshot.skipped);
-    assert!(!snapshot.follows && snapshot.followed.is_none(), "the switch is off again");
+    assert!(snapshot.frames.skipped.is_empty(), "{:?}", snapshot.frames.skipped);
+    assert!(
+        !snapshot.following.is_on && snapshot.following.recording.is_none(),
+        "the switch is off again"
+    );
     assert!(snapshot.notices.iter().any(|n| n.text.contains("The recording has ended")));
     let opened = snapshot.opened.as_ref().unwrap();
     let cameras = opened.dataset.as_ref().unwrap().splits[0].frames.len();
@@ -99,12 +102,12 @@ fn waiting_costs_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let Some(mut window) = window(None, Painting::Auto) else { return };
     click(&mut window, "Follow");
-    wait(&mut window, "the switch", |studio| studio.snapshot().follows);
+    wait(&mut window, "the switch", |studio| studio.snapshot().following.is_on);
     drop_on(&mut window, folder.path());
     wait(&mut window, "waiting", is(RunState::Waiting));
     let told = |studio: &Studio| {
         let snapshot = studio.snapshot();
-        snapshot.followed.as_ref().is_some_and(|followed| {
+        snapshot.following.recording.as_ref().is_some_and(|followed| {
             followed.problem.as_deref().is_some_and(|text| text.contains("an empty folder"))
         })
     };

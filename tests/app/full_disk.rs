@@ -4,7 +4,6 @@
 use super::harness::{Window, click, dataset, train, wait, wait_for_label, window, write_to};
 use crate::common::adapter::turn;
 use eframe::egui::Key;
-use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::{Painting, Studio};
@@ -48,33 +47,19 @@ fn a_full_disk_is_said_and_the_scene_is_written_elsewhere() {
         write_over(&mut window, key, button, &file);
         wait(&mut window, "the refusal", |s| refusals(s, &file) == 1);
         let snapshot = window.state().snapshot();
-        assert_eq!((snapshot.state, snapshot.unsaved_frames), (RunState::Finished, 3), "{name}");
-        assert_eq!(snapshot.latest_write.map(|write| write.is_written), Some(false), "{name}");
+        assert_eq!(
+            (snapshot.state, snapshot.files.unsaved_frames),
+            (RunState::Finished, 3),
+            "{name}"
+        );
+        assert_eq!(
+            snapshot.files.latest_write.map(|write| write.is_written),
+            Some(false),
+            "{name}"
+        );
     }
     let elsewhere = folder.path().join("room.vbgs");
     write_to(&mut window, Key::S, "Save", &elsewhere);
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     assert!(export::checkpoint::is_checkpoint(&elsewhere));
-}
-
-#[test]
-fn what_waits_for_a_file_is_given_up_on_a_full_disk_and_nothing_is_discarded() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    let path = dataset(folder.path(), 2);
-    // At the path that the dialog proposes.
-    let file = on_a_full_disk(folder.path(), "room.vbgs");
-    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
-    train(&mut window);
-    click(&mut window, "Demo");
-    click(&mut window, "Save first…");
-    window.run_steps(4);
-    window.get_by_role_and_label(eframe::egui::accesskit::Role::Button, "Save").click();
-    wait_for_label(&mut window, "Replace the existing file?");
-    click(&mut window, "Replace");
-    wait(&mut window, "the refusal", |s| refusals(s, &file) == 1);
-    window.run_steps(4);
-    let snapshot = window.state().snapshot();
-    assert!(snapshot.opened.as_ref().is_some_and(|opened| !opened.is_demo));
-    assert_eq!((snapshot.frames_done, snapshot.unsaved_frames), (2, 2));
 }

@@ -101,6 +101,15 @@ pub fn wait(window: &mut Window, what: &str, condition: impl Fn(&Studio) -> bool
     }
 }
 
+/// Waits for a condition of a worker without a window.
+pub fn until(what: &str, condition: impl Fn() -> bool) {
+    let started = Instant::now();
+    while !condition() {
+        assert!(started.elapsed() < PATIENCE, "waited for {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
 pub fn is(state: RunState) -> impl Fn(&Studio) -> bool {
     move |studio| studio.snapshot().state == state
 }

@@ -195,7 +195,9 @@ fn a_lost_device_ends_the_window_and_not_the_training() {
         let Some((mut window, device)) = window_and_device(Subject::Demo, painting) else { return };
         wait(&mut window, "frames", |s| s.snapshot().frames_done >= 2);
         device.destroy();
-        wait(&mut window, "a report of the loss", |s| s.exit().reason() == ExitReason::DeviceLost);
+        wait(&mut window, "a report of the loss", |s| {
+            s.exit().reason.get() == ExitReason::DeviceLost
+        });
         let done = window.state().snapshot().frames_done;
         wait(&mut window, "more frames", |s| s.snapshot().frames_done > done);
         assert_eq!(window.state().snapshot().state, RunState::Training);
@@ -239,7 +241,7 @@ fn after_a_fault_the_cpu_draws_until_the_gpu_is_tried_again() {
     window.get_by_label("Retry GPU").click_accesskit();
     wait(&mut window, "the GPU", |s| s.view().painter.drawn().drawer != ViewRenderer::Cpu);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
-    assert_eq!(window.state().exit().reason(), ExitReason::Closed, "the window stays");
+    assert_eq!(window.state().exit().reason.get(), ExitReason::Closed, "the window stays");
     window.run_steps(2);
     assert!(window.query_by_label("Retry GPU").is_none());
 }

@@ -108,7 +108,7 @@ fn a_film_is_drawn_as_the_command_line_draws_it_and_given_up_when_asked() {
     click(&mut window, "Scene");
     let model = folder.path().join("scene.vbgs");
     write_to(&mut window, Key::S, "Save", &model);
-    wait(&mut window, "the run", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the run", |s| s.snapshot().files.unsaved_frames == 0);
     let headless = folder.path().join("headless");
     let status = std::process::Command::new(env!("CARGO_BIN_EXE_vbgs-studio"))
         .args(["render", "--size", "1280x720", "--background", "#17191f", "--path"])

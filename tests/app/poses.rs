@@ -27,7 +27,7 @@ fn poses_are_checked_beside_training_and_doubts_are_told() {
         }
         let Some(mut window) = window(Some(Subject::Path(room)), Painting::Auto) else { return };
         wait(&mut window, "ready", is(vbgs_studio::app::state::RunState::Ready));
-        wait(&mut window, "the check", |s| s.snapshot().poses.is_some());
+        wait(&mut window, "the check", |s| s.snapshot().sampling.poses.is_some());
         click(&mut window, "Scene");
         let agreement = "of depth agrees with neighbouring frames (opengl)";
         assert!(window.query_all_by_label_contains(agreement).count() > 0);

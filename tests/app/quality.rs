@@ -33,7 +33,7 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     assert!((result.psnr - expected.psnr).abs() < 1e-9, "{result:?}");
     assert_eq!(result.frames, 3);
     assert!(result.depth_error.is_some() && result.seconds > 0.0);
-    assert_eq!(result.components, window.state().snapshot().used);
+    assert_eq!(result.components, window.state().snapshot().model.used);
     for metric in ["Components", "SSIM", "Depth error", "PSNR"] {
         window.get_by_role_and_label(Role::Button, metric).click_accesskit();
         window.run_steps(2);
@@ -156,7 +156,7 @@ fn the_card_at_the_end_trains_again_finer_and_the_view_stays() {
     click(&mut window, "Discard");
     wait(&mut window, "the end of the finer run", |s| {
         let now = s.snapshot();
-        now.state == RunState::Finished && now.used > before.used
+        now.state == RunState::Finished && now.model.used > before.model.used
     });
     let now = window.state().snapshot();
     let scale = |opened: &vbgs_studio::app::state::Opened| match opened.scene().unwrap().scale {

@@ -139,7 +139,7 @@ fn a_screen_shows_the_window_and_a_lost_device_the_next_one() {
             });
         }
         screens.push(screen_of_a_window(&worker, &exit, first, folder.path()));
-        assert_eq!(exit.reason(), ExitReason::DeviceLost, "window {window}");
+        assert_eq!(exit.reason.get(), ExitReason::DeviceLost, "window {window}");
         assert!(worker.is_alive() && worker.crash().is_none());
         first = WorkerOrder::Deliver;
     }

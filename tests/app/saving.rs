@@ -8,8 +8,8 @@ use super::viewer::press;
 use crate::common::adapter::turn;
 use eframe::App;
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Key, Modifiers, RawInput, ViewportCommand, ViewportEvent, ViewportId};
-use egui_kittest::kittest::{NodeT, Queryable};
+use eframe::egui::{Key, RawInput, ViewportCommand, ViewportEvent, ViewportId};
+use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
@@ -17,16 +17,6 @@ use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::export;
 
 const QUESTION: &str = "Discard the trained scene?";
-
-fn control(window: &mut Window, key: Key) {
-    window.key_press_modifiers(Modifiers::COMMAND, key);
-    window.run_steps(3);
-}
-
-/// Path proposed by the open dialog.
-fn proposed(window: &Window) -> PathBuf {
-    window.get_by_role(Role::TextInput).accesskit_node().value().unwrap().into()
-}
 
 /// Writes a second dataset into a folder of its own.
 fn other_dataset(folder: &Path) -> PathBuf {
@@ -68,41 +58,6 @@ fn close_minimised(window: &mut Window) -> Vec<ViewportCommand> {
 
 fn commands(window: &Window) -> Vec<ViewportCommand> {
     window.output().viewport_output[&ViewportId::ROOT].commands.clone()
-}
-
-#[test]
-fn names_come_from_what_is_open() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    let root = folder.path().canonicalize().unwrap();
-    let (room, kitchen) = (dataset(&root, 2), other_dataset(&root));
-    let Some(mut window) = window(Some(Subject::Path(room)), Painting::Auto) else { return };
-    train(&mut window);
-    control(&mut window, Key::S);
-    assert_eq!(proposed(&window), root.join("room.vbgs"));
-    window.get_by_label(&format!("Folder: {}", root.display()));
-    press(&mut window, Key::Escape);
-    control(&mut window, Key::E);
-    assert_eq!(proposed(&window), root.join("room.ply"));
-    press(&mut window, Key::Escape);
-
-    // Dialogs for another dataset were open in between.
-    drop_on(&mut window, &kitchen);
-    click(&mut window, "Discard");
-    wait(&mut window, "the kitchen", |s| name(s) == "kitchen");
-    train(&mut window);
-    let beside = kitchen.parent().unwrap();
-    for (key, ending) in [(Key::S, "vbgs"), (Key::E, "ply")] {
-        control(&mut window, key);
-        assert_eq!(proposed(&window), beside.join("kitchen").with_extension(ending));
-        window.get_by_label(&format!("Folder: {}", beside.display()));
-        press(&mut window, Key::Escape);
-    }
-    click(&mut window, "Demo");
-    click(&mut window, "Discard");
-    wait(&mut window, "the demo", |s| s.snapshot().opened.as_ref().is_some_and(|o| o.is_demo));
-    control(&mut window, Key::E);
-    assert_eq!(proposed(&window), std::env::current_dir().unwrap().join("demo.ply"));
 }
 
 #[test]
@@ -186,10 +141,10 @@ fn what_waits_is_given_up_where_no_file_was_written() {
     };
     wait(&mut window, "the message", is_told);
     window.run_steps(2);
-    assert_eq!(window.state().snapshot().unsaved_frames, 2);
+    assert_eq!(window.state().snapshot().files.unsaved_frames, 2);
 
     write_to(&mut window, Key::S, "Save", &folder.path().join("later.vbgs"));
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     window.run_steps(4);
     assert_eq!(
         (name(window.state()), window.state().snapshot().state),

@@ -2,16 +2,21 @@
 //! export to plain splats.
 
 use super::harness::{
-    click, close_notice, dataset, drop_on, is, paper_window, train, wait, wait_for_label,
+    click, close_notice, dataset, drop_on, is, paper_window, train, until, wait, wait_for_label,
     wait_for_picture, window, write_to,
 };
 use super::viewer::{choose, evaluated, position, press, session};
 use crate::common::adapter::turn;
 use eframe::egui::{Key, Modifiers};
 use egui_kittest::kittest::Queryable;
+use std::cell::RefCell;
 use std::path::Path;
-use vbgs_studio::app::state::{NoticeKind, Opened, RunState, Subject};
+use std::sync::Arc;
+use vbgs_studio::app::frame_outcomes::{FrameOutcomes, FrameState};
+use vbgs_studio::app::state::{HISTORY, NoticeKind, Opened, RunState, Subject};
+use vbgs_studio::app::training::TrainSettings;
 use vbgs_studio::app::viewer::toolbar::ViewMode;
+use vbgs_studio::app::worker::{Worker, WorkerOrder};
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
@@ -36,7 +41,7 @@ fn components_become_more_in_every_colour() {
             click(&mut window, "Step");
             wait(&mut window, "a frame", |s| s.snapshot().frames_done == n);
             wait(&mut window, "splats", |s| s.n_drawn() > 0);
-            let now = window.state().snapshot().components;
+            let now = window.state().snapshot().model.components;
             assert!(now > components, "{now} components after {components}");
             components = now;
             window.get_by_label(&format!("{components} components"));
@@ -84,20 +89,20 @@ fn the_preset_is_chosen_in_settings_and_reset_trains_by_it() {
     click(&mut window, "Latency");
     click(&mut window, "Step");
     wait_for_label(&mut window, "Candidate search");
-    assert_eq!(window.state().snapshot().components, 100_000);
+    assert_eq!(window.state().snapshot().model.components, 100_000);
 
     click(&mut window, "Settings");
     click(&mut window, "Scene preset");
     click(&mut window, "Details");
     click(&mut window, "At most");
-    assert_eq!(window.state().snapshot().components, 100_000, "until the next run");
+    assert_eq!(window.state().snapshot().model.components, 100_000, "until the next run");
     click(&mut window, "Scene");
     click(&mut window, "Reset");
     click(&mut window, "Discard");
-    wait(&mut window, "a scene", |s| s.snapshot().components == 0);
+    wait(&mut window, "a scene", |s| s.snapshot().model.components == 0);
     click(&mut window, "Step");
     wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
-    let components = window.state().snapshot().components;
+    let components = window.state().snapshot().model.components;
     assert!((1..25_000).contains(&components), "{components}");
     wait_for_label(&mut window, &format!("{components} of at most 25000 components"));
     window.get_by_label("25000 components");
@@ -116,7 +121,7 @@ fn a_scene_tells_its_settings_and_is_exported_as_chosen() {
     }
     let file = folder.path().join("one.ply");
     write_to(&mut window, Key::E, "Export", &file);
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     let one = export::read(&file).unwrap().splats;
     assert!(one.iter().all(|splat| splat.opacity < 1.0));
 
@@ -211,4 +216,38 @@ fn a_calibration_is_dropped_on_its_dataset() {
     wait(&mut window, "the start", |s| s.snapshot().frames_done == 0);
     let opened = window.state().snapshot().opened.clone().unwrap();
     assert_eq!(calibration(&opened), Some(read), "its cameras stay corrected");
+}
+
+/// Photographs are drawn at random, so that some wait for longer than a snapshot reports their frame.
+#[test]
+fn photographs_that_wait_longer_than_frames_are_shown_still_tell_how_they_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let params = SyntheticParams {
+        width: 32,
+        height: 24,
+        n_train: HISTORY + 100,
+        n_eval: 0,
+        ..SyntheticParams::demo()
+    };
+    write(&params, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| {}).unwrap();
+    let worker = Worker::start_with(Arc::new(|| {}), Vec::new()).unwrap();
+    let mut settings = TrainSettings { autosave_s: None, ..TrainSettings::default() };
+    settings.scene.shuffle_buffer = Some(150);
+    worker.send(WorkerOrder::TrainBy(Box::new(settings)));
+    worker.send(WorkerOrder::Open(Subject::Path(folder.path().to_owned())));
+    worker.send(WorkerOrder::Train);
+    let outcomes = RefCell::new(FrameOutcomes::default());
+    until("the end", || {
+        let snapshot = worker.snapshot();
+        outcomes.borrow_mut().update(&snapshot);
+        snapshot.state == RunState::Finished
+    });
+    let plan = worker.snapshot().opened.as_ref().unwrap().plan.clone().unwrap();
+    assert!(plan.frames.len() > HISTORY, "{}", plan.frames.len());
+    let outcomes = outcomes.into_inner();
+    let untold = plan.frames.iter().filter(|&&frame| {
+        let state = outcomes.state_of((plan.split, frame), "");
+        !matches!(state, FrameState::Trained(_, Some(outcome)) if outcome.psnr_before.is_some())
+    });
+    assert_eq!(untold.collect::<Vec<_>>(), [&0; 0]);
 }

@@ -2,8 +2,8 @@
 #![cfg(target_os = "linux")]
 
 use super::harness::{
-    PATIENCE, Window, click, dataset, drag, drop_on, is, settled, train, wait, wait_for_label,
-    wait_for_picture, window, write_to,
+    PATIENCE, Window, click, dataset, drag, drop_on, is, settled, train, until, wait,
+    wait_for_label, wait_for_picture, window, write_to,
 };
 use super::viewer::press;
 use crate::common::adapter::turn;
@@ -88,14 +88,14 @@ fn a_drive_that_does_not_answer_is_named_and_given_up_and_nothing_is_lost() {
     wait(&mut window, "the scene again", is(RunState::Finished));
     assert!(told(window.state(), NoticeKind::Info, &[&name, "cancelled"]));
     let snapshot = window.state().snapshot();
-    assert_eq!((snapshot.frames_done, snapshot.unsaved_frames), (3, 3), "nothing is lost");
+    assert_eq!((snapshot.frames_done, snapshot.files.unsaved_frames), (3, 3), "nothing is lost");
     press(&mut window, Key::H);
     let after = settled(&mut window);
     let n_other = before.iter().zip(&after).filter(|(a, b)| a != b).count();
     assert!(n_other < before.len() / 2, "{n_other} of {} bytes: another picture", before.len());
     let file = folder.path().join("scene.ply");
     write_to(&mut window, Key::E, "Export", &file);
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
 }
 
 #[test]
@@ -124,16 +124,9 @@ fn a_program_that_is_ended_keeps_its_training_and_waits_for_no_drive() {
     let worker = Worker::start_with(Arc::new(|| {}), vec![folder.path().to_owned()]).unwrap();
     worker.send(WorkerOrder::Open(Subject::Path(dataset(folder.path(), 2))));
     worker.send(WorkerOrder::Step);
-    let wait = |what: &str, condition: &dyn Fn() -> bool| {
-        let started = Instant::now();
-        while !condition() {
-            assert!(started.elapsed() < PATIENCE, "waited for {what}");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    };
-    wait("a frame", &|| worker.snapshot().frames_done == 1);
+    until("a frame", || worker.snapshot().frames_done == 1);
     worker.send(WorkerOrder::Open(Subject::Path(silent.folder.clone())));
-    wait("the start of opening", &|| worker.snapshot().state == RunState::Loading);
+    until("the start of opening", || worker.snapshot().state == RunState::Loading);
     let started = Instant::now();
     let kept = worker.store();
     assert!(started.elapsed() < PASS, "{:?}", started.elapsed());
@@ -149,7 +142,7 @@ fn a_frame_that_is_never_read_is_named_and_holds_up_nothing() {
     let subject = Some(Subject::Path(path.clone()));
     let Some(mut window) = window(subject, Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    wait(&mut window, "frame sampling", |s| s.snapshot().sample.is_some());
+    wait(&mut window, "frame sampling", |s| s.snapshot().sampling.sample.is_some());
     // A frame far beyond the decoded ones, without a visible thumbnail.
     let file = "train/r_28_depth_0001.png";
     let Some(_silent) = Silent::of(folder.path(), path, file) else { return };
@@ -168,7 +161,7 @@ fn a_frame_that_is_never_read_is_named_and_holds_up_nothing() {
     assert!(learnt > 0 && learnt < 30, "{learnt}");
     let file = folder.path().join("scene.ply");
     write_to(&mut window, Key::E, "Export", &file);
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     // Requests one more frame, which cannot be read either.
     window.key_press(Key::Period);
     window.run_steps(3);
@@ -193,7 +186,8 @@ fn a_folder_that_is_gone_is_followed_all_the_same_until_it_is_back() {
     wait_for_label(&mut window, "Live: the recording cannot be read");
     let is_gone = |s: &Studio| {
         let snapshot = s.snapshot();
-        let problem = snapshot.followed.as_ref().and_then(|followed| followed.problem.as_deref());
+        let problem =
+            snapshot.following.recording.as_ref().and_then(|followed| followed.problem.as_deref());
         problem.is_some_and(|problem| problem.contains("found nothing at this path"))
     };
     wait(&mut window, "the reason", is_gone);
@@ -216,7 +210,8 @@ fn a_recording_that_falls_silent_is_named_and_what_was_learnt_is_saved() {
     std::fs::write(path.join("more"), "").unwrap();
     let is_silent = |s: &Studio| {
         let snapshot = s.snapshot();
-        let problem = snapshot.followed.as_ref().and_then(|followed| followed.problem.as_deref());
+        let problem =
+            snapshot.following.recording.as_ref().and_then(|followed| followed.problem.as_deref());
         problem.is_some_and(|problem| problem.contains("silent for 3 seconds; check"))
     };
     wait(&mut window, "the silence", is_silent);
@@ -225,7 +220,7 @@ fn a_recording_that_falls_silent_is_named_and_what_was_learnt_is_saved() {
     wait(&mut window, "the pause", is(RunState::Paused));
     let file = folder.path().join("scene.ply");
     write_to(&mut window, Key::E, "Export", &file);
-    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     let ended = Instant::now();
     drop(window);
     assert!(ended.elapsed() < PASS, "{:?}", ended.elapsed());
@@ -250,11 +245,11 @@ fn a_recording_that_falls_silent_as_it_begins_is_named_and_holds_up_nothing() {
 
     let Some(mut window) = window(None, Painting::Auto) else { return };
     click(&mut window, "Follow");
-    wait(&mut window, "the switch", |studio| studio.snapshot().follows);
+    wait(&mut window, "the switch", |studio| studio.snapshot().following.is_on);
     let says = |part: &'static str| {
         move |studio: &Studio| {
             let snapshot = studio.snapshot();
-            let problem = snapshot.followed.as_ref().and_then(|f| f.problem.as_deref());
+            let problem = snapshot.following.recording.as_ref().and_then(|f| f.problem.as_deref());
             problem.is_some_and(|problem| problem.contains(part))
         }
     };

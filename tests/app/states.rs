@@ -25,16 +25,6 @@ fn the_demo_trains_at_start_and_is_seen() {
 }
 
 #[test]
-fn the_gpu_painter_shows_the_same_scene() {
-    let _turn = turn();
-    let Some(mut window) = window(Some(Subject::Demo), Painting::Gpu) else { return };
-    wait(&mut window, "splats", |s| s.n_drawn() > 100 && s.snapshot().frames_done >= 3);
-    click(&mut window, "Pause");
-    wait(&mut window, "pause", is(RunState::Paused));
-    wait_for_picture(&mut window);
-}
-
-#[test]
 fn a_dataset_goes_through_every_state() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
@@ -112,7 +102,7 @@ fn the_status_line_tells_state_pace_components_and_memory() {
     window.get_by_label("Training");
     wait(&mut window, "the end", is(RunState::Finished));
     window.run_steps(2);
-    let used = window.state().snapshot().used;
+    let used = window.state().snapshot().model.used;
     window.get_by_label("Finished");
     window.get_by_label(&format!("{used} components"));
     for unit in ["ms/frame", "splats drawn", "MiB"] {

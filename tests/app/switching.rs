@@ -19,14 +19,11 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::Session;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 
-/// Camera positions: at the dataset's last camera in every comparison mode, and elsewhere.
-const STANDS: [Stand; 8] = [
+/// Camera positions: at the dataset's last camera in one comparison mode of each kind, and elsewhere.
+const STANDS: [Stand; 5] = [
     Stand::Free,
-    Stand::At(ViewMode::Single),
     Stand::At(ViewMode::Wipe),
-    Stand::At(ViewMode::Difference),
     Stand::At(ViewMode::PhotoWipe),
-    Stand::At(ViewMode::PhotoDifference),
     Stand::At(ViewMode::Preparation),
     Stand::Left,
 ];

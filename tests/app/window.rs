@@ -6,7 +6,6 @@ use std::ffi::OsString;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Longest time for a demo run, generous for a loaded machine.
@@ -49,14 +48,10 @@ impl Running {
 
 /// Starts the program on the demo; returns it with the lines of its log.
 fn open_demo(folder: &Path) -> (Running, impl Iterator<Item = String> + use<>) {
-    open_demo_with(folder, "info")
-}
-
-fn open_demo_with(folder: &Path, log: &str) -> (Running, impl Iterator<Item = String> + use<>) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_vbgs-studio"))
         .current_dir(folder)
         .env("HOME", folder)
-        .env("VBGS_LOG", log)
+        .env("VBGS_LOG", "info")
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
@@ -148,107 +143,6 @@ pub fn xdotool(arguments: &[&str]) -> Option<bool> {
     }
 }
 
-/// Measurements of one demo run in a window.
-#[derive(Clone, Copy, Debug)]
-struct DemoRun {
-    trained_s: f64,
-    train_ms_median: f64,
-    /// Pictures of the scene per second of training.
-    pictures_per_s: f64,
-    /// 99th percentile of a pass on the window's thread, milliseconds.
-    pass_p99_ms: f64,
-}
-
-/// Runs the demo in a window, with the camera dragged all the time if `orbits`.
-fn demo_with_a_hand(folder: &Path, orbits: bool) -> Option<DemoRun> {
-    let (_running, lines) = open_demo_with(folder, "debug");
-    xdotool(&["version"])?;
-    let (done, is_seen) = (AtomicBool::new(false), AtomicBool::new(false));
-    std::thread::scope(|scope| {
-        scope.spawn(|| {
-            let at = |x: usize| (300 + x).to_string();
-            // A press before the scene is drawn would not start a drag.
-            while !is_seen.load(Ordering::Relaxed) && !done.load(Ordering::Relaxed) {
-                std::thread::sleep(Duration::from_millis(20));
-            }
-            xdotool(&["mousemove", "300", "400"]);
-            if orbits {
-                xdotool(&["mousedown", "1"]);
-            }
-            // About as often as a mouse reports its position.
-            for step in 0.. {
-                if done.load(Ordering::Relaxed) {
-                    break;
-                }
-                if orbits {
-                    let swing = (step % 200_usize).abs_diff(100);
-                    xdotool(&["mousemove", &at(2 * swing), "400"]);
-                }
-                std::thread::sleep(Duration::from_millis(16));
-            }
-            xdotool(&["mouseup", "1"]);
-        });
-        let (mut first, mut n_pictures) = (None, 0);
-        let started = Instant::now();
-        let mut run = None;
-        for line in lines {
-            if line.contains("picture: ") {
-                first.get_or_insert_with(Instant::now);
-                is_seen.store(true, Ordering::Relaxed);
-                n_pictures += 1;
-            }
-            if let Some(trained_s) = number_after(&line, "trained_s ") {
-                let train_ms_median = number_after(&line, "train_ms_median ").unwrap();
-                let span_s = first.map_or(f64::INFINITY, |first| first.elapsed().as_secs_f64());
-                let pictures_per_s = f64::from(n_pictures) / span_s;
-                let pass_p99_ms = f64::NAN;
-                run = Some(DemoRun { trained_s, train_ms_median, pictures_per_s, pass_p99_ms });
-            }
-            // Logged by the window once it shows the end.
-            if let (Some(p99_ms), Some(run)) = (number_after(&line, "p99_ms "), &mut run) {
-                run.pass_p99_ms = p99_ms;
-                break;
-            }
-            if started.elapsed() > PATIENCE {
-                break;
-            }
-        }
-        done.store(true, Ordering::Relaxed);
-        Some(run.expect("the demo finishes"))
-    })
-}
-
-/// Measures how much moving the camera slows training if the CPU draws the window:
-/// `xvfb-run -a -s "-screen 0 1600x1000x24" cargo test --release --test app -- --ignored --nocapture
-/// orbiting`.
-#[test]
-#[ignore = "trains the demo six times: about a minute"]
-fn figures_of_orbiting() {
-    let Some(_) = display() else { return };
-    let Some(_) = xdotool(&["version"]) else { return };
-    // Without a client the display server resets and refuses connections meanwhile.
-    let _client = Running(Command::new("xdotool").args(["sleep", "3600"]).spawn().unwrap());
-    let folder = tempfile::tempdir().unwrap();
-    let mut ratios = Vec::new();
-    for _ in 0..RUNS {
-        // Runs alternate, so that other load on the machine affects both.
-        let Some(still) = demo_with_a_hand(folder.path(), false) else { return };
-        let Some(moved) = demo_with_a_hand(folder.path(), true) else { return };
-        for (hand, run) in [("hands off", still), ("orbiting", moved)] {
-            let DemoRun { trained_s, train_ms_median, pictures_per_s, pass_p99_ms } = run;
-            println!(
-                "{hand}: trained in {trained_s:.1} s, {train_ms_median:.0} ms a frame, {pictures_per_s:.1} pictures a second, 99 % of passes below {pass_p99_ms:.1} ms"
-            );
-        }
-        ratios.push(moved.trained_s / still.trained_s);
-    }
-    println!("training time while orbiting / hands off: {ratios:.3?} (target 1.25)");
-    let ratio = median(ratios);
-    println!("median {ratio:.3}");
-    // A busy machine can far exceed the target.
-    assert!(ratio < 2.0, "orbiting costs training {ratio:.2} times the time");
-}
-
 /// SIGTERM, as at logout or shutdown, closes the window in order.
 #[cfg(unix)]
 #[test]
@@ -331,27 +225,5 @@ fn a_window_at_rest_costs_nothing_shown_or_hidden() {
             (share, wakes) = at_rest(&running, 2);
         }
         println!("{action}: {:.1} % of a core at rest, {wakes} wakes per second", 100.0 * share);
-    }
-}
-
-/// Measures the CPU share of an idle window, visible and hidden, over `VBGS_REST_SECONDS`:
-/// `VBGS_REST_SECONDS=60 xvfb-run -a -s "-screen 0 1600x1000x24" cargo test --release --test app -- --ignored
-/// --nocapture minutes_at_rest`.
-#[cfg(target_os = "linux")]
-#[test]
-#[ignore = "watches a window for a minute or more"]
-fn figures_of_minutes_at_rest() {
-    let asked = std::env::var("VBGS_REST_SECONDS").ok();
-    let seconds = asked.and_then(|text| text.parse().ok()).unwrap_or(6);
-    let folder = tempfile::tempdir().unwrap();
-    let Some(running) = open_small(folder.path()) else { return };
-    let id = running.0.id().to_string();
-    for action in ["windowraise", "windowunmap"] {
-        xdotool(&["search", "--onlyvisible", "--pid", &id, action]);
-        // Excludes loading, the first pictures, and notices, which disappear after 20 s.
-        std::thread::sleep(Duration::from_secs(25));
-        let (share, wakes) = at_rest(&running, seconds);
-        println!("{action}: {:.3} % of a core at rest, {wakes:.2} wakes per second", 100.0 * share);
-        assert!(share < 0.01, "{action}: {share:.3} of a core");
     }
 }

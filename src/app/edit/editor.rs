@@ -1,8 +1,8 @@
 //! Edits of the open scene and the state of the editing tools.
 
-use super::marks::{EditLog, Edits, LeftOut, Mark, SelectCriterion, SelectMode};
+use super::marks::{EditLog, Edits, LeftOut, Mark, SelectMode};
 use super::past::{PastScene, PastScenes};
-use super::visible::{SceneParts, VisibilityRules, VisibleSplats};
+use super::visible::{VisibilityRules, VisibleSplats};
 use crate::app::command::UiCommand;
 use crate::app::palette::Palette;
 use crate::app::panels::quality::EvidenceHistogram;
@@ -22,16 +22,6 @@ pub struct EditCounts {
     /// Splats excluded from exports: deleted or outside the crop box.
     pub left_out: usize,
     pub deleted: usize,
-    pub unknown_birth: usize,
-}
-
-/// What the viewport shows for an earlier frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum EarlierView {
-    #[default]
-    StoredCopy,
-    /// Current splats that already existed then.
-    BornByThen,
 }
 
 /// Undo log, visible splats and tool state.
@@ -41,15 +31,13 @@ pub struct Editor {
     visible: VisibleSplats,
     /// True while dragging over the viewport selects splats.
     pub is_box_selecting: bool,
-    pub criterion: SelectCriterion,
-    /// Value of the threshold slider; `None` until it is moved.
-    pub threshold: Option<f64>,
     /// Number of frames seen by the scene on display; `None` shows the current scene.
     pub earlier_frames: Option<usize>,
-    pub earlier_view: EarlierView,
     pub stored_scenes: PastScenes,
     /// True if a panel needs component attributes; set in every pass that needs them.
     pub needs_attributes: bool,
+    /// True if the viewport shows the crop box and its handles; set in every pass that draws their panel.
+    pub shows_crop: bool,
     /// Incremented by every change of splats or edits; invalidates cached results.
     revision: u64,
     counted: Option<(u64, EditCounts)>,
@@ -76,14 +64,11 @@ impl Editor {
     /// Applies a splat change that `palette` already contains; returns the change for painters, if any.
     pub fn apply_change(&mut self, change: SplatChange, palette: &Palette) -> Option<SplatChange> {
         self.revision += 1;
-        self.visible.apply_change(change, parts(palette, None))
+        self.visible.apply_change(change, palette.splats())
     }
 
     pub fn displayed_past(&self) -> Option<&PastScene> {
-        match self.earlier_view {
-            EarlierView::StoredCopy => self.stored_scenes.latest_at(self.earlier_frames?),
-            EarlierView::BornByThen => None,
-        }
+        self.stored_scenes.latest_at(self.earlier_frames?)
     }
 
     /// Returns to the current scene, since edits apply to its splats.
@@ -93,18 +78,11 @@ impl Editor {
         }
     }
 
-    /// Latest birth frame shown, as a position in the run; `None` shows all births.
-    pub fn born_until(&self) -> Option<u32> {
-        let until = |n_frames: usize| n_frames.saturating_sub(1) as u32;
-        self.earlier_frames.filter(|_| self.displayed_past().is_none()).map(until)
-    }
-
     /// Applies the current edits to the visible splats; returns the change for painters, if any.
     pub fn update_visible(&mut self, palette: &Palette) -> Option<SplatChange> {
-        let past = self.displayed_past().cloned();
-        let (edits, born_until) = (self.edits().clone(), self.born_until());
-        let rules = VisibilityRules { edits, born_until, past: past.clone() };
-        let change = self.visible.set_rules(rules, parts(palette, past.as_ref()));
+        let rules =
+            VisibilityRules { edits: self.edits().clone(), past: self.displayed_past().cloned() };
+        let change = self.visible.set_rules(rules, palette.splats());
         self.revision += u64::from(change.is_some());
         change
     }
@@ -126,23 +104,19 @@ impl Editor {
         }
     }
 
+    /// Combines the displayed splats in these slots with the selection.
     pub fn select(
         &mut self,
         slots: impl IntoIterator<Item = u32>,
         palette: &Palette,
         how: SelectMode,
     ) {
-        let next = self.with_displayed(slots, palette, how);
+        // Hidden, deleted and cropped splats are transparent and cannot be selected.
+        let shown = self.displayed_splats(palette);
+        let is_shown = |slot: &u32| shown.get(*slot as usize).is_some_and(Splat::is_drawable);
+        let slots = slots.into_iter().filter(is_shown);
+        let next = self.edits().with_selection(slots, palette.learned(), how);
         self.log.step(next);
-    }
-
-    /// Selects the splats that meet the threshold; one undo step while the slider is dragged.
-    pub fn select_by_threshold(&mut self, threshold: f64, palette: &Palette) {
-        self.return_to_current();
-        self.threshold = Some(threshold);
-        let slots = self.criterion.slots(threshold, palette.learned(), palette.attributes());
-        let next = self.with_displayed(slots, palette, SelectMode::Replace);
-        self.log.drag(next);
     }
 
     pub fn invert(&mut self, palette: &Palette) {
@@ -150,17 +124,6 @@ impl Editor {
         let (edits, all) = (self.edits().clone(), (0..).zip(palette.learned().iter()));
         let others = all.filter(|(slot, splat)| edits.mark(*slot, splat) != Some(Mark::Selected));
         self.select(others.map(|(slot, _)| slot), palette, SelectMode::Replace);
-    }
-
-    fn with_displayed(
-        &self,
-        slots: impl IntoIterator<Item = u32>,
-        palette: &Palette,
-        how: SelectMode,
-    ) -> Edits {
-        let shown = self.displayed_splats(palette);
-        let is_shown = |slot: &u32| shown.get(*slot as usize).is_some_and(Splat::is_drawable);
-        self.edits().with_selection(slots.into_iter().filter(is_shown), palette.learned(), how)
     }
 
     /// Reason why an edit command would change nothing; `None` for other commands.
@@ -239,22 +202,12 @@ impl Editor {
                 continue;
             }
             let mark = edits.mark(slot, splat);
-            let known = palette.attributes().get(slot as usize);
             counts.all += 1;
             counts.selected += usize::from(mark == Some(Mark::Selected));
             counts.hidden += usize::from(mark == Some(Mark::Hidden));
             counts.deleted += usize::from(mark == Some(Mark::Deleted));
             counts.left_out += usize::from(!edits.is_exported(slot, splat));
-            counts.unknown_birth += usize::from(known.is_none_or(|known| known.birth.is_none()));
         }
         counts
-    }
-}
-
-fn parts<'a>(palette: &'a Palette, past: Option<&'a PastScene>) -> SceneParts<'a> {
-    match past {
-        // Attributes describe the current splats, not earlier ones.
-        Some(past) => SceneParts { colored: &past.splats, known: &[] },
-        None => SceneParts { colored: palette.splats(), known: palette.attributes() },
     }
 }

@@ -1,10 +1,8 @@
 //! Marks of selected, hidden and deleted splats, the crop box, and their undo log.
 
 use crate::export::WriteSelection;
-use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::splats::Splat;
-use crate::render::attributes::{Attribute, Range};
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -33,7 +31,6 @@ struct MarkedSplat {
     reach: f32,
 }
 
-/// How a new selection combines with the current one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SelectMode {
     Replace,
@@ -94,6 +91,7 @@ impl Edits {
         splats: &[Splat],
         how: SelectMode,
     ) -> Self {
+        // Copied, because other states of the undo log share the marks.
         let mut marked = HashMap::clone(&self.marked);
         if how == SelectMode::Replace {
             marked.retain(|_, splat| splat.mark != Mark::Selected);
@@ -101,6 +99,7 @@ impl Edits {
         for slot in slots {
             let Some(splat) = splats.get(slot as usize) else { continue };
             match (self.mark(slot, splat), how) {
+                // Not displayed, so the user cannot mean them.
                 (Some(Mark::Hidden | Mark::Deleted), _) => {}
                 (_, SelectMode::Remove) => drop(marked.remove(&slot)),
                 _ => {
@@ -261,56 +260,6 @@ impl LeftOut {
     }
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum SelectCriterion {
-    /// Evidence below the threshold, points.
-    #[default]
-    LowEvidence,
-    /// Standard deviation of the position above the threshold, world units.
-    HighUncertainty,
-}
-
-impl SelectCriterion {
-    pub const ALL: [Self; 2] = [Self::LowEvidence, Self::HighUncertainty];
-
-    pub fn label(self) -> &'static str {
-        match self {
-            Self::LowEvidence => "Evidence below",
-            Self::HighUncertainty => "Uncertainty above",
-        }
-    }
-
-    pub fn attribute(self) -> Attribute {
-        match self {
-            Self::LowEvidence => Attribute::Evidence,
-            Self::HighUncertainty => Attribute::Uncertainty,
-        }
-    }
-
-    /// Slots of drawable splats that meet the criterion; those with an unknown attribute do not.
-    pub fn slots<'a>(
-        self,
-        threshold: f64,
-        splats: &'a [Splat],
-        known: &'a [ComponentAttributes],
-    ) -> impl Iterator<Item = u32> + 'a {
-        let is_met = move |known: &ComponentAttributes| match self {
-            Self::LowEvidence => known.evidence.is_some_and(|n| f64::from(n) < threshold),
-            Self::HighUncertainty => known.uncertainty.is_some_and(|d| f64::from(d) > threshold),
-        };
-        let all = splats.iter().zip(known).zip(0..);
-        all.filter(move |((splat, known), _)| splat.is_drawable() && is_met(known))
-            .map(|(_, slot)| slot)
-    }
-
-    /// Range of the slider; `None` if no attribute is known. It extends the central range of the values
-    /// tenfold on both sides to reach outliers.
-    pub fn range(self, known: &[ComponentAttributes]) -> Option<[f64; 2]> {
-        let [lo, hi] = Range::of(self.attribute(), known)?.ends();
-        Some([0.1 * lo, 10.0 * hi])
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -382,24 +331,5 @@ mod tests {
         }
         let undone = std::iter::from_fn(|| log.can_undo().then(|| log.undo())).count();
         assert_eq!(undone, MAX_STATES - 1);
-    }
-
-    #[test]
-    fn what_is_not_known_is_not_doubted() {
-        let known = |evidence, uncertainty| ComponentAttributes {
-            evidence,
-            uncertainty,
-            ..ComponentAttributes::default()
-        };
-        let all = [known(Some(5.0), Some(0.1)), known(None, None), known(Some(50.0), Some(0.9))];
-        let splat = Splat { rotation: [1.0, 0.0, 0.0, 0.0], ..at(0.0) };
-        let slots = |criterion: SelectCriterion, threshold| -> Vec<u32> {
-            criterion.slots(threshold, &[splat; 4], &all).collect()
-        };
-        assert_eq!(slots(SelectCriterion::LowEvidence, 20.0), [0]);
-        assert_eq!(slots(SelectCriterion::HighUncertainty, 0.5), [2]);
-        assert_eq!(SelectCriterion::LowEvidence.range(&[known(None, None)]), None);
-        let [lo, hi] = SelectCriterion::LowEvidence.range(&all).unwrap();
-        assert!(lo < 5.0 && hi > 50.0);
     }
 }

@@ -16,7 +16,7 @@ const MAX_MOMENTS: usize = 32;
 
 #[derive(Clone, Debug)]
 pub struct PastScene {
-    /// Frames seen until then, skipped ones included.
+    /// Number of frames seen before the copy, skipped ones included.
     pub n_frames: usize,
     /// Splats in their learned colours.
     pub splats: Arc<SplatSet>,
@@ -25,6 +25,7 @@ pub struct PastScene {
 
 impl PartialEq for PastScene {
     fn eq(&self, other: &Self) -> bool {
+        // Comparing splats would cost time in every pass.
         self.serial == other.serial
     }
 }
@@ -42,7 +43,7 @@ pub struct PastScenes {
     /// Least number of frames between two copies.
     interval: usize,
     serial: u64,
-    /// Copying threads by the number of their copy.
+    /// Copying threads, each with the serial of its copy.
     copies: Vec<(u64, JoinHandle<SplatSet>)>,
 }
 
@@ -60,9 +61,11 @@ impl PastScenes {
             *self = Self { serial: self.serial, ..Self::default() };
         }
         let bytes = bytes_of(scene);
+        // A copy larger than the budget would displace all others.
         if n_frames == 0 || bytes > budget || !self.is_due(n_frames) {
             return;
         }
+        // Before the check below, because thinning doubles the interval.
         self.thin(MAX_MOMENTS - 1, budget - bytes);
         if self.is_due(n_frames) {
             self.serial += 1;
@@ -111,6 +114,7 @@ impl PastScenes {
 
     fn thin(&mut self, most: usize, budget: usize) {
         while self.moments.len() > most || self.bytes() > budget {
+            // The thinning below always retains the first copy.
             if self.moments.len() == 1 {
                 self.moments.clear();
                 return;
@@ -120,6 +124,7 @@ impl PastScenes {
                 is_kept = !is_kept;
                 is_kept
             });
+            // Or new copies would be denser than the remaining ones.
             self.interval *= 2;
         }
     }

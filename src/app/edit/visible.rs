@@ -4,7 +4,6 @@ use super::marks::{Edits, Mark};
 use super::past::PastScene;
 use crate::app::splat_updates::{SplatChange, apply};
 use crate::math::camera::Camera;
-use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::render::Lens;
@@ -16,27 +15,26 @@ use std::sync::Arc;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VisibilityRules {
     pub edits: Edits,
-    /// Latest birth frame displayed; splats with unknown birth are always displayed.
-    pub born_until: Option<u32>,
+    /// Earlier scene displayed instead of the current one.
     pub past: Option<PastScene>,
 }
 
 impl VisibilityRules {
     fn are_inactive(&self) -> bool {
-        !self.edits.affects_display() && self.born_until.is_none() && self.past.is_none()
+        !self.edits.affects_display() && self.past.is_none()
     }
 
-    fn displayed(
-        &self,
-        slot: u32,
-        SceneParts { colored, known }: SceneParts<'_>,
-    ) -> (Splat, Appearance) {
+    /// Earlier scene, or the current one in the colours of the colour mode.
+    fn scene<'a>(&'a self, current: &'a Arc<SplatSet>) -> &'a Arc<SplatSet> {
+        self.past.as_ref().map_or(current, |past| &past.splats)
+    }
+
+    fn displayed(&self, slot: u32, scene: &SplatSet) -> (Splat, Appearance) {
         let at = slot as usize;
-        let (splat, appearance) = (colored[at], colored.appearance_of(at));
-        let birth = known.get(at).and_then(|known| known.birth);
-        let is_later = birth.zip(self.born_until).is_some_and(|(birth, until)| birth > until);
+        let (splat, appearance) = (scene[at], scene.appearance_of(at));
         let mark = self.edits.mark(slot, &splat);
-        if is_later || mark == Some(Mark::Hidden) || !self.edits.is_exported(slot, &splat) {
+        if mark == Some(Mark::Hidden) || !self.edits.is_exported(slot, &splat) {
+            // Made transparent, not removed: painters and clicks refer to splats by slot.
             return (Splat { opacity: 0.0, ..splat }, appearance);
         }
         match mark {
@@ -47,15 +45,6 @@ impl VisibilityRules {
     }
 }
 
-/// Splats and attributes from which the display is derived.
-#[derive(Clone, Copy)]
-pub struct SceneParts<'a> {
-    /// Splats in the colours of the colour mode.
-    pub colored: &'a Arc<SplatSet>,
-    /// Attributes of the components, as far as the worker has delivered them.
-    pub known: &'a [ComponentAttributes],
-}
-
 /// Displayed splats; a separate copy only while any rule applies.
 #[derive(Default)]
 pub struct VisibleSplats {
@@ -64,42 +53,44 @@ pub struct VisibleSplats {
 }
 
 impl VisibleSplats {
-    /// Applies a change that `parts` already contain; returns the change for painters, if any.
+    /// Applies a change that the current scene already contains; returns the change for painters, if any.
     pub fn apply_change(
         &mut self,
         change: SplatChange,
-        parts: SceneParts<'_>,
+        current: &Arc<SplatSet>,
     ) -> Option<SplatChange> {
         if self.rules.are_inactive() {
             return Some(change);
         }
+        // Training does not change the earlier scene.
         if self.rules.past.is_some() {
             return None;
         }
         Some(match change {
-            SplatChange::All(_) => self.rebuild(parts),
-            SplatChange::Some { ids, .. } => self.update(ids, parts),
+            SplatChange::All(_) => self.rebuild(current),
+            SplatChange::Some { ids, .. } => self.update(ids, current),
         })
     }
 
-    /// Applies other rules to `parts`, which hold the earlier scene if the rules name one. Returns the change
-    /// for painters, if any.
+    /// Replaces the rules; returns the change for painters, if any.
     pub fn set_rules(
         &mut self,
         rules: VisibilityRules,
-        parts: SceneParts<'_>,
+        current: &Arc<SplatSet>,
     ) -> Option<SplatChange> {
         if rules == self.rules {
             return None;
         }
+        // There is no list of displayed splats yet, or it is of another scene.
         let is_another = self.rules.are_inactive() || self.rules.past != rules.past;
         self.rules = rules;
         if self.rules.are_inactive() {
+            // Frees the copy of the scene.
             self.shown = Arc::default();
-            return Some(SplatChange::All(parts.colored.clone()));
+            return Some(SplatChange::All(current.clone()));
         }
         if is_another {
-            return Some(self.rebuild(parts));
+            return Some(self.rebuild(current));
         }
         // Only the difference is sent, since this runs in every pass of a drag.
         let shown = |slot: u32| {
@@ -107,9 +98,10 @@ impl VisibleSplats {
             (self.shown[at], self.shown.appearance_of(at))
         };
         let all = 0..self.shown.len() as u32;
-        let differs = |&slot: &u32| self.rules.displayed(slot, parts) != shown(slot);
+        let scene = self.rules.scene(current);
+        let differs = |&slot: &u32| self.rules.displayed(slot, scene) != shown(slot);
         let ids: Arc<[u32]> = all.filter(differs).collect();
-        (!ids.is_empty()).then(|| self.update(ids, parts))
+        (!ids.is_empty()).then(|| self.update(ids, current))
     }
 
     /// Displayed splats; `None` if they equal the coloured splats.
@@ -117,22 +109,23 @@ impl VisibleSplats {
         (!self.rules.are_inactive()).then_some(&self.shown)
     }
 
-    fn displayed(&self, slots: impl Iterator<Item = u32>, parts: SceneParts<'_>) -> Arc<SplatSet> {
-        let mut splats = SplatSet::default().finished(parts.colored.finishing().clone());
+    fn displayed(&self, slots: impl Iterator<Item = u32>, scene: &SplatSet) -> Arc<SplatSet> {
+        let mut splats = SplatSet::default().finished(scene.finishing().clone());
         for slot in slots {
-            let (splat, appearance) = self.rules.displayed(slot, parts);
+            let (splat, appearance) = self.rules.displayed(slot, scene);
             splats.push(splat, appearance);
         }
         Arc::new(splats)
     }
 
-    fn rebuild(&mut self, parts: SceneParts<'_>) -> SplatChange {
-        self.shown = self.displayed(0..parts.colored.len() as u32, parts);
+    fn rebuild(&mut self, current: &Arc<SplatSet>) -> SplatChange {
+        let scene = self.rules.scene(current);
+        self.shown = self.displayed(0..scene.len() as u32, scene);
         SplatChange::All(self.shown.clone())
     }
 
-    fn update(&mut self, ids: Arc<[u32]>, parts: SceneParts<'_>) -> SplatChange {
-        let splats = self.displayed(ids.iter().copied(), parts);
+    fn update(&mut self, ids: Arc<[u32]>, current: &Arc<SplatSet>) -> SplatChange {
+        let splats = self.displayed(ids.iter().copied(), self.rules.scene(current));
         let change = SplatChange::Some { ids, splats };
         apply(&mut self.shown, change.clone());
         change
@@ -152,6 +145,7 @@ pub fn slots_within<'a>(
     let (rotation, translation) = camera.pose.inverse();
     let is_within = move |splat: &Splat| {
         let point = rotation * DVec3::from_array(splat.mean.map(f64::from)) + translation;
+        // A fisheye lens also sees points beside and behind the image plane.
         let ahead = match lens {
             Lens::Pinhole => point.z,
             Lens::Fisheye => point.length(),
@@ -196,29 +190,26 @@ mod tests {
     #[test]
     fn painters_get_what_differs_and_the_scene_back_in_the_end() {
         let colored = scene(6);
-        let born: Vec<ComponentAttributes> = (0..6)
-            .map(|i| ComponentAttributes { birth: Some(i), ..ComponentAttributes::default() })
-            .collect();
-        let parts = SceneParts { colored: &colored, known: &born };
         let mut visible = VisibleSplats::default();
-        assert!(
-            visible.splats().is_none() && visible.set_rules(Default::default(), parts).is_none()
-        );
+        assert!(visible.splats().is_none());
+        assert!(visible.set_rules(VisibilityRules::default(), &colored).is_none());
         let select =
             |edits: Edits, slot| edits.with_selection([slot], &colored, SelectMode::Replace);
         let mut edits = Edits::default();
         for (slot, mark) in [(0, Mark::Hidden), (1, Mark::Deleted), (2, Mark::Selected)] {
             edits = select(edits, slot).with_replaced(Mark::Selected, Some(mark));
         }
-        let edits = edits.with_crop(Some([DVec3::splat(-1.0), DVec3::new(4.5, 1.0, 1.0)]));
-        let rules = VisibilityRules { edits: edits.clone(), ..VisibilityRules::default() };
-        visible.set_rules(rules, parts);
-        assert_eq!(seen(visible.splats().unwrap()), "..mss.");
-        let rules = VisibilityRules { edits: edits.clone(), born_until: Some(3), past: None };
-        let change = visible.set_rules(rules, parts).unwrap();
-        assert!(matches!(change, SplatChange::Some { ids, .. } if ids[..] == [4]));
-        assert_eq!(seen(visible.splats().unwrap()), "..ms..");
-        let change = visible.set_rules(VisibilityRules::default(), parts).unwrap();
+        for (x, ids, expected) in [(4.5, 0..6, "..mss."), (3.5, 4..5, "..ms..")] {
+            let crop = Some([DVec3::splat(-1.0), DVec3::new(x, 1.0, 1.0)]);
+            let rules = VisibilityRules { edits: edits.with_crop(crop), past: None };
+            let changed = match visible.set_rules(rules, &colored).unwrap() {
+                SplatChange::All(all) => (0..all.len() as u32).collect(),
+                SplatChange::Some { ids, .. } => ids.to_vec(),
+            };
+            assert_eq!(changed, ids.collect::<Vec<_>>());
+            assert_eq!(seen(visible.splats().unwrap()), expected);
+        }
+        let change = visible.set_rules(VisibilityRules::default(), &colored).unwrap();
         assert!(matches!(change, SplatChange::All(all) if all == colored));
         assert!(visible.splats().is_none());
     }
@@ -231,19 +222,18 @@ mod tests {
             .with_replaced(Mark::Selected, Some(Mark::Deleted));
         let mut visible = VisibleSplats::default();
         let rules = VisibilityRules { edits, ..VisibilityRules::default() };
-        visible.set_rules(rules, SceneParts { colored: &colored, known: &[] });
+        visible.set_rules(rules, &colored);
         let moved = Splat { mean: [1.1, 0.0, 0.0], ..colored[1] };
         let others = vec![moved, Splat { mean: [1.0, 0.0, 0.0], ..moved }];
         let change = SplatChange::some(vec![1, 3], others);
         apply(&mut colored, change.clone());
-        let parts = SceneParts { colored: &colored, known: &[] };
-        visible.apply_change(change, parts);
+        visible.apply_change(change, &colored);
         assert_eq!(seen(visible.splats().unwrap()), "s.ss");
         // The slot was reused for a splat elsewhere.
         let elsewhere = Splat { mean: [5.0, 0.0, 0.0], ..moved };
         let change = SplatChange::some(vec![1], vec![elsewhere]);
         apply(&mut colored, change.clone());
-        visible.apply_change(change, SceneParts { colored: &colored, known: &[] });
+        visible.apply_change(change, &colored);
         assert_eq!(seen(visible.splats().unwrap()), "ssss");
     }
 

@@ -1,11 +1,8 @@
 //! Panel of edits: selection, crop box, hidden and deleted splats, earlier frames.
 
-use super::card::{SLIDER, choices, command_button, named, section, weak};
-use super::signal_color::format_number;
+use super::card::{SLIDER, command_button, named, section, weak};
 use crate::app::command::UiCommand;
-use crate::app::edit::editor::{EarlierView, EditCounts, Editor};
-use crate::app::edit::marks::SelectCriterion;
-use crate::app::palette::Palette;
+use crate::app::edit::editor::{EditCounts, Editor};
 use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::SceneView;
 use crate::app::viewer::settings::MAX_PAST_MB;
@@ -20,12 +17,10 @@ pub fn ui(
     let mut asked = None;
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         let (editor, palette) = view.editor_and_palette();
-        editor.needs_attributes = true;
+        editor.shows_crop = true;
         let counts = editor.counts(palette);
         commands(editor, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo], &mut asked, ui);
         weak(ui, "Drag a box in the viewport to select splats, including occluded ones. Shift adds, Ctrl removes; the right button still pans.");
-        section("Select by threshold", ui);
-        threshold(editor, palette, ui);
         section("Selected", ui);
         ui.label(format!("{} of {} splats", counts.selected, counts.all));
         let of_selection = [UiCommand::HideSelected, UiCommand::DeleteSelected, UiCommand::Deselect];
@@ -41,7 +36,7 @@ pub fn ui(
         section("Hidden and deleted", ui);
         hidden_and_deleted(editor, &counts, &mut asked, ui);
         section("Earlier frames", ui);
-        walk_back(view, counts.unknown_birth, snapshot, ui);
+        walk_back(view, snapshot, ui);
     });
     asked
 }
@@ -61,36 +56,6 @@ fn button(editor: &Editor, command: UiCommand, asked: &mut Option<UiCommand>, ui
     if command_button(command, is_on, why_not, ui) {
         *asked = Some(command);
     }
-}
-
-fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
-    ui.horizontal_wrapped(|ui| {
-        let all = SelectCriterion::ALL.map(|criterion| (criterion, criterion.label(), ""));
-        if choices(&mut editor.criterion, &all, ui) {
-            editor.threshold = None;
-        }
-    });
-    let criterion = editor.criterion;
-    let Some([low, high]) = criterion.range(palette.attributes()) else {
-        weak(ui, "Not available for the open file: it needs a trained scene or a checkpoint.");
-        return;
-    };
-    let start = match criterion {
-        SelectCriterion::LowEvidence => low,
-        SelectCriterion::HighUncertainty => high,
-    };
-    ui.spacing_mut().slider_width = SLIDER;
-    let mut value = editor.threshold.unwrap_or(start).clamp(low, high);
-    let slider = Slider::new(&mut value, low..=high)
-        .logarithmic(true)
-        .custom_formatter(|value, _| format_number(value))
-        .suffix(format!(" {}", criterion.attribute().unit()));
-    let slider = named(ui.add(slider), "Select by threshold")
-        .on_hover_text("Splats beyond the threshold are selected while the slider moves");
-    if slider.changed() {
-        editor.select_by_threshold(value, palette);
-    }
-    end_step(editor, &slider);
 }
 
 /// Ends the undo step when a control is released: a whole drag is one step.
@@ -155,37 +120,20 @@ fn hidden_and_deleted(
     weak(ui, "The model, its checkpoints and its quality figures include all splats.");
 }
 
-/// Draws the controls; `n_unborn` is the number of splats with unknown birth frame.
-fn walk_back(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mut Ui) {
-    let last = snapshot.n_seen();
-    let (editor, palette) = view.editor_and_palette();
-    let knows_births = palette.attributes().iter().any(|known| known.birth.is_some());
-    let is_kept = !editor.stored_scenes.moments().is_empty();
-    if last == 0 || !knows_births && !is_kept {
+fn walk_back(view: &mut SceneView, snapshot: &Snapshot, ui: &mut Ui) {
+    let editor = view.editor_and_palette().0;
+    if editor.stored_scenes.moments().is_empty() {
         editor.earlier_frames = None;
         weak(ui, "Available for scenes trained since they were opened.");
-        return;
+    } else {
+        // A copy may be newer than the snapshot of this pass.
+        slider(editor, snapshot.n_seen().max(1), ui);
+        weak(ui, &describe_display(editor));
+        weak(ui, "This does not affect saving or exporting.");
     }
-    ui.horizontal_wrapped(|ui| {
-        choices(&mut editor.earlier_view, &VIEW_CHOICES, ui);
-    });
-    slider(editor, last, ui);
-    weak(ui, &describe_display(editor));
-    if editor.born_until().is_some() && n_unborn > 0 {
-        weak(ui, &format!("{n_unborn} splats with unknown birth frame are always shown."));
-    }
-    weak(ui, "This does not affect saving or exporting.");
+    // Drawn in either case: with a limit of 0 there are no copies, and the user may raise it again.
     budget(view, ui);
 }
-
-const VIEW_CHOICES: [(EarlierView, &str, &str); 2] = [
-    (EarlierView::StoredCopy, "As it was", "Shows a stored copy of the scene after that frame"),
-    (
-        EarlierView::BornByThen,
-        "By birth, as it is now",
-        "Shows the current splats that were created up to that frame, in their current state",
-    ),
-];
 
 fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
     ui.spacing_mut().slider_width = SLIDER;
@@ -204,20 +152,15 @@ fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
 
 fn describe_display(editor: &Editor) -> String {
     let Some(asked) = editor.earlier_frames else { return "Showing the current scene.".to_owned() };
-    match (editor.earlier_view, editor.displayed_past()) {
-        (_, Some(past)) if past.n_frames == asked => format!(
+    match editor.displayed_past() {
+        Some(past) if past.n_frames == asked => format!(
             "Showing the scene after frame {asked}, in its learned colours. Figures refer to the current scene."
         ),
-        (_, Some(past)) => format!(
+        Some(past) => format!(
             "Showing the scene after frame {}, the latest copy up to frame {asked}, in its learned colours. Figures refer to the current scene.",
             past.n_frames
         ),
-        (EarlierView::StoredCopy, None) => format!(
-            "No copy exists up to frame {asked}: showing the current splats created by then."
-        ),
-        (EarlierView::BornByThen, None) => {
-            format!("Showing the current splats created up to frame {asked}.")
-        }
+        None => format!("No copy exists up to frame {asked}: showing the current scene."),
     }
 }
 

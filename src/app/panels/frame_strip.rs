@@ -60,8 +60,8 @@ pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<
         if let Some((text, hint)) = &live {
             ui.label(SignalColor::Green.text(text, ui).size(SIZE)).on_hover_text(hint);
         }
-        if !snapshot.skipped.is_empty() {
-            let text = format!("{} skipped", snapshot.skipped.len());
+        if !snapshot.frames.skipped.is_empty() {
+            let text = format!("{} skipped", snapshot.frames.skipped.len());
             let hint = "Unusable frames are crossed out; hover over one for the reason";
             ui.label(SignalColor::Red.text(text, ui).size(SIZE)).on_hover_text(hint);
         }
@@ -79,9 +79,10 @@ pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<
 
 /// Status of the followed recording, and its path or problem.
 fn recording_status(snapshot: &Snapshot) -> Option<(String, String)> {
-    let followed = snapshot.followed.as_ref()?;
+    let followed = snapshot.following.recording.as_ref()?;
     let path = followed.path.display().to_string();
-    let ahead = snapshot.n_frames.saturating_sub(snapshot.frames_done + snapshot.skipped.len());
+    let ahead =
+        snapshot.n_frames.saturating_sub(snapshot.frames_done + snapshot.frames.skipped.len());
     let text = match (&followed.problem, followed.is_waiting) {
         (Some(_), _) => "Live: the recording cannot be read".to_owned(),
         (None, true) => "Live: waiting for the next frame".to_owned(),

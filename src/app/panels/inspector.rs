@@ -205,12 +205,13 @@ pub fn scene_section(snapshot: &Snapshot, ui: &mut Ui) {
                 ui.end_row();
             }
         });
-        if let Some(check) = &snapshot.poses {
+        if let Some(check) = &snapshot.sampling.poses {
             poses(check, ui);
         }
-        let skipped: Vec<&str> = snapshot.skipped.iter().map(|s| s.message.as_str()).collect();
+        let skipped: Vec<&str> =
+            snapshot.frames.skipped.iter().map(|s| s.message.as_str()).collect();
         list("Skipped frames", &skipped, ui);
-        let doubts: Vec<&str> = snapshot.outlier_reports.iter().map(String::as_str).collect();
+        let doubts: Vec<&str> = snapshot.frames.outliers.iter().map(String::as_str).collect();
         list("Photographs that contradict the scene", &doubts, ui);
     });
 }

@@ -41,18 +41,18 @@ pub fn ui(
     let mut to_write = None;
     // Scrolls both ways: longer numbers must not widen the panel, which would resize the viewport.
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
-        if snapshot.recent.is_empty() {
+        if snapshot.frames.recent.is_empty() {
             ui.label("Training timings appear after the first trained frame.");
         } else {
             ui.label(RichText::new("Training time per frame, ms").weak());
-            plot(&snapshot.recent, *budget_ms, ui);
-            budget(&snapshot.recent, budget_ms, ui);
+            plot(&snapshot.frames.recent, *budget_ms, ui);
+            budget(&snapshot.frames.recent, budget_ms, ui);
         }
         ui.add_space(6.0);
         let table = Grid::new("latency table").num_columns(5).min_col_width(0.0);
         table.spacing([6.0, 4.0]).striped(true).show(ui, |ui| {
-            if !snapshot.recent.is_empty() {
-                training_rows(&snapshot.recent, ui);
+            if !snapshot.frames.recent.is_empty() {
+                training_rows(&snapshot.frames.recent, ui);
             }
             if drawn.samples().len() > 0 {
                 drawing_rows(drawn, ui);
@@ -62,10 +62,10 @@ pub fn ui(
             ui.label(RichText::new("This adapter does not support GPU timings.").weak());
         }
         ui.add_space(6.0);
-        let has_timings = !snapshot.recent.is_empty() || drawn.samples().len() > 0;
+        let has_timings = !snapshot.frames.recent.is_empty() || drawn.samples().len() > 0;
         ui.add_enabled_ui(has_timings, |ui| {
             ui.horizontal(|ui| {
-                let all = || timings(&snapshot.recent, drawn);
+                let all = || timings(&snapshot.frames.recent, drawn);
                 let copy = "Copies the timings of these frames and pictures to the clipboard";
                 if ui.button("Copy as CSV").on_hover_text(copy).clicked() {
                     ui.ctx().copy_text(all());

@@ -53,7 +53,7 @@ fn dataset_facts(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) {
     for line in describe_layout(opened) {
         ui.add(Label::new(line).wrap().selectable(false));
     }
-    if let Some(check) = &snapshot.poses {
+    if let Some(check) = &snapshot.sampling.poses {
         let text = match wording::pose_warning(check) {
             Some(warning) => SignalColor::Yellow.text(warning, ui),
             None => RichText::new(wording::pose_agreement(check)).weak(),
@@ -97,7 +97,7 @@ pub fn start(snapshot: &Snapshot, noticed: f32, ui: &mut Ui) -> Option<UiCommand
     let mut asked = None;
     ui.vertical_centered(|ui| {
         ui.add_space((ui.available_height() * 0.22).max(noticed + 10.0));
-        if let Some(followed) = &snapshot.followed {
+        if let Some(followed) = &snapshot.following.recording {
             let path = followed.path.display();
             ui.label(RichText::new(format!("Waiting for the first frame of {path}")).size(22.0));
             ui.label(followed.problem.as_deref().unwrap_or_default());
@@ -243,10 +243,10 @@ fn covered(quality: &QualityMonitor) -> String {
 }
 
 fn facts(snapshot: &Snapshot) -> [(&'static str, String); 3] {
-    let per_frame = 1e3 * snapshot.trained_s / snapshot.frames_done.max(1) as f64;
+    let per_frame = 1e3 * snapshot.pace.trained_s / snapshot.frames_done.max(1) as f64;
     [
-        ("Time", format!("{:.1} s, {per_frame:.0} ms a frame", snapshot.trained_s)),
-        ("Components", snapshot.used.to_string()),
-        ("Model", format!("{:.1} MB in memory", snapshot.model_bytes as f64 * 1e-6)),
+        ("Time", format!("{:.1} s, {per_frame:.0} ms a frame", snapshot.pace.trained_s)),
+        ("Components", snapshot.model.used.to_string()),
+        ("Model", format!("{:.1} MB in memory", snapshot.model.bytes as f64 * 1e-6)),
     ]
 }

@@ -2,7 +2,7 @@
 
 use super::signal_color::SignalColor;
 use crate::app::rescue::AbandonedRun;
-use crate::app::state::{Followed, RunState, Snapshot};
+use crate::app::state::{Followed, ModelSize, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::eval::report;
 use crate::eval::report::quantile;
@@ -48,23 +48,23 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
             ui.separator();
             slow_frame_warning(snapshot, time, ui);
         }
-        if let Some(followed) = &snapshot.followed {
+        if let Some(followed) = &snapshot.following.recording {
             ui.separator();
             let said = ui.label(following(snapshot.frames_done, followed));
             let path = followed.path.display();
             said.on_hover_text(followed.problem.clone().unwrap_or_else(|| path.to_string()));
         }
-        if snapshot.frames_per_s > 0.0 {
+        if snapshot.pace.frames_per_s > 0.0 {
             ui.separator();
-            ui.label(format!("{:.1} frames/s", snapshot.frames_per_s));
+            ui.label(format!("{:.1} frames/s", snapshot.pace.frames_per_s));
         }
-        if !snapshot.recent.is_empty() {
+        if !snapshot.frames.recent.is_empty() {
             let mut ms: Vec<f64> =
-                snapshot.recent.iter().rev().take(30).map(|f| f.ms.stages.train).collect();
+                snapshot.frames.recent.iter().rev().take(30).map(|f| f.ms.stages.train).collect();
             ms.sort_by(f64::total_cmp);
             ui.label(format!("{:.1} ms/frame", quantile(&ms, 0.5)));
         }
-        if snapshot.components > 0 {
+        if snapshot.model.components > 0 {
             ui.separator();
             ui.label(components(snapshot));
             ui.separator();
@@ -73,7 +73,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
         skipped(snapshot, ui);
         ui.separator();
         if let Some(bytes) = report::rss_bytes() {
-            let model = snapshot.model_bytes as f64 / 1048576.0;
+            let model = snapshot.model.bytes as f64 / 1048576.0;
             ui.label(format!("{:.0} MiB", bytes as f64 / 1048576.0)).on_hover_text(format!(
                 "Memory of the whole program; the model alone: {model:.0} MiB"
             ));
@@ -88,9 +88,9 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
 }
 
 fn skipped(snapshot: &Snapshot, ui: &mut Ui) {
-    let Some(first) = snapshot.skipped.first() else { return };
+    let Some(first) = snapshot.frames.skipped.first() else { return };
     ui.separator();
-    let text = format!("{} frames skipped", snapshot.skipped.len());
+    let text = format!("{} frames skipped", snapshot.frames.skipped.len());
     let label = ui.label(SignalColor::Yellow.text(text, ui));
     label.on_hover_text(format!("First reason: {}", first.message));
 }
@@ -111,7 +111,7 @@ fn following(n_frames: usize, followed: &Followed) -> String {
 
 /// Component count; unused components exist only in the paper's preset.
 fn components(snapshot: &Snapshot) -> String {
-    let Snapshot { components, used, opened, .. } = snapshot;
+    let Snapshot { model: ModelSize { components, used, .. }, opened, .. } = snapshot;
     let method = opened.as_ref().and_then(|opened| opened.method.as_ref());
     match method.map(|method| method.as_any().component_limit()) {
         None => format!("{components} splats"),

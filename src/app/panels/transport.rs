@@ -38,7 +38,7 @@ pub fn ui(
                     (other, _) => other,
                 };
                 let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
-                let is_on = command == UiCommand::Follow && snapshot.follows;
+                let is_on = command == UiCommand::Follow && snapshot.following.is_on;
                 if command_button(command, is_on, why_not, ui) {
                     asked = Some(BarAnswer::Action(Action::Command(command)));
                 }
@@ -70,7 +70,7 @@ const WIDTH: f32 = 90.0;
 pub fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui) -> bool {
     let Some(run) = snapshot.opened.as_deref().and_then(retrainable_run) else { return false };
     ui.separator();
-    let sample = snapshot.sample.as_ref();
+    let sample = snapshot.sampling.sample.as_ref();
     let asked = chosen.unwrap_or(run.scale);
     let finest = StructuralScale::Pixels(FINEST_PX);
     let finest =

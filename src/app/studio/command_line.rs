@@ -1,6 +1,6 @@
 //! The command line that trains the open dataset with the settings of the window.
 
-use crate::app::state::{GivenCalibration, Opened};
+use crate::app::state::Opened;
 use crate::app::training::TrainSettings;
 use crate::train::setting::Preset;
 use crate::train::setting::table::{SettingLayer, Spelling};
@@ -20,11 +20,7 @@ pub enum NoCommandLine {
 
 /// Returns the `train` command, quoted for this platform's shell. Its output folder lies next to the open
 /// dataset.
-pub fn command_line(
-    opened: &Opened,
-    training: &TrainSettings,
-    calibration: Option<&GivenCalibration>,
-) -> Result<String, NoCommandLine> {
+pub fn command_line(opened: &Opened, training: &TrainSettings) -> Result<String, NoCommandLine> {
     let dataset = opened.dataset.as_ref().ok_or(NoCommandLine::BuiltIn)?;
     let folder = dataset.path.as_deref().ok_or(NoCommandLine::BuiltIn)?;
     let mut words = vec!["vbgs-studio".to_owned(), "train".to_owned(), path(folder)?];
@@ -34,7 +30,7 @@ pub fn command_line(
         Some(run) if run != folder => words.extend(["--resume".to_owned(), path(run)?]),
         _ => {
             words.extend(settings(training));
-            if let Some(given) = calibration {
+            if let Some(given) = &opened.calibration {
                 let file = given.file.as_deref().ok_or(NoCommandLine::Calibration)?;
                 words.extend(["--calibration".to_owned(), path(file)?]);
             }
@@ -77,6 +73,7 @@ fn path(path: &Path) -> Result<String, NoCommandLine> {
 }
 
 fn shell_quoted(word: &str) -> String {
+    // Any other character may have a meaning in some shell.
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-./:=,+@%\\".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) && (cfg!(windows) || !word.contains('\\')) {
         return word.to_owned();

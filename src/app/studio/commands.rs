@@ -27,6 +27,7 @@ impl Studio {
         if !command.is_available(snapshot.state, snapshot.source) {
             return;
         }
+        // Read by the test that drives the program with a mouse (`tests/app/journey.rs`).
         tracing::debug!("command: {command:?}");
         match command {
             UiCommand::Open => self.dialogs.open.show(),
@@ -42,7 +43,7 @@ impl Studio {
                 self.apply_detail(snapshot);
                 self.worker.send(WorkerOrder::Step);
             }
-            UiCommand::Follow => self.worker.send(WorkerOrder::Follow(!snapshot.follows)),
+            UiCommand::Follow => self.worker.send(WorkerOrder::Follow(!snapshot.following.is_on)),
             UiCommand::Reset => self.confirm_then_send(WorkerOrder::Reset, snapshot),
             UiCommand::Save => self.dialogs.save.show(),
             UiCommand::Export => self.dialogs.export.show(),
@@ -81,7 +82,7 @@ impl Studio {
 
     fn copy_command_line(&self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
-        let line = command_line(opened, &self.training, snapshot.calibration.as_deref());
+        let line = command_line(opened, &self.training);
         let (kind, text) = match line {
             Ok(line) => {
                 let text = format!("Copied: {line}");
@@ -116,7 +117,7 @@ impl Studio {
     pub(super) fn is_on(&self, command: UiCommand, snapshot: &Snapshot) -> bool {
         let is_open = snapshot.opened.is_some();
         match command {
-            UiCommand::Follow => snapshot.follows,
+            UiCommand::Follow => snapshot.following.is_on,
             UiCommand::AutoCamera => is_open && self.view.camera.is_guided(),
             UiCommand::Measure => self.view.overlays.is_measuring(),
             UiCommand::Cameras => self.view.settings.shows_cameras,
@@ -185,11 +186,17 @@ impl Studio {
     pub(super) fn handle_dropped_files(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let paths: Vec<PathBuf> =
             ui.input(|i| i.raw.dropped_files.iter().map(|file| file.path().to_owned()).collect());
-        match <[PathBuf; 1]>::try_from(paths) {
-            Ok([path]) => self.open_path(path, snapshot),
-            Err(none) if none.is_empty() => {}
-            Err(several) => self.confirm_then_send(WorkerOrder::OpenFirst(several), snapshot),
+        let Some((first, others)) = paths.split_first() else { return };
+        if !others.is_empty() {
+            // A user may drop all photographs of a capture instead of its folder.
+            let text = format!(
+                "only one subject can be open: {} is opened, {} other dropped paths were left out; to open a capture, drop its folder",
+                first.display(),
+                others.len()
+            );
+            self.report(NoticeKind::Warning, text);
         }
+        self.open_path(first.clone(), snapshot);
     }
 
     pub(super) fn confirm_then_send(&mut self, order: WorkerOrder, snapshot: &Snapshot) {
@@ -200,7 +207,7 @@ impl Studio {
         self.worker.send(WorkerOrder::Report(kind, text));
     }
 
-    /// Reports that a thread could not be started; true if it was.
+    /// Reports that a thread could not be started. Returns true if it was started.
     fn is_started(&self, purpose: &str, started: std::io::Result<()>) -> bool {
         if let Err(error) = &started {
             let text = format!("cannot start a thread to {purpose}: {error}");
@@ -219,11 +226,11 @@ impl Studio {
             None => {}
             Some(Answer::Resume) => self.confirm_then_send(WorkerOrder::ResumeAbandoned, snapshot),
             Some(Answer::Forget) => self.worker.send(WorkerOrder::DiscardAbandoned),
+            // Only in this window: the next start offers the run again.
             Some(Answer::NotNow) => self.panels.postponed_slot = Some(run.slot.clone()),
         }
     }
 
-    /// Draws the dialogs and acts on their answers.
     pub(super) fn show_dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let waker = self.shell.waker().clone();
         // No action waits for this dialog, so cancelling it has no effect.
@@ -247,6 +254,7 @@ impl Studio {
         let notices = [self.film.thread.poll_notice(), self.film.still.take()];
         notices.into_iter().flatten().for_each(|(kind, text)| self.report(kind, text));
         help(ui, &mut self.dialogs.help_is_open);
+        // Taken out, because the closure borrows the whole window.
         let mut finder = std::mem::take(&mut self.dialogs.finder);
         let chosen = finder.ui(ui, |action| self.unavailable_reason(action, snapshot).is_none());
         self.dialogs.finder = finder;
@@ -287,7 +295,6 @@ impl Studio {
         }
     }
 
-    /// Previews the choices of the export dialog while it is open.
     fn preview_export(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         let Dialogs { mapping, export, .. } = &self.dialogs;
@@ -300,6 +307,7 @@ impl Studio {
         });
         let started = self.view.preview_export(choice, opened, snapshot.state);
         if !self.is_started("preview the file", started) {
+            // Otherwise every pass would report the same error again.
             self.view.settings.previews_export = false;
         }
     }

@@ -2,8 +2,7 @@
 
 use crate::app::action_finder::ActionFinder;
 use crate::app::command::UiCommand;
-use crate::app::opening::{AfterWrite, Continuation, Pending};
-use crate::app::path_dialog::PathDialog;
+use crate::app::path_dialog::{PathDialog, Purpose};
 use crate::app::state::{Opened, Snapshot};
 use crate::app::worker::{Worker, WorkerOrder};
 use crate::export::mapping::Mapping;
@@ -25,11 +24,11 @@ pub(super) struct Dialogs {
 impl Default for Dialogs {
     fn default() -> Self {
         Self {
-            open: PathDialog::open(),
-            compare: PathDialog::compare(),
-            save: PathDialog::save(),
-            export: PathDialog::export(),
-            film: PathDialog::film(),
+            open: PathDialog::new(Purpose::Open),
+            compare: PathDialog::new(Purpose::Compare),
+            save: PathDialog::new(Purpose::Save),
+            export: PathDialog::new(Purpose::Export),
+            film: PathDialog::new(Purpose::Film),
             mapping: Mapping::default(),
             finder: ActionFinder::default(),
             help_is_open: false,
@@ -51,10 +50,26 @@ impl Dialogs {
     }
 }
 
-/// Confirmation of what would discard unsaved training.
+enum Continuation {
+    Send(WorkerOrder),
+    Close,
+}
+
+/// Event for which a pending action waits.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// The user decides about unsaved training.
+    Decision,
+    /// The user names a file.
+    Name,
+    /// The file with this number is written.
+    File(u64),
+}
+
+/// Confirmation of actions that would discard unsaved training.
 #[derive(Default)]
 pub(super) struct UnsavedWork {
-    pending: Option<Pending>,
+    pending: Option<(Stage, Continuation)>,
     /// True if closing needs no confirmation.
     pub may_close: bool,
 }
@@ -66,30 +81,33 @@ impl UnsavedWork {
 
     /// Sends the order at once if no training would be lost, otherwise after confirmation.
     pub fn send(&mut self, order: WorkerOrder, worker: &Worker, snapshot: &Snapshot) {
-        self.pending = match self.pending.take() {
+        match &mut self.pending {
             // The user already confirmed or is about to name a file; only the following action changes.
-            Some(waiting) => Some(waiting.instead(Continuation::Send(order))),
+            Some((_, next)) => *next = Continuation::Send(order),
             None if snapshot.has_training_to_lose() => {
-                Some(Pending::Asking(Continuation::Send(order)))
+                self.pending = Some((Stage::Decision, Continuation::Send(order)));
             }
-            None => {
-                worker.send(order);
-                None
-            }
-        };
+            None => worker.send(order),
+        }
     }
 
     /// Returns a number for the next file and makes the pending action wait for it.
     pub fn begin_write(&mut self, worker: &Worker) -> u64 {
         // A number, not the path: the snapshot may still report an earlier file of the same name.
         let number = worker.new_number();
-        self.pending = self.pending.take().map(|pending| pending.named(number));
+        self.advance(Stage::Name, Stage::File(number));
         number
     }
 
     /// Cancels the action that waits for a file name.
     pub fn cancel_naming(&mut self) {
-        self.pending = self.pending.take().filter(|p| !matches!(p, Pending::Naming(_)));
+        self.pending.take_if(|(stage, _)| *stage == Stage::Name);
+    }
+
+    fn advance(&mut self, from: Stage, to: Stage) {
+        if let Some((stage, _)) = self.pending.as_mut().filter(|(stage, _)| *stage == from) {
+            *stage = to;
+        }
     }
 
     /// Closes the window without confirmation.
@@ -109,10 +127,7 @@ impl UnsavedWork {
         if !asked || self.may_close {
             return;
         }
-        // A pending confirmation or file now leads to closing, so that the same training is not confirmed
-        // twice.
-        let waiting = self.pending.take();
-        if waiting.is_none() && !snapshot.has_training_to_lose() {
+        if self.pending.is_none() && !snapshot.has_training_to_lose() {
             return;
         }
         // Must be sent in this pass: eframe closes unless it finds this command in the same pass.
@@ -122,10 +137,10 @@ impl UnsavedWork {
             ctx.send_viewport_cmd(ViewportCommand::Minimized(false));
             ctx.send_viewport_cmd(ViewportCommand::Focus);
         }
-        self.pending = Some(match waiting {
-            Some(waiting) => waiting.instead(Continuation::Close),
-            None => Pending::Asking(Continuation::Close),
-        });
+        // A pending confirmation or file now leads to closing, so that the same training is not confirmed
+        // twice.
+        let stage = self.pending.take().map_or(Stage::Decision, |(stage, _)| stage);
+        self.pending = Some((stage, Continuation::Close));
     }
 
     /// Confirms discarding of unsaved training and executes pending actions that are ready.
@@ -136,42 +151,49 @@ impl UnsavedWork {
         ui: &Ui,
         snapshot: &Snapshot,
     ) {
-        // Taken out and put back while waiting, since dialogs are drawn in every pass.
-        let Some(pending) = self.pending.take() else { return };
-        match pending.after(snapshot.latest_write) {
-            AfterWrite::Wait(Pending::Asking(next)) => {
-                match confirm_discard(ui, snapshot.unsaved_frames) {
-                    None => self.pending = Some(Pending::Asking(next)),
-                    Some(Decision::Discard) => self.execute(next, worker, ui),
-                    Some(Decision::Save) => {
-                        self.pending = Some(Pending::Naming(next));
-                        dialogs.save.show();
-                    }
-                    Some(Decision::Export) => {
-                        self.pending = Some(Pending::Naming(next));
-                        dialogs.export.show();
-                    }
-                    Some(Decision::Cancel) => {}
+        let Some((stage, _)) = &self.pending else { return };
+        match *stage {
+            Stage::Decision => match confirm_discard(ui, snapshot.files.unsaved_frames) {
+                None => {}
+                Some(Decision::Discard) => self.execute(worker, ui),
+                Some(Decision::Save) => {
+                    self.advance(Stage::Decision, Stage::Name);
+                    dialogs.save.show();
+                }
+                Some(Decision::Export) => {
+                    self.advance(Stage::Decision, Stage::Name);
+                    dialogs.export.show();
+                }
+                Some(Decision::Cancel) => self.pending = None,
+            },
+            Stage::Name => {}
+            Stage::File(number) => {
+                match snapshot.files.latest_write.filter(|latest| latest.number == number) {
+                    Some(outcome) if outcome.is_written => self.execute(worker, ui),
+                    // Without the file the action would discard the training after all.
+                    Some(_) => self.pending = None,
+                    None => self.wait_for_file(worker, ui),
                 }
             }
-            AfterWrite::Wait(waiting) => {
-                let exported = worker.file_progress();
-                let is_cancelled =
-                    matches!(waiting, Pending::Writing(..)) && writing_dialog(ui, exported);
-                if is_cancelled && exported.is_some() {
-                    worker.cancel_file();
-                }
-                self.pending = Some(waiting).filter(|_| !is_cancelled);
-            }
-            AfterWrite::GoAhead(next) => self.execute(next, worker, ui),
-            AfterWrite::GiveUp => {}
         }
     }
 
-    fn execute(&mut self, next: Continuation, worker: &Worker, ui: &Ui) {
-        match next {
-            Continuation::Send(order) => worker.send(order),
-            Continuation::Close => self.close(ui.ctx()),
+    fn wait_for_file(&mut self, worker: &Worker, ui: &Ui) {
+        let exported = worker.file_progress();
+        if writing_dialog(ui, exported) {
+            // Only exports can be cancelled; a checkpoint is still written.
+            if exported.is_some() {
+                worker.cancel_file();
+            }
+            self.pending = None;
+        }
+    }
+
+    fn execute(&mut self, worker: &Worker, ui: &Ui) {
+        match self.pending.take() {
+            None => {}
+            Some((_, Continuation::Send(order))) => worker.send(order),
+            Some((_, Continuation::Close)) => self.close(ui.ctx()),
         }
     }
 }
@@ -204,6 +226,7 @@ fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
             }
         });
     });
+    // Escape, or a click beside the prompt.
     if response.should_close() {
         decision = decision.or(Some(Decision::Cancel));
     }

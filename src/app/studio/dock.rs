@@ -60,7 +60,7 @@ impl Behavior<DockPane> for Dock<'_> {
         }
     }
 
-    /// Drawn like the window's other selectable buttons.
+    /// Draws a tab like the window's other selectable buttons.
     fn tab_ui(
         &mut self,
         tiles: &mut Tiles<DockPane>,
@@ -93,6 +93,7 @@ impl Behavior<DockPane> for Dock<'_> {
 
     /// Reduces the margins of titles in a narrow panel before egui_tiles hides tabs behind an arrow.
     fn tab_bar_left_ui(&mut self, tiles: &Tiles<DockPane>, ui: &mut Ui, _: TileId, tabs: &Tabs) {
+        // Aligns the first title with the panel's contents.
         ui.add_space(f32::from(MARGIN.left) - TAB_MARGIN.x);
         let font = TextStyle::Button.resolve(ui.style());
         let width = |tab: &TileId| {
@@ -139,7 +140,7 @@ impl Behavior<DockPane> for Dock<'_> {
         }
     }
 
-    /// Drawn in the foreground, since the viewport is drawn after the tiles.
+    /// Draws the preview in the foreground, since the viewport is drawn after the tiles.
     fn paint_drag_preview(
         &self,
         visuals: &Visuals,
@@ -158,10 +159,10 @@ impl Behavior<DockPane> for Dock<'_> {
     }
 }
 
-/// Draws panels and viewport in the remaining room.
 pub(super) fn tiles(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
     studio.layout.resize(ui.available_size(), GAP);
     let before = studio.layout.tree.clone();
+    // Taken out, because drawing a panel needs the whole window.
     let nothing = Tree::empty(before.id());
     let mut tree = std::mem::replace(&mut studio.layout.tree, nothing);
     let picture = tree.tiles.find_pane(&DockPane::Picture);
@@ -179,11 +180,11 @@ pub(super) fn tiles(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &S
     studio.layout.tree = if is_dropped && !is_valid(&tree) { before } else { tree };
     let Some(place) = place else { return };
     let mut ui = ui.new_child(UiBuilder::new().max_rect(place).id_salt("picture"));
+    // The viewport must not paint over the panels beside it.
     ui.set_clip_rect(place);
     viewport(studio, &mut ui, frame, snapshot);
 }
 
-/// Draws the viewport with its toolbar and overlays.
 fn viewport(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
     if let Some(opened) = &snapshot.opened {
         let asked = Panel::top("viewport bar").frame(frame).show(ui, |ui| {
@@ -205,5 +206,6 @@ fn viewport(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot)
 
 pub(super) fn reset_layout(layout: &mut WindowLayout, egui: &Context) {
     *layout = WindowLayout::default();
+    // egui stores the sizes of the panels around the tiles.
     egui.data_mut(|data| data.remove_by_type::<PanelState>());
 }

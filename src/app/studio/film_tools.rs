@@ -20,11 +20,6 @@ pub(super) struct FilmTools {
 }
 
 impl FilmTools {
-    pub fn new(path: PathEditor) -> Self {
-        Self { path, ..Self::default() }
-    }
-
-    /// Draws the panel of the path and executes its requests.
     pub fn panel(
         &mut self,
         view: &mut SceneView,
@@ -64,6 +59,7 @@ impl FilmTools {
             None => self.path.is_playing = false,
         }
         self.is_at_moment = true;
+        // Without input, egui would not draw the next moment.
         ui.ctx().request_repaint();
     }
 }

@@ -63,6 +63,7 @@ impl FrameStripState {
                 frame_strip::ui(&context, position, thumbnails, ui).or(folded)
             })
         } else {
+            // Another name, because egui stores the size of the open strip by its name.
             let panel = Panel::bottom("frames folded").frame(frame);
             panel.show(ui, |ui| frame_strip::header(&context, *is_open, ui))
         };
@@ -91,6 +92,7 @@ impl FrameStripState {
                 }
             }
         }
+        // A preview lasts until the button is released.
         if ui.input(|i| i.pointer.any_down()) {
             return;
         }

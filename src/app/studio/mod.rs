@@ -57,7 +57,7 @@ pub struct Studio {
     timing: Timing,
 }
 
-/// What panels and cards retain between passes.
+/// State of panels and cards between passes.
 #[derive(Default)]
 struct PanelStates {
     strip: FrameStripState,
@@ -102,7 +102,13 @@ impl Studio {
         // Orders go first, so that the trainer works while the GPU is initialised.
         let StoredSettings { view, training, recent, layout, problems } =
             StoredSettings::read(|part| context.storage?.get_string(part));
-        give_first_orders(&worker, &training, first, problems);
+        // Settings before everything else, since they apply to datasets opened after them.
+        worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
+        let warn = |problem| WorkerOrder::Report(NoticeKind::Warning, problem);
+        first
+            .into_iter()
+            .chain(problems.into_iter().map(warn))
+            .for_each(|order| worker.send(order));
         strengthen_weak_text(&context.egui_ctx);
         let waker = WindowWaker::of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
@@ -113,9 +119,9 @@ impl Studio {
         // The previous window may have requested another attribute.
         worker.send(WorkerOrder::Watch(None));
         let mut film = FilmTools::default();
-        if let Some(Handover { view: kept, path }) = shell.exit.take_handover() {
+        if let Some(Handover { view: kept, path }) = shell.exit.handover.take() {
             view.restore_retained_state(kept);
-            film = FilmTools::new(path);
+            film.path = path;
         }
         Ok(Self {
             quality: QualityMonitor::new(shell.waker().clone()),
@@ -154,9 +160,9 @@ impl Studio {
         &self.shell.exit
     }
 
-    /// Closes the window but not the run.
+    /// Closes the window; the run continues in the next one.
     fn close_window(&mut self, why: ExitReason) {
-        self.shell.exit.set_reason(why);
+        self.shell.exit.reason.set(why);
         // No confirmation: unsaved training continues in the next window.
         self.unsaved.close(&self.shell.egui);
     }
@@ -172,7 +178,8 @@ impl Studio {
         }
         let mut path = std::mem::take(&mut self.film.path);
         path.is_playing = false;
-        self.shell.exit.hand_over(Handover { view: self.view.take_retained_state(), path });
+        let handover = Handover { view: self.view.take_retained_state(), path };
+        self.shell.exit.handover.set(Some(handover));
     }
 
     /// Draws everything except dialogs.
@@ -193,7 +200,9 @@ impl Studio {
             Some(BarAnswer::Retrain) => self.retrain(snapshot),
         }
         let postponed = self.panels.postponed_slot.as_ref();
-        if let Some(run) = snapshot.abandoned.as_ref().filter(|run| postponed != Some(&run.slot)) {
+        if let Some(run) =
+            snapshot.files.abandoned.as_ref().filter(|run| postponed != Some(&run.slot))
+        {
             let answer =
                 Panel::top("abandoned").frame(frame).show(ui, |ui| status::abandoned(run, ui));
             self.handle_abandoned_answer(run, answer.inner, snapshot);
@@ -247,7 +256,7 @@ impl Studio {
         self.dialogs.propose(opened);
     }
 
-    /// Draws the viewport, or the start page if nothing is open, below `noticed` points of notices.
+    /// Draws the viewport, or the start page if nothing is open. Notices cover the upper `noticed` points.
     fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot, noticed: f32) {
         // Taken even if nothing is drawn: the worker sends the next update only after this one.
         for update in self.worker.splat_updates().take() {
@@ -269,6 +278,7 @@ impl Studio {
             self.report(NoticeKind::Error, message);
         }
         let settings = &self.view.settings;
+        // Quality is measured at dataset cameras, which are pinhole cameras.
         let method = settings.method(settings.renderer, Lens::Pinhole);
         let (every, splats) = (settings.quality_every, self.view.learned());
         self.quality.update(ui.ctx(), snapshot, method, every, splats);
@@ -295,7 +305,7 @@ impl Studio {
 impl Drop for Studio {
     fn drop(&mut self) {
         self.shell.record_lost_device();
-        if self.shell.exit.reason() != ExitReason::Closed {
+        if self.shell.exit.reason.get() != ExitReason::Closed {
             self.hand_over();
         }
     }
@@ -307,7 +317,7 @@ impl eframe::App for Studio {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        let adapter = match self.shell.exit.reason() {
+        let adapter = match self.shell.exit.reason.get() {
             ExitReason::Adapter(chosen) => Some(chosen),
             ExitReason::Closed | ExitReason::DeviceLost => None,
         };
@@ -320,6 +330,7 @@ impl eframe::App for Studio {
             adapter.as_ref(),
         );
         let caveat = self.shell.device.as_ref().and_then(|device| viewport::caveat(&device.state));
+        // Also without a caveat: the stored one may be of an earlier adapter.
         storage.set_string(persistence::CAVEAT, caveat.unwrap_or_default());
     }
 
@@ -354,18 +365,4 @@ impl eframe::App for Studio {
         drop_target(ui.ctx());
         self.timing.passes.end(self.timing.started);
     }
-}
-
-/// Sends the initial settings, orders and warnings about unreadable stored settings to the worker.
-fn give_first_orders(
-    worker: &Worker,
-    training: &TrainSettings,
-    first: Vec<WorkerOrder>,
-    problems: Vec<String>,
-) {
-    // Settings go first, since they apply to datasets opened after them.
-    worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
-    first.into_iter().for_each(|order| worker.send(order));
-    let warn = |problem| worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
-    problems.into_iter().for_each(warn);
 }

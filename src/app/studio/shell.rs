@@ -83,7 +83,7 @@ impl Shell {
             // A device that panics when polled is lost.
             && catch_unwind(AssertUnwindSafe(|| device.is_lost())).unwrap_or(true)
         {
-            self.exit.set_reason(ExitReason::DeviceLost);
+            self.exit.reason.set(ExitReason::DeviceLost);
         }
     }
 }

@@ -110,7 +110,7 @@ impl Studio {
         }
     }
 
-    /// Reports errors of drawing the window itself, which no one else collects while the CPU draws the scene.
+    /// Reports errors of drawing the window. While the GPU draws the scene, its painter reports them.
     pub(super) fn report_faults(&self) {
         let is_on_cpu = self.view.painter.drawn().drawer == ViewRenderer::Cpu;
         let Some(device) = self.shell.device.as_ref().filter(|_| is_on_cpu) else { return };
@@ -123,7 +123,7 @@ impl Studio {
         }
     }
 
-    /// Draws the card of the current state, if it has one, below `noticed` points of notices.
+    /// Draws the card of the current state, if any. Notices cover the upper `noticed` points.
     pub(super) fn cards(&mut self, ui: &Ui, snapshot: &Snapshot, noticed: f32) {
         let Some(opened) = &snapshot.opened else { return };
         let place = CardPlace::below(noticed, ui);
@@ -159,7 +159,8 @@ impl Studio {
             };
             format!(
                 "Train on the same frames again with a structural scale of {scale}: about {} components. The view stays",
-                2 * snapshot.used
+                // `finer` divides the scale by √2, and components cover areas.
+                2 * snapshot.model.used
             )
         });
         match ready::summary(snapshot, &self.quality, forecast.as_deref(), place, ui) {
@@ -177,11 +178,10 @@ impl Studio {
     /// Trains on the same frames with the current settings; the view stays.
     pub(super) fn retrain(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
-        let settings = Box::new(self.training.clone());
         // Sent even if the user then cancels discarding: the settings apply to the next run.
-        self.worker.send(WorkerOrder::TrainBy(settings.clone()));
+        self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
         self.view.camera.retain_for(opened);
-        self.confirm_then_send(WorkerOrder::Retrain(settings), snapshot);
+        self.confirm_then_send(WorkerOrder::Retrain, snapshot);
     }
 
     /// Applies a level of detail chosen after opening, if no frame is trained yet.

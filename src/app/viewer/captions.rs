@@ -82,14 +82,10 @@ impl SceneView {
         if let Some(text) = self.overlays.hint(ui) {
             return Some(text.to_owned());
         }
-        let of = self.n_frames;
         if let Some(past) = self.editor.displayed_past() {
-            return Some(format!("Scene after frame {} of {of} (Edit)", past.n_frames));
-        }
-        if let Some(last) = self.editor.born_until() {
-            let frame = last + 1;
             return Some(format!(
-                "Splats born up to frame {frame} of {of}, in their current state (Edit)"
+                "Scene after frame {} of {} (Edit)",
+                past.n_frames, self.n_frames
             ));
         }
         if self.editor.is_box_selecting {

@@ -271,7 +271,7 @@ type ReadModel = Result<(ComparedModel, Vec<Notice>), String>;
 
 fn read(path: &Path) -> ReadModel {
     let read = read_splats(path).map_err(|error: OpenError| error.to_string())?;
-    let BareSplats { splats, local_origin, notices: told } = read;
+    let BareSplats { splats, local_origin, notices: told, .. } = read;
     let Some(framing) = framing(splats.iter()) else {
         return Err(format!(
             "{}: expected at least one splat, found none; compare with another file",

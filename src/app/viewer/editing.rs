@@ -122,7 +122,7 @@ fn select(
 
 /// Crop box, while its panel is open.
 fn crop_shown(editor: &Editor) -> Option<[DVec3; 2]> {
-    editor.edits().crop().filter(|_| editor.needs_attributes)
+    editor.edits().crop().filter(|_| editor.shows_crop)
 }
 
 const EDGE: Color32 = Color32::from_rgb(120, 220, 255);

@@ -282,17 +282,17 @@ impl SceneView {
     }
 
     /// Attribute that the worker delivers with components: the displayed one, else evidence if a panel
-    /// or the birth filter needs attributes.
+    /// needs attributes.
     fn watched_attribute(&self) -> Option<Attribute> {
-        let is_asked = self.editor.needs_attributes || self.editor.born_until().is_some();
-        self.settings.color_mode.attribute().or(is_asked.then_some(Attribute::Evidence))
+        let for_panels = self.editor.needs_attributes.then_some(Attribute::Evidence);
+        self.settings.color_mode.attribute().or(for_panels)
     }
 
     /// Returns the attribute to watch at the end of a pass.
     pub fn take_watched_attribute(&mut self) -> Option<Attribute> {
         let watched = self.watched_attribute();
         // Panels renew their requests in the next pass.
-        self.editor.needs_attributes = false;
+        (self.editor.needs_attributes, self.editor.shows_crop) = (false, false);
         watched
     }
 

@@ -92,7 +92,7 @@ impl Overlays {
     ) {
         let Some(plan) = &opened.plan else { return };
         let n = plan.frames.len();
-        let latest = snapshot.recent.last().map(|frame| frame.index);
+        let latest = snapshot.frames.recent.last().map(|frame| frame.index);
         let stride = n.div_ceil(MAX_CAMERAS).max(1);
         let length = LENGTH * opened.home.radius;
         // During training the cores are needed for training, not for thumbnails.
@@ -130,7 +130,7 @@ impl Overlays {
         waker: &Waker,
     ) {
         self.points.take_decoded();
-        let latest = snapshot.recent.last().map_or(0, |frame| frame.index);
+        let latest = snapshot.frames.recent.last().map_or(0, |frame| frame.index);
         if let Some(frame) = in_view.cloned().or_else(|| FrameRef::trained(opened, latest)) {
             let cameras = (scene.corrected_pose(&frame.entry().camera.pose), opened.color_camera());
             let is_training = snapshot.state == RunState::Training;

@@ -338,7 +338,7 @@ impl Viewpoint {
         scene: impl FnOnce() -> Option<Framing>,
     ) {
         let Some(shown) = self.place.guide else { return };
-        let now = match (snapshot.state, snapshot.recent.last()) {
+        let now = match (snapshot.state, snapshot.frames.recent.last()) {
             (RunState::Finished | RunState::Failed, _) => GuideStage::End,
             (_, Some(frame)) => GuideStage::Frame(frame.index),
             (_, None) => GuideStage::Overview,

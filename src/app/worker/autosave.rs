@@ -9,20 +9,19 @@ use crate::pipeline::session::Session;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Autosave of the open run.
 pub struct Files {
     /// Folders for slots; the further ones are only used when the program ends unexpectedly.
     folders: Vec<PathBuf>,
     saver: Saver,
-    /// Number of trained frames that no checkpoint holds.
+    /// Number of trained frames that no checkpoint contains.
     n_unsaved: usize,
 }
 
 enum Saver {
-    /// Nothing was saved yet; since this moment there is something to save, if there is.
+    /// Nothing was saved yet. Holds the time of the first unsaved frame, if there is one.
     Waiting(Option<Instant>),
     On(Autosave, AutosaveSlot),
-    /// Off: it failed, of which the user was warned, or does not apply.
+    /// Autosave failed, after a warning, or does not apply to the subject.
     Off,
     /// The run was stored because of a panic or a termination; its slot is released.
     Stored(Rescue),
@@ -47,8 +46,8 @@ impl Files {
         self.discard();
     }
 
-    /// Removes the autosave, because the run is in a file of the user's or is not wanted, and prepares
-    /// for the next run. A stored run stays for the next start.
+    /// Deletes the autosave of a run that the user has saved or discarded, and prepares for the next run.
+    /// A stored run stays for the next start.
     pub fn discard(&mut self) {
         self.n_unsaved = 0;
         let saver = std::mem::replace(&mut self.saver, Saver::Waiting(None));
@@ -64,11 +63,13 @@ impl Files {
         match &mut self.saver {
             Saver::Off | Saver::Stored(_) => None,
             Saver::On(autosave, _) => {
+                // The user may change the interval at any time.
                 autosave.set_interval(AutosaveInterval { frames: None, time: Some(time) });
                 autosave.poll(session)?.err().map(|error| error.to_string())
             }
             Saver::Waiting(_) if self.n_unsaved == 0 => None,
             Saver::Waiting(since) => {
+                // Counted from the first unsaved frame: a short run leaves no file.
                 let is_due = since.get_or_insert_with(Instant::now).elapsed() >= time;
                 if is_due { self.start(session).err() } else { None }
             }
@@ -84,7 +85,6 @@ impl Files {
         }
     }
 
-    /// Claims a slot and starts the first autosave.
     fn start(&mut self, session: &Session) -> Result<(), String> {
         // Stays off if no slot can be claimed, so that the user is warned once.
         self.saver = Saver::Off;
@@ -160,163 +160,5 @@ impl Files {
         let rescue = rescue.unwrap_or(Rescue::Lost { frames, problems });
         self.saver = Saver::Stored(rescue.clone());
         rescue
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::app::edit::marks::LeftOut;
-    use crate::app::rescue::{CrashedThread, Rescue};
-    use crate::app::state::{RunState, Subject};
-    use crate::app::worker::{Waker, Worker, WorkerOrder};
-    use crate::dataset::synthetic::SyntheticParams;
-    use crate::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
-    use crate::export::mapping::Mapping;
-    use crate::pipeline::checkpoint::SavedRun;
-    use std::path::{Path, PathBuf};
-    use std::sync::atomic::{AtomicBool, Ordering};
-    use std::sync::{Arc, OnceLock, Weak};
-    use std::time::{Duration, Instant};
-
-    /// Longest wait for a condition, enough for a loaded machine.
-    const PATIENCE: Duration = Duration::from_secs(60);
-
-    fn wait(what: &str, condition: impl Fn() -> bool) {
-        let started = Instant::now();
-        while !condition() {
-            assert!(started.elapsed() < PATIENCE, "waited for {what}");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    }
-
-    fn room(folder: &Path) -> PathBuf {
-        let params = SyntheticParams {
-            width: 64,
-            height: 48,
-            n_train: 3,
-            n_eval: 0,
-            seed: 1,
-            depth_noise: 0.0,
-            ..SyntheticParams::demo()
-        };
-        let room = folder.join("room");
-        std::fs::create_dir_all(folder).unwrap();
-        write(&params, &room, SyntheticLayout::Blender(DepthBits::Sixteen), &mut |_, _| {})
-            .unwrap();
-        room
-    }
-
-    /// Starts a worker that has trained one frame of a room; it panics while `armed` is set.
-    fn worker(room: PathBuf, folders: &[&Path], armed: &Arc<AtomicBool>) -> Arc<Worker> {
-        let trigger = armed.clone();
-        let waker: Waker = Arc::new(move || {
-            assert!(!trigger.load(Ordering::SeqCst), "injected");
-        });
-        let folders = folders.iter().map(|folder| folder.to_path_buf()).collect();
-        let worker = Worker::start_with(waker, folders).unwrap();
-        worker.send(WorkerOrder::Open(Subject::Path(room)));
-        worker.send(WorkerOrder::Step);
-        wait("a frame", || worker.snapshot().frames_done == 1);
-        Arc::new(worker)
-    }
-
-    /// Checks that a run of one frame is stored below `folder`; returns its path.
-    fn stored(rescue: &Rescue, folder: &Path) -> PathBuf {
-        let Rescue::Stored { path, frames: 1 } = rescue else { panic!("{rescue}") };
-        assert!(path.starts_with(folder.join("autosave")), "{rescue}");
-        assert_eq!(SavedRun::read(path).unwrap().content.cursor.frames, 1);
-        path.clone()
-    }
-
-    #[test]
-    fn a_run_is_stored_once_in_the_first_folder_that_takes_it() {
-        let folder = tempfile::tempdir().unwrap();
-        let (file, state) = (folder.path().join("file"), folder.path().join("state"));
-        std::fs::write(&file, "").unwrap();
-        let worker = worker(room(folder.path()), &[&file, &state], &Arc::default());
-        let rescue = worker.store();
-        let path = stored(&rescue, &state);
-        assert_eq!(worker.store(), rescue, "the same state is stored once");
-        assert!(worker.snapshot().is_terminated);
-
-        let run = folder.path().join("run.vbgs");
-        worker.send(WorkerOrder::Save(1, run.clone()));
-        wait("the file", || worker.snapshot().latest_write.is_some_and(|w| w.is_written));
-        assert!(run.is_file() && !path.exists(), "the user's file replaces the stored run");
-    }
-
-    #[test]
-    fn a_run_that_no_folder_takes_is_lost_and_every_reason_is_given() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("file");
-        std::fs::write(&file, "").unwrap();
-        let worker = worker(room(folder.path()), &[&file, &file.join("more")], &Arc::default());
-        let Rescue::Lost { frames: 1, problems } = worker.store() else { panic!("lost") };
-        assert_eq!(problems.len(), 2, "{problems:?}");
-    }
-
-    #[test]
-    fn a_second_panic_ends_the_thread_and_the_run_stays_stored() {
-        let folder = tempfile::tempdir().unwrap();
-        let armed = Arc::new(AtomicBool::new(false));
-        let worker = worker(room(folder.path()), &[folder.path()], &armed);
-        armed.store(true, Ordering::SeqCst);
-        worker.send(WorkerOrder::Inspect(None));
-        wait("the end", || !worker.is_alive());
-        let crash = worker.crash().unwrap();
-        assert_eq!(crash.thread, CrashedThread::Training);
-        assert!(crash.panic.place.as_ref().is_some_and(|place| place.contains("autosave.rs")));
-        assert_eq!(worker.store(), crash.rescue, "known although the thread has ended");
-        drop(worker);
-        stored(&crash.rescue, folder.path());
-    }
-
-    #[test]
-    fn a_panic_while_a_file_is_written_keeps_the_older_file_and_the_run() {
-        let folder = tempfile::tempdir().unwrap();
-        let worker: Arc<OnceLock<Weak<Worker>>> = Arc::default();
-        let (writer, told) = (worker.clone(), AtomicBool::new(false));
-        // Panics in the trainer while it writes a file, after the older one exists.
-        let waker: Waker = Arc::new(move || {
-            let writer = writer.get().and_then(Weak::upgrade);
-            let writes = writer.is_some_and(|writer| writer.file_progress().is_some());
-            assert!(!writes || told.swap(true, Ordering::SeqCst), "injected into a file");
-        });
-        let started = Worker::start_with(waker, vec![folder.path().to_owned()]).unwrap();
-        let started = Arc::new(started);
-        started.send(WorkerOrder::Open(Subject::Path(room(folder.path()))));
-        started.send(WorkerOrder::Step);
-        let file = folder.path().join("scene.ply");
-        std::fs::write(&file, "older").unwrap();
-        wait("a frame", || started.snapshot().frames_done == 1);
-        worker.set(Arc::downgrade(&started)).unwrap();
-        let export = |number| {
-            let left_out = LeftOut::default();
-            WorkerOrder::Export(number, file.clone(), Mapping::default(), left_out)
-        };
-        started.send(export(1));
-        wait("the crash", || started.crash().is_some());
-        let crash = started.crash().unwrap();
-        stored(&crash.rescue, folder.path());
-        assert!(crash.panic.message.contains("injected into a file"), "{crash}");
-        assert_eq!(std::fs::read(&file).unwrap(), b"older");
-        assert!(started.file_progress().is_none(), "nothing is being written any more");
-
-        started.send(export(2));
-        wait("the file", || started.snapshot().latest_write.is_some_and(|w| w.is_written));
-        assert!(crate::export::read(&file).is_ok(), "the scene is still there to be exported");
-        let is_temporary = |name: &std::ffi::OsStr| name.to_string_lossy().ends_with(".tmp");
-        let left = std::fs::read_dir(folder.path()).unwrap();
-        assert_eq!(left.filter(|f| is_temporary(&f.as_ref().unwrap().file_name())).count(), 0);
-    }
-
-    #[test]
-    fn nothing_is_written_where_nothing_was_unsaved() {
-        let folder = tempfile::tempdir().unwrap();
-        let worker = worker(room(folder.path()), &[folder.path()], &Arc::default());
-        worker.send(WorkerOrder::Save(1, folder.path().join("run.vbgs")));
-        assert_eq!(worker.store(), Rescue::Nothing);
-        assert_eq!(worker.snapshot().state, RunState::Paused);
-        assert!(!folder.path().join("autosave").exists());
     }
 }

@@ -64,6 +64,7 @@ impl Export<'_> {
                     summary.n_written,
                 );
                 end_write(out, self.number, text);
+                // Never an error, because a file of this format was just written.
                 let carrier = ModelFormat::from_path(self.path).map(ModelFormat::origin_carrier);
                 if let Some(warning) = carrier.ok().and_then(|by| warning(local_origin(out), by)) {
                     out.notify(NoticeKind::Warning, format!("{path}: {warning}"));
@@ -129,12 +130,12 @@ pub fn write_text(path: &Path, text: &str, out: &mut Outbox) {
 
 /// Records a file as not written until it is; after a panic this remains.
 pub fn begin_write(out: &mut Outbox, number: u64) {
-    out.snapshot.latest_write = Some(WriteOutcome { number, is_written: false });
+    out.snapshot.files.latest_write = Some(WriteOutcome { number, is_written: false });
 }
 
 fn end_write(out: &mut Outbox, number: u64, text: String) {
-    out.snapshot.unsaved_frames = 0;
-    out.snapshot.latest_write = Some(WriteOutcome { number, is_written: true });
+    out.snapshot.files.unsaved_frames = 0;
+    out.snapshot.files.latest_write = Some(WriteOutcome { number, is_written: true });
     out.notify(NoticeKind::Info, text);
 }
 

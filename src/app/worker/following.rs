@@ -28,6 +28,7 @@ const CAMERAS: Duration = Duration::from_secs(2);
 /// Timeout of a poll of the starting session, after which orders are handled.
 const PATIENCE: Duration = Duration::from_millis(50);
 
+#[derive(Default)]
 pub struct Following {
     /// Recording on which no session has started.
     awaited: Option<Follow>,
@@ -36,27 +37,18 @@ pub struct Following {
     /// Time at which the frames of a recording ran out; `None` once training is at rest.
     waiting_since: Option<Instant>,
     /// Time of the last update of the cameras of a growing recording.
-    cameras_updated: Instant,
+    cameras_updated: Option<Instant>,
 }
 
 impl Following {
-    pub fn new() -> Self {
-        Self {
-            awaited: None,
-            beginning: None,
-            waiting_since: None,
-            cameras_updated: Instant::now(),
-        }
-    }
-
-    /// Awaits a recording; `None` ends that for another subject.
+    /// Awaits a recording; `None` stops waiting.
     pub fn await_recording(&mut self, follow: Option<Follow>) {
         (self.awaited, self.beginning, self.waiting_since) = (follow, None, None);
     }
 
     pub fn stop(&mut self, run: &mut Run, out: &mut Outbox) {
         self.await_recording(None);
-        out.snapshot.followed = None;
+        out.snapshot.following.recording = None;
         if out.snapshot.state == RunState::Waiting {
             out.set_state(RunState::Empty);
         }
@@ -65,9 +57,10 @@ impl Following {
         }
     }
 
-    /// Time until the next poll for frames, if there is none to train.
+    /// Time until the next poll for frames; `None` unless training waits for a recording.
     pub fn time_to_next_poll(&self, state: RunState, run: &Run) -> Option<Duration> {
         let rest = match (state, run.session()) {
+            // `poll` itself waits for the job.
             (RunState::Waiting, _) if self.beginning.is_some() => Duration::ZERO,
             (RunState::Waiting, _) => self.awaited.as_ref()?.time_to_next_scan(),
             (RunState::Training, Some(session)) if session.is_caught_up() => {
@@ -118,8 +111,7 @@ impl Following {
         }
     }
 
-    /// Updates the state of the recording in the snapshot.
-    pub fn update(&mut self, run: &mut Run, out: &mut Outbox) {
+    pub fn update(&mut self, run: &Run, out: &mut Outbox) {
         let session = run.session();
         let is_waiting = session.is_none_or(Session::is_caught_up);
         let followed = match &self.awaited {
@@ -131,34 +123,34 @@ impl Following {
             is_waiting,
             problem: silence.or_else(|| follow.problem().map(str::to_owned)),
         });
-        let has_ended = followed.is_none() && out.snapshot.followed.is_some();
-        if out.snapshot.followed != followed {
-            out.snapshot.followed = followed;
-            out.mark_changed();
+        let has_ended = followed.is_none() && out.snapshot.following.recording.is_some();
+        if out.snapshot.following.recording != followed {
+            out.snapshot.following.recording = followed;
+            out.is_changed = true;
         }
-        if has_ended && out.snapshot.follows {
-            out.snapshot.follows = false;
+        if has_ended && out.snapshot.following.is_on {
+            out.snapshot.following.is_on = false;
             let text = format!(
                 "The recording has ended; it has {} frames to train",
                 out.snapshot.n_frames
             );
             out.notify(NoticeKind::Info, text);
         }
-        if has_ended || self.cameras_updated.elapsed() > CAMERAS {
+        if has_ended || self.cameras_updated.is_none_or(|at| at.elapsed() > CAMERAS) {
             self.update_cameras(run, out);
         }
-        self.publish_at_rest(is_waiting && out.snapshot.followed.is_some(), run, out);
+        self.publish_at_rest(is_waiting && out.snapshot.following.recording.is_some(), run, out);
     }
 
-    /// Warning about a drive from which no session starts.
+    /// Warning that the drive does not respond while a session starts.
     fn silence(&self) -> Option<String> {
         let (follow, job) = (self.awaited.as_ref()?, self.beginning.as_ref()?);
         silence(follow.path(), job.elapsed())
     }
 
-    /// Publishes the grown list of frames and cameras.
     fn update_cameras(&mut self, run: &Run, out: &mut Outbox) {
         let (Some(session), Some(opened)) = (run.session(), &out.snapshot.opened) else { return };
+        // The session replaces its dataset when frames arrive.
         let is_published =
             opened.dataset.as_ref().is_some_and(|dataset| Arc::ptr_eq(dataset, session.dataset()));
         if !is_published {
@@ -166,21 +158,20 @@ impl Following {
             let plan = Some(Arc::new(session.plan().clone()));
             let opened = Opened { dataset, plan, info, ..Opened::clone(opened) };
             out.snapshot.opened = Some(Arc::new(opened));
-            out.mark_changed();
+            out.is_changed = true;
         }
-        self.cameras_updated = Instant::now();
+        self.cameras_updated = Some(Instant::now());
     }
 
     /// Publishes changes deferred until training rests (see [`Outbox::mark_visibility`]), once per rest.
-    fn publish_at_rest(&mut self, is_waiting: bool, run: &mut Run, out: &mut Outbox) {
+    fn publish_at_rest(&mut self, is_waiting: bool, run: &Run, out: &mut Outbox) {
         match self.waiting_since {
             _ if !is_waiting => self.waiting_since = Some(Instant::now()),
             Some(since) if since.elapsed() > AT_REST => {
                 self.waiting_since = None;
-                run.reset_frame_rate();
-                out.snapshot.frames_per_s = 0.0;
+                out.reset_frame_rate();
                 out.mark_visibility(run);
-                out.mark_changed();
+                out.is_changed = true;
             }
             Some(_) | None => {}
         }

@@ -1,4 +1,4 @@
-//! Training thread. It takes orders between frames, publishes snapshots and changed splats, and never
+//! Training thread. It executes orders between frames, publishes snapshots and changed splats, and never
 //! waits for the window.
 
 mod autosave;
@@ -29,7 +29,7 @@ pub use thread::WorkerOrder;
 /// Minimum time between two snapshots, if a GPU draws them.
 const INTERVAL: Duration = Duration::from_millis(33);
 
-/// Wait for a frame from which the window reports it: its drive may not respond.
+/// Wait for a frame after which the window reports it, since the drive may not respond.
 const SLOW_FRAME: Duration = Duration::from_secs(5);
 
 /// Maximum number of queued orders, more than a user gives while a dataset is opened. Beyond it the
@@ -52,6 +52,7 @@ impl Worker {
     /// Starts the thread; autosaves go to the first folder, and to the next ones if the program ends
     /// unexpectedly and the first cannot be written.
     pub fn start_with(waker: Waker, folders: Vec<PathBuf>) -> std::io::Result<Self> {
+        // The hook records the place of a panic, which its payload lacks.
         PanicReport::install_hook();
         let (orders, inbox) = sync_channel(MAX_ORDERS);
         let shared = Arc::new(Shared::default());
@@ -68,7 +69,7 @@ impl Worker {
     }
 
     pub fn send(&self, order: WorkerOrder) {
-        let opens = matches!(order, WorkerOrder::Open(_) | WorkerOrder::OpenFirst(_));
+        let opens = matches!(order, WorkerOrder::Open(_));
         if opens && self.snapshot().state == RunState::Loading {
             // The newest request counts, and the current opening may never end.
             self.cancel_opening();
@@ -92,8 +93,8 @@ impl Worker {
         &self.shared.updates
     }
 
-    /// Number for the next file, by which the snapshot reports its outcome. Unique among all windows of
-    /// a run.
+    /// Returns a number for the next file, unique among all windows of a run. The snapshot reports the
+    /// outcome under this number.
     pub fn new_number(&self) -> u64 {
         self.shared.new_number()
     }
@@ -112,16 +113,17 @@ impl Worker {
         self.shared.opening.cancel();
     }
 
-    /// Latest panic of the thread, and what became of its run.
+    /// Latest panic of the thread, with the outcome of storing its run.
     pub fn crash(&self) -> Option<Crash> {
         self.shared.crash.get()
     }
 
-    /// Stops training and stores what no checkpoint holds for the next start, after the orders before;
-    /// blocks until done. The snapshot then makes windows close.
+    /// Stops training and stores frames that no checkpoint contains; the next start offers them. Blocks
+    /// until all earlier orders are executed. Windows then close.
     pub fn store(&self) -> Rescue {
         // An opening is no longer wanted, and its drive may never respond.
         self.shared.close();
+        // Room for the answer, so that the thread need not wait for this one.
         let (sender, receiver) = sync_channel(1);
         self.send(WorkerOrder::Store(sender));
         // Without a time limit, because the program ends afterwards and loses what is unsaved. If the
@@ -130,15 +132,15 @@ impl Worker {
             (Ok(rescue), _) => rescue,
             (Err(_), Some(crash)) => crash.rescue,
             (Err(_), None) => Rescue::Lost {
-                frames: self.snapshot().unsaved_frames,
+                frames: self.snapshot().files.unsaved_frames,
                 problems: vec!["the training thread has ended".to_owned()],
             },
         }
     }
 
-    /// Time spent waiting for the current frame, if it is long: its drive may not respond.
+    /// Time spent waiting for the current frame; `None` below 5 s.
     pub fn slow_frame(&self) -> Option<Duration> {
-        let waited = self.snapshot().unread_since?.elapsed();
+        let waited = self.snapshot().pace.unread_since?.elapsed();
         (waited >= SLOW_FRAME).then_some(waited)
     }
 }

@@ -3,12 +3,19 @@
 use super::run::Run;
 use super::shared::Shared;
 use crate::app::splat_updates::{SplatChange, SplatUpdate};
-use crate::app::state::{HISTORY, Notice, NoticeKind, NoticeTopic, RunState, Snapshot};
+use crate::app::state::{
+    FileState, FollowState, HISTORY, Notice, NoticeKind, NoticeTopic, RunState, Snapshot,
+};
 use crate::pipeline::job::Waker;
 use crate::train::learner::{Changed, Learner};
+use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
+/// Number of frames over which the frame rate is averaged.
+const RATE_FRAMES: usize = 30;
+
+/// Most notices of a snapshot, whose list is copied for every new one.
 const MAX_NOTICES: usize = 50;
 
 pub struct Outbox {
@@ -18,8 +25,11 @@ pub struct Outbox {
     published: Instant,
     dirty: Dirty,
     /// True if the snapshot differs from the published one.
-    is_changed: bool,
-    next_serial: u64,
+    pub is_changed: bool,
+    /// Serial of the next notice or opened subject.
+    pub next_serial: u64,
+    /// End times of recent frames, for the frame rate.
+    ends: VecDeque<Instant>,
 }
 
 impl Outbox {
@@ -32,6 +42,7 @@ impl Outbox {
             dirty: Dirty::default(),
             is_changed: true,
             next_serial: 1,
+            ends: VecDeque::new(),
         }
     }
 
@@ -39,26 +50,9 @@ impl Outbox {
         (self.waker)();
     }
 
-    pub fn mark_changed(&mut self) {
-        self.is_changed = true;
-    }
-
-    pub fn is_changed(&self) -> bool {
-        self.is_changed
-    }
-
-    /// True if something waits for its publication.
+    /// True if a change is not yet published.
     pub fn has_news(&self) -> bool {
         self.is_changed || !self.dirty.is_empty()
-    }
-
-    pub fn serial(&self) -> u64 {
-        self.next_serial
-    }
-
-    /// Ends the use of the current serial, by an opened subject.
-    pub fn advance_serial(&mut self) {
-        self.next_serial += 1;
     }
 
     pub fn notify(&mut self, kind: NoticeKind, text: String) {
@@ -89,17 +83,36 @@ impl Outbox {
         self.snapshot.notices = Arc::new(kept.cloned().collect());
     }
 
-    /// Replaces the snapshot for another subject; what does not depend on the subject stays.
+    /// Resets the snapshot for another subject; keeps notices, outcomes of files and the follow switch.
     pub fn reset_snapshot(&mut self) {
+        self.ends.clear();
+        let Snapshot { notices, files, following, .. } = std::mem::take(&mut self.snapshot);
         self.snapshot = Snapshot {
-            notices: self.snapshot.notices.clone(),
+            notices,
             // The window may not have read yet that its file was written.
-            latest_write: self.snapshot.latest_write,
-            abandoned: self.snapshot.abandoned.take(),
-            follows: self.snapshot.follows,
+            files: FileState { unsaved_frames: 0, ..files },
+            following: FollowState { recording: None, ..following },
             ..Snapshot::default()
         };
         self.is_changed = true;
+    }
+
+    /// Counts the end of a frame in the frame rate.
+    pub fn record_frame(&mut self) {
+        if self.ends.len() == RATE_FRAMES {
+            self.ends.pop_front();
+        }
+        let now = Instant::now();
+        self.ends.push_back(now);
+        let span_s = self.ends.front().map_or(0.0, |first| (now - *first).as_secs_f64());
+        // Ends are one more than the intervals between them.
+        let n_intervals = (self.ends.len() - 1) as f64;
+        self.snapshot.pace.frames_per_s = if span_s > 0.0 { n_intervals / span_s } else { 0.0 };
+    }
+
+    pub fn reset_frame_rate(&mut self) {
+        self.ends.clear();
+        self.snapshot.pace.frames_per_s = 0.0;
     }
 
     pub fn set_state(&mut self, state: RunState) {
@@ -109,14 +122,10 @@ impl Outbox {
 
     /// Records whether training waits for a frame that has not been read.
     pub fn set_unread(&mut self, is_unread: bool) {
-        if is_unread != self.snapshot.unread_since.is_some() {
-            self.snapshot.unread_since = is_unread.then(Instant::now);
+        if is_unread != self.snapshot.pace.unread_since.is_some() {
+            self.snapshot.pace.unread_since = is_unread.then(Instant::now);
             self.is_changed = true;
         }
-    }
-
-    pub fn interval(&self) -> Duration {
-        self.shared.interval()
     }
 
     /// Publishes to the window, at most once per interval unless `at_once`. Changed splats are
@@ -133,7 +142,7 @@ impl Outbox {
         self.snapshot.inspected = run.inspect();
         self.snapshot.includes_pending_photographs =
             run.session().is_some_and(|session| session.is_settled());
-        self.snapshot.recent = Arc::new(run.recent_frames().to_vec());
+        self.snapshot.frames.recent = Arc::new(run.recent_frames().to_vec());
         self.shared.snapshot.set(Arc::new(self.snapshot.clone()));
         self.published = Instant::now();
         self.is_changed = false;
@@ -154,9 +163,9 @@ impl Outbox {
         // At rest all pending photographs are compared at once, and none of these may be dropped.
         let most = HISTORY.max(late.len());
         // A new list, because published snapshots share the old one.
-        let mut all = [&self.snapshot.late[..], &late].concat();
+        let mut all = [&self.snapshot.frames.late[..], &late].concat();
         all.drain(..all.len().saturating_sub(most));
-        self.snapshot.late = Arc::new(all);
+        self.snapshot.frames.late = Arc::new(all);
     }
 
     pub fn mark_trained(&mut self, learner: &dyn Learner) {
@@ -192,6 +201,7 @@ impl Outbox {
     }
 
     pub fn deliver_all(&mut self, run: &Run) {
+        // Contained in the whole scene.
         self.dirty.take();
         let splats = run.splats();
         let ids: Vec<u32> = (0..splats.len() as u32).collect();
@@ -257,15 +267,6 @@ impl Dirty {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::frame_outcomes::{FrameOutcomes, FrameState};
-    use crate::app::state::Subject;
-    use crate::app::training::TrainSettings;
-    use crate::app::worker::{Worker, WorkerOrder};
-    use crate::dataset::synthetic::SyntheticParams;
-    use crate::dataset::synthetic::write::{SyntheticLayout, write};
-
-    /// Timeout of training all frames.
-    const PATIENCE: Duration = Duration::from_secs(120);
 
     #[test]
     fn changed_components_are_taken_once_and_may_be_new() {
@@ -278,39 +279,5 @@ mod tests {
         dirty.mark_all(3);
         dirty.mark(&[2, 3]);
         assert_eq!(dirty.take(), [0, 1, 2, 3]);
-    }
-
-    #[test]
-    fn photographs_that_wait_longer_than_frames_are_shown_still_tell_how_they_compared() {
-        let folder = tempfile::tempdir().unwrap();
-        let params = SyntheticParams {
-            width: 32,
-            height: 24,
-            n_train: HISTORY + 100,
-            n_eval: 0,
-            ..SyntheticParams::demo()
-        };
-        write(&params, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| {}).unwrap();
-        let worker = Worker::start_with(Arc::new(|| {}), Vec::new()).unwrap();
-        let mut settings = TrainSettings { autosave_s: None, ..TrainSettings::default() };
-        settings.scene.shuffle_buffer = Some(150);
-        worker.send(WorkerOrder::TrainBy(Box::new(settings)));
-        worker.send(WorkerOrder::Open(Subject::Path(folder.path().to_owned())));
-        worker.send(WorkerOrder::Train);
-        let (started, mut outcomes) = (Instant::now(), FrameOutcomes::default());
-        while worker.snapshot().state != RunState::Finished {
-            assert!(started.elapsed() < PATIENCE, "{:?}", worker.snapshot().notices);
-            outcomes.update(&worker.snapshot());
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        let snapshot = worker.snapshot();
-        outcomes.update(&snapshot);
-        let plan = snapshot.opened.as_ref().unwrap().plan.clone().unwrap();
-        assert!(plan.frames.len() > HISTORY, "{}", plan.frames.len());
-        let untold = plan.frames.iter().filter(|&&frame| {
-            let state = outcomes.state_of((plan.split, frame), "");
-            !matches!(state, FrameState::Trained(_, Some(outcome)) if outcome.psnr_before.is_some())
-        });
-        assert_eq!(untold.collect::<Vec<_>>(), [&0; 0]);
     }
 }

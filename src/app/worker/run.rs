@@ -1,9 +1,8 @@
-//! The open subject: its content, and what the window watches of it.
+//! The open subject with its content, and the attribute and component that the window observes.
 
 use crate::app::opening::Content;
-use crate::app::state::{GivenCalibration, HISTORY, Inspected, Subject};
+use crate::app::state::{FrameSampling, GivenCalibration, HISTORY, Inspected, Subject};
 use crate::dataset::pose_check;
-use crate::dataset::pose_check::PoseCheck;
 use crate::dataset::surface::sample::FrameSample;
 use crate::eval::report::FrameReport;
 use crate::model::attributes::ComponentAttributes;
@@ -11,42 +10,21 @@ use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::job::Job;
 use crate::pipeline::session::Session;
 use crate::render::attributes::Attribute;
-use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Instant;
-
-/// Number of frames over which the frame rate is averaged.
-const RATE_FRAMES: usize = 30;
-
-pub struct FrameSampling {
-    pub poses: Option<PoseCheck>,
-    /// Pixel width and depth noise.
-    pub sample: Option<FrameSample>,
-}
 
 #[derive(Default)]
 pub struct Run {
-    subject: Option<Subject>,
-    calibration: Option<Arc<GivenCalibration>>,
+    pub subject: Option<Subject>,
+    pub calibration: Option<Arc<GivenCalibration>>,
     content: Option<Content>,
     /// Attribute by which the viewport colours components.
-    watched: Option<Attribute>,
+    pub watched: Option<Attribute>,
     /// Component that snapshots inspect.
-    inspecting: Option<u32>,
-    sampling: Option<Job<FrameSampling>>,
-    /// End times of recent frames, for the frame rate.
-    ends: VecDeque<Instant>,
+    pub inspecting: Option<u32>,
+    pub sampling: Option<Job<FrameSampling>>,
 }
 
 impl Run {
-    pub fn subject(&self) -> Option<&Subject> {
-        self.subject.as_ref()
-    }
-
-    pub fn calibration(&self) -> Option<&Arc<GivenCalibration>> {
-        self.calibration.as_ref()
-    }
-
     pub fn session(&self) -> Option<&Session> {
         match &self.content {
             Some(Content::Session(session)) => Some(session),
@@ -68,7 +46,6 @@ impl Run {
     /// Replaces the content; `None` while a recording is awaited.
     pub fn set_content(&mut self, content: Option<Content>) {
         self.content = content;
-        self.ends.clear();
         // A sampling of the previous dataset is abandoned.
         self.sampling = None;
         // The index would refer to another component.
@@ -84,7 +61,7 @@ impl Run {
         }
     }
 
-    /// Reports of the latest frames. Those with pending photographs change once these are trained on.
+    /// Reports of the latest frames. A report changes once its pending photograph is trained on.
     pub fn recent_frames(&self) -> &[FrameReport] {
         let frames = self.session().map_or(&[][..], Session::frames);
         &frames[frames.len().saturating_sub(HISTORY)..]
@@ -98,21 +75,14 @@ impl Run {
         }
     }
 
-    pub fn watched(&self) -> Option<Attribute> {
-        self.watched
-    }
-
     pub fn watch(&mut self, attribute: Option<Attribute>) {
         self.watched = attribute;
         let Some(session) = self.session_mut() else { return };
         match attribute {
             Some(Attribute::Elbo) => session.start_component_elbo(),
+            // It costs every frame time, so it is computed only while it is shown.
             _ => session.stop_component_elbo(),
         }
-    }
-
-    pub fn set_inspected(&mut self, id: Option<u32>) {
-        self.inspecting = id;
     }
 
     pub fn inspect(&self) -> Option<Arc<Inspected>> {
@@ -128,26 +98,8 @@ impl Run {
         Some(Arc::new(inspected))
     }
 
-    /// Records the end of a frame; returns the frame rate.
-    pub fn record_frame(&mut self) -> f64 {
-        if self.ends.len() == RATE_FRAMES {
-            self.ends.pop_front();
-        }
-        let now = Instant::now();
-        self.ends.push_back(now);
-        let span_s = self.ends.front().map_or(0.0, |first| (now - *first).as_secs_f64());
-        if span_s > 0.0 { (self.ends.len() - 1) as f64 / span_s } else { 0.0 }
-    }
-
-    pub fn reset_frame_rate(&mut self) {
-        self.ends.clear();
-    }
-
-    pub fn is_sampling(&self) -> bool {
-        self.sampling.is_some()
-    }
-
     pub fn start_sampling(&mut self) {
+        // Dropping a job cancels it, also if no other one can start.
         self.sampling = None;
         let Some(session) = self.session() else { return };
         let (dataset, split) = (session.dataset().clone(), session.plan().split);
@@ -157,7 +109,11 @@ impl Run {
             sample: surface
                 .and_then(|surface| FrameSample::of(&dataset, split, &frames, &surface).ok()),
             // The poses of the built-in scene are exact.
-            poses: dataset.path.as_ref().and_then(|_| pose_check::check(&dataset, split)),
+            poses: dataset
+                .path
+                .as_ref()
+                .and_then(|_| pose_check::check(&dataset, split))
+                .map(Arc::new),
         };
         match Job::start("frame sampling", sample) {
             Ok(job) => self.sampling = Some(job),

@@ -30,6 +30,7 @@ impl Shared {
     }
 
     pub fn set_interval(&self, interval: Duration) {
+        // 64 bits hold any interval in microseconds.
         self.interval_us.store(interval.as_micros() as u64, Ordering::Relaxed);
     }
 

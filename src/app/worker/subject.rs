@@ -6,20 +6,22 @@ use crate::app::opening;
 use crate::app::opening::{Content, OpenedSubject};
 use crate::app::rescue::{AbandonedRun, AutosaveSlot};
 use crate::app::splat_updates::SplatChange;
-use crate::app::state::{GivenCalibration, NoticeKind, NoticeTopic, RunState, Source, Subject};
+use crate::app::state::{
+    GivenCalibration, NoticeKind, NoticeTopic, Opened, RunState, Source, Subject,
+};
 use crate::dataset::calibration::Calibration;
 use crate::eval::report::FrameReport;
 use crate::pipeline::follow::Follow;
 use crate::pipeline::job::Job;
 use crate::pipeline::panic_report::PanicReport;
 use crate::train::setting::Preset;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 enum Found {
     Whole(Box<OpenedSubject>),
-    /// A folder that is still being recorded, or will be.
+    /// A folder whose recording continues or has not begun.
     Recording(Box<Follow>),
 }
 
@@ -34,41 +36,6 @@ impl WorkerThread {
         }
     }
 
-    /// Opens the first path that can be opened, because only one subject can be open, and lists the
-    /// others in a notice.
-    pub(super) fn open_first(&mut self, paths: &[PathBuf]) {
-        // One notice for all: a user may drop all photographs of a capture instead of its folder.
-        let mut problem = None;
-        for (i, path) in paths.iter().enumerate() {
-            match self.try_open(None, Subject::Path(path.clone())) {
-                // Cancelled, together with the remaining paths.
-                Err(refusal) if refusal.kind == NoticeKind::Info => {
-                    return self.outbox.notify(refusal.kind, refusal.text);
-                }
-                Err(refusal) => problem = problem.or(Some(refusal.text)),
-                Ok(()) if paths.len() == 1 => return,
-                Ok(()) => {
-                    let others = paths.iter().enumerate().filter(|(j, _)| *j != i);
-                    let others: Vec<&PathBuf> = others.map(|(_, path)| path).collect();
-                    let reason = problem.map(|p| format!(" ({p})")).unwrap_or_default();
-                    let text = format!(
-                        "{} is open; only one subject can be open, left out: {}{reason}",
-                        path.display(),
-                        list_paths(&others)
-                    );
-                    return self.outbox.notify(NoticeKind::Warning, text);
-                }
-            }
-        }
-        if let Some(problem) = problem {
-            let text = match paths.len() {
-                1 => problem,
-                n => format!("none of the {n} paths can be opened; the first: {problem}"),
-            };
-            self.outbox.notify(NoticeKind::Error, text);
-        }
-    }
-
     fn try_open(
         &mut self,
         calibration: Option<Arc<GivenCalibration>>,
@@ -80,7 +47,7 @@ impl WorkerThread {
                 self.await_recording(*follow, calibration, subject);
             }
             Found::Whole(opened) => {
-                self.outbox.advance_serial();
+                self.outbox.next_serial += 1;
                 self.run.set_subject(subject, calibration);
                 self.install_subject(*opened);
                 let opened = self.outbox.snapshot.opened.clone();
@@ -88,7 +55,7 @@ impl WorkerThread {
                 if let Some(path) = dataset.and_then(|dataset| dataset.path.as_deref()) {
                     self.offer_abandoned_run(Some(path));
                 }
-                if self.outbox.snapshot.follows {
+                if self.outbox.snapshot.following.is_on {
                     self.set_follows(true);
                 }
             }
@@ -96,8 +63,7 @@ impl WorkerThread {
         Ok(())
     }
 
-    /// Opens something in the state of loading. After a failure the subject opened before stays open,
-    /// paused.
+    /// Runs `open` in the state of loading. If it fails, the previous subject stays open, paused.
     fn while_loading<T>(
         &mut self,
         open: impl FnOnce(&mut Self) -> Result<T, Refusal>,
@@ -126,7 +92,7 @@ impl WorkerThread {
         let mut training = self.training.clone();
         // Into the copy, because settings outlive the dataset of the calibration.
         training.scene.calibration = calibration.map(|c| c.calibration.clone());
-        let (follows, serial) = (self.outbox.snapshot.follows, self.outbox.serial());
+        let (follows, serial) = (self.outbox.snapshot.following.is_on, self.outbox.next_serial);
         let read = subject.clone();
         let path = match subject {
             Subject::Path(path) => Some(path.as_path()),
@@ -143,7 +109,7 @@ impl WorkerThread {
         Ok(found??)
     }
 
-    /// Waits for a folder to hold a frame, which may take long; nothing else is open meanwhile.
+    /// Waits until a folder contains a frame; nothing is open meanwhile.
     fn await_recording(
         &mut self,
         follow: Follow,
@@ -157,15 +123,16 @@ impl WorkerThread {
         self.outbox.reset_snapshot();
         self.outbox.set_state(RunState::Waiting);
         self.following.await_recording(Some(follow));
-        self.following.update(&mut self.run, &mut self.outbox);
+        self.following.update(&self.run, &mut self.outbox);
     }
 
     pub(super) fn install_subject(&mut self, opened: OpenedSubject) {
         self.outbox.forget_notices(NoticeTopic::Subject);
         self.outbox.reset_snapshot();
-        self.outbox.snapshot.opened = Some(Arc::new(opened.opened));
-        self.outbox.snapshot.calibration = self.run.calibration().cloned();
+        let calibration = self.run.calibration.clone();
+        self.outbox.snapshot.opened = Some(Arc::new(Opened { calibration, ..opened.opened }));
         self.following.await_recording(None);
+        // The user has confirmed that the previous run may be discarded.
         self.files.discard();
         self.outbox.replace_splats(SplatChange::all(opened.splats));
         self.show_content(&opened.content);
@@ -173,7 +140,7 @@ impl WorkerThread {
         self.run.set_content(Some(opened.content));
         self.run.start_sampling();
         // The splats above were sent without attributes; these follow if the viewport needs them.
-        self.watch(self.run.watched());
+        self.watch(self.run.watched);
         for (kind, text) in opened.notices {
             self.outbox.notify_of(NoticeTopic::Subject, kind, text);
         }
@@ -181,7 +148,7 @@ impl WorkerThread {
     }
 
     fn show_content(&mut self, content: &Content) {
-        let is_demo = self.run.subject() == Some(&Subject::Demo);
+        let is_demo = self.run.subject == Some(Subject::Demo);
         let snapshot = &mut self.outbox.snapshot;
         match content {
             Content::Session(session) => {
@@ -195,23 +162,23 @@ impl WorkerThread {
                     _ => RunState::Finished,
                 };
                 let trained = session.frames().iter().map(|frame| frame.ms.stages.train);
-                snapshot.trained_s = 1e-3 * trained.sum::<f64>();
+                snapshot.pace.trained_s = 1e-3 * trained.sum::<f64>();
                 let doubted = session.frames().iter().filter_map(FrameReport::outlier_warning);
-                snapshot.outlier_reports = Arc::new(doubted.collect());
+                snapshot.frames.outliers = Arc::new(doubted.collect());
             }
             Content::Model(splats) => {
                 snapshot.source = Source::Model;
                 snapshot.state = RunState::Finished;
-                snapshot.components = splats.len();
-                snapshot.used = splats.len();
+                snapshot.model.components = splats.len();
+                snapshot.model.used = splats.len();
             }
         }
     }
 
-    /// Reopens the subject with its calibration and the current settings, which thus take effect.
+    /// Reopens the subject with its calibration, to apply the current settings.
     pub(super) fn reset(&mut self) {
-        if let Some(subject) = self.run.subject().cloned() {
-            self.open_with(self.run.calibration().cloned(), subject);
+        if let Some(subject) = self.run.subject.clone() {
+            self.open_with(self.run.calibration.clone(), subject);
         }
     }
 
@@ -236,7 +203,7 @@ impl WorkerThread {
 
     /// Subject to which a calibration applies, or the reason why there is none.
     fn calibratable(&self) -> Result<Subject, &'static str> {
-        match self.run.subject() {
+        match &self.run.subject {
             None => Err("a calibration applies to a dataset: open the dataset first"),
             Some(Subject::Path(open)) if open.is_file() => {
                 Err("a calibration applies to a dataset but a file is open: open its dataset first")
@@ -251,23 +218,24 @@ impl WorkerThread {
     /// Offers the newest run that an earlier window left behind, of one dataset or of any.
     pub(super) fn offer_abandoned_run(&mut self, dataset: Option<&Path>) {
         if let Some(run) = self.files.find_abandoned(dataset) {
-            self.outbox.snapshot.abandoned = Some(Arc::new(run));
+            self.outbox.snapshot.files.abandoned = Some(Arc::new(run));
         }
     }
 
     pub(super) fn resume_abandoned_run(&mut self) {
-        let Some(run) = self.outbox.snapshot.abandoned.take() else { return };
+        let Some(run) = self.outbox.snapshot.files.abandoned.take() else { return };
         if let Err(problem) = self.try_resume(&run) {
-            self.outbox.snapshot.abandoned = Some(run.clone());
+            self.outbox.snapshot.files.abandoned = Some(run.clone());
             let text = format!("{}: training cannot be resumed: {problem}", run.file.display());
             self.outbox.notify(NoticeKind::Error, text);
         }
     }
 
     fn try_resume(&mut self, run: &AbandonedRun) -> Result<(), String> {
+        // Locked before it is read, or two windows could resume the same run.
         let slot = AutosaveSlot::lock_existing(&run.slot).map_err(|error| error.to_string())?;
         let slot = slot.ok_or("another window has resumed it")?;
-        let (file, serial) = (run.file.clone(), self.outbox.serial());
+        let (file, serial) = (run.file.clone(), self.outbox.next_serial);
         let opened = self.while_loading(|worker| {
             // The drive of the dataset may have been disconnected.
             let read = worker.read_cancellable(Some(&run.dataset), move || {
@@ -276,7 +244,7 @@ impl WorkerThread {
             Ok(read??)
         });
         let opened = opened.map_err(|refusal| refusal.text)?;
-        self.outbox.advance_serial();
+        self.outbox.next_serial += 1;
         let calibration = match &opened.content {
             Content::Session(session) => {
                 let method = &session.config().method;
@@ -291,13 +259,14 @@ impl WorkerThread {
         self.install_subject(opened);
         if let Some(session) = self.run.session() {
             self.files.adopt(slot, session);
-            self.outbox.snapshot.unsaved_frames = self.outbox.snapshot.frames_done;
+            // Only the autosave contains these frames, no file of the user's.
+            self.outbox.snapshot.files.unsaved_frames = self.outbox.snapshot.frames_done;
         }
         Ok(())
     }
 
     pub(super) fn discard_abandoned_run(&mut self) {
-        let Some(run) = self.outbox.snapshot.abandoned.take() else { return };
+        let Some(run) = self.outbox.snapshot.files.abandoned.take() else { return };
         if let Ok(Some(slot)) = AutosaveSlot::lock_existing(&run.slot) {
             slot.delete_files();
         }
@@ -336,17 +305,6 @@ impl WorkerThread {
         // Of the subject, so that it disappears once that is open.
         self.outbox.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
         self.outbox.publish(&self.run, true);
-    }
-}
-
-/// Lists the first few paths, and the number of the others.
-fn list_paths(paths: &[&PathBuf]) -> String {
-    const NAMED: usize = 3;
-    let names: Vec<String> =
-        paths.iter().take(NAMED).map(|path| path.display().to_string()).collect();
-    match paths.len().saturating_sub(NAMED) {
-        0 => names.join(", "),
-        more => format!("{} and {more} more", names.join(", ")),
     }
 }
 

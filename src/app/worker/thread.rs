@@ -37,7 +37,7 @@ pub struct WorkerThread {
 /// Interval at which autosaves are polled while no frames are trained.
 const SAVES: Duration = Duration::from_secs(1);
 
-/// Error if the handle was dropped.
+/// Error: the handle was dropped.
 struct Dismissed;
 
 impl WorkerThread {
@@ -54,13 +54,14 @@ impl WorkerThread {
             training: TrainSettings::default(),
             run: Run::default(),
             files: Files::new(folders),
-            following: Following::new(),
+            following: Following::default(),
             has_pending_step: false,
         }
     }
 
     /// Executes orders and trains until the handle is dropped.
     pub fn run(mut self) {
+        // Of any dataset, because none is open yet.
         self.offer_abandoned_run(None);
         while let Ok(order) = self.next_order() {
             // Catches panics of each turn, not of the loop, so that a panic costs one order or one
@@ -99,11 +100,11 @@ impl WorkerThread {
         }
     }
 
-    /// Time until something may be due without an order; `None` if nothing can be.
+    /// Time until the next work that needs no order; `None` if there is none.
     fn idle_timeout(&self) -> Option<Duration> {
         // Retries the delivery of pending splats.
-        if self.outbox.has_news() || self.run.is_sampling() {
-            return Some(self.outbox.interval());
+        if self.outbox.has_news() || self.run.sampling.is_some() {
+            return Some(self.shared.interval());
         }
         let saves = self.training.autosave_s.is_some();
         let is_pending =
@@ -116,10 +117,11 @@ impl WorkerThread {
         let acted = order.is_some();
         match order {
             Some(order) => {
-                self.outbox.mark_changed();
+                self.outbox.is_changed = true;
                 self.apply(order);
             }
             None if self.has_pending_step => self.step_once(),
+            // A frame that was not read yet is tried again in the next turn.
             None if self.outbox.snapshot.state == RunState::Training => drop(self.step()),
             None if self.outbox.snapshot.state == RunState::Waiting => {
                 self.poll_awaited_recording();
@@ -133,7 +135,7 @@ impl WorkerThread {
         self.autosave();
         self.take_sampling();
         // The first frame is shown at once.
-        let is_first = self.outbox.snapshot.frames_done == 1 && self.outbox.is_changed();
+        let is_first = self.outbox.snapshot.frames_done == 1 && self.outbox.is_changed;
         self.outbox.publish(&self.run, acted || is_first);
     }
 
@@ -141,7 +143,6 @@ impl WorkerThread {
         match order {
             WorkerOrder::TrainBy(settings) => self.training = *settings,
             WorkerOrder::Open(subject) => self.open_with(None, subject),
-            WorkerOrder::OpenFirst(paths) => self.open_first(&paths),
             WorkerOrder::Calibrate(path) => self.calibrate(&path),
             WorkerOrder::Train => self.set_state(RunState::Training),
             WorkerOrder::Pause => {
@@ -158,8 +159,7 @@ impl WorkerThread {
             WorkerOrder::Step => {}
             WorkerOrder::Follow(follows) => self.set_follows(follows),
             WorkerOrder::Reset => self.reset(),
-            WorkerOrder::Retrain(settings) => {
-                self.training = *settings;
+            WorkerOrder::Retrain => {
                 self.reset();
                 self.set_state(RunState::Training);
             }
@@ -190,7 +190,7 @@ impl WorkerThread {
             }
             WorkerOrder::ForgetReports => self.outbox.forget_notices(NoticeTopic::Window),
             WorkerOrder::Watch(attribute) => self.watch(attribute),
-            WorkerOrder::Inspect(id) => self.run.set_inspected(id),
+            WorkerOrder::Inspect(id) => self.run.inspecting = id,
             WorkerOrder::Deliver => self.outbox.deliver_all(&self.run),
         }
     }
@@ -200,7 +200,7 @@ impl WorkerThread {
         // An order that arrives after the end of training must not restart it.
         if self.may_train() {
             self.outbox.set_state(state);
-            self.reset_frame_rate();
+            self.outbox.reset_frame_rate();
         }
     }
 
@@ -209,14 +209,9 @@ impl WorkerThread {
         matches!(state, RunState::Ready | RunState::Training | RunState::Paused)
     }
 
-    fn reset_frame_rate(&mut self) {
-        self.run.reset_frame_rate();
-        self.outbox.snapshot.frames_per_s = 0.0;
-    }
-
     pub(super) fn fail(&mut self, message: String) {
         self.outbox.set_state(RunState::Failed);
-        self.reset_frame_rate();
+        self.outbox.reset_frame_rate();
         self.outbox.notify(NoticeKind::Error, message);
     }
 
@@ -267,44 +262,42 @@ impl WorkerThread {
 
 #[derive(Clone, Debug)]
 pub enum WorkerOrder {
-    /// Use these settings for what is opened or reset from now on.
+    /// Trains subjects that are opened or reset later with these settings.
     TrainBy(Box<TrainSettings>),
-    /// Open a subject; the demo is also trained at once.
+    /// Opens a subject; the demo is also trained at once.
     Open(Subject),
-    /// Open the first path that can be opened, and list the others in a notice.
-    OpenFirst(Vec<PathBuf>),
-    /// Restart with the open subject, its cameras corrected by a calibration file.
+    /// Restarts with the open subject, its cameras corrected by a calibration file.
     Calibrate(PathBuf),
     Train,
-    /// Stop after the current frame.
+    /// Stops after the current frame.
     Pause,
     Step,
-    /// Follow recordings, the open one and those opened next; or stop following.
+    /// Follows recordings, the open one and those opened next; or stops following.
     Follow(bool),
     Reset,
-    /// Restart with the same subject and other settings, and train at once.
-    Retrain(Box<TrainSettings>),
-    /// Write a checkpoint of the newest state; the snapshot reports the outcome by this number.
+    /// Restarts with the same subject and the current settings, and trains at once.
+    Retrain,
+    /// Writes a checkpoint of the newest state; the snapshot reports the outcome under this number.
     Save(u64, PathBuf),
-    /// Export the newest scene, with the mapping from native to plain splats and the splats left out by
-    /// edits; the snapshot reports the outcome by this number.
+    /// Exports the newest scene, with the mapping from native to plain splats and the splats left out by
+    /// edits; the snapshot reports the outcome under this number.
     Export(u64, PathBuf, Mapping, LeftOut),
-    /// Write a text to a file, under an unused name if it exists.
+    /// Writes a text to a file, under an unused name if it exists.
     WriteText(PathBuf, String),
-    /// Stop, and store training that no checkpoint holds for the next start, because the program ends
+    /// Stops training and stores frames that no checkpoint contains, because the program ends
     /// unexpectedly.
     Store(SyncSender<Rescue>),
-    /// Resume the run that the snapshot offers.
+    /// Resumes the run that the snapshot offers.
     ResumeAbandoned,
     DiscardAbandoned,
-    /// Publish a notice of the window.
+    /// Publishes a notice of the window.
     Report(NoticeKind, String),
-    /// Remove the notices of the window, because another adapter draws.
+    /// Removes the notices of the window, because another adapter draws.
     ForgetReports,
-    /// Deliver attributes of components with their splats from now on; `None` stops that.
+    /// Delivers attributes of components with their splats from now on; `None` stops that.
     Watch(Option<Attribute>),
-    /// Include the inspection of a component in snapshots; `None` stops that.
+    /// Includes the inspection of a component in snapshots; `None` stops that.
     Inspect(Option<u32>),
-    /// Deliver all splats again, for a new window.
+    /// Delivers all splats again, for a new window.
     Deliver,
 }

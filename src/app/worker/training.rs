@@ -38,7 +38,7 @@ impl WorkerThread {
             Ok(Step::Waiting) => {}
             Ok(Step::Trained(_)) => {
                 self.outbox.mark_trained(session.learner());
-                self.outbox.snapshot.trained_s += started.elapsed().as_secs_f64();
+                self.outbox.snapshot.pace.trained_s += started.elapsed().as_secs_f64();
                 self.outbox.add_late_reports(&self.run);
                 self.record_trained_frame();
             }
@@ -59,18 +59,17 @@ impl WorkerThread {
             Err(error) => self.fail(format!("{error}; the scene trained so far can be exported")),
         }
         self.add_outlier_reports();
-        self.following.update(&mut self.run, &mut self.outbox);
+        self.following.update(&self.run, &mut self.outbox);
         true
     }
 
-    /// Adds new reports of outlier frames to the snapshot.
     fn add_outlier_reports(&mut self) {
         let Some(session) = self.run.session_mut() else { return };
         let reports = session.take_outlier_warnings();
         if !reports.is_empty() {
             // A new list, because published snapshots share the old one.
-            let known = &self.outbox.snapshot.outlier_reports;
-            self.outbox.snapshot.outlier_reports = Arc::new([&known[..], &reports].concat());
+            let known = &self.outbox.snapshot.frames.outliers;
+            self.outbox.snapshot.frames.outliers = Arc::new([&known[..], &reports].concat());
         }
     }
 
@@ -78,23 +77,24 @@ impl WorkerThread {
         self.files.record_frame();
         let snapshot = &mut self.outbox.snapshot;
         snapshot.frames_done += 1;
-        snapshot.unsaved_frames += 1;
-        if snapshot.followed.is_some() && snapshot.frames_done == ENOUGH_FRAMES {
+        snapshot.files.unsaved_frames += 1;
+        // The first sample was taken when the recording had too few frames.
+        if snapshot.following.recording.is_some() && snapshot.frames_done == ENOUGH_FRAMES {
             self.run.start_sampling();
         }
-        snapshot.frames_per_s = self.run.record_frame();
+        self.outbox.record_frame();
         self.refresh_session_info();
     }
 
     fn finish(&mut self) {
         self.outbox.set_state(RunState::Finished);
-        self.outbox.snapshot.frames_per_s = 0.0;
+        self.outbox.reset_frame_rate();
         self.outbox.mark_visibility(&self.run);
         self.outbox.add_late_reports(&self.run);
         let Some(session) = self.run.session() else { return };
         let summary = Summary::of_frames(session.frames(), 0.0);
         // The performance tests parse this line (`tests/app/window.rs`).
-        let (median, all) = (summary.train_ms_median, self.outbox.snapshot.trained_s);
+        let (median, all) = (summary.train_ms_median, self.outbox.snapshot.pace.trained_s);
         tracing::info!("finished: train_ms_median {median:.3} trained_s {all:.3}");
         for warning in session.learner().status().warnings {
             let text = warning.to_string();
@@ -115,51 +115,50 @@ impl WorkerThread {
         let Some(session) = self.run.session() else { return };
         let (status, snapshot) = (session.learner().status(), &mut self.outbox.snapshot);
         snapshot.n_frames = session.plan().frames.len();
-        snapshot.components = status.components;
-        snapshot.used = status.used;
-        snapshot.model_bytes = status.model_bytes;
+        snapshot.model.components = status.components;
+        snapshot.model.used = status.used;
+        snapshot.model.bytes = status.model_bytes;
         // Frames are only added to the list; snapshots share it until then.
-        if snapshot.skipped.len() != session.skipped().len() {
-            snapshot.skipped = Arc::new(session.skipped().to_vec());
+        if snapshot.frames.skipped.len() != session.skipped().len() {
+            snapshot.frames.skipped = Arc::new(session.skipped().to_vec());
         }
-        self.outbox.mark_changed();
+        self.outbox.is_changed = true;
     }
 
     /// Publishes the result of sampling the frames, once.
     pub(super) fn take_sampling(&mut self) {
         let Some(sampling) = self.run.take_sampling() else { return };
-        self.outbox.mark_changed();
-        let sampling = match sampling {
-            Ok(sampling) => sampling,
-            Err(text) => return self.outbox.notify(NoticeKind::Warning, text),
-        };
-        self.outbox.snapshot.sample = sampling.sample;
-        let Some(check) = sampling.poses else { return };
-        if let Some(warning) = wording::pose_warning(&check) {
-            self.outbox.notify(NoticeKind::Warning, warning);
+        self.outbox.is_changed = true;
+        match sampling {
+            Ok(sampling) => {
+                if let Some(warning) = sampling.poses.as_deref().and_then(wording::pose_warning) {
+                    self.outbox.notify(NoticeKind::Warning, warning);
+                }
+                self.outbox.snapshot.sampling = sampling;
+            }
+            Err(text) => self.outbox.notify(NoticeKind::Warning, text),
         }
-        self.outbox.snapshot.poses = Some(Arc::new(check));
     }
 
     pub(super) fn set_follows(&mut self, follows: bool) {
-        self.outbox.snapshot.follows = follows;
+        self.outbox.snapshot.following.is_on = follows;
         if !follows {
             return self.following.stop(&mut self.run, &mut self.outbox);
         }
-        let (state, subject) = (self.outbox.snapshot.state, self.run.subject().cloned());
+        let (state, subject) = (self.outbox.snapshot.state, self.run.subject.clone());
         let Some(session) = self.run.session_mut() else { return };
         match subject {
             // From the first frame on: the last ones may have been half-written when they were read.
             Some(subject)
                 if state == RunState::Ready && is_read_from(session.dataset(), &subject) =>
             {
-                self.open_with(self.run.calibration().cloned(), subject);
+                self.open_with(self.run.calibration.clone(), subject);
             }
             _ => {
                 if session.follow(None) && state == RunState::Finished {
                     self.outbox.set_state(RunState::Training);
                 }
-                self.following.update(&mut self.run, &mut self.outbox);
+                self.following.update(&self.run, &mut self.outbox);
             }
         }
     }
@@ -167,12 +166,12 @@ impl WorkerThread {
     /// Starts a session on the first frames of the awaited recording, if they exist.
     pub(super) fn poll_awaited_recording(&mut self) {
         let mut training = self.training.clone();
-        let calibration = self.run.calibration();
+        let calibration = self.run.calibration.as_ref();
         training.scene.calibration = calibration.map(|given| given.calibration.clone());
-        match self.following.poll(&training, self.outbox.serial()) {
+        match self.following.poll(&training, self.outbox.next_serial) {
             Ok(None) => {}
             Ok(Some(begun)) => {
-                self.outbox.advance_serial();
+                self.outbox.next_serial += 1;
                 self.install_subject(begun);
                 // Training starts without an order, because the recording continues.
                 self.outbox.set_state(RunState::Training);
@@ -182,6 +181,6 @@ impl WorkerThread {
                 self.outbox.notify(NoticeKind::Error, error);
             }
         }
-        self.following.update(&mut self.run, &mut self.outbox);
+        self.following.update(&self.run, &mut self.outbox);
     }
 }
