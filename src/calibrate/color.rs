@@ -4,7 +4,7 @@
 //! that sees the component. An inaccurate camera causes a colour difference.
 
 use super::camera::Projector;
-use super::exposure::Patch;
+use super::gains::Patch;
 use super::matches::{MatchedPoint, Matches};
 use super::pyramid::Pyramid;
 use super::unknowns::{CAMERA, Estimate, N, Unknowns, WITH_POSE, split_twist};
@@ -147,16 +147,12 @@ pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<
             let view = run[0].view;
             let image = &photos.images[view as usize];
             let mut patch = Patch::new(component as u32, view);
-            run.iter()
-                .filter_map(|s| {
-                    projector.project(pose_corrected(
-                        measured_position(matches, s, at).0,
-                        view as usize,
-                        at,
-                    ))
-                })
-                .filter_map(|projected| image.sample(photos.level, projected.at))
-                .for_each(|texel| patch.add(texel.color));
+            for sample in run {
+                let place = measured_position(matches, sample, at).0;
+                let projected = projector.project(pose_corrected(place, view as usize, at));
+                let texel = projected.and_then(|point| image.sample(photos.level, point.at));
+                texel.into_iter().for_each(|texel| patch.add(texel.color));
+            }
             patches.push(patch);
         }
     }

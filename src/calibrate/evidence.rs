@@ -12,7 +12,7 @@ use super::camera::Projector;
 use super::color;
 use super::color::{ColorResidual, Photos, color_residuals};
 use super::covariance::overdispersion;
-use super::exposure::exposure;
+use super::gains::fit_gains;
 use super::matches::{MatchedPoint, Matches};
 use super::pyramid::Pyramid;
 use super::unknowns::{DEPTH, Estimate, SensorPrior, Twist, Unknowns, WITH_POSE};
@@ -126,7 +126,7 @@ impl<'a> Evidence<'a> {
 
     pub fn update_gains(&mut self, at: &Estimate) {
         let patches = color::patches(&self.matches, &self.photos(), at);
-        self.gains = exposure(&patches, self.images.len()).gains;
+        self.gains = fit_gains(&patches, self.images.len());
     }
 
     fn photos(&self) -> Photos<'_> {

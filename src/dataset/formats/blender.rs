@@ -12,9 +12,9 @@
 //! (an angle in degrees, 16-bit depth without its scale) are refused, with the value to write.
 
 use super::nerfstudio;
-use super::numbered::{ListedFrame, ListedSplit, photograph_size};
-use super::recording::{check_intrinsics, metadata_error, same_size};
-use super::stated::{FrameCamera, check_model};
+use super::numbered::{ListedFrame, ListedSplit, PHOTOGRAPHS};
+use super::recording::{ANY_RANGE, check_intrinsics, metadata_error, photograph_size, same_size};
+use super::stated::{FrameCamera, check_model, entry_name};
 use crate::dataset::calibrated_size::from_user;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
@@ -40,7 +40,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     parse,
 };
 
-const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 /// Files with this prefix should be frame lists, so a broken one is reported, not skipped.
 const LIST_PREFIX: &str = "transforms";
 
@@ -125,7 +124,7 @@ impl FrameList {
         parsed: &mut ParsedFolder,
     ) -> Result<Option<DatasetSplit>, DatasetError> {
         let listed = self.listed(folder, parsed)?;
-        let Some(size) = photograph_size(&listed.colors().collect::<Vec<_>>()) else {
+        let Ok(Some(size)) = photograph_size(listed.colors()) else {
             listed.skip_unreadable(parsed);
             return Ok(None);
         };
@@ -152,9 +151,7 @@ impl FrameList {
         let mut images = ImageFolders { folder, listed: BTreeMap::new() };
         let mut frames = Vec::new();
         for (i, frame) in self.frames()?.iter().enumerate() {
-            let named = frame.get("file_path").and_then(Value::as_str);
-            // An entry without a path is reported by its place in the list.
-            let name = named.map_or_else(|| format!("{i}"), |n| n.trim_start_matches("./").into());
+            let name = entry_name(frame, i);
             if folder.was_taken(&name) {
                 continue;
             }
@@ -190,15 +187,9 @@ impl FrameList {
         } else {
             (CodeKind::Inverse8, Sensor::Inverse8Ray)
         };
-        // Rendered depth is exact at any length; only sensors have a trusted range.
-        let trusted = options.depth_range.unwrap_or([0.0, f64::INFINITY]);
-        Ok(DepthEncoding {
-            codes,
-            kind: DepthKind::RayDistance,
-            trusted,
-            units_per_metre: 1.0,
-            sensor,
-        })
+        let trusted = options.depth_range.unwrap_or(ANY_RANGE);
+        let kind = DepthKind::RayDistance;
+        Ok(DepthEncoding { codes, kind, trusted, units_per_metre: 1.0, sensor })
     }
 
     fn range(&self) -> Result<Option<PositionRange>, DatasetError> {
@@ -225,6 +216,7 @@ fn listed_frame(
     };
     let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
     let (color, depth) = images.find(file_path)?;
+    let (color, depth) = (color.into(), depth.map(Into::into));
     Ok(ListedFrame { name: name.to_owned(), pose, color, depth })
 }
 
@@ -255,7 +247,7 @@ impl ImageFolders<'_> {
         }
         let (listing, depth_files) = self.listed.get(parent).ok_or_else(missing)?;
         let with_extension =
-            IMAGE_EXTENSIONS.iter().map(|e| format!("{name}.{e}")).find(|n| listing.has_file(n));
+            PHOTOGRAPHS.iter().map(|e| format!("{name}.{e}")).find(|n| listing.has_file(n));
         let color_name = match listing.has_file(name) {
             true => name.to_owned(),
             false => with_extension.ok_or_else(missing)?,

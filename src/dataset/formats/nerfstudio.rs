@@ -5,8 +5,9 @@
 //! the frame or, for all frames, at the top level. Depth is along the optical axis, stored times
 //! `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), by default .001.
 
-use super::recording::{RecordedFrame, Recording, metadata_error, same_size};
-use super::stated::{FrameCamera, check_model, first_of, majority};
+use super::numbered::PHOTOGRAPHS;
+use super::recording::{ANY_RANGE, RecordedFrame, Recording, metadata_error, same_size};
+use super::stated::{FrameCamera, array, check_model, entry_name, first_of, majority};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
@@ -15,7 +16,7 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, is_file};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix::from_json;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::pose::Pose;
@@ -32,9 +33,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 
 const DEPTH_KEYS: [&str; 2] = ["depth_file_path", "depth_path"];
 const LENS_KEYS: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
-/// World units per unit of depth files without a stated scale.
-const DEPTH_UNIT: f64 = 0.001;
-const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let (name, _) = frame_list(folder)?;
@@ -50,7 +48,7 @@ fn frame_list(folder: &Folder) -> Option<(&str, Value)> {
 
 /// True for frame lists of this layout, false for those of NeRF-synthetic.
 pub(super) fn is_list(json: &Value) -> bool {
-    let frames = json.get("frames").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let frames = array(json, "frames");
     let named = |keys: &[&str], frame: &Value| keys.iter().any(|key| frame.get(key).is_some());
     let bends = |value: &Value| {
         LENS_KEYS.iter().any(|key| value.get(key).and_then(Value::as_f64).unwrap_or(0.0) != 0.0)
@@ -68,12 +66,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let file = folder.path.join(name);
     let list = FrameList { json: &json, file: &file };
     let encoding = list.encoding(&recording)?;
-    let frames = json.get("frames").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let frames = array(&json, "frames");
     let mut seen = BTreeSet::new();
     let sizes = list.sizes(folder, frames)?;
     for (i, frame) in frames.iter().enumerate() {
-        let name = frame.get("file_path").and_then(Value::as_str);
-        let name = name.map_or_else(|| i.to_string(), |n| n.trim_start_matches("./").to_owned());
+        let name = entry_name(frame, i);
         if folder.was_taken(&name) {
             continue;
         }
@@ -82,11 +79,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             recording.skip(&name, file.clone(), problem);
             continue;
         }
-        match list.recorded(frame, &name, &recording, encoding, &sizes) {
-            Ok(Ok(frame)) => recording.push(frame),
-            Ok(Err(problem)) => recording.skip(&name, file.clone(), problem),
-            Err(error) => return Err(error),
-        }
+        let frame = list.recorded(frame, &name, &recording, encoding, &sizes)?;
+        recording.add(&name, &file, frame);
     }
     Ok(recording.finish())
 }
@@ -133,7 +127,7 @@ impl FrameList<'_> {
     }
 
     fn encoding(&self, recording: &Recording) -> Result<DepthEncoding, DatasetError> {
-        let mut unit = DEPTH_UNIT;
+        let mut unit = MILLIMETRE;
         for key in ["depth_unit_scale_factor", "integer_depth_scale"] {
             if let Some(stated) = self.camera(&Value::Null).number(key)? {
                 if stated <= 0.0 {
@@ -145,8 +139,8 @@ impl FrameList<'_> {
                 break;
             }
         }
-        let trusted = [0.0, f64::INFINITY];
-        Ok(recording.encoding(CodeKind::ByContent(unit), Sensor::Lidar, trusted))
+        // World units are arbitrary, so no length is beyond the sensor.
+        Ok(recording.encoding(CodeKind::ByContent(unit), Sensor::Lidar, ANY_RANGE))
     }
 
     /// The outer error concerns the whole list, the inner one this frame.
@@ -201,7 +195,7 @@ impl FrameList<'_> {
 
 /// Finds the photograph, whose name may lack the extension.
 fn photograph(folder: &Folder, name: &str) -> Result<ByteSource, FrameProblem> {
-    let with = IMAGE_EXTENSIONS.iter().map(|extension| format!("{name}.{extension}"));
+    let with = PHOTOGRAPHS.iter().map(|extension| format!("{name}.{extension}"));
     file_of(folder, std::iter::once(name.to_owned()).chain(with))?
         .ok_or_else(|| FrameProblem::MissingColor(name.to_owned()))
 }

@@ -28,6 +28,13 @@ use std::path::{Path, PathBuf};
 
 const SPLIT: &str = "all";
 
+/// Trusted depth of structured-light sensors (Kinect, Structure), metres.
+pub(super) const STRUCTURED_LIGHT_RANGE: [f64; 2] = [0.3, 4.0];
+/// Trusted depth of a phone's lidar, metres; beyond it, depth is inferred from the photograph.
+pub(super) const LIDAR_RANGE: [f64; 2] = [0.1, 5.0];
+/// Trusted depth of renderings, which are exact at any length.
+pub(super) const ANY_RANGE: [f64; 2] = [0.0, f64::INFINITY];
+
 pub(super) struct Recording<'a> {
     pub folder: &'a Folder,
     pub options: &'a LoadOptions,
@@ -74,6 +81,29 @@ impl<'a> Recording<'a> {
         self.parsed.skip(SPLIT, frame, file, problem);
     }
 
+    pub fn skip_line(&mut self, file: &Path, line: usize, expected: &'static str, found: &str) {
+        // A damaged line may be of any length.
+        let found = found.chars().take(60).collect();
+        let problem = FrameProblem::Line { expected, found, line };
+        self.skip(&format!("line {line}"), file.to_owned(), problem);
+    }
+
+    /// Adds a frame, or the warning that it is skipped because of `file`.
+    pub fn add(&mut self, name: &str, file: &Path, frame: Result<RecordedFrame, FrameProblem>) {
+        match frame {
+            Ok(frame) => self.push(frame),
+            Err(problem) => self.skip(name, file.to_owned(), problem),
+        }
+    }
+
+    /// Replaces the error of an unreadable file by a warning.
+    pub fn warn_unreadable(&mut self, size: ImageSize) -> Option<(u32, u32)> {
+        size.unwrap_or_else(|(file, problem)| {
+            self.skip(SPLIT, file, problem);
+            None
+        })
+    }
+
     /// Lists the files of a folder that are `prefix` and a number; a second file of a number becomes a
     /// warning.
     pub fn list(
@@ -94,6 +124,15 @@ impl<'a> Recording<'a> {
         Ok(files)
     }
 
+    /// As [`Self::list`] for names without prefix; `None` without the folder.
+    pub fn list_optional(
+        &mut self,
+        name: &str,
+        extensions: &[&str],
+    ) -> Result<Option<NumberedFiles>, DatasetError> {
+        self.folder.has_folder(name).then(|| self.list(name, "", extensions)).transpose()
+    }
+
     /// Notes that the times of a list had to be sorted.
     pub fn note_unordered(&mut self, list: &str, n: usize) {
         if n > 0 {
@@ -108,11 +147,8 @@ impl<'a> Recording<'a> {
         colors: impl IntoIterator<Item = impl Borrow<ByteSource>>,
         depths: impl IntoIterator<Item = impl Borrow<ByteSource>>,
     ) -> Option<((u32, u32), (u32, u32))> {
-        let sizes = photograph_size(colors).and_then(|color| Ok(color.zip(depth_size(depths)?)));
-        sizes.unwrap_or_else(|(file, problem)| {
-            self.skip(SPLIT, file, problem);
-            None
-        })
+        let color = self.warn_unreadable(photograph_size(colors))?;
+        Some((color, self.warn_unreadable(depth_size(depths))?))
     }
 
     pub fn note(&mut self, note: impl Into<String>) {
@@ -228,22 +264,23 @@ pub(super) fn same_size(
     }
 }
 
+/// Most frequent size in pixels, or the first file that cannot be read and why.
+type ImageSize = Result<Option<(u32, u32)>, (PathBuf, FrameProblem)>;
+
 pub(super) fn photograph_size(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
-) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
+) -> ImageSize {
     most(sources, |source| decode::header(source).map(|h| (h.width, h.height)))
 }
 
-pub(super) fn depth_size(
-    sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
-) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
+pub(super) fn depth_size(sources: impl IntoIterator<Item = impl Borrow<ByteSource>>) -> ImageSize {
     most(sources, decode::depth_size)
 }
 
 fn most(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
     size: impl Fn(&ByteSource) -> Result<(u32, u32), FrameProblem>,
-) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
+) -> ImageSize {
     let sources: Vec<_> = sources.into_iter().collect();
     majority(&sources, |source| {
         let source = source.borrow();

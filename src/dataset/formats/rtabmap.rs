@@ -8,7 +8,8 @@
 //! writes
 //! `…_camera_poses.txt`).
 
-use super::recording::{RecordedFrame, Recording, check_intrinsics, metadata_error};
+use super::recording::{RecordedFrame, Recording, check_intrinsics, metadata_error, same_size};
+use super::stated;
 use super::trajectory::{TimedPose, lines};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::DepthSource;
@@ -16,7 +17,7 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -39,8 +40,6 @@ const DEPTHS: &str = "depth";
 const CALIBRATIONS: &str = "calib";
 /// Marks a file with the camera's own poses by its name.
 const OF_CAMERA: &str = "camera";
-/// Metres per code.
-const DEPTH_UNIT: f64 = 0.001;
 /// Metres.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 5.0];
 /// Largest difference between the time in a name, which is rounded, and that of its pose, seconds.
@@ -117,14 +116,15 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let Some((size, depth_size)) = recording.sizes(colors, depths) else {
         return Ok(recording.finish());
     };
-    let (calibration_file, calibration) = folder.text(&calibration_name(folder))?;
+    let name = calibration(folder).unwrap_or("calibration.yaml".to_owned());
+    let (calibration_file, calibration) = folder.text(&name)?;
     let stated = read_camera(&calibration_file, &calibration)?;
     // The calibration is that of the photographs.
-    super::recording::same_size((stated.width, stated.height), size, &calibration_file)?;
+    same_size((stated.width, stated.height), size, &calibration_file)?;
     let cameras = recording.cameras_of_lens(&stated, size, depth_size, &calibration_file)?;
     // A phone's lidar has a lower resolution than its photographs; depth cameras do not.
     let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
-    let encoding = recording.encoding(CodeKind::ByContent(DEPTH_UNIT), sensor, TRUSTED_DEPTH);
+    let encoding = recording.encoding(CodeKind::ByContent(MILLIMETRE), sensor, TRUSTED_DEPTH);
     let pose_name = pose_file(folder).unwrap_or("poses.txt");
     let (file, text) = folder.lines(pose_name)?;
     let on_robot = match pose_name.contains(OF_CAMERA) {
@@ -256,10 +256,6 @@ fn find<'a>(images: &'a [(String, String)], stem: &str) -> Option<&'a str> {
     equal.find(|(other, _)| other == stem).map(|(_, name)| name.as_str())
 }
 
-fn calibration_name(folder: &Folder) -> String {
-    calibration(folder).unwrap_or("calibration.yaml".to_owned())
-}
-
 /// Reads the camera from OpenCV's YAML, which is not valid YAML: it begins with `%YAML:1.0` and tags
 /// matrices.
 fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
@@ -270,15 +266,11 @@ fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
     let matrix =
         data(text, "camera_matrix:").and_then(|data| matrix::parse_numbers::<9>(data).ok());
     let size = number("image_width").zip(number("image_height"));
-    let k = matrix.zip(size).and_then(|(m, size)| super::stated::from_matrix(m, size));
+    let k = matrix.zip(size).and_then(|(m, size)| stated::from_matrix(m, size));
     let Some(k) = k else {
         let expected = "`image_width`, `image_height` and a `camera_matrix` of 3x3";
-        return Err(metadata_error(
-            file,
-            expected,
-            beginning(text),
-            "export the calibration again",
-        ));
+        let hint = "export the calibration again";
+        return Err(metadata_error(file, expected, beginning(text), hint));
     };
     check_intrinsics(&k, file)?;
     Ok(k)

@@ -1,6 +1,6 @@
 //! Intrinsics stated in a recording's files, or known for its camera.
 
-use super::recording::metadata_error;
+use super::recording::{Recording, metadata_error};
 use crate::dataset::calibrated_size::is_plausible_field_of_view;
 use crate::dataset::error::DatasetError;
 use crate::dataset::folder::Folder;
@@ -10,9 +10,52 @@ use crate::math::camera::Intrinsics;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// Manufacturer's intrinsics of PrimeSense cameras (Kinect, Xtion), for 640×480.
-pub(super) const PRIMESENSE: Intrinsics =
-    Intrinsics { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5 };
+/// Manufacturer's intrinsics of PrimeSense cameras (Kinect, Xtion).
+pub(super) const PRIMESENSE: KnownCamera = KnownCamera {
+    source: "manufacturer's",
+    intrinsics: Intrinsics { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5 },
+};
+
+/// Camera of a layout's recordings if their files state none.
+pub(super) struct KnownCamera {
+    /// Names the source in messages.
+    pub source: &'static str,
+    pub intrinsics: Intrinsics,
+}
+
+impl KnownCamera {
+    /// Intrinsics for photographs of a size, with a note. `file` should state them, in the form `expected`.
+    pub fn assume(
+        &self,
+        recording: &mut Recording,
+        size: (u32, u32),
+        (file, expected): (PathBuf, &str),
+    ) -> Result<(PathBuf, Intrinsics), DatasetError> {
+        // The user's intrinsics replace any others (`cameras_of_lens`).
+        if recording.options.intrinsics.is_none() {
+            let note = self.note(size, (&file, expected))?;
+            recording.note(note);
+        }
+        Ok((file, self.intrinsics))
+    }
+
+    /// The notice that this camera is used; an error if photographs have another size.
+    pub fn note(
+        &self,
+        size: (u32, u32),
+        (file, expected): (&Path, &str),
+    ) -> Result<String, DatasetError> {
+        let Self { source, intrinsics: Intrinsics { width, height, fx, fy, cx, cy } } = self;
+        // Focal lengths in pixels hold for one size only.
+        if size != (*width, *height) {
+            let expected = format!("{expected} for images of {}x{}", size.0, size.1);
+            let found = format!("no such file (the {source} default is for {width}x{height})");
+            return Err(metadata_error(file, &expected, found, "create it, or set the intrinsics"));
+        }
+        let name = file.file_name().unwrap_or_default().display();
+        Ok(format!("no {name}: the {source} {fx}, {fy}, {cx}, {cy} are used"))
+    }
+}
 
 /// Names of text files with a camera matrix or `fx fy cx cy`.
 const NAMES: [&str; 5] =
@@ -69,6 +112,22 @@ pub(super) fn first_of<'a>(json: &'a Value, keys: &[&str]) -> Option<&'a Value> 
     keys.iter().find_map(|key| json.get(key))
 }
 
+/// Columns or rows of an image, by the first key that is there.
+pub(super) fn side(json: &Value, keys: &[&str]) -> Option<u32> {
+    u32::try_from(first_of(json, keys)?.as_u64()?).ok()
+}
+
+/// Items of an array; none if there is no such array.
+pub(super) fn array<'a>(json: &'a Value, key: &str) -> &'a [Value] {
+    json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+}
+
+/// Name of a frame list's entry: its path, or its place if it has none.
+pub(super) fn entry_name(entry: &Value, place: usize) -> String {
+    let path = entry.get("file_path").and_then(Value::as_str);
+    path.map_or_else(|| place.to_string(), |path| path.trim_start_matches("./").to_owned())
+}
+
 pub(super) fn flat_numbers(value: &Value) -> Option<Vec<f64>> {
     match value {
         Value::Array(items) => {
@@ -90,12 +149,8 @@ pub(super) fn in_text_file(
     // The last of four numbers may lack digits; a matrix ends with a 1.
     if folder.is_growing() && !text.ends_with('\n') && matrix::parse_numbers::<4>(&text).is_ok() {
         let found = "a line that may still grow".to_owned();
-        return Err(metadata_error(
-            &file,
-            "fx fy cx cy and the end of the line",
-            found,
-            "end the line",
-        ));
+        let expected = "fx fy cx cy and the end of the line";
+        return Err(metadata_error(&file, expected, found, "end the line"));
     }
     let k = from_text(&text, size, &file)?;
     Ok(Some((file, k)))
@@ -108,8 +163,8 @@ pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsic
         // Other JSON files, such as settings, may lie beside the camera's.
         let Ok(json) = serde_json::from_str::<Value>(&text) else { continue };
         let Some(matrix) = json.get("intrinsic_matrix") else { continue };
-        let side = |key| json.get(key).and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok());
-        let k = side("width").zip(side("height")).and_then(|size| from_json(matrix, size));
+        let size = side(&json, &["width"]).zip(side(&json, &["height"]));
+        let k = size.and_then(|size| from_json(matrix, size));
         let expected = "`width`, `height` and an `intrinsic_matrix` of nine numbers";
         let hint = "export the camera again";
         let k = k.ok_or_else(|| metadata_error(&file, expected, describe_json(&json), hint))?;

@@ -39,6 +39,13 @@ pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
+/// Sorts by time, stably; returns the number of items that were earlier than the one before.
+pub(super) fn sort_by_time<T>(items: &mut [T], time: impl Fn(&T) -> f64) -> usize {
+    let n = items.array_windows().filter(|[before, here]| time(here) < time(before)).count();
+    items.sort_by(|a, b| time(a).total_cmp(&time(b)));
+    n
+}
+
 pub(super) struct Trajectory {
     // Ascending by time, without duplicates.
     poses: Vec<TimedPose>,
@@ -48,10 +55,8 @@ impl Trajectory {
     /// Sorts poses by time; of poses with equal times the first one stays. Also returns the numbers of
     /// poses that were out of order and that were removed.
     pub fn new(mut poses: Vec<TimedPose>) -> (Self, usize, usize) {
-        let unordered =
-            poses.array_windows().filter(|[before, here]| here.time < before.time).count();
+        let unordered = sort_by_time(&mut poses, |pose| pose.time);
         let n = poses.len();
-        poses.sort_by(|a, b| a.time.total_cmp(&b.time));
         poses.dedup_by(|later, first| later.time == first.time);
         let doubled = n - poses.len();
         (Self { poses }, unordered, doubled)

@@ -13,10 +13,10 @@
 //! The recordings do not contain intrinsics. The manufacturer's default projects their depth better than
 //! the calibration published for each colour camera.
 
-use super::recording::{Cameras, RecordedFrame, Recording, metadata_error};
+use super::recording::{Cameras, RecordedFrame, Recording, STRUCTURED_LIGHT_RANGE, metadata_error};
 use super::rig::{Clock, ImagePair, Mount, Rig};
 use super::stated::PRIMESENSE;
-use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines};
+use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines, sort_by_time};
 use super::{rig, stated};
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -25,6 +25,7 @@ use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
+use crate::dataset::matrix;
 use crate::dataset::options::{ByteSource, LoadOptions};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
@@ -50,8 +51,6 @@ const SIMULTANEOUS: f64 = 1e-3;
 const CALIBRATED: f64 = 0.03;
 /// Metres per code.
 const DEPTH_UNIT: f64 = 1.0 / 5000.0;
-/// Metres; as for 7-Scenes, which used the same sensor.
-const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let lists_images = |name: &str| {
@@ -80,7 +79,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         return Ok(recording.finish());
     };
     let unit = CodeKind::Linear16(DEPTH_UNIT);
-    let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
+    let encoding = recording.encoding(unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     let is_growing = folder.is_growing();
     let poses = trajectory.as_ref().map(|trajectory| Poses {
         trajectory,
@@ -107,10 +106,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         recording.note("a Kinect reads rows one by one, a photograph in 26 ms and depth in 31 ms: the rolling shutter is corrected with the trajectory");
     }
     for depth in taken {
-        match frame(depth, &colors, poses, cameras, encoding) {
-            Ok(frame) => recording.push(frame),
-            Err(problem) => recording.skip(&depth.name, depth.path.clone(), problem),
-        }
+        let frame = frame(depth, &colors, poses, cameras, encoding);
+        recording.add(&depth.name, &depth.path, frame);
     }
     Ok(recording.finish())
 }
@@ -139,9 +136,7 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
     let mut found: Vec<TimedImage> = Vec::new();
     for (line, content) in lines(&text) {
         let Some((time, name)) = image(content) else {
-            let expected = "a time in seconds and an image file";
-            let problem = FrameProblem::Line { expected, found: content.into(), line };
-            recording.skip(content, file.clone(), problem);
+            recording.skip_line(&file, line, "a time in seconds and an image file", content);
             continue;
         };
         match folder.resolve_named(name) {
@@ -155,10 +150,8 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
             }
         }
     }
-    let unordered = found.array_windows().filter(|[before, here]| here.time < before.time).count();
-    recording.note_unordered(list, unordered);
     // A stable sort: of images with one time, the one listed first is used.
-    found.sort_by(|a, b| a.time.total_cmp(&b.time));
+    recording.note_unordered(list, sort_by_time(&mut found, |image| image.time));
     let mut unique: Vec<TimedImage> = Vec::with_capacity(found.len());
     for image in found {
         match unique.last().is_some_and(|last| last.time == image.time) {
@@ -182,14 +175,11 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
     let (file, text) = recording.folder.lines(POSES)?;
     let mut poses = Vec::new();
     for (line, content) in lines(&text) {
-        match crate::dataset::matrix::parse_numbers::<8>(content).map(TimedPose::new) {
+        match matrix::parse_numbers::<8>(content).map(TimedPose::new) {
             Ok(Some(pose)) => poses.push(pose),
             Ok(None) | Err(_) => {
                 let expected = "finite t tx ty tz and a unit quaternion qx qy qz qw";
-                // Shortened for the message: a damaged line may be of any length.
-                let found = content.chars().take(60).collect();
-                let problem = FrameProblem::Line { expected, found, line };
-                recording.skip(&format!("pose {line}"), file.clone(), problem);
+                recording.skip_line(&file, line, expected, content);
             }
         }
     }
@@ -215,25 +205,7 @@ fn cameras(
     let file = recording.folder.path.join("camera-intrinsics.txt");
     let (file, k) = match stated::in_text_file(recording.folder, size)? {
         Some(stated) => stated,
-        // A stand-in: `cameras_of_lens` uses the option's numbers.
-        None if recording.options.intrinsics.is_some() => (file, PRIMESENSE),
-        // The maker's intrinsics hold for this size only.
-        None if size == (PRIMESENSE.width, PRIMESENSE.height) => {
-            recording.note(
-                "no intrinsics in the folder: the manufacturer's 525, 525, 319.5, 239.5 are used",
-            );
-            (file, PRIMESENSE)
-        }
-        None => {
-            let expected = format!("fx fy cx cy for images of {}x{}", size.0, size.1);
-            let found = "no such file (known cameras have 640x480)".to_owned();
-            return Err(metadata_error(
-                &file,
-                &expected,
-                found,
-                "create it, or set the intrinsics",
-            ));
-        }
+        None => PRIMESENSE.assume(recording, size, (file, "fx fy cx cy"))?,
     };
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     Ok(Some((cameras, is_kinect(&cameras.depth))))
@@ -241,9 +213,10 @@ fn cameras(
 
 fn is_kinect(k: &Intrinsics) -> bool {
     let is_near = |focal: f64, makers: f64| (focal / makers - 1.0).abs() < CALIBRATED;
-    (k.width, k.height) == (PRIMESENSE.width, PRIMESENSE.height)
-        && is_near(k.fx, PRIMESENSE.fx)
-        && is_near(k.fy, PRIMESENSE.fy)
+    let makers = PRIMESENSE.intrinsics;
+    (k.width, k.height) == (makers.width, makers.height)
+        && is_near(k.fx, makers.fx)
+        && is_near(k.fy, makers.fy)
 }
 
 #[derive(Clone, Copy)]
