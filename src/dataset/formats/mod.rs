@@ -174,25 +174,13 @@ mod tests {
     /// Checkpoints and reports contain these names.
     #[test]
     fn names_are_those_of_files() {
-        let named = [
-            (Layout::Blender, "blender"),
-            (Layout::SevenScenes, "seven-scenes"),
-            (Layout::Tum, "tum"),
-            (Layout::Open3d, "open3d"),
-            (Layout::Replica, "replica"),
-            (Layout::Scannet, "scannet"),
-            (Layout::Nerfstudio, "nerfstudio"),
-            (Layout::Record3d, "record3d"),
-            (Layout::Record3dArchive, "record3d-archive"),
-            (Layout::StrayScanner, "stray-scanner"),
-            (Layout::Arkit, "arkit"),
-            (Layout::RtabMap, "rtab-map"),
-            (Layout::ColorDepth, "color-depth"),
-            (Layout::Synthetic, "synthetic"),
-        ];
-        for (layout, name) in named {
-            assert_eq!(layout.name(), name);
-            assert_eq!(serde_json::to_value(layout).unwrap(), name);
-        }
+        let names = "blender seven-scenes tum open3d replica scannet nerfstudio record3d \
+                     record3d-archive stray-scanner arkit rtab-map color-depth synthetic";
+        let layouts = FORMATS.iter().map(|(layout, _)| *layout).chain([Layout::Synthetic]);
+        let found = layouts.map(|layout| {
+            assert_eq!(serde_json::to_value(layout).unwrap(), layout.name());
+            layout.name()
+        });
+        assert_eq!(found.collect::<Vec<_>>().join(" "), names);
     }
 }

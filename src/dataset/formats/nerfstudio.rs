@@ -79,17 +79,14 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             recording.skip(&name, file.clone(), problem);
             continue;
         }
-        let frame = list.recorded(frame, &name, &recording, encoding, &sizes)?;
+        let frame = list.recorded(frame, &name, &recording, encoding, sizes)?;
         recording.add(&name, &file, frame);
     }
     Ok(recording.finish())
 }
 
 /// Sizes of most photographs and of most depth images; `None` if none can be read.
-struct Sizes {
-    color: Option<(u32, u32)>,
-    depth: Option<(u32, u32)>,
-}
+type Sizes = [Option<(u32, u32)>; 2];
 
 fn has_own_camera(frame: &Value) -> bool {
     first_of(frame, &["fl_x", "w", "camera_angle_x"]).is_some()
@@ -123,7 +120,7 @@ impl FrameList<'_> {
         if let Some(size) = color.filter(|_| !frames.iter().any(has_own_camera)) {
             same_size(self.camera(&Value::Null).size(size)?, size, self.file)?;
         }
-        Ok(Sizes { color, depth })
+        Ok([color, depth])
     }
 
     fn encoding(&self, recording: &Recording) -> Result<DepthEncoding, DatasetError> {
@@ -150,7 +147,7 @@ impl FrameList<'_> {
         name: &str,
         recording: &Recording,
         encoding: DepthEncoding,
-        sizes: &Sizes,
+        [most_color, most_depth]: Sizes,
     ) -> Result<Result<RecordedFrame, FrameProblem>, DatasetError> {
         let read = || {
             let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
@@ -166,7 +163,7 @@ impl FrameList<'_> {
             Err(problem) => return Ok(Err(problem)),
         };
         // Focal lengths refer to one image size; an image of another size affects its own frame only.
-        let most = if has_own_camera(frame) { size } else { sizes.color.unwrap_or(size) };
+        let most = if has_own_camera(frame) { size } else { most_color.unwrap_or(size) };
         let camera = self.camera(frame);
         let expected = camera.size(most)?;
         if size != expected {
@@ -174,8 +171,7 @@ impl FrameList<'_> {
         }
         check_model(&camera)?;
         let k = camera.intrinsics(size)?;
-        let cameras =
-            recording.cameras_of_lens(&k, size, sizes.depth.unwrap_or(size), self.file)?;
+        let cameras = recording.cameras_of_lens(&k, size, most_depth.unwrap_or(size), self.file)?;
         let depth = depth.map(|file| DepthSource::new(file, encoding));
         let term = |key: &str| Ok::<_, DatasetError>(camera.number(key)?.unwrap_or(0.0));
         let lens = Distortion {

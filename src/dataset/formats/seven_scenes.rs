@@ -57,8 +57,7 @@ fn recognise(folder: &Folder) -> Option<String> {
     if n_root > 0 {
         return Some(format!("{n_root} `*.color.*` files in the folder"));
     }
-    let with_frames: Vec<String> =
-        folder.subfolders().into_iter().filter(|name| holds_frames(folder, name)).collect();
+    let with_frames = folders_with_frames(folder);
     if !with_frames.is_empty() {
         return Some(format!("`*.color.*` files in {}", with_frames.join(", ")));
     }
@@ -67,8 +66,13 @@ fn recognise(folder: &Folder) -> Option<String> {
     (!lists.is_empty()).then(|| format!("split files {}", lists.join(", ")))
 }
 
-fn holds_frames(folder: &Folder, name: &str) -> bool {
-    folder.list(Path::new(name)).is_ok_and(|l| l.files().any(|n| color_stem(n).is_some()))
+fn folders_with_frames(folder: &Folder) -> Vec<String> {
+    let mut names = folder.subfolders();
+    names.retain(|name| {
+        let listing = folder.list(Path::new(name));
+        listing.is_ok_and(|listing| listing.files().any(|file| color_stem(file).is_some()))
+    });
+    names
 }
 
 fn color_stem(name: &str) -> Option<&str> {
@@ -120,8 +124,7 @@ fn split_folders(
     if folder.listing.files().any(|n| color_stem(n).is_some()) {
         return Ok(vec![("all".to_owned(), vec![String::new()])]);
     }
-    let with_frames: Vec<String> =
-        folder.subfolders().into_iter().filter(|name| holds_frames(folder, name)).collect();
+    let with_frames = folders_with_frames(folder);
     let lists = split_files(folder);
     if lists.is_empty() {
         // Sequences are parts of one recording; only a list divides them into splits.

@@ -46,6 +46,13 @@ pub(super) fn sort_by_time<T>(items: &mut [T], time: impl Fn(&T) -> f64) -> usiz
     n
 }
 
+/// The error that nothing was recorded within [`TOLERANCE`] of a time; `nearest` is in seconds.
+pub(super) fn not_in_time(what: &'static str, time: f64, nearest: Option<f64>) -> FrameProblem {
+    let found = nearest.map(|nearest| format!("the nearest {:.0} ms away", 1e3 * nearest));
+    let found = found.unwrap_or_else(|| "none".to_owned());
+    FrameProblem::NotInTime { what, time, tolerance_ms: 1e3 * TOLERANCE, found }
+}
+
 pub(super) struct Trajectory {
     // Ascending by time, without duplicates.
     poses: Vec<TimedPose>,
@@ -78,15 +85,8 @@ impl Trajectory {
             |pose: Option<&TimedPose>| pose.map_or(f64::INFINITY, |p| (p.time - time).abs());
         let nearest = distance(before).min(distance(after));
         if nearest > TOLERANCE {
-            return Err(FrameProblem::NotInTime {
-                what: "a pose",
-                time,
-                tolerance_ms: 1e3 * TOLERANCE,
-                found: match nearest.is_finite() {
-                    true => format!("the nearest {:.0} ms away", 1e3 * nearest),
-                    false => "no pose".to_owned(),
-                },
-            });
+            let nearest = nearest.is_finite().then_some(nearest);
+            return Err(not_in_time("a pose", time, nearest));
         }
         Ok(match (before, after) {
             (Some(a), Some(b)) => {
@@ -94,8 +94,7 @@ impl Trajectory {
                 let turn = a.turn.slerp(b.turn, t);
                 DMat4::from_rotation_translation(turn, a.position.lerp(b.position, t))
             }
-            (Some(only), None) => only.matrix(),
-            (None, Some(only)) => only.matrix(),
+            (Some(only), None) | (None, Some(only)) => only.matrix(),
             // Not reached: without any pose the distance above is infinite.
             (None, None) => Pose::IDENTITY.to_opencv(),
         })

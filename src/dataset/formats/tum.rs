@@ -16,7 +16,7 @@
 use super::recording::{Cameras, RecordedFrame, Recording, STRUCTURED_LIGHT_RANGE, metadata_error};
 use super::rig::{Clock, ImagePair, Mount, Rig};
 use super::stated::PRIMESENSE;
-use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines, sort_by_time};
+use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines, not_in_time, sort_by_time};
 use super::{rig, stated};
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -257,9 +257,10 @@ impl Poses<'_> {
         shots: &[ImagePair],
         intrinsics: Intrinsics,
     ) -> Self {
-        let at = |time| self.at(time);
+        let tracked = &|time| self.at(time);
         let [depth_reading, color_reading] = [KINECT_DEPTH, KINECT_COLOR];
-        let rig = rig::find(shots, &Clock { at, intrinsics, depth_reading, color_reading });
+        let clock = Clock { tracked, mount: None, intrinsics, depth_reading, color_reading };
+        let rig = rig::find(shots, &clock);
         for (what, delay) in [("depth was", rig.depth_delay), ("photographs were", rig.color_delay)]
         {
             if delay != 0.0 {
@@ -370,13 +371,6 @@ fn nearest(colors: &[TimedImage], time: f64) -> Result<&TimedImage, FrameProblem
     let around = [after.checked_sub(1).and_then(|i| colors.get(i)), colors.get(after)];
     let distance = |image: &&TimedImage| (image.time - time).abs();
     let best = around.into_iter().flatten().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-    best.filter(|image| distance(image) <= TOLERANCE).ok_or_else(|| FrameProblem::NotInTime {
-        what: "a colour image",
-        time,
-        tolerance_ms: 1e3 * TOLERANCE,
-        found: match best {
-            Some(image) => format!("the nearest {:.0} ms away", 1e3 * distance(&image)),
-            None => "no image".to_owned(),
-        },
-    })
+    best.filter(|image| distance(image) <= TOLERANCE)
+        .ok_or_else(|| not_in_time("a colour image", time, best.as_ref().map(distance)))
 }

@@ -60,10 +60,6 @@ impl SyntheticScene {
         &self.room
     }
 
-    pub(super) fn bounds(&self) -> (DVec3, DVec3) {
-        self.room.bounds()
-    }
-
     pub(super) fn radiance(&self, camera: &Camera) -> Image<Vec3> {
         view::radiance(&self.room, &self.light, camera)
     }

@@ -161,11 +161,6 @@ mod tests {
         let depth = depth_camera(&k);
         assert_eq!([depth.width, depth.height], [192, 256]);
     }
-}
-
-#[cfg(test)]
-mod exposure_tests {
-    use super::*;
 
     #[test]
     fn gains_change_in_a_few_steps() {

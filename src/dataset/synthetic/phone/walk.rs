@@ -144,11 +144,6 @@ mod tests {
             }
         }
     }
-}
-
-#[cfg(test)]
-mod drift_tests {
-    use super::*;
 
     #[test]
     fn drift_starts_at_zero_and_stays_small_and_smooth() {

@@ -42,7 +42,7 @@ pub fn write(
         on_frame(done, total);
     };
     match layout {
-        SyntheticLayout::Blender(bits) => blender::write(&plan, out, bits, &mut count),
+        SyntheticLayout::Blender(bits) => blender::write(&plan, |_| true, out, bits, &mut count),
         SyntheticLayout::SevenScenes => sequences::write_seven_scenes(&plan, out, &mut count),
         SyntheticLayout::Tum => sequences::write_tum(&plan, out, &mut count),
         SyntheticLayout::Record3d => sequences::write_record3d(&plan, out, &mut count),
@@ -51,7 +51,7 @@ pub fn write(
         return Ok(());
     }
     let (beside, bits) = (out.join(FREE_FOLDER), DepthBits::Sixteen);
-    blender::write_splits(&plan, |split| !split.is_recorded, &beside, bits, &mut count)
+    blender::write(&plan, |split| !split.is_recorded, &beside, bits, &mut count)
 }
 
 fn check_camera(params: &SyntheticParams, layout: SyntheticLayout) -> Result<(), ParamsError> {
