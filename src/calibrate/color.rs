@@ -68,6 +68,7 @@ fn sample_color(
 ) -> Option<SampledColor> {
     let (projector, estimate) = at;
     let [_, turn] = split_twist(&estimate.poses[view]);
+    // The pose correction turns derivatives as well.
     let by_depth = by_depth.map(|by| by - turn.cross(by));
     let projected = projector.project(pose_corrected(place, view, estimate))?;
     let texel = photos.images[view].sample(photos.level, projected.at)?;
@@ -116,6 +117,7 @@ pub(super) fn color_residuals(
         let there = its.rotation * (own.rotation.transpose() * place + own.centre - its.centre);
         let here = sample_color(photos, at, view, (place, by_depth));
         let there = sample_color(photos, at, other as usize, (there, by_depth.map(across)));
+        // Outside an image, or at a silhouette.
         let (Some(here), Some(there)) = (here, there) else { continue };
         let color = std::array::from_fn(|i| here.color[i] - there.color[i]);
         let mut slope = here.slope;

@@ -106,6 +106,7 @@ impl Matches {
         let mut partition = Partition::new(h);
         let mut samples = Vec::new();
         for (view, points) in views.iter().enumerate() {
+            // View by view: births depend on the order.
             let owners = partition.assign(points);
             let pose = &poses[view];
             samples.extend(points.iter().zip(owners).filter_map(|(&point, owner)| {

@@ -40,6 +40,7 @@ pub use unknowns::CalibratedValue;
 pub const DEFAULT_FRAMES: usize = 24;
 /// Approximate number of pixels used, of all frames together.
 const PIXELS: f64 = 120_000.0;
+/// Minimum number of components seen by several frames.
 const MIN_COMPONENTS: usize = 100;
 /// Structural scale, relative to the scene's, for the check that frames share surfaces: coarse enough for
 /// views with wrong depth.
@@ -62,7 +63,7 @@ pub enum CalibrateError {
     /// The dataset has no such split, or none with depth.
     #[error("{0}")]
     Dataset(#[from] DatasetError),
-    /// The scene preset cannot use its depth.
+    /// The scene preset cannot use the dataset's depth.
     #[error("{0}")]
     Scene(#[from] SceneError),
     /// A frame from which no points can be computed.
@@ -197,6 +198,7 @@ fn survey(
     for i in (0..n).step_by(2).chain((1..n).step_by(2)) {
         match dataset.load(all.split, all.frames[i * total / n]) {
             Ok(frame) => frames.push(frame),
+            // One damaged frame must not end the calibration.
             Err(error) => skipped.push(error.to_string()),
         }
         tick();
@@ -215,6 +217,7 @@ fn survey(
     // Bounds the time: large frames are subsampled, small ones are not.
     let pixels: usize = frames.iter().map(|f| f.color.width * f.color.height).sum();
     let size = [frames[0].color.width, frames[0].color.height].map(|n| n as u32);
+    // All frames of a split have one encoding.
     let along_z = frames[0].depth.as_ref().is_some_and(|depth| depth.kind == DepthKind::Z);
     let input = CalibrationInput {
         along_z,
@@ -227,6 +230,7 @@ fn survey(
             ..plan.start.clone()
         },
         h: run.engine.h,
+        // A root, because the stride applies to columns and rows.
         step: (pixels as f64 / PIXELS).sqrt().ceil() as usize,
         frames,
     };
@@ -242,6 +246,7 @@ fn survey(
 fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, FrameError> {
     let Calibration { depth_offset, depth_scale, color_camera: camera, .. } = input.calibration;
     let matches = input.match_frames(&input.frames, [depth_offset, depth_scale], camera, 1.0)?;
+    // Known gains: differences of exposure are no disagreement of cameras.
     let gains = input.frames.iter().map(|frame| input.calibration.gain(&frame.name)).collect();
     let camera = camera.unwrap_or_else(|| registered(&input.frames[0].camera.intrinsics));
     let at = Unknowns::of(&input.calibration, camera);

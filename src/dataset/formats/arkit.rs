@@ -1,6 +1,6 @@
 //! ARKit packages: a file with one JSON object per line, each a frame with `camera_to_world` (OpenGL axes,
-//! as in ARKit), `intrinsics` for the photograph's size, and the names of its files. Those are the
-//! photograph, depth (32-bit floats without header, metres) and confidence (bytes without header, 0 to 2).
+//! as in ARKit), `intrinsics` for the photograph's size, and the names of three files: photograph, depth
+//! (32-bit floats without header, metres) and confidence (bytes without header, 0 to 2).
 //!
 //! Several apps write such files: keys and the order of matrices differ and are recognised by content. A
 //! matrix with the last row `0 0 0 1` is stored by rows, one with that last column by columns, as in
@@ -63,6 +63,7 @@ fn frame_lines(folder: &Folder) -> Option<&str> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
+    // The default is used only if the file was removed since recognition; reading it then fails.
     let (file, text) = folder.lines(frame_lines(folder).unwrap_or("frames.jsonl"))?;
     let encoding = recording.encoding(CodeKind::BareFloats, Sensor::Lidar, LIDAR_RANGE);
     let (mut seen, mut times) = (BTreeSet::new(), Vec::new());
@@ -166,6 +167,7 @@ impl<'a> FrameLine<'a> {
         });
         let depth = depth.transpose()?.map(ByteSource::File);
         let confidence = named(&CONFIDENCE_KEYS).map(|(_, path)| path).transpose()?;
+        // Each frame has its own camera, which refers to its own photograph.
         let header = decode::header(&color)?;
         Ok((pose, color, depth, confidence.map(Into::into), (header.width, header.height)))
     }

@@ -3,9 +3,8 @@
 //!
 //! 8-bit depth is `8·(1 − d/255)` units along the ray (`dataset.md`, Depth encodings). 16-bit depth is
 //! along the ray too and needs `integer_depth_scale` (or `depth_scale`), world units per step. The range of
-//! positions is
-//! `position_range` (`[[x,y,z],[x,y,z]]`, low and high) if the file has it, else the `[−1, 1]³` of
-//! NeRF-synthetic scenes.
+//! positions is `position_range` (`[[x,y,z],[x,y,z]]`, low and high corner) if the file has it, else the
+//! `[−1, 1]³` of NeRF-synthetic scenes.
 //!
 //! The layout has no version, and files in use differ: `file_path` with or without extension, matrices of
 //! three or four rows, focal lengths instead of the angle. Unambiguous forms are accepted. Ambiguous ones
@@ -57,6 +56,7 @@ fn frame_lists(folder: &Folder) -> Vec<&str> {
 fn is_list(folder: &Folder, name: &str) -> bool {
     // Read completely: a list under another name is recognised by its content alone.
     let Ok(json) = serde_json::from_str::<Value>(&folder.peek_whole(name)) else {
+        // Without valid JSON, only the name shows that this should be a list.
         return name.starts_with(LIST_PREFIX);
     };
     let posed = |f: &Value| f.get("file_path").is_some() && f.get("transform_matrix").is_some();
@@ -75,6 +75,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             parsed.known_range = Some(range);
         }
     }
+    // Its scenes fill this cube without stating it.
     parsed.known_range.get_or_insert_with(PositionRange::nerf_synthetic);
     Ok(parsed)
 }
@@ -173,6 +174,7 @@ impl FrameList {
                 Some(scale) => Some(scale),
                 None => self.camera().number("depth_scale")?,
             };
+            // The user's scale replaces a wrong one in the file.
             match options.depth_scale.or(stated).filter(|s| s.is_finite() && *s > 0.0) {
                 // Scenes of this layout are rendered: 16-bit codes are computed depth.
                 Some(unit) => (CodeKind::Linear16(unit), Sensor::Exact { noise: 0.0 }),
@@ -185,6 +187,7 @@ impl FrameList {
                 }
             }
         } else {
+            // The original export; its scale is fixed.
             (CodeKind::Inverse8, Sensor::Inverse8Ray)
         };
         let trusted = options.depth_range.unwrap_or(ANY_RANGE);

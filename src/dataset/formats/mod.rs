@@ -84,6 +84,7 @@ pub(super) fn parse(
     let recognise = |(layout, format): &'static (Layout, DatasetFormat)| {
         (format.recognise)(folder).map(|why| (*layout, format, why))
     };
+    // All formats are tried: a folder of two recordings must not open as either.
     let mut found: Vec<_> = FORMATS.iter().filter_map(recognise).collect();
     // A file that could not be read could have identified another layout.
     if let Some(error) = folder.take_unread() {
@@ -120,6 +121,7 @@ impl Layout {
     }
 
     pub(super) fn named(name: &str) -> Option<Self> {
+        // Procedural frames have no format, but checkpoints name their layout too.
         let all = FORMATS.iter().map(|(layout, _)| *layout).chain([Self::Synthetic]);
         all.into_iter().find(|layout| layout.name() == name)
     }
@@ -137,6 +139,7 @@ impl Layout {
 
     pub(super) fn known_calibration(self, depth_camera: &Intrinsics) -> Option<Calibration> {
         match self {
+            // Other layouts state their cameras, or have a single lens.
             Self::SevenScenes => seven_scenes::known_calibration(depth_camera),
             _ => None,
         }
@@ -153,7 +156,7 @@ pub(in crate::dataset) struct DatasetFormat {
 
 #[derive(Default)]
 pub(super) struct ParsedFolder {
-    /// Splits, possibly empty ones, which the caller drops.
+    /// Splits; the caller drops empty ones.
     pub splits: Vec<DatasetSplit>,
     pub warnings: Vec<Warning>,
     pub notes: Vec<String>,

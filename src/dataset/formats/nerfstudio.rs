@@ -32,6 +32,7 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 };
 
 const DEPTH_KEYS: [&str; 2] = ["depth_file_path", "depth_path"];
+// `k4` is refused on opening, but marks a list of this layout.
 const LENS_KEYS: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
 
 fn recognise(folder: &Folder) -> Option<String> {
@@ -207,6 +208,7 @@ fn file_of(
 ) -> Result<Option<ByteSource>, FrameProblem> {
     for name in names {
         match folder.resolve_named(&name) {
+            // A folder may have the name of an image without its extension.
             Ok(path) if is_file(&path)? => return Ok(Some(path.into())),
             Ok(_) => {}
             Err(FrameProblem::Read(e)) if e.kind() == std::io::ErrorKind::NotFound => {}

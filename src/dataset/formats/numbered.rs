@@ -39,6 +39,7 @@ impl NumberedFiles {
         let (mut by_number, mut doubled) = (BTreeMap::new(), Vec::new());
         for name in listing.files() {
             let Some(number) = number(name, prefix, extensions) else { continue };
+            // The listing is sorted, so the choice does not depend on the file system.
             match by_number.contains_key(&number) {
                 true => doubled.push((number, name.to_owned())),
                 false => drop(by_number.insert(number, name.to_owned())),
@@ -135,6 +136,7 @@ impl ListedSplit {
         let depths: Vec<_> =
             self.frames.iter().filter_map(|frame| frame.depth.as_ref().ok()).collect();
         let bits = majority(&depths, |depth| decode::header(depth).map(|h| h.bits_per_channel));
+        // Without depth no encoding is used; 8 bits need no scale from the file.
         bits.map(|bits| bits.unwrap_or(8)).ok()
     }
 
@@ -145,6 +147,7 @@ impl ListedSplit {
         encoding: DepthEncoding,
         parsed: &mut ParsedFolder,
     ) -> DatasetSplit {
+        // One frame with depth makes this a split with depth, whose other frames lack a file.
         let has_depth = self.has_depth();
         let mut frames = Vec::with_capacity(self.frames.len());
         for ListedFrame { name, pose, color, depth } in self.frames {

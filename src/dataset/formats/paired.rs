@@ -36,6 +36,7 @@ type PairedImages = (BTreeMap<u64, Pair>, Cameras);
 
 fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError> {
     let folder = recording.folder;
+    // The default is used only if the folder was removed since recognition; listing it then fails.
     let color_name = color_folder(folder).unwrap_or("color");
     let colors = recording.list(color_name, "", &PHOTOGRAPHS)?;
     let depths = recording.list(DEPTH_FOLDER, "", &["png"])?;
@@ -51,6 +52,7 @@ fn encoding(recording: &Recording) -> DepthEncoding {
 struct Pair {
     name: String,
     color: Option<ByteSource>,
+    // As text: problems hold I/O errors, which cannot be cloned.
     depth: Result<ByteSource, String>,
 }
 

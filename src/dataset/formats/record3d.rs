@@ -2,9 +2,8 @@
 //!
 //! Both contain `metadata`, one JSON object. `K` is nine numbers by columns, for images of the photograph's
 //! size; `poses` has one `qx qy qz qw tx ty tz` per frame, camera to world in OpenGL axes. The archive
-//! contains
-//! `rgbd/N.jpg`, `rgbd/N.depth` (32-bit floats in metres, LZFSE-compressed) and `rgbd/N.conf` (0 to 2); the
-//! folder contains `rgb/N.jpg` and `depth/N.exr`. `perFrameIntrinsicCoeffs` (`fx fy cx cy`) are the
+//! contains `rgbd/N.jpg`, `rgbd/N.depth` (32-bit floats in metres, LZFSE-compressed) and `rgbd/N.conf` (0 to
+//! 2); the folder contains `rgb/N.jpg` and `depth/N.exr`. `perFrameIntrinsicCoeffs` (`fx fy cx cy`) are the
 //! intrinsics of each frame, which autofocus changes.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};

@@ -1,9 +1,7 @@
 //! Common steps of all layouts of image sequences.
 //!
-//! A sequence has one split, `all`. The frames held out of it when it is the training split are also the
-//! split
-//! `held-out`. Depth has its own camera; its intrinsics follow from the photograph's if both share one
-//! lens.
+//! A sequence has the split `all`. The split `held-out` repeats the frames that training on `all` holds out.
+//! Depth has its own camera; its intrinsics follow from the photograph's if both share one lens.
 
 use super::numbered::NumberedFiles;
 use super::stated::majority;
@@ -113,6 +111,7 @@ impl<'a> Recording<'a> {
         extensions: &[&str],
     ) -> Result<NumberedFiles, DatasetError> {
         let path = self.folder.path.join(name);
+        // A missing folder costs the whole recording, a doubled file only a warning.
         let files =
             NumberedFiles::list(self.folder, name, prefix, extensions).map_err(|problem| {
                 metadata_error(&path, "a folder of frames", problem.to_string(), "restore it")
@@ -164,6 +163,7 @@ impl<'a> Recording<'a> {
 
     /// Makes one split of all frames. If any frame has depth, frames without depth are skipped.
     pub fn finish(mut self) -> ParsedFolder {
+        // A recording without any depth is photographs alone, and nothing is missing.
         let has_depth = self.frames.iter().any(|frame| frame.depth_path().is_some());
         if has_depth {
             let (with, without): (Vec<_>, Vec<_>) =
@@ -199,6 +199,7 @@ impl<'a> Recording<'a> {
         let codes = match codes {
             CodeKind::Linear16(unit) => CodeKind::Linear16(scaled(unit)),
             CodeKind::ByContent(unit) => CodeKind::ByContent(scaled(unit)),
+            // These have no unit that a user could correct.
             other => other,
         };
         let trusted = self.options.depth_range.unwrap_or(trusted);
@@ -206,6 +207,7 @@ impl<'a> Recording<'a> {
     }
 
     pub fn least_confidence(&self) -> u8 {
+        // Of 0 to 2; at 0 the sensor itself does not trust its value.
         self.options.confidence.unwrap_or(1)
     }
 

@@ -32,6 +32,7 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const POSES: &str = "traj.txt";
 const IMAGES: &str = "results";
 const CAMERA: &str = "cam_params.json";
+/// Codes per metre of NICE-SLAM's renderings: 16 bits span 10 m.
 const CODES_PER_METRE: f64 = 6553.5;
 const PUBLISHED: KnownCamera = KnownCamera {
     source: "published",
@@ -48,6 +49,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
+    // Both kinds of images are in one folder; prefixes tell them apart.
     let colors = recording.list(IMAGES, "frame", &PHOTOGRAPHS)?;
     let depths = recording.list(IMAGES, "depth", &["png"])?;
     let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
@@ -116,6 +118,7 @@ fn camera(
     };
     same_size((width, height), size, &file)?;
     let scale = number("scale").unwrap_or(CODES_PER_METRE);
+    // Lengths are divided by it.
     if !(scale.is_finite() && scale > 0.0) {
         let expected = "a positive `scale`, codes per metre";
         return Err(metadata_error(&file, expected, scale.to_string(), "correct it"));

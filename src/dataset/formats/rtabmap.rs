@@ -1,12 +1,11 @@
 //! RTAB-Map's export: `rgb/`, `depth/` (millimetres), `calib/*.yaml` (or `calib.yaml`, `calibration.yaml`)
-//! and poses. These are in TUM's form (`t x y z qx qy qz qw`, optionally with the image's number) or
-//! KITTI's (twelve numbers of a 3×4 matrix).
+//! and poses, in TUM's form (`t x y z qx qy qz qw`, optionally with the image's number) or KITTI's (twelve
+//! numbers of a 3×4 matrix).
 //!
 //! Images are named by number or by time: a pose belongs to the image of its number, its time, or its place
 //! in the list. If the calibration contains the camera's mount on the robot (`local_transform`), poses are
-//! the robot's (`--poses`). They are the camera's if their file name contains `camera` (`--poses_camera`
-//! writes
-//! `…_camera_poses.txt`).
+//! the robot's (`--poses`). They are the camera's if their file name contains `camera`, as in
+//! `…_camera_poses.txt` (`--poses_camera`).
 
 use super::recording::{RecordedFrame, Recording, check_intrinsics, metadata_error, same_size};
 use super::stated;
@@ -124,6 +123,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     // A phone's lidar has a lower resolution than its photographs; depth cameras do not.
     let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
     let encoding = recording.encoding(CodeKind::ByContent(MILLIMETRE), sensor, TRUSTED_DEPTH);
+    // The default is used only if the file was removed since recognition; reading it then fails.
     let pose_name = pose_file(folder).unwrap_or("poses.txt");
     let (file, text) = folder.lines(pose_name)?;
     let on_robot = match pose_name.contains(OF_CAMERA) {
@@ -279,7 +279,7 @@ fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
     })
 }
 
-/// Text of a matrix's numbers, between its brackets.
+/// Text between the brackets of a matrix's `data`.
 fn data<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     let (_, rest) = text.split_once(key)?.1.split_once("data:")?;
     Some(rest.split_once('[')?.1.split_once(']')?.0)

@@ -71,6 +71,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 fn read_pose(folder: &Folder, poses: &NumberedFiles, number: u64) -> Result<Pose, FrameProblem> {
     let file = poses.file(folder, number).transpose()?;
     let file = file.ok_or_else(|| FrameProblem::MissingPose(format!("{POSES}/{number}.txt")))?;
+    // Where tracking was lost, the pose is `-inf`; `Pose` refuses it, which becomes a warning.
     let text = read_small_text(&file)?;
     Ok(Pose::from_opencv(matrix::from_text(&text)?)?)
 }
@@ -84,6 +85,7 @@ fn cameras(
     let of_depth = intrinsics(recording.folder, "intrinsic_depth.txt", depth)?;
     match (of_color, of_depth) {
         (Some((color_file, of_color)), Some((_, of_depth)))
+            // The user's numbers describe one lens.
             if recording.options.intrinsics.is_none() =>
         {
             // Only size and lens differ: the exporter aligns poses to both cameras, and its extrinsics are
@@ -123,6 +125,7 @@ fn intrinsics(
 ) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
     let relative = format!("{INTRINSICS}/{name}");
     let path = folder.path.join(&relative);
+    // Either file may be missing, but not unreadable.
     if !is_file(&path).map_err(|source| DatasetError::Read { path, source })? {
         return Ok(None);
     }

@@ -150,6 +150,7 @@ fn split_folders(
                 }
             }
         }
+        // Without folders the split is empty, and the caller drops it.
         splits.push((split, folders));
     }
     note_shared(&splits, parsed);
@@ -236,6 +237,7 @@ fn read_pose(
     listing: &FolderListing,
     name: &str,
 ) -> Result<Pose, FrameProblem> {
+    // A missing pose and an unreadable one have different remedies.
     if !listing.has_file(name) {
         return Err(FrameProblem::MissingPose(name.to_owned()));
     }

@@ -107,12 +107,12 @@ pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
     }
 }
 
-/// The value of the first key that is there.
+/// Value of the first of the keys that is present.
 pub(super) fn first_of<'a>(json: &'a Value, keys: &[&str]) -> Option<&'a Value> {
     keys.iter().find_map(|key| json.get(key))
 }
 
-/// Columns or rows of an image, by the first key that is there.
+/// Width or height of an image, from the first of the keys that is present.
 pub(super) fn side(json: &Value, keys: &[&str]) -> Option<u32> {
     u32::try_from(first_of(json, keys)?.as_u64()?).ok()
 }
@@ -125,6 +125,7 @@ pub(super) fn array<'a>(json: &'a Value, key: &str) -> &'a [Value] {
 /// Name of a frame list's entry: its path, or its place if it has none.
 pub(super) fn entry_name(entry: &Value, place: usize) -> String {
     let path = entry.get("file_path").and_then(Value::as_str);
+    // Exporters differ in the leading `./`.
     path.map_or_else(|| place.to_string(), |path| path.trim_start_matches("./").to_owned())
 }
 
@@ -173,7 +174,7 @@ pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsic
     Ok(None)
 }
 
-/// Camera parameters of a frame, or of the list for all of its frames.
+/// Camera parameters of a frame; the list's values apply where the frame has none.
 #[derive(Clone, Copy)]
 pub(super) struct FrameCamera<'a> {
     pub frame: &'a Value,
@@ -193,8 +194,9 @@ impl FrameCamera<'_> {
         })
     }
 
-    /// Columns and rows; `unless` replaces missing ones.
+    /// Stated width and height; `unless` where they are missing.
     pub fn size(&self, unless: (u32, u32)) -> Result<(u32, u32), DatasetError> {
+        // The cast saturates: an absurd size fails the comparison with the images.
         let side = |n: Option<f64>, unless: u32| n.map_or(unless, |n| n as u32);
         Ok((side(self.number("w")?, unless.0), side(self.number("h")?, unless.1)))
     }
@@ -203,6 +205,7 @@ impl FrameCamera<'_> {
     /// and a centred principal point unless it is stated.
     pub fn intrinsics(&self, (width, height): (u32, u32)) -> Result<Intrinsics, DatasetError> {
         let (fx, mut fy) = match (self.number("fl_x")?, self.number("camera_angle_x")?) {
+            // Pixels are square unless `fl_y` follows.
             (Some(fx), _) => (fx, fx),
             (None, Some(angle)) => {
                 let fx = self.focal_length(width, angle)?;
@@ -225,6 +228,7 @@ impl FrameCamera<'_> {
     fn focal_length(&self, side: u32, radians: f64) -> Result<f64, DatasetError> {
         let degrees = radians.to_degrees();
         if is_plausible_field_of_view(degrees) {
+            // Serves the vertical angle too: only the length of its side matters.
             return Ok(Intrinsics::from_horizontal_fov(side, side, radians).fx);
         }
         // Up to 180, the value is probably an angle in degrees.
@@ -282,27 +286,24 @@ pub(super) fn majority<S, T: Copy + PartialEq, E>(
     files: &[S],
     ask: impl Fn(&S) -> Result<T, E>,
 ) -> Result<Option<T>, E> {
-    let n = files.len().min(SAMPLED_FILES);
-    // Evenly spaced: an odd frame, even the first, costs only itself.
-    let is_asked = |(at, _): &(usize, &S)| (0..n).any(|i| i * files.len() / n == *at);
-    let (mut answers, mut error) = (Vec::new(), None);
     // Retried once: a passing disk error would change the result for all frames silently.
     let ask = |file: &S| ask(file).or_else(|_| ask(file));
-    let mut note = |answer: Result<T, E>| match answer {
-        Ok(answer) => answers.push(answer),
-        Err(e) => drop(error.get_or_insert(e)),
-    };
-    files.iter().enumerate().filter(is_asked).for_each(|(_, file)| note(ask(file)));
-    // If no sampled file is readable, any other one decides: damaged images must not cost the recording.
-    let mut others = files.iter().enumerate().filter(|file| !is_asked(file));
-    let n_votes = |answer: &T| answers.iter().filter(|other| *other == answer).count();
-    let mut most: Option<T> = None;
-    for answer in &answers {
-        if most.is_none_or(|most| n_votes(answer) > n_votes(&most)) {
-            most = Some(*answer);
+    let n = files.len().min(SAMPLED_FILES);
+    // Evenly spaced: an odd frame, even the first, costs only itself.
+    let is_sampled = |(at, _): &(usize, &S)| (0..n).any(|i| i * files.len() / n == *at);
+    let (sampled, others): (Vec<_>, Vec<_>) = files.iter().enumerate().partition(is_sampled);
+    let (mut answers, mut error) = (Vec::new(), None);
+    for (_, file) in sampled {
+        match ask(file) {
+            Ok(answer) => answers.push(answer),
+            Err(e) => drop(error.get_or_insert(e)),
         }
     }
-    match most.or_else(|| others.find_map(|(_, file)| ask(file).ok())) {
+    let n_votes = |answer: &&T| answers.iter().filter(|other| *other == *answer).count();
+    // `max_by_key` returns the last of equals, which is the first file's in reverse.
+    let most = answers.iter().rev().max_by_key(n_votes).copied();
+    // If no sampled file is readable, any other one decides: damaged images must not cost the recording.
+    match most.or_else(|| others.into_iter().find_map(|(_, file)| ask(file).ok())) {
         Some(answer) => Ok(Some(answer)),
         None => error.map_or(Ok(None), Err),
     }

@@ -72,9 +72,11 @@ impl Files {
             (Some(colors), _) => colors.file(folder, frame).map(|file| file.map(Into::into)),
             (None, Some(video)) => Some(Ok(ByteSource::VideoFrame {
                 video: Arc::clone(video),
+                // No video has that many pictures, so only this frame fails.
                 index: usize::try_from(frame).unwrap_or(usize::MAX),
             })),
             (None, None) => {
+                // A grey picture has the size of the depth image.
                 let depth = self.depths.file(folder, frame)?;
                 Some(depth.map(ByteSource::Grey))
             }
@@ -142,6 +144,7 @@ fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
             let hint = "copy the video from the phone, or open the recording with geometry only";
             return Err(metadata_error(&path, "the recording's video", found, hint));
         }
+        // Checked on opening: otherwise every frame would fail.
         if !Video::is_ffmpeg_available() {
             let expected = "an installed `ffmpeg` to decode this video, or images in rgb/";
             let hint = format!(

@@ -33,7 +33,7 @@ impl TimedPose {
     }
 }
 
-/// Lines of a list that hold something, with their numbers from 1; `#` begins a comment.
+/// Lines that are neither empty nor a comment (`#`), with their numbers from 1.
 pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
@@ -59,11 +59,12 @@ pub(super) struct Trajectory {
 }
 
 impl Trajectory {
-    /// Sorts poses by time; of poses with equal times the first one stays. Also returns the numbers of
-    /// poses that were out of order and that were removed.
+    /// Sorts poses by time and removes those with the time of an earlier one. Also returns how many were out
+    /// of order, and how many were removed.
     pub fn new(mut poses: Vec<TimedPose>) -> (Self, usize, usize) {
         let unordered = sort_by_time(&mut poses, |pose| pose.time);
         let n = poses.len();
+        // Interpolation divides by the time between two poses.
         poses.dedup_by(|later, first| later.time == first.time);
         let doubled = n - poses.len();
         (Self { poses }, unordered, doubled)

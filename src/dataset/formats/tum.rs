@@ -1,7 +1,7 @@
 //! TUM RGB-D: `rgb.txt` and `depth.txt` list images by time, `groundtruth.txt` poses (`t tx ty tz qx qy qz
 //! qw`, camera to world, OpenCV axes). Depth is in steps of 1/5000 m and registered to colour.
 //!
-//! Nothing was recorded at the same time. A frame is a depth image, the photograph nearest in time, and the
+//! Images and poses have times of their own. A frame is a depth image, the photograph nearest in time, and the
 //! pose interpolated at the depth's time: at 100° a second, the camera rotates by half a degree between two
 //! poses at 100 Hz. Between depth image and photograph, up to 18 ms apart, it rotates by two degrees, or 18
 //! pixels, so the photograph has its own camera, placed by the trajectory at its own time.
@@ -94,8 +94,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         .filter(|depth| !is_growing || has_all_data(depth, poses, &colors))
         .collect();
     let poses = match poses {
-        // In a growing recording, later frames would change the estimate for the first ones.
+        // In a growing recording, later frames would change the estimate for the first ones. The search
+        // projects photographs by the depth camera.
         Some(poses) if is_kinect && !is_growing && cameras.color.is_none() => {
+            // Paths only: the search reads the few images that it needs.
             let shots = taken.iter().filter_map(|depth| shot(depth, &colors, encoding));
             let shots: Vec<ImagePair> = shots.collect();
             Some(poses.with_estimated_rig(&mut recording, &shots, cameras.depth))
@@ -235,13 +237,13 @@ impl Poses<'_> {
         self.mounted(matrix).ok()
     }
 
-    /// The same in the layout's convention. The user's convention is applied later, to poses read in the
-    /// layout's.
+    /// As [`Self::at`], but in the layout's convention. Opening the dataset replaces it by the user's.
     fn stated_at(&self, time: f64) -> Result<Pose, FrameProblem> {
         let matrix = self.trajectory.at(time)?;
         let pose = self.mounted(matrix)?;
         match self.convention {
             None => Ok(pose),
+            // Undoes the convention that opening applies afterwards.
             Some(asked) => Ok(FORMAT.poses.pose(asked.matrix(&pose))?),
         }
     }
@@ -303,8 +305,8 @@ impl Poses<'_> {
         }
     }
 
-    /// Cameras with the photograph taken at another time than depth; unchanged if the trajectory has no
-    /// pose there.
+    /// Places the colour camera at the photograph's time; unchanged if the trajectory has no pose at one of
+    /// the times.
     fn cameras_at_times(&self, cameras: Cameras, size: [u32; 2], times: [f64; 2]) -> Cameras {
         // One pose suffices, and colours stay registered to depth.
         if (times[0] - times[1]).abs() < SIMULTANEOUS {
@@ -351,6 +353,7 @@ fn frame(
 }
 
 fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<ImagePair> {
+    // A missing photograph is reported when the frame itself is made.
     let color = nearest(colors, depth.time).ok()?;
     let file = ByteSource::File(depth.path.clone());
     Some(ImagePair {

@@ -149,6 +149,7 @@ impl LightMaps {
     pub fn bake(room: &FurnishedRoom) -> Self {
         let map = |shape: &Shape, face| LightMap::bake(room, shape, face);
         let maps = room.solids.iter().map(|solid| match solid.texture.is_emissive() {
+            // Emitted light does not depend on the light received.
             true => Vec::new(),
             false => (0..solid.shape.n_faces()).map(|face| map(&solid.shape, face)).collect(),
         });

@@ -181,6 +181,7 @@ fn leaves(at: &SurfaceSample) -> Vec3 {
 }
 
 fn rug(at: &SurfaceSample) -> Vec3 {
+    // The chart of the round rug is the square around it.
     let p = (at.uv - 0.5).as_vec2() * 2.0;
     let (radius, angle) = (p.length(), p.y.atan2(p.x));
     let blur = at.pixel_footprint / 1.45;
@@ -232,6 +233,7 @@ fn drawers(m: Vec2, at: &SurfaceSample) -> Vec3 {
     if at.face != 2 {
         return base;
     }
+    // Two rows of three on 1.9 m; rounded up, so that no fourth column begins at the edge.
     let cell = m / Vec2::new(0.6334, 0.35);
     let p = cell - cell.floor() - 0.5;
     let from_edge = 0.5 - p.abs().max_element();
@@ -250,6 +252,7 @@ fn landscape(at: &SurfaceSample) -> Vec3 {
         [(0, vec3(0.36, 0.36, 0.50)), (1, vec3(0.16, 0.30, 0.28)), (2, vec3(0.10, 0.20, 0.09))]
     {
         let x = p.x * (2.5 + i as f32) + 3.7 * i as f32;
+        // Fixed seeds: the picture is the same in every room.
         let ridge = 0.46 - 0.15 * i as f32
             + 0.16 * noise2(Vec2::new(x, 0.5), 11)
             + 0.05 * noise2(Vec2::new(x * 4.0, 2.5), 12);
@@ -271,6 +274,7 @@ fn abstract_blocks(at: &SurfaceSample) -> Vec3 {
     ];
     let p = at.uv.as_vec2();
     let cell = |cuts: &[f32; 3], v: f32| cuts.iter().filter(|c| v > **c).count() as i32;
+    // A fixed seed, as for the landscape.
     let pick = hash(cell(&X, p.x), cell(&Y, p.y), 29) * COLORS.len() as f32;
     let distance =
         |cuts: &[f32; 3], v: f32| cuts.iter().map(|c| (v - c).abs()).fold(f32::INFINITY, f32::min);
@@ -280,6 +284,7 @@ fn abstract_blocks(at: &SurfaceSample) -> Vec3 {
 
 fn window(m: Vec2, at: &SurfaceSample) -> Vec3 {
     let v = at.uv.y as f32;
+    // Fixed seeds: the view is the same in every room.
     let clouds =
         noise2(m * Vec2::new(2.5, 5.0), 41) * 0.7 + noise2(m * Vec2::new(7.0, 13.0), 42) * 0.3;
     let sky = vec3(1.1, 1.6, 2.3).lerp(Vec3::splat(2.6), ((clouds - 0.45) * 3.0).clamp(0.0, 1.0));

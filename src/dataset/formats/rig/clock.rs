@@ -64,10 +64,11 @@ const FEWEST: usize = 6;
 /// Step between the delays that are tried, seconds, and number of steps to either side.
 const STEP: f64 = 0.005;
 const N_STEPS: usize = 8;
-/// Least relative decrease of the mean distance, largest difference between both halves of the pairs,
-/// seconds, and least delay that is reported, seconds.
+/// Minimum relative decrease of the mean distance.
 const FALL: f64 = 0.05;
+/// Maximum difference between the delays of both halves of the pairs, seconds.
 const AGREED: f64 = 0.008;
+/// Minimum delay that is reported, seconds.
 const LEAST: f64 = 0.004;
 
 /// Delay with the least mean `distance` over all pairs; `None` if it is undetermined or negligible.
@@ -106,7 +107,8 @@ fn sum<'a>(rows: impl Iterator<Item = &'a Distances>) -> Distances {
     })
 }
 
-/// Delay of the least distance, and that distance; `None` at either end, where the minimum may lie outside.
+/// Delay of the smallest distance, and that distance; `None` at either end, where the minimum may be outside
+/// the range.
 fn lowest(distances: &Distances) -> Option<(f64, f64)> {
     let triples = distances.array_windows().enumerate();
     let (before, [left, here, right]) = triples.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))?;
@@ -127,7 +129,8 @@ const MOST_SHAKEN: f64 = 0.35;
 const MOST_TURNED: f64 = 0.6;
 /// Least difference of rotation rates, radians per second: 1.5 pixels of a Kinect in 10 ms.
 const LEAST_CHANGE: f64 = 0.3;
-/// Least rotation within a pair, radians: a twentieth of a common pose error remains visible within it.
+/// Minimum rotation within a pair, radians: of an error common to both poses, a twentieth remains as a
+/// difference between them.
 const LEAST_TURN: f64 = 0.05;
 /// Half the time over which a rotation rate is measured, seconds.
 const RATE: f64 = 0.01;
@@ -161,6 +164,7 @@ fn chosen<'a>(
         shots.iter().filter_map(|shot| RotatingImage::new(shot, clock)).collect();
     let n = turning.len();
     let anchors = n.min(PAIRS);
+    // Evenly spaced anchors: the estimate then holds for the whole recording.
     let pair = |i: usize| {
         let (first, behind) = turning.get(i * n / anchors..)?.split_first()?;
         let partners = behind.iter().take(REACH).filter(|second| first.angle(second) < most_turn);

@@ -60,6 +60,7 @@ impl<'a> Pair<'a> {
         let sample = |column: usize, row: usize, pose: &Pose| {
             let world = pose.transform_point(k.ray(column, row) * trusted(a, column, row)?);
             let [u, v, expected] = to.project(world)?;
+            // Pixel centres are at +½, so truncation finds the pixel that contains the point.
             Some(make(world, (trusted(b, u as usize, v as usize)? - expected) / expected))
         };
         let columns = || (EVERY / 2..k.width as usize).step_by(EVERY);

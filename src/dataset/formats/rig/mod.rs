@@ -48,9 +48,11 @@ pub(super) fn find(shots: &[ImagePair], clock: &Clock<'_>) -> Rig {
     let delay = estimate_delay(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
     let at_once = &clock.without_readout();
     let all: Vec<&depth::Pair<'_>> = shaken.iter().collect();
+    // A tie, as without pairs, keeps the expectation.
     let reads_rows = depth::total(&all, clock, delay) <= depth::total(&all, at_once, delay);
     let clock = if reads_rows { clock } else { at_once };
     let mount = mount_search::find(&loaded(clock::pairs_by_rotation(shots, clock)), clock, delay);
+    // Photographs come last: their common points need the delay and mount of depth.
     let clock = &clock.mounted(mount);
     let shaken: Vec<color::Pair> =
         shaken.into_par_iter().filter_map(|pair| color::Pair::load(&pair, clock, delay)).collect();

@@ -91,7 +91,7 @@ impl Search<'_> {
         mount_of(best)
     }
 
-    /// Point with the least distance along a step, and that distance. Noise makes the slopes too large and
+    /// Point with the smallest distance along a step, and that distance. Noise makes the slopes too large and
     /// steps too short, so a step is doubled as long as the distance falls.
     fn lowest_along(&self, pairs: &[&Pair<'_>], from: Vector, step: &Vector) -> (Vector, f64) {
         let at = |times: f64| {
@@ -133,6 +133,7 @@ impl Search<'_> {
                 Some(())
             });
             if let (Some(()), Some(here)) = (slopes.collect(), here) {
+                // An inverse variance, comparable with that of the prior.
                 let weight = 1.0 / (1.0 + (here / ROBUST).powi(2)) / (ALIKE * ROBUST * ROBUST);
                 equations.add_residual(*here, &slope, weight);
             }

@@ -48,6 +48,7 @@ pub(super) fn create_empty_folder(path: &Path) -> Result<(), WriteError> {
 }
 
 pub(super) fn write_jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
+    // JPEG has no alpha.
     let rgb: Vec<u8> = image.data.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
     let mut encoded = Vec::new();
     JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)

@@ -69,7 +69,9 @@ impl LiveFiles {
             append(&out.join(name), &lines[..head])?;
             lists.push((out.join(name), lines, head, of_frame));
         }
+        // What does not grow, such as intrinsics, precedes all frames.
         rest.iter().try_for_each(|path| copy(finished, out, path))?;
+        // Every kind of file has one file per frame.
         let n = columns.first().map_or(0, Vec::len);
         for i in 0..n {
             due(i, n);

@@ -56,6 +56,7 @@ pub(super) fn write_tum(
     let mut poses = "# timestamp tx ty tz qx qy qz qw\n".to_owned();
     for frame in plan.recorded_frames() {
         let SyntheticView { color, depth_z } = frame.view();
+        // Microseconds, as in the published recordings.
         let time = format!("{:.6}", frame.time);
         write_png(&out.join(format!("rgb/{time}.png")), &color, Rgba8)?;
         write_png(&out.join(format!("depth/{time}.png")), &quantise(&depth_z, TUM_UNIT), L16)?;
@@ -64,6 +65,7 @@ pub(super) fn write_tum(
             let _ = writeln!(list, "{time} {folder}/{time}.png");
         }
         let (p, q) = (frame.pose.centre(), DQuat::from_mat4(&frame.pose.to_opencv()));
+        // `{:e}` writes the fewest digits that parse to the same number.
         let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(|v| format!("{v:e}")).join(" ");
         let _ = writeln!(poses, "{time} {numbers}");
         on_frame();
