@@ -32,7 +32,9 @@ impl CameraUnknowns {
 
     pub fn parameters_of(&self, other: &ColorCamera) -> [f64; N] {
         let ([x, y, _], [cx, cy]) = (other.offset, other.principal);
+        // A difference of rotation vectors, accurate because these rotations are small.
         let roll = other.rotation[2] - self.start.rotation[2];
+        // Both focal lengths share the factor, so one axis suffices.
         [x, y, roll, (other.focal[0] / self.start.focal[0]).ln(), cx, cy]
     }
 

@@ -4,7 +4,7 @@
 //! that sees the component. An inaccurate camera causes a colour difference.
 
 use super::camera::Projector;
-use super::exposure::Patch;
+use super::gains::Patch;
 use super::matches::{MatchedPoint, Matches};
 use super::pyramid::Pyramid;
 use super::unknowns::{CAMERA, Estimate, N, Unknowns, WITH_POSE, split_twist};
@@ -68,6 +68,7 @@ fn sample_color(
 ) -> Option<SampledColor> {
     let (projector, estimate) = at;
     let [_, turn] = split_twist(&estimate.poses[view]);
+    // The pose correction turns derivatives as well.
     let by_depth = by_depth.map(|by| by - turn.cross(by));
     let projected = projector.project(pose_corrected(place, view, estimate))?;
     let texel = photos.images[view].sample(photos.level, projected.at)?;
@@ -116,6 +117,7 @@ pub(super) fn color_residuals(
         let there = its.rotation * (own.rotation.transpose() * place + own.centre - its.centre);
         let here = sample_color(photos, at, view, (place, by_depth));
         let there = sample_color(photos, at, other as usize, (there, by_depth.map(across)));
+        // Outside an image, or at a silhouette.
         let (Some(here), Some(there)) = (here, there) else { continue };
         let color = std::array::from_fn(|i| here.color[i] - there.color[i]);
         let mut slope = here.slope;
@@ -147,16 +149,12 @@ pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<
             let view = run[0].view;
             let image = &photos.images[view as usize];
             let mut patch = Patch::new(component as u32, view);
-            run.iter()
-                .filter_map(|s| {
-                    projector.project(pose_corrected(
-                        measured_position(matches, s, at).0,
-                        view as usize,
-                        at,
-                    ))
-                })
-                .filter_map(|projected| image.sample(photos.level, projected.at))
-                .for_each(|texel| patch.add(texel.color));
+            for sample in run {
+                let place = measured_position(matches, sample, at).0;
+                let projected = projector.project(pose_corrected(place, view as usize, at));
+                let texel = projected.and_then(|point| image.sample(photos.level, point.at));
+                texel.into_iter().for_each(|texel| patch.add(texel.color));
+            }
             patches.push(patch);
         }
     }

@@ -72,6 +72,7 @@ impl Covariance {
         let mut block: Vec<f64> =
             self.values.chunks_exact(self.n).take(m).flat_map(|row| row[..m].to_vec()).collect();
         (0..m).for_each(|i| block[i * m + i] += self.own[i]);
+        // A difference of undetermined values is not significant.
         Cholesky::new(m, &block).map_or(0.0, |factor| {
             let solved = factor.solve(apart);
             solved.iter().zip(apart).map(|(a, b)| a * b).sum::<f64>().sqrt()
@@ -79,6 +80,7 @@ impl Covariance {
     }
 }
 
+/// Minimum number of views whose scatter is estimated.
 const SCATTERED: usize = 5;
 
 pub(super) struct Scatter {

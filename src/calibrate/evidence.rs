@@ -12,7 +12,7 @@ use super::camera::Projector;
 use super::color;
 use super::color::{ColorResidual, Photos, color_residuals};
 use super::covariance::overdispersion;
-use super::exposure::exposure;
+use super::gains::fit_gains;
 use super::matches::{MatchedPoint, Matches};
 use super::pyramid::Pyramid;
 use super::unknowns::{DEPTH, Estimate, SensorPrior, Twist, Unknowns, WITH_POSE};
@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 /// Components per partial sum; the sums do not depend on the number of threads.
 const CHUNK: usize = 1024;
-/// Every `SAMPLED`-th component is used to estimate the median residual.
+/// Stride of the components whose residuals determine the median.
 const MEDIAN_SAMPLE_STRIDE: usize = 5;
 /// Residual, in medians, at which a point has weight ½.
 const OUTLYING: f64 = 4.0;
@@ -87,15 +87,16 @@ impl<'a> Evidence<'a> {
 
     pub fn update_weights(&mut self, at: &Estimate) {
         self.weights.iter_mut().for_each(|weights| weights.fill(1.0));
-        // The median of perfect data is zero.
-        self.half_weight_squares = self
-            .median_squares(at)
-            .map(|usual| (OUTLYING * OUTLYING * usual).max(f64::MIN_POSITIVE));
         let squares = self.squared_residuals(at);
+        // The median of perfect data is zero.
+        self.half_weight_squares = squares.each_ref().map(|squares| {
+            (OUTLYING * OUTLYING * self.sampled_median(squares)).max(f64::MIN_POSITIVE)
+        });
         for ((weights, squares), knee) in
             self.weights.iter_mut().zip(squares).zip(self.half_weight_squares)
         {
             let weigh = |(weight, square): (&mut f32, Option<f64>)| {
+                // A point without a residual is outside an image, or its component has no plane.
                 *weight = square.map_or(1.0, |square| 1.0 / (1.0 + square / knee)) as f32;
             };
             weights.iter_mut().zip(squares).for_each(weigh);
@@ -126,7 +127,7 @@ impl<'a> Evidence<'a> {
 
     pub fn update_gains(&mut self, at: &Estimate) {
         let patches = color::patches(&self.matches, &self.photos(), at);
-        self.gains = exposure(&patches, self.images.len()).gains;
+        self.gains = fit_gains(&patches, self.images.len());
     }
 
     fn photos(&self) -> Photos<'_> {
@@ -167,21 +168,17 @@ impl<'a> Evidence<'a> {
         color_residuals(&self.matches, &self.photos(), run, at, &mut buffers.colors);
     }
 
-    fn median_squares(&self, at: &Estimate) -> [f64; 2] {
-        let projector = Projector::new(&at.unknowns.camera);
-        let (mut buffers, mut found) = (Buffers::default(), [Vec::new(), Vec::new()]);
-        for component in (0..self.matches.len()).step_by(MEDIAN_SAMPLE_STRIDE) {
-            self.compute_residuals((&projector, at), component, &mut buffers);
-            found[0].extend(buffers.planes.iter().map(|p| p.off * p.off * p.precision));
-            found[1].extend(buffers.colors.iter().map(ColorResidual::square));
+    fn sampled_median(&self, squares: &[Option<f64>]) -> f64 {
+        let sampled = (0..self.matches.len()).step_by(MEDIAN_SAMPLE_STRIDE).flat_map(|component| {
+            let first = self.matches.start_of(component);
+            &squares[first..first + self.matches.points_of(component).len()]
+        });
+        let mut sampled: Vec<f64> = sampled.flatten().copied().collect();
+        if sampled.is_empty() {
+            return 0.0;
         }
-        found.map(|mut squares| {
-            if squares.is_empty() {
-                return 0.0;
-            }
-            let middle = squares.len() / 2;
-            *squares.select_nth_unstable_by(middle, f64::total_cmp).1
-        })
+        let middle = sampled.len() / 2;
+        *sampled.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 
     pub(super) fn squared_residuals(&self, at: &Estimate) -> [Vec<Option<f64>>; 2] {

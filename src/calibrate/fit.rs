@@ -71,6 +71,7 @@ impl Evidence<'_> {
         let mut at = Estimate::as_recorded(*unknowns, self.matches.poses.len());
         for _ in 0..LOSS_ROUNDS {
             self.update_gains(&at);
+            // Poses alone: the unknowns are the hypothesis under test.
             self.fit(prior, &mut at, &[]);
         }
         let knee = self.half_weight_squares[kind as usize];

@@ -80,8 +80,17 @@ impl Matches {
         depth: MatchedDepth,
         (h, step): (f64, usize),
     ) -> Result<Self, FrameError> {
-        let prepare =
-            |preparer: &mut Preparer, frame| prepare_subsampled(preparer, frame, settings, step);
+        let prepare = |preparer: &mut Preparer, frame| -> Result<_, FrameError> {
+            let mut observation = Observation::empty();
+            preparer.prepare(frame, settings, &mut observation)?;
+            let width = observation.ranges.width;
+            observation.points.retain(|point| {
+                let (column, row) = (point.pixel as usize % width, point.pixel as usize / width);
+                // By pixel rather than list position, so that the choice does not depend on the filters.
+                column.is_multiple_of(step) && row.is_multiple_of(step)
+            });
+            Ok(observation.points)
+        };
         let views: Vec<Vec<SurfacePoint>> =
             frames.par_iter().map_init(Preparer::new, prepare).collect::<Result<_, _>>()?;
         let poses = frames.iter().map(|frame| CameraPose::of(frame, settings.origin)).collect();
@@ -97,6 +106,7 @@ impl Matches {
         let mut partition = Partition::new(h);
         let mut samples = Vec::new();
         for (view, points) in views.iter().enumerate() {
+            // View by view: births depend on the order.
             let owners = partition.assign(points);
             let pose = &poses[view];
             samples.extend(points.iter().zip(owners).filter_map(|(&point, owner)| {
@@ -144,24 +154,6 @@ impl Matches {
     pub fn points_of(&self, component: usize) -> &[MatchedPoint] {
         &self.samples[self.starts[component]..self.starts[component + 1]]
     }
-}
-
-/// Prepares a frame and retains the points of every `step`-th pixel in columns and rows.
-pub(super) fn prepare_subsampled(
-    preparer: &mut Preparer,
-    frame: &Frame,
-    settings: &SurfaceSettings,
-    step: usize,
-) -> Result<Vec<SurfacePoint>, FrameError> {
-    let mut observation = Observation::empty();
-    preparer.prepare(frame, settings, &mut observation)?;
-    let width = observation.ranges.width;
-    observation.points.retain(|point| {
-        let (column, row) = (point.pixel as usize % width, point.pixel as usize / width);
-        // By pixel rather than list position, so that the choice does not depend on the filters.
-        column.is_multiple_of(step) && row.is_multiple_of(step)
-    });
-    Ok(observation.points)
 }
 
 #[cfg(test)]

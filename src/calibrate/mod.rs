@@ -1,16 +1,16 @@
-//! Self-calibration of a recording: colour camera, depth bias and exposure of each frame. Surfaces seen by
-//! several views must be thin and have equal colours (`pipeline.md`, Calibration).
+//! Self-calibration of a recording: colour camera and depth bias. Surfaces seen by several views must be thin
+//! and have equal colours (`pipeline.md`, Calibration).
 //!
 //! Depth and colour camera are one robust least-squares problem (`evidence`, `fit`) with a prior about such
 //! sensors (`unknowns`). Results must hold in frames they were not fitted to (`verdict`). Values that the
-//! data does not determine keep their initial value ([`CalibratedValue`]). Exposures are fitted afterwards.
+//! data does not determine keep their initial value ([`CalibratedValue`]).
 
 mod camera;
 mod color;
 mod covariance;
 mod evidence;
-mod exposure;
 mod fit;
+mod gains;
 mod matches;
 mod pyramid;
 mod report;
@@ -28,7 +28,6 @@ use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
 use camera::registered;
 use evidence::{Evidence, ResidualKind};
-use exposure::MAX_FRAMES;
 use matches::{MatchedDepth, Matches};
 use pyramid::Pyramid;
 use unknowns::{DEPTH, Estimate, N, SensorPrior, Unknowns};
@@ -41,6 +40,7 @@ pub use unknowns::CalibratedValue;
 pub const DEFAULT_FRAMES: usize = 24;
 /// Approximate number of pixels used, of all frames together.
 const PIXELS: f64 = 120_000.0;
+/// Minimum number of components seen by several frames.
 const MIN_COMPONENTS: usize = 100;
 /// Structural scale, relative to the scene's, for the check that frames share surfaces: coarse enough for
 /// views with wrong depth.
@@ -53,8 +53,6 @@ pub struct CalibratePlan {
     pub split: Option<String>,
     /// Maximum number of frames, evenly spaced.
     pub max_frames: usize,
-    /// True to estimate the exposure of every frame.
-    pub exposure: bool,
     /// Initial calibration; undetermined values keep it.
     pub start: Calibration,
 }
@@ -65,7 +63,7 @@ pub enum CalibrateError {
     /// The dataset has no such split, or none with depth.
     #[error("{0}")]
     Dataset(#[from] DatasetError),
-    /// The scene preset cannot use its depth.
+    /// The scene preset cannot use the dataset's depth.
     #[error("{0}")]
     Scene(#[from] SceneError),
     /// A frame from which no points can be computed.
@@ -84,24 +82,12 @@ pub enum CalibrateError {
         /// Usable frames and shared surfaces.
         found: String,
     },
-    /// Too many frames for the exposure search.
-    #[error(
-        "exposures (`--exposure`): expected a split of at most {most} frames, found {found}; name a smaller one (`--split`), or leave the exposures to training, which fits them as frames come"
-    )]
-    TooManyExposures {
-        /// Maximum number of frames of an exposure search.
-        most: usize,
-        /// Frames of the split.
-        found: usize,
-    },
 }
 
-/// Calibrates depth and the colour camera, then exposures. `progress` receives the steps done and the
-/// total.
+/// Calibrates depth and the colour camera. `progress` receives the steps done and the total.
 ///
 /// # Errors
-/// [`CalibrateError`] if frames cannot be read or used, share too few surfaces, or are too many for
-/// exposures.
+/// [`CalibrateError`] if frames cannot be read or used, or share too few surfaces.
 pub fn run(
     dataset: &Dataset,
     plan: &CalibratePlan,
@@ -110,9 +96,8 @@ pub fn run(
     let selection = Selection { split: plan.split.clone(), ..Selection::all_frames() };
     let all = Plan::new(dataset, &selection, 0)?;
     let n_frames = plan.max_frames.min(all.frames.len());
-    // Every frame has its own exposure, so all are used.
-    let n_exposures = if plan.exposure { all.frames.len() } else { 0 };
-    let (mut done, steps) = (0, n_frames + 3 + 2 * STEPS + n_exposures);
+    // Frames, both searches, and three steps around them.
+    let (mut done, steps) = (0, n_frames + 3 + 2 * STEPS);
     let mut tick = || {
         done += 1;
         progress(done, steps);
@@ -123,26 +108,11 @@ pub fn run(
     let before = agreement(&input, &images)?;
     tick();
     let known = dataset.known_calibration().and_then(|known| known.color_camera);
-    let found = cameras(&input, &images, (known, dataset.units_per_metre()), &mut tick)?;
+    let metre = dataset.units_per_metre();
+    let (calibration, values, note) = cameras(&input, &images, (known, metre), &mut tick)?;
     tick();
-    let mut values = found.values;
-    input.calibration = found.calibration;
-    if plan.exposure {
-        let frames = all.frames.len();
-        if frames > MAX_FRAMES {
-            return Err(CalibrateError::TooManyExposures { most: MAX_FRAMES, found: frames });
-        }
-        let calibration = &input.calibration;
-        let depth = [calibration.depth_offset, calibration.depth_scale];
-        let settings = input.settings(depth, calibration.color_camera);
-        let scale = (input.h, input.step);
-        let (gains, value) = exposure::search(dataset, &all, &settings, scale, &mut tick);
-        if value.determined {
-            input.calibration.exposure = gains;
-        }
-        values.push(value);
-    }
-    input.calibration.check()?;
+    calibration.check()?;
+    input.calibration = calibration;
     let after = agreement(&input, &images)?;
     tick();
     Ok(Calibrated {
@@ -152,26 +122,21 @@ pub fn run(
         before,
         after,
         values,
-        notes: found.note.into_iter().collect(),
+        notes: note.into_iter().collect(),
         changed: input.calibration != plan.start,
         calibration: input.calibration,
         skipped,
     })
 }
 
-struct FoundCameras {
-    calibration: Calibration,
-    values: Vec<CalibratedValue>,
-    note: Option<String>,
-}
-
-/// Calibrates depth and colour camera jointly; if the camera change is not significant, depth alone.
+/// Calibrates depth and colour camera jointly; if the camera change is not significant, depth alone. Returns
+/// the calibration, the result for every value, and why the camera was not changed.
 fn cameras(
     input: &CalibrationInput,
     images: &[Pyramid],
     (known, metre): (Option<ColorCamera>, f64),
     mut tick: impl FnMut(),
-) -> Result<FoundCameras, FrameError> {
+) -> Result<(Calibration, Vec<CalibratedValue>, Option<String>), FrameError> {
     let views = Views { frames: &input.frames, images };
     let given = input.calibration.color_camera;
     let as_registered = registered(&input.frames[0].camera.intrinsics);
@@ -198,7 +163,7 @@ fn cameras(
         // The second search is skipped.
         (0..STEPS).for_each(|_| tick());
         let calibration = of(&best.unknowns, Some(best.unknowns.camera.camera()));
-        return Ok(FoundCameras { calibration, values, note: None });
+        return Ok((calibration, values, None));
     }
     let staying =
         if given.is_some() { judge.unchanged_camera_values(&evidence, &best) } else { Vec::new() };
@@ -213,8 +178,7 @@ fn cameras(
     } else {
         "the colour images are registered to depth"
     };
-    let note = Some(format!("{kept}: {found}"));
-    Ok(FoundCameras { calibration: of(&best.unknowns, given), values, note })
+    Ok((of(&best.unknowns, given), values, Some(format!("{kept}: {found}"))))
 }
 
 /// Reads evenly spaced frames and checks that they share surfaces. Also returns the reasons for frames that
@@ -234,6 +198,7 @@ fn survey(
     for i in (0..n).step_by(2).chain((1..n).step_by(2)) {
         match dataset.load(all.split, all.frames[i * total / n]) {
             Ok(frame) => frames.push(frame),
+            // One damaged frame must not end the calibration.
             Err(error) => skipped.push(error.to_string()),
         }
         tick();
@@ -241,10 +206,9 @@ fn survey(
     if frames.len() < 2 {
         return Err(nothing(format!("{} usable of {n} chosen", frames.len())));
     }
-    let start = Some(plan.start.clone());
     // Prepared as for training, so that the result holds there.
     let overrides = SceneOverrides {
-        calibration: start,
+        calibration: Some(plan.start.clone()),
         // Points are matched by position, so cells must cover the depth noise.
         ray_search: Some(false),
         ..SceneOverrides::default()
@@ -253,6 +217,7 @@ fn survey(
     // Bounds the time: large frames are subsampled, small ones are not.
     let pixels: usize = frames.iter().map(|f| f.color.width * f.color.height).sum();
     let size = [frames[0].color.width, frames[0].color.height].map(|n| n as u32);
+    // All frames of a split have one encoding.
     let along_z = frames[0].depth.as_ref().is_some_and(|depth| depth.kind == DepthKind::Z);
     let input = CalibrationInput {
         along_z,
@@ -265,6 +230,7 @@ fn survey(
             ..plan.start.clone()
         },
         h: run.engine.h,
+        // A root, because the stride applies to columns and rows.
         step: (pixels as f64 / PIXELS).sqrt().ceil() as usize,
         frames,
     };
@@ -280,6 +246,7 @@ fn survey(
 fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, FrameError> {
     let Calibration { depth_offset, depth_scale, color_camera: camera, .. } = input.calibration;
     let matches = input.match_frames(&input.frames, [depth_offset, depth_scale], camera, 1.0)?;
+    // Known gains: differences of exposure are no disagreement of cameras.
     let gains = input.frames.iter().map(|frame| input.calibration.gain(&frame.name)).collect();
     let camera = camera.unwrap_or_else(|| registered(&input.frames[0].camera.intrinsics));
     let at = Unknowns::of(&input.calibration, camera);
@@ -295,44 +262,38 @@ fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, 
 
 struct CalibrationInput {
     /// Even-numbered frames first, then odd-numbered: two halves that see the same places.
-    pub frames: Vec<Frame>,
-    pub along_z: bool,
+    frames: Vec<Frame>,
+    along_z: bool,
     /// Surface preparation, without the calibration.
-    pub surface: SurfaceSettings,
-    pub calibration: Calibration,
-    pub h: f64,
+    surface: SurfaceSettings,
+    calibration: Calibration,
+    /// Structural scale, world units.
+    h: f64,
     /// Pixel stride in columns and rows.
-    pub step: usize,
+    step: usize,
 }
 
 impl CalibrationInput {
-    pub fn settings(
-        &self,
-        [depth_offset, depth_scale]: [f64; 2],
-        color_camera: Option<ColorCamera>,
-    ) -> SurfaceSettings {
-        let calibration =
-            Calibration { color_camera, depth_offset, depth_scale, ..self.calibration.clone() };
-        SurfaceSettings {
-            calibration: Some(calibration),
-            // Pixels are subsampled by `step` instead.
-            sampling: PixelSampling::Every,
-            ..self.surface.clone()
-        }
-    }
-
     /// Matches the points of frames by components of `growth` times the structural scale.
     ///
     /// # Errors
     /// A frame without depth.
-    pub fn match_frames(
+    fn match_frames(
         &self,
         frames: &[Frame],
         depth: [f64; 2],
         color_camera: Option<ColorCamera>,
         growth: f64,
     ) -> Result<Matches, FrameError> {
-        let settings = self.settings(depth, color_camera);
+        let [depth_offset, depth_scale] = depth;
+        let calibration =
+            Calibration { color_camera, depth_offset, depth_scale, ..self.calibration.clone() };
+        let settings = SurfaceSettings {
+            calibration: Some(calibration),
+            // Pixels are subsampled by `step` instead.
+            sampling: PixelSampling::Every,
+            ..self.surface.clone()
+        };
         let depth = MatchedDepth { values: depth, along_z: self.along_z };
         Matches::new(frames, &settings, depth, (growth * self.h, self.step))
     }

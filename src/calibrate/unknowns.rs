@@ -117,6 +117,7 @@ impl SensorPrior {
         let camera = start.camera.parameters_of(&known);
         // The image width is unknown here, and the principal point is near its middle.
         let width = 2.0 * known.principal[0].max(1.0);
+        // Depth as decoded: offset 0 and scale 1.
         let mut mean = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         mean[CAMERA..].copy_from_slice(&camera);
         let across = CAMERA_OFFSET_M * metre;
@@ -137,6 +138,7 @@ impl SensorPrior {
 
     pub fn add_pose(&self, pose: &Twist, equations: &mut NormalEquations<WITH_POSE>) {
         for (i, value) in pose.iter().enumerate() {
+            // Three translations, then three rotations.
             equations.add_prior(N + i, *value, self.pose[i / 3]);
         }
     }

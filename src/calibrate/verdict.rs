@@ -186,6 +186,7 @@ impl<'a> CrossValidation<'a> {
             values[i].best = best.unknowns.natural_value(i);
             values[i].after = values[i].best;
         }
+        // Only values of the camera shift the image.
         for &i in back.iter().filter(|&&i| i >= CAMERA) {
             let apart = (values[i].best - values[i].before).abs() / best.unknowns.natural_slope(i);
             if shifts[i] * apart <= SAME {
@@ -312,6 +313,7 @@ impl<'a> Views<'a> {
         // Components keep their size relative to a pixel of the smaller image.
         let growth = f64::from(1u32 << level);
         let matches = input.match_frames(self.frames, at.unknowns.depth, camera, growth)?;
+        // Placeholders: gains are estimated from this evidence.
         let gains = vec![[1.0; 3]; self.frames.len()];
         let mut evidence = Evidence::new(matches, self.images, gains, level);
         evidence.update_gains(at);

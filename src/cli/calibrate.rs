@@ -18,12 +18,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
         None if args.from_scratch => Calibration::NONE,
         None => dataset.known_calibration().unwrap_or_default(),
     };
-    let plan = CalibratePlan {
-        split: args.split.clone(),
-        max_frames: args.max_frames,
-        exposure: args.exposure,
-        start,
-    };
+    let plan = CalibratePlan { split: args.split.clone(), max_frames: args.max_frames, start };
     output::check_files(std::slice::from_ref(&args.output))?;
     let found = output::steps("calibrate", |progress| calibrate::run(&dataset, &plan, progress))?;
     found.skipped.iter().for_each(|message| eprintln!("warning: {message}"));

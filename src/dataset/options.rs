@@ -42,7 +42,7 @@ const SENSOR_RANGE: [f64; 2] = [0.3, FARTHEST_SENSED];
 /// Largest depth of depth sensors, metres.
 pub(super) const FARTHEST_SENSED: f64 = 5.0;
 /// Code step of most sensors, metres.
-const MILLIMETRE: f64 = 0.001;
+pub(super) const MILLIMETRE: f64 = 0.001;
 /// Penalty factor for a unit that no layout uses.
 const UNLIKELY: f64 = 3.0;
 

@@ -78,10 +78,7 @@ impl<R: Real> Points<R> {
 
     /// Removes all points; retains the allocated memory.
     pub fn clear(&mut self) {
-        for column in [&mut self.x, &mut self.y, &mut self.z, &mut self.r, &mut self.g, &mut self.b]
-        {
-            column.clear();
-        }
+        self.columns_mut().into_iter().for_each(Vec::clear);
         // The first bound always exists.
         self.tiles.clear();
         self.tiles.push(0);
@@ -90,10 +87,7 @@ impl<R: Real> Points<R> {
     /// Reserves memory for `points` more points in `tiles` more tiles. Columns that grow alternately
     /// fragment each other's memory by half their size.
     pub fn reserve(&mut self, points: usize, tiles: usize) {
-        for column in [&mut self.x, &mut self.y, &mut self.z, &mut self.r, &mut self.g, &mut self.b]
-        {
-            column.reserve(points);
-        }
+        self.columns_mut().into_iter().for_each(|column| column.reserve(points));
         self.tiles.reserve(tiles);
     }
 
@@ -111,8 +105,7 @@ impl<R: Real> Points<R> {
     /// Appends a closed tile of `[x, y, z, r, g, b]` columns of equal length.
     #[inline]
     pub fn push_tile(&mut self, columns: [&[R]; 6]) {
-        let own = [&mut self.x, &mut self.y, &mut self.z, &mut self.r, &mut self.g, &mut self.b];
-        for (own, column) in own.into_iter().zip(columns) {
+        for (own, column) in self.columns_mut().into_iter().zip(columns) {
             own.extend_from_slice(column);
         }
         self.close_tile();
@@ -148,17 +141,16 @@ impl<R: Real> Points<R> {
 
     /// Replaces `points` by these points in another precision.
     pub fn cast_into<S: Real>(&self, points: &mut Points<S>) {
-        let cast = |from: &[R], to: &mut Vec<S>| {
+        let own = [&self.x, &self.y, &self.z, &self.r, &self.g, &self.b];
+        for (from, to) in own.into_iter().zip(points.columns_mut()) {
             to.clear();
             to.extend(from.iter().map(|v| S::of(v.to_f64())));
-        };
-        cast(&self.x, &mut points.x);
-        cast(&self.y, &mut points.y);
-        cast(&self.z, &mut points.z);
-        cast(&self.r, &mut points.r);
-        cast(&self.g, &mut points.g);
-        cast(&self.b, &mut points.b);
+        }
         points.tiles.clone_from(&self.tiles);
+    }
+
+    fn columns_mut(&mut self) -> [&mut Vec<R>; 6] {
+        [&mut self.x, &mut self.y, &mut self.z, &mut self.r, &mut self.g, &mut self.b]
     }
 }
 

@@ -87,6 +87,7 @@ pub struct Observation {
 impl Observation {
     /// Creates an empty observation as a buffer.
     pub fn empty() -> Self {
+        // Projections divide by focal lengths.
         let intrinsics = Intrinsics { width: 0, height: 0, fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0 };
         Self {
             origin: DVec3::ZERO,
@@ -143,8 +144,10 @@ impl Photograph {
             let covered = match self.has_coverage {
                 true if color[3] < u8::MAX => alpha,
                 true if *depth > 0.0 => 1.0,
+                // An opaque pixel without depth: whether a surface covers it is unknown.
                 _ => f32::NAN,
             };
+            // Premultiplied: an uncovered pixel is black.
             let [r, g, b] = [red, green, blue].map(|channel| channel * alpha);
             let [r, g, b] = [r * self.gain[0], g * self.gain[1], b * self.gain[2]];
             MeasuredPixel::without_depth([r, g, b, covered]).with_depth(*depth, margin)

@@ -268,7 +268,7 @@ fn intrinsics_that_are_missing_or_none() {
     refuses(folder.path(), &["intrinsic_depth.txt", "expected 4 numbers", "found 3", "export"]);
     let folder = tiny(Open3d);
     fs::remove_file(folder.path().join("camera.json")).unwrap();
-    refuses(folder.path(), &["camera.json", "for images of 32x24", "export it"]);
+    refuses(folder.path(), &["camera.json", "for images of 32x24", "create it"]);
     let folder = tiny(StrayScanner);
     fs::write(folder.path().join("camera_matrix.csv"), "0,0,1,0,0,1,0,0,1").unwrap();
     refuses(folder.path(), &["camera_matrix.csv", "field of view", "correct the focal length"]);

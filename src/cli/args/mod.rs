@@ -120,7 +120,7 @@ pub enum Command {
     Merge(MergeArgs),
     /// Describe a dataset or model and list all defects found
     Info(InfoArgs),
-    /// Estimate colour camera, depth bias and exposures from the data; writes a RON file
+    /// Estimate colour camera and depth bias from the data; writes a RON file
     Calibrate(CalibrateArgs),
     #[cfg(feature = "bench")]
     /// Measure speed against error; writes a table, JSON, CSV and a plot
@@ -169,14 +169,10 @@ pub struct CalibrateArgs {
     /// Start with colour registered to depth and unmodified depth, ignoring the layout's calibration
     #[arg(long)]
     pub from_scratch: bool,
-    /// Also estimate each frame's exposure. `train` fits exposures itself: on the Kinect recording these
-    /// gain .01 dB with colours aligned per view, and lose .06 dB without
-    #[arg(long)]
-    pub exposure: bool,
     /// Split to use [default: the one with depth]
     #[arg(long)]
     pub split: Option<String>,
-    /// Maximum number of frames, evenly spaced; --exposure uses all frames
+    /// Maximum number of frames, evenly spaced
     #[arg(long, value_name = "N", default_value_t = DEFAULT_FRAMES, value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: usize,
     /// Print the result as JSON on stdout

@@ -1,14 +1,14 @@
 //! ARKit packages: a file with one JSON object per line, each a frame with `camera_to_world` (OpenGL axes,
-//! as in ARKit), `intrinsics` for the photograph's size, and the names of its files. Those are the
-//! photograph, depth (32-bit floats without header, metres) and confidence (bytes without header, 0 to 2).
+//! as in ARKit), `intrinsics` for the photograph's size, and the names of three files: photograph, depth
+//! (32-bit floats without header, metres) and confidence (bytes without header, 0 to 2).
 //!
 //! Several apps write such files: keys and the order of matrices differ and are recognised by content. A
 //! matrix with the last row `0 0 0 1` is stored by rows, one with that last column by columns, as in
 //! Apple's own arrays.
 
-use super::recording::{RecordedFrame, Recording, same_size};
+use super::recording::{LIDAR_RANGE, RecordedFrame, Recording, same_size};
 use super::stated;
-use super::stated::{first_of, flat_numbers};
+use super::stated::{first_of, flat_numbers, side};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::entry::DepthSource;
@@ -16,7 +16,7 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix::describe_json;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -43,8 +43,6 @@ const CONFIDENCE_KEYS: [&str; 5] =
 const TIME_KEYS: [&str; 3] = ["timestamp", "time", "t"];
 const WIDTH_KEYS: [&str; 3] = ["width", "image_width", "w"];
 const HEIGHT_KEYS: [&str; 3] = ["height", "image_height", "h"];
-/// Metres; beyond it, the depth is inferred from the photograph and not measured by the lidar.
-const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let name = frame_lines(folder)?;
@@ -65,17 +63,16 @@ fn frame_lines(folder: &Folder) -> Option<&str> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
+    // The default is used only if the file was removed since recognition; reading it then fails.
     let (file, text) = folder.lines(frame_lines(folder).unwrap_or("frames.jsonl"))?;
-    let encoding = recording.encoding(CodeKind::BareFloats, Sensor::Lidar, TRUSTED_DEPTH);
+    let encoding = recording.encoding(CodeKind::BareFloats, Sensor::Lidar, LIDAR_RANGE);
     let (mut seen, mut times) = (BTreeSet::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
         let json: Value = match serde_json::from_str(line) {
             Ok(json) => json,
             Err(error) => {
                 let expected = "a JSON object (JSON has neither NaN nor infinity)";
-                let problem =
-                    FrameProblem::Line { expected, found: error.to_string(), line: i + 1 };
-                recording.skip(&format!("line {}", i + 1), file.clone(), problem);
+                recording.skip_line(&file, i + 1, expected, &error.to_string());
                 continue;
             }
         };
@@ -89,13 +86,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             recording.skip(&name, file.clone(), problem);
             continue;
         }
-        match line.recorded(&name, &recording, encoding)? {
-            Ok(frame) => {
-                times.extend(frame.time);
-                recording.push(frame);
-            }
-            Err(problem) => recording.skip(&name, file.clone(), problem),
-        }
+        let frame = line.recorded(&name, &recording, encoding)?;
+        times.extend(frame.as_ref().ok().and_then(|frame| frame.time));
+        recording.add(&name, &file, frame);
     }
     let unordered = times.array_windows().filter(|[before, here]| here < before).count();
     if unordered > 0 {
@@ -116,11 +109,6 @@ impl<'a> FrameLine<'a> {
         keys.iter().find_map(|key| self.json.get(key).and_then(Value::as_str))
     }
 
-    fn side(&self, keys: &[&str]) -> Option<u32> {
-        let side = first_of(self.json, keys)?.as_u64()?;
-        u32::try_from(side).ok()
-    }
-
     /// The outer error concerns the whole package, the inner one this frame.
     fn recorded(
         &self,
@@ -132,7 +120,7 @@ impl<'a> FrameLine<'a> {
             Ok(found) => found,
             Err(problem) => return Ok(Err(problem)),
         };
-        if let Some(stated) = self.side(&WIDTH_KEYS).zip(self.side(&HEIGHT_KEYS)) {
+        if let Some(stated) = side(self.json, &WIDTH_KEYS).zip(side(self.json, &HEIGHT_KEYS)) {
             same_size(stated, size, self.file)?;
         }
         let Some(k) = self.intrinsics(size) else {
@@ -147,8 +135,7 @@ impl<'a> FrameLine<'a> {
         let cameras = recording.cameras_of_lens(&k, size, depth_size, self.file)?;
         // Some packages convert depth to images; the content decides.
         let is_image = depth.as_ref().is_some_and(|file| decode::depth_size(file).is_ok());
-        // Depth stored as images is in millimetres by default.
-        let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(0.001));
+        let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(MILLIMETRE));
         let encoding = if is_image { DepthEncoding { codes, ..encoding } } else { encoding };
         let least = recording.least_confidence();
         let confidence = confidence.map(|map| (map, least));
@@ -180,6 +167,7 @@ impl<'a> FrameLine<'a> {
         });
         let depth = depth.transpose()?.map(ByteSource::File);
         let confidence = named(&CONFIDENCE_KEYS).map(|(_, path)| path).transpose()?;
+        // Each frame has its own camera, which refers to its own photograph.
         let header = decode::header(&color)?;
         Ok((pose, color, depth, confidence.map(Into::into), (header.width, header.height)))
     }
@@ -204,8 +192,8 @@ impl<'a> FrameLine<'a> {
             let value = self.json.get(key).and_then(flat_numbers);
             value.and_then(|v| <[f64; 2]>::try_from(v).ok()).map(|[w, h]| (w as u32, h as u32))
         };
-        let stated = self.side(&["depth_width", "depthWidth"]);
-        let stated = stated.zip(self.side(&["depth_height", "depthHeight"]));
+        let stated = side(self.json, &["depth_width", "depthWidth"]);
+        let stated = stated.zip(side(self.json, &["depth_height", "depthHeight"]));
         if let Some(stated) =
             stated.or_else(|| pair("depth_size")).or_else(|| pair("depth_resolution"))
         {

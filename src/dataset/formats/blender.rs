@@ -3,18 +3,17 @@
 //!
 //! 8-bit depth is `8·(1 − d/255)` units along the ray (`dataset.md`, Depth encodings). 16-bit depth is
 //! along the ray too and needs `integer_depth_scale` (or `depth_scale`), world units per step. The range of
-//! positions is
-//! `position_range` (`[[x,y,z],[x,y,z]]`, low and high) if the file has it, else the `[−1, 1]³` of
-//! NeRF-synthetic scenes.
+//! positions is `position_range` (`[[x,y,z],[x,y,z]]`, low and high corner) if the file has it, else the
+//! `[−1, 1]³` of NeRF-synthetic scenes.
 //!
 //! The layout has no version, and files in use differ: `file_path` with or without extension, matrices of
 //! three or four rows, focal lengths instead of the angle. Unambiguous forms are accepted. Ambiguous ones
 //! (an angle in degrees, 16-bit depth without its scale) are refused, with the value to write.
 
 use super::nerfstudio;
-use super::numbered::{ListedFrame, ListedSplit, photograph_size};
-use super::recording::{check_intrinsics, metadata_error, same_size};
-use super::stated::{FrameCamera, check_model};
+use super::numbered::{ListedFrame, ListedSplit, PHOTOGRAPHS};
+use super::recording::{ANY_RANGE, check_intrinsics, metadata_error, photograph_size, same_size};
+use super::stated::{FrameCamera, check_model, entry_name};
 use crate::dataset::calibrated_size::from_user;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
@@ -40,7 +39,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     parse,
 };
 
-const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 /// Files with this prefix should be frame lists, so a broken one is reported, not skipped.
 const LIST_PREFIX: &str = "transforms";
 
@@ -58,6 +56,7 @@ fn frame_lists(folder: &Folder) -> Vec<&str> {
 fn is_list(folder: &Folder, name: &str) -> bool {
     // Read completely: a list under another name is recognised by its content alone.
     let Ok(json) = serde_json::from_str::<Value>(&folder.peek_whole(name)) else {
+        // Without valid JSON, only the name shows that this should be a list.
         return name.starts_with(LIST_PREFIX);
     };
     let posed = |f: &Value| f.get("file_path").is_some() && f.get("transform_matrix").is_some();
@@ -76,6 +75,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             parsed.known_range = Some(range);
         }
     }
+    // Its scenes fill this cube without stating it.
     parsed.known_range.get_or_insert_with(PositionRange::nerf_synthetic);
     Ok(parsed)
 }
@@ -125,7 +125,7 @@ impl FrameList {
         parsed: &mut ParsedFolder,
     ) -> Result<Option<DatasetSplit>, DatasetError> {
         let listed = self.listed(folder, parsed)?;
-        let Some(size) = photograph_size(&listed.colors().collect::<Vec<_>>()) else {
+        let Ok(Some(size)) = photograph_size(listed.colors()) else {
             listed.skip_unreadable(parsed);
             return Ok(None);
         };
@@ -152,9 +152,7 @@ impl FrameList {
         let mut images = ImageFolders { folder, listed: BTreeMap::new() };
         let mut frames = Vec::new();
         for (i, frame) in self.frames()?.iter().enumerate() {
-            let named = frame.get("file_path").and_then(Value::as_str);
-            // An entry without a path is reported by its place in the list.
-            let name = named.map_or_else(|| format!("{i}"), |n| n.trim_start_matches("./").into());
+            let name = entry_name(frame, i);
             if folder.was_taken(&name) {
                 continue;
             }
@@ -176,6 +174,7 @@ impl FrameList {
                 Some(scale) => Some(scale),
                 None => self.camera().number("depth_scale")?,
             };
+            // The user's scale replaces a wrong one in the file.
             match options.depth_scale.or(stated).filter(|s| s.is_finite() && *s > 0.0) {
                 // Scenes of this layout are rendered: 16-bit codes are computed depth.
                 Some(unit) => (CodeKind::Linear16(unit), Sensor::Exact { noise: 0.0 }),
@@ -188,17 +187,12 @@ impl FrameList {
                 }
             }
         } else {
+            // The original export; its scale is fixed.
             (CodeKind::Inverse8, Sensor::Inverse8Ray)
         };
-        // Rendered depth is exact at any length; only sensors have a trusted range.
-        let trusted = options.depth_range.unwrap_or([0.0, f64::INFINITY]);
-        Ok(DepthEncoding {
-            codes,
-            kind: DepthKind::RayDistance,
-            trusted,
-            units_per_metre: 1.0,
-            sensor,
-        })
+        let trusted = options.depth_range.unwrap_or(ANY_RANGE);
+        let kind = DepthKind::RayDistance;
+        Ok(DepthEncoding { codes, kind, trusted, units_per_metre: 1.0, sensor })
     }
 
     fn range(&self) -> Result<Option<PositionRange>, DatasetError> {
@@ -225,6 +219,7 @@ fn listed_frame(
     };
     let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
     let (color, depth) = images.find(file_path)?;
+    let (color, depth) = (color.into(), depth.map(Into::into));
     Ok(ListedFrame { name: name.to_owned(), pose, color, depth })
 }
 
@@ -255,7 +250,7 @@ impl ImageFolders<'_> {
         }
         let (listing, depth_files) = self.listed.get(parent).ok_or_else(missing)?;
         let with_extension =
-            IMAGE_EXTENSIONS.iter().map(|e| format!("{name}.{e}")).find(|n| listing.has_file(n));
+            PHOTOGRAPHS.iter().map(|e| format!("{name}.{e}")).find(|n| listing.has_file(n));
         let color_name = match listing.has_file(name) {
             true => name.to_owned(),
             false => with_extension.ok_or_else(missing)?,

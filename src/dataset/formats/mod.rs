@@ -84,6 +84,7 @@ pub(super) fn parse(
     let recognise = |(layout, format): &'static (Layout, DatasetFormat)| {
         (format.recognise)(folder).map(|why| (*layout, format, why))
     };
+    // All formats are tried: a folder of two recordings must not open as either.
     let mut found: Vec<_> = FORMATS.iter().filter_map(recognise).collect();
     // A file that could not be read could have identified another layout.
     if let Some(error) = folder.take_unread() {
@@ -120,6 +121,7 @@ impl Layout {
     }
 
     pub(super) fn named(name: &str) -> Option<Self> {
+        // Procedural frames have no format, but checkpoints name their layout too.
         let all = FORMATS.iter().map(|(layout, _)| *layout).chain([Self::Synthetic]);
         all.into_iter().find(|layout| layout.name() == name)
     }
@@ -137,6 +139,7 @@ impl Layout {
 
     pub(super) fn known_calibration(self, depth_camera: &Intrinsics) -> Option<Calibration> {
         match self {
+            // Other layouts state their cameras, or have a single lens.
             Self::SevenScenes => seven_scenes::known_calibration(depth_camera),
             _ => None,
         }
@@ -153,7 +156,7 @@ pub(in crate::dataset) struct DatasetFormat {
 
 #[derive(Default)]
 pub(super) struct ParsedFolder {
-    /// Splits, possibly empty ones, which the caller drops.
+    /// Splits; the caller drops empty ones.
     pub splits: Vec<DatasetSplit>,
     pub warnings: Vec<Warning>,
     pub notes: Vec<String>,
@@ -174,25 +177,13 @@ mod tests {
     /// Checkpoints and reports contain these names.
     #[test]
     fn names_are_those_of_files() {
-        let named = [
-            (Layout::Blender, "blender"),
-            (Layout::SevenScenes, "seven-scenes"),
-            (Layout::Tum, "tum"),
-            (Layout::Open3d, "open3d"),
-            (Layout::Replica, "replica"),
-            (Layout::Scannet, "scannet"),
-            (Layout::Nerfstudio, "nerfstudio"),
-            (Layout::Record3d, "record3d"),
-            (Layout::Record3dArchive, "record3d-archive"),
-            (Layout::StrayScanner, "stray-scanner"),
-            (Layout::Arkit, "arkit"),
-            (Layout::RtabMap, "rtab-map"),
-            (Layout::ColorDepth, "color-depth"),
-            (Layout::Synthetic, "synthetic"),
-        ];
-        for (layout, name) in named {
-            assert_eq!(layout.name(), name);
-            assert_eq!(serde_json::to_value(layout).unwrap(), name);
-        }
+        let names = "blender seven-scenes tum open3d replica scannet nerfstudio record3d \
+                     record3d-archive stray-scanner arkit rtab-map color-depth synthetic";
+        let layouts = FORMATS.iter().map(|(layout, _)| *layout).chain([Layout::Synthetic]);
+        let found = layouts.map(|layout| {
+            assert_eq!(serde_json::to_value(layout).unwrap(), layout.name());
+            layout.name()
+        });
+        assert_eq!(found.collect::<Vec<_>>().join(" "), names);
     }
 }

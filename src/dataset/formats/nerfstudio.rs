@@ -5,8 +5,9 @@
 //! the frame or, for all frames, at the top level. Depth is along the optical axis, stored times
 //! `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), by default .001.
 
-use super::recording::{RecordedFrame, Recording, metadata_error, same_size};
-use super::stated::{FrameCamera, check_model, first_of, majority};
+use super::numbered::PHOTOGRAPHS;
+use super::recording::{ANY_RANGE, RecordedFrame, Recording, metadata_error, same_size};
+use super::stated::{FrameCamera, array, check_model, entry_name, first_of, majority};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
@@ -15,7 +16,7 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, is_file};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix::from_json;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::pose::Pose;
@@ -31,10 +32,8 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 };
 
 const DEPTH_KEYS: [&str; 2] = ["depth_file_path", "depth_path"];
+// `k4` is refused on opening, but marks a list of this layout.
 const LENS_KEYS: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
-/// World units per unit of depth files without a stated scale.
-const DEPTH_UNIT: f64 = 0.001;
-const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let (name, _) = frame_list(folder)?;
@@ -50,7 +49,7 @@ fn frame_list(folder: &Folder) -> Option<(&str, Value)> {
 
 /// True for frame lists of this layout, false for those of NeRF-synthetic.
 pub(super) fn is_list(json: &Value) -> bool {
-    let frames = json.get("frames").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let frames = array(json, "frames");
     let named = |keys: &[&str], frame: &Value| keys.iter().any(|key| frame.get(key).is_some());
     let bends = |value: &Value| {
         LENS_KEYS.iter().any(|key| value.get(key).and_then(Value::as_f64).unwrap_or(0.0) != 0.0)
@@ -68,12 +67,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let file = folder.path.join(name);
     let list = FrameList { json: &json, file: &file };
     let encoding = list.encoding(&recording)?;
-    let frames = json.get("frames").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let frames = array(&json, "frames");
     let mut seen = BTreeSet::new();
     let sizes = list.sizes(folder, frames)?;
     for (i, frame) in frames.iter().enumerate() {
-        let name = frame.get("file_path").and_then(Value::as_str);
-        let name = name.map_or_else(|| i.to_string(), |n| n.trim_start_matches("./").to_owned());
+        let name = entry_name(frame, i);
         if folder.was_taken(&name) {
             continue;
         }
@@ -82,20 +80,14 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             recording.skip(&name, file.clone(), problem);
             continue;
         }
-        match list.recorded(frame, &name, &recording, encoding, &sizes) {
-            Ok(Ok(frame)) => recording.push(frame),
-            Ok(Err(problem)) => recording.skip(&name, file.clone(), problem),
-            Err(error) => return Err(error),
-        }
+        let frame = list.recorded(frame, &name, &recording, encoding, sizes)?;
+        recording.add(&name, &file, frame);
     }
     Ok(recording.finish())
 }
 
 /// Sizes of most photographs and of most depth images; `None` if none can be read.
-struct Sizes {
-    color: Option<(u32, u32)>,
-    depth: Option<(u32, u32)>,
-}
+type Sizes = [Option<(u32, u32)>; 2];
 
 fn has_own_camera(frame: &Value) -> bool {
     first_of(frame, &["fl_x", "w", "camera_angle_x"]).is_some()
@@ -129,11 +121,11 @@ impl FrameList<'_> {
         if let Some(size) = color.filter(|_| !frames.iter().any(has_own_camera)) {
             same_size(self.camera(&Value::Null).size(size)?, size, self.file)?;
         }
-        Ok(Sizes { color, depth })
+        Ok([color, depth])
     }
 
     fn encoding(&self, recording: &Recording) -> Result<DepthEncoding, DatasetError> {
-        let mut unit = DEPTH_UNIT;
+        let mut unit = MILLIMETRE;
         for key in ["depth_unit_scale_factor", "integer_depth_scale"] {
             if let Some(stated) = self.camera(&Value::Null).number(key)? {
                 if stated <= 0.0 {
@@ -145,8 +137,8 @@ impl FrameList<'_> {
                 break;
             }
         }
-        let trusted = [0.0, f64::INFINITY];
-        Ok(recording.encoding(CodeKind::ByContent(unit), Sensor::Lidar, trusted))
+        // World units are arbitrary, so no length is beyond the sensor.
+        Ok(recording.encoding(CodeKind::ByContent(unit), Sensor::Lidar, ANY_RANGE))
     }
 
     /// The outer error concerns the whole list, the inner one this frame.
@@ -156,7 +148,7 @@ impl FrameList<'_> {
         name: &str,
         recording: &Recording,
         encoding: DepthEncoding,
-        sizes: &Sizes,
+        [most_color, most_depth]: Sizes,
     ) -> Result<Result<RecordedFrame, FrameProblem>, DatasetError> {
         let read = || {
             let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
@@ -172,7 +164,7 @@ impl FrameList<'_> {
             Err(problem) => return Ok(Err(problem)),
         };
         // Focal lengths refer to one image size; an image of another size affects its own frame only.
-        let most = if has_own_camera(frame) { size } else { sizes.color.unwrap_or(size) };
+        let most = if has_own_camera(frame) { size } else { most_color.unwrap_or(size) };
         let camera = self.camera(frame);
         let expected = camera.size(most)?;
         if size != expected {
@@ -180,8 +172,7 @@ impl FrameList<'_> {
         }
         check_model(&camera)?;
         let k = camera.intrinsics(size)?;
-        let cameras =
-            recording.cameras_of_lens(&k, size, sizes.depth.unwrap_or(size), self.file)?;
+        let cameras = recording.cameras_of_lens(&k, size, most_depth.unwrap_or(size), self.file)?;
         let depth = depth.map(|file| DepthSource::new(file, encoding));
         let term = |key: &str| Ok::<_, DatasetError>(camera.number(key)?.unwrap_or(0.0));
         let lens = Distortion {
@@ -201,7 +192,7 @@ impl FrameList<'_> {
 
 /// Finds the photograph, whose name may lack the extension.
 fn photograph(folder: &Folder, name: &str) -> Result<ByteSource, FrameProblem> {
-    let with = IMAGE_EXTENSIONS.iter().map(|extension| format!("{name}.{extension}"));
+    let with = PHOTOGRAPHS.iter().map(|extension| format!("{name}.{extension}"));
     file_of(folder, std::iter::once(name.to_owned()).chain(with))?
         .ok_or_else(|| FrameProblem::MissingColor(name.to_owned()))
 }
@@ -217,6 +208,7 @@ fn file_of(
 ) -> Result<Option<ByteSource>, FrameProblem> {
     for name in names {
         match folder.resolve_named(&name) {
+            // A folder may have the name of an image without its extension.
             Ok(path) if is_file(&path)? => return Ok(Some(path.into())),
             Ok(_) => {}
             Err(FrameProblem::Read(e)) if e.kind() == std::io::ErrorKind::NotFound => {}

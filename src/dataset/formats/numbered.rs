@@ -2,7 +2,7 @@
 
 use super::stated::majority;
 use crate::dataset::decode;
-use crate::dataset::decode::{DepthEncoding, ImageHeader};
+use crate::dataset::decode::DepthEncoding;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::{DatasetSplit, DepthSource, FrameEntry, FrameFiles, FrameSource};
 use crate::dataset::error::FrameProblem;
@@ -15,7 +15,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-pub(super) const PHOTOGRAPHS: [&str; 3] = ["jpg", "jpeg", "png"];
+/// Extensions of photographs; the first one found is used where a list leaves it out.
+pub(super) const PHOTOGRAPHS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 pub(super) struct NumberedFiles {
     relative: PathBuf,
@@ -38,6 +39,7 @@ impl NumberedFiles {
         let (mut by_number, mut doubled) = (BTreeMap::new(), Vec::new());
         for name in listing.files() {
             let Some(number) = number(name, prefix, extensions) else { continue };
+            // The listing is sorted, so the choice does not depend on the file system.
             match by_number.contains_key(&number) {
                 true => doubled.push((number, name.to_owned())),
                 false => drop(by_number.insert(number, name.to_owned())),
@@ -88,9 +90,9 @@ impl NumberedFiles {
         &self,
         folder: &Folder,
         number: u64,
-        missing: impl FnOnce() -> FrameProblem,
+        missing: FrameProblem,
     ) -> Result<ByteSource, FrameProblem> {
-        Ok(self.file(folder, number).transpose()?.ok_or_else(missing)?.into())
+        Ok(self.file(folder, number).transpose()?.ok_or(missing)?.into())
     }
 }
 
@@ -106,22 +108,12 @@ fn number(name: &str, prefix: &str, extensions: &[&str]) -> Option<u64> {
     digits.split(|c: char| !c.is_ascii_digit()).next()?.parse().ok()
 }
 
-const REFUSED: &str = "a temporary read error";
-
-fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
-    decode::header(&ByteSource::File(path.to_owned()))
-}
-
-pub(super) fn photograph_size(photographs: &[&Path]) -> Option<(u32, u32)> {
-    majority(photographs, |path| header(path).map(|header| (header.width, header.height))).ok()?
-}
-
 pub(super) struct ListedFrame {
     pub name: String,
     pub pose: Pose,
-    pub color: PathBuf,
+    pub color: ByteSource,
     // An error is reported only after all frames are listed: without any depth in the split it is none.
-    pub depth: Result<PathBuf, FrameProblem>,
+    pub depth: Result<ByteSource, FrameProblem>,
 }
 
 pub(super) struct ListedSplit {
@@ -135,15 +127,16 @@ impl ListedSplit {
         self.frames.iter().any(|c| c.depth.is_ok())
     }
 
-    pub fn colors(&self) -> impl Iterator<Item = &Path> {
-        self.frames.iter().map(|frame| frame.color.as_path())
+    pub fn colors(&self) -> impl Iterator<Item = &ByteSource> {
+        self.frames.iter().map(|frame| &frame.color)
     }
 
     /// Bits per channel of most depth images, 8 without depth; `None` if none can be read.
     pub fn depth_bits(&self) -> Option<u16> {
-        let depths: Vec<&PathBuf> =
+        let depths: Vec<_> =
             self.frames.iter().filter_map(|frame| frame.depth.as_ref().ok()).collect();
-        let bits = majority(&depths, |path| header(path).map(|header| header.bits_per_channel));
+        let bits = majority(&depths, |depth| decode::header(depth).map(|h| h.bits_per_channel));
+        // Without depth no encoding is used; 8 bits need no scale from the file.
         bits.map(|bits| bits.unwrap_or(8)).ok()
     }
 
@@ -154,20 +147,20 @@ impl ListedSplit {
         encoding: DepthEncoding,
         parsed: &mut ParsedFolder,
     ) -> DatasetSplit {
+        // One frame with depth makes this a split with depth, whose other frames lack a file.
         let has_depth = self.has_depth();
         let mut frames = Vec::with_capacity(self.frames.len());
         for ListedFrame { name, pose, color, depth } in self.frames {
             let depth = match depth {
-                Ok(path) => Some(DepthSource { file: path.into(), encoding, confidence: None }),
+                Ok(file) => Some(DepthSource::new(file, encoding)),
                 Err(problem) if has_depth => {
-                    parsed.skip(&self.name, &name, color, problem);
+                    parsed.skip(&self.name, &name, color.path().to_owned(), problem);
                     continue;
                 }
                 Err(_) => None,
             };
             let lens = Distortion::default();
-            let source =
-                FrameSource::Files(Box::new(FrameFiles { color: color.into(), depth, lens }));
+            let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens }));
             let camera = Camera { intrinsics, pose };
             frames.push(FrameEntry { name, camera, color_camera: None, time: None, source });
         }
@@ -178,15 +171,18 @@ impl ListedSplit {
     /// warning.
     pub fn skip_unreadable(self, parsed: &mut ParsedFolder) {
         for ListedFrame { name, color, depth, .. } in self.frames {
-            let (file, problem) = match (header(&color), depth) {
+            let (file, problem) = match (decode::header(&color), depth) {
                 (Err(problem), _) | (_, Err(problem)) => (color, problem),
-                (Ok(_), Ok(depth)) => match header(&depth) {
+                (Ok(_), Ok(depth)) => match decode::header(&depth) {
                     Err(problem) => (depth, problem),
                     // The error did not occur again, but must not be hidden.
-                    Ok(_) => (color, FrameProblem::Read(std::io::Error::other(REFUSED))),
+                    Ok(_) => {
+                        let passing = std::io::Error::other("a temporary read error");
+                        (color, FrameProblem::Read(passing))
+                    }
                 },
             };
-            parsed.skip(&self.name, &name, file, problem);
+            parsed.skip(&self.name, &name, file.path().to_owned(), problem);
         }
     }
 }

@@ -2,7 +2,9 @@
 //! layout and by recordings without poses. Depth is in millimetres.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{Cameras, RecordedFrame, Recording, metadata_error, same_size};
+use super::recording::{
+    Cameras, RecordedFrame, Recording, STRUCTURED_LIGHT_RANGE, metadata_error, same_size,
+};
 use super::stated;
 use super::stated::PRIMESENSE;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -11,7 +13,7 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::pose::Pose;
@@ -20,12 +22,8 @@ use std::path::PathBuf;
 
 const COLOR_FOLDERS: [&str; 3] = ["color", "image", "rgb"];
 const DEPTH_FOLDER: &str = "depth";
-/// Metres per code.
-const DEPTH_UNIT: f64 = 0.001;
-/// Metres; range of a structured-light depth camera.
-const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
-pub(super) fn recognise(folder: &Folder) -> Option<String> {
+fn recognise(folder: &Folder) -> Option<String> {
     let color = color_folder(folder)?;
     folder.has_folder(DEPTH_FOLDER).then(|| format!("images in {color}/ and {DEPTH_FOLDER}/"))
 }
@@ -36,8 +34,9 @@ fn color_folder(folder: &Folder) -> Option<&'static str> {
 
 type PairedImages = (BTreeMap<u64, Pair>, Cameras);
 
-pub(super) fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError> {
+fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError> {
     let folder = recording.folder;
+    // The default is used only if the folder was removed since recognition; listing it then fails.
     let color_name = color_folder(folder).unwrap_or("color");
     let colors = recording.list(color_name, "", &PHOTOGRAPHS)?;
     let depths = recording.list(DEPTH_FOLDER, "", &["png"])?;
@@ -46,18 +45,19 @@ pub(super) fn read(recording: &mut Recording) -> Result<Option<PairedImages>, Da
     Ok(cameras.map(|cameras| (pairs, cameras)))
 }
 
-pub(super) fn encoding(recording: &Recording) -> DepthEncoding {
-    recording.encoding(CodeKind::Linear16(DEPTH_UNIT), Sensor::Kinect, TRUSTED_DEPTH)
+fn encoding(recording: &Recording) -> DepthEncoding {
+    recording.encoding(CodeKind::Linear16(MILLIMETRE), Sensor::Kinect, STRUCTURED_LIGHT_RANGE)
 }
 
-pub(super) struct Pair {
-    pub name: String,
-    pub color: Option<ByteSource>,
+struct Pair {
+    name: String,
+    color: Option<ByteSource>,
+    // As text: problems hold I/O errors, which cannot be cloned.
     depth: Result<ByteSource, String>,
 }
 
 impl Pair {
-    pub fn depth(&self) -> Result<ByteSource, FrameProblem> {
+    fn depth(&self) -> Result<ByteSource, FrameProblem> {
         self.depth.clone().map_err(FrameProblem::MissingDepth)
     }
 }
@@ -113,20 +113,9 @@ fn cameras(
     let (file, k) = match (stated::in_json_file(folder)?, stated::in_text_file(folder, size)?) {
         (Some(stated), _) | (None, Some(stated)) => stated,
         (None, None) => {
-            let is_known = size == (PRIMESENSE.width, PRIMESENSE.height);
+            let expected = "`width`, `height` and the camera's `intrinsic_matrix`";
             let file = folder.path.join("camera.json");
-            if !is_known && recording.options.intrinsics.is_none() {
-                let expected = format!("a camera for images of {}x{}", size.0, size.1);
-                let found = "no JSON file with an `intrinsic_matrix`".to_owned();
-                return Err(metadata_error(
-                    &file,
-                    &expected,
-                    found,
-                    "export it, or set the intrinsics",
-                ));
-            }
-            recording.note("no camera file: a PrimeSense's 525, 525, 319.5, 239.5 are used");
-            (file, PRIMESENSE)
+            PRIMESENSE.assume(recording, size, (file, expected))?
         }
     };
     // The file may state the camera of depth or that of the photographs.
@@ -159,16 +148,13 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             continue;
         }
         let missing = || FrameProblem::MissingColor(format!("number {number}"));
-        let color = pair.color.clone().ok_or_else(missing);
-        match color.and_then(|color| Ok((color, pair.depth()?))) {
-            Ok((color, depth)) => {
-                let depth = Some(DepthSource::new(depth, encoding));
-                let name = pair.name.clone();
-                recording.push(RecordedFrame::new(name, Pose::IDENTITY, cameras, color, depth));
-            }
-            // The other file of the pair may still be written.
-            Err(_) if folder.is_growing() => {}
-            Err(problem) => recording.skip(&pair.name, folder.path.clone(), problem),
+        let frame = pair.color.clone().ok_or_else(missing).and_then(|color| {
+            let depth = Some(DepthSource::new(pair.depth()?, encoding));
+            Ok(RecordedFrame::new(pair.name.clone(), Pose::IDENTITY, cameras, color, depth))
+        });
+        // While the recording grows, the other file of the pair may still be written.
+        if frame.is_ok() || !folder.is_growing() {
+            recording.add(&pair.name, &folder.path, frame);
         }
     }
     Ok(recording.finish())
@@ -227,24 +213,20 @@ fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
             false if is_complete => in_place,
             false => counted,
         };
-        if number.and_then(|n| pairs.get(&n)).is_some_and(|pair| folder.was_taken(&pair.name)) {
+        let pair = number.and_then(|number| pairs.get(&number));
+        if pair.is_some_and(|pair| folder.was_taken(&pair.name)) {
             continue;
         }
-        let pair = number.and_then(|number| pairs.get(&number));
         let Some((pair, color)) = pair.and_then(|pair| Some((pair, pair.color.clone()?))) else {
             let problem = FrameProblem::MissingColor(format!("number {index}"));
             recording.skip(&index.to_string(), log.clone(), problem);
             continue;
         };
-        let frame = pose.and_then(|pose| Ok((pose, pair.depth()?)));
-        match frame {
-            Ok((pose, depth)) => {
-                let depth = Some(DepthSource::new(depth, encoding));
-                let name = pair.name.clone();
-                recording.push(RecordedFrame::new(name, pose, cameras, color, depth));
-            }
-            Err(problem) => recording.skip(&pair.name, log.clone(), problem),
-        }
+        let frame = pose.and_then(|pose| {
+            let depth = Some(DepthSource::new(pair.depth()?, encoding));
+            Ok(RecordedFrame::new(pair.name.clone(), pose, cameras, color, depth))
+        });
+        recording.add(&pair.name, &log, frame);
     }
     Ok(recording.finish())
 }
@@ -260,12 +242,7 @@ fn blocks(recording: &mut Recording) -> Result<(PathBuf, Vec<Block>), DatasetErr
     while let Some((i, line)) = lines.next() {
         let Some([index, ..]) = head(line) else {
             let expected = "three whole numbers before each matrix of four rows";
-            let problem = FrameProblem::Line {
-                expected,
-                found: line.chars().take(40).collect(),
-                line: i + 1,
-            };
-            recording.skip(&format!("line {}", i + 1), file.clone(), problem);
+            recording.skip_line(&file, i + 1, expected, line);
             // Skip to the next line that can begin a block.
             continue;
         };

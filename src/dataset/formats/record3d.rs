@@ -2,13 +2,12 @@
 //!
 //! Both contain `metadata`, one JSON object. `K` is nine numbers by columns, for images of the photograph's
 //! size; `poses` has one `qx qy qz qw tx ty tz` per frame, camera to world in OpenGL axes. The archive
-//! contains
-//! `rgbd/N.jpg`, `rgbd/N.depth` (32-bit floats in metres, LZFSE-compressed) and `rgbd/N.conf` (0 to 2); the
-//! folder contains `rgb/N.jpg` and `depth/N.exr`. `perFrameIntrinsicCoeffs` (`fx fy cx cy`) are the
+//! contains `rgbd/N.jpg`, `rgbd/N.depth` (32-bit floats in metres, LZFSE-compressed) and `rgbd/N.conf` (0 to
+//! 2); the folder contains `rgb/N.jpg` and `depth/N.exr`. `perFrameIntrinsicCoeffs` (`fx fy cx cy`) are the
 //! intrinsics of each frame, which autofocus changes.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{Cameras, RecordedFrame, Recording, metadata_error, same_size};
+use super::recording::{Cameras, LIDAR_RANGE, RecordedFrame, Recording, metadata_error, same_size};
 use super::trajectory::TimedPose;
 use super::{recording, stated};
 use crate::dataset::archive::Archive;
@@ -18,7 +17,7 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, relative_path};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix::describe_json;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -28,58 +27,48 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Metres; beyond it, the depth is inferred from the photograph and not measured by the lidar.
-const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
-
-pub(super) struct Metadata {
-    pub file: PathBuf,
+struct Metadata {
+    file: PathBuf,
     json: Value,
 }
 
-pub(super) struct FrameSources {
-    pub color: ByteSource,
-    pub depth: Option<ByteSource>,
-    pub confidence: Option<ByteSource>,
+struct FrameSources {
+    color: ByteSource,
+    depth: Option<ByteSource>,
+    confidence: Option<ByteSource>,
 }
 
 impl Metadata {
-    pub fn is_one(text: &[u8]) -> bool {
+    fn is_one(text: &[u8]) -> bool {
         serde_json::from_slice::<Value>(text)
             .is_ok_and(|json| json.get("K").is_some() && json.get("poses").is_some())
     }
 
-    pub fn new(file: PathBuf, text: &[u8]) -> Result<Self, DatasetError> {
+    fn new(file: PathBuf, text: &[u8]) -> Result<Self, DatasetError> {
         match serde_json::from_slice(text) {
             Ok(json) => Ok(Self { file, json }),
             Err(source) => Err(DatasetError::Json { file, source }),
         }
     }
 
-    pub fn record(
+    fn record(
         &self,
         recording: &mut Recording,
         frames: &BTreeMap<u64, FrameSources>,
         codes: CodeKind,
     ) -> Result<(), DatasetError> {
-        let colors = frames.values().map(|frame| &frame.color);
-        let size = match recording::photograph_size(colors) {
-            Ok(Some(size)) => size,
-            Ok(None) => return Ok(()),
-            Err((file, problem)) => {
-                recording.skip("all", file, problem);
-                return Ok(());
-            }
-        };
+        let size = recording::photograph_size(frames.values().map(|frame| &frame.color));
+        let Some(size) = recording.warn_unreadable(size) else { return Ok(()) };
         let k = self.intrinsics(size)?;
         let depth_size = self.depth_size(frames, codes, size)?;
-        let poses = self.array("poses");
+        let poses = stated::array(&self.json, "poses");
         // No error: only the frames without a pose are skipped below.
         if poses.len() < frames.len() {
             let (listed, found) = (poses.len(), frames.len());
             recording
                 .note(format!("expected a pose for each of {found} frames, found {listed} poses"));
         }
-        let encoding = recording.encoding(codes, Sensor::Lidar, TRUSTED_DEPTH);
+        let encoding = recording.encoding(codes, Sensor::Lidar, LIDAR_RANGE);
         let least = recording.least_confidence();
         for (&number, frame) in frames {
             // A number beyond any index has no pose, so its frame is skipped.
@@ -104,16 +93,12 @@ impl Metadata {
         Ok(())
     }
 
-    fn array(&self, key: &str) -> &[Value] {
-        self.json.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice)
-    }
-
-    fn side(&self, key: &str) -> Option<u32> {
-        self.json.get(key).and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok())
+    fn size(&self, width: &str, height: &str) -> Option<(u32, u32)> {
+        stated::side(&self.json, &[width]).zip(stated::side(&self.json, &[height]))
     }
 
     fn intrinsics(&self, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
-        if let Some(stated) = self.side("w").zip(self.side("h")) {
+        if let Some(stated) = self.size("w", "h") {
             same_size(stated, size, &self.file)?;
         }
         let k = self.json.get("K").and_then(|k| stated::from_json(k, size));
@@ -133,7 +118,7 @@ impl Metadata {
         depth_size: (u32, u32),
     ) -> Result<Cameras, DatasetError> {
         let size = (all.width, all.height);
-        let own = self.array("perFrameIntrinsicCoeffs").get(index);
+        let own = stated::array(&self.json, "perFrameIntrinsicCoeffs").get(index);
         let own = own.and_then(|value| stated::flat_numbers(value)?.try_into().ok());
         let own = own.map(|[fx, fy, cx, cy]: [f64; 4]| Intrinsics { fx, fy, cx, cy, ..*all });
         // Some versions of the app fill the list with zeros.
@@ -153,7 +138,7 @@ impl Metadata {
             // Unreadable files are reported with their frames.
             return Ok(recording::depth_size(depths).ok().flatten().unwrap_or(color));
         }
-        if let Some(stated) = self.side("dw").zip(self.side("dh")) {
+        if let Some(stated) = self.size("dw", "dh") {
             return Ok(stated);
         }
         // Old versions of the app do not state the size; they supported one sensor.
@@ -161,7 +146,7 @@ impl Metadata {
     }
 
     fn time(&self, index: usize) -> Option<f64> {
-        let stamp = self.array("frameTimestamps").get(index).and_then(Value::as_f64);
+        let stamp = stated::array(&self.json, "frameTimestamps").get(index).and_then(Value::as_f64);
         let fps = self.json.get("fps").and_then(Value::as_f64).filter(|fps| *fps > 0.0);
         stamp.or_else(|| Some(index as f64 / fps?)).filter(|time| time.is_finite())
     }
@@ -243,12 +228,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     }
     let Some(name) = METADATA.into_iter().find(|name| names.contains(*name)) else {
         let found = format!("{} members, none of that name", names.len());
-        return Err(metadata_error(
-            &path,
-            "a member `metadata`",
-            found,
-            "share the recording again",
-        ));
+        let hint = "share the recording again";
+        return Err(metadata_error(&path, "a member `metadata`", found, hint));
     };
     let text = archive.read(name).map_err(damaged)?;
     let metadata = Metadata::new(path.join(name), &text)?;
@@ -294,9 +275,6 @@ const FOLDER_METADATA: [&str; 2] = ["metadata.json", "metadata"];
 const COLORS: &str = "rgb";
 const DEPTHS: &str = "depth";
 const CONFIDENCES: [&str; 2] = ["confidence", "conf"];
-/// Metres per unit of float files; codes would be millimetres.
-const FLOAT_UNIT: f64 = 1.0;
-const CODE_UNIT: f64 = 0.001;
 
 fn recognise_folder(folder: &Folder) -> Option<String> {
     let name = metadata(folder)?;
@@ -315,17 +293,11 @@ fn parse_folder(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
     let (file, text) = folder.text(metadata(folder).unwrap_or(FOLDER_METADATA[0]))?;
     let metadata = Metadata::new(file, text.as_bytes())?;
     let colors = recording.list(COLORS, "", &PHOTOGRAPHS)?;
-    let depths = match folder.has_folder(DEPTHS) {
-        true => Some(recording.list(DEPTHS, "", &["exr", "png", "tiff", "tif", "npy"])?),
-        false => None,
-    };
-    let confidences = match CONFIDENCES.into_iter().find(|name| folder.has_folder(name)) {
-        Some(name) => Some(recording.list(name, "", &["png", "conf", "bin"])?),
-        None => None,
-    };
+    let depths = recording.list_optional(DEPTHS, &["exr", "png", "tiff", "tif", "npy"])?;
+    let name = CONFIDENCES.into_iter().find(|name| folder.has_folder(name));
+    let confidences = recording.list_optional(name.unwrap_or_default(), &["png", "conf", "bin"])?;
     let mut frames = BTreeMap::new();
-    let lists: Vec<&NumberedFiles> =
-        [Some(&colors), depths.as_ref()].into_iter().flatten().collect();
+    let lists: Vec<&NumberedFiles> = [&colors].into_iter().chain(&depths).collect();
     let taken = |number: &u64| folder.was_taken(&number.to_string());
     for number in NumberedFiles::union(&lists).into_iter().filter(|number| !taken(number)) {
         match sources(folder, [Some(&colors), depths.as_ref(), confidences.as_ref()], number) {
@@ -339,7 +311,8 @@ fn parse_folder(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
     let is_codes = depths
         .as_ref()
         .is_some_and(|d| d.numbers().next().is_some_and(|n| d.has_extension(n, "png")));
-    let unit = CodeKind::ByContent(if is_codes { CODE_UNIT } else { FLOAT_UNIT });
+    // Float files are in metres.
+    let unit = CodeKind::ByContent(if is_codes { MILLIMETRE } else { 1.0 });
     metadata.record(&mut recording, &frames, unit)?;
     Ok(recording.finish())
 }

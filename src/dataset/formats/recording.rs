@@ -1,9 +1,7 @@
 //! Common steps of all layouts of image sequences.
 //!
-//! A sequence has one split, `all`. The frames held out of it when it is the training split are also the
-//! split
-//! `held-out`. Depth has its own camera; its intrinsics follow from the photograph's if both share one
-//! lens.
+//! A sequence has the split `all`. The split `held-out` repeats the frames that training on `all` holds out.
+//! Depth has its own camera; its intrinsics follow from the photograph's if both share one lens.
 
 use super::numbered::NumberedFiles;
 use super::stated::majority;
@@ -27,6 +25,13 @@ use std::borrow::Borrow;
 use std::path::{Path, PathBuf};
 
 const SPLIT: &str = "all";
+
+/// Trusted depth of structured-light sensors (Kinect, Structure), metres.
+pub(super) const STRUCTURED_LIGHT_RANGE: [f64; 2] = [0.3, 4.0];
+/// Trusted depth of a phone's lidar, metres; beyond it, depth is inferred from the photograph.
+pub(super) const LIDAR_RANGE: [f64; 2] = [0.1, 5.0];
+/// Trusted depth of renderings, which are exact at any length.
+pub(super) const ANY_RANGE: [f64; 2] = [0.0, f64::INFINITY];
 
 pub(super) struct Recording<'a> {
     pub folder: &'a Folder,
@@ -74,6 +79,29 @@ impl<'a> Recording<'a> {
         self.parsed.skip(SPLIT, frame, file, problem);
     }
 
+    pub fn skip_line(&mut self, file: &Path, line: usize, expected: &'static str, found: &str) {
+        // A damaged line may be of any length.
+        let found = found.chars().take(60).collect();
+        let problem = FrameProblem::Line { expected, found, line };
+        self.skip(&format!("line {line}"), file.to_owned(), problem);
+    }
+
+    /// Adds a frame, or the warning that it is skipped because of `file`.
+    pub fn add(&mut self, name: &str, file: &Path, frame: Result<RecordedFrame, FrameProblem>) {
+        match frame {
+            Ok(frame) => self.push(frame),
+            Err(problem) => self.skip(name, file.to_owned(), problem),
+        }
+    }
+
+    /// Replaces the error of an unreadable file by a warning.
+    pub fn warn_unreadable(&mut self, size: ImageSize) -> Option<(u32, u32)> {
+        size.unwrap_or_else(|(file, problem)| {
+            self.skip(SPLIT, file, problem);
+            None
+        })
+    }
+
     /// Lists the files of a folder that are `prefix` and a number; a second file of a number becomes a
     /// warning.
     pub fn list(
@@ -83,6 +111,7 @@ impl<'a> Recording<'a> {
         extensions: &[&str],
     ) -> Result<NumberedFiles, DatasetError> {
         let path = self.folder.path.join(name);
+        // A missing folder costs the whole recording, a doubled file only a warning.
         let files =
             NumberedFiles::list(self.folder, name, prefix, extensions).map_err(|problem| {
                 metadata_error(&path, "a folder of frames", problem.to_string(), "restore it")
@@ -92,6 +121,15 @@ impl<'a> Recording<'a> {
             self.skip(&number.to_string(), path.join(name), problem);
         }
         Ok(files)
+    }
+
+    /// As [`Self::list`] for names without prefix; `None` without the folder.
+    pub fn list_optional(
+        &mut self,
+        name: &str,
+        extensions: &[&str],
+    ) -> Result<Option<NumberedFiles>, DatasetError> {
+        self.folder.has_folder(name).then(|| self.list(name, "", extensions)).transpose()
     }
 
     /// Notes that the times of a list had to be sorted.
@@ -108,11 +146,8 @@ impl<'a> Recording<'a> {
         colors: impl IntoIterator<Item = impl Borrow<ByteSource>>,
         depths: impl IntoIterator<Item = impl Borrow<ByteSource>>,
     ) -> Option<((u32, u32), (u32, u32))> {
-        let sizes = photograph_size(colors).and_then(|color| Ok(color.zip(depth_size(depths)?)));
-        sizes.unwrap_or_else(|(file, problem)| {
-            self.skip(SPLIT, file, problem);
-            None
-        })
+        let color = self.warn_unreadable(photograph_size(colors))?;
+        Some((color, self.warn_unreadable(depth_size(depths))?))
     }
 
     pub fn note(&mut self, note: impl Into<String>) {
@@ -128,6 +163,7 @@ impl<'a> Recording<'a> {
 
     /// Makes one split of all frames. If any frame has depth, frames without depth are skipped.
     pub fn finish(mut self) -> ParsedFolder {
+        // A recording without any depth is photographs alone, and nothing is missing.
         let has_depth = self.frames.iter().any(|frame| frame.depth_path().is_some());
         if has_depth {
             let (with, without): (Vec<_>, Vec<_>) =
@@ -163,6 +199,7 @@ impl<'a> Recording<'a> {
         let codes = match codes {
             CodeKind::Linear16(unit) => CodeKind::Linear16(scaled(unit)),
             CodeKind::ByContent(unit) => CodeKind::ByContent(scaled(unit)),
+            // These have no unit that a user could correct.
             other => other,
         };
         let trusted = self.options.depth_range.unwrap_or(trusted);
@@ -170,6 +207,7 @@ impl<'a> Recording<'a> {
     }
 
     pub fn least_confidence(&self) -> u8 {
+        // Of 0 to 2; at 0 the sensor itself does not trust its value.
         self.options.confidence.unwrap_or(1)
     }
 
@@ -228,22 +266,23 @@ pub(super) fn same_size(
     }
 }
 
+/// Most frequent size in pixels, or the first file that cannot be read and why.
+type ImageSize = Result<Option<(u32, u32)>, (PathBuf, FrameProblem)>;
+
 pub(super) fn photograph_size(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
-) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
+) -> ImageSize {
     most(sources, |source| decode::header(source).map(|h| (h.width, h.height)))
 }
 
-pub(super) fn depth_size(
-    sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
-) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
+pub(super) fn depth_size(sources: impl IntoIterator<Item = impl Borrow<ByteSource>>) -> ImageSize {
     most(sources, decode::depth_size)
 }
 
 fn most(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
     size: impl Fn(&ByteSource) -> Result<(u32, u32), FrameProblem>,
-) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
+) -> ImageSize {
     let sources: Vec<_> = sources.into_iter().collect();
     majority(&sources, |source| {
         let source = source.borrow();

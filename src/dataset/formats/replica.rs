@@ -5,7 +5,8 @@
 //! Depth is rendered, in steps of 1/6553.5 m, and registered.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{RecordedFrame, Recording, metadata_error, same_size};
+use super::recording::{ANY_RANGE, RecordedFrame, Recording, metadata_error, same_size};
+use super::stated::{KnownCamera, side};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -31,9 +32,12 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const POSES: &str = "traj.txt";
 const IMAGES: &str = "results";
 const CAMERA: &str = "cam_params.json";
+/// Codes per metre of NICE-SLAM's renderings: 16 bits span 10 m.
 const CODES_PER_METRE: f64 = 6553.5;
-const PUBLISHED: Intrinsics =
-    Intrinsics { width: 1200, height: 680, fx: 600.0, fy: 600.0, cx: 599.5, cy: 339.5 };
+const PUBLISHED: KnownCamera = KnownCamera {
+    source: "published",
+    intrinsics: Intrinsics { width: 1200, height: 680, fx: 600.0, fy: 600.0, cx: 599.5, cy: 339.5 },
+};
 
 fn recognise(folder: &Folder) -> Option<String> {
     let text = folder.peek(POSES);
@@ -45,6 +49,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
+    // Both kinds of images are in one folder; prefixes tell them apart.
     let colors = recording.list(IMAGES, "frame", &PHOTOGRAPHS)?;
     let depths = recording.list(IMAGES, "depth", &["png"])?;
     let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
@@ -52,7 +57,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let (file, k, per_metre) = camera(&mut recording, size)?;
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     let unit = CodeKind::Linear16(1.0 / per_metre);
-    let encoding = recording.encoding(unit, Sensor::Exact { noise: 0.0 }, [0.0, f64::INFINITY]);
+    let encoding = recording.encoding(unit, Sensor::Exact { noise: 0.0 }, ANY_RANGE);
     let (traj, text) = folder.lines(POSES)?;
     let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
     for number in NumberedFiles::union(&[&colors, &depths]) {
@@ -66,22 +71,13 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             .ok_or_else(|| FrameProblem::MissingPose(format!("line {} of {POSES}", number + 1)))
             .and_then(|line| Ok(Pose::from_opencv(matrix::from_text(line)?)?))
             .and_then(|pose| {
-                let missing = || FrameProblem::MissingColor(format!("frame{number:06}.jpg"));
+                let missing = FrameProblem::MissingColor(format!("frame{number:06}.jpg"));
                 let color = colors.required(folder, number, missing)?;
-                let missing = || FrameProblem::MissingDepth(format!("depth{number:06}.png"));
-                let depth = depths.required(folder, number, missing)?;
-                Ok(RecordedFrame::new(
-                    name.clone(),
-                    pose,
-                    cameras,
-                    color,
-                    Some(DepthSource::new(depth, encoding)),
-                ))
+                let missing = FrameProblem::MissingDepth(format!("depth{number:06}.png"));
+                let depth = DepthSource::new(depths.required(folder, number, missing)?, encoding);
+                Ok(RecordedFrame::new(name.clone(), pose, cameras, color, Some(depth)))
             });
-        match found {
-            Ok(frame) => recording.push(frame),
-            Err(problem) => recording.skip(&name, traj.clone(), problem),
-        }
+        recording.add(&name, &traj, found);
     }
     Ok(recording.finish())
 }
@@ -101,15 +97,9 @@ fn camera(
     });
     let file = file.transpose()?;
     let Some(file) = file else {
-        if size != (PUBLISHED.width, PUBLISHED.height) && recording.options.intrinsics.is_none() {
-            let expected = format!("the camera of images of {}x{}", size.0, size.1);
-            let found =
-                "no such file in the folder or its parent (the published camera has 1200x680)";
-            let hint = "copy it there, or set the intrinsics";
-            return Err(metadata_error(&beside, &expected, found.to_owned(), hint));
-        }
-        recording.note(format!("no {CAMERA}: the published 600, 600, 599.5, 339.5 are used"));
-        return Ok((beside, PUBLISHED, CODES_PER_METRE));
+        let expected = "the renderings' own file, here or in the parent folder,";
+        let (file, k) = PUBLISHED.assume(recording, size, (beside, expected))?;
+        return Ok((file, k, CODES_PER_METRE));
     };
     let text =
         read_text(&file).map_err(|source| DatasetError::Read { path: file.clone(), source })?;
@@ -117,21 +107,18 @@ fn camera(
         .map_err(|source| DatasetError::Json { file: file.clone(), source })?;
     let camera = json.get("camera").unwrap_or(&json);
     let number = |key: &str| camera.get(key).and_then(Value::as_f64);
-    let side = |key| camera.get(key).and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok());
-    let all = [number("fx"), number("fy"), number("cx"), number("cy")];
-    let ([Some(fx), Some(fy), Some(cx), Some(cy)], Some(width), Some(height)) =
-        (all, side("w"), side("h"))
+    let all = ["fx", "fy", "cx", "cy"].map(number);
+    let size_stated = ["w", "h"].map(|key| side(camera, &[key]));
+    let ([Some(fx), Some(fy), Some(cx), Some(cy)], [Some(width), Some(height)]) =
+        (all, size_stated)
     else {
         let expected = "`camera` with numbers w, h, fx, fy, cx, cy and scale";
-        return Err(metadata_error(
-            &file,
-            expected,
-            describe_json(camera),
-            "copy the renderings' own file",
-        ));
+        let hint = "copy the renderings' own file";
+        return Err(metadata_error(&file, expected, describe_json(camera), hint));
     };
     same_size((width, height), size, &file)?;
     let scale = number("scale").unwrap_or(CODES_PER_METRE);
+    // Lengths are divided by it.
     if !(scale.is_finite() && scale > 0.0) {
         let expected = "a positive `scale`, codes per metre";
         return Err(metadata_error(&file, expected, scale.to_string(), "correct it"));

@@ -1,14 +1,14 @@
 //! RTAB-Map's export: `rgb/`, `depth/` (millimetres), `calib/*.yaml` (or `calib.yaml`, `calibration.yaml`)
-//! and poses. These are in TUM's form (`t x y z qx qy qz qw`, optionally with the image's number) or
-//! KITTI's (twelve numbers of a 3×4 matrix).
+//! and poses, in TUM's form (`t x y z qx qy qz qw`, optionally with the image's number) or KITTI's (twelve
+//! numbers of a 3×4 matrix).
 //!
 //! Images are named by number or by time: a pose belongs to the image of its number, its time, or its place
 //! in the list. If the calibration contains the camera's mount on the robot (`local_transform`), poses are
-//! the robot's (`--poses`). They are the camera's if their file name contains `camera` (`--poses_camera`
-//! writes
-//! `…_camera_poses.txt`).
+//! the robot's (`--poses`). They are the camera's if their file name contains `camera`, as in
+//! `…_camera_poses.txt` (`--poses_camera`).
 
-use super::recording::{RecordedFrame, Recording, check_intrinsics, metadata_error};
+use super::recording::{RecordedFrame, Recording, check_intrinsics, metadata_error, same_size};
+use super::stated;
 use super::trajectory::{TimedPose, lines};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::DepthSource;
@@ -16,7 +16,7 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -39,8 +39,6 @@ const DEPTHS: &str = "depth";
 const CALIBRATIONS: &str = "calib";
 /// Marks a file with the camera's own poses by its name.
 const OF_CAMERA: &str = "camera";
-/// Metres per code.
-const DEPTH_UNIT: f64 = 0.001;
 /// Metres.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 5.0];
 /// Largest difference between the time in a name, which is rounded, and that of its pose, seconds.
@@ -112,19 +110,20 @@ fn pose(line: &str) -> Result<PoseLine, FrameProblem> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    let images = Images::list(folder)?;
-    let (colors, depths) = (images.sources(0), images.sources(1));
-    let Some((size, depth_size)) = recording.sizes(colors, depths) else {
+    let (colors, depths) = (Images::list(folder, COLORS)?, Images::list(folder, DEPTHS)?);
+    let Some((size, depth_size)) = recording.sizes(colors.sources(), depths.sources()) else {
         return Ok(recording.finish());
     };
-    let (calibration_file, calibration) = folder.text(&calibration_name(folder))?;
+    let name = calibration(folder).unwrap_or("calibration.yaml".to_owned());
+    let (calibration_file, calibration) = folder.text(&name)?;
     let stated = read_camera(&calibration_file, &calibration)?;
     // The calibration is that of the photographs.
-    super::recording::same_size((stated.width, stated.height), size, &calibration_file)?;
+    same_size((stated.width, stated.height), size, &calibration_file)?;
     let cameras = recording.cameras_of_lens(&stated, size, depth_size, &calibration_file)?;
     // A phone's lidar has a lower resolution than its photographs; depth cameras do not.
     let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
-    let encoding = recording.encoding(CodeKind::ByContent(DEPTH_UNIT), sensor, TRUSTED_DEPTH);
+    let encoding = recording.encoding(CodeKind::ByContent(MILLIMETRE), sensor, TRUSTED_DEPTH);
+    // The default is used only if the file was removed since recognition; reading it then fails.
     let pose_name = pose_file(folder).unwrap_or("poses.txt");
     let (file, text) = folder.lines(pose_name)?;
     let on_robot = match pose_name.contains(OF_CAMERA) {
@@ -142,78 +141,87 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let mut seen = BTreeSet::new();
     for (i, (line, content)) in lines(&text).enumerate() {
         let found = pose(content).and_then(|p| {
-            let stem = images.stem(&p, i, total)?;
+            let stem = colors.stem(&p, i, total)?;
             if folder.was_taken(&stem) {
                 return Ok(None);
             }
-            Ok(Some((Pose::from_opencv(p.matrix * on_robot)?, p.time, images.pair(&stem)?, stem)))
+            let pose = Pose::from_opencv(p.matrix * on_robot)?;
+            let color = colors.required(&stem, FrameProblem::MissingColor)?;
+            let depth = depths.required(&stem, FrameProblem::MissingDepth)?;
+            let depth = Some(DepthSource::new(depth, encoding));
+            let frame = RecordedFrame::new(stem, pose, cameras, color, depth);
+            Ok(Some(RecordedFrame { time: p.time, ..frame }))
         });
         match found {
             Ok(None) => {}
-            Ok(Some((_, _, _, stem))) if seen.contains(&stem) => {
+            Ok(Some(frame)) if !seen.insert(frame.name.clone()) => {
                 let problem = FrameProblem::Duplicate(format!("another pose in line {line}"));
-                recording.skip(&stem, file.clone(), problem);
+                recording.skip(&frame.name, file.clone(), problem);
             }
-            Ok(Some((pose, time, [color, depth], stem))) => {
-                seen.insert(stem.clone());
-                let depth = Some(DepthSource::new(depth, encoding));
-                let frame = RecordedFrame::new(stem, pose, cameras, color, depth);
-                recording.push(RecordedFrame { time, ..frame });
-            }
+            Ok(Some(frame)) => recording.push(frame),
             Err(problem) => recording.skip(&format!("line {line}"), file.clone(), problem),
         }
     }
     Ok(recording.finish())
 }
 
-/// The images of both folders by stem, ordered by number or time.
+/// A folder's images by stem, ordered by number or time.
 struct Images<'a> {
     folder: &'a Folder,
-    names: [String; 2],
-    listings: [Rc<FolderListing>; 2],
-    colors: Vec<(String, String)>,
-    depths: Vec<(String, String)>,
+    name: String,
+    listing: Rc<FolderListing>,
+    by_stem: Vec<(String, String)>,
 }
 
 impl<'a> Images<'a> {
-    fn list(folder: &'a Folder) -> Result<Self, DatasetError> {
-        let names = [COLORS, DEPTHS].map(|s| subfolder(folder, s).unwrap_or(s.to_owned()));
-        let list = |name: &String| {
-            folder.list(Path::new(name)).map_err(|problem| {
-                let path = folder.path.join(name);
-                metadata_error(&path, "a folder of images", problem.to_string(), "restore it")
-            })
-        };
-        let listings = [list(&names[0])?, list(&names[1])?];
-        let stems = |listing: &FolderListing| {
-            let stem = |name: &str| Some((name.rsplit_once('.')?.0.to_owned(), name.to_owned()));
-            let mut found: Vec<_> = listing.files().filter_map(stem).collect();
-            // By value, because text sorts 10 before 9.
-            found.sort_by(|(a, _), (b, _)| value(a).total_cmp(&value(b)).then(a.cmp(b)));
-            found
-        };
-        let [colors, depths] = [stems(&listings[0]), stems(&listings[1])];
-        Ok(Self { folder, names, listings, colors, depths })
+    fn list(folder: &'a Folder, suffix: &str) -> Result<Self, DatasetError> {
+        let name = subfolder(folder, suffix).unwrap_or(suffix.to_owned());
+        let listing = folder.list(Path::new(&name)).map_err(|problem| {
+            let path = folder.path.join(&name);
+            metadata_error(&path, "a folder of images", problem.to_string(), "restore it")
+        })?;
+        let stem = |name: &str| Some((name.rsplit_once('.')?.0.to_owned(), name.to_owned()));
+        let mut by_stem: Vec<_> = listing.files().filter_map(stem).collect();
+        // By value, because text sorts 10 before 9.
+        by_stem.sort_by(|(a, _), (b, _)| value(a).total_cmp(&value(b)).then(a.cmp(b)));
+        Ok(Self { folder, name, listing, by_stem })
     }
 
-    #[expect(clippy::indexing_slicing, reason = "called with 0 and 1")]
-    fn sources(&self, which: usize) -> impl Iterator<Item = ByteSource> {
-        let images = [&self.colors, &self.depths][which].iter();
-        images.filter_map(move |(_, name)| self.path(which, name).ok())
+    fn sources(&self) -> impl Iterator<Item = ByteSource> {
+        self.by_stem.iter().filter_map(|(_, name)| self.source(name).ok())
     }
 
-    #[expect(clippy::indexing_slicing, reason = "called with 0 and 1")]
-    fn path(&self, which: usize, name: &str) -> Result<ByteSource, FrameProblem> {
-        let relative = Path::new(&self.names[which]);
-        Ok(self.folder.file(relative, &self.listings[which], name)?.into())
+    fn source(&self, name: &str) -> Result<ByteSource, FrameProblem> {
+        Ok(self.folder.file(Path::new(&self.name), &self.listing, name)?.into())
+    }
+
+    /// Images whose number or time is at least `least`.
+    fn from(&self, least: f64) -> &[(String, String)] {
+        self.by_stem.split_at(self.by_stem.partition_point(|(stem, _)| value(stem) < least)).1
+    }
+
+    fn find(&self, stem: &str) -> Option<&str> {
+        // `1` and `01` have the same value.
+        let mut equal =
+            self.from(value(stem)).iter().take_while(|(other, _)| value(other) == value(stem));
+        equal.find(|(other, _)| other == stem).map(|(_, name)| name.as_str())
+    }
+
+    /// The image with this stem.
+    fn required(
+        &self,
+        stem: &str,
+        missing: fn(String) -> FrameProblem,
+    ) -> Result<ByteSource, FrameProblem> {
+        self.source(self.find(stem).ok_or_else(|| missing(stem.to_owned()))?)
     }
 
     fn stem(&self, pose: &PoseLine, place: usize, total: usize) -> Result<String, FrameProblem> {
         let by_number = pose.number.map(|n| n.to_string());
-        if let Some(stem) = by_number.filter(|n| find(&self.colors, n).is_some()) {
+        if let Some(stem) = by_number.filter(|n| self.find(n).is_some()) {
             return Ok(stem);
         }
-        let at = |time: f64| from(&self.colors, time - TIME_ROUNDING).first();
+        let at = |time: f64| self.from(time - TIME_ROUNDING).first();
         if let Some((stem, _)) = pose.time.and_then(at)
             && pose.time.is_some_and(|time| (value(stem) - time).abs() < TIME_ROUNDING)
         {
@@ -222,42 +230,18 @@ impl<'a> Images<'a> {
         // A number without an image means that the image is missing, so the place does not apply. While the
         // recording grows, places are not final either.
         let is_counted =
-            pose.number.is_none() && total == self.colors.len() && !self.folder.is_growing();
-        let by_place = self.colors.get(place).filter(|_| is_counted);
+            pose.number.is_none() && total == self.by_stem.len() && !self.folder.is_growing();
+        let by_place = self.by_stem.get(place).filter(|_| is_counted);
         by_place.map(|(stem, _)| stem.clone()).ok_or_else(|| {
-            let images = self.colors.len();
+            let images = self.by_stem.len();
             FrameProblem::MissingColor(format!("of pose {place} of {total} (there are {images})"))
         })
-    }
-
-    fn pair(&self, stem: &str) -> Result<[ByteSource; 2], FrameProblem> {
-        let color = find(&self.colors, stem);
-        let color = color.ok_or_else(|| FrameProblem::MissingColor(stem.to_owned()))?;
-        let depth = find(&self.depths, stem);
-        let depth = depth.ok_or_else(|| FrameProblem::MissingDepth(stem.to_owned()))?;
-        Ok([self.path(0, color)?, self.path(1, depth)?])
     }
 }
 
 /// Number or time in a name; other names are sorted last.
 fn value(stem: &str) -> f64 {
     stem.parse().ok().filter(|value: &f64| value.is_finite()).unwrap_or(f64::INFINITY)
-}
-
-/// Images with at least a given value; `images` are sorted by value.
-fn from(images: &[(String, String)], least: f64) -> &[(String, String)] {
-    images.split_at(images.partition_point(|(stem, _)| value(stem) < least)).1
-}
-
-fn find<'a>(images: &'a [(String, String)], stem: &str) -> Option<&'a str> {
-    // `1` and `01` have the same value.
-    let rest = from(images, value(stem)).iter();
-    let mut equal = rest.take_while(|(other, _)| value(other) == value(stem));
-    equal.find(|(other, _)| other == stem).map(|(_, name)| name.as_str())
-}
-
-fn calibration_name(folder: &Folder) -> String {
-    calibration(folder).unwrap_or("calibration.yaml".to_owned())
 }
 
 /// Reads the camera from OpenCV's YAML, which is not valid YAML: it begins with `%YAML:1.0` and tags
@@ -270,15 +254,11 @@ fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
     let matrix =
         data(text, "camera_matrix:").and_then(|data| matrix::parse_numbers::<9>(data).ok());
     let size = number("image_width").zip(number("image_height"));
-    let k = matrix.zip(size).and_then(|(m, size)| super::stated::from_matrix(m, size));
+    let k = matrix.zip(size).and_then(|(m, size)| stated::from_matrix(m, size));
     let Some(k) = k else {
         let expected = "`image_width`, `image_height` and a `camera_matrix` of 3x3";
-        return Err(metadata_error(
-            file,
-            expected,
-            beginning(text),
-            "export the calibration again",
-        ));
+        let hint = "export the calibration again";
+        return Err(metadata_error(file, expected, beginning(text), hint));
     };
     check_intrinsics(&k, file)?;
     Ok(k)
@@ -299,7 +279,7 @@ fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
     })
 }
 
-/// Text of a matrix's numbers, between its brackets.
+/// Text between the brackets of a matrix's `data`.
 fn data<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     let (_, rest) = text.split_once(key)?.1.split_once("data:")?;
     Some(rest.split_once('[')?.1.split_once(']')?.0)

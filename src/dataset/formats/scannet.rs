@@ -5,7 +5,9 @@
 //! are skipped and counted.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{Cameras, RecordedFrame, Recording, check_intrinsics, metadata_error};
+use super::recording::{
+    Cameras, RecordedFrame, Recording, STRUCTURED_LIGHT_RANGE, check_intrinsics, metadata_error,
+};
 use super::stated;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::CodeKind;
@@ -14,7 +16,7 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, is_file, read_small_text};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::options::LoadOptions;
+use crate::dataset::options::{LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -32,10 +34,6 @@ const COLORS: &str = "color";
 const DEPTHS: &str = "depth";
 const POSES: &str = "pose";
 const INTRINSICS: &str = "intrinsic";
-/// Metres per code.
-const DEPTH_UNIT: f64 = 0.001;
-/// Metres; range of the Structure sensor.
-const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let has = [COLORS, DEPTHS].iter().all(|name| folder.has_folder(name));
@@ -51,25 +49,21 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
     let Some((color, depth)) = sizes else { return Ok(recording.finish()) };
     let cameras = cameras(&recording, color, depth)?;
-    let unit = CodeKind::Linear16(DEPTH_UNIT);
-    let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
+    let unit = CodeKind::Linear16(MILLIMETRE);
+    let encoding = recording.encoding(unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     for number in NumberedFiles::union(&[&colors, &depths, &poses]) {
         if folder.was_taken(&number.to_string()) {
             continue;
         }
-        let file = folder.path.join(POSES).join(format!("{number}.txt"));
         let found = read_pose(folder, &poses, number).and_then(|pose| {
-            let missing = || FrameProblem::MissingColor(format!("{COLORS}/{number}.jpg"));
+            let missing = FrameProblem::MissingColor(format!("{COLORS}/{number}.jpg"));
             let color = colors.required(folder, number, missing)?;
-            let missing = || FrameProblem::MissingDepth(format!("{DEPTHS}/{number}.png"));
-            let depth = depths.required(folder, number, missing)?;
-            let depth = Some(DepthSource::new(depth, encoding));
-            Ok(RecordedFrame::new(number.to_string(), pose, cameras, color, depth))
+            let missing = FrameProblem::MissingDepth(format!("{DEPTHS}/{number}.png"));
+            let depth = DepthSource::new(depths.required(folder, number, missing)?, encoding);
+            Ok(RecordedFrame::new(number.to_string(), pose, cameras, color, Some(depth)))
         });
-        match found {
-            Ok(frame) => recording.push(frame),
-            Err(problem) => recording.skip(&number.to_string(), file, problem),
-        }
+        let file = folder.path.join(POSES).join(format!("{number}.txt"));
+        recording.add(&number.to_string(), &file, found);
     }
     Ok(recording.finish())
 }
@@ -77,6 +71,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 fn read_pose(folder: &Folder, poses: &NumberedFiles, number: u64) -> Result<Pose, FrameProblem> {
     let file = poses.file(folder, number).transpose()?;
     let file = file.ok_or_else(|| FrameProblem::MissingPose(format!("{POSES}/{number}.txt")))?;
+    // Where tracking was lost, the pose is `-inf`; `Pose` refuses it, which becomes a warning.
     let text = read_small_text(&file)?;
     Ok(Pose::from_opencv(matrix::from_text(&text)?)?)
 }
@@ -90,6 +85,7 @@ fn cameras(
     let of_depth = intrinsics(recording.folder, "intrinsic_depth.txt", depth)?;
     match (of_color, of_depth) {
         (Some((color_file, of_color)), Some((_, of_depth)))
+            // The user's numbers describe one lens.
             if recording.options.intrinsics.is_none() =>
         {
             // Only size and lens differ: the exporter aligns poses to both cameras, and its extrinsics are
@@ -112,13 +108,9 @@ fn cameras(
         (None, None) => {
             let file = recording.folder.path.join(INTRINSICS).join("intrinsic_depth.txt");
             let Some([fx, fy, cx, cy]) = recording.options.intrinsics else {
+                let found = "no such file".to_owned();
                 let hint = "export the intrinsics, or set them";
-                return Err(metadata_error(
-                    &file,
-                    "a camera matrix",
-                    "no such file".to_owned(),
-                    hint,
-                ));
+                return Err(metadata_error(&file, "a camera matrix", found, hint));
             };
             let stated = Intrinsics { width: depth.0, height: depth.1, fx, fy, cx, cy };
             recording.cameras_of_lens(&stated, color, depth, &file)
@@ -133,6 +125,7 @@ fn intrinsics(
 ) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
     let relative = format!("{INTRINSICS}/{name}");
     let path = folder.path.join(&relative);
+    // Either file may be missing, but not unreadable.
     if !is_file(&path).map_err(|source| DatasetError::Read { path, source })? {
         return Ok(None);
     }

@@ -9,8 +9,9 @@
 //! state this, hence the notice at opening. The known calibration applies only if the depth intrinsics are
 //! the published ones.
 
-use super::numbered::{ListedFrame, ListedSplit, photograph_size};
-use super::recording::{check_intrinsics, metadata_error};
+use super::numbered::{ListedFrame, ListedSplit};
+use super::recording::{STRUCTURED_LIGHT_RANGE, check_intrinsics, metadata_error, photograph_size};
+use super::stated::{KnownCamera, from_matrix};
 use crate::dataset::calibrated_size::from_user;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -19,7 +20,7 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing, read_small_text};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::options::LoadOptions;
+use crate::dataset::options::{LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -38,18 +39,15 @@ const COLOR_SUFFIXES: [&str; 3] = [".color.png", ".color.jpg", ".color.jpeg"];
 const DEPTH_SUFFIX: &str = ".depth.png";
 const SPLIT_SUFFIX: &str = "Split.txt";
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
-/// Metres per code by default: the layout stores millimetres.
-const DEPTH_UNIT: f64 = 0.001;
-/// Metres; depth outside is not used for training (`dataset.md`, Depth encodings).
-const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
-
-/// Published intrinsics of the dataset, for images of 640×480 only.
-const DEFAULT_INTRINSICS: Intrinsics =
-    Intrinsics { width: 640, height: 480, fx: 585.0, fy: 585.0, cx: 320.0, cy: 240.0 };
+/// The dataset's depth camera.
+const PUBLISHED: KnownCamera = KnownCamera {
+    source: "published",
+    intrinsics: Intrinsics { width: 640, height: 480, fx: 585.0, fy: 585.0, cx: 320.0, cy: 240.0 },
+};
 
 /// The published Kinect's colour images are not registered to its depth.
 pub(super) fn known_calibration(depth_camera: &Intrinsics) -> Option<Calibration> {
-    let is_kinect = *depth_camera == DEFAULT_INTRINSICS;
+    let is_kinect = *depth_camera == PUBLISHED.intrinsics;
     is_kinect
         .then_some(Calibration { color_camera: Some(ColorCamera::KINECT), ..Calibration::NONE })
 }
@@ -59,8 +57,7 @@ fn recognise(folder: &Folder) -> Option<String> {
     if n_root > 0 {
         return Some(format!("{n_root} `*.color.*` files in the folder"));
     }
-    let with_frames: Vec<String> =
-        folder.subfolders().into_iter().filter(|name| holds_frames(folder, name)).collect();
+    let with_frames = folders_with_frames(folder);
     if !with_frames.is_empty() {
         return Some(format!("`*.color.*` files in {}", with_frames.join(", ")));
     }
@@ -69,8 +66,13 @@ fn recognise(folder: &Folder) -> Option<String> {
     (!lists.is_empty()).then(|| format!("split files {}", lists.join(", ")))
 }
 
-fn holds_frames(folder: &Folder, name: &str) -> bool {
-    folder.list(Path::new(name)).is_ok_and(|l| l.files().any(|n| color_stem(n).is_some()))
+fn folders_with_frames(folder: &Folder) -> Vec<String> {
+    let mut names = folder.subfolders();
+    names.retain(|name| {
+        let listing = folder.list(Path::new(name));
+        listing.is_ok_and(|listing| listing.files().any(|file| color_stem(file).is_some()))
+    });
+    names
 }
 
 fn color_stem(name: &str) -> Option<&str> {
@@ -93,8 +95,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         splits.push(listed);
     }
     // One camera took all splits, so its size is that of most images of all splits.
-    let colors: Vec<&Path> = splits.iter().flat_map(ListedSplit::colors).collect();
-    let Some(size) = photograph_size(&colors) else {
+    let Ok(Some(size)) = photograph_size(splits.iter().flat_map(ListedSplit::colors)) else {
         splits.into_iter().for_each(|listed| listed.skip_unreadable(&mut parsed));
         return Ok(parsed);
     };
@@ -103,10 +104,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         None => intrinsics(folder, size, &mut parsed.notes)?,
     };
     let encoding = DepthEncoding {
-        codes: CodeKind::Linear16(options.depth_scale.unwrap_or(DEPTH_UNIT)),
+        codes: CodeKind::Linear16(options.depth_scale.unwrap_or(MILLIMETRE)),
         kind: DepthKind::Z,
-        trusted: options.depth_range.unwrap_or(TRUSTED_DEPTH),
-        units_per_metre: options.units_per_metre(DEPTH_UNIT),
+        trusted: options.depth_range.unwrap_or(STRUCTURED_LIGHT_RANGE),
+        units_per_metre: options.units_per_metre(MILLIMETRE),
         sensor: Sensor::Kinect,
     };
     for listed in splits {
@@ -123,8 +124,7 @@ fn split_folders(
     if folder.listing.files().any(|n| color_stem(n).is_some()) {
         return Ok(vec![("all".to_owned(), vec![String::new()])]);
     }
-    let with_frames: Vec<String> =
-        folder.subfolders().into_iter().filter(|name| holds_frames(folder, name)).collect();
+    let with_frames = folders_with_frames(folder);
     let lists = split_files(folder);
     if lists.is_empty() {
         // Sequences are parts of one recording; only a list divides them into splits.
@@ -150,6 +150,7 @@ fn split_folders(
                 }
             }
         }
+        // Without folders the split is empty, and the caller drops it.
         splits.push((split, folders));
     }
     note_shared(&splits, parsed);
@@ -221,6 +222,7 @@ fn listed_frame(
         true => checked(&depth_name),
         false => Err(FrameProblem::MissingDepth(depth_name)),
     };
+    let (color, depth) = (color.into(), depth.map(Into::into));
     Ok(ListedFrame { name: frame_name(relative, stem), pose, color, depth })
 }
 
@@ -235,6 +237,7 @@ fn read_pose(
     listing: &FolderListing,
     name: &str,
 ) -> Result<Pose, FrameProblem> {
+    // A missing pose and an unreadable one have different remedies.
     if !listing.has_file(name) {
         return Err(FrameProblem::MissingPose(name.to_owned()));
     }
@@ -245,35 +248,24 @@ fn read_pose(
 /// Intrinsics of the depth camera; adds their source to `notes`.
 fn intrinsics(
     folder: &Folder,
-    (width, height): (u32, u32),
+    size: (u32, u32),
     notes: &mut Vec<String>,
 ) -> Result<Intrinsics, DatasetError> {
     let file = folder.path.join(INTRINSICS_FILE);
-    let wrong =
-        |expected: &str, found: String, hint: &str| metadata_error(&file, expected, found, hint);
+    let expected = "9 numbers: fx 0 cx, 0 fy cy, 0 0 1";
     // Added for every recording: the files do not show whether colours are registered.
     notes.push("colour images are not registered to depth (7-Scenes)".into());
     if !folder.listing.has_file(INTRINSICS_FILE) {
-        if (width, height) != (DEFAULT_INTRINSICS.width, DEFAULT_INTRINSICS.height) {
-            return Err(wrong(
-                &format!("a 3x3 camera matrix for images of {width}x{height}"),
-                "no such file (the published default is for 640x480)".to_owned(),
-                "create it with fx 0 cx, 0 fy cy, 0 0 1",
-            ));
-        }
-        notes.push("no camera-intrinsics.txt: the published 585, 585, 320, 240 are used".into());
-        return Ok(DEFAULT_INTRINSICS);
+        notes.push(PUBLISHED.note(size, (&file, expected))?);
+        return Ok(PUBLISHED.intrinsics);
     }
     let (_, text) = folder.text(INTRINSICS_FILE)?;
-    let expected = "9 numbers: fx 0 cx, 0 fy cy, 0 0 1";
     let m = matrix::parse_numbers::<9>(&text)
-        .map_err(|found| wrong(expected, found, "export the intrinsics again"))?;
-    let [fx, skew, cx, a, fy, cy, b, c, one] = m;
-    let zero = |v: f64| v.abs() < 1e-9;
-    if !(zero(skew) && zero(a) && zero(b) && zero(c) && zero(one - 1.0)) {
-        return Err(wrong(expected, format!("{m:?}"), "undistort to a pinhole without skew"));
-    }
-    let k = Intrinsics { width, height, fx, fy, cx, cy };
+        .map_err(|found| metadata_error(&file, expected, found, "export the intrinsics again"))?;
+    let k = from_matrix(m, size).ok_or_else(|| {
+        let hint = "undistort to a pinhole without skew";
+        metadata_error(&file, expected, format!("{m:?}"), hint)
+    })?;
     check_intrinsics(&k, &file)?;
     Ok(k)
 }

@@ -1,6 +1,6 @@
 //! Intrinsics stated in a recording's files, or known for its camera.
 
-use super::recording::metadata_error;
+use super::recording::{Recording, metadata_error};
 use crate::dataset::calibrated_size::is_plausible_field_of_view;
 use crate::dataset::error::DatasetError;
 use crate::dataset::folder::Folder;
@@ -10,9 +10,52 @@ use crate::math::camera::Intrinsics;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// Manufacturer's intrinsics of PrimeSense cameras (Kinect, Xtion), for 640×480.
-pub(super) const PRIMESENSE: Intrinsics =
-    Intrinsics { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5 };
+/// Manufacturer's intrinsics of PrimeSense cameras (Kinect, Xtion).
+pub(super) const PRIMESENSE: KnownCamera = KnownCamera {
+    source: "manufacturer's",
+    intrinsics: Intrinsics { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5 },
+};
+
+/// Camera of a layout's recordings if their files state none.
+pub(super) struct KnownCamera {
+    /// Names the source in messages.
+    pub source: &'static str,
+    pub intrinsics: Intrinsics,
+}
+
+impl KnownCamera {
+    /// Intrinsics for photographs of a size, with a note. `file` should state them, in the form `expected`.
+    pub fn assume(
+        &self,
+        recording: &mut Recording,
+        size: (u32, u32),
+        (file, expected): (PathBuf, &str),
+    ) -> Result<(PathBuf, Intrinsics), DatasetError> {
+        // The user's intrinsics replace any others (`cameras_of_lens`).
+        if recording.options.intrinsics.is_none() {
+            let note = self.note(size, (&file, expected))?;
+            recording.note(note);
+        }
+        Ok((file, self.intrinsics))
+    }
+
+    /// The notice that this camera is used; an error if photographs have another size.
+    pub fn note(
+        &self,
+        size: (u32, u32),
+        (file, expected): (&Path, &str),
+    ) -> Result<String, DatasetError> {
+        let Self { source, intrinsics: Intrinsics { width, height, fx, fy, cx, cy } } = self;
+        // Focal lengths in pixels hold for one size only.
+        if size != (*width, *height) {
+            let expected = format!("{expected} for images of {}x{}", size.0, size.1);
+            let found = format!("no such file (the {source} default is for {width}x{height})");
+            return Err(metadata_error(file, &expected, found, "create it, or set the intrinsics"));
+        }
+        let name = file.file_name().unwrap_or_default().display();
+        Ok(format!("no {name}: the {source} {fx}, {fy}, {cx}, {cy} are used"))
+    }
+}
 
 /// Names of text files with a camera matrix or `fx fy cx cy`.
 const NAMES: [&str; 5] =
@@ -64,9 +107,26 @@ pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
     }
 }
 
-/// The value of the first key that is there.
+/// Value of the first of the keys that is present.
 pub(super) fn first_of<'a>(json: &'a Value, keys: &[&str]) -> Option<&'a Value> {
     keys.iter().find_map(|key| json.get(key))
+}
+
+/// Width or height of an image, from the first of the keys that is present.
+pub(super) fn side(json: &Value, keys: &[&str]) -> Option<u32> {
+    u32::try_from(first_of(json, keys)?.as_u64()?).ok()
+}
+
+/// Items of an array; none if there is no such array.
+pub(super) fn array<'a>(json: &'a Value, key: &str) -> &'a [Value] {
+    json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+}
+
+/// Name of a frame list's entry: its path, or its place if it has none.
+pub(super) fn entry_name(entry: &Value, place: usize) -> String {
+    let path = entry.get("file_path").and_then(Value::as_str);
+    // Exporters differ in the leading `./`.
+    path.map_or_else(|| place.to_string(), |path| path.trim_start_matches("./").to_owned())
 }
 
 pub(super) fn flat_numbers(value: &Value) -> Option<Vec<f64>> {
@@ -90,12 +150,8 @@ pub(super) fn in_text_file(
     // The last of four numbers may lack digits; a matrix ends with a 1.
     if folder.is_growing() && !text.ends_with('\n') && matrix::parse_numbers::<4>(&text).is_ok() {
         let found = "a line that may still grow".to_owned();
-        return Err(metadata_error(
-            &file,
-            "fx fy cx cy and the end of the line",
-            found,
-            "end the line",
-        ));
+        let expected = "fx fy cx cy and the end of the line";
+        return Err(metadata_error(&file, expected, found, "end the line"));
     }
     let k = from_text(&text, size, &file)?;
     Ok(Some((file, k)))
@@ -108,8 +164,8 @@ pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsic
         // Other JSON files, such as settings, may lie beside the camera's.
         let Ok(json) = serde_json::from_str::<Value>(&text) else { continue };
         let Some(matrix) = json.get("intrinsic_matrix") else { continue };
-        let side = |key| json.get(key).and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok());
-        let k = side("width").zip(side("height")).and_then(|size| from_json(matrix, size));
+        let size = side(&json, &["width"]).zip(side(&json, &["height"]));
+        let k = size.and_then(|size| from_json(matrix, size));
         let expected = "`width`, `height` and an `intrinsic_matrix` of nine numbers";
         let hint = "export the camera again";
         let k = k.ok_or_else(|| metadata_error(&file, expected, describe_json(&json), hint))?;
@@ -118,7 +174,7 @@ pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsic
     Ok(None)
 }
 
-/// Camera parameters of a frame, or of the list for all of its frames.
+/// Camera parameters of a frame; the list's values apply where the frame has none.
 #[derive(Clone, Copy)]
 pub(super) struct FrameCamera<'a> {
     pub frame: &'a Value,
@@ -138,8 +194,9 @@ impl FrameCamera<'_> {
         })
     }
 
-    /// Columns and rows; `unless` replaces missing ones.
+    /// Stated width and height; `unless` where they are missing.
     pub fn size(&self, unless: (u32, u32)) -> Result<(u32, u32), DatasetError> {
+        // The cast saturates: an absurd size fails the comparison with the images.
         let side = |n: Option<f64>, unless: u32| n.map_or(unless, |n| n as u32);
         Ok((side(self.number("w")?, unless.0), side(self.number("h")?, unless.1)))
     }
@@ -148,6 +205,7 @@ impl FrameCamera<'_> {
     /// and a centred principal point unless it is stated.
     pub fn intrinsics(&self, (width, height): (u32, u32)) -> Result<Intrinsics, DatasetError> {
         let (fx, mut fy) = match (self.number("fl_x")?, self.number("camera_angle_x")?) {
+            // Pixels are square unless `fl_y` follows.
             (Some(fx), _) => (fx, fx),
             (None, Some(angle)) => {
                 let fx = self.focal_length(width, angle)?;
@@ -170,6 +228,7 @@ impl FrameCamera<'_> {
     fn focal_length(&self, side: u32, radians: f64) -> Result<f64, DatasetError> {
         let degrees = radians.to_degrees();
         if is_plausible_field_of_view(degrees) {
+            // Serves the vertical angle too: only the length of its side matters.
             return Ok(Intrinsics::from_horizontal_fov(side, side, radians).fx);
         }
         // Up to 180, the value is probably an angle in degrees.
@@ -227,27 +286,24 @@ pub(super) fn majority<S, T: Copy + PartialEq, E>(
     files: &[S],
     ask: impl Fn(&S) -> Result<T, E>,
 ) -> Result<Option<T>, E> {
-    let n = files.len().min(SAMPLED_FILES);
-    // Evenly spaced: an odd frame, even the first, costs only itself.
-    let is_asked = |(at, _): &(usize, &S)| (0..n).any(|i| i * files.len() / n == *at);
-    let (mut answers, mut error) = (Vec::new(), None);
     // Retried once: a passing disk error would change the result for all frames silently.
     let ask = |file: &S| ask(file).or_else(|_| ask(file));
-    let mut note = |answer: Result<T, E>| match answer {
-        Ok(answer) => answers.push(answer),
-        Err(e) => drop(error.get_or_insert(e)),
-    };
-    files.iter().enumerate().filter(is_asked).for_each(|(_, file)| note(ask(file)));
-    // If no sampled file is readable, any other one decides: damaged images must not cost the recording.
-    let mut others = files.iter().enumerate().filter(|file| !is_asked(file));
-    let n_votes = |answer: &T| answers.iter().filter(|other| *other == answer).count();
-    let mut most: Option<T> = None;
-    for answer in &answers {
-        if most.is_none_or(|most| n_votes(answer) > n_votes(&most)) {
-            most = Some(*answer);
+    let n = files.len().min(SAMPLED_FILES);
+    // Evenly spaced: an odd frame, even the first, costs only itself.
+    let is_sampled = |(at, _): &(usize, &S)| (0..n).any(|i| i * files.len() / n == *at);
+    let (sampled, others): (Vec<_>, Vec<_>) = files.iter().enumerate().partition(is_sampled);
+    let (mut answers, mut error) = (Vec::new(), None);
+    for (_, file) in sampled {
+        match ask(file) {
+            Ok(answer) => answers.push(answer),
+            Err(e) => drop(error.get_or_insert(e)),
         }
     }
-    match most.or_else(|| others.find_map(|(_, file)| ask(file).ok())) {
+    let n_votes = |answer: &&T| answers.iter().filter(|other| *other == *answer).count();
+    // `max_by_key` returns the last of equals, which is the first file's in reverse.
+    let most = answers.iter().rev().max_by_key(n_votes).copied();
+    // If no sampled file is readable, any other one decides: damaged images must not cost the recording.
+    match most.or_else(|| others.into_iter().find_map(|(_, file)| ask(file).ok())) {
         Some(answer) => Ok(Some(answer)),
         None => error.map_or(Ok(None), Err),
     }

@@ -7,15 +7,17 @@
 //! with its geometry only.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{RecordedFrame, Recording, depth_size, metadata_error, photograph_size};
+use super::recording::{
+    LIDAR_RANGE, RecordedFrame, Recording, depth_size, metadata_error, photograph_size,
+};
 use super::stated;
-use super::trajectory::TimedPose;
+use super::trajectory::{TimedPose, sort_by_time};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem, VIDEO_BY_HAND};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::dataset::video::Video;
@@ -40,10 +42,6 @@ const VIDEO: &str = "rgb.mp4";
 const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
 // Size of the app's videos, for which it writes the camera matrix.
 const VIDEO_SIZE: (u32, u32) = (1920, 1440);
-/// Metres per code.
-const DEPTH_UNIT: f64 = 0.001;
-/// Metres; beyond it, the depth is inferred from the photograph and not measured by the lidar.
-const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let text = folder.peek(POSES);
@@ -74,9 +72,11 @@ impl Files {
             (Some(colors), _) => colors.file(folder, frame).map(|file| file.map(Into::into)),
             (None, Some(video)) => Some(Ok(ByteSource::VideoFrame {
                 video: Arc::clone(video),
+                // No video has that many pictures, so only this frame fails.
                 index: usize::try_from(frame).unwrap_or(usize::MAX),
             })),
             (None, None) => {
+                // A grey picture has the size of the depth image.
                 let depth = self.depths.file(folder, frame)?;
                 Some(depth.map(ByteSource::Grey))
             }
@@ -98,22 +98,16 @@ impl Files {
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
     let files = files(&mut recording)?;
-    let depth_size = match depth_size(files.depths.sources(folder)) {
-        Ok(Some(size)) => size,
-        Ok(None) => return Ok(recording.finish()),
-        Err((file, problem)) => {
-            recording.skip("all", file, problem);
-            return Ok(recording.finish());
-        }
-    };
+    let size = depth_size(files.depths.sources(folder));
+    let Some(depth_size) = recording.warn_unreadable(size) else { return Ok(recording.finish()) };
     let Some(size) = color_size(&mut recording, &files, depth_size) else {
         return Ok(recording.finish());
     };
     let k = camera(&mut recording, size)?;
     let file = folder.path.join(CAMERA);
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
-    let unit = CodeKind::ByContent(DEPTH_UNIT);
-    let encoding = recording.encoding(unit, Sensor::Lidar, TRUSTED_DEPTH);
+    let unit = CodeKind::ByContent(MILLIMETRE);
+    let encoding = recording.encoding(unit, Sensor::Lidar, LIDAR_RANGE);
     let least = recording.least_confidence();
     for line in odometry(&mut recording)? {
         let name = format!("{:06}", line.frame);
@@ -124,18 +118,14 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             let pose = Pose::from_opencv(line.pose.matrix())?;
             let missing = || FrameProblem::MissingColor(format!("{COLORS}/{name}.jpg"));
             let color = files.color(folder, frame).transpose()?.ok_or_else(missing)?;
-            let missing = || FrameProblem::MissingDepth(format!("{DEPTHS}/{name}.png"));
+            let missing = FrameProblem::MissingDepth(format!("{DEPTHS}/{name}.png"));
             let file = files.depths.required(folder, frame, missing)?;
             let confidence = files.confidence(folder, frame)?.map(|map| (map, least));
-            Ok((pose, color, DepthSource { file, encoding, confidence }))
+            let depth = Some(DepthSource { file, encoding, confidence });
+            let recorded = RecordedFrame::new(name.clone(), pose, cameras, color, depth);
+            Ok(RecordedFrame { time: Some(line.pose.time), ..recorded })
         };
-        match read(line.frame) {
-            Ok((pose, color, depth)) => recording.push(RecordedFrame {
-                time: Some(line.pose.time),
-                ..RecordedFrame::new(name, pose, cameras, color, Some(depth))
-            }),
-            Err(problem) => recording.skip(&name, folder.path.join(POSES), problem),
-        }
+        recording.add(&name, &folder.path.join(POSES), read(line.frame));
     }
     Ok(recording.finish())
 }
@@ -143,14 +133,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
     let folder = recording.folder;
     let depths = recording.list(DEPTHS, "", &["png", "npy"])?;
-    let confidences = match folder.has_folder(CONFIDENCES) {
-        true => Some(recording.list(CONFIDENCES, "", &["png"])?),
-        false => None,
-    };
-    let colors = match folder.has_folder(COLORS) {
-        true => Some(recording.list(COLORS, "", &PHOTOGRAPHS)?),
-        false => None,
-    };
+    let confidences = recording.list_optional(CONFIDENCES, &["png"])?;
+    let colors = recording.list_optional(COLORS, &PHOTOGRAPHS)?;
     let has_video = folder.listing.has_file(VIDEO);
     let path = folder.path.join(VIDEO);
     let mut video = None;
@@ -160,6 +144,7 @@ fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
             let hint = "copy the video from the phone, or open the recording with geometry only";
             return Err(metadata_error(&path, "the recording's video", found, hint));
         }
+        // Checked on opening: otherwise every frame would fail.
         if !Video::is_ffmpeg_available() {
             let expected = "an installed `ffmpeg` to decode this video, or images in rgb/";
             let hint = format!(
@@ -187,13 +172,7 @@ fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Op
         None => vec![0],
     };
     let sources = numbers.into_iter().filter_map(|n| files.color(folder, n)?.ok());
-    match photograph_size(sources) {
-        Ok(size) => size,
-        Err((file, problem)) => {
-            recording.skip("all", file, problem);
-            None
-        }
-    }
+    recording.warn_unreadable(photograph_size(sources))
 }
 
 /// Intrinsics for the size of the photographs, or of the app's video if the photographs were downscaled.
@@ -246,12 +225,7 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
         let Some((frame, pose)) = frame.zip(pose()) else {
             let expected =
                 "a frame number and finite numbers for time, position and unit quaternion";
-            let problem = FrameProblem::Line {
-                expected,
-                found: line.chars().take(60).collect(),
-                line: i + 1,
-            };
-            recording.skip(&format!("line {}", i + 1), file.clone(), problem);
+            recording.skip_line(&file, i + 1, expected, line);
             continue;
         };
         match seen.insert(frame) {
@@ -262,9 +236,6 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
             }
         }
     }
-    let unordered =
-        found.array_windows().filter(|[before, here]| here.pose.time < before.pose.time).count();
-    recording.note_unordered(POSES, unordered);
-    found.sort_by(|a, b| a.pose.time.total_cmp(&b.pose.time));
+    recording.note_unordered(POSES, sort_by_time(&mut found, |line| line.pose.time));
     Ok(found)
 }

@@ -33,10 +33,24 @@ impl TimedPose {
     }
 }
 
-/// Lines of a list that hold something, with their numbers from 1; `#` begins a comment.
+/// Lines that are neither empty nor a comment (`#`), with their numbers from 1.
 pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+}
+
+/// Sorts by time, stably; returns the number of items that were earlier than the one before.
+pub(super) fn sort_by_time<T>(items: &mut [T], time: impl Fn(&T) -> f64) -> usize {
+    let n = items.array_windows().filter(|[before, here]| time(here) < time(before)).count();
+    items.sort_by(|a, b| time(a).total_cmp(&time(b)));
+    n
+}
+
+/// The error that nothing was recorded within [`TOLERANCE`] of a time; `nearest` is in seconds.
+pub(super) fn not_in_time(what: &'static str, time: f64, nearest: Option<f64>) -> FrameProblem {
+    let found = nearest.map(|nearest| format!("the nearest {:.0} ms away", 1e3 * nearest));
+    let found = found.unwrap_or_else(|| "none".to_owned());
+    FrameProblem::NotInTime { what, time, tolerance_ms: 1e3 * TOLERANCE, found }
 }
 
 pub(super) struct Trajectory {
@@ -45,13 +59,12 @@ pub(super) struct Trajectory {
 }
 
 impl Trajectory {
-    /// Sorts poses by time; of poses with equal times the first one stays. Also returns the numbers of
-    /// poses that were out of order and that were removed.
+    /// Sorts poses by time and removes those with the time of an earlier one. Also returns how many were out
+    /// of order, and how many were removed.
     pub fn new(mut poses: Vec<TimedPose>) -> (Self, usize, usize) {
-        let unordered =
-            poses.array_windows().filter(|[before, here]| here.time < before.time).count();
+        let unordered = sort_by_time(&mut poses, |pose| pose.time);
         let n = poses.len();
-        poses.sort_by(|a, b| a.time.total_cmp(&b.time));
+        // Interpolation divides by the time between two poses.
         poses.dedup_by(|later, first| later.time == first.time);
         let doubled = n - poses.len();
         (Self { poses }, unordered, doubled)
@@ -73,15 +86,8 @@ impl Trajectory {
             |pose: Option<&TimedPose>| pose.map_or(f64::INFINITY, |p| (p.time - time).abs());
         let nearest = distance(before).min(distance(after));
         if nearest > TOLERANCE {
-            return Err(FrameProblem::NotInTime {
-                what: "a pose",
-                time,
-                tolerance_ms: 1e3 * TOLERANCE,
-                found: match nearest.is_finite() {
-                    true => format!("the nearest {:.0} ms away", 1e3 * nearest),
-                    false => "no pose".to_owned(),
-                },
-            });
+            let nearest = nearest.is_finite().then_some(nearest);
+            return Err(not_in_time("a pose", time, nearest));
         }
         Ok(match (before, after) {
             (Some(a), Some(b)) => {
@@ -89,8 +95,7 @@ impl Trajectory {
                 let turn = a.turn.slerp(b.turn, t);
                 DMat4::from_rotation_translation(turn, a.position.lerp(b.position, t))
             }
-            (Some(only), None) => only.matrix(),
-            (None, Some(only)) => only.matrix(),
+            (Some(only), None) | (None, Some(only)) => only.matrix(),
             // Not reached: without any pose the distance above is infinite.
             (None, None) => Pose::IDENTITY.to_opencv(),
         })

@@ -1,7 +1,7 @@
 //! TUM RGB-D: `rgb.txt` and `depth.txt` list images by time, `groundtruth.txt` poses (`t tx ty tz qx qy qz
 //! qw`, camera to world, OpenCV axes). Depth is in steps of 1/5000 m and registered to colour.
 //!
-//! Nothing was recorded at the same time. A frame is a depth image, the photograph nearest in time, and the
+//! Images and poses have times of their own. A frame is a depth image, the photograph nearest in time, and the
 //! pose interpolated at the depth's time: at 100° a second, the camera rotates by half a degree between two
 //! poses at 100 Hz. Between depth image and photograph, up to 18 ms apart, it rotates by two degrees, or 18
 //! pixels, so the photograph has its own camera, placed by the trajectory at its own time.
@@ -13,10 +13,10 @@
 //! The recordings do not contain intrinsics. The manufacturer's default projects their depth better than
 //! the calibration published for each colour camera.
 
-use super::recording::{Cameras, RecordedFrame, Recording, metadata_error};
+use super::recording::{Cameras, RecordedFrame, Recording, STRUCTURED_LIGHT_RANGE, metadata_error};
 use super::rig::{Clock, ImagePair, Mount, Rig};
 use super::stated::PRIMESENSE;
-use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines};
+use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines, not_in_time, sort_by_time};
 use super::{rig, stated};
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -25,6 +25,7 @@ use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
+use crate::dataset::matrix;
 use crate::dataset::options::{ByteSource, LoadOptions};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
@@ -50,8 +51,6 @@ const SIMULTANEOUS: f64 = 1e-3;
 const CALIBRATED: f64 = 0.03;
 /// Metres per code.
 const DEPTH_UNIT: f64 = 1.0 / 5000.0;
-/// Metres; as for 7-Scenes, which used the same sensor.
-const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let lists_images = |name: &str| {
@@ -80,7 +79,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         return Ok(recording.finish());
     };
     let unit = CodeKind::Linear16(DEPTH_UNIT);
-    let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
+    let encoding = recording.encoding(unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     let is_growing = folder.is_growing();
     let poses = trajectory.as_ref().map(|trajectory| Poses {
         trajectory,
@@ -95,8 +94,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         .filter(|depth| !is_growing || has_all_data(depth, poses, &colors))
         .collect();
     let poses = match poses {
-        // In a growing recording, later frames would change the estimate for the first ones.
+        // In a growing recording, later frames would change the estimate for the first ones. The search
+        // projects photographs by the depth camera.
         Some(poses) if is_kinect && !is_growing && cameras.color.is_none() => {
+            // Paths only: the search reads the few images that it needs.
             let shots = taken.iter().filter_map(|depth| shot(depth, &colors, encoding));
             let shots: Vec<ImagePair> = shots.collect();
             Some(poses.with_estimated_rig(&mut recording, &shots, cameras.depth))
@@ -107,10 +108,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         recording.note("a Kinect reads rows one by one, a photograph in 26 ms and depth in 31 ms: the rolling shutter is corrected with the trajectory");
     }
     for depth in taken {
-        match frame(depth, &colors, poses, cameras, encoding) {
-            Ok(frame) => recording.push(frame),
-            Err(problem) => recording.skip(&depth.name, depth.path.clone(), problem),
-        }
+        let frame = frame(depth, &colors, poses, cameras, encoding);
+        recording.add(&depth.name, &depth.path, frame);
     }
     Ok(recording.finish())
 }
@@ -139,9 +138,7 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
     let mut found: Vec<TimedImage> = Vec::new();
     for (line, content) in lines(&text) {
         let Some((time, name)) = image(content) else {
-            let expected = "a time in seconds and an image file";
-            let problem = FrameProblem::Line { expected, found: content.into(), line };
-            recording.skip(content, file.clone(), problem);
+            recording.skip_line(&file, line, "a time in seconds and an image file", content);
             continue;
         };
         match folder.resolve_named(name) {
@@ -155,10 +152,8 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
             }
         }
     }
-    let unordered = found.array_windows().filter(|[before, here]| here.time < before.time).count();
-    recording.note_unordered(list, unordered);
     // A stable sort: of images with one time, the one listed first is used.
-    found.sort_by(|a, b| a.time.total_cmp(&b.time));
+    recording.note_unordered(list, sort_by_time(&mut found, |image| image.time));
     let mut unique: Vec<TimedImage> = Vec::with_capacity(found.len());
     for image in found {
         match unique.last().is_some_and(|last| last.time == image.time) {
@@ -182,14 +177,11 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
     let (file, text) = recording.folder.lines(POSES)?;
     let mut poses = Vec::new();
     for (line, content) in lines(&text) {
-        match crate::dataset::matrix::parse_numbers::<8>(content).map(TimedPose::new) {
+        match matrix::parse_numbers::<8>(content).map(TimedPose::new) {
             Ok(Some(pose)) => poses.push(pose),
             Ok(None) | Err(_) => {
                 let expected = "finite t tx ty tz and a unit quaternion qx qy qz qw";
-                // Shortened for the message: a damaged line may be of any length.
-                let found = content.chars().take(60).collect();
-                let problem = FrameProblem::Line { expected, found, line };
-                recording.skip(&format!("pose {line}"), file.clone(), problem);
+                recording.skip_line(&file, line, expected, content);
             }
         }
     }
@@ -215,25 +207,7 @@ fn cameras(
     let file = recording.folder.path.join("camera-intrinsics.txt");
     let (file, k) = match stated::in_text_file(recording.folder, size)? {
         Some(stated) => stated,
-        // A stand-in: `cameras_of_lens` uses the option's numbers.
-        None if recording.options.intrinsics.is_some() => (file, PRIMESENSE),
-        // The maker's intrinsics hold for this size only.
-        None if size == (PRIMESENSE.width, PRIMESENSE.height) => {
-            recording.note(
-                "no intrinsics in the folder: the manufacturer's 525, 525, 319.5, 239.5 are used",
-            );
-            (file, PRIMESENSE)
-        }
-        None => {
-            let expected = format!("fx fy cx cy for images of {}x{}", size.0, size.1);
-            let found = "no such file (known cameras have 640x480)".to_owned();
-            return Err(metadata_error(
-                &file,
-                &expected,
-                found,
-                "create it, or set the intrinsics",
-            ));
-        }
+        None => PRIMESENSE.assume(recording, size, (file, "fx fy cx cy"))?,
     };
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     Ok(Some((cameras, is_kinect(&cameras.depth))))
@@ -241,9 +215,10 @@ fn cameras(
 
 fn is_kinect(k: &Intrinsics) -> bool {
     let is_near = |focal: f64, makers: f64| (focal / makers - 1.0).abs() < CALIBRATED;
-    (k.width, k.height) == (PRIMESENSE.width, PRIMESENSE.height)
-        && is_near(k.fx, PRIMESENSE.fx)
-        && is_near(k.fy, PRIMESENSE.fy)
+    let makers = PRIMESENSE.intrinsics;
+    (k.width, k.height) == (makers.width, makers.height)
+        && is_near(k.fx, makers.fx)
+        && is_near(k.fy, makers.fy)
 }
 
 #[derive(Clone, Copy)]
@@ -262,13 +237,13 @@ impl Poses<'_> {
         self.mounted(matrix).ok()
     }
 
-    /// The same in the layout's convention. The user's convention is applied later, to poses read in the
-    /// layout's.
+    /// As [`Self::at`], but in the layout's convention. Opening the dataset replaces it by the user's.
     fn stated_at(&self, time: f64) -> Result<Pose, FrameProblem> {
         let matrix = self.trajectory.at(time)?;
         let pose = self.mounted(matrix)?;
         match self.convention {
             None => Ok(pose),
+            // Undoes the convention that opening applies afterwards.
             Some(asked) => Ok(FORMAT.poses.pose(asked.matrix(&pose))?),
         }
     }
@@ -284,9 +259,10 @@ impl Poses<'_> {
         shots: &[ImagePair],
         intrinsics: Intrinsics,
     ) -> Self {
-        let at = |time| self.at(time);
+        let tracked = &|time| self.at(time);
         let [depth_reading, color_reading] = [KINECT_DEPTH, KINECT_COLOR];
-        let rig = rig::find(shots, &Clock { at, intrinsics, depth_reading, color_reading });
+        let clock = Clock { tracked, mount: None, intrinsics, depth_reading, color_reading };
+        let rig = rig::find(shots, &clock);
         for (what, delay) in [("depth was", rig.depth_delay), ("photographs were", rig.color_delay)]
         {
             if delay != 0.0 {
@@ -329,8 +305,8 @@ impl Poses<'_> {
         }
     }
 
-    /// Cameras with the photograph taken at another time than depth; unchanged if the trajectory has no
-    /// pose there.
+    /// Places the colour camera at the photograph's time; unchanged if the trajectory has no pose at one of
+    /// the times.
     fn cameras_at_times(&self, cameras: Cameras, size: [u32; 2], times: [f64; 2]) -> Cameras {
         // One pose suffices, and colours stay registered to depth.
         if (times[0] - times[1]).abs() < SIMULTANEOUS {
@@ -377,6 +353,7 @@ fn frame(
 }
 
 fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<ImagePair> {
+    // A missing photograph is reported when the frame itself is made.
     let color = nearest(colors, depth.time).ok()?;
     let file = ByteSource::File(depth.path.clone());
     Some(ImagePair {
@@ -397,13 +374,6 @@ fn nearest(colors: &[TimedImage], time: f64) -> Result<&TimedImage, FrameProblem
     let around = [after.checked_sub(1).and_then(|i| colors.get(i)), colors.get(after)];
     let distance = |image: &&TimedImage| (image.time - time).abs();
     let best = around.into_iter().flatten().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-    best.filter(|image| distance(image) <= TOLERANCE).ok_or_else(|| FrameProblem::NotInTime {
-        what: "a colour image",
-        time,
-        tolerance_ms: 1e3 * TOLERANCE,
-        found: match best {
-            Some(image) => format!("the nearest {:.0} ms away", 1e3 * distance(&image)),
-            None => "no image".to_owned(),
-        },
-    })
+    best.filter(|image| distance(image) <= TOLERANCE)
+        .ok_or_else(|| not_in_time("a colour image", time, best.as_ref().map(distance)))
 }

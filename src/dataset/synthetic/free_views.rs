@@ -20,7 +20,7 @@ const LEAST_SEEN: f64 = 0.5;
 /// Candidates drawn per viewpoint, and valid candidates after which the best one is taken.
 const TRIES: usize = 20_000;
 const BETTER: usize = 24;
-/// Cosine of the incidence angle above which a surface counts as seen.
+/// Cosine of the incidence angle above which a surface counts as seen (80°).
 const FACING: f64 = 0.17;
 /// Distance up to which a surface counts as seen, metres.
 const NEAR_ENOUGH: f64 = 5.0;
@@ -85,6 +85,7 @@ impl TrainingViews<'_> {
     /// [`BETTER`].
     fn free_view(&self, rules: &FreeRules, rng: &mut Rng) -> Option<Pose> {
         let (mut best, mut n_found) = (None, 0);
+        // Candidates with a smaller share never become the best.
         let mut most = LEAST_SEEN;
         for _ in 0..TRIES {
             let Some(pose) = self.candidate(rules, rng) else { continue };
@@ -150,12 +151,14 @@ impl TrainingViews<'_> {
     fn is_visible_from(&self, pose: &Pose, point: DVec3, normal: DVec3) -> bool {
         let way = point - pose.centre();
         let distance = way.length();
+        // Without a ray, which costs most.
         if distance > NEAR_ENOUGH || -normal.dot(way) < FACING * distance {
             return false;
         }
         let camera = Camera { intrinsics: self.k, pose: *pose };
         let (pixel, z) = camera.project(point);
         let size = DVec2::new(f64::from(self.k.width), f64::from(self.k.height));
+        // Behind the camera the projection is mirrored.
         let is_inside = z > 0.0 && pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all();
         is_inside && !self.room.is_blocked(&Ray::new(pose.centre(), way))
     }

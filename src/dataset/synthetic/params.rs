@@ -73,6 +73,7 @@ impl SyntheticParams {
                 return wrong(setting, "8 to 8192 pixels", side.to_string());
             }
         }
+        // A dataset without training frames has no first frame to take the camera from.
         if self.n_train == 0 || self.n_train > MAX_FRAMES {
             return wrong("training frames", "1 to 100000", self.n_train.to_string());
         }

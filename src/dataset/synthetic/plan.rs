@@ -68,6 +68,7 @@ impl ViewPlan {
     /// # Errors
     /// Parameters outside their range, or a scene without enough free space for the free views.
     pub fn new(params: &SyntheticParams) -> Result<Self, ParamsError> {
+        // Shared by all frames of a dataset, because its light maps are large.
         let scene = Arc::new(SyntheticScene::new(params)?);
         let (train, eval, phone) = match params.camera {
             SyntheticCamera::Room => {
@@ -88,6 +89,7 @@ impl ViewPlan {
                 let phone = PhoneCamera::new(walk, params.n_train, params.seed);
                 let poses: Vec<Pose> = (0..params.n_train).map(|i| phone.pose(i)).collect();
                 let train = PlannedSplit {
+                    // As a phone's tracking states them.
                     recorded_poses: with_drift(&poses, params.seed),
                     is_recorded: true,
                     is_of_phone: true,
@@ -150,6 +152,7 @@ impl ViewPlan {
             return phone.capture(&self.scene, frame, of_depth);
         }
         let depth_z = self.view_by(split, frame, of_depth).depth_z;
+        // Only the lidar of the phone has doubtful pixels.
         let confidence = Image::filled(depth_z.width, depth_z.height, SURE);
         Capture { color: self.render_view(split, frame).color, depth_z, confidence }
     }

@@ -60,10 +60,6 @@ impl SyntheticScene {
         &self.room
     }
 
-    pub(super) fn bounds(&self) -> (DVec3, DVec3) {
-        self.room.bounds()
-    }
-
     pub(super) fn radiance(&self, camera: &Camera) -> Image<Vec3> {
         view::radiance(&self.room, &self.light, camera)
     }
@@ -153,6 +149,7 @@ impl LightMaps {
     pub fn bake(room: &FurnishedRoom) -> Self {
         let map = |shape: &Shape, face| LightMap::bake(room, shape, face);
         let maps = room.solids.iter().map(|solid| match solid.texture.is_emissive() {
+            // Emitted light does not depend on the light received.
             true => Vec::new(),
             false => (0..solid.shape.n_faces()).map(|face| map(&solid.shape, face)).collect(),
         });

@@ -5,7 +5,7 @@
 //! by Newton's method, so its depth is exact to rounding as well.
 
 use glam::{DVec2, DVec3};
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
@@ -103,7 +103,11 @@ impl Shape {
                 let (near, far, axis) = slabs(ray, lo, hi, false);
                 (near <= far && far > START).then(|| box_hit(ray, far, axis, false))
             }
-            Self::Sphere { centre, radius } => sphere(ray, centre, radius),
+            Self::Sphere { centre, radius } => {
+                // The exit is ignored: balls are solid, and cameras are in free space.
+                let (t, _) = sphere_span(ray.origin - centre, ray.direction, radius)?;
+                (t > START).then_some(Hit { t, face: 0 })
+            }
             Self::Cylinder { base, radius, height } => cylinder(ray, base, radius, height),
             Self::Torus { centre, major, minor } => torus(ray, centre, major, minor),
             Self::Cable(capsule) => {
@@ -135,7 +139,7 @@ impl Shape {
     #[inline]
     pub fn chart(&self, point: DVec3, face: usize) -> DVec2 {
         // Offset by half a turn, so the chart runs from 0 to 1 with its seam at −x.
-        let angle = |x: f64, y: f64| y.atan2(x) / std::f64::consts::TAU + 0.5;
+        let angle = |x: f64, y: f64| y.atan2(x) / TAU + 0.5;
         match *self {
             Self::Block { lo, hi } | Self::Shell { lo, hi } => {
                 let (u, v) = plane_axes(face);
@@ -164,7 +168,7 @@ impl Shape {
 
     /// Surface point at chart coordinates; inverse of [`Shape::chart`].
     pub fn point(&self, uv: DVec2, face: usize) -> DVec3 {
-        let around = |u: f64| DVec2::from_angle((u - 0.5) * std::f64::consts::TAU);
+        let around = |u: f64| DVec2::from_angle((u - 0.5) * TAU);
         match *self {
             Self::Block { lo, hi } | Self::Shell { lo, hi } => {
                 let (u, v) = plane_axes(face);
@@ -193,7 +197,6 @@ impl Shape {
 
     /// Size of a chart along its two directions, metres.
     pub fn face_size(&self, face: usize) -> DVec2 {
-        use std::f64::consts::{PI, TAU};
         match *self {
             Self::Block { lo, hi } | Self::Shell { lo, hi } => {
                 let (u, v) = plane_axes(face);
@@ -250,22 +253,12 @@ fn box_hit(ray: &Ray, t: f64, axis: usize, is_entry: bool) -> Hit {
     Hit { t, face: 2 * axis + usize::from(high) }
 }
 
-fn sphere(ray: &Ray, centre: DVec3, radius: f64) -> Option<Hit> {
-    // The exit is ignored: balls are solid, and cameras are in free space.
-    let (enter, _) = quadratic_sphere(ray, centre, radius)?;
-    (enter > START).then_some(Hit { t: enter, face: 0 })
-}
-
-fn quadratic_sphere(ray: &Ray, centre: DVec3, radius: f64) -> Option<(f64, f64)> {
-    let o = ray.origin - centre;
-    let a = ray.direction.length_squared();
-    let b = o.dot(ray.direction);
+/// Ray parameters of the entry into a sphere and the exit. `o` is the ray's origin relative to the centre.
+fn sphere_span(o: DVec3, direction: DVec3, radius: f64) -> Option<(f64, f64)> {
+    let (a, b) = (direction.length_squared(), o.dot(direction));
     let discriminant = b * b - a * (o.length_squared() - radius * radius);
-    if discriminant < 0.0 {
-        return None;
-    }
     let root = discriminant.sqrt();
-    Some(((-b - root) / a, (-b + root) / a))
+    (discriminant >= 0.0).then(|| ((-b - root) / a, (-b + root) / a))
 }
 
 fn cylinder(ray: &Ray, base: DVec3, radius: f64, height: f64) -> Option<Hit> {
@@ -301,7 +294,7 @@ fn torus(ray: &Ray, centre: DVec3, major: f64, minor: f64) -> Option<Hit> {
     const CLOSE: f64 = 1e-6;
     const STEPS: usize = 96;
     // The march is bounded by this sphere, which most rays miss.
-    let (enter, leave) = quadratic_sphere(ray, centre, major + minor)?;
+    let (enter, leave) = sphere_span(ray.origin - centre, ray.direction, major + minor)?;
     let speed = ray.direction.length();
     let distance = |t: f64| {
         let p = ray.at(t) - centre;
@@ -378,9 +371,10 @@ impl Capsule {
         let middle = 0.5 * (self.from + self.to);
         let around = 0.5 * (self.to - self.from).length() + self.radius;
         // Early out: most rays miss the bounding sphere, which is cheaper to test.
-        enter_ball(origin - middle, direction, around)?;
+        sphere_span(origin - middle, direction, around)?;
         let side = self.enter_side(origin, direction);
-        let ends = [self.from, self.to].map(|end| enter_ball(origin - end, direction, self.radius));
+        let cap = |end: DVec3| Some(sphere_span(origin - end, direction, self.radius)?.0);
+        let ends = [self.from, self.to].map(cap);
         // The capsule is the union of a cylinder and two spheres: the first entry is the smallest of three.
         let all = std::iter::once(side).chain(ends).flatten();
         all.min_by(f64::total_cmp).filter(|t| *t > start)
@@ -447,12 +441,6 @@ impl Capsule {
         let (axis, length) = self.axis();
         self.from + axis * (point - self.from).dot(axis).clamp(0.0, length)
     }
-}
-
-fn enter_ball(o: DVec3, direction: DVec3, radius: f64) -> Option<f64> {
-    let (a, b) = (direction.length_squared(), o.dot(direction));
-    let discriminant = b * b - a * (o.length_squared() - radius * radius);
-    (discriminant >= 0.0).then(|| (-b - discriminant.sqrt()) / a)
 }
 
 #[cfg(test)]

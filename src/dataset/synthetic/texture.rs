@@ -68,8 +68,7 @@ impl Texture {
             }
             Self::Cover(color) => {
                 let edge = (at.uv - 0.5).abs().max_element() as f32;
-                color
-                    .lerp(Vec3::splat(0.85), step(edge, 0.36, 0.02) * (1.0 - step(edge, 0.4, 0.02)))
+                color.lerp(Vec3::splat(0.85), stripe(edge, [0.36, 0.4], 0.02))
             }
             Self::Leaves => leaves(at),
             Self::Rug => rug(at),
@@ -113,8 +112,7 @@ fn planks(m: Vec2, at: &SurfaceSample) -> Vec3 {
 fn wall(m: Vec2, face: usize, at: &SurfaceSample) -> Vec3 {
     const RAIL: f32 = 0.95;
     let speckle = 0.95 + 0.1 * noise2(m * 30.0, at.seed ^ face as u32);
-    let rail = step(m.y, RAIL - 0.04, at.pixel_footprint)
-        * (1.0 - step(m.y, RAIL + 0.02, at.pixel_footprint));
+    let rail = stripe(m.y, [RAIL - 0.04, RAIL + 0.02], at.pixel_footprint);
     let board = antialiased_line(m.x / 0.2, 0.04, at.pixel_footprint / 0.2) * 0.35
         + step(0.12, m.y, at.pixel_footprint) * 0.1;
     let panel = vec3(0.70, 0.68, 0.62) * (1.0 - board);
@@ -135,7 +133,7 @@ fn damask(m: Vec2, blur: f32) -> f32 {
     let shifted = Vec2::new(m.x + 0.5 * (m.y.floor() as i32).rem_euclid(2) as f32, m.y);
     let p = (shifted - shifted.floor() - 0.5).abs();
     let diamond = p.x * 1.5 + p.y;
-    let ring = step(diamond, 0.30, blur) * (1.0 - step(diamond, 0.40, blur));
+    let ring = stripe(diamond, [0.30, 0.40], blur);
     let dot = 1.0 - step(p.length(), 0.12, blur);
     ring.max(dot)
 }
@@ -170,7 +168,7 @@ fn glaze(color: Vec3, at: &SurfaceSample) -> Vec3 {
     let v = at.uv.y as f32;
     let zigzag = 0.5 + 0.05 * (((at.uv.x as f32 * 16.0).fract() - 0.5).abs() * 4.0 - 1.0);
     let blur = at.pixel_footprint / at.size.y as f32;
-    let band = step(v, zigzag - 0.09, blur) * (1.0 - step(v, zigzag + 0.09, blur));
+    let band = stripe(v, [zigzag - 0.09, zigzag + 0.09], blur);
     let rim = step(v, 0.93, blur).max(1.0 - step(v, 0.06, blur));
     Vec3::new(0.84, 0.82, 0.76).lerp(color, band.max(rim))
 }
@@ -183,6 +181,7 @@ fn leaves(at: &SurfaceSample) -> Vec3 {
 }
 
 fn rug(at: &SurfaceSample) -> Vec3 {
+    // The chart of the round rug is the square around it.
     let p = (at.uv - 0.5).as_vec2() * 2.0;
     let (radius, angle) = (p.length(), p.y.atan2(p.x));
     let blur = at.pixel_footprint / 1.45;
@@ -221,9 +220,8 @@ fn books(m: Vec2, at: &SurfaceSample) -> Vec3 {
     let gap = antialiased_line(slot, 0.08, at.pixel_footprint / BOOK);
     let cover = SPINES[((random(2) * SPINES.len() as f32) as usize).min(7)];
     let cover = cover * (0.6 + 0.7 * random(5));
-    let stripe = step(height, top * 0.72, at.pixel_footprint)
-        * (1.0 - step(height, top * 0.8, at.pixel_footprint));
-    let spine = cover.lerp(vec3(0.75, 0.65, 0.35), stripe * random(6)) * (1.0 - 0.75 * gap);
+    let title = stripe(height, [top * 0.72, top * 0.8], at.pixel_footprint);
+    let spine = cover.lerp(vec3(0.75, 0.65, 0.35), title * random(6)) * (1.0 - 0.75 * gap);
     let shown =
         spine.lerp(vec3(0.035, 0.022, 0.014), step(height, top + 0.025, at.pixel_footprint));
     shown.lerp(vec3(0.26, 0.15, 0.08), frame)
@@ -235,6 +233,7 @@ fn drawers(m: Vec2, at: &SurfaceSample) -> Vec3 {
     if at.face != 2 {
         return base;
     }
+    // Two rows of three on 1.9 m; rounded up, so that no fourth column begins at the edge.
     let cell = m / Vec2::new(0.6334, 0.35);
     let p = cell - cell.floor() - 0.5;
     let from_edge = 0.5 - p.abs().max_element();
@@ -253,6 +252,7 @@ fn landscape(at: &SurfaceSample) -> Vec3 {
         [(0, vec3(0.36, 0.36, 0.50)), (1, vec3(0.16, 0.30, 0.28)), (2, vec3(0.10, 0.20, 0.09))]
     {
         let x = p.x * (2.5 + i as f32) + 3.7 * i as f32;
+        // Fixed seeds: the picture is the same in every room.
         let ridge = 0.46 - 0.15 * i as f32
             + 0.16 * noise2(Vec2::new(x, 0.5), 11)
             + 0.05 * noise2(Vec2::new(x * 4.0, 2.5), 12);
@@ -274,6 +274,7 @@ fn abstract_blocks(at: &SurfaceSample) -> Vec3 {
     ];
     let p = at.uv.as_vec2();
     let cell = |cuts: &[f32; 3], v: f32| cuts.iter().filter(|c| v > **c).count() as i32;
+    // A fixed seed, as for the landscape.
     let pick = hash(cell(&X, p.x), cell(&Y, p.y), 29) * COLORS.len() as f32;
     let distance =
         |cuts: &[f32; 3], v: f32| cuts.iter().map(|c| (v - c).abs()).fold(f32::INFINITY, f32::min);
@@ -283,18 +284,15 @@ fn abstract_blocks(at: &SurfaceSample) -> Vec3 {
 
 fn window(m: Vec2, at: &SurfaceSample) -> Vec3 {
     let v = at.uv.y as f32;
+    // Fixed seeds: the view is the same in every room.
     let clouds =
         noise2(m * Vec2::new(2.5, 5.0), 41) * 0.7 + noise2(m * Vec2::new(7.0, 13.0), 42) * 0.3;
     let sky = vec3(1.1, 1.6, 2.3).lerp(Vec3::splat(2.6), ((clouds - 0.45) * 3.0).clamp(0.0, 1.0));
     let hills = 0.24 + 0.13 * noise2(Vec2::new(m.x * 3.0, 0.5), 43);
     let meadow = vec3(0.30, 0.52, 0.20) * (0.7 + 0.5 * noise2(m * 24.0, 44));
     let scene = sky.lerp(meadow, step(hills, v, at.pixel_footprint));
-    let bars = antialiased_line(m.x / 0.6, 0.05, at.pixel_footprint / 0.6).max(antialiased_line(
-        m.y / 0.6,
-        0.05,
-        at.pixel_footprint / 0.6,
-    ));
-    scene.lerp(Vec3::splat(0.62), bars)
+    let bar = |metres: f32| antialiased_line(metres / 0.6, 0.05, at.pixel_footprint / 0.6);
+    scene.lerp(Vec3::splat(0.62), bar(m.x).max(bar(m.y)))
 }
 
 pub(super) struct SurfaceSample {
@@ -313,6 +311,11 @@ pub(super) struct SurfaceSample {
 pub(super) fn step(value: f32, edge: f32, blur: f32) -> f32 {
     // A footprint of zero would divide by zero.
     ((value - edge) / blur.max(1e-4) + 0.5).clamp(0.0, 1.0)
+}
+
+/// 1 between two edges, 0 elsewhere, with ramps of width `blur`.
+fn stripe(value: f32, [low, high]: [f32; 2], blur: f32) -> f32 {
+    step(value, low, blur) * (1.0 - step(value, high, blur))
 }
 
 /// Lines at the integers: 1 within `width`, antialiased over `blur` with constant total ink.
@@ -336,7 +339,7 @@ pub(super) fn band(value: f32, blur: f32) -> f32 {
 
 /// Hashes a lattice point to a uniform number in `[0, 1)`.
 pub(super) fn hash(x: i32, y: i32, seed: u32) -> f32 {
-    // Shifts and last two factors: a two-round mixer of low bias from C. Wellons' hash prospector.
+    // Coordinates are spread by xxHash's primes, then mixed by `prospector32` (C. Wellons, hash-prospector).
     let mut h = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77) ^ seed;
     h = (h ^ (h >> 15)).wrapping_mul(0x2C1B_3C6D);
     h = (h ^ (h >> 12)).wrapping_mul(0x297A_2D39);

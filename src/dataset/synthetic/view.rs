@@ -71,6 +71,7 @@ pub(super) fn cast_rays<T: Copy + Send + Sync>(
         .enumerate()
         .map(|(i, solid)| ScreenBounds::new(i, solid, camera))
         .collect();
+    // Front to back, so that the search for the first hit can stop early.
     reaches.sort_by(|a, b| a.nearest_z.total_cmp(&b.nearest_z));
     let (rotation, origin) = (camera.pose.rotation(), camera.pose.centre());
     let cast_band = |(band, pixels): (usize, &mut [T])| {

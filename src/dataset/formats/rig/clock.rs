@@ -30,29 +30,32 @@ impl ImagePair {
     }
 }
 
-pub(in super::super) struct Clock<At> {
-    /// World pose at a time; `None` if unknown.
-    pub at: At,
+#[derive(Clone, Copy)]
+pub(in super::super) struct Clock<'a> {
+    /// World pose of the tracked body at a time; `None` if unknown.
+    pub tracked: &'a (dyn Fn(f64) -> Option<Pose> + Sync),
+    /// Mount of the camera on the body; without one, the tracked poses are the camera's.
+    pub mount: Option<Mount>,
     pub intrinsics: Intrinsics,
     /// Seconds from the first to the last row of a depth image; its timestamp is that of the middle row.
     pub depth_reading: f64,
     pub color_reading: f64,
 }
 
-impl<At> Clock<At>
-where
-    At: Fn(f64) -> Option<Pose>,
-{
-    pub fn mounted(&self, mount: Mount) -> Clock<impl Fn(f64) -> Option<Pose>> {
-        let at = move |time| (self.at)(time).map(|pose| mount.camera_pose(&pose));
-        let Self { intrinsics, depth_reading, color_reading, .. } = *self;
-        Clock { at, intrinsics, depth_reading, color_reading }
+impl Clock<'_> {
+    /// World pose of the camera at a time.
+    pub fn at(&self, time: f64) -> Option<Pose> {
+        let tracked = (self.tracked)(time)?;
+        Some(self.mount.map_or(tracked, |mount| mount.camera_pose(&tracked)))
     }
 
-    pub fn slowed(&self, times: f64) -> Clock<&At> {
-        let Self { at, intrinsics, depth_reading, color_reading } = self;
-        let [depth_reading, color_reading] = [times * depth_reading, times * color_reading];
-        Clock { at, intrinsics: *intrinsics, depth_reading, color_reading }
+    pub fn mounted(&self, mount: Mount) -> Self {
+        Self { mount: Some(mount), ..*self }
+    }
+
+    /// The same camera with all rows of an image read at once.
+    pub fn without_readout(&self) -> Self {
+        Self { depth_reading: 0.0, color_reading: 0.0, ..*self }
     }
 }
 
@@ -61,10 +64,11 @@ const FEWEST: usize = 6;
 /// Step between the delays that are tried, seconds, and number of steps to either side.
 const STEP: f64 = 0.005;
 const N_STEPS: usize = 8;
-/// Least relative decrease of the mean distance, largest difference between both halves of the pairs,
-/// seconds, and least delay that is reported, seconds.
+/// Minimum relative decrease of the mean distance.
 const FALL: f64 = 0.05;
+/// Maximum difference between the delays of both halves of the pairs, seconds.
 const AGREED: f64 = 0.008;
+/// Minimum delay that is reported, seconds.
 const LEAST: f64 = 0.004;
 
 /// Delay with the least mean `distance` over all pairs; `None` if it is undetermined or negligible.
@@ -103,7 +107,8 @@ fn sum<'a>(rows: impl Iterator<Item = &'a Distances>) -> Distances {
     })
 }
 
-/// Delay of the least distance, and that distance; `None` at either end, where the minimum may lie outside.
+/// Delay of the smallest distance, and that distance; `None` at either end, where the minimum may be outside
+/// the range.
 fn lowest(distances: &Distances) -> Option<(f64, f64)> {
     let triples = distances.array_windows().enumerate();
     let (before, [left, here, right]) = triples.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))?;
@@ -124,49 +129,42 @@ const MOST_SHAKEN: f64 = 0.35;
 const MOST_TURNED: f64 = 0.6;
 /// Least difference of rotation rates, radians per second: 1.5 pixels of a Kinect in 10 ms.
 const LEAST_CHANGE: f64 = 0.3;
-/// Least rotation within a pair, radians: a twentieth of a common pose error remains visible within it.
+/// Minimum rotation within a pair, radians: of an error common to both poses, a twentieth remains as a
+/// difference between them.
 const LEAST_TURN: f64 = 0.05;
 /// Half the time over which a rotation rate is measured, seconds.
 const RATE: f64 = 0.01;
 
 /// Evenly spaced images, each paired with the one whose rotation rate differs most.
-pub(super) fn pairs_by_rate_change<'a, At>(
+pub(super) fn pairs_by_rate_change<'a>(
     shots: &'a [ImagePair],
-    clock: &Clock<At>,
-) -> Vec<[&'a ImagePair; 2]>
-where
-    At: Fn(f64) -> Option<Pose>,
-{
+    clock: &Clock<'_>,
+) -> Vec<[&'a ImagePair; 2]> {
     let change = |a: &RotatingImage<'_>, b: &RotatingImage<'_>| (a.rate - b.rate).length();
     chosen(shots, clock, MOST_SHAKEN, change, LEAST_CHANGE)
 }
 
 /// Evenly spaced images, each paired with the one that is rotated most.
-pub(super) fn pairs_by_rotation<'a, At>(
+pub(super) fn pairs_by_rotation<'a>(
     shots: &'a [ImagePair],
-    clock: &Clock<At>,
-) -> Vec<[&'a ImagePair; 2]>
-where
-    At: Fn(f64) -> Option<Pose>,
-{
+    clock: &Clock<'_>,
+) -> Vec<[&'a ImagePair; 2]> {
     chosen(shots, clock, MOST_TURNED, RotatingImage::angle, LEAST_TURN)
 }
 
 /// Pairs with a rotation below `most_turn`, each with the highest score, which must reach `least`.
-fn chosen<'a, At>(
+fn chosen<'a>(
     shots: &'a [ImagePair],
-    clock: &Clock<At>,
+    clock: &Clock<'_>,
     most_turn: f64,
     score: impl Fn(&RotatingImage<'a>, &RotatingImage<'a>) -> f64,
     least: f64,
-) -> Vec<[&'a ImagePair; 2]>
-where
-    At: Fn(f64) -> Option<Pose>,
-{
+) -> Vec<[&'a ImagePair; 2]> {
     let turning: Vec<RotatingImage<'a>> =
         shots.iter().filter_map(|shot| RotatingImage::new(shot, clock)).collect();
     let n = turning.len();
     let anchors = n.min(PAIRS);
+    // Evenly spaced anchors: the estimate then holds for the whole recording.
     let pair = |i: usize| {
         let (first, behind) = turning.get(i * n / anchors..)?.split_first()?;
         let partners = behind.iter().take(REACH).filter(|second| first.angle(second) < most_turn);
@@ -185,11 +183,8 @@ struct RotatingImage<'a> {
 }
 
 impl<'a> RotatingImage<'a> {
-    fn new<At>(shot: &'a ImagePair, clock: &Clock<At>) -> Option<Self>
-    where
-        At: Fn(f64) -> Option<Pose>,
-    {
-        let at = |by: f64| (clock.at)(shot.depth.0 + by);
+    fn new(shot: &'a ImagePair, clock: &Clock<'_>) -> Option<Self> {
+        let at = |by: f64| clock.at(shot.depth.0 + by);
         let (before, pose, after) = (at(-RATE)?, at(0.0)?, at(RATE)?);
         let turn = before.offset_to(&after).1.to_scaled_axis();
         // In world axes, so that rates at different poses compare.

@@ -6,7 +6,6 @@ use super::mount_search::Strips;
 use crate::dataset::decode;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
-use crate::math::pose::Pose;
 use glam::DVec3;
 
 /// Side of the squares whose pixels are averaged: suppresses noise and detail below the registration error.
@@ -21,10 +20,7 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    pub fn load<At>(pair: &depth::Pair<'_>, clock: &Clock<At>, delay: f64) -> Option<Self>
-    where
-        At: Fn(f64) -> Option<Pose>,
-    {
+    pub fn load(pair: &depth::Pair<'_>, clock: &Clock<'_>, delay: f64) -> Option<Self> {
         let [a, b] = pair.shots;
         Some(Self {
             times: [a.color.0, b.color.0],
@@ -34,13 +30,8 @@ impl Pair {
     }
 
     /// Mean difference of grey at the common points, after equalising exposure.
-    pub fn distance<At>(&self, clock: &Clock<At>, delay: f64) -> f64
-    where
-        At: Fn(f64) -> Option<Pose>,
-    {
-        let [a, b] = self.times.map(|time| {
-            Strips::new(clock.intrinsics, &clock.at, time + delay, clock.color_reading)
-        });
+    pub fn distance(&self, clock: &Clock<'_>, delay: f64) -> f64 {
+        let [a, b] = self.times.map(|time| Strips::new(clock, time + delay, clock.color_reading));
         let shown = |world: &DVec3| {
             let [x, y] = [a.project(*world)?, b.project(*world)?];
             Some([grey_at(&self.greys[0], x)?, grey_at(&self.greys[1], y)?])

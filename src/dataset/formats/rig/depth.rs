@@ -19,15 +19,12 @@ pub(super) struct Pair<'a> {
 
 impl<'a> Pair<'a> {
     /// Loads both images; `None` if one cannot be read or is measured along rays, as no Kinect does.
-    pub fn load<At>(shots: [&'a ImagePair; 2], clock: &Clock<At>) -> Option<Self> {
+    pub fn load(shots: [&'a ImagePair; 2], clock: &Clock<'_>) -> Option<Self> {
         let [a, b] = shots;
         Some(Self { shots, depths: [load(a, &clock.intrinsics)?, load(b, &clock.intrinsics)?] })
     }
 
-    pub fn distance<At>(&self, clock: &Clock<At>, delay: f64) -> f64
-    where
-        At: Fn(f64) -> Option<Pose>,
-    {
+    pub fn distance(&self, clock: &Clock<'_>, delay: f64) -> f64 {
         let (mut sum, mut n) = (0.0, 0.0);
         for share in self.depth_differences(clock, delay).into_iter().flatten() {
             sum += share.abs().min(FARTHEST);
@@ -39,40 +36,31 @@ impl<'a> Pair<'a> {
 
     /// Signed depth difference of the second image to the first, relative to depth. Samples are the same
     /// for any clock and delay.
-    pub fn depth_differences<At>(&self, clock: &Clock<At>, delay: f64) -> Vec<Option<f64>>
-    where
-        At: Fn(f64) -> Option<Pose>,
-    {
+    pub fn depth_differences(&self, clock: &Clock<'_>, delay: f64) -> Vec<Option<f64>> {
         self.measured(clock, delay, |_, share| share)
     }
 
-    pub fn common<At>(&self, clock: &Clock<At>, delay: f64) -> Vec<DVec3>
-    where
-        At: Fn(f64) -> Option<Pose>,
-    {
+    pub fn common(&self, clock: &Clock<'_>, delay: f64) -> Vec<DVec3> {
         let near = |world, share: f64| (share.abs() < FARTHEST).then_some(world);
         self.measured(clock, delay, near).into_iter().flatten().flatten().collect()
     }
 
     /// For each sample of the first image, `make` of its world point and the relative depth difference in
     /// the second image; `None` if one has no depth.
-    fn measured<At, T>(
+    fn measured<T>(
         &self,
-        clock: &Clock<At>,
+        clock: &Clock<'_>,
         delay: f64,
         make: impl Fn(DVec3, f64) -> T,
-    ) -> Vec<Option<T>>
-    where
-        At: Fn(f64) -> Option<Pose>,
-    {
+    ) -> Vec<Option<T>> {
         let k = &clock.intrinsics;
-        let [from, to] = self
-            .shots
-            .map(|shot| Strips::new(*k, &clock.at, shot.depth.0 + delay, clock.depth_reading));
+        let [from, to] =
+            self.shots.map(|shot| Strips::new(clock, shot.depth.0 + delay, clock.depth_reading));
         let [a, b] = &self.depths;
         let sample = |column: usize, row: usize, pose: &Pose| {
             let world = pose.transform_point(k.ray(column, row) * trusted(a, column, row)?);
             let [u, v, expected] = to.project(world)?;
+            // Pixel centres are at +½, so truncation finds the pixel that contains the point.
             Some(make(world, (trusted(b, u as usize, v as usize)? - expected) / expected))
         };
         let columns = || (EVERY / 2..k.width as usize).step_by(EVERY);
@@ -83,10 +71,7 @@ impl<'a> Pair<'a> {
     }
 }
 
-pub(super) fn total<At>(pairs: &[&Pair<'_>], clock: &Clock<At>, delay: f64) -> f64
-where
-    At: Fn(f64) -> Option<Pose> + Sync,
-{
+pub(super) fn total(pairs: &[&Pair<'_>], clock: &Clock<'_>, delay: f64) -> f64 {
     let each: Vec<f64> = pairs.par_iter().map(|pair| pair.distance(clock, delay)).collect();
     // Summed in order, so that rounding does not depend on the number of threads.
     each.iter().sum()

@@ -13,7 +13,6 @@ mod mount_search;
 #[cfg(test)]
 mod tests;
 
-use crate::math::pose::Pose;
 use clock::estimate_delay;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -41,20 +40,19 @@ impl Rig {
     };
 }
 
-pub(super) fn find<At>(shots: &[ImagePair], clock: &Clock<At>) -> Rig
-where
-    At: Fn(f64) -> Option<Pose> + Sync,
-{
+pub(super) fn find(shots: &[ImagePair], clock: &Clock<'_>) -> Rig {
     let loaded = |chosen: Vec<[_; 2]>| -> Vec<depth::Pair<'_>> {
         chosen.into_par_iter().filter_map(|pair| depth::Pair::load(pair, clock)).collect()
     };
     let shaken = loaded(clock::pairs_by_rate_change(shots, clock));
     let delay = estimate_delay(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
-    let [one_by_one, at_once] = [1.0, 0.0].map(|times| clock.slowed(times));
+    let at_once = &clock.without_readout();
     let all: Vec<&depth::Pair<'_>> = shaken.iter().collect();
-    let reads_rows = depth::total(&all, &one_by_one, delay) <= depth::total(&all, &at_once, delay);
-    let clock = if reads_rows { one_by_one } else { at_once };
-    let mount = mount_search::find(&loaded(clock::pairs_by_rotation(shots, &clock)), &clock, delay);
+    // A tie, as without pairs, keeps the expectation.
+    let reads_rows = depth::total(&all, clock, delay) <= depth::total(&all, at_once, delay);
+    let clock = if reads_rows { clock } else { at_once };
+    let mount = mount_search::find(&loaded(clock::pairs_by_rotation(shots, clock)), clock, delay);
+    // Photographs come last: their common points need the delay and mount of depth.
     let clock = &clock.mounted(mount);
     let shaken: Vec<color::Pair> =
         shaken.into_par_iter().filter_map(|pair| color::Pair::load(&pair, clock, delay)).collect();

@@ -41,10 +41,7 @@ fn mount_of([a, b, c, x, y, z]: Vector) -> Mount {
 }
 
 /// Mount estimated from image pairs; the identity if it is undetermined.
-pub(super) fn find<At>(pairs: &[Pair<'_>], clock: &Clock<At>, delay: f64) -> Mount
-where
-    At: Fn(f64) -> Option<Pose> + Sync,
-{
+pub(super) fn find(pairs: &[Pair<'_>], clock: &Clock<'_>, delay: f64) -> Mount {
     if pairs.len() < FEWEST {
         return Mount::default();
     }
@@ -63,16 +60,13 @@ where
     }
 }
 
-struct Search<'a, At> {
-    clock: &'a Clock<At>,
+struct Search<'a> {
+    clock: &'a Clock<'a>,
     /// Delay of depth, seconds.
     delay: f64,
 }
 
-impl<At> Search<'_, At>
-where
-    At: Fn(f64) -> Option<Pose> + Sync,
-{
+impl Search<'_> {
     fn distance(&self, pairs: &[&Pair<'_>], mount: Mount) -> f64 {
         total(pairs, &self.clock.mounted(mount), self.delay)
     }
@@ -97,7 +91,7 @@ where
         mount_of(best)
     }
 
-    /// Point with the least distance along a step, and that distance. Noise makes the slopes too large and
+    /// Point with the smallest distance along a step, and that distance. Noise makes the slopes too large and
     /// steps too short, so a step is doubled as long as the distance falls.
     fn lowest_along(&self, pairs: &[&Pair<'_>], from: Vector, step: &Vector) -> (Vector, f64) {
         let at = |times: f64| {
@@ -139,6 +133,7 @@ where
                 Some(())
             });
             if let (Some(()), Some(here)) = (slopes.collect(), here) {
+                // An inverse variance, comparable with that of the prior.
                 let weight = 1.0 / (1.0 + (here / ROBUST).powi(2)) / (ALIKE * ROBUST * ROBUST);
                 equations.add_residual(*here, &slope, weight);
             }
@@ -172,16 +167,12 @@ pub(super) struct Strips {
 
 impl Strips {
     /// Poses for an image whose middle row is read at `time` and all rows in `reading` seconds.
-    pub fn new(
-        intrinsics: Intrinsics,
-        at: impl Fn(f64) -> Option<Pose>,
-        time: f64,
-        reading: f64,
-    ) -> Self {
+    pub fn new(clock: &Clock<'_>, time: f64, reading: f64) -> Self {
+        let intrinsics = clock.intrinsics;
         let rows = intrinsics.height as usize;
         let strips = (EVERY / 2..rows).step_by(EVERY);
         let read = |row: usize| reading * ((row as f64 + 0.5) / rows as f64 - 0.5);
-        Self { intrinsics, poses: strips.map(|row| at(time + read(row))).collect() }
+        Self { intrinsics, poses: strips.map(|row| clock.at(time + read(row))).collect() }
     }
 
     /// Sampled rows with the camera's pose at their readout, if known.

@@ -92,13 +92,14 @@ fn recorded(folder: &Path, rig: Rig, at: impl Fn(f64) -> Option<Pose> + Copy) ->
     (0..24).map(shot).collect()
 }
 
-fn clock<At>(at: At) -> Clock<At> {
-    Clock { at, intrinsics: camera(), depth_reading: READING, color_reading: READING }
+fn clock(tracked: &(dyn Fn(f64) -> Option<Pose> + Sync)) -> Clock<'_> {
+    let [depth_reading, color_reading] = [READING; 2];
+    Clock { tracked, mount: None, intrinsics: camera(), depth_reading, color_reading }
 }
 
 fn found(rig: Rig, at: impl Fn(f64) -> Option<Pose> + Copy + Sync) -> Rig {
     let folder = tempfile::tempdir().unwrap();
-    find(&recorded(folder.path(), rig, at), &clock(at))
+    find(&recorded(folder.path(), rig, at), &clock(&at))
 }
 
 fn late(depth_delay: f64, color_delay: f64) -> Rig {
@@ -151,5 +152,5 @@ fn nothing_is_told_where_nothing_is_wrong_nothing_to_tell_it_by_or_too_much() {
     assert_eq!(delays, [0.0; 2], "both of every pair move alike");
     let beyond = found(late(-0.06, -0.06), shaken);
     assert_eq!(beyond.depth_delay, 0.0, "the least lies beyond what is tried");
-    assert_eq!(find(&[], &clock(shaken)), Rig::EXPECTED);
+    assert_eq!(find(&[], &clock(&shaken)), Rig::EXPECTED);
 }

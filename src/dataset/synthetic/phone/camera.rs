@@ -88,6 +88,7 @@ impl PhoneCamera {
         let middle = self.walk_parameter(frame);
         let at = |moment: f64| self.walk.shaken_pose(middle + SHUTTER * (moment - 0.5));
         let moved = image_motion(&at(0.0), &at(1.0), k);
+        // Views cost time, and slow frames need one.
         let n = match BLURRED.iter().filter(|least| moved > **least).count() {
             0 => return vec![at(0.5)],
             1 => 3,
@@ -99,6 +100,7 @@ impl PhoneCamera {
 
 fn image_motion(from: &Pose, to: &Pose, k: &Intrinsics) -> f64 {
     let (offset, turn) = from.offset_to(to);
+    // Rotation moves all pixels alike, translation those at the typical depth.
     k.fx * (turn.to_scaled_axis().length() + offset.length() / TYPICAL_DEPTH)
 }
 
@@ -161,11 +163,6 @@ mod tests {
         let depth = depth_camera(&k);
         assert_eq!([depth.width, depth.height], [192, 256]);
     }
-}
-
-#[cfg(test)]
-mod exposure_tests {
-    use super::*;
 
     #[test]
     fn gains_change_in_a_few_steps() {

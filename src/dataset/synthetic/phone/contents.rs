@@ -45,6 +45,7 @@ fn add_cables(solids: &mut Vec<Solid>) {
     solids.extend(sagging_cable(dvec3(1.1, -2.1, 2.3), dvec3(2.5, -2.05, 1.9), 0.35, white));
     solids.extend(sagging_cable(dvec3(-0.3, -0.46, 0.745), dvec3(0.6, -0.46, 0.745), 0.4, red));
     let floor = [(-1.7, -1.3), (-1.1, -1.6), (-0.4, -1.55), (0.1, -1.75), (0.9, -1.6)];
+    // The height of the rug plus the cable's radius.
     let at = |(x, y): (f64, f64)| dvec3(x, y, 0.018);
     solids.extend(floor.array_windows().map(|[a, b]| rod(at(*a), at(*b), 0.006, red)));
 }
@@ -81,6 +82,7 @@ const HI: DVec3 = dvec3(2.2, 0.0, 2.5);
 const STREAM: u64 = u64::MAX;
 
 const WINDOW: Lamp = Lamp {
+    // In front of the pane, which would otherwise block the light.
     corner: dvec3(-0.9, -2.75, 0.9),
     edges: [dvec3(1.8, 0.0, 0.0), dvec3(0.0, 0.0, 1.2)],
     normal: DVec3::Y,
@@ -88,6 +90,7 @@ const WINDOW: Lamp = Lamp {
 };
 
 const PANEL: Lamp = Lamp {
+    // Below the panel, for the same reason.
     corner: dvec3(-0.6, -1.7, 2.45),
     edges: [dvec3(1.2, 0.0, 0.0), dvec3(0.0, 0.8, 0.0)],
     normal: DVec3::NEG_Z,

@@ -39,6 +39,7 @@ pub(super) fn measure(room: &FurnishedRoom, camera: &Camera, rng: &mut Rng) -> L
     let lowest = neighbourhood_range(&pixels, 1, |pixel| pixel.least);
     let spans = neighbourhood_range(&pixels, 2, |pixel| pixel.mean)
         .map(|[low, high]| (high - low) / low.max(0.1));
+    // Depth inside surfaces stays: only edges swell.
     let mixed = (0..width * height).map(|i| {
         let is_edge = spans.data[i] > EDGES[1];
         let swell = if is_edge { swelling.data[i].clamp(0.0, 1.0) } else { 0.0 };

@@ -59,6 +59,7 @@ impl Walk {
         let [phase, rise, ..] = self.phases;
         let turn = phase + 2.0 * part;
         let reach = 0.92 + 0.06 * (TAU * 3.0 * part).sin();
+        // The path of the room's camera, which avoids the furniture.
         let flat = DVec2::from_angle(TAU * turn) * DVec2::new(1.75, 1.45) * reach;
         let eye = flat.extend(1.4 + 0.22 * (TAU * (3.0 * part + rise)).sin());
         let target = dvec3(0.0, 0.0, 0.75 + 0.35 * (TAU * 5.0 * part).sin());
@@ -144,11 +145,6 @@ mod tests {
             }
         }
     }
-}
-
-#[cfg(test)]
-mod drift_tests {
-    use super::*;
 
     #[test]
     fn drift_starts_at_zero_and_stays_small_and_smooth() {

@@ -1,6 +1,6 @@
 //! Writes the synthetic scene in the NeRF-synthetic (Blender) layout.
 
-use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
+use super::files::{WriteError, create_folder, write_file, write_png};
 use crate::dataset::depth::INVERSE8_RANGE;
 use crate::dataset::synthetic::plan::{PlannedSplit, ViewPlan};
 use crate::dataset::synthetic::scene::{DEPTH_UNIT, SyntheticScene, quantise};
@@ -8,6 +8,7 @@ use crate::dataset::synthetic::view::SyntheticView;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::pose::Pose;
+use image::ExtendedColorType;
 use serde_json::json;
 use std::path::Path;
 use strum::{EnumString, VariantNames};
@@ -24,16 +25,8 @@ pub enum DepthBits {
     Sixteen,
 }
 
+/// Writes the wanted splits of a plan.
 pub(super) fn write(
-    plan: &ViewPlan,
-    out: &Path,
-    bits: DepthBits,
-    on_frame: &mut dyn FnMut(),
-) -> Result<(), WriteError> {
-    write_splits(plan, |_| true, out, bits, on_frame)
-}
-
-pub(super) fn write_splits(
     plan: &ViewPlan,
     is_wanted: fn(&PlannedSplit) -> bool,
     out: &Path,
@@ -46,21 +39,24 @@ pub(super) fn write_splits(
         for i in 0..split.poses.len() {
             let SyntheticView { color, depth_z } = plan.render_view(split, i);
             let stem = out.join(split.name).join(format!("r_{i}"));
-            write_rgba(&stem.with_extension("png"), &color)?;
+            write_png(&stem.with_extension("png"), &color, ExtendedColorType::Rgba8)?;
             // NeRF-synthetic naming; readers accept any number.
             let depth_file = stem.with_file_name(format!("r_{i}_depth_0001.png"));
             let along_ray = ray_lengths(&depth_z, &k);
             match bits {
-                DepthBits::Eight => write_rgba(&depth_file, &inverse8(&along_ray))?,
+                DepthBits::Eight => {
+                    write_png(&depth_file, &inverse8(&along_ray), ExtendedColorType::Rgba8)?;
+                }
                 DepthBits::Sixteen => {
-                    write_gray16(&depth_file, &quantise(&along_ray, DEPTH_UNIT))?;
+                    let codes = quantise(&along_ray, DEPTH_UNIT);
+                    write_png(&depth_file, &codes, ExtendedColorType::L16)?;
                 }
             }
             on_frame();
         }
         // Written last: after an interruption no list names missing images.
         let list = out.join(format!("transforms_{}.json", split.name));
-        write_text(&list, &frame_list(&plan.scene, split, bits))?;
+        write_file(&list, &frame_list(&plan.scene, split, bits))?;
     }
     Ok(())
 }
@@ -83,7 +79,7 @@ fn inverse8(lengths: &Image<f64>) -> Image<[u8; 4]> {
 }
 
 fn frame_list(scene: &SyntheticScene, split: &PlannedSplit, bits: DepthBits) -> String {
-    let (lo, hi) = scene.bounds();
+    let (lo, hi) = scene.room().bounds();
     let entry = |(i, pose): (usize, &Pose)| {
         let rows = pose.to_opengl().transpose().to_cols_array_2d();
         // Without the extension, as in the published lists.

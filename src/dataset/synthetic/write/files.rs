@@ -47,48 +47,36 @@ pub(super) fn create_empty_folder(path: &Path) -> Result<(), WriteError> {
     }
 }
 
-pub(super) fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
-    write_bytes(path, text.as_bytes())
-}
-
-pub(super) fn write_rgba(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
-    let size = (image.width, image.height);
-    write_png(path, image.data.as_flattened(), size, ExtendedColorType::Rgba8)
-}
-
-pub(super) fn write_gray16(path: &Path, image: &Image<u16>) -> Result<(), WriteError> {
-    let bytes = bytemuck::cast_slice(&image.data);
-    write_png(path, bytes, (image.width, image.height), ExtendedColorType::L16)
-}
-
-pub(super) fn write_gray8(path: &Path, image: &Image<u8>) -> Result<(), WriteError> {
-    write_png(path, &image.data, (image.width, image.height), ExtendedColorType::L8)
-}
-
 pub(super) fn write_jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
+    // JPEG has no alpha.
     let rgb: Vec<u8> = image.data.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
     let mut encoded = Vec::new();
     JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
         .write_image(&rgb, image.width as u32, image.height as u32, ExtendedColorType::Rgb8)
         .map_err(|source| WriteError::Image { path: path.to_owned(), source })?;
-    write_bytes(path, &encoded)
+    write_file(path, &encoded)
 }
 
-pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+pub(super) fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), WriteError> {
     std::fs::write(path, bytes).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
 
-fn write_png(
+/// Writes pixels whose layout in memory is that of `color`.
+pub(super) fn write_png<P: bytemuck::Pod>(
     path: &Path,
-    bytes: &[u8],
-    (width, height): (usize, usize),
+    image: &Image<P>,
     color: ExtendedColorType,
 ) -> Result<(), WriteError> {
     // Encoded in memory first: the encoder writes its last chunk on drop, which would swallow the error of
     // a full disk.
     let mut encoded = Vec::new();
     PngEncoder::new(&mut encoded)
-        .write_image(bytes, width as u32, height as u32, color)
+        .write_image(
+            bytemuck::cast_slice(&image.data),
+            image.width as u32,
+            image.height as u32,
+            color,
+        )
         .map_err(|source| WriteError::Image { path: path.to_owned(), source })?;
-    write_bytes(path, &encoded)
+    write_file(path, &encoded)
 }

@@ -1,9 +1,9 @@
 //! Replay of a written recording: its files appear in another folder, one frame at a time.
 
-use super::files::{WriteError, create_folder, write_text};
+use super::files::{WriteError, create_folder, write_file};
 use crate::dataset::growing::END_MARKER;
 use crate::dataset::synthetic::write::SyntheticLayout;
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -69,9 +69,9 @@ impl LiveFiles {
             append(&out.join(name), &lines[..head])?;
             lists.push((out.join(name), lines, head, of_frame));
         }
-        for path in rest.keys() {
-            copy(finished, out, path)?;
-        }
+        // What does not grow, such as intrinsics, precedes all frames.
+        rest.iter().try_for_each(|path| copy(finished, out, path))?;
+        // Every kind of file has one file per frame.
         let n = columns.first().map_or(0, Vec::len);
         for i in 0..n {
             due(i, n);
@@ -81,22 +81,22 @@ impl LiveFiles {
                 append(file, &lines[head + i * of_frame..head + (i + 1) * of_frame])?;
             }
         }
-        write_text(&out.join(END_MARKER), "")
+        write_file(&out.join(END_MARKER), "")
     }
 }
 
-fn files_below(root: &Path) -> Result<BTreeMap<PathBuf, (String, String)>, WriteError> {
-    let mut found = BTreeMap::new();
+/// Files of a folder and its subfolders, relative to it.
+fn files_below(root: &Path) -> Result<BTreeSet<PathBuf>, WriteError> {
+    let mut found = BTreeSet::new();
     let mut folders = vec![PathBuf::new()];
     while let Some(folder) = folders.pop() {
         let io = |source| WriteError::Io { path: root.join(&folder), source };
         for entry in std::fs::read_dir(root.join(&folder)).map_err(io)? {
             let entry = entry.map_err(io)?;
-            let name = entry.file_name().to_string_lossy().into_owned();
-            let path = folder.join(&name);
+            let path = folder.join(entry.file_name());
             match entry.path().is_dir() {
                 true => folders.push(path),
-                false => drop(found.insert(path, (folder.display().to_string(), name))),
+                false => drop(found.insert(path)),
             }
         }
     }
@@ -104,21 +104,15 @@ fn files_below(root: &Path) -> Result<BTreeMap<PathBuf, (String, String)>, Write
 }
 
 /// Removes the files of one kind from `rest`; returns them in numerical order.
-fn take_frame_files(
-    rest: &mut BTreeMap<PathBuf, (String, String)>,
-    folders: &[&str],
-    part: &str,
-) -> Vec<PathBuf> {
-    let place = |folder: &str| folders.iter().position(|name| *name == folder);
-    let mut taken = Vec::new();
-    rest.retain(|path, (folder, name)| match place(folder).filter(|_| name.contains(part)) {
-        Some(place) => {
-            // Numbers are zero-padded, or a shorter name means a smaller number.
-            taken.push((place, name.len(), path.clone()));
-            false
-        }
-        None => true,
-    });
+fn take_frame_files(rest: &mut BTreeSet<PathBuf>, folders: &[&str], part: &str) -> Vec<PathBuf> {
+    let key = |path: &PathBuf| {
+        let name = path.file_name()?.to_str().filter(|name| name.contains(part))?;
+        let place = folders.iter().position(|folder| path.parent() == Some(Path::new(folder)))?;
+        // Numbers are zero-padded, or a shorter name means a smaller number.
+        Some((place, name.len(), path.clone()))
+    };
+    let mut taken: Vec<_> = rest.iter().filter_map(key).collect();
+    rest.retain(|path| key(path).is_none());
     taken.sort();
     taken.into_iter().map(|(_, _, path)| path).collect()
 }

@@ -42,7 +42,7 @@ pub fn write(
         on_frame(done, total);
     };
     match layout {
-        SyntheticLayout::Blender(bits) => blender::write(&plan, out, bits, &mut count),
+        SyntheticLayout::Blender(bits) => blender::write(&plan, |_| true, out, bits, &mut count),
         SyntheticLayout::SevenScenes => sequences::write_seven_scenes(&plan, out, &mut count),
         SyntheticLayout::Tum => sequences::write_tum(&plan, out, &mut count),
         SyntheticLayout::Record3d => sequences::write_record3d(&plan, out, &mut count),
@@ -50,8 +50,9 @@ pub fn write(
     if layout.has_splits() || !plan.has_unrecorded_splits() {
         return Ok(());
     }
+    // 16 bits, because these views serve as ground truth.
     let (beside, bits) = (out.join(FREE_FOLDER), DepthBits::Sixteen);
-    blender::write_splits(&plan, |split| !split.is_recorded, &beside, bits, &mut count)
+    blender::write(&plan, |split| !split.is_recorded, &beside, bits, &mut count)
 }
 
 fn check_camera(params: &SyntheticParams, layout: SyntheticLayout) -> Result<(), ParamsError> {
@@ -81,6 +82,7 @@ pub fn write_live(
     let places = LiveFiles::of(layout)?;
     create_empty_folder(out)?;
     let io = |source| WriteError::Io { path: out.to_owned(), source };
+    // The parent of a bare name is empty.
     let beside = std::path::absolute(out).map_err(io)?;
     let beside = beside.parent().unwrap_or(&beside);
     let finished = tempfile::Builder::new().prefix(".live").tempdir_in(beside).map_err(io)?;

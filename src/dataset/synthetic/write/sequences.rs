@@ -1,9 +1,6 @@
 //! Writes the synthetic scene as 7-Scenes, TUM RGB-D and Record3D's exported folder.
 
-use super::files::{
-    WriteError, create_folder, write_bytes, write_gray8, write_gray16, write_jpeg, write_rgba,
-    write_text,
-};
+use super::files::{WriteError, create_folder, write_file, write_jpeg, write_png};
 use crate::dataset::matrix;
 use crate::dataset::synthetic::phone::camera::Capture;
 use crate::dataset::synthetic::plan::{FRAMES_PER_SECOND, RecordedFrame, ViewPlan};
@@ -15,6 +12,7 @@ use exr::prelude::{
     WritableImage, f16,
 };
 use glam::DQuat;
+use image::ExtendedColorType::{L8, L16, Rgba8};
 use serde_json::json;
 use std::fmt::Write;
 use std::io::Cursor;
@@ -32,16 +30,16 @@ pub(super) fn write_seven_scenes(
 ) -> Result<(), WriteError> {
     let k = plan.scene.intrinsics();
     let intrinsics = format!("{} 0 {}\n0 {} {}\n0 0 1\n", k.fx, k.cx, k.fy, k.cy);
-    write_text(&out.join("camera-intrinsics.txt"), &intrinsics)?;
+    write_file(&out.join("camera-intrinsics.txt"), &intrinsics)?;
     for split in &plan.splits {
         let folder = out.join(split.name);
         create_folder(&folder)?;
         for (i, pose) in split.poses.iter().enumerate() {
             let SyntheticView { color, depth_z } = plan.render_view(split, i);
             let file = |suffix: &str| folder.join(format!("frame-{i:06}.{suffix}"));
-            write_rgba(&file("color.png"), &color)?;
-            write_gray16(&file("depth.png"), &quantise(&depth_z, SEVEN_SCENES_UNIT))?;
-            write_text(&file("pose.txt"), &matrix::to_text(&pose.to_opencv()))?;
+            write_png(&file("color.png"), &color, Rgba8)?;
+            write_png(&file("depth.png"), &quantise(&depth_z, SEVEN_SCENES_UNIT), L16)?;
+            write_file(&file("pose.txt"), &matrix::to_text(&pose.to_opencv()))?;
             on_frame();
         }
     }
@@ -58,25 +56,27 @@ pub(super) fn write_tum(
     let mut poses = "# timestamp tx ty tz qx qy qz qw\n".to_owned();
     for frame in plan.recorded_frames() {
         let SyntheticView { color, depth_z } = frame.view();
+        // Microseconds, as in the published recordings.
         let time = format!("{:.6}", frame.time);
-        write_rgba(&out.join(format!("rgb/{time}.png")), &color)?;
-        write_gray16(&out.join(format!("depth/{time}.png")), &quantise(&depth_z, TUM_UNIT))?;
+        write_png(&out.join(format!("rgb/{time}.png")), &color, Rgba8)?;
+        write_png(&out.join(format!("depth/{time}.png")), &quantise(&depth_z, TUM_UNIT), L16)?;
         for (list, folder) in lists.iter_mut().zip(["rgb", "depth"]) {
             // Writing to a string cannot fail.
             let _ = writeln!(list, "{time} {folder}/{time}.png");
         }
         let (p, q) = (frame.pose.centre(), DQuat::from_mat4(&frame.pose.to_opencv()));
+        // `{:e}` writes the fewest digits that parse to the same number.
         let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(|v| format!("{v:e}")).join(" ");
         let _ = writeln!(poses, "{time} {numbers}");
         on_frame();
     }
     let k = plan.scene.intrinsics();
     let camera = format!("{:e} {:e} {:e} {:e}\n", k.fx, k.fy, k.cx, k.cy);
-    write_text(&out.join("camera-intrinsics.txt"), &camera)?;
-    write_text(&out.join("groundtruth.txt"), &poses)?;
+    write_file(&out.join("camera-intrinsics.txt"), &camera)?;
+    write_file(&out.join("groundtruth.txt"), &poses)?;
     // Written last: after an interruption no list names missing images.
-    write_text(&out.join("rgb.txt"), &lists[0])?;
-    write_text(&out.join("depth.txt"), &lists[1])
+    write_file(&out.join("rgb.txt"), &lists[0])?;
+    write_file(&out.join("depth.txt"), &lists[1])
 }
 
 pub(super) fn write_record3d(
@@ -96,7 +96,7 @@ pub(super) fn write_record3d(
         write_jpeg(&file("rgb").with_extension("jpg"), &color)?;
         write_exr(&file("depth").with_extension("exr"), &depth_z)?;
         if plan.has_phone_camera() {
-            write_gray8(&file(CONFIDENCE).with_extension("png"), &confidence)?;
+            write_png(&file(CONFIDENCE).with_extension("png"), &confidence, L8)?;
         }
         on_frame();
     }
@@ -112,7 +112,7 @@ pub(super) fn write_record3d(
         "K": [k.fx, 0.0, 0.0, 0.0, k.fy, 0.0, k.cx, k.cy, 1.0],
         "poses": plan.recorded_frames().map(pose).collect::<Vec<_>>(),
     });
-    write_text(&out.join("metadata.json"), &metadata.to_string())
+    write_file(&out.join("metadata.json"), &metadata.to_string())
 }
 
 fn write_exr(path: &Path, depth_z: &Image<f64>) -> Result<(), WriteError> {
@@ -130,5 +130,5 @@ fn write_exr(path: &Path, depth_z: &Image<f64>) -> Result<(), WriteError> {
     let written = image.write().non_parallel().to_buffered(&mut bytes);
     let failed = |e| WriteError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
     written.map_err(failed)?;
-    write_bytes(path, bytes.get_ref())
+    write_file(path, bytes.get_ref())
 }
