@@ -224,6 +224,26 @@ pub struct EvalReport {
     pub group: Option<ViewGroupName>,
     /// Name of the evaluated split.
     pub split: String,
+    /// How views were rendered and compared.
+    #[serde(flatten)]
+    pub protocol: EvalProtocol,
+    /// Number of scored views, without skipped ones.
+    pub views: usize,
+    /// Number of the requested views that the model was trained on; `None` if unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub learnt_views: Option<usize>,
+    /// Views that could not be used.
+    pub skipped: Vec<SkippedFrame>,
+    /// Scores over the views.
+    #[serde(flatten)]
+    pub means: EvalMeans,
+    /// Background visible inside surfaces; `None` if no view has depth.
+    pub cracks: Option<CrackReport>,
+}
+
+/// Rendering and comparison of evaluated views.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EvalProtocol {
     /// Renderer of the views.
     pub renderer: Renderer,
     /// Antialiasing of splats thinner than a pixel in the exact renderer; `None` for the other renderer.
@@ -245,13 +265,11 @@ pub struct EvalReport {
     pub scale: EvalScale,
     /// Background of the render, sRGB-encoded.
     pub background: [f32; 3],
-    /// Number of scored views, without skipped ones.
-    pub views: usize,
-    /// Number of the requested views that the model was trained on; `None` if unknown.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub learnt_views: Option<usize>,
-    /// Views that could not be used.
-    pub skipped: Vec<SkippedFrame>,
+}
+
+/// Mean scores of the views of a split.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EvalMeans {
     /// Mean of the views' PSNR over the whole frame, dB.
     pub psnr_mean: f64,
     /// Population standard deviation (ddof 0) of the views' PSNR over the whole frame, dB.
@@ -278,8 +296,6 @@ pub struct EvalReport {
     /// Mean absolute depth error where both have depth, world units: depth z for the projected renderer,
     /// ray distance for the exact one. `None` without true depth.
     pub depth_mae_mean: Option<f64>,
-    /// Background visible inside surfaces; `None` if no view has depth.
-    pub cracks: Option<CrackReport>,
 }
 
 /// Quality of one view.
@@ -393,6 +409,8 @@ pub fn error(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::train::scene::config::SceneConfig;
+    use crate::train::scene::photometric::rule::PhotometricMode;
 
     #[test]
     fn quantiles_interpolate() {
@@ -401,13 +419,6 @@ mod tests {
         assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.5), 2.0);
         assert_eq!(quantile(&[0.0, 10.0], 0.95), 9.5);
     }
-}
-
-#[cfg(test)]
-mod memory_tests {
-    use super::*;
-    use crate::train::scene::config::SceneConfig;
-    use crate::train::scene::photometric::rule::PhotometricMode;
 
     /// Peaks of runs on the synthetic room in the TUM layout with two threads: pixels per frame,
     /// components, photographs used, views evaluated, and megabytes.
@@ -439,11 +450,6 @@ mod memory_tests {
             assert!((0.8..1.2).contains(&share), "{pixels} {components}: {share} of {peak} MB");
         }
     }
-}
-
-#[cfg(test)]
-mod table_tests {
-    use super::*;
 
     #[test]
     fn columns_line_up() {
