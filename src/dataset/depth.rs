@@ -55,14 +55,20 @@ pub struct Depth {
     pub units_per_metre: f64,
 }
 
+impl DepthCodes {
+    pub(super) fn size(&self) -> (usize, usize) {
+        match self {
+            Self::Inverse8(codes) => (codes.width, codes.height),
+            Self::Linear16 { codes, .. } => (codes.width, codes.height),
+            Self::Lengths(lengths) => (lengths.width, lengths.height),
+        }
+    }
+}
+
 impl Depth {
     /// Width and height in pixels.
     pub fn size(&self) -> (usize, usize) {
-        match &self.codes {
-            DepthCodes::Inverse8(codes) => (codes.width, codes.height),
-            DepthCodes::Linear16 { codes, .. } => (codes.width, codes.height),
-            DepthCodes::Lengths(lengths) => (lengths.width, lengths.height),
-        }
+        self.codes.size()
     }
 
     /// Length at a pixel in world units, `None` at a hole; ignores the trusted interval.
@@ -118,6 +124,7 @@ impl Depth {
                 let along_axis = |code: u16, factor| match code {
                     // Codes of holes are no lengths.
                     0 | HOLE16 => code,
+                    // Factors are near 1; the saturating cast makes a length beyond the last code a hole.
                     code => (f64::from(code) * scaled(factor)).round() as u16,
                 };
                 replace(codes, |codes| lens.undistort_depth(k, codes, 0, along_axis));
@@ -130,17 +137,8 @@ impl Depth {
     }
 
     fn is_empty(&self) -> bool {
-        match &self.codes {
-            DepthCodes::Inverse8(codes) => {
-                codes.data.iter().all(|code| decode_inverse8(*code).is_none())
-            }
-            DepthCodes::Linear16 { codes, .. } => {
-                codes.data.iter().all(|d| *d == 0 || *d == HOLE16)
-            }
-            DepthCodes::Lengths(lengths) => {
-                lengths.data.iter().all(|length| decode_length(*length).is_none())
-            }
-        }
+        let (width, height) = self.size();
+        (0..height).all(|row| (0..width).all(|column| self.value_at(column, row).is_none()))
     }
 }
 

@@ -150,6 +150,7 @@ impl Frame {
         for (i, pixel) in color.data.iter_mut().enumerate() {
             let (column, row) = (i % width, i / width);
             let k = &self.camera.intrinsics;
+            // Without depth, the pixel's place in the photograph is unknown.
             let Some(value) = depth.value_at(column, row) else { continue };
             let z = value / length_per_z(k, depth.kind, column, row);
             *pixel = self.nearest_color(&color_camera, k.ray(column, row) * z).unwrap_or([0; 4]);
@@ -159,6 +160,7 @@ impl Frame {
 
     fn nearest_color(&self, camera: &ColorCamera, point: DVec3) -> Option<[u8; 4]> {
         let at = camera.project(point)?;
+        // Before the cast, which would move a negative coordinate to the first column.
         let is_inside = at.min_element() >= 0.0
             && at.x < self.color.width as f64
             && at.y < self.color.height as f64;
@@ -180,8 +182,7 @@ impl Frame {
         self.depth_as(DepthKind::Z)
     }
 
-    /// Depth in world units along the direction `kind`, whatever the file holds; otherwise as
-    /// [`Self::depth_z`].
+    /// Depth in world units, converted to the direction `kind`; otherwise as [`Self::depth_z`].
     pub fn depth_as(&self, kind: DepthKind) -> Option<Image<f32>> {
         let depth = self.depth.as_ref()?;
         let (width, height) = depth.size();

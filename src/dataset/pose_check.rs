@@ -8,6 +8,7 @@
 use super::entry::{DatasetSplit, FrameEntry};
 use super::frame::length_per_z;
 use super::opened::Dataset;
+use super::range::median;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::pose::{Pose, PoseError};
@@ -96,11 +97,10 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     let best = best.filter(|best| {
         best.agreement > opened.agreement + MIN_GAIN[0] && best.agreement > MIN_GAIN[1]
     });
-    let is_asked = dataset.options.poses.is_some();
     Some(PoseCheck {
         pairs: pairs.len(),
         opened,
-        is_user_set: is_asked,
+        is_user_set: dataset.options.poses.is_some(),
         best: best.unwrap_or(opened),
     })
 }
@@ -117,15 +117,14 @@ struct FramePair {
 fn pairs(split: &DatasetSplit) -> Vec<FramePair> {
     let n = split.frames.len();
     let anchors = n.min(MAX_PAIRS);
+    // Evenly spaced over the recording: one unlucky stretch must not decide.
     (0..anchors).filter_map(|i| pair(split.frames.get(i * n / anchors..)?)).collect()
 }
 
 fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
     let first = frames.first()?;
     let depth = depth_z(first)?;
-    let mut lengths: Vec<f64> = depth.data.iter().copied().filter(|z| *z > 0.0).collect();
-    lengths.sort_unstable_by(f64::total_cmp);
-    let usual = *lengths.get(lengths.len() / 2)?;
+    let usual = median(depth.data.iter().copied().filter(|z| *z > 0.0).collect())?;
     let (from, k) = (first.camera.pose, first.camera.intrinsics);
     let has_moved = |other: &&FrameEntry| {
         let to = other.camera.pose;
@@ -188,6 +187,7 @@ impl PoseTrial {
             for sample in &pair.samples {
                 // A unit scales depth, but not the positions of the cameras.
                 let p = rotation * from.transform_point(*sample * unit) + shift;
+                // NaN or infinite for a point in the camera's plane; the test below is false then.
                 let at = [k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy];
                 let is_inside = p.z > 0.0
                     && (0.0..f64::from(k.width)).contains(&at[0])
@@ -205,8 +205,7 @@ impl PoseTrial {
             }
             n_counted += (n_inside as f64).max(MIN_OVERLAP * pair.samples.len() as f64);
         }
-        errors.sort_unstable_by(f64::total_cmp);
-        let error = errors.get(errors.len() / 2).copied().unwrap_or(f64::INFINITY);
+        let error = median(errors).unwrap_or(f64::INFINITY);
         Self { poses, unit, agreement: n_agreed / f64::max(n_counted, 1.0), error }
     }
 }
@@ -305,8 +304,6 @@ fn inverse(pose: &Pose) -> DMat4 {
 #[cfg(test)]
 mod pose_convention_tests {
     use super::*;
-    use glam::DVec3;
-    use strum::IntoEnumIterator;
 
     #[test]
     fn every_convention_reads_back_what_it_writes() {

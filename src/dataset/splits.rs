@@ -169,10 +169,11 @@ impl Dataset {
         };
         let from_the_side = self.free_views(training_split);
         // Any split will do: colour metrics need no depth.
-        if let Some(split) = self.evaluation_split(training_split) {
-            let DatasetSplit { name, frames, .. } = split.1;
+        if let Some((split, DatasetSplit { name, frames, .. })) =
+            self.evaluation_split(training_split)
+        {
             let why = format!("all frames of the split `{name}`");
-            let new_views = new_views(split.0, (0..frames.len()).collect());
+            let new_views = new_views(split, (0..frames.len()).collect());
             return Evaluation { new_views, from_the_side, training: None, why };
         }
         let n_frames = self.splits.get(training_split).map_or(0, |s| s.frames.len());

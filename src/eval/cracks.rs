@@ -2,10 +2,10 @@
 //! training distance and at half of it.
 //!
 //! At half the distance, the camera is moved along its optical axis by half the median depth z of the
-//! view's interior pixels. The view's depth is projected into the moved camera;
-//! interior pixels satisfy the rule in both images.
+//! view's interior pixels. The view's depth is projected into the moved camera; interior pixels are interior
+//! in both images.
 //!
-//! Half the distance reveals splats that just touch at the training distance and separate when the camera
+//! Half the distance reveals splats that just touch at the training distance and leave gaps when the camera
 //! approaches. Only pixels inside a surface count, because the background is visible next to a silhouette.
 
 use super::metrics::mean;

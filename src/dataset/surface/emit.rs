@@ -124,7 +124,7 @@ impl Emitter<'_> {
         let per_z = dot(ray, ray).sqrt();
         let surface = self.surface(fitted, at, ray, per_z);
         let normal_length = dot(surface.normal, surface.normal).sqrt();
-        // The cosine is `along / (|n|·|ray|)`; multiplied out to avoid divisions.
+        // The cosine is `along / (|n|·|ray|)`; the test is multiplied out to avoid divisions.
         let least = V::splat(self.least_cosine) * (normal_length * per_z);
         let planes = self.planes.at(column, row);
         let z = load::<V, STEP>(&self.planes.z[planes..]) * surface.stretch;
@@ -280,7 +280,7 @@ pub enum PixelStatus {
     Hole,
     /// The pixel became a point.
     Kept,
-    /// Skipped by the sampling; a neighbouring point represents it.
+    /// Skipped by the sampling; a neighbouring pixel's point represents it.
     LeftOut,
     /// Partially transparent: colour and depth mix several surfaces.
     Alpha,

@@ -8,8 +8,8 @@
 //! never branch on their position. A neighbour outside the gate gets a residual beyond every limit, so
 //! later rounds need not test the gate again.
 //!
-//! Tried on Lego and dropped (`dataset.md`, Plane fit): points weighted by their cosine or its
-//! square, without gain over a threshold; windows of other sizes (see `recipe`).
+//! Tried on Lego and dropped (`dataset.md`, Plane fit): points weighted by their cosine or its square,
+//! without gain over a threshold; windows of other sizes.
 
 use super::planes::{NOTHING, Planes, load};
 use super::sensor::Profile;
@@ -137,6 +137,7 @@ fn fit_block<V: Vector, const STEP: usize>(
         true => whole(&residuals),
         false => inliers(&residuals, gated, V::splat(ANY)),
     };
+    // Accumulated over the rounds: too few inliers in one round reject a pixel even if a later one has enough.
     let mut sound = usable & sums.are_enough();
     let mut plane = sums.solve();
     for _ in 1..ROUNDS {
@@ -352,5 +353,6 @@ fn first_moment<V: Vector>(values: [V; SIDE]) -> V {
 
 #[inline(always)]
 fn abs<V: Vector>(v: V) -> V {
+    // Clears the sign bit.
     v.and(V::splat(f32::from_bits(0x7FFF_FFFF)))
 }

@@ -62,6 +62,7 @@ impl FrameSample {
                 depths.extend(points.map(|p| f64::from(p.range)));
             }
         }
+        // Quantiles, not extremes: a few wrong depths would decide the scale of a scene.
         match (quantile(&mut footprints, NEARER_SHARE), quantile(&mut depths, 0.05)) {
             (Some(footprint), Some(near)) => {
                 let far = quantile(&mut depths, 0.95).unwrap_or(near);
@@ -121,9 +122,9 @@ impl std::fmt::Display for DepthAdvice {
 pub struct NoUsableDepth {
     /// Name of the dataset.
     pub dataset: String,
-    /// Interval of lengths that training uses, world units.
+    /// Range of lengths that training uses, world units, as text.
     pub trusted: String,
-    /// Depth range found, world units; if no frame could be read, the first error.
+    /// Range of depth found, world units, as text; if no frame could be read, the first error.
     pub found: String,
     /// Number of sampled frames.
     pub frames: usize,
@@ -181,13 +182,8 @@ fn no_points(
         None => DepthAdvice::CheckImages,
         Some(middle) => unit_advice(trusted, middle),
     };
-    NoUsableDepth {
-        dataset: dataset.name.clone(),
-        trusted: interval(trusted),
-        found,
-        frames,
-        advice,
-    }
+    let (dataset, trusted) = (dataset.name.clone(), interval(trusted));
+    NoUsableDepth { dataset, trusted, found, frames, advice }
 }
 
 fn length(value: f64) -> String {
@@ -199,6 +195,7 @@ fn length(value: f64) -> String {
 
 /// Finds the power of ten that brings a depth into the trusted interval.
 fn unit_advice(trusted: [f64; 2], middle: f64) -> DepthAdvice {
+    // In order of likelihood: most sensors store millimetres.
     let factors = [
         (1e-3, "millimetres"),
         (1e3, "kilometres"),

@@ -89,6 +89,7 @@ pub struct Profile {
 impl Profile {
     fn with_metre(mut self, metre: f64) -> Self {
         let length = metre as f32;
+        // `linear` and the second margin are ratios, and metric sensors have no constant along the ray.
         self.noise.floor *= metre;
         self.noise.quadratic /= metre;
         self.tolerance.margin[0] *= length;
@@ -159,6 +160,7 @@ fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
         DepthCodes::Linear16 { unit, .. } => unit,
         DepthCodes::Lengths(_) => 0.0,
     };
+    // A code rounds along the direction in which depth is measured.
     let along = |kind: DepthKind| if depth.kind == kind { unit } else { 0.0 };
     // Generated noise is given in units of the half-width at 1 m.
     let noisy = DEVIATIONS * noise * SENSOR_NOISE * depth.units_per_metre;
