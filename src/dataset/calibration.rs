@@ -187,7 +187,7 @@ impl ColorCamera {
         size: None,
     };
 
-    /// The depth camera's lens for a colour image of another size, as phones record it.
+    /// Camera of a photograph taken through the depth camera's lens at another image size, as phones record.
     pub(super) fn from_depth_intrinsics(depth: &Intrinsics, size: [u32; 2]) -> Self {
         let camera = Self {
             focal: [depth.fx, depth.fy],

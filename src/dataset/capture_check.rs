@@ -11,12 +11,13 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
 
-/// Limit of decoded photographs: two to three seconds for a phone's, on two cores.
+/// Largest number of decoded photographs; those of a phone take two to three seconds on two cores.
 const MAX_FRAMES: usize = 160;
 // Long enough for a frame with `REACH` neighbours on both sides.
 const RUN: usize = 8;
-/// Neighbours before and after a frame that its sharpness is compared with, and the fewest in total.
+/// Number of neighbours on each side with which a frame's sharpness is compared.
 const REACH: usize = 3;
+/// Fewest neighbours with a measured sharpness for a comparison.
 const MIN_NEIGHBOURS: usize = 3;
 /// Sharpness below this share of the neighbours' median is blur. Among 400 photographs of Lego, a chair and
 /// two Kinect offices, one lies below, and it shows camera shake.

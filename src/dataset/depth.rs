@@ -6,6 +6,7 @@
 
 use super::distortion::Distortion;
 use super::error::FrameProblem;
+use super::frame::length_per_z;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 
@@ -83,6 +84,20 @@ impl Depth {
     /// True if a length lies in the trusted interval.
     pub fn is_trusted(&self, value: f64) -> bool {
         value > self.trusted[0] && value < self.trusted[1]
+    }
+
+    /// Depth along the optical axis of trusted pixels, world units; 0 elsewhere. `k` is the depth camera.
+    pub(crate) fn trusted_z(&self, k: &Intrinsics) -> Image<f64> {
+        let (width, height) = self.size();
+        let mut out = Image::filled(width, height, 0.0);
+        for (i, z) in out.data.iter_mut().enumerate() {
+            let (column, row) = (i % width, i / width);
+            if let Some(value) = self.value_at(column, row).filter(|value| self.is_trusted(*value))
+            {
+                *z = value / length_per_z(k, self.kind, column, row);
+            }
+        }
+        out
     }
 
     pub(super) fn check(&self, camera: (u32, u32)) -> Result<(), FrameProblem> {

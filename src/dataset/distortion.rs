@@ -51,6 +51,7 @@ impl Distortion {
         let beyond = !self.color.is_negligible(k) && self.is_pinhole();
         self.resample(k, (self.color, beyond), image, [0; 4], |at, _| {
             let last = DVec2::new(image.width as f64 - 1.0, image.height as f64 - 1.0);
+            // Pixel centres lie at +½; beyond the outer centres the edge is repeated.
             let corner = (at - 0.5).clamp(DVec2::ZERO, last);
             let (x, y) = (corner.x as usize, corner.y as usize);
             let t = (corner - corner.floor()).as_vec2();

@@ -171,7 +171,7 @@ impl FrameEntry {
         self.depth_source().map(|depth| depth.file.path())
     }
 
-    /// Every file of the frame; an archive or a video stands for its members or frames.
+    /// Files on disk of the frame: its images and confidence map, or the archive or video that contains them.
     pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
         self.frame_files().into_iter().flat_map(|files| {
             let depth = files.depth.iter().flat_map(|depth| {

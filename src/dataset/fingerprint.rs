@@ -2,8 +2,8 @@
 //!
 //! It covers names, cameras and depth encoding of every frame, the size of every file, and samples of some
 //! files' bytes. Reading all bytes would take minutes where opening takes a second, and edited images
-//! rarely retain their sizes. Fingerprints of older versions lack the last three parts, which are then not
-//! compared.
+//! rarely retain their sizes. Fingerprints of version 0.1.0 lack depth encoding, sizes and samples, which are
+//! then not compared.
 
 use super::decode::{CodeKind, DepthEncoding};
 use super::depth::DepthKind;

@@ -30,6 +30,7 @@ pub(super) struct Folder {
     pub listing: FolderListing,
     only_file: Option<String>,
     recorded: RecordingState,
+    // Caches behind `&self`, without locks: one thread opens a dataset.
     listed: RefCell<HashMap<PathBuf, Rc<FolderListing>>>,
     texts: RefCell<BTreeSet<PathBuf>>,
     unread: RefCell<Option<DatasetError>>,

@@ -1,7 +1,7 @@
 //! One frame in memory: camera, colour and depth.
 //!
 //! Frames are checked on creation, by [`FrameEntry::load`](super::FrameEntry::load) for files and by
-//! [`Frame::from_memory`] for buffers. Code that reads a frame relies on it and handles only holes.
+//! [`Frame::from_memory`] for buffers. Code that reads a frame relies on these checks and handles only holes.
 
 use super::calibrated_size;
 use super::calibrated_size::IntrinsicsDefect;
@@ -133,7 +133,8 @@ impl Frame {
         color.map_or(self.camera, |color| color.camera_at(&self.camera))
     }
 
-    /// True if a pixel of the depth image is opaque. Photographs of another camera have no such mask.
+    /// True if a pixel of the depth image is opaque. All are, if another camera took the photograph, since its
+    /// alpha belongs to other pixels.
     pub fn is_opaque(&self, pixel: usize) -> bool {
         self.color_camera.is_some()
             || self.color.data.get(pixel).is_some_and(|rgba| rgba[3] == u8::MAX)

@@ -6,7 +6,6 @@
 //! moved within a pair: without motion every reading fits, and with pure rotation every unit does.
 
 use super::entry::{DatasetSplit, FrameEntry};
-use super::frame::length_per_z;
 use super::opened::Dataset;
 use super::range::median;
 use crate::math::camera::Intrinsics;
@@ -123,7 +122,7 @@ fn pairs(split: &DatasetSplit) -> Vec<FramePair> {
 
 fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
     let first = frames.first()?;
-    let depth = depth_z(first)?;
+    let depth = trusted_z(first)?;
     let usual = median(depth.data.iter().copied().filter(|z| *z > 0.0).collect())?;
     let (from, k) = (first.camera.pose, first.camera.intrinsics);
     let has_moved = |other: &&FrameEntry| {
@@ -152,7 +151,7 @@ fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
         from,
         to: second.camera.pose,
         intrinsics: second.camera.intrinsics,
-        measured: depth_z(second)?,
+        measured: trusted_z(second)?,
     })
 }
 
@@ -160,18 +159,8 @@ fn stride(side: usize) -> usize {
     (side / SAMPLES).max(1)
 }
 
-/// Trusted depth along the optical axis, 0 elsewhere; `None` without readable depth.
-fn depth_z(entry: &FrameEntry) -> Option<Image<f64>> {
-    let depth = entry.load_depth().ok().flatten()?;
-    let (width, height) = depth.size();
-    let mut out = Image::filled(width, height, 0.0);
-    for (i, z) in out.data.iter_mut().enumerate() {
-        let (column, row) = (i % width, i / width);
-        if let Some(value) = depth.value_at(column, row).filter(|value| depth.is_trusted(*value)) {
-            *z = value / length_per_z(&entry.camera.intrinsics, depth.kind, column, row);
-        }
-    }
-    Some(out)
+fn trusted_z(entry: &FrameEntry) -> Option<Image<f64>> {
+    Some(entry.load_depth().ok().flatten()?.trusted_z(&entry.camera.intrinsics))
 }
 
 impl PoseTrial {

@@ -10,6 +10,7 @@ use strum::{Display, EnumString, VariantNames};
 
 pub use super::entry::{HELD_OUT, HOLD_OUT_EVERY};
 
+// NeRF-synthetic publishes depth with `test` only, hence the second name.
 /// Names of training splits among those with depth, in order of preference.
 const TRAINING_NAMES: [&str; 2] = ["train", "test"];
 /// Names of evaluation splits, in order of preference; the training split is excluded.

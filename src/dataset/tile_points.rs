@@ -18,6 +18,7 @@ const QUAD: usize = 4;
 const TILE_ROWS: [[usize; 2]; 16] = {
     let mut rows = [[0; 2]; 16];
     let mut i = 0;
+    // Constants cannot use `for`.
     while i < 16 {
         let (quad, line) = (i / QUAD, i % QUAD);
         rows[i] = [quad % 2 * QUAD, quad / 2 * QUAD + line];

@@ -1,7 +1,7 @@
 //! Outlier poses: cameras that jump away for one frame and back.
 //!
-//! One frame with lost tracking places its points anywhere, and estimates from all frames, such as the
-//! range of positions, follow it. The steps of a recording are of similar size. So a frame is an outlier if
+//! One frame with lost tracking places its points anywhere, which distorts estimates from all frames, such as
+//! the range of positions. The steps of a recording are of similar size. So a frame is an outlier if
 //! it is far from both neighbours, by many median steps and by more than the recording's spread. Rotations
 //! are not checked: a wrong rotation leaves the points within the sensor's range.
 

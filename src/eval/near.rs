@@ -34,6 +34,7 @@ impl NearRule {
 
 /// Near plane for views by the given cameras, world units; [`EVALUATION_NEAR`] if no splats are in view.
 pub fn near_plane(splats: SplatView<'_>, cameras: &[Camera], rule: NearRule) -> f64 {
+    // At least 1: a step of 0 would panic for an empty model.
     let every = |n: usize, most: usize| n.div_ceil(most).max(1);
     let splats = splats.splats();
     let mut depths = Vec::new();

@@ -1,7 +1,7 @@
 //! JSON types of `report.json` and of `eval --json`; field names are part of the public interface.
 //!
-//! Plain data without computing methods: reports are read by other programs, so field names never change.
-//! Missing values are `Option`, because JSON cannot represent NaN.
+//! Reports are read by other programs, so field names never change. Missing values are `Option`, because JSON
+//! cannot represent NaN.
 
 use super::choices::ViewPoses;
 use super::cracks::CrackReport;
@@ -361,14 +361,16 @@ pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * (position - below as f64)
 }
 
-/// Per pixel: render, photograph, depth, surfaces and buffers of the metrics.
+// The three constants are fitted to measured peaks; a test holds estimates within a fifth of them.
+/// Bytes per pixel: render, photograph, depth, surfaces and buffers of the metrics.
 const PIXEL_BYTES: u64 = 370;
-/// Per component: its splats, including those of early frames, and their records.
+/// Bytes per component: its splats, including those of early frames, and their records.
 const SPLAT_BYTES: u64 = 420;
-/// The program and memory retained from training.
+/// Bytes of the program and of memory retained from training.
 const FIXED_BYTES: u64 = 50_000_000;
 
-/// Adds to an estimate the memory for evaluating views of `pixels` of a model with at most `components`.
+/// Adds the memory for evaluation to an estimate: views of `pixels` pixels each, and a model of at most
+/// `components` components.
 pub fn with_evaluation(
     estimate: MemoryEstimate,
     pixels: usize,
@@ -391,6 +393,7 @@ pub fn text<const N: usize>(header: [&str; N], rows: &[[String; N]]) -> String {
     let width = |i: usize| lines.iter().map(|l| l[i].chars().count()).max().unwrap_or(0);
     let widths: [usize; N] = std::array::from_fn(width);
     let starts_a_word = |cell: &String| cell.starts_with(|c: char| c.is_alphabetic() || c == '+');
+    // A column with any word is text: its numbers align with the words, not with each other.
     let has_words = |i: usize| rows.iter().any(|row| starts_a_word(&row[i]));
     let line = |cells: &[String; N]| {
         let padded = cells.iter().zip(widths).enumerate().map(|(i, (cell, width))| {

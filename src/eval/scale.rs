@@ -166,6 +166,7 @@ pub fn visit_views<T: Send>(
     visit: impl Fn(&mut CpuRenderer, usize, Result<Frame, FrameError>) -> T + Sync,
     mut progress: impl FnMut(usize),
 ) -> Vec<T> {
+    // No more than threads: further renderers would only hold memory.
     let at_once = VIEWS_AT_ONCE.min(rayon::current_num_threads());
     let mut renderers: Vec<CpuRenderer> = (0..at_once).map(|_| CpuRenderer::new()).collect();
     let mut found = Vec::with_capacity(views.len());

@@ -1,10 +1,10 @@
 //! Alignment of a view's camera pose to its photograph, given splats (`evaluation.md`, Poses aligned).
 //!
 //! Alignment during training (`train::scene::align`) needs sufficient statistics that exported models lack,
-//! and depth that a photograph may lack. This one makes the same estimate from the render and its depth,
-//! available for every model: the maximum a posteriori motion by Gauss-Newton with Cauchy weights and a
-//! prior on the recorded pose. It proceeds from small images to full size, because image gradients are
-//! valid for about a pixel.
+//! and depth that a photograph may lack. This one makes the same estimate from the render and its depth, which
+//! every model has: the maximum a posteriori motion by Gauss-Newton with Cauchy weights and a prior on the
+//! recorded pose. It proceeds from small images to full size, because image gradients are valid for about a
+//! pixel.
 //!
 //! Gradients are the render's: detail missing from the splats would make the photograph's gradients too
 //! steep and the steps too short.
@@ -208,6 +208,7 @@ fn sample_photograph(
     p: DVec3,
     point: &RenderedPoint,
 ) -> Option<PhotographedPoint> {
+    // Relative to pixel centres, which lie at +½, for the bilinear weights below.
     let [x, y] = [k.fx * p.x / p.z + k.cx - 0.5, k.fy * p.y / p.z + k.cy - 0.5];
     let (width, height) = (photograph.width, photograph.height);
     let is_inside =

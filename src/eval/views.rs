@@ -331,29 +331,13 @@ fn summarise(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::frame::{Depth, DepthCodes};
-    use crate::math::camera::{Camera, Intrinsics};
-    use crate::math::pose::Pose;
+    use crate::eval::surfaces;
 
     const SIZE: (usize, usize) = (32, 24);
 
-    /// A black wall two units ahead.
     fn wall() -> Frame {
         let (width, height) = SIZE;
-        let intrinsics = Intrinsics::from_horizontal_fov(width as u32, height as u32, 1.5);
-        let codes = DepthCodes::Linear16 { codes: Image::filled(width, height, 2000), unit: 1e-3 };
-        Frame {
-            name: "wall".to_owned(),
-            camera: Camera { intrinsics, pose: Pose::IDENTITY },
-            color: Image::filled(width, height, [0, 0, 0, 255]).into(),
-            color_camera: None,
-            depth: Some(Depth {
-                codes,
-                kind: DepthKind::Z,
-                trusted: [0.1, 10.0],
-                units_per_metre: 1.0,
-            }),
-        }
+        surfaces::tests::wall(surfaces::tests::camera(width as u32, height as u32), |_, _| 2000)
     }
 
     fn rendered(depth: &Image<f32>) -> Rendered {

@@ -64,7 +64,13 @@ impl FitRows<'_> {
     #[inline(always)]
     fn fit<V: Vector, const STEP: usize>(self) {
         let Self { planes, rows, sampling, profile, out } = self;
-        let limits = Limits::<V>::new(profile);
+        let t = &profile.thresholds;
+        let limits = Limits {
+            steepness: V::splat(profile.steepness as f32),
+            inlier: V::splat(t.inlier as f32),
+            square: V::splat((t.residual * t.residual) as f32),
+            deviation: V::splat(t.deviation as f32),
+        };
         let blocks = planes.blocks(STEP);
         out.resize(rows.len() * blocks);
         // Rows of tiles start at even rows.
@@ -102,19 +108,6 @@ struct Limits<V> {
     inlier: V,
     square: V,
     deviation: V,
-}
-
-impl<V: Vector> Limits<V> {
-    #[inline(always)]
-    fn new(profile: &Profile) -> Self {
-        let t = &profile.thresholds;
-        Self {
-            steepness: V::splat(profile.steepness as f32),
-            inlier: V::splat(t.inlier as f32),
-            square: V::splat((t.residual * t.residual) as f32),
-            deviation: V::splat(t.deviation as f32),
-        }
-    }
 }
 
 /// Fits eight pixels, every `STEP`-th from `at`; returns the usable lanes with an accepted plane.

@@ -83,6 +83,8 @@ impl Kernel for SeeFrame<'_> {
                 let [u, v] = camera.project_lanes(turned);
                 // Squares of neighbours touch; squares smaller than a pixel fall into one pixel.
                 let covered = V::splat(footprint) * z / turned[2];
+                // A pixel is covered if its centre, at +½, lies in the square: its first column is the ceiling
+                // of `u − reach`, computed by adding one and truncating.
                 let reach = half * covered.max(one).min(V::splat(MOST_COVERED)) + half;
                 // Clamped to 0 first, because truncation rounds towards 0.
                 let left = (u - reach + one).max(zero).truncated();
@@ -90,6 +92,7 @@ impl Kernel for SeeFrame<'_> {
                 let right = (u + reach).max(zero).min(last[0]).truncated();
                 let bottom = (v + reach).max(zero).min(last[1]).truncated();
                 let depths = turned[2].to_array();
+                // Points behind the colour camera have no place in its image.
                 let mut lanes = usable & V::splat(f32::MIN_POSITIVE).at_most(turned[2]);
                 let [x, y] = [u / V::splat(CELL as f32), v / V::splat(CELL as f32)];
                 let is_before = zero.at_most(x) & zero.at_most(y);
