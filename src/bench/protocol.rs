@@ -153,7 +153,7 @@ impl ProtocolRun<'_> {
         let held_out = self.scene.evaluation(session.plan().split).new_views;
         let views = spaced(&held_out.frames, self.views);
         let (found, _) = evaluate(splats, self.scene, held_out.split, &views, options, |_| ())?;
-        Ok((found.views, found.psnr_mean, found.ssim_mean))
+        Ok((found.views, found.means.psnr_mean, found.means.ssim_mean))
     }
 }
 

@@ -114,39 +114,39 @@ pub fn view(view: &ViewReport) -> String {
 
 pub fn quality(eval: &EvalReport) -> String {
     let depth =
-        eval.depth_mae_mean.map_or_else(String::new, |mae| format!(", depth error {mae:.4}"));
-    let covered = match eval.psnr_covered_mean {
+        eval.means.depth_mae_mean.map_or_else(String::new, |mae| format!(", depth error {mae:.4}"));
+    let covered = match eval.means.psnr_covered_mean {
         Some(psnr) => {
-            format!("{psnr:.2} dB over the {:.1} % covered", 100.0 * eval.coverage_mean)
+            format!("{psnr:.2} dB over the {:.1} % covered", 100.0 * eval.means.coverage_mean)
         }
         None => "nothing covered".to_owned(),
     };
-    let settings = match (eval.antialias, eval.response) {
+    let settings = match (eval.protocol.antialias, eval.protocol.response) {
         (Some(antialias), Some(response)) => format!(" (antialias {antialias}, {response})"),
         _ => String::new(),
     };
-    let scale = match eval.scale.is_full() {
+    let scale = match eval.protocol.scale.is_full() {
         true => String::new(),
-        false => format!(" at {} of the photographs' size", eval.scale),
+        false => format!(" at {} of the photographs' size", eval.protocol.scale),
     };
     let group = eval.group.map_or_else(String::new, |name| format!("{name}: "));
     let plain = format!(
         "{group}{}{settings} on {} views of `{}`{scale} ({} ground truth, exposure {}, {} poses): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
-        eval.renderer,
+        eval.protocol.renderer,
         eval.views,
         eval.split,
-        eval.ground_truth,
-        eval.exposure,
-        eval.poses,
-        eval.psnr_mean,
-        eval.psnr_std,
-        eval.ssim_mean,
+        eval.protocol.ground_truth,
+        eval.protocol.exposure,
+        eval.protocol.poses,
+        eval.means.psnr_mean,
+        eval.means.psnr_std,
+        eval.means.ssim_mean,
     );
     let more = [
         format_trained_views(eval),
         aligned(eval),
-        eval.pose_aligned_mean.as_ref().map(pose_aligned),
-        eval.seen_mean.as_ref().map(seen),
+        eval.means.pose_aligned_mean.as_ref().map(pose_aligned),
+        eval.means.seen_mean.as_ref().map(seen),
         eval.cracks.as_ref().map(cracks),
     ];
     std::iter::once(plain).chain(more.into_iter().flatten()).collect::<Vec<_>>().join("\n  ")
@@ -167,7 +167,9 @@ fn format_trained_views(eval: &EvalReport) -> Option<String> {
 fn aligned(eval: &EvalReport) -> Option<String> {
     Some(format!(
         "colours aligned view by view: covered {:.2} dB, whole frame {:.2} dB, SSIM {:.4}",
-        eval.psnr_aligned_covered_mean?, eval.psnr_aligned_mean?, eval.ssim_aligned_mean?
+        eval.means.psnr_aligned_covered_mean?,
+        eval.means.psnr_aligned_mean?,
+        eval.means.ssim_aligned_mean?
     ))
 }
 

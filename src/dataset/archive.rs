@@ -2,7 +2,8 @@
 //! may unpack to a terabyte.
 
 use super::error::FrameProblem;
-use super::folder::{RetryingFile, open_file};
+use super::folder::{MAX_IMAGE_BYTES, RetryingFile, open_file};
+use super::lengths::MAX_FACTOR;
 use std::borrow::Cow;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -11,11 +12,8 @@ use zip::ZipArchive;
 use zip::result::ZipError;
 
 const MAGIC: [u8; 4] = *b"PK\x03\x04";
-/// Largest unpacked size of a member; a photograph of 100 megapixels is smaller.
-const MAX_MEMBER_BYTES: u64 = 256 << 20;
-/// Deflate compresses by a factor of at most 1032; photographs and packed depth stay below 20.
-const MAX_FACTOR: u64 = 1040;
 
+#[derive(Debug)]
 pub(super) struct Archive {
     path: PathBuf,
     // Reading moves the shared file position, hence the lock; decoding happens outside it.
@@ -48,6 +46,7 @@ impl Archive {
     }
 
     pub fn names(&self) -> Vec<String> {
+        // Metadata cannot name a member whose name is not text, so such members are left out.
         self.lock().file_names().filter_map(Result::ok).map(Cow::into_owned).collect()
     }
 
@@ -55,9 +54,10 @@ impl Archive {
         let mut zip = self.lock();
         let mut member = zip.by_name(name).map_err(archive_error)?;
         let (packed, stated) = (member.compressed_size(), member.size());
-        if stated > MAX_MEMBER_BYTES || stated / MAX_FACTOR > packed {
+        if stated > MAX_IMAGE_BYTES || stated / MAX_FACTOR > packed {
             return Err(FrameProblem::ZipBomb { packed, unpacked: stated });
         }
+        // Grows with the data instead of being reserved: the stated size may still be a lie.
         let mut bytes = Vec::new();
         // One byte more than the stated size detects a longer member.
         member.by_ref().take(stated + 1).read_to_end(&mut bytes)?;
@@ -70,12 +70,6 @@ impl Archive {
     fn lock(&self) -> std::sync::MutexGuard<'_, ZipArchive<BufReader<RetryingFile>>> {
         // A panic while unpacking leaves no state that the next seek does not reset.
         self.zip.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl std::fmt::Debug for Archive {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Archive").field("path", &self.path).finish_non_exhaustive()
     }
 }
 

@@ -62,6 +62,7 @@ impl DatasetSplit {
                 return Err(AspectRatioMismatch { frame: frame.name.clone(), found, calibrated });
             }
             if found != calibrated {
+                // The first one is reported; the loop goes on to check every aspect ratio.
                 scaled = scaled.or(Some(ScaledCamera { calibrated, found }));
             }
         }
@@ -82,7 +83,6 @@ pub(super) struct IntrinsicsDefect {
     pub hint: &'static str,
 }
 
-/// True if a pinhole camera can have this field of view: between 0.1 and 179 degrees.
 pub(super) fn is_plausible_field_of_view(degrees: f64) -> bool {
     degrees > 0.1 && degrees < 179.0
 }
@@ -95,6 +95,7 @@ pub(super) fn from_user(
     check(&k).map_err(|defect| DatasetError::Option {
         setting: "intrinsics",
         expected: "focal lengths and principal point in pixels, for images of this size",
+        // The hint of a file's intrinsics does not apply to a setting.
         found: defect.found,
     })?;
     Ok(k)
@@ -103,8 +104,7 @@ pub(super) fn from_user(
 /// Refuses intrinsics that no camera has. Both bounds catch errors of unit rather than unusual lenses:
 /// degrees for radians, metres for pixels, or a matrix for images of another size.
 pub(super) fn check(k: &Intrinsics) -> Result<(), IntrinsicsDefect> {
-    let fov_y = 2.0 * (0.5 * f64::from(k.height) / k.fy).atan();
-    for (axis, fov) in [("horizontal", k.fov_x()), ("vertical", fov_y)] {
+    for (axis, fov) in [("horizontal", k.fov_x()), ("vertical", k.fov_y())] {
         let degrees = fov.to_degrees();
         if !is_plausible_field_of_view(degrees) {
             return Err(IntrinsicsDefect {

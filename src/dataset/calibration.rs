@@ -137,15 +137,10 @@ impl Calibration {
     /// # Errors
     /// [`CalibrationError::Value`] for the first number that is not.
     pub fn check(&self) -> Result<(), CalibrationError> {
-        let all = |setting: &str, values: &[f64], expected, is_legal: fn(f64) -> bool| match values
-            .iter()
-            .find(|v| !is_legal(**v))
-        {
-            None => Ok(()),
-            Some(found) => {
-                let (setting, found) = (setting.to_owned(), found.to_string());
-                Err(CalibrationError::Value { setting, expected, found })
-            }
+        let all = |setting: &str, values: &[f64], expected, is_legal: fn(f64) -> bool| {
+            let Some(found) = values.iter().find(|v| !is_legal(**v)) else { return Ok(()) };
+            let (setting, found) = (setting.to_owned(), found.to_string());
+            Err(CalibrationError::Value { setting, expected, found })
         };
         let is_positive = |v: f64| v.is_finite() && v > 0.0;
         all("depth_offset", &[self.depth_offset], "a finite length", f64::is_finite)?;
@@ -155,9 +150,8 @@ impl Calibration {
             all("principal", &camera.principal, "finite numbers of pixels", f64::is_finite)?;
             all("offset", &camera.offset, "finite lengths", f64::is_finite)?;
             all("rotation", &camera.rotation, "finite angles in radians", f64::is_finite)?;
-            let size = camera.size.map(|size| size.map(f64::from));
-            let size = size.as_ref().map_or(&[] as &[f64], |size| size);
-            all("size", size, "positive numbers of pixels", is_positive)?;
+            let size = camera.size.unwrap_or([1; 2]).map(f64::from);
+            all("size", &size, "positive numbers of pixels", is_positive)?;
         }
         for FrameGain { frame, gain } in &self.exposure {
             all(&format!("gain of {frame}"), gain, "positive numbers", is_positive)?;
@@ -193,7 +187,7 @@ impl ColorCamera {
         size: None,
     };
 
-    /// The depth camera's lens for a colour image of another size, as phones record it.
+    /// Camera of a photograph taken through the depth camera's lens at another image size, as phones record.
     pub(super) fn from_depth_intrinsics(depth: &Intrinsics, size: [u32; 2]) -> Self {
         let camera = Self {
             focal: [depth.fx, depth.fy],
@@ -210,6 +204,7 @@ impl ColorCamera {
     pub fn scaled_to(self, size: [u32; 2]) -> Self {
         let [own_width, own_height] = self.size.unwrap_or(size).map(f64::from);
         let [width, height] = size.map(f64::from);
+        // One factor per axis: sides are rounded separately when an image is scaled.
         let ([sx, sy], [fx, fy], [cx, cy]) =
             ([width / own_width, height / own_height], self.focal, self.principal);
         Self { focal: [fx * sx, fy * sy], principal: [cx * sx, cy * sy], size: Some(size), ..self }

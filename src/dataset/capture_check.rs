@@ -5,17 +5,19 @@
 //! nothing, are checked in all frames.
 
 use super::entry::{DatasetSplit, FrameEntry};
+use super::range::median;
 use crate::math::image::Image;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
 
-/// Limit of decoded photographs: two to three seconds for a phone's, on two cores.
+/// Largest number of decoded photographs; those of a phone take two to three seconds on two cores.
 const MAX_FRAMES: usize = 160;
 // Long enough for a frame with `REACH` neighbours on both sides.
 const RUN: usize = 8;
-/// Neighbours before and after a frame that its sharpness is compared with, and the fewest in total.
+/// Number of neighbours on each side with which a frame's sharpness is compared.
 const REACH: usize = 3;
+/// Fewest neighbours with a measured sharpness for a comparison.
 const MIN_NEIGHBOURS: usize = 3;
 /// Sharpness below this share of the neighbours' median is blur. Among 400 photographs of Lego, a chair and
 /// two Kinect offices, one lies below, and it shows camera shake.
@@ -70,21 +72,15 @@ pub struct TimeGap {
     pub seconds: f64,
 }
 
-impl CaptureCheck {
-    /// True if nothing was found.
-    pub fn is_clean(&self) -> bool {
-        self.blurred.is_empty() && self.brightness_jumps.is_empty() && self.gaps.is_empty()
-    }
-}
-
-/// Checks a split. Frames without a readable photograph are skipped; they are reported elsewhere.
+/// Checks a split. Frames without a readable photograph are skipped; loading them reports the defect.
 ///
 /// ```
 /// use vbgs_studio::dataset::capture_check;
 ///
 /// let room = vbgs_studio::dataset::synthetic::demo()?;
 /// let check = capture_check::check(&room.splits[0]);
-/// assert!(check.is_clean() && check.looked_at == room.splits[0].frames.len(), "{check:?}");
+/// assert!(check.blurred.is_empty() && check.gaps.is_empty(), "{check:?}");
+/// assert_eq!(check.looked_at, room.splits[0].frames.len());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn check(split: &DatasetSplit) -> CaptureCheck {
@@ -134,6 +130,7 @@ fn find_blurred(run: &[MeasuredFrame]) -> Vec<BlurredFrame> {
         let others = near.filter(|(j, _)| *j != i).filter_map(|(_, look)| look.measure.sharpness);
         let others: Vec<f64> = others.collect();
         let is_enough = others.len() >= MIN_NEIGHBOURS;
+        // Relative to the median: one shaken neighbour does not make its own neighbours look sharp.
         let share = sharpness / median(others).filter(|_| is_enough)?;
         (share < BLURRED).then(|| BlurredFrame { frame: look.name.to_owned(), share })
     };
@@ -171,30 +168,23 @@ fn find_time_gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
     (Some(usual), gaps.collect())
 }
 
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
-}
-
 /// Photographs are averaged down to at most this width: phones smooth at full size, which hides blur, and
 /// smaller images are faster.
 const MAX_COLUMNS: usize = 640;
 /// Side of the blocks for coarse differences, pixels.
 const COARSE: usize = 4;
 
-/// Sharpness and brightness of one photograph.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PhotoQuality {
+struct PhotoQuality {
     /// Ratio of fine to coarse difference energy; comparable within one camera only. `None` without any
     /// detail.
-    pub sharpness: Option<f64>,
+    sharpness: Option<f64>,
     /// Mean encoded luma over opaque pixels, 0 to 1.
-    pub brightness: f64,
+    brightness: f64,
 }
 
 impl PhotoQuality {
     /// Measures a photograph; transparent pixels count as black for sharpness.
-    pub fn of(photograph: &Image<[u8; 4]>) -> Self {
+    fn of(photograph: &Image<[u8; 4]>) -> Self {
         let luma = photograph.map(|&[r, g, b, a]| {
             // Weights of Rec. 601 luma.
             let luma = 0.299 * f32::from(r) + 0.587 * f32::from(g) + 0.114 * f32::from(b);
@@ -236,6 +226,7 @@ fn energy(picture: &Image<f32>) -> f64 {
             n += 1;
         }
     }
+    // An image of a single row or column has no differences in both directions.
     if n == 0 { 0.0 } else { sum / n as f64 }
 }
 
@@ -289,11 +280,6 @@ mod tests {
         let apart = vec![run_of(&[(1.0, 0.2)]), run_of(&[(1.0, 0.8)])];
         assert_eq!(find_brightness_jumps(&apart), [], "runs are far from each other");
     }
-}
-
-#[cfg(test)]
-mod sharpness_tests {
-    use super::*;
 
     fn textured(scale: f64) -> Image<[u8; 4]> {
         let value = |i: usize| {

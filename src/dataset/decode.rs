@@ -7,13 +7,11 @@ use super::lengths;
 use super::options::ByteSource;
 use super::surface::sensor::Sensor;
 use crate::math::image::Image;
+use bytemuck::AnyBitPattern;
 use bytemuck::allocation::try_cast_vec;
-use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-
-/// What an image of another size is called in messages.
-const DEPTH: &str = "depth";
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DepthEncoding {
@@ -80,7 +78,8 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
     if !lengths::is_known(&bytes) {
         return header_of(Cursor::new(bytes)).map(|header| (header.width, header.height));
     }
-    let (width, height) = catch_decoder_panic(|| lengths::size(&bytes))?;
+    // Any unit will do: only the size is used.
+    let (width, height) = catch_decoder_panic(|| lengths::decode(&bytes, 1.0))?.size();
     Ok((width as u32, height as u32))
 }
 
@@ -89,18 +88,16 @@ pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 
     let image = decode(&source.read()?, size, "an image")?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let data = match image {
+        // One pass to pixels; `into_rgba8` would make bytes first.
         DynamicImage::ImageRgb8(rgb) => {
             let pixels = rgb.as_raw().as_chunks().0.iter();
             pixels.map(|&[r, g, b]| [r, g, b, u8::MAX]).collect()
         }
-        image => pixels(image.into_rgba8().into_raw()),
+        // No copy if the capacity is a multiple of a pixel.
+        image => try_cast_vec(image.into_rgba8().into_raw())
+            .unwrap_or_else(|(_, rgba)| rgba.as_chunks().0.to_vec()),
     };
     Ok(Image::from_vec(width, height, data))
-}
-
-fn pixels(rgba: Vec<u8>) -> Vec<[u8; 4]> {
-    // No copy if the capacity is a multiple of a pixel.
-    try_cast_vec(rgba).unwrap_or_else(|(_, rgba)| rgba.as_chunks().0.to_vec())
 }
 
 pub(super) fn depth(
@@ -109,14 +106,20 @@ pub(super) fn depth(
     size: (u32, u32),
 ) -> Result<Depth, FrameProblem> {
     let bytes = source.read()?;
-    let image = || decode(&bytes, size, DEPTH);
+    let image = || decode(&bytes, size, "depth");
     let codes = match encoding.codes {
         CodeKind::BareFloats => lengths::bare_floats(&bytes, size)?,
         CodeKind::ByContent(unit) if lengths::is_known(&bytes) => {
             catch_decoder_panic(|| lengths::decode(&bytes, unit))?
         }
-        CodeKind::ByContent(unit) | CodeKind::Linear16(unit) => linear16(image()?, unit)?,
-        CodeKind::Inverse8 => inverse8(image()?)?,
+        CodeKind::ByContent(unit) | CodeKind::Linear16(unit) => {
+            let hint = "export depth as 16-bit gray PNG";
+            DepthCodes::Linear16 { codes: first_channel(&image()?, "16-bit gray", hint)?, unit }
+        }
+        CodeKind::Inverse8 => {
+            let hint = "export all depth of a split in one format";
+            DepthCodes::Inverse8(first_channel(&image()?, "8-bit", hint)?)
+        }
     };
     let DepthEncoding { kind, trusted, units_per_metre: metre, .. } = *encoding;
     Ok(Depth { codes, kind, trusted, units_per_metre: metre })
@@ -127,58 +130,34 @@ pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<
     let bytes = source.read()?;
     match image::guess_format(&bytes) {
         Ok(_) => {
-            let gray = decode(&bytes, size, DEPTH)?.into_luma8();
+            let gray = decode(&bytes, size, "depth")?.into_luma8();
             Ok(Image::from_vec(gray.width() as usize, gray.height() as usize, gray.into_raw()))
         }
         Err(_) => lengths::bare_bytes(&bytes, size),
     }
 }
 
-fn inverse8(image: DynamicImage) -> Result<DepthCodes, FrameProblem> {
-    let (width, height) = (image.width() as usize, image.height() as usize);
+/// First channel of an image whose channels have the size of `T`; otherwise the error states `expected`.
+fn first_channel<T: AnyBitPattern>(
+    image: &DynamicImage,
+    expected: &'static str,
+    hint: &'static str,
+) -> Result<Image<T>, FrameProblem> {
     let color = image.color();
-    let raw = match image {
-        DynamicImage::ImageLuma8(i) => i.into_raw(),
-        DynamicImage::ImageLumaA8(i) => i.into_raw(),
-        DynamicImage::ImageRgb8(i) => i.into_raw(),
-        DynamicImage::ImageRgba8(i) => i.into_raw(),
-        _ => {
-            let hint = "export all depth of a split in one format";
-            let found = format!("{color:?}");
-            return Err(FrameProblem::DepthFormat { expected: "8-bit", found, hint });
-        }
-    };
-    Ok(DepthCodes::Inverse8(Image::from_vec(width, height, first_channel(raw, color))))
-}
-
-fn linear16(image: DynamicImage, unit: f64) -> Result<DepthCodes, FrameProblem> {
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    let color = image.color();
-    let raw = match image {
-        DynamicImage::ImageLuma16(i) => i.into_raw(),
-        DynamicImage::ImageLumaA16(i) => i.into_raw(),
-        DynamicImage::ImageRgb16(i) => i.into_raw(),
-        DynamicImage::ImageRgba16(i) => i.into_raw(),
-        _ => {
-            let hint = "export depth as 16-bit gray PNG";
-            let found = format!("{color:?}");
-            return Err(FrameProblem::DepthFormat { expected: "16-bit gray", found, hint });
-        }
-    };
-    let codes = Image::from_vec(width, height, first_channel(raw, color));
-    Ok(DepthCodes::Linear16 { codes, unit })
-}
-
-fn first_channel<T>(raw: Vec<T>, color: ColorType) -> Vec<T> {
-    match usize::from(color.channel_count()) {
-        1 => raw,
-        // Exporters write grey depth into every colour channel; the first one suffices.
-        n => raw.into_iter().step_by(n).collect(),
+    let n_channels = usize::from(color.channel_count());
+    if usize::from(color.bits_per_pixel()) != 8 * size_of::<T>() * n_channels {
+        let found = format!("{color:?}");
+        return Err(FrameProblem::DepthFormat { expected, found, hint });
     }
+    // Exporters write grey depth into every colour channel; the first one suffices. The bytes are those of
+    // a vector of `T`, so they are aligned.
+    let channels = bytemuck::cast_slice::<u8, T>(image.as_bytes());
+    let data = channels.iter().step_by(n_channels).copied().collect();
+    Ok(Image::from_vec(image.width() as usize, image.height() as usize, data))
 }
 
-/// Decodes an image of `what` if its header states `size`. The decoder's default limits bound the memory that
-/// a header can request.
+/// Decodes an image whose header states `size`; `what` names it in messages. The decoder's default limits
+/// bound the memory that a header can request.
 fn decode(
     bytes: &[u8],
     size: (u32, u32),
@@ -208,11 +187,11 @@ fn decode(
     })
 }
 
-/// Turns a panic of a third-party image decoder into an error of that frame. Nothing that the panic could
-/// have left half done is used afterwards.
+/// Turns a panic of a third-party image decoder into an error of that frame.
 fn catch_decoder_panic<T>(
     read: impl FnOnce() -> Result<T, FrameProblem>,
 ) -> Result<T, FrameProblem> {
+    // Unwind safe: nothing that the panic could have left half done is used afterwards.
     catch_unwind(AssertUnwindSafe(read)).unwrap_or(Err(FrameProblem::DecoderCrash))
 }
 

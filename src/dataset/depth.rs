@@ -6,6 +6,7 @@
 
 use super::distortion::Distortion;
 use super::error::FrameProblem;
+use super::frame::length_per_z;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 
@@ -55,14 +56,20 @@ pub struct Depth {
     pub units_per_metre: f64,
 }
 
+impl DepthCodes {
+    pub(super) fn size(&self) -> (usize, usize) {
+        match self {
+            Self::Inverse8(codes) => (codes.width, codes.height),
+            Self::Linear16 { codes, .. } => (codes.width, codes.height),
+            Self::Lengths(lengths) => (lengths.width, lengths.height),
+        }
+    }
+}
+
 impl Depth {
     /// Width and height in pixels.
     pub fn size(&self) -> (usize, usize) {
-        match &self.codes {
-            DepthCodes::Inverse8(codes) => (codes.width, codes.height),
-            DepthCodes::Linear16 { codes, .. } => (codes.width, codes.height),
-            DepthCodes::Lengths(lengths) => (lengths.width, lengths.height),
-        }
+        self.codes.size()
     }
 
     /// Length at a pixel in world units, `None` at a hole; ignores the trusted interval.
@@ -77,6 +84,20 @@ impl Depth {
     /// True if a length lies in the trusted interval.
     pub fn is_trusted(&self, value: f64) -> bool {
         value > self.trusted[0] && value < self.trusted[1]
+    }
+
+    /// Depth along the optical axis of trusted pixels, world units; 0 elsewhere. `k` is the depth camera.
+    pub(crate) fn trusted_z(&self, k: &Intrinsics) -> Image<f64> {
+        let (width, height) = self.size();
+        let mut out = Image::filled(width, height, 0.0);
+        for (i, z) in out.data.iter_mut().enumerate() {
+            let (column, row) = (i % width, i / width);
+            if let Some(value) = self.value_at(column, row).filter(|value| self.is_trusted(*value))
+            {
+                *z = value / length_per_z(k, self.kind, column, row);
+            }
+        }
+        out
     }
 
     pub(super) fn check(&self, camera: (u32, u32)) -> Result<(), FrameProblem> {
@@ -118,6 +139,7 @@ impl Depth {
                 let along_axis = |code: u16, factor| match code {
                     // Codes of holes are no lengths.
                     0 | HOLE16 => code,
+                    // Factors are near 1; the saturating cast makes a length beyond the last code a hole.
                     code => (f64::from(code) * scaled(factor)).round() as u16,
                 };
                 replace(codes, |codes| lens.undistort_depth(k, codes, 0, along_axis));
@@ -130,17 +152,8 @@ impl Depth {
     }
 
     fn is_empty(&self) -> bool {
-        match &self.codes {
-            DepthCodes::Inverse8(codes) => {
-                codes.data.iter().all(|code| decode_inverse8(*code).is_none())
-            }
-            DepthCodes::Linear16 { codes, .. } => {
-                codes.data.iter().all(|d| *d == 0 || *d == HOLE16)
-            }
-            DepthCodes::Lengths(lengths) => {
-                lengths.data.iter().all(|length| decode_length(*length).is_none())
-            }
-        }
+        let (width, height) = self.size();
+        (0..height).all(|row| (0..width).all(|column| self.value_at(column, row).is_none()))
     }
 }
 

@@ -5,7 +5,7 @@
 //! neither. Radial and tangential terms follow Brown and Conrady in OpenCV's form: `r² = x² + y²`,
 //! `x' = x(1 + k₁r² + k₂r⁴ + k₃r⁶) + 2p₁xy + p₂(r² + 2x²)`.
 
-use super::entry::{FrameEntry, FrameSource};
+use super::entry::FrameEntry;
 use super::opened::{Dataset, open};
 use super::options::LoadOptions;
 use super::video::RollingShutter;
@@ -22,12 +22,6 @@ pub(super) struct Distortion {
     pub tangential: [f64; 2],
     pub color: RollingShutter,
     pub depth: RollingShutter,
-}
-
-/// Position in the recorded image, pixels, and the factor on depth along the optical axis there.
-struct SourcePixel {
-    at: DVec2,
-    factor: f64,
 }
 
 impl Distortion {
@@ -55,8 +49,9 @@ impl Distortion {
         image: &Image<[u8; 4]>,
     ) -> Option<Image<[u8; 4]>> {
         let beyond = !self.color.is_negligible(k) && self.is_pinhole();
-        self.resample(k, (self.color, beyond), image, [0; 4], |SourcePixel { at, .. }| {
+        self.resample(k, (self.color, beyond), image, [0; 4], |at, _| {
             let last = DVec2::new(image.width as f64 - 1.0, image.height as f64 - 1.0);
+            // Pixel centres lie at +½; beyond the outer centres the edge is repeated.
             let corner = (at - 0.5).clamp(DVec2::ZERO, last);
             let (x, y) = (corner.x as usize, corner.y as usize);
             let t = (corner - corner.floor()).as_vec2();
@@ -85,20 +80,23 @@ impl Distortion {
         hole: T,
         along_axis: impl Fn(T, f64) -> T + Sync,
     ) -> Option<Image<T>> {
-        self.resample(k, (self.depth, false), image, hole, |SourcePixel { at, factor }| {
+        self.resample(k, (self.depth, false), image, hole, |at, factor| {
             along_axis(*image.at(at.x as usize, at.y as usize), factor)
         })
     }
 
+    /// `value` takes the position in the recorded image, pixels, and the factor on depth along the optical
+    /// axis there.
     fn resample<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
         (shutter, beyond): (RollingShutter, bool),
         image: &Image<T>,
         hole: T,
-        value: impl Fn(SourcePixel) -> T + Sync,
+        value: impl Fn(DVec2, f64) -> T + Sync,
     ) -> Option<Image<T>> {
         let is_still = shutter.is_negligible(k);
+        // Not resampled at all: bilinear interpolation would soften the photograph.
         if is_still && self.is_pinhole() {
             return None;
         }
@@ -111,11 +109,12 @@ impl Distortion {
                 let slope = k.ray(column, row).truncate();
                 let (slope, factor) =
                     if is_still { (slope, 1.0) } else { shutter.source_direction(k, slope) };
+                // The shutter first: it acts on the ray before the lens bends it.
                 let slope = if is_pinhole { slope } else { lens.distort(slope) };
                 let at = slope * focal + principal;
                 // This form treats NaN as outside.
                 if beyond || at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all() {
-                    *out = value(SourcePixel { at, factor });
+                    *out = value(at, factor);
                 }
             }
         });
@@ -124,7 +123,7 @@ impl Distortion {
 }
 
 impl Dataset {
-    /// Reopens the recording with its recorded poses; `None` if that fails.
+    /// Opens the recording again with its recorded poses; `None` if that fails.
     pub fn with_recorded_poses(&self) -> Option<Self> {
         let options = LoadOptions { track: false, ..self.options };
         open(self.path.as_ref()?, &options).ok()
@@ -137,23 +136,20 @@ impl Dataset {
         let entries = recorded.splits.iter().flat_map(|split| &split.frames);
         let recorded: BTreeMap<&str, &FrameEntry> =
             entries.map(|entry| (entry.name.as_str(), entry)).collect();
-        let mut straightened = self.clone();
+        let mut rectified = self.clone();
         let mut changes = false;
-        for entry in straightened.splits.iter_mut().flat_map(|split| &mut split.frames) {
+        for entry in rectified.splits.iter_mut().flat_map(|split| &mut split.frames) {
             if let Some(other) = recorded.get(entry.name.as_str()) {
                 changes |= entry.replace_images(other);
             }
         }
-        changes.then_some(straightened)
+        changes.then_some(rectified)
     }
 }
 
 impl FrameEntry {
     fn replace_images(&mut self, other: &Self) -> bool {
-        let lens = |entry: &Self| match &entry.source {
-            FrameSource::Files(files) => Some(files.lens),
-            FrameSource::Synthetic { .. } => None,
-        };
+        let lens = |entry: &Self| entry.frame_files().map(|files| files.lens);
         let changes = (lens(self), &self.color_camera) != (lens(other), &other.color_camera);
         self.source = other.source.clone();
         self.color_camera.clone_from(&other.color_camera);

@@ -22,7 +22,7 @@ use std::sync::Arc;
 /// Without an evaluation split, every frame at this interval is held out of training.
 pub const HOLD_OUT_EVERY: usize = 8;
 
-/// Name of the split of those frames, in layouts without splits.
+/// Name of the split of the frames held out of training, in layouts without splits.
 pub const HELD_OUT: &str = "held-out";
 
 /// Frames that belong together, such as a training or a validation set.
@@ -102,10 +102,9 @@ impl FrameEntry {
                     }
                     _ => (self.color(files)?, self.depth(files)?),
                 };
-                let (name, camera) = (self.name.clone(), self.camera);
                 Ok(Frame {
-                    name,
-                    camera,
+                    name: self.name.clone(),
+                    camera: self.camera,
                     color_camera: self.color_camera,
                     color: color.into(),
                     depth,
@@ -152,18 +151,19 @@ impl FrameEntry {
     }
 
     pub(super) fn has_photograph(&self) -> bool {
+        self.frame_files().is_none_or(|files| !matches!(files.color, ByteSource::Grey(_)))
+    }
+
+    pub(super) fn frame_files(&self) -> Option<&FrameFiles> {
         match &self.source {
-            FrameSource::Files(files) => !matches!(files.color, ByteSource::Grey(_)),
-            FrameSource::Synthetic { .. } => true,
+            FrameSource::Files(files) => Some(files),
+            FrameSource::Synthetic { .. } => None,
         }
     }
 
     /// File of the colour image, if the frame has files.
     pub fn color_path(&self) -> Option<&Path> {
-        match &self.source {
-            FrameSource::Files(files) => Some(files.color.path()),
-            FrameSource::Synthetic { .. } => None,
-        }
+        self.frame_files().map(|files| files.color.path())
     }
 
     /// File of the depth image, if there is one.
@@ -171,13 +171,9 @@ impl FrameEntry {
         self.depth_source().map(|depth| depth.file.path())
     }
 
-    /// Every file of the frame; for members of an archive or frames of a video, that file.
+    /// Files on disk of the frame: its images and confidence map, or the archive or video that contains them.
     pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
-        let files = match &self.source {
-            FrameSource::Files(files) => Some(files),
-            FrameSource::Synthetic { .. } => None,
-        };
-        files.into_iter().flat_map(|files| {
+        self.frame_files().into_iter().flat_map(|files| {
             let depth = files.depth.iter().flat_map(|depth| {
                 let map = depth.confidence.as_ref().map(|(map, _)| map);
                 std::iter::once(&depth.file).chain(map)
@@ -191,25 +187,22 @@ impl FrameEntry {
             FrameSource::Synthetic { scene, .. } => {
                 Some(Sensor::Exact { noise: scene.depth_noise() })
             }
-            FrameSource::Files(files) => files.depth.as_ref().map(|depth| depth.encoding.sensor),
+            FrameSource::Files(_) => self.depth_source().map(|depth| depth.encoding.sensor),
         }
     }
 
     /// World units per metre; `None` without depth.
     pub(super) fn metre(&self) -> Option<f64> {
-        match &self.source {
+        match self.source {
             FrameSource::Synthetic { .. } => Some(1.0),
-            FrameSource::Files(files) => {
-                files.depth.as_ref().map(|depth| depth.encoding.units_per_metre)
+            FrameSource::Files(_) => {
+                self.depth_source().map(|depth| depth.encoding.units_per_metre)
             }
         }
     }
 
     pub(super) fn depth_source(&self) -> Option<&DepthSource> {
-        match &self.source {
-            FrameSource::Files(files) => files.depth.as_ref(),
-            FrameSource::Synthetic { .. } => None,
-        }
+        self.frame_files()?.depth.as_ref()
     }
 
     fn grey_image(&self) -> Image<[u8; 4]> {
@@ -219,6 +212,7 @@ impl FrameEntry {
 
     fn color(&self, files: &FrameFiles) -> Result<Image<[u8; 4]>, FrameError> {
         if let ByteSource::Grey(_) = files.color {
+            // Decoded only for its checks: a forged size must not reach the allocation below.
             self.depth(files)?;
             return Ok(self.grey_image());
         }
@@ -246,6 +240,7 @@ impl FrameEntry {
             // The confidence may have removed every pixel; that is reported as empty depth.
             depth.check(size).map_err(|p| self.frame_error(map, p))?;
         }
+        // Last, because the confidence belongs to the pixels of the recorded image.
         depth.undistort(&files.lens, k);
         Ok(Some(depth))
     }

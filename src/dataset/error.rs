@@ -247,18 +247,19 @@ impl FrameProblem {
 /// Limits text from files in a message: one line, and of long text its start and end.
 fn abridged(text: &str) -> String {
     const MOST: usize = 400;
-    let plain: Vec<char> = text.chars().flat_map(on_one_line).collect();
+    let mut plain = Vec::new();
+    for c in text.chars() {
+        match c.is_control() {
+            true => plain.extend(c.escape_default()),
+            false => plain.push(c),
+        }
+    }
     if plain.len() <= MOST {
         return plain.into_iter().collect();
     }
+    // More of the start: it holds the folder and what was expected.
     let (start, end) = (plain.iter().take(2 * MOST / 3), plain.iter().skip(plain.len() - MOST / 3));
     start.chain(&['…']).chain(end).collect()
-}
-
-fn on_one_line(c: char) -> impl Iterator<Item = char> {
-    let escaped = c.is_control().then(|| c.escape_default());
-    let kept = escaped.is_none().then_some(c);
-    escaped.into_iter().flatten().chain(kept)
 }
 
 #[cfg(test)]

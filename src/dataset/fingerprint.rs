@@ -2,15 +2,15 @@
 //!
 //! It covers names, cameras and depth encoding of every frame, the size of every file, and samples of some
 //! files' bytes. Reading all bytes would take minutes where opening takes a second, and edited images
-//! rarely retain their sizes. Fingerprints of older versions lack the last three parts, which are then not
-//! compared.
+//! rarely retain their sizes. Fingerprints of version 0.1.0 lack depth encoding, sizes and samples, which are
+//! then not compared.
 
 use super::decode::{CodeKind, DepthEncoding};
 use super::depth::DepthKind;
 use super::entry::{FrameFiles, FrameSource};
 use super::folder::open_file;
 use super::{Dataset, FrameEntry, Layout};
-use crate::math::camera::Intrinsics;
+use crate::math::camera::{Camera, Intrinsics};
 use serde::{Deserialize, Serialize};
 use std::io::{Read, Result as IoResult, Seek, SeekFrom};
 use std::path::Path;
@@ -67,26 +67,18 @@ impl Fingerprint {
         let split = &dataset.splits[split];
         let frames = &split.frames[..n.clamp(1, split.frames.len())];
         let (first, last) = (&frames[0], &frames[frames.len() - 1]);
-        let mut poses = crc32fast::Hasher::new();
-        for frame in frames {
-            let k = &frame.camera.intrinsics;
-            poses.update(frame.name.as_bytes());
-            for number in [k.fx, k.fy, k.cx, k.cy] {
-                poses.update(&number.to_le_bytes());
-            }
-            for number in frame.camera.pose.centre().to_array() {
-                poses.update(&number.to_le_bytes());
-            }
-            for number in frame.camera.pose.rotation().to_cols_array() {
-                poses.update(&number.to_le_bytes());
-            }
-        }
         Self {
             layout: dataset.layout.name().to_owned(),
             split: split.name.clone(),
             frames: frames.len(),
             size: [first.camera.intrinsics.width, first.camera.intrinsics.height],
-            poses: poses.finalize(),
+            poses: crc(frames, |crc, frame| {
+                let Camera { intrinsics: k, pose } = &frame.camera;
+                crc.0.update(frame.name.as_bytes());
+                crc.reals([k.fx, k.fy, k.cx, k.cy]);
+                crc.reals(pose.centre().to_array());
+                crc.reals(pose.rotation().to_cols_array());
+            }),
             first: FrameMark::of(first),
             last: FrameMark::of(last),
             reading: Some(crc(frames, add_decoding)),
@@ -108,6 +100,7 @@ impl Fingerprint {
         let differ = |what: &str, expected: &dyn std::fmt::Debug, found: &dyn std::fmt::Debug| {
             Some(format!("{what} (expected {expected:?}, found {found:?})"))
         };
+        // What users recognise comes first; checksums can only state that something differs.
         if self.layout != found.layout {
             differ("layout", &self.layout, &found.layout)
         } else if self.split != found.split {
@@ -218,11 +211,10 @@ fn add_samples(path: &Path, crc: &mut crc32fast::Hasher) -> IoResult<()> {
 
 impl FrameMark {
     fn of(frame: &FrameEntry) -> Self {
-        let bytes = |path: Option<&Path>| Some(path?.metadata().ok()?.len());
         Self {
             name: frame.name.clone(),
-            color_bytes: bytes(frame.color_path()),
-            depth_bytes: bytes(frame.depth_path()),
+            color_bytes: frame.color_path().and_then(file_size),
+            depth_bytes: frame.depth_path().and_then(file_size),
         }
     }
 }

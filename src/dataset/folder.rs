@@ -17,10 +17,10 @@ use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// Limit for pose, split and intrinsics files; the rest of a longer file is ignored.
+/// Limit for pose, split and intrinsics files, bytes; the rest of a longer file is ignored.
 const SMALL_TEXT_LIMIT: u64 = 1 << 16;
 
-/// Limit for trajectories and frame lists; those of a day-long recording are shorter.
+/// Limit for trajectories and frame lists, bytes; those of a day-long recording are shorter.
 const TEXT_LIMIT: u64 = 256 << 20;
 
 pub(super) struct Folder {
@@ -30,6 +30,7 @@ pub(super) struct Folder {
     pub listing: FolderListing,
     only_file: Option<String>,
     recorded: RecordingState,
+    // Caches behind `&self`, without locks: one thread opens a dataset.
     listed: RefCell<HashMap<PathBuf, Rc<FolderListing>>>,
     texts: RefCell<BTreeSet<PathBuf>>,
     unread: RefCell<Option<DatasetError>>,
@@ -75,33 +76,38 @@ impl Folder {
             return Err(DatasetError::NotAFolder { path: path.to_owned() });
         }
         let listing = FolderListing::read(&canonical).map_err(read)?;
-        Ok(Self {
-            path: path.to_owned(),
-            canonical,
-            listing,
-            only_file: None,
-            recorded,
-            listed: RefCell::default(),
-            texts: RefCell::default(),
-            unread: RefCell::default(),
-        })
+        Ok(Self::new(path, canonical, listing, None, recorded))
     }
 
     fn of_file(path: &Path, canonical: &Path) -> Result<Self, DatasetError> {
         let not_a_folder = || DatasetError::NotAFolder { path: path.to_owned() };
         let name = path.file_name().and_then(|name| name.to_str()).ok_or_else(not_a_folder)?;
         let parent = canonical.parent().ok_or_else(not_a_folder)?;
+        // The archive appears as the only file of its folder, so that layouts need no other way to find it.
         let entries = BTreeMap::from([(name.to_owned(), EntryKind::File)]);
-        Ok(Self {
-            path: path.parent().unwrap_or(Path::new("")).to_owned(),
-            canonical: parent.to_owned(),
-            listing: FolderListing { entries },
-            only_file: Some(name.to_owned()),
-            recorded: RecordingState::default(),
+        let (listing, folder) = (FolderListing { entries }, path.parent().unwrap_or(Path::new("")));
+        // Archives are written as a whole: no recording that may still grow.
+        let recorded = RecordingState::default();
+        Ok(Self::new(folder, parent.to_owned(), listing, Some(name.to_owned()), recorded))
+    }
+
+    fn new(
+        path: &Path,
+        canonical: PathBuf,
+        listing: FolderListing,
+        only_file: Option<String>,
+        recorded: RecordingState,
+    ) -> Self {
+        Self {
+            path: path.to_owned(),
+            canonical,
+            listing,
+            only_file,
+            recorded,
             listed: RefCell::default(),
             texts: RefCell::default(),
             unread: RefCell::default(),
-        })
+        }
     }
 
     pub fn is_growing(&self) -> bool {
@@ -116,7 +122,7 @@ impl Folder {
         !self.recorded.taken.is_empty()
     }
 
-    /// Folders that were listed and texts that were read: a change of one of them calls for another poll.
+    /// Folders that were listed and texts that were read; another poll is due when one of them changes.
     pub fn watched_paths(&self) -> Vec<PathBuf> {
         let folders =
             self.listed.borrow().keys().map(|relative| self.path.join(relative)).collect();
@@ -184,7 +190,7 @@ impl Folder {
     /// Stores the reason why a file of the root, which could identify a layout, was not read. Missing
     /// files, broken links and files that are not text could not identify one and are ignored.
     pub fn record_unread(&self, name: &str, problem: FrameProblem) {
-        let is_told = match &problem {
+        let is_reported = match &problem {
             FrameProblem::Read(e) => match e.kind() {
                 ErrorKind::NotFound | ErrorKind::NotADirectory => false,
                 // Errors without a system error code concern files that are not text or too long.
@@ -193,14 +199,14 @@ impl Folder {
             FrameProblem::OutsideFolder(_) => true,
             _ => false,
         };
-        if is_told {
+        if is_reported {
             let error = metadata_error(self.path.join(name), problem);
             self.unread.borrow_mut().get_or_insert(error);
         }
     }
 
-    /// Takes the error of the first file that could have identified a layout but was not read. The layout
-    /// recognised without it may be wrong: images without their poses, for example.
+    /// Takes the error of the first file that could have identified a layout but was not read. Without that
+    /// file, another layout may be recognised, such as images without poses.
     pub fn take_unread(&self) -> Option<DatasetError> {
         self.unread.take()
     }
@@ -345,9 +351,10 @@ pub(super) fn read_small_text(path: &Path) -> std::io::Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Limit for settings files; those of a day-long recording, with an exposure per frame, are smaller.
+/// Limit for settings files, bytes; those of a day-long recording, with an exposure per frame, are smaller.
 const MAX_SETTINGS_BYTES: u64 = 64 << 20;
-/// Limit for an image, a depth file or a confidence map, also as a member of an archive.
+/// Limit for an image, a depth file or a confidence map, bytes, also unpacked as a member of an archive. A
+/// photograph of 100 megapixels is smaller.
 pub(super) const MAX_IMAGE_BYTES: u64 = 256 << 20;
 
 /// Opens a regular file for reading; refuses anything that could block or be endless.
@@ -404,7 +411,7 @@ pub(super) fn read_bytes(path: &Path, most: u64) -> IoResult<Vec<u8>> {
         return Err(Error::other(format!("{found} MiB, above the limit of {most} MiB")));
     }
     let mut bytes = Vec::with_capacity(size as usize);
-    // The file may have grown since.
+    // Bounded again: the file may have grown since.
     file.by_ref().take(most).read_to_end(&mut bytes)?;
     Ok(bytes)
 }

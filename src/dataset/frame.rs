@@ -1,7 +1,7 @@
 //! One frame in memory: camera, colour and depth.
 //!
 //! Frames are checked on creation, by [`FrameEntry::load`](super::FrameEntry::load) for files and by
-//! [`Frame::from_memory`] for buffers. Code that reads a frame relies on it and handles only holes.
+//! [`Frame::from_memory`] for buffers. Code that reads a frame relies on these checks and handles only holes.
 
 use super::calibrated_size;
 use super::calibrated_size::IntrinsicsDefect;
@@ -133,7 +133,8 @@ impl Frame {
         color.map_or(self.camera, |color| color.camera_at(&self.camera))
     }
 
-    /// True if a pixel of the depth image is opaque. Photographs of another camera have no such mask.
+    /// True if a pixel of the depth image is opaque. All are, if another camera took the photograph, since its
+    /// alpha belongs to other pixels.
     pub fn is_opaque(&self, pixel: usize) -> bool {
         self.color_camera.is_some()
             || self.color.data.get(pixel).is_some_and(|rgba| rgba[3] == u8::MAX)
@@ -150,6 +151,7 @@ impl Frame {
         for (i, pixel) in color.data.iter_mut().enumerate() {
             let (column, row) = (i % width, i / width);
             let k = &self.camera.intrinsics;
+            // Without depth, the pixel's place in the photograph is unknown.
             let Some(value) = depth.value_at(column, row) else { continue };
             let z = value / length_per_z(k, depth.kind, column, row);
             *pixel = self.nearest_color(&color_camera, k.ray(column, row) * z).unwrap_or([0; 4]);
@@ -159,6 +161,7 @@ impl Frame {
 
     fn nearest_color(&self, camera: &ColorCamera, point: DVec3) -> Option<[u8; 4]> {
         let at = camera.project(point)?;
+        // Before the cast, which would move a negative coordinate to the first column.
         let is_inside = at.min_element() >= 0.0
             && at.x < self.color.width as f64
             && at.y < self.color.height as f64;
@@ -180,8 +183,7 @@ impl Frame {
         self.depth_as(DepthKind::Z)
     }
 
-    /// Depth in world units along the direction `kind`, whatever the file holds; otherwise as
-    /// [`Self::depth_z`].
+    /// Depth in world units, converted to the direction `kind`; otherwise as [`Self::depth_z`].
     pub fn depth_as(&self, kind: DepthKind) -> Option<Image<f32>> {
         let depth = self.depth.as_ref()?;
         let (width, height) = depth.size();

@@ -35,12 +35,12 @@ pub struct GrowingRecording {
     taken: Arc<HashSet<String>>,
     /// Times at which incomplete frames were first listed, seconds.
     unfinished: HashMap<String, f64>,
-    /// File marks of frames that were complete but could not be read.
+    /// Marks of the files of frames that were complete but could not be read.
     unreadable: HashMap<String, FrameMarks>,
-    /// Paths that the last poll read, with their marks from before.
+    /// Paths that the last poll read, with their marks from before it.
     polled: Vec<(PathBuf, Option<FileMark>)>,
-    /// True if they had changed since the poll before. They may have changed again within one tick of the
-    /// file system's clock, so another poll is due.
+    /// True if the last poll found changes. The files may have changed again within one tick of the file
+    /// system's clock, so another poll is due.
     has_recent_changes: bool,
     is_unresolved: bool,
 }
@@ -57,6 +57,7 @@ impl GrowingRecording {
         split: Option<&str>,
     ) -> Result<Self, DatasetError> {
         options.check()?;
+        // A missing folder is allowed: following may start before the recorder.
         if path.is_file() {
             return Err(DatasetError::NotAFolder { path: path.to_owned() });
         }
@@ -342,17 +343,19 @@ fn has_image_end(path: &Path) -> Option<bool> {
     if head == PNG {
         let mut end = [0; PNG_END.len()];
         let read = file
+            // From the end: only the last bytes are read, however large the file is.
             .seek(SeekFrom::End(-(PNG_END.len() as i64)))
             .and_then(|_| file.read_exact(&mut end));
         return Some(read.is_ok() && end == PNG_END);
     }
     if head.starts_with(&JPEG) {
+        // The whole file: phones append data after the end marker.
         let ends = file.read_to_end(&mut head).is_ok() && decode::has_jpeg_end(&head);
         return Some(ends);
     }
     // A file shorter than the signature may become either format.
     let is_begun = PNG.starts_with(&head) || JPEG.starts_with(&head);
-    (is_begun).then_some(false)
+    is_begun.then_some(false)
 }
 
 fn may_still_grow(problem: &FrameProblem) -> bool {

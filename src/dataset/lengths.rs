@@ -11,7 +11,8 @@ use std::borrow::Cow;
 use std::io::{Cursor, Read};
 use tiff::decoder::{Decoder, DecodingResult};
 
-type Reader = fn(&[u8]) -> Result<StoredDepth, FrameProblem>;
+/// Decodes a file to codes or lengths, given world units per stored unit.
+type Reader = fn(&[u8], f64) -> Result<DepthCodes, FrameProblem>;
 
 const KINDS: [(&[u8], Reader); 4] = [
     (b"\x93NUM", read_npy),
@@ -28,23 +29,25 @@ pub(super) fn is_known(bytes: &[u8]) -> bool {
     reader(bytes).is_some()
 }
 
-/// Decodes lengths or codes; `unit` is in world units per stored unit.
+/// Decodes codes or lengths; `unit` is in world units per stored unit.
 pub(super) fn decode(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
-    stored(bytes).map(|stored| stored.in_units(unit))
-}
-
-pub(super) fn size(bytes: &[u8]) -> Result<(usize, usize), FrameProblem> {
-    stored(bytes).map(|stored| stored.size())
-}
-
-fn stored(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     match reader(bytes) {
-        Some(read) => read(bytes),
+        Some(read) => read(bytes, unit),
         None => Err(FrameProblem::DepthFile {
             expected: "depth as EXR, TIFF or NPY",
             found: "another kind of file".to_owned(),
         }),
     }
+}
+
+fn lengths(
+    [width, height]: [usize; 2],
+    values: impl Iterator<Item = f32>,
+    unit: f64,
+) -> DepthCodes {
+    // Scaled in f64, so that the product is rounded once.
+    let lengths = values.map(|value| (f64::from(value) * unit) as f32).collect();
+    DepthCodes::Lengths(Image::from_vec(width, height, lengths))
 }
 
 pub(super) fn bare_floats(bytes: &[u8], size: (u32, u32)) -> Result<DepthCodes, FrameProblem> {
@@ -86,8 +89,8 @@ fn unpacked(
     if out.len() == expected { Ok(Cow::Owned(out)) } else { Err(short(out.len())) }
 }
 
-/// Reads an array with two axes, or with three of which the last has length one.
-fn read_npy(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
+/// Reads an array with two axes, or with three of which the first or last has length one.
+fn read_npy(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
         expected: "a little-endian NPY array of rows and columns in C order (f2, f4, f8, u2, u4)",
         found,
@@ -95,26 +98,33 @@ fn read_npy(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let (header, data) = split(bytes).ok_or_else(|| wrong("a damaged header".to_owned()))?;
     let kind = text_of(header, "descr").ok_or_else(|| wrong(shorten(header)))?;
     let in_order = header.contains("'fortran_order': False");
-    let size = shape(header).filter(|_| in_order).ok_or_else(|| wrong(shorten(header)))?;
-    let [height, width] = size;
+    let shape = shape(header).filter(|_| in_order).ok_or_else(|| wrong(shorten(header)))?;
+    let [height, width] = shape;
     let n = width.checked_mul(height).ok_or_else(|| wrong(shorten(header)))?;
     let width_of = kind.get(2..).and_then(|digits| digits.parse::<usize>().ok()).unwrap_or(0);
     // Exact: a file longer or shorter than its header states is damaged.
     if n.checked_mul(width_of) != Some(data.len()) || n == 0 {
         return Err(wrong(format!("{} bytes of data for {}", data.len(), shorten(header))));
     }
-    let floats = |values: Vec<f32>| StoredDepth::Floats(Image::from_vec(width, height, values));
+    let size = [width, height];
     Ok(match kind {
         "<u2" => {
             let codes = data.as_chunks().0.iter().map(|b| u16::from_le_bytes(*b)).collect();
-            StoredDepth::Codes(Image::from_vec(width, height, codes))
+            DepthCodes::Linear16 { codes: Image::from_vec(width, height, codes), unit }
         }
         "<f2" => {
-            floats(data.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect())
+            let values = data.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32());
+            lengths(size, values, unit)
         }
-        "<f4" => floats(data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()),
-        "<f8" => floats(data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b) as f32).collect()),
-        "<u4" => floats(data.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b) as f32).collect()),
+        "<f4" => lengths(size, data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)), unit),
+        "<f8" => {
+            let values = data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b) as f32);
+            lengths(size, values, unit)
+        }
+        "<u4" => {
+            let values = data.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b) as f32);
+            lengths(size, values, unit)
+        }
         _ => return Err(wrong(format!("values of type {kind}"))),
     })
 }
@@ -139,6 +149,7 @@ fn shape(header: &str) -> Option<[usize; 2]> {
     let list = header.split_once("'shape':")?.1.split_once('(')?.1.split_once(')')?.0;
     let axes: Option<Vec<usize>> =
         list.split(',').map(str::trim).filter(|t| !t.is_empty()).map(|t| t.parse().ok()).collect();
+    // A channel axis of length one comes last or first, depending on the exporter.
     match axes?[..] {
         [rows, columns] | [rows, columns, 1] | [1, rows, columns] => Some([rows, columns]),
         _ => None,
@@ -146,13 +157,14 @@ fn shape(header: &str) -> Option<[usize; 2]> {
 }
 
 fn shorten(header: &str) -> String {
+    // A message must not reproduce a damaged file.
     header.trim().chars().take(80).collect()
 }
 
 /// Names of depth channels, in order of preference; otherwise the first channel is used.
 const EXR_CHANNELS: [&str; 5] = ["Z", "Y", "R", "V", "depth"];
 
-fn read_exr(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
+fn read_exr(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile { expected: "a whole EXR image", found };
     let damaged = |e: exr::error::Error| wrong(e.to_string());
     // Headers first: reading the image allocates the sizes that they state.
@@ -168,7 +180,6 @@ fn read_exr(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
         .all_channels()
         .first_valid_layer()
         .all_attributes()
-        // Frames are decoded in parallel already.
         .non_parallel()
         .from_buffered(Cursor::new(bytes))
         .map_err(damaged)?;
@@ -177,11 +188,10 @@ fn read_exr(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let channel = EXR_CHANNELS.iter().find_map(named).or_else(|| channels.first());
     let channel = channel.ok_or_else(|| wrong("no channel".to_owned()))?;
     let size = image.layer_data.size;
-    let values = channel.sample_data.values_as_f32().collect();
-    Ok(StoredDepth::Floats(Image::from_vec(size.width(), size.height(), values)))
+    Ok(lengths([size.width(), size.height()], channel.sample_data.values_as_f32(), unit))
 }
 
-fn read_tiff(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
+fn read_tiff(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
         expected: "a TIFF with one 16-bit or float sample per pixel",
         found,
@@ -192,50 +202,26 @@ fn read_tiff(bytes: &[u8]) -> Result<StoredDepth, FrameProblem> {
     let [width, height] = [width as usize, height as usize];
     // Accepted samples have at least two bytes.
     check_size(bytes, [width, height], 2)?;
-    let stored = match decoder.read_image().map_err(damaged)? {
+    let size = [width, height];
+    match decoder.read_image().map_err(damaged)? {
         DecodingResult::U16(codes) if codes.len() == width * height => {
-            StoredDepth::Codes(Image::from_vec(width, height, codes))
+            Ok(DepthCodes::Linear16 { codes: Image::from_vec(width, height, codes), unit })
         }
         DecodingResult::F32(values) if values.len() == width * height => {
-            StoredDepth::Floats(Image::from_vec(width, height, values))
+            Ok(lengths(size, values.into_iter(), unit))
         }
         DecodingResult::F64(values) if values.len() == width * height => {
-            let values = values.into_iter().map(|v| v as f32).collect();
-            StoredDepth::Floats(Image::from_vec(width, height, values))
+            Ok(lengths(size, values.into_iter().map(|v| v as f32), unit))
         }
-        _ => return Err(wrong("other samples".to_owned())),
-    };
-    Ok(stored)
-}
-
-enum StoredDepth {
-    Codes(Image<u16>),
-    Floats(Image<f32>),
-}
-
-impl StoredDepth {
-    pub fn size(&self) -> (usize, usize) {
-        match self {
-            Self::Codes(image) => (image.width, image.height),
-            Self::Floats(image) => (image.width, image.height),
-        }
-    }
-
-    pub fn in_units(self, unit: f64) -> DepthCodes {
-        match self {
-            Self::Codes(codes) => DepthCodes::Linear16 { codes, unit },
-            Self::Floats(image) => {
-                // Scaled in f64, so that the length is rounded once.
-                DepthCodes::Lengths(image.map(|&v| (f64::from(v) * unit) as f32))
-            }
-        }
+        // Also several samples per pixel: a colour image is no depth.
+        _ => Err(wrong("other samples".to_owned())),
     }
 }
 
 /// Limit for depth images: 67 million pixels.
 const MAX_PIXELS: usize = 1 << 26;
-/// Highest compression factor of these formats and PNG, that of deflate.
-const MAX_FACTOR: u64 = 1040;
+/// Limit for the compression factor of these formats, PNG and zip: that of deflate is at most 1032.
+pub(super) const MAX_FACTOR: u64 = 1040;
 
 /// Checks, before allocation, that the file's bytes can contain this number of pixels.
 fn check_size(

@@ -96,9 +96,7 @@ mod tests {
     #[test]
     fn shapes_that_are_no_matrix_are_described() {
         for (json, found) in [
-            ("null", "null"),
             ("[[1,2],[3]]", "an array of 2"),
-            ("[[1,0,0,0],[0,1,0,0],[0,0,null,0],[0,0,0,1]]", "null at row 2, column 2"),
             ("[[1,0,0,0],[0,1,0,\"NaN\"],[0,0,1,0]]", "the text \"NaN\" at row 1, column 3"),
             ("[[1,0,0,0],[0,1,0,0],7,[0,0,0,1]]", "7 as row 2"),
         ] {
@@ -106,6 +104,5 @@ mod tests {
             let message = from_json(Some(&value)).map_err(|e| e.to_string());
             assert!(matches!(&message, Err(m) if m.contains(found)), "{json}: {message:?}");
         }
-        assert!(from_text("1 2 3").is_err() && from_text("a b").is_err());
     }
 }

@@ -10,7 +10,7 @@ use super::formats::{Layout, ParsedFolder};
 use super::frame::Frame;
 use super::options::{FARTHEST_SENSED, LoadOptions};
 use super::pose_check::PoseConvention;
-use super::range::PositionRange;
+use super::range::{PositionRange, median};
 use super::surface::sensor::Sensor;
 use super::wild_poses::outlier_poses;
 use crate::math::orbit::mean_up;
@@ -82,6 +82,7 @@ pub(super) fn read(
     options: &LoadOptions,
 ) -> Result<Dataset, DatasetError> {
     let (layout, recognised_by, mut parsed) = formats::parse(folder, options)?;
+    // A convention has no effect on poses that are ignored.
     if options.track {
         clear_poses(&mut parsed);
     } else if let Some(asked) = options.poses {
@@ -109,6 +110,7 @@ pub(super) fn read(
             "depth scale and depth range imply {metre} world units to the metre; sensor properties such as noise are scaled accordingly"
         ));
     }
+    // Last: the limit of a far world is in sensor ranges, which the unit scales.
     apply_local_origin(&mut dataset);
     Ok(dataset)
 }
@@ -116,9 +118,17 @@ pub(super) fn read(
 fn apply_local_origin(dataset: &mut Dataset) {
     let split = dataset.splits.get(dataset.training_split().unwrap_or(0));
     let Some(split) = split else { return };
-    let asked = dataset.options.local_origin;
-    let LocalOrigin { origin: place, note } =
-        LocalOrigin::of(split, dataset.units_per_metre(), asked);
+    let metre = dataset.units_per_metre();
+    let (place, note) = match dataset.options.local_origin.map(DVec3::from_array) {
+        Some(asked) => {
+            let beside = far_origin(split, metre, asked);
+            (asked, beside.map(|far| mismatch_notice(asked, far)))
+        }
+        None => {
+            let far = far_origin(split, metre, DVec3::ZERO);
+            (far.unwrap_or(DVec3::ZERO), far.map(moved_notice))
+        }
+    };
     dataset.notes.extend(note);
     // `None` for a zero origin: nearby worlds and files saved from them stay unchanged to the byte.
     dataset.options.local_origin = (place != DVec3::ZERO).then_some(place.to_array());
@@ -299,28 +309,9 @@ impl Dataset {
 /// Distance from zero beyond which a world is far, in multiples of the largest sensed depth. Below it,
 /// `f32` rounds by less than 2⁻¹⁸ of such a depth, a hundredth of the structural scale.
 const FAR: f64 = 64.0;
-/// Least distance in spreads of the cameras: moving a world as wide as it is far gains nothing.
+/// Least distance of a far world in spreads of its cameras: shifting a world that is as wide as it is far
+/// gains nothing.
 const FAR_BESIDE_SPREAD: f64 = 8.0;
-
-pub(super) struct LocalOrigin {
-    /// In the files' world frame, world units.
-    pub origin: DVec3,
-    pub note: Option<String>,
-}
-
-impl LocalOrigin {
-    /// Uses the given origin, or chooses one by the cameras' distance from zero; `metre` is world units per
-    /// metre.
-    pub fn of(split: &DatasetSplit, metre: f64, asked: Option<[f64; 3]>) -> Self {
-        let Some(asked) = asked.map(DVec3::from_array) else {
-            let place = far_origin(split, metre, DVec3::ZERO).unwrap_or(DVec3::ZERO);
-            let note = (place != DVec3::ZERO).then(|| moved_notice(place));
-            return Self { origin: place, note };
-        };
-        let beside = far_origin(split, metre, asked);
-        Self { origin: asked, note: beside.map(|far| mismatch_notice(asked, far)) }
-    }
-}
 
 fn moved_notice(place: DVec3) -> String {
     let ([x, y, z], distance) = (place.to_array(), place.length());
@@ -336,7 +327,8 @@ fn mismatch_notice(asked: DVec3, far: DVec3) -> String {
     )
 }
 
-/// Position near the first valid camera in whole metres, relative to `origin`, if it is far from `origin`.
+/// Position of the first camera without a wild pose, relative to `origin` and rounded to whole metres. `None`
+/// unless it is far from `origin`.
 fn far_origin(split: &DatasetSplit, metre: f64, origin: DVec3) -> Option<DVec3> {
     let centre = first_inlier_position(split)?;
     let from_origin = centre - origin;
@@ -356,8 +348,6 @@ fn first_inlier_position(split: &DatasetSplit) -> Option<DVec3> {
 
 fn spread(split: &DatasetSplit, centre: DVec3) -> f64 {
     let distance = |frame: &FrameEntry| frame.camera.pose.centre().distance(centre);
-    let mut distances: Vec<f64> = split.frames.iter().map(distance).collect();
     // The median ignores wild poses.
-    let middle = distances.len() / 2;
-    *distances.select_nth_unstable_by(middle, f64::total_cmp).1
+    median(split.frames.iter().map(distance).collect()).unwrap_or(0.0)
 }

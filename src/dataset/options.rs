@@ -43,14 +43,15 @@ const SENSOR_RANGE: [f64; 2] = [0.3, FARTHEST_SENSED];
 pub(super) const FARTHEST_SENSED: f64 = 5.0;
 /// Code step of most sensors, metres.
 pub(super) const MILLIMETRE: f64 = 0.001;
-/// Penalty factor for a unit that no layout uses.
+/// Penalty factor of the fallback: a world of any unit whose depth is in millimetre steps.
 const UNLIKELY: f64 = 3.0;
 
 fn is_false(value: &bool) -> bool {
     !value
 }
 
-/// Ratio of a depth range to the sensors' range; geometric means are compared if it has two ends.
+/// Ratio of a depth range to the sensors' range, of their geometric means if it has two ends. `None` if both
+/// ends are open.
 fn relative_to_sensor_range([near, far]: [f64; 2]) -> Option<f64> {
     let [least, most] = SENSOR_RANGE;
     match (near > 0.0, far.is_finite()) {

@@ -12,7 +12,7 @@ const RETRY: Duration = Duration::from_millis(50);
 const QUIET: Duration = Duration::from_secs(10);
 const QUIET_TICK: Duration = Duration::from_millis(100);
 const QUIET_RETRY: Duration = Duration::from_secs(1);
-/// Recent polls from which the cost of the next is estimated.
+/// Number of recent polls from which the cost of the next is estimated.
 const LATEST: usize = 8;
 /// Polls take at most one part in `SHARE` of the time.
 const SHARE: u32 = 20;
@@ -31,6 +31,7 @@ impl PollSchedule {
     pub fn time_to_next_check(&self, now: Duration) -> Duration {
         let tick = if self.is_quiet(now) { QUIET_TICK } else { TICK };
         let left = |least: Duration, since: Option<Duration>| {
+            // Saturates once the time has passed: the check is due at once.
             since.map_or(Duration::ZERO, |since| (since + least).saturating_sub(now))
         };
         // The fastest recent poll: slower ones were delayed by other load.
@@ -46,7 +47,7 @@ impl PollSchedule {
     /// True if a poll is due for changes that no folder or list shows.
     pub fn is_retry_due(&self, now: Duration) -> bool {
         let retry = if self.is_quiet(now) { QUIET_RETRY } else { RETRY };
-        self.last_poll.is_none_or(|looked| now >= looked + retry)
+        self.last_poll.is_none_or(|polled| now >= polled + retry)
     }
 
     /// Records a poll: its start and end, and whether it found frames.

@@ -6,8 +6,8 @@
 //! moved within a pair: without motion every reading fits, and with pure rotation every unit does.
 
 use super::entry::{DatasetSplit, FrameEntry};
-use super::frame::length_per_z;
 use super::opened::Dataset;
+use super::range::median;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::pose::{Pose, PoseError};
@@ -96,11 +96,10 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     let best = best.filter(|best| {
         best.agreement > opened.agreement + MIN_GAIN[0] && best.agreement > MIN_GAIN[1]
     });
-    let is_asked = dataset.options.poses.is_some();
     Some(PoseCheck {
         pairs: pairs.len(),
         opened,
-        is_user_set: is_asked,
+        is_user_set: dataset.options.poses.is_some(),
         best: best.unwrap_or(opened),
     })
 }
@@ -117,15 +116,14 @@ struct FramePair {
 fn pairs(split: &DatasetSplit) -> Vec<FramePair> {
     let n = split.frames.len();
     let anchors = n.min(MAX_PAIRS);
+    // Evenly spaced over the recording: one unlucky stretch must not decide.
     (0..anchors).filter_map(|i| pair(split.frames.get(i * n / anchors..)?)).collect()
 }
 
 fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
     let first = frames.first()?;
-    let depth = depth_z(first)?;
-    let mut lengths: Vec<f64> = depth.data.iter().copied().filter(|z| *z > 0.0).collect();
-    lengths.sort_unstable_by(f64::total_cmp);
-    let usual = *lengths.get(lengths.len() / 2)?;
+    let depth = trusted_z(first)?;
+    let usual = median(depth.data.iter().copied().filter(|z| *z > 0.0).collect())?;
     let (from, k) = (first.camera.pose, first.camera.intrinsics);
     let has_moved = |other: &&FrameEntry| {
         let to = other.camera.pose;
@@ -153,7 +151,7 @@ fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
         from,
         to: second.camera.pose,
         intrinsics: second.camera.intrinsics,
-        measured: depth_z(second)?,
+        measured: trusted_z(second)?,
     })
 }
 
@@ -161,18 +159,8 @@ fn stride(side: usize) -> usize {
     (side / SAMPLES).max(1)
 }
 
-/// Trusted depth along the optical axis, 0 elsewhere; `None` without readable depth.
-fn depth_z(entry: &FrameEntry) -> Option<Image<f64>> {
-    let depth = entry.load_depth().ok().flatten()?;
-    let (width, height) = depth.size();
-    let mut out = Image::filled(width, height, 0.0);
-    for (i, z) in out.data.iter_mut().enumerate() {
-        let (column, row) = (i % width, i / width);
-        if let Some(value) = depth.value_at(column, row).filter(|value| depth.is_trusted(*value)) {
-            *z = value / length_per_z(&entry.camera.intrinsics, depth.kind, column, row);
-        }
-    }
-    Some(out)
+fn trusted_z(entry: &FrameEntry) -> Option<Image<f64>> {
+    Some(entry.load_depth().ok().flatten()?.trusted_z(&entry.camera.intrinsics))
 }
 
 impl PoseTrial {
@@ -188,6 +176,7 @@ impl PoseTrial {
             for sample in &pair.samples {
                 // A unit scales depth, but not the positions of the cameras.
                 let p = rotation * from.transform_point(*sample * unit) + shift;
+                // NaN or infinite for a point in the camera's plane; the test below is false then.
                 let at = [k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy];
                 let is_inside = p.z > 0.0
                     && (0.0..f64::from(k.width)).contains(&at[0])
@@ -205,8 +194,7 @@ impl PoseTrial {
             }
             n_counted += (n_inside as f64).max(MIN_OVERLAP * pair.samples.len() as f64);
         }
-        errors.sort_unstable_by(f64::total_cmp);
-        let error = errors.get(errors.len() / 2).copied().unwrap_or(f64::INFINITY);
+        let error = median(errors).unwrap_or(f64::INFINITY);
         Self { poses, unit, agreement: n_agreed / f64::max(n_counted, 1.0), error }
     }
 }
@@ -305,8 +293,6 @@ fn inverse(pose: &Pose) -> DMat4 {
 #[cfg(test)]
 mod pose_convention_tests {
     use super::*;
-    use glam::DVec3;
-    use strum::IntoEnumIterator;
 
     #[test]
     fn every_convention_reads_back_what_it_writes() {

@@ -121,6 +121,13 @@ fn from_samples(axes: &mut [Vec<f64>; 3]) -> Option<PositionRange> {
     PositionRange::new(centre - half, centre + half, "1 % to 99 % of the depth points")
 }
 
+/// Median of a sample; the upper one of an even number of values.
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    // Selecting an element of an empty list would panic.
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
 /// A box of world positions; points outside are allowed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PositionRange {
@@ -131,7 +138,7 @@ pub struct PositionRange {
 }
 
 impl PositionRange {
-    /// Creates a range; `None` unless finite with `lo < hi` on every axis.
+    /// Creates a range; `None` unless both corners are finite and `lo < hi` on every axis.
     pub fn new(lo: DVec3, hi: DVec3, source: &str) -> Option<Self> {
         let sound = lo.is_finite() && hi.is_finite() && lo.cmplt(hi).all();
         sound.then(|| Self { lo, hi, source: source.to_owned() })

@@ -10,6 +10,7 @@ use strum::{Display, EnumString, VariantNames};
 
 pub use super::entry::{HELD_OUT, HOLD_OUT_EVERY};
 
+// NeRF-synthetic publishes depth with `test` only, hence the second name.
 /// Names of training splits among those with depth, in order of preference.
 const TRAINING_NAMES: [&str; 2] = ["train", "test"];
 /// Names of evaluation splits, in order of preference; the training split is excluded.
@@ -169,10 +170,11 @@ impl Dataset {
         };
         let from_the_side = self.free_views(training_split);
         // Any split will do: colour metrics need no depth.
-        if let Some(split) = self.evaluation_split(training_split) {
-            let DatasetSplit { name, frames, .. } = split.1;
+        if let Some((split, DatasetSplit { name, frames, .. })) =
+            self.evaluation_split(training_split)
+        {
             let why = format!("all frames of the split `{name}`");
-            let new_views = new_views(split.0, (0..frames.len()).collect());
+            let new_views = new_views(split, (0..frames.len()).collect());
             return Evaluation { new_views, from_the_side, training: None, why };
         }
         let n_frames = self.splits.get(training_split).map_or(0, |s| s.frames.len());

@@ -18,6 +18,7 @@ const QUAD: usize = 4;
 const TILE_ROWS: [[usize; 2]; 16] = {
     let mut rows = [[0; 2]; 16];
     let mut i = 0;
+    // Constants cannot use `for`.
     while i < 16 {
         let (quad, line) = (i / QUAD, i % QUAD);
         rows[i] = [quad % 2 * QUAD, quad / 2 * QUAD + line];
@@ -164,6 +165,7 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Emission<'_, C, L> {
         let columns = [x, y, z, channel(0), channel(1), channel(2)];
         // False for NaN as well.
         let is_near = |p: &f32| p.abs() <= self.farthest;
+        // `fold` instead of `all`: without an early exit the twelve tests have no branches.
         if is_whole && points.iter().flatten().fold(true, |all, p| all & is_near(p)) {
             tile.store_four(&columns);
             return;

@@ -177,7 +177,7 @@ pub struct Unprojector {
 }
 
 impl Unprojector {
-    /// Allocates nothing.
+    /// Creates an unprojector; memory is allocated by the first frame.
     pub fn new() -> Self {
         Self::default()
     }
@@ -313,8 +313,7 @@ impl Unprojector {
         let k = &frame.camera.intrinsics;
         let rule = RayRule::new(k, settings.convention);
         let (width, height) = (frame.color.width, frame.color.height);
-        // Padded to whole tiles like the statuses, so that tiles at the border need no special
-        // case.
+        // Padded to whole tiles like the statuses, so that tiles at the border need no special case.
         self.columns.fill(width.next_multiple_of(TILE), |column| rule.column(column));
         self.rows.clear();
         self.rows.extend((0..height.next_multiple_of(TILE)).map(|row| rule.row(row)));
@@ -379,8 +378,9 @@ impl<C: Copy, P: Fn(C) -> u8, M: Fn(usize, &mut [u8])> Kernel for ClassifyPixels
                 (self.find_mixed)(row, mixed);
                 drop_mixed(line, &frame.color.data[pixels], mixed);
             }
+            // One pass per status while the row is in the cache; a histogram would not vectorise.
             for (status, n) in self.tally.iter_mut().enumerate() {
-                *n += line.iter().filter(|judged| usize::from(**judged) == status).count();
+                *n += line.iter().filter(|found| usize::from(**found) == status).count();
             }
         }
     }
@@ -397,9 +397,9 @@ fn drop_mixed(line: &mut [u8], colors: &[[u8; 4]], mixed: &[u8]) {
     }
 }
 
-/// Smallest jump between opposite neighbours, in levels (or `q`).
+/// Smallest jump between opposite neighbours: steps of 8-bit codes, or noise half-widths of lengths.
 const JUMP: u8 = 6;
-/// Distance from both sides of the jump, in levels (or `q`).
+/// Least distance of a mixed pixel from both sides of the jump, in the same units.
 const MARGIN: u8 = 2;
 /// Depth step of a plane tilted by 80° between opposite diagonal neighbours, in pixel widths:
 /// `2·√2·tan 80°`.

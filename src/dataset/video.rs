@@ -25,8 +25,8 @@ impl Video {
     }
 
     pub fn is_ffmpeg_available() -> bool {
-        let quiet = Command::new("ffmpeg").arg("-version").stdin(Stdio::null()).output();
-        quiet.is_ok_and(|output| output.status.success())
+        let version = Command::new("ffmpeg").arg("-version").stdin(Stdio::null()).output();
+        version.is_ok_and(|output| output.status.success())
     }
 
     pub fn path(&self) -> &Path {
@@ -54,6 +54,7 @@ fn extract_frames(path: &Path) -> Result<TempDir, String> {
     let video = std::path::absolute(path).map_err(|e| e.to_string())?;
     let [option, older] = EVERY_FRAME;
     let mut output = run(&video, folder.path(), option)?;
+    // Only for this error: any other would just occur twice.
     if !output.status.success() && first_line(&output).contains(option.trim_start_matches('-')) {
         output = run(&video, folder.path(), older)?;
     }
@@ -67,14 +68,15 @@ fn run(video: &Path, folder: &Path, every_frame: &str) -> Result<Output, String>
     let mut ffmpeg = Command::new("ffmpeg");
     // Without rotation metadata: the camera matrix refers to the sensor's orientation.
     ffmpeg.args(["-nostdin", "-v", "error", "-noautorotate", "-i"]).arg(video);
+    // `-q:v 2` is ffmpeg's best quality of JPEG; numbers start at 0 like those of frames.
     ffmpeg.args([every_frame, "passthrough", "-q:v", "2", "-start_number", "0"]);
     let output = ffmpeg.arg(folder.join("%06d.jpg")).output();
     output.map_err(|e| format!("ffmpeg cannot be run ({e})"))
 }
 
 fn first_line(output: &Output) -> String {
-    let said = String::from_utf8_lossy(&output.stderr);
-    said.lines().next().unwrap_or("a failure of ffmpeg without a message").to_owned()
+    let message = String::from_utf8_lossy(&output.stderr);
+    message.lines().next().unwrap_or("a failure of ffmpeg without a message").to_owned()
 }
 
 /// Readout time of a Kinect v1 photograph, seconds.
@@ -98,6 +100,7 @@ impl RollingShutter {
     /// middle row, and the factor on depth along the optical axis measured there.
     pub fn source_direction(&self, k: &Intrinsics, slope: DVec2) -> (DVec2, f64) {
         let ray = slope.extend(1.0);
+        // Rotation to first order: within a readout of about 30 ms it is small.
         let across = self.rotation.cross(ray);
         // The row depends on the unknown direction; the estimate is exact to second order in the rotation.
         let rows = 1.0 / f64::from(k.height);

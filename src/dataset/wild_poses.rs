@@ -1,11 +1,12 @@
 //! Outlier poses: cameras that jump away for one frame and back.
 //!
-//! One frame with lost tracking places its points anywhere, and estimates from all frames, such as the
-//! range of positions, follow it. The steps of a recording are of similar size. So a frame is an outlier if
+//! One frame with lost tracking places its points anywhere, which distorts estimates from all frames, such as
+//! the range of positions. The steps of a recording are of similar size. So a frame is an outlier if
 //! it is far from both neighbours, by many median steps and by more than the recording's spread. Rotations
 //! are not checked: a wrong rotation leaves the points within the sensor's range.
 
 use super::entry::DatasetSplit;
+use super::range::median;
 use glam::DVec3;
 
 /// Fewest frames for meaningful medians.
@@ -69,20 +70,16 @@ fn isolated(centres: &[DVec3]) -> Vec<(usize, f64, f64)> {
         a.unwrap_or(f64::INFINITY).min(b.unwrap_or(f64::INFINITY))
     };
     let apart: Vec<f64> = centres.iter().enumerate().map(nearer).collect();
-    let axis = |of: fn(&DVec3) -> f64| median(centres.iter().map(of));
+    // Never empty here, so the default is never used.
+    let median = |values: Vec<f64>| median(values).unwrap_or_default();
+    let axis = |of: fn(&DVec3) -> f64| median(centres.iter().map(of).collect());
     let middle = DVec3::new(axis(|c| c.x), axis(|c| c.y), axis(|c| c.z));
-    let spread = median(centres.iter().map(|centre| centre.distance(middle)));
-    let usual = median(apart.iter().copied());
+    let spread = median(centres.iter().map(|centre| centre.distance(middle)).collect());
+    let usual = median(apart.clone());
     let least = (STEPS * usual).max(SPREADS * spread);
     // `least > 0`: a camera that does not move has no outliers.
     let is_wild = |(_, apart): &(usize, f64)| least > 0.0 && *apart > least;
     apart.into_iter().enumerate().filter(is_wild).map(|(i, apart)| (i, apart, usual)).collect()
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 #[cfg(test)]

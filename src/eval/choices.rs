@@ -1,4 +1,4 @@
-//! Options of a comparison that reports state.
+//! Options of an evaluation that appear in reports, and the measurements that a report needs.
 
 use super::cracks;
 use super::report::{EvalReport, SeenReport, ViewReport};
@@ -42,8 +42,8 @@ pub enum ViewPoses {
     Corrected,
 }
 
-/// Numbers of trained frames after which [`seen`] is measured: the first frame, a first turn around, and
-/// most of a short recording.
+/// Numbers of trained frames after which [`seen`] is measured: the first frame, a first look around, and most
+/// of a short recording.
 pub const SEEN_AFTER: [usize; 3] = [1, 10, 50];
 
 /// Views of a dataset: index of the split and frame indices in it.
@@ -66,8 +66,8 @@ pub fn measure_quality(
     let (mut report, scores) = evaluate(splats, dataset, split, views, options, &mut progress)?;
     if let Some(crack_views) = crack_views {
         // Cracks are measured after the views, so their count continues.
-        let tell = |done| progress(views.len() + done);
-        report.cracks = cracks::measure(splats, dataset, crack_views, &options.render, tell);
+        let count = |done| progress(views.len() + done);
+        report.cracks = cracks::measure(splats, dataset, crack_views, &options.render, count);
     }
     Ok((report, scores))
 }
@@ -89,6 +89,7 @@ pub fn seen(
 ) -> Result<Option<SeenReport>, EvalError> {
     let (report, _) = evaluate(splats, dataset, split, frames, options, |_| ())?;
     // The number of scored views equals that of trained frames: unusable files count as neither.
-    let EvalReport { views: after_frames, renderer, seen_mean, .. } = report;
-    Ok(seen_mean.map(|seen| SeenReport { after_frames, renderer, seen }))
+    let EvalReport { views: after_frames, protocol, means, .. } = report;
+    let renderer = protocol.renderer;
+    Ok(means.seen_mean.map(|seen| SeenReport { after_frames, renderer, seen }))
 }

@@ -24,12 +24,12 @@ pub(super) struct Comparison {
     pub covered: Option<Covered>,
 }
 
-/// Scores that require covered pixels: `aligned` ones with colours aligned.
+/// Scores that require covered pixels; those named `aligned` are measured with colours aligned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Covered {
     pub psnr: f64,
     pub aligned_psnr: f64,
-    /// Over the whole frame, as is SSIM.
+    /// Over the whole frame, as SSIM is.
     pub aligned_psnr_frame: f64,
     pub aligned_ssim: f64,
     pub alignment: Alignment,
@@ -133,11 +133,9 @@ struct Moments {
 }
 
 impl Sums {
-    /// Sums rows in parallel and adds them in order, so results are bit-identical for any number of
-    /// threads.
     fn of(render: &RgbImage, coverage: &Image<f32>, truth: &RgbImage) -> Self {
         let width = render.width;
-        // Collected in order and added below: a parallel sum would vary in its last digits between runs.
+        // Collected in order and added below: the last digits of a parallel sum would depend on the threads.
         let rows: Vec<Self> = render
             .data
             .par_chunks(width)
@@ -145,7 +143,9 @@ impl Sums {
             .zip(truth.data.par_chunks(width))
             .map(|((render, coverage), truth)| Self::of_row(render, coverage, truth))
             .collect();
-        rows.iter().fold(Self::default(), |sums, row| sums.plus(row))
+        let mut sums = Self::default();
+        rows.iter().for_each(|row| sums.add(row));
+        sums
     }
 
     fn of_row(render: &[[f32; 3]], coverage: &[f32], truth: &[[f32; 3]]) -> Self {
@@ -169,16 +169,15 @@ impl Sums {
         sums
     }
 
-    fn plus(&self, other: &Self) -> Self {
-        let moments = |i: usize| {
-            let (a, b) = (self.moments[i], other.moments[i]);
-            Moments { x: a.x + b.x, y: a.y + b.y, xx: a.xx + b.xx, xy: a.xy + b.xy }
-        };
-        Self {
-            n_covered: self.n_covered + other.n_covered,
-            error: self.error + other.error,
-            error_covered: self.error_covered + other.error_covered,
-            moments: std::array::from_fn(moments),
+    fn add(&mut self, other: &Self) {
+        self.n_covered += other.n_covered;
+        self.error += other.error;
+        self.error_covered += other.error_covered;
+        for (sum, part) in self.moments.iter_mut().zip(&other.moments) {
+            sum.x += part.x;
+            sum.y += part.y;
+            sum.xx += part.xx;
+            sum.xy += part.xy;
         }
     }
 
@@ -199,7 +198,7 @@ impl Sums {
 
 /// Variance of a channel (values in `[0, 1]`) below which no gain can be determined: that of a channel with
 /// one byte value.
-const MIN_VARIANCE: f64 = 1e-8;
+pub(super) const MIN_VARIANCE: f64 = 1e-8;
 
 impl Moments {
     fn fit(&self, n: f64) -> [f64; 2] {

@@ -2,10 +2,10 @@
 //! training distance and at half of it.
 //!
 //! At half the distance, the camera is moved along its optical axis by half the median depth z of the
-//! view's interior pixels. The view's depth is projected into the moved camera;
-//! interior pixels satisfy the rule in both images.
+//! view's interior pixels. The view's depth is projected into the moved camera; interior pixels are interior
+//! in both images.
 //!
-//! Half the distance reveals splats that just touch at the training distance and separate when the camera
+//! Half the distance reveals splats that just touch at the training distance and leave gaps when the camera
 //! approaches. Only pixels inside a surface count, because the background is visible next to a silhouette.
 
 use super::metrics::mean;
@@ -165,10 +165,8 @@ impl Cracks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::frame::{Depth, DepthCodes, DepthKind};
     use crate::dataset::surface::Sensor;
-    use crate::math::camera::Intrinsics;
-    use crate::math::pose::Pose;
+    use crate::eval::surfaces;
     use crate::model::splat::splats::Splat;
     use crate::render::RenderMethod;
     use std::ops::Range;
@@ -177,23 +175,7 @@ mod tests {
     const HEIGHT: usize = 64;
 
     fn frame() -> Frame {
-        let camera = Camera {
-            intrinsics: Intrinsics::from_horizontal_fov(WIDTH as u32, HEIGHT as u32, 0.8),
-            pose: Pose::IDENTITY,
-        };
-        let codes = DepthCodes::Linear16 { codes: Image::filled(WIDTH, HEIGHT, 2000), unit: 1e-3 };
-        Frame {
-            name: "wall".to_owned(),
-            camera,
-            color: Image::filled(WIDTH, HEIGHT, [0, 0, 0, 255]).into(),
-            color_camera: None,
-            depth: Some(Depth {
-                codes,
-                kind: DepthKind::Z,
-                trusted: [0.1, 4.0],
-                units_per_metre: 1.0,
-            }),
-        }
+        surfaces::tests::wall(surfaces::tests::camera(WIDTH as u32, HEIGHT as u32), |_, _| 2000)
     }
 
     /// A flat-topped splat per pixel of the frame and its surroundings, except in the columns `gap`.

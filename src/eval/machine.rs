@@ -3,7 +3,7 @@
 use super::report::MachineReport;
 use crate::math::simd::Isa;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Threads of the current pool, processor, instruction set, and the graphics adapter that renders, if any.
 pub fn describe(adapter: Option<String>) -> MachineReport {
@@ -37,12 +37,12 @@ pub fn numerics() -> String {
 
 /// Peak resident memory of this process, bytes; `None` if unavailable.
 pub fn peak_rss_bytes() -> Option<u64> {
-    status_bytes("VmHWM:")
+    file_bytes("/proc/self/status", "VmHWM:")
 }
 
 /// Current resident memory of this process, bytes; `None` if unavailable.
 pub fn rss_bytes() -> Option<u64> {
-    status_bytes("VmRSS:")
+    file_bytes("/proc/self/status", "VmRSS:")
 }
 
 /// Memory available to this process without swapping, bytes, within the limits of its container; `None` if
@@ -54,12 +54,9 @@ pub fn available_bytes() -> Option<u64> {
     free.into_iter().chain(left).min()
 }
 
-fn status_bytes(field: &str) -> Option<u64> {
-    file_bytes("/proc/self/status", field)
-}
-
 fn file_bytes(path: &str, field: &str) -> Option<u64> {
     let text = fs::read_to_string(path).ok()?;
+    // A number and its unit, which the kernel always writes as `kB` and means as KiB.
     let value = text.lines().find_map(|line| line.strip_prefix(field))?;
     let kilobytes: u64 = value.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kilobytes * 1024)
@@ -94,7 +91,7 @@ fn available_in_groups(groups: &str, root: &Path) -> Option<u64> {
             _ => return None,
         };
         // Limits of all ancestor groups apply as well; in a container the path may not exist at all.
-        let below: PathBuf = top.join(group);
+        let below = top.join(group);
         let all = below.ancestors().take_while(|path| path.starts_with(&top));
         all.filter_map(|path| available_in_group(path, &names)).min()
     };
@@ -107,6 +104,7 @@ fn available_in_group(group: &Path, names: &Names) -> Option<u64> {
     let (limit, used) = (number(names.limit)?, number(names.used)?);
     let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
     let field = |line: &str| line.strip_prefix(names.reclaimable)?.trim().parse::<u64>().ok();
+    // The kernel frees pages of the file cache before it refuses memory, so they count as available.
     let reclaimable = stat.lines().find_map(field).unwrap_or(0);
     // Usage and limit are read one after the other, so usage may be the larger.
     Some(limit.saturating_sub(used.saturating_sub(reclaimable)))

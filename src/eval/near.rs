@@ -34,12 +34,14 @@ impl NearRule {
 
 /// Near plane for views by the given cameras, world units; [`EVALUATION_NEAR`] if no splats are in view.
 pub fn near_plane(splats: SplatView<'_>, cameras: &[Camera], rule: NearRule) -> f64 {
+    // At least 1: a step of 0 would panic for an empty model.
     let every = |n: usize, most: usize| n.div_ceil(most).max(1);
     let splats = splats.splats();
     let mut depths = Vec::new();
     for camera in cameras.iter().step_by(every(cameras.len(), VIEWS)) {
         let (rotation, translation) = camera.pose.inverse();
         let k = &camera.intrinsics;
+        // Unused components are stored as splats of opacity 0 and lie anywhere.
         let drawn = splats.iter().filter(|splat| splat.opacity > 0.0);
         for splat in drawn.step_by(every(splats.len(), SPLATS)) {
             let at = rotation * DVec3::from_array(splat.mean.map(f64::from)) + translation;
@@ -54,6 +56,7 @@ pub fn near_plane(splats: SplatView<'_>, cameras: &[Camera], rule: NearRule) -> 
         return EVALUATION_NEAR;
     }
     let mut beyond = |share: f64| {
+        // Below the length, because every share is less than 1.
         let at = (depths.len() as f64 * share) as usize;
         near_plane_for(*depths.select_nth_unstable_by(at, f64::total_cmp).1)
     };

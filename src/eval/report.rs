@@ -1,7 +1,7 @@
 //! JSON types of `report.json` and of `eval --json`; field names are part of the public interface.
 //!
-//! Plain data without computing methods: reports are read by other programs, so field names never change.
-//! Missing values are `Option`, because JSON cannot represent NaN.
+//! Reports are read by other programs, so field names never change. Missing values are `Option`, because JSON
+//! cannot represent NaN.
 
 use super::choices::ViewPoses;
 use super::cracks::CrackReport;
@@ -224,6 +224,26 @@ pub struct EvalReport {
     pub group: Option<ViewGroupName>,
     /// Name of the evaluated split.
     pub split: String,
+    /// How views were rendered and compared.
+    #[serde(flatten)]
+    pub protocol: EvalProtocol,
+    /// Number of scored views, without skipped ones.
+    pub views: usize,
+    /// Number of the requested views that the model was trained on; `None` if unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub learnt_views: Option<usize>,
+    /// Views that could not be used.
+    pub skipped: Vec<SkippedFrame>,
+    /// Scores over the views.
+    #[serde(flatten)]
+    pub means: EvalMeans,
+    /// Background visible inside surfaces; `None` if no view has depth.
+    pub cracks: Option<CrackReport>,
+}
+
+/// Rendering and comparison of evaluated views.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EvalProtocol {
     /// Renderer of the views.
     pub renderer: Renderer,
     /// Antialiasing of splats thinner than a pixel in the exact renderer; `None` for the other renderer.
@@ -245,13 +265,11 @@ pub struct EvalReport {
     pub scale: EvalScale,
     /// Background of the render, sRGB-encoded.
     pub background: [f32; 3],
-    /// Number of scored views, without skipped ones.
-    pub views: usize,
-    /// Number of the requested views that the model was trained on; `None` if unknown.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub learnt_views: Option<usize>,
-    /// Views that could not be used.
-    pub skipped: Vec<SkippedFrame>,
+}
+
+/// Mean scores of the views of a split.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EvalMeans {
     /// Mean of the views' PSNR over the whole frame, dB.
     pub psnr_mean: f64,
     /// Population standard deviation (ddof 0) of the views' PSNR over the whole frame, dB.
@@ -278,8 +296,6 @@ pub struct EvalReport {
     /// Mean absolute depth error where both have depth, world units: depth z for the projected renderer,
     /// ray distance for the exact one. `None` without true depth.
     pub depth_mae_mean: Option<f64>,
-    /// Background visible inside surfaces; `None` if no view has depth.
-    pub cracks: Option<CrackReport>,
 }
 
 /// Quality of one view.
@@ -345,14 +361,16 @@ pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * (position - below as f64)
 }
 
-/// Per pixel: render, photograph, depth, surfaces and buffers of the metrics.
+// The three constants are fitted to measured peaks; a test holds estimates within a fifth of them.
+/// Bytes per pixel: render, photograph, depth, surfaces and buffers of the metrics.
 const PIXEL_BYTES: u64 = 370;
-/// Per component: its splats, including those of early frames, and their records.
+/// Bytes per component: its splats, including those of early frames, and their records.
 const SPLAT_BYTES: u64 = 420;
-/// The program and memory retained from training.
+/// Bytes of the program and of memory retained from training.
 const FIXED_BYTES: u64 = 50_000_000;
 
-/// Adds to an estimate the memory for evaluating views of `pixels` of a model with at most `components`.
+/// Adds the memory for evaluation to an estimate: views of `pixels` pixels each, and a model of at most
+/// `components` components.
 pub fn with_evaluation(
     estimate: MemoryEstimate,
     pixels: usize,
@@ -375,6 +393,7 @@ pub fn text<const N: usize>(header: [&str; N], rows: &[[String; N]]) -> String {
     let width = |i: usize| lines.iter().map(|l| l[i].chars().count()).max().unwrap_or(0);
     let widths: [usize; N] = std::array::from_fn(width);
     let starts_a_word = |cell: &String| cell.starts_with(|c: char| c.is_alphabetic() || c == '+');
+    // A column with any word is text: its numbers align with the words, not with each other.
     let has_words = |i: usize| rows.iter().any(|row| starts_a_word(&row[i]));
     let line = |cells: &[String; N]| {
         let padded = cells.iter().zip(widths).enumerate().map(|(i, (cell, width))| {
@@ -393,6 +412,8 @@ pub fn error(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::train::scene::config::SceneConfig;
+    use crate::train::scene::photometric::rule::PhotometricMode;
 
     #[test]
     fn quantiles_interpolate() {
@@ -401,13 +422,6 @@ mod tests {
         assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.5), 2.0);
         assert_eq!(quantile(&[0.0, 10.0], 0.95), 9.5);
     }
-}
-
-#[cfg(test)]
-mod memory_tests {
-    use super::*;
-    use crate::train::scene::config::SceneConfig;
-    use crate::train::scene::photometric::rule::PhotometricMode;
 
     /// Peaks of runs on the synthetic room in the TUM layout with two threads: pixels per frame,
     /// components, photographs used, views evaluated, and megabytes.
@@ -439,11 +453,6 @@ mod memory_tests {
             assert!((0.8..1.2).contains(&share), "{pixels} {components}: {share} of {peak} MB");
         }
     }
-}
-
-#[cfg(test)]
-mod table_tests {
-    use super::*;
 
     #[test]
     fn columns_line_up() {

@@ -68,13 +68,17 @@ impl Default for EvalScale {
     }
 }
 
+fn out_of_range(found: &str) -> String {
+    format!("expected a number above 0 and at most 1, found `{found}`")
+}
+
 impl TryFrom<f64> for EvalScale {
     type Error = String;
 
     fn try_from(value: f64) -> Result<Self, String> {
         match value > 0.0 && value <= 1.0 {
             true => Ok(Self(value)),
-            false => Err(format!("expected a number above 0 and at most 1, found {value}")),
+            false => Err(out_of_range(&value.to_string())),
         }
     }
 }
@@ -89,10 +93,9 @@ impl FromStr for EvalScale {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let value: f64 = text
-            .parse()
-            .map_err(|_| format!("expected a number above 0 and at most 1, found `{text}`"))?;
-        Self::try_from(value)
+        let found: Option<f64> = text.parse().ok();
+        // Text such as `nan` parses, but is out of range.
+        found.and_then(|value| Self::try_from(value).ok()).ok_or_else(|| out_of_range(text))
     }
 }
 
@@ -163,6 +166,7 @@ pub fn visit_views<T: Send>(
     visit: impl Fn(&mut CpuRenderer, usize, Result<Frame, FrameError>) -> T + Sync,
     mut progress: impl FnMut(usize),
 ) -> Vec<T> {
+    // No more than threads: further renderers would only hold memory.
     let at_once = VIEWS_AT_ONCE.min(rayon::current_num_threads());
     let mut renderers: Vec<CpuRenderer> = (0..at_once).map(|_| CpuRenderer::new()).collect();
     let mut found = Vec::with_capacity(views.len());

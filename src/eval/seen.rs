@@ -77,6 +77,7 @@ fn photograph_key(frame: &FrameEntry) -> (String, Option<&Path>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::synthetic::{SyntheticParams, dataset};
     use crate::math::camera::{Camera, Intrinsics};
     use crate::math::pose::Pose;
 
@@ -115,12 +116,6 @@ mod tests {
         assert_eq!((mean.coverage, mean.coverage_interior), (1.0 / 3.0, seen.coverage_interior));
         assert_eq!(SeenQuality::mean(&[]), None);
     }
-}
-
-#[cfg(test)]
-mod learnt_tests {
-    use super::*;
-    use crate::dataset::synthetic::{SyntheticParams, dataset};
 
     #[test]
     fn frames_count_whatever_their_split_is_called() {

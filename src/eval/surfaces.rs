@@ -31,17 +31,10 @@ impl Surfaces {
     /// ([`DepthTolerance::margin`](crate::observation::surface::DepthTolerance)) belong to one surface.
     pub fn of(frame: &Frame, sensor: Sensor) -> Option<Self> {
         let depth = frame.depth.as_ref()?;
-        let mut z = frame.depth_z()?;
-        let width = z.width;
-        for (i, z) in z.data.iter_mut().enumerate() {
-            let (column, row) = (i % width, i / width);
-            let is_trusted =
-                depth.value_at(column, row).is_some_and(|value| depth.is_trusted(value));
-            // Translucent pixels show a background of unknown depth.
-            if !is_trusted || !frame.is_opaque(i) {
-                *z = 0.0;
-            }
-        }
+        let mut z = depth.trusted_z(&frame.camera.intrinsics).map(|&z| z as f32);
+        // Translucent pixels show a background of unknown depth.
+        let translucent = z.data.iter_mut().enumerate().filter(|(i, _)| !frame.is_opaque(*i));
+        translucent.for_each(|(_, z)| *z = 0.0);
         let profile = sensor.profile(depth, &frame.camera.intrinsics);
         Some(Self::new(frame.camera, z, profile.tolerance.margin))
     }
@@ -252,37 +245,31 @@ fn cross(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> f32 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::dataset::frame::{Depth, DepthCodes};
     use crate::math::pose::Pose;
     use glam::{DQuat, DVec3};
     use std::sync::Arc;
 
-    fn camera(width: u32, height: u32) -> Camera {
-        Camera {
-            intrinsics: Intrinsics::from_horizontal_fov(width, height, 0.9),
-            pose: Pose::IDENTITY,
-        }
+    pub fn camera(width: u32, height: u32) -> Camera {
+        let intrinsics = Intrinsics::from_horizontal_fov(width, height, 0.9);
+        Camera { intrinsics, pose: Pose::IDENTITY }
     }
 
-    /// A wall 2 units ahead, with millimetre codes from `edit`.
-    fn wall(camera: Camera, edit: impl Fn(usize, usize) -> u16) -> Frame {
+    /// A black frame with depth codes `edit(column, row)`, millimetres.
+    pub fn wall(camera: Camera, edit: impl Fn(usize, usize) -> u16) -> Frame {
         let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
         let codes = (0..width * height).map(|i| edit(i % width, i / width)).collect();
         let codes = Image::from_vec(width, height, codes);
         let codes = DepthCodes::Linear16 { codes, unit: 1e-3 };
+        let trusted = [0.1, 4.0];
         Frame {
             name: "wall".to_owned(),
             camera,
             color: Image::filled(width, height, [0, 0, 0, 255]).into(),
             color_camera: None,
-            depth: Some(Depth {
-                codes,
-                kind: DepthKind::Z,
-                trusted: [0.1, 4.0],
-                units_per_metre: 1.0,
-            }),
+            depth: Some(Depth { codes, kind: DepthKind::Z, trusted, units_per_metre: 1.0 }),
         }
     }
 

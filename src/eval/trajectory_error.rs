@@ -80,7 +80,7 @@ impl TrajectoryError {
     }
 }
 
-/// Rotation `R` that maximises `tr(Rᵀ·M)`.
+/// Rotation `R` that maximises `tr(Rᵀ·M)`, from the right singular vectors of `M`.
 fn best_rotation(m: DMat3) -> DMat3 {
     let right = Sym3::from_mat3(m.transpose() * m).eigen().vectors;
     // From the two largest axes; the third follows, which excludes a reflection.
@@ -97,7 +97,7 @@ mod tests {
     use glam::DQuat;
 
     #[test]
-    fn what_a_motion_of_all_explains_is_no_error() {
+    fn centres_beside_the_path_are_the_error() {
         let at = |x: f64, y: f64, z: f64| {
             Pose::IDENTITY.attached_camera(DVec3::new(x, y, z), DQuat::from_rotation_x(x + y))
         };
@@ -108,10 +108,6 @@ mod tests {
             let turn = DQuat::from_mat3(&pose.rotation());
             (world.attached_camera(pose.centre() + off, turn), *pose)
         };
-        let pairs: Vec<(Pose, Pose)> =
-            recorded.iter().map(|pose| pair(pose, DVec3::ZERO)).collect();
-        let error = TrajectoryError::of(&pairs).unwrap();
-        assert!(error.rmse < 1e-12 && error.max < 1e-11 && error.turn_rmse_deg < 1e-5, "{error:?}");
         let sides = recorded.iter().zip([DVec3::Z, DVec3::NEG_Z].iter().cycle());
         let pairs: Vec<(Pose, Pose)> = sides.map(|(pose, side)| pair(pose, 0.01 * side)).collect();
         let error = TrajectoryError::of(&pairs).unwrap();

@@ -1,10 +1,10 @@
 //! Alignment of a view's camera pose to its photograph, given splats (`evaluation.md`, Poses aligned).
 //!
 //! Alignment during training (`train::scene::align`) needs sufficient statistics that exported models lack,
-//! and depth that a photograph may lack. This one makes the same estimate from the render and its depth,
-//! available for every model: the maximum a posteriori motion by Gauss-Newton with Cauchy weights and a
-//! prior on the recorded pose. It proceeds from small images to full size, because image gradients are
-//! valid for about a pixel.
+//! and depth that a photograph may lack. This one makes the same estimate from the render and its depth, which
+//! every model has: the maximum a posteriori motion by Gauss-Newton with Cauchy weights and a prior on the
+//! recorded pose. It proceeds from small images to full size, because image gradients are valid for about a
+//! pixel.
 //!
 //! Gradients are the render's: detail missing from the splats would make the photograph's gradients too
 //! steep and the steps too short.
@@ -12,14 +12,14 @@
 //! Of all visited poses the one with the smallest error is returned, so a failed alignment leaves the
 //! recorded pose.
 
-use super::comparison::{COVERED, Comparison, aligned_error, compare};
+use super::comparison::{COVERED, Comparison, MIN_VARIANCE, aligned_error, compare};
 use super::metrics::{MetricError, mean};
 use super::scale::area_averaged;
 use super::sharpness;
 use super::sharpness::{N_BANDS, SharpnessBand};
 use crate::math::camera::{Camera, Intrinsics};
-use crate::math::cholesky::Cholesky;
 use crate::math::image::{Image, RgbImage};
+use crate::math::least_squares::NormalEquations;
 use crate::math::pose::Pose;
 use crate::render::Renderer;
 use crate::render::cpu::Rendered;
@@ -111,6 +111,7 @@ fn rendered_points(
     for row in 1..height.saturating_sub(1) {
         for column in 1..width.saturating_sub(1) {
             let at = under(column, row);
+            // Full-size depth under the smaller image's pixel.
             let length = f64::from(*depth.at(at[0], at[1]));
             let beside =
                 [(column - 1, row), (column + 1, row), (column, row - 1), (column, row + 1)];
@@ -127,13 +128,9 @@ fn rendered_points(
                 Renderer::Projected => length,
                 Renderer::Exact => length / ray.length(),
             };
-            // Uses the full-size depth under the smaller image's pixel.
             let place = view.pose.transform_point(k.ray(column, row) * z);
-            points.push(RenderedPoint {
-                place,
-                color: small.at(column, row).map(f64::from),
-                slope,
-            });
+            let color = small.at(column, row).map(f64::from);
+            points.push(RenderedPoint { place, color, slope });
         }
     }
     points
@@ -211,6 +208,7 @@ fn sample_photograph(
     p: DVec3,
     point: &RenderedPoint,
 ) -> Option<PhotographedPoint> {
+    // Relative to pixel centres, which lie at +½, for the bilinear weights below.
     let [x, y] = [k.fx * p.x / p.z + k.cx - 0.5, k.fy * p.y / p.z + k.cy - 0.5];
     let (width, height) = (photograph.width, photograph.height);
     let is_inside =
@@ -252,41 +250,37 @@ fn step(
     let usual = points.iter().map(size).sum::<f64>() / points.len() as f64;
     // Avoids division by zero for equal images, where any scale yields a zero step.
     let scale = (HALF_WEIGHT_MEANS * usual).max(f64::MIN_POSITIVE.sqrt());
-    let parts: Vec<CameraSums> = points
+    let parts: Vec<NormalEquations<6>> = points
         .par_chunks(CHUNK)
         .map(|points| {
-            let mut sums = CameraSums::ZERO;
+            let mut sums = NormalEquations::ZERO;
             for point in points {
                 let trust = 1.0 / (1.0 + (size(point) / scale).powi(2));
                 for (i, [gain, _]) in lines.iter().enumerate() {
                     // The residual contains `gain · shown`, so its slope has the gain as well.
-                    sums.add(residual(point, i), &point.slope[i].map(|slope| gain * slope), trust);
+                    let slope = point.slope[i].map(|slope| gain * slope);
+                    sums.add_residual(residual(point, i), &slope, trust);
+                    sums.n += trust;
                 }
             }
             sums
         })
         .collect();
-    let mut sums = CameraSums::ZERO;
-    parts.iter().for_each(|part| sums.add_sums(part));
-    let variance = CORRELATED_PIXELS * (sums.square / sums.weight).max(f64::MIN_POSITIVE.sqrt());
-    let (mut matrix, mut right) =
-        (sums.matrix.map(|v| v / variance), sums.right.map(|v| v / variance));
+    let sums = NormalEquations::total(&parts);
+    // Bounded for equal images, whose residuals are all zero.
+    let variance = CORRELATED_PIXELS * sums.variance().max(f64::MIN_POSITIVE.sqrt());
+    let mut equations = NormalEquations::<6>::ZERO;
+    equations.add(&sums, variance.recip());
     // The prior stays on the recorded pose in all iterations; on the previous one, poses could drift.
     let back = pose.rotation().transpose();
     let turned = DQuat::from_mat3(&(recorded.rotation().transpose() * pose.rotation()));
     let (turn, shift) = (turned.to_scaled_axis(), back * (pose.centre() - recorded.centre()));
     for axis in 0..3 {
-        for (i, value, deviation) in
-            [(axis, turn[axis], TURN_DEVIATION), (axis + 3, shift[axis], shift_deviation)]
-        {
-            // The diagonal of a 6 × 6 matrix.
-            matrix[7 * i] += deviation.powi(-2);
-            right[i] -= value * deviation.powi(-2);
-        }
+        equations.add_prior(axis, turn[axis], TURN_DEVIATION);
+        equations.add_prior(axis + 3, shift[axis], shift_deviation);
     }
-    let x = Cholesky::new(6, &matrix)?.solve(&right);
-    let [turn, shift] = [DVec3::from_slice(&x[..3]), DVec3::from_slice(&x[3..])];
-    (turn.is_finite() && shift.is_finite()).then_some([turn, shift])
+    let step = equations.solution()?;
+    Some([DVec3::from_slice(&step[..3]), DVec3::from_slice(&step[3..])])
 }
 
 /// Gain and offset that map a channel to the photograph's exposure.
@@ -298,38 +292,8 @@ fn fit_exposure(points: &[PhotographedPoint], channel: usize) -> [f64; 2] {
     let xx = mean(&|p| (p.shown[channel] - x).powi(2));
     let xy = mean(&|p| (p.shown[channel] - x) * (p.seen[channel] - y));
     // A constant channel fits any line; gain 1 is used.
-    let gain = if xx > 1e-8 { xy / xx } else { 1.0 };
+    let gain = if xx > MIN_VARIANCE { xy / xx } else { 1.0 };
     [gain, y - gain * x]
-}
-
-struct CameraSums {
-    /// Row-major; lower triangle only.
-    matrix: [f64; 36],
-    right: [f64; 6],
-    square: f64,
-    weight: f64,
-}
-
-impl CameraSums {
-    const ZERO: Self = Self { matrix: [0.0; 36], right: [0.0; 6], square: 0.0, weight: 0.0 };
-
-    fn add(&mut self, residual: f64, slope: &[f64; 6], weight: f64) {
-        self.square += weight * residual * residual;
-        self.weight += weight;
-        for i in 0..6 {
-            self.right[i] -= weight * residual * slope[i];
-            for j in 0..=i {
-                self.matrix[6 * i + j] += weight * slope[i] * slope[j];
-            }
-        }
-    }
-
-    fn add_sums(&mut self, other: &Self) {
-        self.square += other.square;
-        self.weight += other.weight;
-        self.matrix.iter_mut().zip(other.matrix).for_each(|(a, b)| *a += b);
-        self.right.iter_mut().zip(other.right).for_each(|(a, b)| *a += b);
-    }
 }
 
 /// Quality of a view rendered from the pose aligned to its photograph, or the mean over views.
@@ -403,7 +367,6 @@ impl AlignedView {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::image::Image;
     use crate::math::rng::{Purpose, Rng};
 
     const SIZE: (u32, u32) = (96, 72);
@@ -477,13 +440,6 @@ mod tests {
         let kept = aligned(&recorded, empty, &flat, Renderer::Projected, draw).unwrap();
         assert_eq!(kept.pose, Pose::IDENTITY);
     }
-}
-
-#[cfg(test)]
-mod aligned_tests {
-    use super::*;
-    use crate::math::rng::{Purpose, Rng};
-    use glam::DVec3;
 
     /// Exposure is compensated before detail is compared; shifts are in world units, turns in degrees.
     #[test]

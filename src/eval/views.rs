@@ -9,7 +9,7 @@ use super::choices::{GroundTruth, ViewPoses};
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics;
 use super::metrics::MetricError;
-use super::report::{EvalReport, SkippedFrame, ViewReport};
+use super::report::{EvalMeans, EvalProtocol, EvalReport, SkippedFrame, ViewReport};
 use super::scale::{EvalScale, visit_views};
 use super::seen::SeenQuality;
 use super::surfaces::Surfaces;
@@ -144,7 +144,7 @@ pub fn evaluate<'a>(
     if scores.is_empty() {
         return Err(no_view(dataset, split_name, &skipped));
     }
-    Ok((EvalReport { skipped, ..summarise(split_name, &scores, options) }, scores))
+    Ok((summarise(split_name, &scores, skipped, options), scores))
 }
 
 fn no_view(dataset: &Dataset, split: String, skipped: &[SkippedFrame]) -> EvalError {
@@ -268,7 +268,12 @@ fn depth_kind(method: RenderMethod) -> DepthKind {
     }
 }
 
-fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> EvalReport {
+fn summarise(
+    split: String,
+    scores: &[ViewReport],
+    skipped: Vec<SkippedFrame>,
+    options: &EvalOptions,
+) -> EvalReport {
     // Over the views that have a value.
     let mean =
         |value: fn(&ViewReport) -> Option<f64>| metrics::mean(scores.iter().filter_map(value));
@@ -286,9 +291,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
     };
     let seen: Vec<SeenQuality> = scores.iter().filter_map(|s| s.seen).collect();
     let aligned: Vec<AlignedView> = scores.iter().filter_map(|s| s.pose_aligned).collect();
-    EvalReport {
-        group: None,
-        split,
+    let protocol = EvalProtocol {
         renderer: options.render.method.renderer(),
         antialias: exact.map(|e| e.antialias),
         response: exact.map(|e| e.response),
@@ -298,9 +301,8 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         color_camera: options.color_camera,
         scale: options.scale,
         background: options.render.background,
-        learnt_views: None,
-        views: scores.len(),
-        skipped: Vec::new(),
+    };
+    let means = EvalMeans {
         psnr_mean,
         psnr_std,
         psnr_covered_mean: mean(|s| s.psnr_covered),
@@ -313,6 +315,15 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         seen_mean: SeenQuality::mean(&seen),
         pose_aligned_mean: AlignedView::mean(&aligned),
         depth_mae_mean: mean(|s| s.depth_mae),
+    };
+    EvalReport {
+        group: None,
+        split,
+        protocol,
+        views: scores.len(),
+        learnt_views: None,
+        skipped,
+        means,
         cracks: None,
     }
 }
@@ -320,29 +331,13 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::frame::{Depth, DepthCodes};
-    use crate::math::camera::{Camera, Intrinsics};
-    use crate::math::pose::Pose;
+    use crate::eval::surfaces;
 
     const SIZE: (usize, usize) = (32, 24);
 
-    /// A black wall two units ahead.
     fn wall() -> Frame {
         let (width, height) = SIZE;
-        let intrinsics = Intrinsics::from_horizontal_fov(width as u32, height as u32, 1.5);
-        let codes = DepthCodes::Linear16 { codes: Image::filled(width, height, 2000), unit: 1e-3 };
-        Frame {
-            name: "wall".to_owned(),
-            camera: Camera { intrinsics, pose: Pose::IDENTITY },
-            color: Image::filled(width, height, [0, 0, 0, 255]).into(),
-            color_camera: None,
-            depth: Some(Depth {
-                codes,
-                kind: DepthKind::Z,
-                trusted: [0.1, 10.0],
-                units_per_metre: 1.0,
-            }),
-        }
+        surfaces::tests::wall(surfaces::tests::camera(width as u32, height as u32), |_, _| 2000)
     }
 
     fn rendered(depth: &Image<f32>) -> Rendered {

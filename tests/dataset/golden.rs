@@ -25,10 +25,7 @@ fn u32s(folder: &Path, name: &str) -> Vec<u32> {
 }
 
 fn f32s(folder: &Path, name: &str) -> Vec<f32> {
-    u32s_as_f32(&std::fs::read(folder.join(format!("{name}.f32.bin"))).unwrap())
-}
-
-fn u32s_as_f32(bytes: &[u8]) -> Vec<f32> {
+    let bytes = std::fs::read(folder.join(format!("{name}.f32.bin"))).unwrap();
     bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
 }
 
@@ -108,11 +105,7 @@ fn the_loader_gives_the_golden_points_in_tile_order() {
     let frame = dataset.load(dataset.split_named("test").unwrap(), 0).unwrap();
     let kept = kept_by_the_letter(&frame);
     let points = unproject(&frame, CameraConvention::Paper);
-    assert_eq!(
-        points.len(),
-        kept.len(),
-        "the row passes agree with the text of `dataset.md`, Edge filter"
-    );
+    assert_eq!(points.len(), kept.len(), "as `dataset.md`, Edge filter");
 
     let order: std::collections::HashMap<[usize; 2], usize> =
         kept.iter().enumerate().map(|(i, pixel)| (*pixel, i)).collect();

@@ -139,14 +139,10 @@ fn a_user_may_override_scale_and_range() {
     assert_eq!(unit, 0.001);
 
     for options in [
-        LoadOptions { depth_scale: Some(0.0), depth_range: None, ..LoadOptions::default() },
-        LoadOptions { depth_scale: Some(f64::NAN), depth_range: None, ..LoadOptions::default() },
-        LoadOptions { depth_scale: None, depth_range: Some([2.0, 1.0]), ..LoadOptions::default() },
-        LoadOptions {
-            depth_scale: None,
-            depth_range: Some([f64::NAN, 1.0]),
-            ..LoadOptions::default()
-        },
+        LoadOptions { depth_scale: Some(0.0), ..LoadOptions::default() },
+        LoadOptions { depth_scale: Some(f64::NAN), ..LoadOptions::default() },
+        LoadOptions { depth_range: Some([2.0, 1.0]), ..LoadOptions::default() },
+        LoadOptions { depth_range: Some([f64::NAN, 1.0]), ..LoadOptions::default() },
     ] {
         let error = open(folder.path(), &options).unwrap_err().to_string();
         assert!(error.contains("setting depth") && error.contains("correct it"), "{error}");
@@ -160,11 +156,7 @@ fn seven_scenes_estimates_its_range_from_depth() {
     let range = range::estimate(&dataset, dataset.training_split().unwrap()).unwrap();
     let size = range.hi() - range.lo();
     assert!(size.max_element() < 6.5 && size.min_element() > 2.0, "{size}");
-    let options = LoadOptions {
-        depth_scale: None,
-        depth_range: Some([20.0, 30.0]),
-        ..LoadOptions::default()
-    };
+    let options = LoadOptions { depth_range: Some([20.0, 30.0]), ..LoadOptions::default() };
     let far = open(folder.path(), &options).unwrap();
     let error = range::estimate(&far, 0).unwrap_err().to_string();
     assert!(error.contains("widen the depth range"), "{error}");

@@ -44,17 +44,20 @@ fn office() {
     );
     for (scale_factor, least_db) in [(1.0, FLOOR_DB.0), (1.41, FLOOR_DB.1)] {
         let report = quality(&session, scale_factor);
-        let covered = report.psnr_covered_mean.unwrap();
+        let covered = report.means.psnr_covered_mean.unwrap();
         println!(
             "scale x{scale_factor}: PSNR {:.2} ± {:.2} dB, {covered:.2} dB over the {:.1} % covered, SSIM {:.4}, depth error {:.3} m",
-            report.psnr_mean,
-            report.psnr_std,
-            100.0 * report.coverage_mean,
-            report.ssim_mean,
-            report.depth_mae_mean.unwrap()
+            report.means.psnr_mean,
+            report.means.psnr_std,
+            100.0 * report.means.coverage_mean,
+            report.means.ssim_mean,
+            report.means.depth_mae_mean.unwrap()
         );
         assert_eq!(report.views, 10);
-        assert!(report.psnr_mean > least_db && covered > report.psnr_mean, "{report:?}");
+        assert!(
+            report.means.psnr_mean > least_db && covered > report.means.psnr_mean,
+            "{report:?}"
+        );
     }
 }
 

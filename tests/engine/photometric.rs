@@ -80,7 +80,7 @@ fn psnr(splats: &SplatSet) -> f64 {
     let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let options = EvalOptions::plain(GroundTruth::Composited, render);
     let views: Vec<usize> = (0..room.splits[1].frames.len()).collect();
-    evaluate(splats, &room, 1, &views, &options, |_| ()).unwrap().0.psnr_mean
+    evaluate(splats, &room, 1, &views, &options, |_| ()).unwrap().0.means.psnr_mean
 }
 
 #[test]

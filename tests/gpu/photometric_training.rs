@@ -67,7 +67,7 @@ fn psnr(room: &Arc<Dataset>, session: &Session) -> f64 {
     let options = EvalOptions::plain(GroundTruth::Composited, render);
     let views: Vec<usize> = (0..room.splits[1].frames.len()).collect();
     let splats = session.splats();
-    evaluate(&splats, room, 1, &views, &options, |_| ()).unwrap().0.psnr_mean
+    evaluate(&splats, room, 1, &views, &options, |_| ()).unwrap().0.means.psnr_mean
 }
 
 #[test]

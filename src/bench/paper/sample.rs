@@ -74,7 +74,7 @@ impl TrainingSample {
         let options = EvalOptions::plain(GroundTruth::Rgb, render);
         let (split, views) = &self.views;
         let (report, _) = views::evaluate(&splats, &self.dataset, *split, views, &options, |_| ())?;
-        Ok(report.psnr_mean)
+        Ok(report.means.psnr_mean)
     }
 
     pub fn n_views(&self) -> usize {

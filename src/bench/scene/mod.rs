@@ -248,7 +248,7 @@ impl AccuracyRow {
             let values: Option<Vec<f64>> = orders.iter().map(|m| value(&m.quality)).collect();
             values.map(|values| mean_std(&values).0)
         };
-        let psnr = || orders.iter().map(|m| m.quality.psnr_mean);
+        let psnr = || orders.iter().map(|m| m.quality.means.psnr_mean);
         let median = |times: &dyn Fn(&Trained) -> &[f64]| {
             Spread::of(orders.iter().flat_map(|m| times(&m.trained)).copied().collect()).median
         };
@@ -266,14 +266,14 @@ impl AccuracyRow {
             }),
             train_ms: median(&|t| &t.train_ms),
             prepare_ms: median(&|t| &t.prepare_ms),
-            psnr: mean(&|m| m.quality.psnr_mean),
+            psnr: mean(&|m| m.quality.means.psnr_mean),
             psnr_low: psnr().fold(f64::INFINITY, f64::min),
             psnr_high: psnr().fold(f64::NEG_INFINITY, f64::max),
-            psnr_covered: mean_known(&|q| q.psnr_covered_mean),
-            psnr_aligned_covered: mean_known(&|q| q.psnr_aligned_covered_mean),
-            coverage: mean(&|m| m.quality.coverage_mean),
-            ssim: mean(&|m| m.quality.ssim_mean),
-            ssim_aligned: mean_known(&|q| q.ssim_aligned_mean),
+            psnr_covered: mean_known(&|q| q.means.psnr_covered_mean),
+            psnr_aligned_covered: mean_known(&|q| q.means.psnr_aligned_covered_mean),
+            coverage: mean(&|m| m.quality.means.coverage_mean),
+            ssim: mean(&|m| m.quality.means.ssim_mean),
+            ssim_aligned: mean_known(&|q| q.means.ssim_aligned_mean),
             cracks_01: cracks.map(|c| c.training_distance.over_01),
             cracks_03: cracks.map(|c| c.training_distance.over_03),
             cracks_half_01: half.map(|c| c.over_01),

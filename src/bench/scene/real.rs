@@ -197,7 +197,7 @@ impl<'a> RecordingRun<'a> {
         left: Option<[f64; 2]>,
     ) -> RecordingRow {
         let median = |times: &[f64]| Spread::of(times.to_vec()).median;
-        let aligned = recorded.pose_aligned_mean;
+        let aligned = recorded.means.pose_aligned_mean;
         let energy = |octave: usize| aligned.map(|view| view.bands[octave].energy_ratio);
         let correlation = |octave: usize| aligned.map(|view| view.bands[octave].correlation);
         RecordingRow {
@@ -209,20 +209,21 @@ impl<'a> RecordingRun<'a> {
             drawn: trained.drawn() as f64,
             train_ms: median(&trained.train_ms),
             prepare_ms: median(&trained.prepare_ms),
-            psnr: recorded.psnr_mean,
-            psnr_covered: recorded.psnr_covered_mean,
-            psnr_aligned_covered: recorded.psnr_aligned_covered_mean,
-            ssim: recorded.ssim_mean,
-            coverage: recorded.coverage_mean,
-            depth_error: recorded.depth_mae_mean,
-            corrected_psnr: corrected.psnr_mean,
-            corrected_psnr_covered: corrected.psnr_covered_mean,
-            corrected_psnr_aligned_covered: corrected.psnr_aligned_covered_mean,
+            psnr: recorded.means.psnr_mean,
+            psnr_covered: recorded.means.psnr_covered_mean,
+            psnr_aligned_covered: recorded.means.psnr_aligned_covered_mean,
+            ssim: recorded.means.ssim_mean,
+            coverage: recorded.means.coverage_mean,
+            depth_error: recorded.means.depth_mae_mean,
+            corrected_psnr: corrected.means.psnr_mean,
+            corrected_psnr_covered: corrected.means.psnr_covered_mean,
+            corrected_psnr_aligned_covered: corrected.means.psnr_aligned_covered_mean,
             perturbed_shift_left: left.map(|[shift, _]| shift),
             perturbed_turn_left: left.map(|[_, turn]| turn),
-            perturbed_psnr: from_wrong.psnr_mean,
-            perturbed_psnr_covered: from_wrong.psnr_covered_mean,
+            perturbed_psnr: from_wrong.means.psnr_mean,
+            perturbed_psnr_covered: from_wrong.means.psnr_covered_mean,
             perturbed_pose_aligned_psnr_covered: from_wrong
+                .means
                 .pose_aligned_mean
                 .map(|view| view.psnr_covered),
             pose_shift: aligned.map(|view| view.shift),

@@ -165,7 +165,7 @@ impl Retention {
         (split, views): (usize, &[usize]),
     ) -> Result<f64, BenchError> {
         let found = evaluate(splats, &self.dataset, split, views, &self.views, |_| ())?;
-        Ok(found.0.psnr_mean)
+        Ok(found.0.means.psnr_mean)
     }
 
     fn into_bench(

@@ -14,6 +14,7 @@ pub(super) struct ColorLookup<'a> {
     gain: Vec3,
 }
 
+/// Camera of colours that are not registered to depth.
 pub(super) struct Beside<'a> {
     pub camera: &'a Projection,
     pub depths: &'a ReprojectedDepths,
@@ -31,7 +32,6 @@ pub(super) struct SeenLanes {
 }
 
 impl<'a> ColorLookup<'a> {
-    /// `beside` is the camera of the frame's colours, if they are not registered.
     pub fn new(frame: &'a Frame, calibration: &Calibration, beside: Option<Beside<'a>>) -> Self {
         let gain = Vec3::from_array(calibration.gain(&frame.name).map(|g| g as f32));
         // A table instead of up to twelve divisions per point.
@@ -60,6 +60,7 @@ impl<'a> ColorLookup<'a> {
             None => self.texel(pixel),
             Some(Beside { depths, .. }) => {
                 let (at, depth) = ([seen.at[0][lane], seen.at[1][lane]], seen.depth[lane]);
+                // Behind the camera, the projection is meaningless.
                 if depth <= 0.0 || depths.occludes(at, depth, seen.margin[lane]) {
                     return None;
                 }

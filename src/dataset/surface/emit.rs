@@ -1,9 +1,9 @@
 //! Converts fitted pixels to points (`dataset.md`, Surface points), eight at a time as they were fitted.
 //!
 //! For each pixel's plane, the fit yields inverse depth and its two gradients relative to the measured
-//! value; depth and normal follow from these. A pixel is then kept or gets its status in the order of the
-//! recipe. Colour comes last, because a separate colour camera is sampled at the point's position, not the
-//! pixel's.
+//! value; depth and normal follow from these. A pixel is then kept, or gets the status of the first filter
+//! that drops it. Colour comes last, because a separate colour camera is sampled at the point's position, not
+//! the pixel's.
 
 use super::color_lookup::{ColorLookup, SeenLanes};
 use super::fit::Fitted;
@@ -86,6 +86,7 @@ impl Kernel for EmitRows<'_> {
                     continue;
                 }
                 let first = block * LANES * step;
+                // A constant step, so that the kind of load is chosen at compile time.
                 let lanes = match step {
                     1 => emitter.lanes::<V, 1>(fitted, at, [first, row]),
                     _ => emitter.lanes::<V, 2>(fitted, at, [first, row]),
@@ -124,7 +125,7 @@ impl Emitter<'_> {
         let per_z = dot(ray, ray).sqrt();
         let surface = self.surface(fitted, at, ray, per_z);
         let normal_length = dot(surface.normal, surface.normal).sqrt();
-        // The cosine is `along / (|n|·|ray|)`; multiplied out to avoid divisions.
+        // The cosine is `along / (|n|·|ray|)`; the test is multiplied out to avoid divisions.
         let least = V::splat(self.least_cosine) * (normal_length * per_z);
         let planes = self.planes.at(column, row);
         let z = load::<V, STEP>(&self.planes.z[planes..]) * surface.stretch;
@@ -280,7 +281,7 @@ pub enum PixelStatus {
     Hole,
     /// The pixel became a point.
     Kept,
-    /// Skipped by the sampling; a neighbouring point represents it.
+    /// Skipped by the sampling; a neighbouring pixel's point represents it.
     LeftOut,
     /// Partially transparent: colour and depth mix several surfaces.
     Alpha,

@@ -8,8 +8,8 @@
 //! never branch on their position. A neighbour outside the gate gets a residual beyond every limit, so
 //! later rounds need not test the gate again.
 //!
-//! Tried on Lego and dropped (`dataset.md`, Plane fit): points weighted by their cosine or its
-//! square, without gain over a threshold; windows of other sizes (see `recipe`).
+//! Tried on Lego and dropped (`dataset.md`, Plane fit): points weighted by their cosine or its square,
+//! without gain over a threshold; windows of other sizes.
 
 use super::planes::{NOTHING, Planes, load};
 use super::sensor::Profile;
@@ -64,7 +64,13 @@ impl FitRows<'_> {
     #[inline(always)]
     fn fit<V: Vector, const STEP: usize>(self) {
         let Self { planes, rows, sampling, profile, out } = self;
-        let limits = Limits::<V>::new(profile);
+        let t = &profile.thresholds;
+        let limits = Limits {
+            steepness: V::splat(profile.steepness as f32),
+            inlier: V::splat(t.inlier as f32),
+            square: V::splat((t.residual * t.residual) as f32),
+            deviation: V::splat(t.deviation as f32),
+        };
         let blocks = planes.blocks(STEP);
         out.resize(rows.len() * blocks);
         // Rows of tiles start at even rows.
@@ -104,19 +110,6 @@ struct Limits<V> {
     deviation: V,
 }
 
-impl<V: Vector> Limits<V> {
-    #[inline(always)]
-    fn new(profile: &Profile) -> Self {
-        let t = &profile.thresholds;
-        Self {
-            steepness: V::splat(profile.steepness as f32),
-            inlier: V::splat(t.inlier as f32),
-            square: V::splat((t.residual * t.residual) as f32),
-            deviation: V::splat(t.deviation as f32),
-        }
-    }
-}
-
 /// Fits eight pixels, every `STEP`-th from `at`; returns the usable lanes with an accepted plane.
 #[inline(always)]
 fn fit_block<V: Vector, const STEP: usize>(
@@ -137,6 +130,7 @@ fn fit_block<V: Vector, const STEP: usize>(
         true => whole(&residuals),
         false => inliers(&residuals, gated, V::splat(ANY)),
     };
+    // Accumulated over the rounds: too few inliers in one round reject a pixel even if a later one has enough.
     let mut sound = usable & sums.are_enough();
     let mut plane = sums.solve();
     for _ in 1..ROUNDS {
@@ -352,5 +346,6 @@ fn first_moment<V: Vector>(values: [V; SIDE]) -> V {
 
 #[inline(always)]
 fn abs<V: Vector>(v: V) -> V {
+    // Clears the sign bit.
     v.and(V::splat(f32::from_bits(0x7FFF_FFFF)))
 }

@@ -151,7 +151,7 @@ impl Default for Preparer {
     }
 }
 
-// Values are not initialised: the caller writes all of them.
+// Old values remain: the caller writes all of them.
 fn resize<T: Clone + Default>(image: &mut Image<T>, width: usize, height: usize) {
     image.data.resize(width * height, T::default());
     (image.width, image.height) = (width, height);

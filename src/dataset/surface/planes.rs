@@ -30,7 +30,7 @@ pub(super) struct Planes {
     pub inverse: Vec<f32>,
     /// Noise half-width in units of z; undefined where `z` is [`NOTHING`].
     pub noise: Vec<f32>,
-    /// Ray slopes of the columns, zero-padded to two whole vectors.
+    /// Ray slopes of the columns, zero-padded to whole vectors.
     pub slope_x: Vec<f32>,
     pub slope_y: Vec<f32>,
     size: [usize; 2],
@@ -115,6 +115,7 @@ impl Planes {
             self.lengths.resize(width, 0.0);
             self.opaque.resize(width, [u8::MAX; 4]);
         }
+        // Written for every frame: intrinsics may change without the size.
         self.slope_x.clear();
         self.slope_x.extend((0..width).map(|column| k.ray(column, 0).x as f32));
         self.slope_x.resize(self.blocks(2) * 2 * LANES, 0.0);
@@ -185,8 +186,7 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
-    /// `split` converts a length and the ray length per unit of depth to depth and range. One loop over
-    /// slices of equal length, which the compiler vectorises.
+    /// `split` converts a length and the ray length per unit of depth to depth and range.
     #[inline(always)]
     fn fill(
         self,
@@ -198,6 +198,7 @@ impl Row<'_> {
     ) {
         let [ray, floor, linear, quadratic] =
             [noise.ray, noise.floor, noise.linear, noise.quadratic].map(|v| v as f32);
+        // Slices of equal length have one bounds check, so that the compiler vectorises the loop.
         let n = self.z.len();
         let (z, inverse, noise) = (&mut self.z[..n], &mut self.inverse[..n], &mut self.noise[..n]);
         let (ranges, lengths, slope_x) = (&mut self.ranges[..n], &lengths[..n], &slope_x[..n]);

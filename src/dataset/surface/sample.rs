@@ -62,6 +62,7 @@ impl FrameSample {
                 depths.extend(points.map(|p| f64::from(p.range)));
             }
         }
+        // Quantiles, not extremes: a few wrong depths would decide the scale of a scene.
         match (quantile(&mut footprints, NEARER_SHARE), quantile(&mut depths, 0.05)) {
             (Some(footprint), Some(near)) => {
                 let far = quantile(&mut depths, 0.95).unwrap_or(near);
@@ -80,55 +81,19 @@ impl FrameSample {
     }
 }
 
-/// Advice for a dataset without usable depth.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum DepthAdvice {
-    /// The depth images contain no depth.
-    CheckImages,
-    /// The depth appears to be in a unit other than metres.
-    OtherUnit {
-        /// Probable unit.
-        unit: &'static str,
-        /// Factor for the depth scale.
-        factor: f64,
-    },
-    /// No common unit brings the depth into the trusted range.
-    SetUnit,
-    /// The depth lies in the trusted range but yields no points.
-    CheckCameras,
-}
-
-impl std::fmt::Display for DepthAdvice {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::CheckImages => f.write_str("check that the depth images belong to this dataset"),
-            Self::OtherUnit { unit, factor } => write!(
-                f,
-                "the depth appears to be in {unit} instead of metres: multiply the depth scale (`--depth-scale`) by {factor}, or widen the depth range (`--depth-range`)"
-            ),
-            Self::SetUnit => f.write_str(
-                "set the depth scale (`--depth-scale`) to its unit, or widen the depth range (`--depth-range`)",
-            ),
-            Self::CheckCameras => f.write_str(
-                "depth lies in that range: check the depth scale (`--depth-scale`), the intrinsics (`--intrinsics`), and that depth is not only noise",
-            ),
-        }
-    }
-}
-
 /// No pixel of the sampled frames yields a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoUsableDepth {
     /// Name of the dataset.
     pub dataset: String,
-    /// Interval of lengths that training uses, world units.
+    /// Range of lengths that training uses, world units, as text.
     pub trusted: String,
-    /// Depth range found, world units; if no frame could be read, the first error.
+    /// Range of depth found, world units, as text; if no frame could be read, the first error.
     pub found: String,
     /// Number of sampled frames.
     pub frames: usize,
     /// What to do.
-    pub advice: DepthAdvice,
+    pub advice: String,
 }
 
 impl std::error::Error for NoUsableDepth {}
@@ -178,16 +143,11 @@ fn no_points(
         _ => "no depth".to_owned(),
     };
     let advice = match quantile(seen, 0.5) {
-        None => DepthAdvice::CheckImages,
+        None => "check that the depth images belong to this dataset".to_owned(),
         Some(middle) => unit_advice(trusted, middle),
     };
-    NoUsableDepth {
-        dataset: dataset.name.clone(),
-        trusted: interval(trusted),
-        found,
-        frames,
-        advice,
-    }
+    let (dataset, trusted) = (dataset.name.clone(), interval(trusted));
+    NoUsableDepth { dataset, trusted, found, frames, advice }
 }
 
 fn length(value: f64) -> String {
@@ -197,8 +157,9 @@ fn length(value: f64) -> String {
     }
 }
 
-/// Finds the power of ten that brings a depth into the trusted interval.
-fn unit_advice(trusted: [f64; 2], middle: f64) -> DepthAdvice {
+/// Advises on a depth that yields no point, by the power of ten that brings it into the trusted interval.
+fn unit_advice(trusted: [f64; 2], middle: f64) -> String {
+    // In order of likelihood: most sensors store millimetres.
     let factors = [
         (1e-3, "millimetres"),
         (1e3, "kilometres"),
@@ -207,11 +168,13 @@ fn unit_advice(trusted: [f64; 2], middle: f64) -> DepthAdvice {
     ];
     let is_trusted = |depth: f64| (trusted[0]..trusted[1]).contains(&depth);
     if is_trusted(middle) {
-        return DepthAdvice::CheckCameras;
+        return "depth lies in that range: check the depth scale (`--depth-scale`), the intrinsics (`--intrinsics`), and that depth is not only noise".to_owned();
     }
     match factors.iter().find(|(factor, _)| is_trusted(middle * factor)) {
-        Some(&(factor, unit)) => DepthAdvice::OtherUnit { unit, factor },
-        None => DepthAdvice::SetUnit,
+        Some((factor, unit)) => format!(
+            "the depth appears to be in {unit} instead of metres: multiply the depth scale (`--depth-scale`) by {factor}, or widen the depth range (`--depth-range`)"
+        ),
+        None => "set the depth scale (`--depth-scale`) to its unit, or widen the depth range (`--depth-range`)".to_owned(),
     }
 }
 
@@ -234,14 +197,14 @@ mod tests {
 
     #[test]
     fn a_wrong_unit_is_guessed() {
-        let advice = DepthAdvice::OtherUnit { unit: "millimetres", factor: 1e-3 };
-        assert_eq!(unit_advice([0.3, 4.0], 1500.0), advice);
-        let text = advice.to_string();
+        let text = unit_advice([0.3, 4.0], 1500.0);
+        assert!(text.contains("in millimetres instead of metres"), "{text}");
         assert!(text.contains("depth scale (`--depth-scale`) by 0.001"), "{text}");
         assert!(text.ends_with("depth range (`--depth-range`)"), "{text}");
-        assert_eq!(unit_advice([0.3, 4.0], 1e9), DepthAdvice::SetUnit);
+        assert!(unit_advice([0.3, 4.0], 1e9).starts_with("set the depth scale"));
         // Depth inside the range has the right unit; an unbounded range gives no hint.
-        assert_eq!(unit_advice([0.3, 4.0], 2.0), DepthAdvice::CheckCameras);
-        assert_eq!(unit_advice([0.0, f64::INFINITY], 1e33), DepthAdvice::CheckCameras);
+        for (trusted, middle) in [([0.3, 4.0], 2.0), ([0.0, f64::INFINITY], 1e33)] {
+            assert!(unit_advice(trusted, middle).starts_with("depth lies in that range"));
+        }
     }
 }

@@ -8,15 +8,17 @@ use crate::math::simd::{Kernel, LANES, Vector, turned};
 use crate::observation::surface::Photograph;
 use glam::{DQuat, DVec3};
 
-/// Limit for the side of the square that a depth pixel covers in the colour image, pixels.
+/// Limit for the side of the square that a depth pixel covers in the colour image, pixels. It bounds the work
+/// of surfaces close to the colour camera.
 const MOST_COVERED: f32 = 16.0;
 
 /// Side of a cell in pixels of the colour image. Depth pixels are then less than a cell apart, so that
 /// surfaces have no holes.
 const CELL: usize = 2;
 
-/// Depth of the nearest surface: optionally per pixel of the colour image, and per cell by the centres of
-/// the depth pixels. Calibration uses cells, because occluders must not be wider than measured.
+/// Depth of the nearest surface in the colour image: per pixel (optional), and per cell of pixels.
+///
+/// A cell holds only depth pixels whose centres lie in it, so occluders are not wider than measured.
 #[derive(Clone, Debug)]
 pub(super) struct ReprojectedDepths {
     /// Depth along the colour camera's axis, world units; [`NOTHING`] where no surface was measured.
@@ -35,8 +37,7 @@ impl ReprojectedDepths {
     #[inline(always)]
     pub fn occludes(&self, [u, v]: [f32; 2], depth: f32, margin: f32) -> bool {
         // Without this test, .7 % of the Kinect's points took the colour of an occluder, and their colours
-        // varied
-        // 2.5 times as much as those of the rest.
+        // varied 2.5 times as much as those of the rest.
         let Image { width, height, data } = &self.cells;
         let [x, y] = [u / CELL as f32, v / CELL as f32];
         let is_inside = x >= 0.0 && y >= 0.0 && x < *width as f32 && y < *height as f32;
@@ -44,9 +45,8 @@ impl ReprojectedDepths {
     }
 }
 
-/// Replaces the depths by those of a frame. Each depth pixel becomes a square in the colour image with the
-/// side
-/// `footprint`, in colour pixels at equal distance; the nearest depth wins.
+/// Replaces the depths by those of a frame. Each depth pixel becomes a square in the colour image, whose side
+/// is `footprint` colour pixels at equal distance from both cameras; the nearest depth wins.
 pub(super) struct SeeFrame<'a> {
     pub planes: &'a Planes,
     pub camera: &'a Projection,
@@ -83,6 +83,8 @@ impl Kernel for SeeFrame<'_> {
                 let [u, v] = camera.project_lanes(turned);
                 // Squares of neighbours touch; squares smaller than a pixel fall into one pixel.
                 let covered = V::splat(footprint) * z / turned[2];
+                // A pixel is covered if its centre, at +½, lies in the square: its first column is the ceiling
+                // of `u − reach`, computed by adding one and truncating.
                 let reach = half * covered.max(one).min(V::splat(MOST_COVERED)) + half;
                 // Clamped to 0 first, because truncation rounds towards 0.
                 let left = (u - reach + one).max(zero).truncated();
@@ -90,6 +92,7 @@ impl Kernel for SeeFrame<'_> {
                 let right = (u + reach).max(zero).min(last[0]).truncated();
                 let bottom = (v + reach).max(zero).min(last[1]).truncated();
                 let depths = turned[2].to_array();
+                // Points behind the colour camera have no place in its image.
                 let mut lanes = usable & V::splat(f32::MIN_POSITIVE).at_most(turned[2]);
                 let [x, y] = [u / V::splat(CELL as f32), v / V::splat(CELL as f32)];
                 let is_before = zero.at_most(x) & zero.at_most(y);
@@ -207,10 +210,8 @@ fn depths<'a>(
 ) -> Image<f32> {
     let mut depths = earlier.map(|earlier| earlier.depths.data).unwrap_or_default();
     depths.clear();
-    runs.into_iter().for_each(|run| depths.extend(run.iter().map(|z| known(*z))));
+    // Photographs mark unknown depth by 0.
+    let known = |z: &f32| if *z < NOTHING { *z } else { 0.0 };
+    runs.into_iter().for_each(|run| depths.extend(run.iter().map(known)));
     Image::from_vec(frame.color.width, frame.color.height, depths)
-}
-
-fn known(z: f32) -> f32 {
-    if z < NOTHING { z } else { 0.0 }
 }

@@ -86,18 +86,6 @@ pub struct Profile {
     pub tolerance: DepthTolerance,
 }
 
-impl Profile {
-    fn with_metre(mut self, metre: f64) -> Self {
-        let length = metre as f32;
-        self.noise.floor *= metre;
-        self.noise.quadratic /= metre;
-        self.tolerance.margin[0] *= length;
-        self.tolerance.refinement *= length;
-        self.tolerance.place *= length;
-        self
-    }
-}
-
 impl NoiseLaw {
     const ZERO: Self = Self { ray: 0.0, floor: 0.0, linear: 0.0, quadratic: 0.0 };
 
@@ -121,7 +109,16 @@ const PHONE_PLACE: f32 = 0.002;
 impl Sensor {
     /// Profile for a depth image of a camera. Values known in metres are converted to world units.
     pub fn profile(self, depth: &Depth, camera: &Intrinsics) -> Profile {
-        let metric = |profile: Profile| profile.with_metre(depth.units_per_metre);
+        let metric = |mut profile: Profile| {
+            let metre = depth.units_per_metre;
+            // `linear` and the second margin are ratios, and metric sensors have no constant along the ray.
+            profile.noise.floor *= metre;
+            profile.noise.quadratic /= metre;
+            profile.tolerance.margin[0] *= metre as f32;
+            profile.tolerance.refinement *= metre as f32;
+            profile.tolerance.place *= metre as f32;
+            profile
+        };
         match self {
             Self::Inverse8Ray => Profile {
                 noise: NoiseLaw { ray: INVERSE8_LEVEL, ..NoiseLaw::ZERO },
@@ -159,6 +156,7 @@ fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
         DepthCodes::Linear16 { unit, .. } => unit,
         DepthCodes::Lengths(_) => 0.0,
     };
+    // A code rounds along the direction in which depth is measured.
     let along = |kind: DepthKind| if depth.kind == kind { unit } else { 0.0 };
     // Generated noise is given in units of the half-width at 1 m.
     let noisy = DEVIATIONS * noise * SENSOR_NOISE * depth.units_per_metre;

@@ -2,9 +2,7 @@
 
 use glam::{DVec3, dvec3};
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
-use vbgs_studio::dataset::surface::{
-    PixelSampling, Preparer, Sensor, SurfaceCounts, SurfaceSettings,
-};
+use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceCounts, SurfaceSettings};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
@@ -64,17 +62,7 @@ pub fn plane(normal: DVec3, distance: f64) -> impl Fn(usize, usize) -> f64 {
 
 /// Settings with every stage on.
 pub fn settings(sensor: Sensor) -> SurfaceSettings {
-    SurfaceSettings {
-        sensor,
-        thresholds: None,
-        plane_fit: true,
-        flying_pixels: true,
-        cosine: true,
-        sampling: PixelSampling::Every,
-        calibration: None,
-        photograph: false,
-        origin: DVec3::ZERO,
-    }
+    SurfaceSettings::of_sensor(sensor, DVec3::ZERO)
 }
 
 pub fn prepare(
