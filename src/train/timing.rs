@@ -48,9 +48,8 @@ impl StageMs {
     pub fn add_pass(&mut self, wall_ms: f64, thread_nanos: [u64; 3]) {
         // A pass without points has no thread time.
         let total = thread_nanos.iter().sum::<u64>().max(1) as f64;
-        let laps = [PaperStage::Candidates, PaperStage::EStep, PaperStage::Stats];
-        for (stage, nanos) in laps.into_iter().zip(thread_nanos) {
-            self.add(stage as usize, wall_ms * nanos as f64 / total);
+        for (stage, nanos) in thread_nanos.into_iter().enumerate() {
+            self.add(stage, wall_ms * nanos as f64 / total);
         }
     }
 
@@ -92,21 +91,11 @@ impl<'de> Deserialize<'de> for StageMs {
     }
 }
 
-/// Stages of a pass.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lap {
-    /// Candidate search.
-    Candidates,
-    /// Scores and responsibilities.
-    EStep,
-    /// Sums per tile.
-    Stats,
-}
-
 /// Measures a pass's stages on a sample of tiles: reading the clock costs as much as scoring a point.
 #[derive(Debug, Default)]
 pub struct StageClock {
     running: Option<Stopwatch>,
+    /// By stage: candidate search, E-step and sums, the first of [`PAPER_STAGES`].
     nanos: [u64; 3],
 }
 
@@ -119,9 +108,9 @@ impl StageClock {
 
     /// Adds the time since the last lap to a stage.
     #[inline(always)]
-    pub fn lap(&mut self, lap: Lap) {
+    pub fn lap(&mut self, stage: PaperStage) {
         if let Some(clock) = &mut self.running {
-            self.nanos[lap as usize] += clock.lap_nanos();
+            self.nanos[stage as usize] += clock.lap_nanos();
         }
     }
 

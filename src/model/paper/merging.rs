@@ -10,9 +10,6 @@ use std::collections::BTreeMap;
 /// Reasons why totals cannot be added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddError {
-    /// Floating-point sums, which are rounded at every addition.
-    #[error("totals that are rounded depend on the order of frames and cannot be added exactly")]
-    Inexact,
     /// Different number formats, lengths or origins.
     #[error("totals of different forms, numbers of components or origins cannot be added")]
     Unlike,

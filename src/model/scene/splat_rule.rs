@@ -4,7 +4,7 @@
 use super::sums::{SceneSums, outer};
 use crate::math::sym3::Sym3;
 use crate::model::splat::appearance::{Appearance, PLAIN_WIDTH, plain_of_equal_area};
-use crate::model::splat::splats::{CovarianceForm, Splat, decompose};
+use crate::model::splat::splats::{CovarianceForm, Splat, decompose, rotation_array};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
@@ -124,7 +124,7 @@ impl SplatRule {
             opacity: opacity as f32,
             color: color.as_vec3().to_array(),
             scale: scale.as_vec3().to_array(),
-            rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|q| q as f32),
+            rotation: rotation_array(rotation),
         };
         // Renderers cannot handle it; occurs for worlds in nanometres or malformed files.
         if splat.is_valid() { (splat, appearance) } else { Default::default() }

@@ -101,8 +101,7 @@ struct SplatExtent {
 
 impl SplatExtent {
     fn new(splat: &Splat) -> Self {
-        let [w, x, y, z] = splat.rotation.map(f64::from);
-        let q = DQuat::from_xyzw(x, y, z, w);
+        let q = splat.quaternion();
         // Files may hold a zero quaternion.
         let q = if q.length_squared() > 0.0 { q.normalize() } else { DQuat::IDENTITY };
         let rotation = DMat3::from_quat(q);

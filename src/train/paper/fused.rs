@@ -17,7 +17,7 @@ use crate::train::candidates::{
 };
 use crate::train::component_elbo::{NO_OWNER, owner_of_shares};
 use crate::train::estep::{Scoring, squared_distance};
-use crate::train::timing::{Lap, StageClock};
+use crate::train::timing::{PaperStage, StageClock};
 use std::ops::Range;
 
 // Marks an owner that refers to shares of several components. `NO_OWNER` has this bit too, so
@@ -137,11 +137,11 @@ impl Kernel for FusedTiles<'_> {
                 tile_memory.find_owners(own);
                 owners = later;
             }
-            clock.lap(Lap::Candidates);
+            clock.lap(PaperStage::Candidates);
             if let Some(records) = &mut records {
                 tile_memory.sum(points, range, sums);
                 emit(tile, tile_memory, sums, inputs.shard_bits, records);
-                clock.lap(Lap::Stats);
+                clock.lap(PaperStage::Stats);
             }
         }
     }
@@ -233,7 +233,7 @@ impl VisitChunk for OwnerAssigner<'_> {
     #[inline(always)]
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
         let nearest: [Nearest; CHUNK] = lists.nearest::<V>(points, chunk.clone());
-        self.clock.lap(Lap::Candidates);
+        self.clock.lap(PaperStage::Candidates);
         for (i, nearest) in chunk.zip(nearest) {
             let place = points.tag[i] as usize;
             let (space, color) =
@@ -247,7 +247,7 @@ impl VisitChunk for OwnerAssigner<'_> {
                 self.assign_shares::<V>(lists, place, q, space, color);
             }
         }
-        self.clock.lap(Lap::EStep);
+        self.clock.lap(PaperStage::EStep);
     }
 }
 

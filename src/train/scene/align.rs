@@ -16,7 +16,7 @@
 //! with all. Exact poses are not aligned.
 
 use super::component_sums::ComponentSums;
-use super::components::SeedPositions;
+use super::components::Seeds;
 use super::grid::NONE;
 use super::rigid_equations::{Motion, RigidEquations};
 use super::seed_groups::GROUP;
@@ -295,7 +295,7 @@ impl ColoredPlane {
 /// Cache of the planes requested so far.
 pub struct KnownPlanes<'a> {
     component_sums: &'a ComponentSums,
-    seed_positions: SeedPositions<'a>,
+    seeds: &'a Seeds,
     h: f64,
     /// Ridge of the regression of colour on position, world units².
     ridge: f64,
@@ -305,14 +305,9 @@ pub struct KnownPlanes<'a> {
 }
 
 impl<'a> KnownPlanes<'a> {
-    pub fn new(
-        component_sums: &'a ComponentSums,
-        seed_positions: SeedPositions<'a>,
-        h: f64,
-        ridge: f64,
-    ) -> Self {
+    pub fn new(component_sums: &'a ComponentSums, seeds: &'a Seeds, h: f64, ridge: f64) -> Self {
         let places = vec![NONE; component_sums.len()];
-        Self { component_sums, seed_positions, h, ridge, places, planes: Vec::new() }
+        Self { component_sums, seeds, h, ridge, places, planes: Vec::new() }
     }
 
     /// Computes the missing planes of the given owners, as far as they existed before the frame.
@@ -326,7 +321,7 @@ impl<'a> KnownPlanes<'a> {
         }
         let plane = |&id: &u32| {
             let sums = SceneSums::new(&self.component_sums.sums(id as usize), self.h);
-            let seed = DVec3::from_array(self.seed_positions.of(id as usize).map(f64::from));
+            let seed = DVec3::from_array(self.seeds.of(id as usize).map(f64::from));
             ColoredPlane::new(&sums, seed, self.ridge)
         };
         self.planes.par_extend(new.par_iter().with_min_len(64).map(plane));

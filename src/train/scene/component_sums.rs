@@ -394,27 +394,6 @@ impl FromIterator<(u32, [f64; N_SUMS])> for WideSums {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rows_that_fill_up_lose_nothing() {
-        let mut component_sums = ComponentSums::default();
-        component_sums.grow(1);
-        let mut terms = [-3.25f32; N_SUMS];
-        terms[0] = 1.0;
-        for _ in 0..20 {
-            for _ in 0..1000 {
-                component_sums.rows[0].add(&terms);
-            }
-            component_sums.spill_to_wide_rows(&[0]);
-        }
-        assert_eq!(component_sums.sums(0)[0], 20_000.0);
-        assert_eq!(component_sums.sums(0)[5], -65_000.0);
-    }
-}
-
-#[cfg(test)]
 mod sum_scalar_tests {
     use super::*;
 

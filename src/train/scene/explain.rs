@@ -4,10 +4,11 @@
 //! Both share one pass, which is as much bound by memory as by arithmetic.
 
 use super::component_sums::ComponentSums;
-use super::components::SeedPositions;
-use super::grid::{NONE, squared_distance};
+use super::components::Seeds;
+use super::grid::NONE;
 use super::seed_groups::Reach;
 use crate::observation::surface::{DepthTolerance, SurfacePoint};
+use crate::train::estep::squared_distance;
 use rayon::prelude::*;
 
 const CHUNK: usize = 1024;
@@ -15,7 +16,7 @@ const CHUNK: usize = 1024;
 pub struct Explainer<'a> {
     /// Sums of components that existed before the frame.
     pub component_sums: &'a ComponentSums,
-    pub seed_positions: SeedPositions<'a>,
+    pub seeds: &'a Seeds,
     pub h: f64,
     pub reach: Reach,
     pub tolerance: DepthTolerance,
@@ -62,7 +63,7 @@ impl Explainer<'_> {
             }
             // Neighbours often have the same owner.
             if owner != last {
-                seed = self.seed_positions.of(owner as usize);
+                seed = self.seeds.of(owner as usize);
                 (last, plane) = (owner, self.plane(owner as usize, seed));
             }
             *q = squared_distance(point.position, seed).into();

@@ -4,10 +4,11 @@
 //! This gives straight SIMD loops, while a lookup per point would follow chains of buckets.
 
 use super::components::Components;
-use super::grid::{NONE, SeedGrid, squared_distance};
+use super::grid::{NONE, SeedGrid};
 use crate::math::simd::{Isa, Kernel, LANES, SET_LANE, Vector, load_rows};
 use crate::model::scene::sums::MAX_OFFSET;
 use crate::observation::surface::SurfacePoint;
+use crate::train::estep::squared_distance;
 use rayon::prelude::*;
 
 /// Maximum number of cells of a group searched as one; larger groups have points that are far apart.

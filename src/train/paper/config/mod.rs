@@ -235,20 +235,6 @@ mod tests {
     }
 
     #[test]
-    fn the_table_says_the_defaults() {
-        let mut run = PaperConfig::paper();
-        for setting in PaperOverrides::TABLE.iter().filter(|setting| setting.about.is_default_fixed)
-        {
-            let mut layer = PaperOverrides::default();
-            let (field, default) = (setting.about.field, setting.about.default);
-            (setting.parse)(&mut layer, default.as_ref()).expect(field);
-            assert_eq!(setting.conflict(&layer, &run), None, "{field}");
-            (setting.apply)(&layer, &mut run);
-        }
-        assert_eq!(run, PaperConfig::paper());
-    }
-
-    #[test]
     fn overrides_layer() {
         let file = PaperOverrides { seed: Some(1), components: Some(50), ..Default::default() };
         let line = PaperOverrides { seed: Some(2), ..Default::default() };

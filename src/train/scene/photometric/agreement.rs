@@ -4,7 +4,7 @@
 use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::scene::component_sums::ComponentSums;
-use crate::train::scene::components::SeedPositions;
+use crate::train::scene::components::Seeds;
 use crate::train::scene::grid::NONE;
 use crate::train::scene::observe::FrameView;
 use glam::DVec3;
@@ -41,7 +41,7 @@ pub struct FrameBesideScene<'a> {
     /// Sums of the components.
     pub component_sums: &'a ComponentSums,
     /// Seeds of the components.
-    pub seed_positions: SeedPositions<'a>,
+    pub seeds: &'a Seeds,
     /// Structural scale, world units.
     pub h: f64,
     /// The frame as recorded.
@@ -106,7 +106,7 @@ impl FrameBesideScene<'_> {
             if n < MIN_POINTS {
                 return None;
             }
-            let seed = DVec3::from_array(self.seed_positions.of(id).map(f64::from));
+            let seed = DVec3::from_array(self.seeds.of(id).map(f64::from));
             viewer.measures_through(seed + DVec3::from_array(offset) * (self.h / n))
         };
         let ids = (0..self.component_sums.len().div_ceil(every)).into_par_iter();

@@ -63,7 +63,7 @@ impl SceneTrainer {
     /// done. It runs before births, so that the budget holds at all times.
     fn free_components(&mut self, refused: usize) -> Option<usize> {
         let most = self.scene.config.max_components;
-        let used = self.scene.seeds.view().components.used();
+        let used = self.scene.seeds.components.used();
         // More than this frame needs, since merging takes longer than a frame.
         let room = (most / 16).max(refused.min(most / 8)).max(1);
         // Below the budget the number of seeds is at its limit, and merging retains those. A pass that finds
@@ -100,7 +100,7 @@ impl SceneTrainer {
     /// Merges until `target` are left, or a pass merges fewer than `worthwhile`; returns the number of merged
     /// components.
     fn merge_worthwhile(&mut self, target: usize, worthwhile: usize) -> usize {
-        let used = self.scene.seeds.view().components.used();
+        let used = self.scene.seeds.components.used();
         self.scene.grow_sums();
         let n = if self.scene.config.photometric.is_some() { self.scene.sums.len() } else { 0 };
         let before: Vec<f64> = (0..n).map(|id| self.scene.sums.sums(id)[0]).collect();
@@ -111,6 +111,6 @@ impl SceneTrainer {
                 self.photographs.learner.remove_splat(id);
             }
         }
-        used - self.scene.seeds.view().components.used()
+        used - self.scene.seeds.components.used()
     }
 }

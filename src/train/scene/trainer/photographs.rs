@@ -1,7 +1,7 @@
 //! Photographs of the frames: outlier test before training on a frame, and the photometric step after its
 //! points.
 
-use super::changes::Changes;
+use super::Changes;
 use super::poses::PlacedFrame;
 use super::scene::Scene;
 use crate::math::camera::{Camera, Intrinsics};
@@ -94,7 +94,7 @@ impl Photographs {
         }
         let comparison = FrameBesideScene {
             component_sums: &scene.sums,
-            seed_positions: scene.seeds.view(),
+            seeds: &scene.seeds,
             h: scene.config.h,
             frame,
             camera: &placed.camera,

@@ -38,7 +38,7 @@ impl Learner for SceneTrainer {
             frames: *frames,
             // Rows of sums, used or free.
             components: sums.len(),
-            used: seeds.view().components.used(),
+            used: seeds.components.used(),
             model_bytes: sums.bytes() + seeds.bytes() + self.photographs.learner.state().bytes(),
             is_settled: self.photographs.is_settled(),
             warnings: self.warnings(),
@@ -66,6 +66,10 @@ impl Learner for SceneTrainer {
             normal: sums.normal.try_normalize(),
             photometric_deviations: PhotometricDeviations::of(self.photographs.drawn(), id),
         }
+    }
+
+    fn evidence(&self, id: usize) -> f64 {
+        self.scene.sums.plane_sums(id).0
     }
 
     fn splats(&self) -> SplatSet {
