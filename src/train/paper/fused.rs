@@ -121,6 +121,8 @@ impl Kernel for FusedTiles<'_> {
         let FusedMemory { search, tile: tile_memory, sums } = memory;
         let points = inputs.points;
         let first_point = points.tiles[tiles.start] as usize;
+        let color_ratio = inputs.scoring.color_ratio as f32;
+        let hard_gap = inputs.scoring.hard_gap() as f32;
         for tile in tiles.clone() {
             // Reading the clock costs as much as scoring a point, so only the first tile of a task is
             // timed.
@@ -130,7 +132,15 @@ impl Kernel for FusedTiles<'_> {
             let q = &mut q[range.start - first_point..range.end - first_point];
             let xyz =
                 [&points.x[range.clone()], &points.y[range.clone()], &points.z[range.clone()]];
-            let mut assign = OwnerAssigner::new(&inputs, tile_memory, range.start, q, clock);
+            let mut assign = OwnerAssigner {
+                inputs: &inputs,
+                memory: tile_memory,
+                first_point: range.start,
+                q,
+                clock,
+                color_ratio,
+                hard_gap,
+            };
             search.visit_tile::<V>(inputs.grid, xyz, inputs.rank, &mut assign);
             if !owners.is_empty() {
                 let (own, later) = owners.split_at_mut(range.len());
@@ -140,7 +150,13 @@ impl Kernel for FusedTiles<'_> {
             clock.lap(PaperStage::Candidates);
             if let Some(records) = &mut records {
                 tile_memory.sum(points, range, sums);
-                emit(tile, tile_memory, sums, inputs.shard_bits, records);
+                for (component, &sums) in tile_memory.components.iter().zip(&*sums) {
+                    // Every component examined has a slot, but most of those that lost receive nothing.
+                    if sums[0] > 0.0 {
+                        let record = TileRecord { id: component.id, tile: tile as u32, sums };
+                        records[component.id as usize >> inputs.shard_bits].push(record);
+                    }
+                }
                 clock.lap(PaperStage::Stats);
             }
         }
@@ -202,23 +218,6 @@ impl TileMemory {
     }
 }
 
-#[inline(always)]
-fn emit(
-    tile: usize,
-    memory: &TileMemory,
-    sums: &[[f32; N_SUMS]],
-    shard_bits: u32,
-    records: &mut [Vec<TileRecord<f32>>],
-) {
-    for (component, &sums) in memory.components.iter().zip(sums) {
-        // Every component examined has a slot, but most of those that lost receive nothing.
-        if sums[0] > 0.0 {
-            let record = TileRecord { id: component.id, tile: tile as u32, sums };
-            records[component.id as usize >> shard_bits].push(record);
-        }
-    }
-}
-
 struct OwnerAssigner<'a> {
     inputs: &'a FusedInputs<'a>,
     memory: &'a mut TileMemory,
@@ -251,20 +250,7 @@ impl VisitChunk for OwnerAssigner<'_> {
     }
 }
 
-impl<'a> OwnerAssigner<'a> {
-    #[inline(always)]
-    fn new(
-        inputs: &'a FusedInputs<'a>,
-        memory: &'a mut TileMemory,
-        first_point: usize,
-        q: &'a mut [f64],
-        clock: &'a mut StageClock,
-    ) -> Self {
-        let color_ratio = inputs.scoring.color_ratio as f32;
-        let hard_gap = inputs.scoring.hard_gap() as f32;
-        Self { inputs, memory, first_point, q, clock, color_ratio, hard_gap }
-    }
-
+impl OwnerAssigner<'_> {
     #[inline(always)]
     fn slot(&mut self, entry: u32) -> usize {
         let slot = self.memory.slots.find(entry);

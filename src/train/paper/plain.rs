@@ -27,10 +27,10 @@ pub(super) struct PlainInputs<'a, R: PaperScalar> {
 #[derive(Default)]
 pub(super) struct PlainMemory {
     search: CandidateSearch,
-    slots: Slots,
-    ids_by_slot: Vec<u32>,
-    narrow_sums: Vec<[f32; N_SUMS]>,
-    wide_sums: Vec<[f64; N_SUMS]>,
+    pub slots: Slots,
+    pub ids_by_slot: Vec<u32>,
+    pub narrow_sums: Vec<[f32; N_SUMS]>,
+    pub wide_sums: Vec<[f64; N_SUMS]>,
 }
 
 impl<R: PaperScalar> PlainInputs<'_, R> {
@@ -115,32 +115,8 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Sums a tile in f32.
-    pub fn sum_narrow(
-        &self,
-        memory: &mut PlainMemory,
-        tile: usize,
-        pairs: (&[u32], &[f64]),
-        records: &mut [Vec<TileRecord<f32>>],
-    ) {
-        let PlainMemory { slots, ids_by_slot, narrow_sums, .. } = memory;
-        self.sum(slots, ids_by_slot, narrow_sums, tile, pairs, records);
-    }
-
-    /// Sums a tile in f64.
-    pub fn sum_wide(
-        &self,
-        memory: &mut PlainMemory,
-        tile: usize,
-        pairs: (&[u32], &[f64]),
-        records: &mut [Vec<TileRecord<f64>>],
-    ) {
-        let PlainMemory { slots, ids_by_slot, wide_sums, .. } = memory;
-        self.sum(slots, ids_by_slot, wide_sums, tile, pairs, records);
-    }
-
     /// Adds one record per component that receives points of the tile, in point order.
-    fn sum<M: Real>(
+    pub fn sum<M: Real>(
         &self,
         slots: &mut Slots,
         ids_by_slot: &mut Vec<u32>,

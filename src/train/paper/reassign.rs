@@ -165,36 +165,32 @@ const BOUND_MARGIN_SIGMAS: f64 = 4.0;
 
 /// A point with its sort key in the upper bits: one comparison of integers orders both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Ranked(u128);
+struct Ranked(u128);
 
 impl Ranked {
-    /// Combines a sort key and a point.
-    pub fn new(order: u64, point: u32) -> Self {
+    fn new(order: u64, point: u32) -> Self {
         Self(u128::from(order) << 32 | u128::from(point))
     }
 
-    /// Sort key.
-    pub fn order(self) -> u64 {
+    fn order(self) -> u64 {
         (self.0 >> 32) as u64
     }
 
-    /// Index of the point.
-    pub fn point(self) -> u32 {
+    fn point(self) -> u32 {
         self.0 as u32
     }
 }
 
 /// Selects the smallest items; buffers are reused.
 #[derive(Default)]
-pub struct Smallest {
+struct Smallest {
     parts: [Vec<Ranked>; PARTS],
     sample: Vec<u64>,
     found: Vec<Ranked>,
 }
 
 impl Smallest {
-    /// Allocates memory for selecting `n` items with a sample of `sampled` items.
-    pub fn with_capacity(n: usize, sampled: usize) -> Self {
+    fn with_capacity(n: usize, sampled: usize) -> Self {
         Self {
             // The estimated bound admits more than `n` items.
             parts: std::array::from_fn(|_| Vec::with_capacity(2 * n)),
@@ -207,7 +203,7 @@ impl Smallest {
     ///
     /// `ranked(item, bound)` returns an item's rank, or `None` if it has none or exceeds `bound`. The bound
     /// is estimated from about `sampled` items.
-    pub fn find(
+    fn find(
         &mut self,
         items: usize,
         n: usize,

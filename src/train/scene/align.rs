@@ -15,7 +15,7 @@
 //! starts at the correction of nearby frames. Six rounds with a subset of the points are typical, then one
 //! with all. Exact poses are not aligned.
 
-use super::component_sums::ComponentSums;
+use super::component_sums::{ComponentSums, KNOWN_POINTS};
 use super::components::Seeds;
 use super::grid::NONE;
 use super::rigid_equations::{Motion, RigidEquations};
@@ -66,7 +66,7 @@ pub struct PoseAlignment<'a> {
 }
 
 /// Prediction of a component, and the frame's measurement of it.
-pub struct Match<'p> {
+struct Match<'p> {
     pub plane: &'p ColoredPlane,
     /// Mean position of the frame's points under the recorded pose, world units from the scene's origin.
     pub position: DVec3,
@@ -81,18 +81,10 @@ pub struct Improvement {
     pub has_converged: bool,
 }
 
-pub struct FrameMatches<'p> {
+struct FrameMatches<'p> {
     pub matches: Vec<Match<'p>>,
     /// Share of the frame's points that these components own, 0 to 1.
     pub share: f64,
-}
-
-#[derive(Clone, Copy)]
-pub struct RecordedPose {
-    /// Camera centre as recorded, world units from the origin.
-    pub centre: DVec3,
-    /// Standard deviations of rotation (radians) and position (world units).
-    pub deviations: [f64; 2],
 }
 
 /// Returns the frame with an evenly spaced subset of its points for alignment.
@@ -127,7 +119,7 @@ impl PoseAlignment<'_> {
         let found = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
         let deviations = [TURN_DEVIATION, f64::from(self.frame.tolerance.place)];
-        let motion = RecordedPose { centre, deviations }.step(&found, before)?;
+        let motion = found.step(before, centre, deviations)?;
         let matches = &found.matches;
         let reach = matches.iter().map(|m| (m.position - centre).length()).sum::<f64>();
         let turned = (motion.turn * before.turn.inverse()).to_scaled_axis().length();
@@ -188,27 +180,24 @@ impl FrameMatches<'_> {
     fn prior_factor(&self) -> f64 {
         (self.matches.len() as f64 / MANY_COMPONENTS).powi(2).clamp(HELD, 1.0)
     }
-}
 
-impl RecordedPose {
-    /// Returns a more probable motion than `before`; `None` with too few matches.
-    pub fn step(&self, found: &FrameMatches<'_>, before: &Motion) -> Option<Motion> {
-        let matches = &found.matches;
+    /// Returns a more probable motion than `before` of a camera recorded at `centre` (world units from the
+    /// origin), with the standard deviations of rotation (radians) and position (world units); `None` with too
+    /// few matches.
+    fn step(&self, before: &Motion, centre: DVec3, [turn, shift]: [f64; 2]) -> Option<Motion> {
+        let matches = &self.matches;
         if matches.len() < MIN_COMPONENTS {
             return None;
         }
-        let alike = found.n_correlated();
-        let [turn, shift] = self.deviations;
-        let deviations = [turn, shift * found.prior_factor()];
+        let alike = self.n_correlated();
+        let deviations = [turn, shift * self.prior_factor()];
         let mut motion = *before;
         for _ in 0..STEPS {
             // The prior stays about the recorded pose: about the last motion, rounds could drift away.
             let mut normal = RigidEquations::prior(&motion, deviations);
             let part = |matches: &[Match<'_>]| {
                 let mut part = RigidEquations::NONE;
-                matches
-                    .iter()
-                    .for_each(|matched| part.add_match(matched, self.centre, &motion, alike));
+                matches.iter().for_each(|matched| part.add_match(matched, centre, &motion, alike));
                 part
             };
             // Parts of fixed size, added in order: rounding is independent of the number of threads.
@@ -249,8 +238,6 @@ fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-/// Minimum number of points of a component that serves as a plane.
-const MIN_POINTS: f64 = 20.0;
 /// Minimum length of the mean normal.
 const MIN_AGREEMENT: f64 = 0.8;
 
@@ -273,7 +260,7 @@ impl ColoredPlane {
     /// Fits a plane to sums about `seed`; `None` with few points or diverging normals.
     pub fn new(sums: &SceneSums, seed: DVec3, ridge: f64) -> Option<Self> {
         let normal = sums.normal / sums.count;
-        if sums.count < MIN_POINTS || normal.length() < MIN_AGREEMENT {
+        if sums.count < KNOWN_POINTS || normal.length() < MIN_AGREEMENT {
             return None;
         }
         let normal = normal.normalize();

@@ -12,6 +12,9 @@ use crate::model::splat::observed_cone::ObservedCone;
 use glam::DMat3;
 use rayon::prelude::*;
 
+/// Minimum number of points of a component whose plane or colour is compared with a frame.
+pub const KNOWN_POINTS: f64 = 20.0;
+
 // Expected returns are counted in 64ths.
 const RETURN_QUANTA: f64 = 64.0;
 
@@ -128,11 +131,14 @@ impl ComponentSums {
         WideRows(&self.wide).plane(id, &self.rows[id])
     }
 
-    /// Returns `N` and `Σ c` of a component.
+    /// Returns the mean colour of a component; `None` with few points, or if it is born in this frame.
     #[inline(always)]
-    pub fn color_sums(&self, id: usize) -> (f64, [f64; 3]) {
-        let sum = WideRows(&self.wide).reader(id, &self.rows[id]);
-        (sum(0), [sum(10), sum(11), sum(12)])
+    pub fn known_color(&self, id: u32) -> Option<[f64; 3]> {
+        // `NONE` exceeds the number of rows too.
+        let row = self.rows.get(id as usize)?;
+        let sum = WideRows(&self.wide).reader(id as usize, row);
+        let n = sum(0);
+        (n >= KNOWN_POINTS).then(|| [sum(10) / n, sum(11) / n, sum(12) / n])
     }
 
     /// Returns the range of view directions of a component's points; unknown without points.

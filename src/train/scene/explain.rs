@@ -3,7 +3,7 @@
 //!
 //! Both share one pass, which is as much bound by memory as by arithmetic.
 
-use super::component_sums::ComponentSums;
+use super::component_sums::{ComponentSums, KNOWN_POINTS};
 use super::components::Seeds;
 use super::grid::NONE;
 use super::seed_groups::Reach;
@@ -81,8 +81,6 @@ impl Explainer<'_> {
     }
 }
 
-/// Minimum number of points of a component that serves as a plane.
-const MIN_POINTS: f64 = 20.0;
 /// Maximum weight of the plane relative to the point.
 const MAX_TRUST: f64 = 2.0;
 /// Minimum cosine between ray and plane normal.
@@ -105,12 +103,12 @@ impl RefinementPlane {
     #[inline(always)]
     pub fn new(component_sums: &ComponentSums, id: usize, seed: [f32; 3], h: f64) -> Option<Self> {
         let (n, first, normal) = component_sums.plane_sums(id);
-        if n < MIN_POINTS {
+        if n < KNOWN_POINTS {
             return None;
         }
         let offset = first.map(|sum| sum * h / n);
         // A limit of 2 instead of 4 gains 0.035 dB on Lego.
-        let trust = (n / MIN_POINTS).min(MAX_TRUST);
+        let trust = (n / KNOWN_POINTS).min(MAX_TRUST);
         Some(Self { seed, offset, normal, length: dot(normal, normal).sqrt(), trust })
     }
 

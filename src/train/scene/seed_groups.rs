@@ -201,7 +201,8 @@ impl<'a> NearSeeds<'a> {
         let (grid, reach) = (self.grid, self.reach);
         let parts = owners.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK));
         let parts = parts.zip(&mut self.chunks).map(|((owners, points), chunk)| {
-            chunk.move_to(points.iter().map(&place));
+            chunk.places.clear();
+            chunk.places.extend(points.iter().map(&place));
             if chunk.has_moved_beyond(MARGIN * reach) {
                 chunk.gather(grid, reach);
             }
@@ -216,11 +217,6 @@ impl<'a> NearSeeds<'a> {
 }
 
 impl Chunk {
-    fn move_to(&mut self, places: impl Iterator<Item = [f32; 3]>) {
-        self.places.clear();
-        self.places.extend(places);
-    }
-
     /// True if a point moved more than `margin` since the last gathering, or none has taken place.
     fn has_moved_beyond(&self, margin: f32) -> bool {
         let has_stayed = |(place, gathered): (&[f32; 3], &[f32; 3])| {

@@ -169,9 +169,14 @@ impl Pass {
                 clock.lap(PaperStage::EStep);
                 if output == Output::ElboAndSums {
                     let pairs = (&ids[..], &scores[..]);
+                    let PlainMemory { slots, ids_by_slot, narrow_sums, wide_sums, .. } = plain;
                     match inputs.operations().moments {
-                        Width::F32 => inputs.sum_narrow(plain, tile, pairs, narrow),
-                        Width::F64 => inputs.sum_wide(plain, tile, pairs, wide),
+                        Width::F32 => {
+                            inputs.sum(slots, ids_by_slot, narrow_sums, tile, pairs, narrow);
+                        }
+                        Width::F64 => {
+                            inputs.sum(slots, ids_by_slot, wide_sums, tile, pairs, wide);
+                        }
                     }
                     clock.lap(PaperStage::Stats);
                 }
@@ -218,7 +223,7 @@ impl Pass {
     }
 
     fn make_workers(&mut self, statistics: &Statistics) {
-        self.again.clear();
+        self.again.is_again.clear();
         // Never fewer than before: a temporarily smaller pool must not free memory.
         let n_workers = rayon::current_num_threads().max(self.workers.len());
         self.workers.resize_with(n_workers, || {

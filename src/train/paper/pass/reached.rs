@@ -25,11 +25,6 @@ pub(super) struct ReachMemory {
 }
 
 impl RerunTiles {
-    /// Marks no tile as run again.
-    pub fn clear(&mut self) {
-        self.is_again.clear();
-    }
-
     /// Selects the valid records, in slices. Of the first `n_first` records, made before tiles were run
     /// again, those of such tiles are outdated.
     pub fn valid_records<'a>(

@@ -1,6 +1,7 @@
 //! Births within the budget, which may require merging components or coarsening the scale.
 
 use super::{SceneTrainer, StageClock};
+use crate::model::splat::splats::Splat;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::births::FrameBirths;
 use crate::train::scene::config::SceneConfig;
@@ -108,7 +109,9 @@ impl SceneTrainer {
         // Estimates of two splats do not describe their union, which is reinitialised.
         for (id, before) in before.into_iter().enumerate() {
             if self.scene.sums.sums(id)[0] != before {
-                self.photographs.learner.remove_splat(id);
+                if let Some(splat) = self.photographs.learner.state.splats.get_mut(id) {
+                    *splat = Splat::default();
+                }
             }
         }
         used - self.scene.seeds.components.used()

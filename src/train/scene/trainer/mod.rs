@@ -100,7 +100,7 @@ impl SceneTrainer {
 
     /// Returns the current state.
     pub fn state(&self) -> SceneState {
-        self.state_with(self.photographs.learner.state())
+        self.state_with(&self.photographs.learner.state)
     }
 
     /// Returns the state after steps for all buffered photographs.
@@ -186,28 +186,6 @@ impl SceneTrainer {
             tracking,
             ..FrameOutcome::default()
         }
-    }
-
-    /// Trains on the photograph of a frame whose points were added in an earlier pass, unless it is an
-    /// outlier.
-    pub fn train_on_photograph(&mut self, frame: &Observation) -> FrameOutcome {
-        let mut clock = StageClock::start();
-        self.changes.restart(self.photographs.resume());
-        let placed = self.poses.align(&self.scene, frame, &mut self.points.owners);
-        clock.lap(SceneStage::Pose);
-        let points = placed.points(frame);
-        self.points.fits.begin_untimed_frame();
-        self.points.assign(&self.scene, points);
-        let gain = self.points.gain(&self.scene, points, frame.point_weight);
-        let is_outlier = self.is_outlier(frame, &placed, gain);
-        clock.lap(SceneStage::Assign);
-        if !is_outlier {
-            self.photographs.learn(&self.scene, frame, &placed.camera, gain, &mut self.changes);
-        }
-        self.poses.recycle(placed);
-        self.end_frame();
-        clock.lap(SceneStage::Photometric);
-        FrameOutcome { ms: clock.finish(), ..FrameOutcome::default() }
     }
 
     /// Corrects the pose of a frame, or finds it if poses are tracked.

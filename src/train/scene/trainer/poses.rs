@@ -201,7 +201,8 @@ struct Alignment<'a> {
 
 impl<'a> Alignment<'a> {
     fn new(scene: &'a Scene) -> Self {
-        let (h, ridge) = (scene.config.h, scene.gradient_ridge());
+        let h = scene.config.h;
+        let ridge = scene.config.splat_rule.gradient_ridge * h * h;
         Self { scene, planes: KnownPlanes::new(&scene.sums, &scene.seeds, h, ridge) }
     }
 

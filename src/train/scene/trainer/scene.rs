@@ -77,12 +77,6 @@ impl Scene {
         Reach::new(self.config.h, self.config.ray_search)
     }
 
-    /// Ridge of the regression of colour on position, world units².
-    pub fn gradient_ridge(&self) -> f64 {
-        let h = self.config.h;
-        self.config.splat_rule.gradient_ridge * h * h
-    }
-
     /// Creates components for points without one, within the budget.
     pub fn create_components(
         &mut self,
