@@ -50,11 +50,11 @@ fn device_summary(
 
 /// Number of measurements before the choice.
 const N_TRIALS: usize = 4;
-/// Leading measurements to ignore: buffers are still growing and clocks rising.
+// Leading measurements to ignore: buffers are still growing and clocks rising.
 const N_IGNORED: usize = 1;
 /// Growth of the load that triggers a new trial.
 const MANY: usize = 2;
-/// Load below which no trial runs: the first frames of a scene show few splats.
+// Load below which no trial runs: the first frames of a scene show few splats.
 const FEW: usize = 1000;
 
 /// Where a frame is processed.
@@ -107,7 +107,9 @@ impl DeviceTrial {
         }
         let is_trying = !self.times_ms[0].is_empty();
         // A trial that has begun ends, whatever the load of its later frames.
+        // The first load is 0, so that `FEW` alone begins the first trial.
         if is_trying || load >= FEW && load > MANY * self.load {
+            // The largest load of a trial: its own later frames must not begin another.
             self.load = self.load.max(load);
             return DeviceChoice::Both;
         }

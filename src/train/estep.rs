@@ -6,8 +6,8 @@ use crate::math::real::Real;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::paper::state::InitialModel;
 
-/// Components that lose by this many nats receive nothing: e⁻⁴⁰ is below the rounding of a sum that
-/// starts with 1, in either precision.
+// Components that lose by this many nats receive nothing: e⁻⁴⁰ is below the rounding of a sum that
+// starts with 1, in either precision.
 const HARD_NATS: f64 = 40.0;
 
 /// Constants of the log-score.

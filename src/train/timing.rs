@@ -20,6 +20,7 @@ pub struct StageMs {
 impl StageMs {
     /// Creates zero times for a preset's stages, at most [`MAX_STAGES`].
     pub fn new(stages: &'static [TrainStage]) -> Self {
+        // More stages than the arrays hold would panic at the first time added.
         Self { stages: &stages[..stages.len().min(MAX_STAGES)], ..Self::default() }
     }
 
@@ -67,6 +68,7 @@ impl StageMs {
 
 impl Serialize for StageMs {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        // By hand, since the names of the fields depend on the preset.
         let mut map = serializer.serialize_map(Some(self.stages.len() + 1))?;
         for (stage, ms) in self.stages() {
             map.serialize_entry(stage.key, &ms)?;
@@ -81,6 +83,7 @@ impl Serialize for StageMs {
 impl<'de> Deserialize<'de> for StageMs {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let fields = BTreeMap::<String, f64>::deserialize(deserializer)?;
+        // Reports do not name the preset of the times; only scenes have this stage.
         let is_scene = fields.contains_key(SCENE_STAGES[SceneStage::Assign as usize].key);
         let mut found = Self::new(if is_scene { &SCENE_STAGES } else { &PAPER_STAGES });
         for (at, stage) in found.stages.iter().enumerate() {
@@ -103,6 +106,7 @@ impl StageClock {
     /// Begins a tile; the clock runs only if the tile is in the sample.
     #[inline(always)]
     pub fn begin_tile(&mut self, is_looked_at: bool) {
+        // A tile outside the sample must not continue the clock of the last one.
         self.running = is_looked_at.then(Stopwatch::start);
     }
 

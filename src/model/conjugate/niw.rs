@@ -45,6 +45,7 @@ pub struct Niw {
 impl Niw {
     /// Validates the parameters; `scale` is the Wishart scale `U`, so that `E[Λ] = νU`.
     pub fn new(mean: DVec3, kappa: f64, scale: Sym3, nu: f64) -> Result<Self, NiwError> {
+        // NaN fails every comparison, so it is tested by itself.
         if kappa.is_nan() || kappa <= 0.0 {
             return Err(NiwError::Kappa(kappa));
         }

@@ -62,6 +62,7 @@ impl ComponentPosterior {
             let scatter = moments.second.add_scaled(-n, Sym3::outer(offset));
             let shrinkage = hyper.kappa0_space * n / kappa_space;
             (
+                // The prior mean is 0, so it adds nothing to the numerator.
                 data_mean * (n / kappa_space),
                 prior_scale.add_scaled(1.0, scatter).add_scaled(shrinkage, Sym3::outer(data_mean)),
             )
@@ -109,6 +110,7 @@ const RESOLUTION: f64 = 16.0 * f64::EPSILON;
 /// negative, but with few points the rounding of f32 sums outweighs the prior; eigenvalues below the prior's
 /// are then raised to it.
 fn make_positive_definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
+    // A Cholesky factor exists only for positive definite matrices.
     if inverse_scale.cholesky().is_some() {
         return inverse_scale;
     }

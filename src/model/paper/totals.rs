@@ -81,6 +81,7 @@ impl Statistics {
             components,
             shard_bits: shard_bits(components),
             used,
+            // Reserved for all components, so that a warm frame allocates nothing.
             touched: Vec::with_capacity(components),
             frame: 0,
         }
@@ -152,6 +153,7 @@ impl Statistics {
                 shard.add_frame(frame, s << bits, |add| of_shard(s, add));
             });
             self.touched.clear();
+            // In the order of shards, which does not depend on threads.
             shards.iter().for_each(|s| self.touched.extend_from_slice(&s.touched));
             self.used = shards.iter().map(|s| s.n_used).sum();
         });
@@ -169,11 +171,13 @@ impl Statistics {
                 let used = any_form!(&self.form, shards => &shards[s].used);
                 let first = (s as u32) << self.shard_bits;
                 used.iter().zip((first..).step_by(64)).flat_map(|(&word, first)| {
+                    // Each step clears the lowest set bit.
                     std::iter::successors(Some(!word), |w| Some(w & (w - 1)))
                         .take_while(|&w| w != 0)
                         .map(move |w| first + w.trailing_zeros())
                 })
             })
+            // The last word of bits may extend beyond the last component.
             .take_while(|&id| (id as usize) < self.components)
     }
 

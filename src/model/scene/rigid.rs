@@ -63,6 +63,7 @@ fn rotate_precision<const N: usize>(lower: &mut [f32], vectors: &[usize], turn: 
                 across.x * rows[0][j] + across.y * rows[1][j] + across.z * rows[2][j]
             });
         }
+        // The second factor: columns of `T Λ`, as the rows are rotated above.
         for row in &mut full {
             let along = turn * DVec3::from_slice(&row[first..first + 3]);
             row[first..first + 3].copy_from_slice(&along.to_array());

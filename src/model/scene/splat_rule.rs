@@ -138,6 +138,7 @@ impl SplatRule {
         }
         let covariance = self.regular(sums.covariance(), sums.count, h).scaled(self.scale.powi(2));
         let least = (self.least_scale * h).powi(2);
+        // A sum instead of a maximum per axis: it bounds the same width without a decomposition.
         let covariance = covariance.add_scaled(1.0, Sym3::diagonal(least));
         Some(PointExtent { mean: seed + sums.mean_offset(), covariance })
     }

@@ -16,7 +16,7 @@ pub struct Framing {
     pub radius: f64,
 }
 
-/// Share of the splats in the scene's core.
+// Share of the splats in the scene's core.
 const CORE_SHARE: f64 = 0.9;
 /// Thickness of a shell, in radii of the core.
 const SHELL: f64 = 0.25;
@@ -64,6 +64,7 @@ pub fn core_sphere(splats: &[Splat]) -> Option<Framing> {
         splats.iter().filter(|s| s.is_finite()).map(SplatExtent::new).collect();
     let centre = median(&blobs)?;
     let away = blobs.iter().map(|blob| blob.centre.distance(centre)).collect();
+    // A radius of 0 would leave the camera no distance.
     Some(Framing { centre, radius: quantile(away, CORE_SHARE)?.max(1e-6) })
 }
 

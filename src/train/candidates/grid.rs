@@ -193,6 +193,7 @@ pub(in crate::train) fn grid_shape(
 ) -> Result<GridShape, IndexError> {
     let refuse =
         |reason: &str| Err(IndexError { components: means.len(), reason: reason.to_owned() });
+    // Entries and ids are stored in 32 bits.
     if means.len() >= u32::MAX as usize {
         return refuse("too many components");
     }
@@ -202,6 +203,7 @@ pub(in crate::train) fn grid_shape(
     }
     let (lo, extent) = bounds(means, sample);
     let mut longest_first = extent;
+    // Of a thin cloud the short axes must not count towards the volume.
     longest_first.sort_by(|a, b| b.total_cmp(a));
     let n = means.len().clamp(1, MAX_CELLS) as f64;
     let [a, b, c] = longest_first;
@@ -249,6 +251,7 @@ fn bounds(means: &[[f32; 3]], sample: &mut Vec<f32>) -> ([f64; 3], [f64; 3]) {
     if means.is_empty() {
         return (lo, extent);
     }
+    // A sample suffices: bounds only set the size of cells.
     let stride = means.len().div_ceil(SAMPLE);
     for axis in 0..3 {
         sample.clear();

@@ -68,6 +68,7 @@ pub(super) fn reach2<V: Vector>(points: &Columns, range: Range<usize>, centre: [
     }
     let centre = splat_position::<V>(centre);
     let last = last_vector(&range);
+    // Entries of overlapping vectors count twice, which changes neither maximum nor finiteness.
     let mut reach = distance2(load_position(points, last), centre);
     let mut sum = reach;
     let mut at = range.start;

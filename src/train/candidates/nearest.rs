@@ -54,6 +54,7 @@ pub fn nearest_in_tile_wide<R: Real>(
     if rank == 0 {
         return;
     }
+    // The grid is over means in f32, so its searches take points in f32.
     let narrow = |column: &[R]| -> Vec<f32> {
         column[range.clone()].iter().map(|v| v.to_f64() as f32).collect()
     };
@@ -224,6 +225,7 @@ impl CandidateSearch {
         rank: usize,
         visitor: &mut impl VisitChunk,
     ) {
+        // An empty group has no extent.
         if tile[0].is_empty() {
             return;
         }

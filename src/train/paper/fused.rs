@@ -44,6 +44,7 @@ impl FusedInputs<'_> {
     /// nothing in either case.
     pub fn influence_radius2(&self, q: f64) -> f32 {
         let gap = 2.0 * self.scoring.hard_gap() as f32;
+        // The factor covers the rounding of the sum and of the distances compared with it.
         ((q as f32 + self.max_weight) + gap) * (1.0 + 1e-5)
     }
 }
@@ -61,7 +62,7 @@ pub(super) struct FusedTiles<'a> {
     pub clock: &'a mut StageClock,
 }
 
-/// Initial capacity in slots: four per point of a tile.
+// Initial capacity in slots: four per point of a tile.
 const USUAL_SLOTS: usize = 256;
 
 /// Scratch memory of a thread, reused. Results never depend on earlier tiles.
@@ -120,6 +121,7 @@ impl Kernel for FusedTiles<'_> {
         let Self { inputs, memory, tiles, q, mut owners, mut records, clock } = self;
         let FusedMemory { search, tile: tile_memory, sums } = memory;
         let points = inputs.points;
+        // `q` covers the points of this task only.
         let first_point = points.tiles[tiles.start] as usize;
         let color_ratio = inputs.scoring.color_ratio as f32;
         let hard_gap = inputs.scoring.hard_gap() as f32;
@@ -307,6 +309,7 @@ impl OwnerAssigner<'_> {
         // Beyond this distance `is_out_of_reach` holds, including rounding.
         let reach2 = ((q + self.inputs.max_weight) + self.hard_gap) * (1.0 + 1e-5);
         let (among, within2) = match rank {
+            // A single candidate receives the point however far away it is.
             1 => (ListKind::Raw, f32::INFINITY),
             _ => (lists.complete_list_for(space, reach2), reach2),
         };

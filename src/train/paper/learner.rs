@@ -23,7 +23,7 @@ use crate::train::learner::{
 use crate::train::outcome::{FrameOutcome, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES};
 use rayon::prelude::*;
 
-/// Minimum number of components per parallel task: smaller tasks cost more than they save.
+// Minimum number of components per parallel task: smaller tasks cost more than they save.
 const MIN_SPLATS: usize = 1024;
 
 /// Operations specific to the `paper` preset, independent of precision.
@@ -157,8 +157,8 @@ const POINT_BYTES: usize = 24;
 /// Bytes of a stored candidate with its responsibility.
 const PAIR_BYTES: usize = 12;
 const TILE_POINTS: usize = 64;
-/// Bytes per record of a component in a tile, at worst one per point. Each thread reserves space for
-/// all records, and buffers grow to three times the size needed.
+// Bytes per record of a component in a tile, at worst one per point. Each thread reserves space for
+// all records, and buffers grow to three times the size needed.
 const RECORD_BYTES: usize = 3 * 60;
 /// Grid entry, its copy of colour and weight, and cells.
 const INDEX_BYTES: usize = 16 + 16 + 8;
@@ -168,6 +168,7 @@ impl PaperConfig {
     /// Estimates the maximum memory of a run with frames of `pixels` pixels, `frames_at_once` of them in
     /// memory, on `threads` threads.
     pub fn memory(&self, pixels: usize, frames_at_once: usize, threads: usize) -> MemoryEstimate {
+        // Only this precision stores means in f64; custom operations widen f32 means.
         let scalar = if self.precision == Precision::F64 { 8 } else { 4 };
         let total = match self.operations.update {
             UpdateWidth::Fixed64 => size_of::<[i64; 16]>(),
@@ -219,6 +220,7 @@ pub fn begin(
 ) -> Result<Box<dyn PaperLearner>, IndexError> {
     Ok(match config.precision {
         Precision::F64 => in_world(PaperTrainer::<f64>::new(config, draw)?, normalization),
+        // Custom operations widen single steps; points and means stay f32.
         _ => in_world(PaperTrainer::<f32>::new(config, draw)?, normalization),
     })
 }

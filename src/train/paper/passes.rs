@@ -21,8 +21,8 @@ use crate::train::timing::{PaperStage, StageClock, Stopwatch};
 use rayon::prelude::*;
 use std::sync::PoisonError;
 
-/// A device decides a point if all other components lose by this many hard gaps. They would receive at
-/// most 10⁻³⁵ of the point, which changes no bit of any sum.
+// A device decides a point if all other components lose by this many hard gaps. They would receive at
+// most 10⁻³⁵ of the point, which changes no bit of any sum.
 const OPEN_GAPS: f64 = 2.0;
 
 #[derive(Clone, Copy)]
@@ -65,6 +65,7 @@ impl Passes {
         Mixture { model, index, .. }: &Mixture<R>,
     ) -> Result<(), DeviceError> {
         let Some(model) = R::narrow_model(model) else { return Ok(()) };
+        // Before the device counts as added: without room for the means it is not used.
         device.set_means(&index.means_for_device(model, None))?;
         self.used = PassUse { device: Some(device.name()), ..PassUse::default() };
         (self.tiles, self.open_tiles) = (0, 0);
@@ -136,6 +137,7 @@ impl Passes {
             .filter(|_| turn != DeviceChoice::Processor)
             .and_then(|asked| self.run_on_device(inputs, points, asked, output, q));
         let is_devices = turn == DeviceChoice::Device && device_ms.is_some();
+        // A frame counts once, by its fit: scoring passes precede it.
         if output == Output::ElboAndSums {
             let PassUse { device_frames, processor_frames, .. } = &mut self.used;
             *(if is_devices { device_frames } else { processor_frames }) += 1;
@@ -286,7 +288,7 @@ fn rule(scoring: &Scoring, candidates: usize) -> PassRule {
     }
 }
 
-/// Smaller counts round to zero in the totals, so their records are dropped.
+// Smaller counts are below a quantum of the totals, so their records are not compared.
 const MIN_COUNT: f32 = 1e-11;
 
 const WIDENED: usize = 1 << 13;

@@ -77,6 +77,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
 
     fn score_in<S: Real>(&self, range: Range<usize>, ids: &[u32], scores: &mut [f64]) {
         let Mixture { model, scoring, .. } = self.pass.mixture;
+        // A model without components has no candidates, and chunks of 0 would panic.
         let per_point = self.per_point().max(1);
         let of_points = ids.chunks_exact(per_point).zip(scores.chunks_exact_mut(per_point));
         for (i, (ids, scores)) in range.zip(of_points) {

@@ -13,7 +13,7 @@ const BITS: usize = u64::BITS as usize;
 const SCORES: usize = 1 << 11;
 /// Approximate sample size for the bound on the earliest draws.
 const DRAWS: usize = 1 << 9;
-/// Relative margin for rounding when comparing a time with its bound.
+// Relative margin for rounding when comparing a time with its bound.
 const ROUNDING: f64 = 1e-9;
 
 /// Number of components that may move, and of candidate destinations.
@@ -56,6 +56,7 @@ pub struct DestinationChooser {
 impl DestinationChooser {
     /// Allocates all memory that this configuration can need for any frames.
     pub fn reserved(config: &PaperConfig) -> Self {
+        // All components unused is the largest quota.
         let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
             return Self::default();
         };
@@ -105,6 +106,7 @@ impl DestinationChooser {
 fn find_lowest<'a>(lowest: &'a mut Smallest, q: &[f64], n: usize) -> &'a [Ranked] {
     lowest.find(q.len(), n, SCORES, |point, bound| {
         let order = descending_key(q[point]);
+        // The bits of NaN have a place in the order of keys, so it is excluded here.
         (order <= bound && !q[point].is_nan()).then(|| Ranked::new(order, point as u32))
     })
 }
@@ -159,8 +161,8 @@ fn distance(order: u64) -> f64 {
 // Number of parts searched in parallel. Fixed rather than one per thread, so that the joined list does not
 // depend on the number of threads.
 const PARTS: usize = 16;
-/// Safety margin of the bound in standard deviations of the sample's count. About one frame in 30,000 needs a
-/// second search.
+// Safety margin of the bound in standard deviations of the sample's count. About one frame in 30,000 needs a
+// second search.
 const BOUND_MARGIN_SIGMAS: f64 = 4.0;
 
 /// A point with its sort key in the upper bits: one comparison of integers orders both.
@@ -235,6 +237,7 @@ impl Smallest {
         ranked: &(impl Fn(usize, u64) -> Option<Ranked> + Sync),
     ) -> u64 {
         let Self { sample, .. } = self;
+        // A regular stride instead of random items: repeated runs select the same.
         let step = items.div_ceil(sampled).max(1);
         let any = |item| ranked(item, u64::MAX);
         sample.clear();

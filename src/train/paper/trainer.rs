@@ -104,6 +104,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
                 self.reassign_and_fit(points, &mut ms)?
             }
         };
+        // Only here, after all that can fail.
         self.frames += 1;
         let (n_points, elbo_mean) = self.mean_elbo();
         ms.train = wall.elapsed_ms();
@@ -231,6 +232,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         // Derived from the frame number, so that a resumed run draws the same numbers.
         let stream = Rng::new(self.mixture.config.seed, Purpose::Reassign, self.frames);
         let destinations = self.chooser.choose_destinations(&self.q, quota, &stream);
+        // Taken out of `self`, which `move_components` borrows mutably.
         let mut moves = std::mem::take(&mut self.moves);
         moves.clear();
         // The lowest ids; the reference uses the order of an unstable sort of equals.

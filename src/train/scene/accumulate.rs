@@ -64,6 +64,7 @@ pub fn accumulate(
     let parts = PointParts::new(frame.owners, component_sums.len());
     component_sums.for_each_run(parts.firsts(), |first, rows, _| {
         let part = Isa::best().run(Part { first, rows, points: parts.of(first), frame });
+        // A poisoned lock means that another thread panicked, and rayon passes its panic on.
         if let Ok(mut received) = received.lock() {
             received.push((first, part));
         }
@@ -192,6 +193,7 @@ impl PointParts {
     /// Partitions points by owner; values beyond the last component mean none.
     pub fn new(owners: &[u32], n_components: usize) -> Self {
         let firsts = firsts(owners, n_components);
+        // Bytes, since the table has an entry for every component of the scene.
         let mut part_of = vec![0u8; n_components];
         for (part, &first) in (0..).zip(&firsts) {
             part_of[first.min(n_components)..].fill(part);
@@ -218,6 +220,7 @@ impl PointParts {
 
 impl Chunk {
     fn new(first: u32, owners: &[u32], part_of: &[u8]) -> Self {
+        // Points without a component sort behind all parts.
         let part = |owner: u32| part_of.get(owner as usize).map_or(PARTS, |&part| part as usize);
         // Counts are stored one index late: their prefix sums are the starts of the parts, which filling
         // turns into ends.
@@ -245,6 +248,7 @@ fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
     let cut = |part: usize| some.get(part * some.len() / PARTS).copied();
     let mut firsts: Vec<usize> = (1..PARTS).filter_map(cut).collect();
     firsts.insert(0, 0);
+    // A component with many points may fill several parts: their cuts are equal.
     firsts.dedup();
     firsts
 }

@@ -25,7 +25,7 @@ use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Approximate number of points used per frame: neighbours are redundant.
+// Approximate number of points used per frame: neighbours are redundant.
 const LOOKED_AT: usize = 8192;
 /// One of this many groups of neighbours is used until the pose has nearly converged (`scene.md`, Pose
 /// alignment).
@@ -39,7 +39,7 @@ const CONVERGED: f64 = 0.02;
 const MIN_COMPONENTS: usize = 6;
 /// Number of components from which the prior's full deviation applies.
 const MANY_COMPONENTS: f64 = 500.0;
-/// Maximum number of neighbouring components that count as one, since their errors correlate.
+// Maximum number of neighbouring components that count as one, since their errors correlate.
 const MAX_CORRELATED: f64 = 10.0;
 /// Minimum number of patches with independent errors in a whole picture.
 const PATCHES: f64 = MANY_COMPONENTS / MAX_CORRELATED;
@@ -144,11 +144,13 @@ impl PoseAlignment<'_> {
             }
             let (n, matched) = &mut sums[at[number] as usize];
             *n += 1.0;
+            // About the seed, so that the mean keeps its digits far from the origin.
             matched.position += point.position_vector() - plane.seed;
             matched.color += self.exposed(point);
             matched.noise += f64::from(point.noise);
         }
         let owned: f64 = sums.iter().map(|(n, _)| n).sum();
+        // A frame without points must not give a share of NaN.
         let share = owned / self.frame.points.len().max(1) as f64;
         let matches = sums.into_iter().map(|(n, matched)| matched.mean_of(n)).collect();
         FrameMatches { matches, share }
@@ -311,6 +313,7 @@ impl<'a> KnownPlanes<'a> {
             let seed = DVec3::from_array(self.seeds.of(id as usize).map(f64::from));
             ColoredPlane::new(&sums, seed, self.ridge)
         };
+        // Keeps the order of `new`, which the places refer to.
         self.planes.par_extend(new.par_iter().with_min_len(64).map(plane));
     }
 

@@ -29,6 +29,7 @@ pub fn create_components(
     owners: &mut [u32],
     limits: Limits,
 ) -> FrameBirths {
+    // Found in parallel first: they are few, and the loop over them is not parallel.
     let lone = owners.par_iter().enumerate().with_min_len(4096);
     let lone: Vec<usize> = lone.filter(|(_, owner)| **owner == NONE).map(|(i, _)| i).collect();
     // Older seeds were searched before and are out of reach.

@@ -46,6 +46,7 @@ impl SumRow {
     #[inline(always)]
     pub fn add(&mut self, terms: &[f32; N_SUMS]) {
         for (sum, &term) in self.sums.iter_mut().zip(terms) {
+            // Wrapping only avoids the check: a row spills long before it could overflow.
             *sum = sum.wrapping_add(term_quanta(term));
         }
     }
@@ -199,6 +200,7 @@ impl ComponentSums {
     /// Adds sums of whole quanta to the given components (ascending), in parts of equal numbers of them.
     pub fn add_quanta(&mut self, ids: &[u32], sums: &[[i32; N_SUMS]], parts: usize) {
         let firsts = ids.iter().step_by(ids.len().div_ceil(parts).max(1)).map(|&id| id as usize);
+        // The first run begins at row 0, whichever component comes first.
         let firsts: Vec<usize> = std::iter::once(0).chain(firsts.skip(1)).collect();
         self.for_each_run(&firsts, |first, rows, _| {
             let at = |id: usize| ids.partition_point(|&other| (other as usize) < id);
@@ -235,6 +237,7 @@ impl ComponentSums {
     /// quantum.
     pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
         let visibility = std::mem::take(&mut self.rows[dropped].visibility);
+        // A later birth may reuse the row.
         self.rows[dropped].sums = [0; N_SUMS];
         self.wide.remove(dropped as u32);
         let row = &mut self.rows[kept];

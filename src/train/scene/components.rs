@@ -54,6 +54,7 @@ impl Components {
         for (seed, &component) in sharing.component.iter().enumerate().rev() {
             *sharing.reference.get_mut(component as usize)? = seed as u32;
             let surface = &mut sharing.surface[component as usize];
+            // A file may list any number of seeds of one component.
             *surface = surface.saturating_add(squared(share_of(&shares, seed)));
         }
         let is_free = |row: &u32| sharing.surface[*row as usize] == 0;
@@ -119,6 +120,7 @@ impl Components {
 
     /// Adds a seed, which must be the next number; returns its new component.
     pub fn add_seed(&mut self, seed: u32) -> u32 {
+        // Seeds have the whole until the scale grows, which needs no list.
         if !self.shares.is_empty() {
             self.shares.push(WHOLE);
         }

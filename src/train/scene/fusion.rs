@@ -125,6 +125,7 @@ fn back_at<'a>(
     let (Some([_, then]), Some([_, now])) = (start.and_then(of_first), of_first(&scene)) else {
         return Some(scene);
     };
+    // Moving by nothing would still round every sum.
     if then == now {
         return Some(scene);
     }
@@ -179,6 +180,7 @@ impl Component {
                 *sum += now - before;
             }
             let gained = VisibilityCounts {
+                // Counts saturate, so that a later one may be no larger.
                 expected: now.visibility.expected.saturating_sub(before.expected),
                 hits: now.visibility.hits.saturating_sub(before.hits),
                 misses: now.visibility.misses.saturating_sub(before.misses),

@@ -21,12 +21,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 
-/// Maximum standard deviation of a merged component, units of `h`: keeps sums within their range.
+// Maximum standard deviation of a merged component, units of `h`: keeps sums within their range.
 const MAX_SPREAD: f64 = 0.8;
 /// Maximum distance of a merged component's mean from the seed of its sums, units of `h`.
 const MAX_OFFSET: f64 = 1.5;
-/// Squared colour error (0 to 1 per channel) equivalent to a squared distance of `h²` from the plane: a
-/// surface `h/4` away costs as much as a colour error of 1/8.
+// Squared colour error (0 to 1 per channel) equivalent to a squared distance of `h²` from the plane: a
+// surface `h/4` away costs as much as a colour error of 1/8.
 const THICKNESS_COST: f64 = 0.25;
 /// Ridge of the regression of colour on position, units of `h²`.
 const RIDGE: f64 = 0.025;

@@ -63,6 +63,7 @@ impl<'a> FrameView<'a> {
     /// Returns the visibility of a component at `mean`, and its expected returns.
     fn visibility(&self, mean: DVec3, normal: DVec3) -> Option<(Visibility, f64)> {
         let local = self.rotation * (mean - self.centre);
+        // Behind the camera the projection would mirror the point.
         if local.z <= 0.0 {
             return None;
         }

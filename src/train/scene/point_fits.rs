@@ -106,6 +106,7 @@ impl PointFits {
             fitter.ms[1] += device_ms;
             // Otherwise the processor repeats the search, for comparison.
             if fitter.turn == DeviceChoice::Device {
+                // Swapped instead of copied: both buffers keep their memory.
                 return std::mem::swap(owners, &mut fitter.owners);
             }
         }
@@ -147,6 +148,7 @@ impl PointFits {
     ) {
         let Self { device, slots, .. } = self;
         let mut clock = Stopwatch::start();
+        // Expected rows, taken before the processor adds to them.
         let mut on_trial = None;
         if let Some(fitter) =
             device.as_mut().filter(|fitter| fitter.turn != DeviceChoice::Processor)

@@ -11,7 +11,7 @@ use crate::observation::surface::SurfacePoint;
 use crate::train::estep::squared_distance;
 use rayon::prelude::*;
 
-/// Maximum number of cells of a group searched as one; larger groups have points that are far apart.
+// Maximum number of cells of a group searched as one; larger groups have points that are far apart.
 const MAX_CELLS: f64 = 512.0;
 
 #[derive(Default)]
@@ -264,7 +264,7 @@ impl Reach {
     }
 }
 
-/// Distance of the searched places, as a share of the point's reach, so that the searched spheres overlap.
+// Distance of the searched places, as a share of the point's reach, so that the searched spheres overlap.
 const STEP: f32 = 0.7;
 
 /// Assigns points without a seed the nearest seed within reach of a place on their ray, nearest places first.
@@ -295,6 +295,7 @@ impl Kernel for SearchRays<'_> {
 fn seed_along_ray<V: Vector>(grid: &SeedGrid, reach: Reach, point: &SurfacePoint) -> u32 {
     let (far, reach) = (reach.along_ray(point), reach.h);
     let ([x, y, z], [right, down, ahead]) = (point.position, point.direction);
+    // The point itself was searched before.
     let mut step = 1.0;
     while STEP * reach * step <= far {
         let t = STEP * reach * step;

@@ -99,6 +99,7 @@ settings! {
         at |run| run.reassign_fraction;
     }
     /// Arithmetic by operation, as written by `precision-search`; excludes a named precision.
+    // Before `precision` in the table: a named precision with the same operations then keeps its name.
     operations: Operations {
         default by "those of the precision";
         below precision;
@@ -183,6 +184,7 @@ impl PaperConfig {
 
     /// Applies `overrides`; returns an error for the first setting out of range.
     pub fn with(mut self, overrides: &PaperOverrides) -> Result<Self, ConfigError> {
+        // The order of application hides a conflict of the two afterwards.
         overrides.check_precision()?;
         overrides.apply(&mut self);
         self.check()

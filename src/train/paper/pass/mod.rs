@@ -331,11 +331,13 @@ impl Pass {
         q: &mut [f64],
         owners: Option<&mut Vec<u32>>,
     ) -> usize {
+        // Taken out of `self`, whose workers the search borrows.
         let mut again = std::mem::take(&mut self.again);
         self.find_reached(inputs, places, q, &mut again);
         for worker in &mut self.workers {
             let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
             worker.first_run.clear();
+            // Records up to here are those of the first run.
             worker.first_run.extend(worker.narrow.iter().map(Vec::len));
         }
         let owners = owners.map_or(&mut [][..], |owners| owners);

@@ -53,6 +53,7 @@ impl ReachMemory {
         let &FusedInputs { points, .. } = inputs;
         let range = points.tile(tile);
         let q = &q[range.clone()];
+        // Without a score there is no radius; running the tile again is correct in any case.
         if q.iter().any(|q| q.is_nan()) {
             return true;
         }

@@ -9,7 +9,7 @@ use crate::train::scene::observe::FrameView;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Stride over the points: neighbours are redundant.
+// Stride over the points: neighbours are redundant.
 const EVERY: usize = 8;
 /// Points per task; a multiple of [`EVERY`].
 const CHUNK: usize = 1024;
@@ -60,6 +60,7 @@ impl FrameBesideScene<'_> {
             found.points += points;
         }
         (found.in_view, found.seen_through) = self.count_seen_through();
+        // Too few to judge a frame by; zeros leave the running means unchanged.
         if found.points < MIN_MATCHES {
             (found.squared_error, found.points) = (0.0, 0.0);
         }

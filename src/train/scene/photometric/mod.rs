@@ -132,6 +132,7 @@ impl PhotometricLearner {
         most: usize,
         step: &SplatStep<'_>,
     ) -> (Vec<u32>, Option<ComparedPhotograph>) {
+        // Filled first: a draw among few photographs would be one of the latest.
         if self.state.buffered.len() <= most {
             return (Vec::new(), None);
         }
@@ -205,6 +206,7 @@ impl PhotometricLearner {
         let PhotometricState { splats, appearance, .. } = &self.state;
         let Some(splats) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
         let every = view.rows.stride();
+        // Taken out of `self`: the sums borrow it while the splats are changed.
         let mut comparers = std::mem::take(&mut self.comparers);
         let compared = comparers.compare(splats, view, photograph, step.pixels);
         let clock = Stopwatch::start();

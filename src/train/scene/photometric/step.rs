@@ -13,10 +13,10 @@ use glam::{DMat3, DQuat, DVec3};
 
 /// Minimum opacity: a splat that one photograph makes transparent remains visible to later ones.
 pub const LEAST_OPACITY: f64 = 0.01;
-/// Deviation of a colour coefficient that is not trained, colour units: so small that its row in a block has
-/// no effect.
+// Deviation of a colour coefficient that is not trained, colour units: so small that its row in a block has
+// no effect.
 const HELD: f64 = 1e-4;
-/// Maximum ratio of standard deviations: thinner needles represent no surface.
+// Maximum ratio of standard deviations: thinner needles represent no surface.
 const MAX_ASPECT: f64 = 1e4;
 
 /// Maximum standard deviation of a splat along each of its axes, in units of that of its points. Its mean
@@ -210,10 +210,13 @@ fn apply_form_step(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRul
     let extent = largest(splat);
     let mean = DVec3::new(step[0], step[1], step[2]);
     let far = step[3..9].iter().fold(mean.length() / extent, |far, x| far.max(x.abs()));
+    // Opacities may change three times as much.
     let far = far.max(step[9].abs() / 3.0) / rule.trust;
+    // A step that is not finite has no direction.
     if !far.is_finite() {
         return;
     }
+    // As a whole, so that the direction of the step is kept.
     let step = step.map(|x| x / far.max(1.0));
     let at = DVec3::from_array(splat.mean.map(f64::from));
     splat.mean = (at + DVec3::new(step[0], step[1], step[2])).as_vec3().to_array();

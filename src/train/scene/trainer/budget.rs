@@ -81,6 +81,7 @@ impl SceneTrainer {
         if !(h * factor(steps)).is_finite() {
             return false;
         }
+        // Components born in this frame need rows before they can be merged or stored.
         self.scene.grow_sums();
         let asked = SceneConfig { h, ..self.scene.config.clone() };
         let wider = coarsened(self.state(), steps)

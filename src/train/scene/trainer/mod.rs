@@ -83,6 +83,7 @@ impl SceneTrainer {
     /// Resumes a scene with the same configuration after `frames` frames; `None` if seeds are too far from the
     /// origin for their scale.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
+        // The configuration holds the scale as requested, the state how far it has grown.
         let h = config.h * merge::factor(state.coarsening_steps);
         let wider = SceneConfig { h, ..config.clone() };
         let mut trainer = Self::new(&wider, DVec3::from_array(state.origin));
@@ -156,6 +157,7 @@ impl SceneTrainer {
         let is_outlier = self.is_outlier(frame, &placed, gain);
         clock.lap(SceneStage::Assign);
         if is_outlier {
+            // Neither points nor pose are logged, but the buffer is kept.
             self.poses.recycle(placed);
             self.end_frame();
             return FrameOutcome { tracking, ..FrameOutcome::default() };

@@ -236,6 +236,7 @@ impl<'a> Alignment<'a> {
         let brightness = |points: &[SurfacePoint], owners: &[u32]| {
             scene.config.gain.then(|| Brightness::of(&scene.sums, points, owners))
         };
+        // Ends by `return`, since the range is unbounded.
         for round in 1.. {
             // Reassigned in every round: moved points belong to other components, which determine the
             // remaining motion.

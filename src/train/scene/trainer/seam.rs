@@ -33,6 +33,7 @@ impl Learns<Observation> for SceneTrainer {
         let placed = self.poses.align(&self.scene, frame, &mut self.points.owners);
         clock.lap(SceneStage::Pose);
         let points = placed.points(frame);
+        // Without sums a frame says nothing about the time of a fit.
         self.points.fits.begin_untimed_frame();
         self.points.assign(&self.scene, points);
         let gain = self.points.gain(&self.scene, points, frame.point_weight);
