@@ -64,36 +64,3 @@ pub enum StoredModel {
     /// Model of the `scene` preset.
     Scene(SceneState),
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::sym3::Sym3;
-    use crate::model::conjugate::prior::Hyper;
-    use crate::model::conjugate::statistics::Moments;
-    use glam::DVec3;
-
-    /// Four points around the initial mean, one unit apart along the first axis: the expected covariance is
-    /// close to that of the points, and the mean's deviation is smaller by √4.
-    #[test]
-    fn uncertainty_is_the_deviation_of_the_mean_in_world_units() {
-        let moments = Moments {
-            count: 4.0,
-            second: Sym3::from_array([4.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
-            ..Moments::default()
-        };
-        let normalization = Normalization { offset: [0.0; 3], scale: [10.0, 2.0, 2.0] };
-        let posterior = ComponentPosterior::new(&Hyper::paper(100, 100.0), DVec3::ZERO, &moments);
-        let of = ComponentAttributes::new(&posterior, &normalization, Some(-3.0), Some(7));
-        let covariance = posterior.expected_covariance().to_array();
-        let by_hand = (100.0 * covariance[0] + 4.0 * (covariance[3] + covariance[5])) / 4.001;
-        assert!((f64::from(of.uncertainty.unwrap()) - by_hand.sqrt()).abs() < 1e-6);
-        assert_eq!((of.evidence, of.elbo, of.birth), (Some(4.0), Some(-3.0), Some(7)));
-        let unused =
-            ComponentPosterior::new(&Hyper::paper(100, 100.0), DVec3::ZERO, &Moments::default());
-        assert_eq!(
-            ComponentAttributes::new(&unused, &normalization, None, None),
-            ComponentAttributes::default()
-        );
-    }
-}

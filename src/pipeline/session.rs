@@ -273,7 +273,7 @@ impl Session {
         self.forget_skipped(&frame);
         let learner = self.frames.learner();
         let Status { components, used, .. } = learner.status();
-        self.births.record(learner.last_frame().changed, components, position);
+        self.births.record(learner, position);
         let report = FrameReport {
             index: position,
             frame,

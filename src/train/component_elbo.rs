@@ -110,19 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_frame_replaces_the_one_before() {
-        let owners = vec![2, 0, NO_OWNER, 2];
-        let mut ownership = Ownership { owners, ..Ownership::default() };
-        ownership.count(&[1.0, 5.0, f64::NAN, 2.0], 4);
-        assert_eq!((ownership.of(2), ownership.of(0)), (Some((1.5, 2)), Some((5.0, 1))));
-        assert_eq!((ownership.of(1), &ownership.ids[..]), (None, &[2, 0][..]));
-        ownership.owners = vec![3];
-        ownership.count(&[7.0], 4);
-        assert_eq!((ownership.of(2), ownership.of(3)), (None, Some((7.0, 1))));
-    }
-
-    #[test]
-    fn the_first_of_equals_owns_a_point_and_nobody_one_without_shares() {
+    fn the_first_of_equals_owns_a_point_and_none_one_without_shares() {
         assert_eq!(owner_of_shares([(4, 0.2), (1, 0.4), (9, 0.4)].into_iter()), 1);
         assert_eq!(owner_of_shares([(4, 0.0)].into_iter()), NO_OWNER);
     }

@@ -28,7 +28,7 @@ pub struct DeviceMs {
 
 /// Formats a one-line summary. `did` and `what` are a verb and its object, such as "compared" and
 /// "photographs"; `counts` are those of the device and of the CPU.
-pub(super) fn device_summary(
+fn device_summary(
     [did, what]: [&str; 2],
     device: Option<&str>,
     counts: [u64; 2],
@@ -50,11 +50,11 @@ pub(super) fn device_summary(
 
 /// Number of measurements before the choice.
 const N_TRIALS: usize = 4;
-/// Leading measurements to ignore: buffers are still growing and clocks rising.
+// Leading measurements to ignore: buffers are still growing and clocks rising.
 const N_IGNORED: usize = 1;
 /// Growth of the load that triggers a new trial.
 const MANY: usize = 2;
-/// Load below which no trial runs: the first frames of a scene show few splats.
+// Load below which no trial runs: the first frames of a scene show few splats.
 const FEW: usize = 1000;
 
 /// Where a frame is processed.
@@ -73,6 +73,8 @@ pub(super) struct DeviceTrial {
     /// Load at the last choice: number of drawn splats or of points.
     load: usize,
     is_device_faster: bool,
+    /// True once a frame was processed by both with equal results, or if these may differ.
+    is_verified: bool,
     /// Milliseconds on the CPU and on the device during a trial.
     times_ms: [Vec<f64>; 2],
     /// Medians of the last trial.
@@ -80,28 +82,43 @@ pub(super) struct DeviceTrial {
 }
 
 impl DeviceTrial {
-    /// Creates a trial without measurements.
+    /// Creates a trial of a device whose results may differ from the CPU's by rounding.
     pub fn new(policy: DevicePolicy) -> Self {
-        let tried = [(); 2].map(|()| Vec::with_capacity(N_TRIALS));
-        Self { policy, load: 0, is_device_faster: false, times_ms: tried, medians: None }
+        Self { is_verified: true, ..Self::unverified(policy) }
+    }
+
+    /// Creates a trial of a device whose results must first be compared with the CPU's.
+    pub fn unverified(policy: DevicePolicy) -> Self {
+        let times_ms = [(); 2].map(|()| Vec::with_capacity(N_TRIALS));
+        Self {
+            policy,
+            load: 0,
+            is_device_faster: false,
+            is_verified: false,
+            times_ms,
+            medians: None,
+        }
     }
 
     /// Chooses where a frame of `load` splats or points is processed.
     pub fn choose(&mut self, load: usize) -> DeviceChoice {
         if self.policy == DevicePolicy::Device {
-            return DeviceChoice::Device;
+            return if self.is_verified { DeviceChoice::Device } else { DeviceChoice::Both };
         }
         let is_trying = !self.times_ms[0].is_empty();
         // A trial that has begun ends, whatever the load of its later frames.
+        // The first load is 0, so that `FEW` alone begins the first trial.
         if is_trying || load >= FEW && load > MANY * self.load {
+            // The largest load of a trial: its own later frames must not begin another.
             self.load = self.load.max(load);
             return DeviceChoice::Both;
         }
         if self.is_device_faster { DeviceChoice::Device } else { DeviceChoice::Processor }
     }
 
-    /// Records the milliseconds of a frame that both processed.
+    /// Records the milliseconds of a frame that both processed, with results that pass as equal.
     pub fn record_times(&mut self, processor: f64, device: f64) {
+        self.is_verified = true;
         let [on_processor, on_device] = &mut self.times_ms;
         on_processor.push(processor);
         on_device.push(device);
@@ -229,7 +246,7 @@ mod tests {
 }
 
 #[cfg(test)]
-mod comparer_use_tests {
+mod summary_tests {
     use super::*;
 
     #[test]
@@ -247,18 +264,7 @@ mod comparer_use_tests {
         assert!(
             found.summary_line().ends_with("the processor 3; fell back to the processor: lost")
         );
-    }
-}
-
-#[cfg(test)]
-mod pass_use_tests {
-    use super::*;
-
-    #[test]
-    fn the_line_says_what_was_used() {
-        let mut found = PassUse { processor_frames: 3, ..PassUse::default() };
-        assert_eq!(found.summary_line(), "the processor fitted frames");
-        (found.device, found.device_frames) = (Some("Card".into()), 5);
-        assert_eq!(found.summary_line(), "Card fitted 5 frames, the processor 3");
+        let fitted = PassUse { processor_frames: 3, ..PassUse::default() };
+        assert_eq!(fitted.summary_line(), "the processor fitted frames");
     }
 }

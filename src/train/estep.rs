@@ -6,8 +6,8 @@ use crate::math::real::Real;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::paper::state::InitialModel;
 
-/// Components that lose by this many nats receive nothing: e⁻⁴⁰ is below the rounding of a sum that
-/// starts with 1, in either precision.
+// Components that lose by this many nats receive nothing: e⁻⁴⁰ is below the rounding of a sum that
+// starts with 1, in either precision.
 const HARD_NATS: f64 = 40.0;
 
 /// Constants of the log-score.
@@ -86,8 +86,9 @@ impl Scoring {
 /// Computes `(dx² + dy²) + dz²`.
 #[inline(always)]
 pub fn squared_distance<S: Real>(a: [S; 3], b: [S; 3]) -> S {
-    let d: [S; 3] = std::array::from_fn(|i| a[i] - b[i]);
-    (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
+    // No closure: kernels would call it, compiled for the baseline instruction set.
+    let [x, y, z] = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    (x * x + y * y) + z * z
 }
 
 #[cfg(test)]

@@ -28,6 +28,9 @@ pub trait Learner: Send + Sync {
     /// Posterior and surface of a component, for the inspector and attributes; the E-step does not use them.
     fn component(&self, component: usize) -> Component;
 
+    /// Number of points received by a component, `N_k`; 0 if it is unused.
+    fn evidence(&self, component: usize) -> f64;
+
     /// Splats of all components, in world units; slot `k` is component `k`, with opacity 0 if it draws
     /// nothing. Equal models give the same order, so equal files.
     fn splats(&self) -> SplatSet;

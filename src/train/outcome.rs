@@ -1,6 +1,6 @@
 //! Result of training on one frame.
 
-use super::learner::{Changed, Learner, Status};
+use super::learner::{Changed, Learner};
 use super::scene::track::TrackingLoss;
 use super::timing::StageMs;
 use crate::model::scene::state::TrackedPose;
@@ -81,33 +81,33 @@ pub struct BirthLog(Vec<u32>);
 
 impl BirthLog {
     /// Creates the log at the start of a session; components already in use have no known birth.
-    pub fn new(engine: &dyn Learner) -> Self {
-        let Status { components, used, .. } = engine.status();
-        let is_used = |k| used > 0 && engine.component(k).posterior.count > 0.0;
-        let birth = |k| if is_used(k) { UNKNOWN } else { UNBORN };
-        Self((0..components).map(birth).collect())
+    pub fn new(learner: &dyn Learner) -> Self {
+        let birth = |id| if learner.evidence(id) > 0.0 { UNKNOWN } else { UNBORN };
+        Self((0..learner.status().components).map(birth).collect())
     }
 
-    /// Records the components changed by the frame at `position` of the run.
-    pub fn record(&mut self, changed: Changed<'_>, components: usize, position: usize) {
-        self.0.resize(components.max(self.0.len()), UNBORN);
-        match changed {
-            Changed::All => self.0.iter_mut().for_each(|birth| note(birth, position)),
-            Changed::Listed(ids) => {
-                ids.iter().for_each(|&id| note(&mut self.0[id as usize], position));
+    /// Records the components changed by the learner's last frame, which is at `position` of the run.
+    pub fn record(&mut self, learner: &dyn Learner, position: usize) {
+        let n_components = learner.status().components.max(self.0.len());
+        self.0.resize(n_components, UNBORN);
+        let mut note = |id: usize| {
+            let birth = &mut self.0[id];
+            if learner.evidence(id) == 0.0 {
+                // Merging frees rows, which later components reuse.
+                *birth = UNBORN;
+            } else if *birth == UNBORN {
+                *birth = position as u32;
             }
+        };
+        match learner.last_frame().changed {
+            Changed::Listed(ids) => ids.iter().for_each(|&id| note(id as usize)),
+            Changed::All => (0..n_components).for_each(note),
         }
     }
 
     /// Returns the position of a component's first frame; `None` if unused or born before this session.
     pub fn first_frame_of(&self, component: usize) -> Option<u32> {
         self.0.get(component).copied().filter(|&birth| birth < UNKNOWN)
-    }
-}
-
-fn note(birth: &mut u32, position: usize) {
-    if *birth == UNBORN {
-        *birth = position as u32;
     }
 }
 

@@ -20,6 +20,7 @@ pub struct StageMs {
 impl StageMs {
     /// Creates zero times for a preset's stages, at most [`MAX_STAGES`].
     pub fn new(stages: &'static [TrainStage]) -> Self {
+        // More stages than the arrays hold would panic at the first time added.
         Self { stages: &stages[..stages.len().min(MAX_STAGES)], ..Self::default() }
     }
 
@@ -48,9 +49,8 @@ impl StageMs {
     pub fn add_pass(&mut self, wall_ms: f64, thread_nanos: [u64; 3]) {
         // A pass without points has no thread time.
         let total = thread_nanos.iter().sum::<u64>().max(1) as f64;
-        let laps = [PaperStage::Candidates, PaperStage::EStep, PaperStage::Stats];
-        for (stage, nanos) in laps.into_iter().zip(thread_nanos) {
-            self.add(stage as usize, wall_ms * nanos as f64 / total);
+        for (stage, nanos) in thread_nanos.into_iter().enumerate() {
+            self.add(stage, wall_ms * nanos as f64 / total);
         }
     }
 
@@ -68,6 +68,7 @@ impl StageMs {
 
 impl Serialize for StageMs {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        // By hand, since the names of the fields depend on the preset.
         let mut map = serializer.serialize_map(Some(self.stages.len() + 1))?;
         for (stage, ms) in self.stages() {
             map.serialize_entry(stage.key, &ms)?;
@@ -82,6 +83,7 @@ impl Serialize for StageMs {
 impl<'de> Deserialize<'de> for StageMs {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let fields = BTreeMap::<String, f64>::deserialize(deserializer)?;
+        // Reports do not name the preset of the times; only scenes have this stage.
         let is_scene = fields.contains_key(SCENE_STAGES[SceneStage::Assign as usize].key);
         let mut found = Self::new(if is_scene { &SCENE_STAGES } else { &PAPER_STAGES });
         for (at, stage) in found.stages.iter().enumerate() {
@@ -92,21 +94,11 @@ impl<'de> Deserialize<'de> for StageMs {
     }
 }
 
-/// Stages of a pass.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lap {
-    /// Candidate search.
-    Candidates,
-    /// Scores and responsibilities.
-    EStep,
-    /// Sums per tile.
-    Stats,
-}
-
 /// Measures a pass's stages on a sample of tiles: reading the clock costs as much as scoring a point.
 #[derive(Debug, Default)]
 pub struct StageClock {
     running: Option<Stopwatch>,
+    /// By stage: candidate search, E-step and sums, the first of [`PAPER_STAGES`].
     nanos: [u64; 3],
 }
 
@@ -114,14 +106,15 @@ impl StageClock {
     /// Begins a tile; the clock runs only if the tile is in the sample.
     #[inline(always)]
     pub fn begin_tile(&mut self, is_looked_at: bool) {
+        // A tile outside the sample must not continue the clock of the last one.
         self.running = is_looked_at.then(Stopwatch::start);
     }
 
     /// Adds the time since the last lap to a stage.
     #[inline(always)]
-    pub fn lap(&mut self, lap: Lap) {
+    pub fn lap(&mut self, stage: PaperStage) {
         if let Some(clock) = &mut self.running {
-            self.nanos[lap as usize] += clock.lap_nanos();
+            self.nanos[stage as usize] += clock.lap_nanos();
         }
     }
 

@@ -1,6 +1,5 @@
-//! Reads the golden vectors of `tests/golden`, compares within a tolerance, and counts the compared arrays.
+//! Reads the golden vectors of `tests/golden` and compares within a tolerance.
 
-use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -38,7 +37,6 @@ pub fn golden_folder(case: &str) -> PathBuf {
 pub struct Case {
     folder: PathBuf,
     index: BTreeMap<String, (String, String, Vec<usize>)>,
-    compared: Cell<usize>,
 }
 
 /// Largest error allowed for an expected value.
@@ -58,7 +56,7 @@ impl Case {
             let shape = field[3].split('x').map(|n| n.parse().unwrap()).collect();
             (field[0].to_owned(), (field[1].to_owned(), field[2].to_owned(), shape))
         });
-        Self { index: index.collect(), folder, compared: Cell::new(0) }
+        Self { index: index.collect(), folder }
     }
 
     pub fn has(&self, name: &str) -> bool {
@@ -119,7 +117,6 @@ impl Case {
                 "{name}[{i}]: found {a:e}, expected {b:e} ± {allowed:e}"
             );
         }
-        self.count();
     }
 
     pub fn check(&self, name: &str, found: &[f64], tolerance: Tolerance) {
@@ -131,16 +128,5 @@ impl Case {
 
     pub fn check_exact(&self, name: &str, found: &[u32]) {
         assert_eq!(found, self.u32(name), "{name}");
-        self.count();
-    }
-
-    /// Counts an array that the caller compared itself.
-    pub fn count(&self) {
-        self.compared.set(self.compared.get() + 1);
-    }
-
-    /// Number of arrays compared so far.
-    pub fn compared(&self) -> usize {
-        self.compared.get()
     }
 }

@@ -13,7 +13,6 @@ use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::{StoredModel, parse, to_bytes};
 use vbgs_studio::model::paper::merging;
 use vbgs_studio::model::paper::state::Totals;
-use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
 use vbgs_studio::train::learner::{Learner, Learns};
 use vbgs_studio::train::scene::config::SceneConfig;
@@ -26,17 +25,6 @@ fn learnt(config: &SceneConfig, frames: &[Observation]) -> SceneTrainer {
         scene.learn(frame).unwrap();
     }
     scene
-}
-
-fn state(scene: &SceneTrainer) -> SceneState {
-    let StoredModel::Scene(state) = scene.checkpoint_model() else {
-        panic!("expected a stored scene")
-    };
-    state
-}
-
-fn with_threads<T: Send>(n_threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap().install(work)
 }
 
 /// Totals of three components in 64 bits with carries; `broad` makes them in 128 bits.
@@ -104,16 +92,6 @@ proptest! {
         let again = SceneTrainer::restore(&config, state, n).unwrap();
         prop_assert!(to_bytes(&checkpoint(&again, n)) == bytes);
         prop_assert!(again.splats() == scene.splats());
-    }
-
-    #[test]
-    fn any_number_of_threads_gives_the_same_scene(
-        budget in 20..200usize,
-        frames in vec(frame(200), 2..4),
-    ) {
-        let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
-        let run = |n_threads| with_threads(n_threads, || state(&learnt(&config, &frames)));
-        prop_assert!(run(1) == run(5));
     }
 }
 

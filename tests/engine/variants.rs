@@ -114,33 +114,6 @@ fn without_reassignment_the_order_of_frames_does_not_matter() {
     }
 }
 
-#[test]
-fn a_restored_engine_goes_on_to_the_same_bits() {
-    let frames = frames();
-    for reassign in POLICIES {
-        for precision in [Precision::Mixed, Precision::F64] {
-            let overrides = PaperOverrides {
-                reassign: Some(reassign),
-                precision: Some(precision),
-                ..PaperOverrides::default()
-            };
-            let half = trained(&overrides, &frames[..2]);
-            let mut other = learner::restore(
-                &config(&overrides),
-                half.state(),
-                half.status().frames,
-                Normalization::IDENTITY,
-            )
-            .unwrap();
-            assert!(other.state() == half.state());
-            for frame in &frames[2..] {
-                other.learn(frame).unwrap();
-            }
-            assert!(other.state() == state(&overrides, &frames), "{reassign:?}, {precision:?}");
-        }
-    }
-}
-
 /// With the paper's hyper-parameters, C = 4 candidates assign every point as all components do.
 #[test]
 fn truncation_assigns_as_the_dense_e_step() {
@@ -161,12 +134,9 @@ fn truncation_assigns_as_the_dense_e_step() {
 #[test]
 fn precisions_stay_close_to_the_oracle() {
     let frames = frames();
-    let posteriors = |engine: Box<dyn PaperLearner>| -> Vec<_> {
-        (0..engine.status().components).map(|k| engine.component(k).posterior).collect()
-    };
     let base = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
     let f64 = PaperOverrides { precision: Some(Precision::F64), ..base.clone() };
-    let oracle = posteriors(trained(&f64, &frames));
+    let oracle = trained(&f64, &frames).posteriors();
     let mut single = vec![Operations::MIXED];
     for operation in 0..4 {
         let mut widths = [Width::F32; 4];
@@ -178,7 +148,7 @@ fn precisions_stay_close_to_the_oracle() {
     single.push(Operations::all(Width::F64, UpdateWidth::Fixed128));
     for operations in single {
         let custom = PaperOverrides { operations: Some(operations), ..base.clone() };
-        let found = posteriors(trained(&custom, &frames));
+        let found = trained(&custom, &frames).posteriors();
         for (k, (a, b)) in oracle.iter().zip(&found).enumerate() {
             assert_eq!(a.count, b.count, "{operations:?}, component {k}");
             assert!((a.mean_space - b.mean_space).length() < 1e-6, "{operations:?}, {k}");

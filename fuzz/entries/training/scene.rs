@@ -9,7 +9,7 @@ use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
 use vbgs_studio::train::learner::{Learner, Learns};
 use vbgs_studio::train::scene::config::SceneConfig;
-use vbgs_studio::train::scene::engine;
+use vbgs_studio::train::scene::fusion::fuse;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 use vbgs_studio::train::scene::trainer::SceneTrainer;
 
@@ -102,7 +102,7 @@ fn reopened(config: &SceneConfig, scene: &SceneTrainer) -> SceneTrainer {
 /// The scene with a part that learnt nothing since, and with itself as it was, at a finer scale perhaps.
 fn fused(config: &SceneConfig, scene: &SceneTrainer, earlier: &SceneState) -> SceneTrainer {
     let now = state(scene);
-    let Some(fused) = engine::fuse(config, None, &[&now, earlier]) else {
+    let Some(fused) = fuse(config, None, &[&now, earlier]) else {
         return reopened(config, scene);
     };
     let StoredModel::Scene(fused) = read_back(StoredModel::Scene(fused), 2 * scene.status().frames)

@@ -117,8 +117,7 @@ impl Seen {
             engine.learn(frame)?;
         }
         let elbo = engine.point_elbo();
-        let posteriors =
-            (0..engine.status().components).map(|k| engine.component(k).posterior).collect();
+        let posteriors = engine.posteriors();
         let mut responsibilities = Vec::new();
         // Tile by tile to limit memory: a dense engine returns every component for every point.
         for tile in frames.last().map_or_else(Vec::new, tiles) {

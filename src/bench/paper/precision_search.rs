@@ -16,7 +16,6 @@ use crate::train::paper::config::{
 };
 use crate::train::paper::init::InitialDraw;
 use crate::train::paper::learner;
-use crate::train::paper::learner::PaperLearner;
 use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use serde::Serialize;
@@ -98,7 +97,7 @@ struct Combination {
 impl Combination {
     fn new(config: &PaperConfig, runs: &Runs, truth: &[ComponentPosterior], bound: f64) -> Self {
         let Spread { median: ms, quartiles: ms_quartiles } = runs.spread(|ms| ms.train);
-        let error = posterior_errors(&posteriors(&*runs.engine), truth);
+        let error = posterior_errors(&runs.engine.posteriors(), truth);
         let PaperConfig { precision, operations, .. } = *config;
         let within_bound = error.p99() <= bound;
         Self { precision, operations, ms, ms_quartiles, error, within_bound }
@@ -136,7 +135,7 @@ pub fn run(
         done += 1;
         progress(done, steps);
     })?;
-    let truth = posteriors(&*timed[all.len()].engine);
+    let truth = timed[all.len()].engine.posteriors();
     let measured: Vec<Combination> = variants
         .iter()
         .zip(&timed)
@@ -162,10 +161,6 @@ fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDra
     }
     let state = engine.state();
     Ok(InitialDraw { means: state.means.rows(), alpha: state.alpha_init })
-}
-
-fn posteriors(engine: &dyn PaperLearner) -> Vec<ComponentPosterior> {
-    (0..engine.status().components).map(|k| engine.component(k).posterior).collect()
 }
 
 /// All combinations of widths, widest first.

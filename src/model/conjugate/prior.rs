@@ -136,18 +136,3 @@ mod tests {
         assert_eq!(hyper.expected_precision_color(), 5e8);
     }
 }
-
-#[cfg(test)]
-mod dirichlet_tests {
-    use super::*;
-
-    #[test]
-    fn weights_and_divergence() {
-        let ln_weights = expected_ln_weights(&[2.0, 2.0]);
-        assert_eq!(ln_weights[0], ln_weights[1]);
-        // ψ(2) − ψ(4) = −(1/2 + 1/3)
-        assert!((ln_weights[0] + 5.0 / 6.0).abs() < 1e-14);
-        assert!(kl(&[0.3, 1.7], &[0.3, 1.7]).abs() < 1e-14);
-        assert!(kl(&[0.3, 1.7], &[1.0, 1.0]) > 0.0);
-    }
-}

@@ -10,9 +10,6 @@ use std::collections::BTreeMap;
 /// Reasons why totals cannot be added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddError {
-    /// Floating-point sums, which are rounded at every addition.
-    #[error("totals that are rounded depend on the order of frames and cannot be added exactly")]
-    Inexact,
     /// Different number formats, lengths or origins.
     #[error("totals of different forms, numbers of components or origins cannot be added")]
     Unlike,
@@ -63,6 +60,7 @@ fn add_fixed64(
     carries_b: &[Carry],
 ) -> Result<Totals, AddError> {
     // Wider than the stored limbs, so that adding two cannot overflow before the range check.
+    // Ordered by id, as carries are stored.
     let mut limbs: BTreeMap<u32, [i64; N_SUMS]> = BTreeMap::new();
     for carry in carries_a.iter().chain(carries_b) {
         let sums = limbs.entry(carry.id).or_default();
@@ -87,6 +85,7 @@ fn add_fixed64(
         }
         Ok(carry)
     };
+    // Limbs that cancelled are not stored: equal sums then have equal bits.
     let any = |(_, limbs): &(u32, [i64; N_SUMS])| limbs.iter().any(|&limb| limb != 0);
     let carries: Result<_, _> = limbs.into_iter().filter(any).map(carry).collect();
     Ok(Totals::Fixed64 { rows, carries: carries? })
@@ -109,6 +108,7 @@ pub(super) struct TotalShard<T: TotalScalar> {
 
 /// Row of sums; two cache lines in 64-bit form.
 #[derive(Clone, Copy)]
+// `C` keeps the stamp in front: it is read together with the first sums, on one cache line.
 #[repr(C, align(64))]
 pub(super) struct TotalRow<T> {
     /// Frame that last changed the row.
@@ -128,6 +128,7 @@ impl<T: TotalScalar> TotalShard<T> {
             carries: BTreeMap::new(),
             used: vec![0; len.div_ceil(64)],
             n_used: 0,
+            // Reserved for all rows, so that a warm frame allocates nothing.
             touched: Vec::with_capacity(len),
         }
     }
@@ -195,6 +196,7 @@ impl<T: TotalScalar> TotalShard<T> {
 
     /// Returns the statistics of one component of the shard, about its initial mean.
     pub fn moments(&self, component: usize, shard_bits: u32) -> Moments {
+        // The number of components per shard is a power of two, so the low bits are the row.
         let row = &self.rows[component & ((1 << shard_bits) - 1)];
         let none = [0; N_SUMS];
         // Few models have carries at all: this avoids a lookup per component.

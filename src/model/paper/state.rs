@@ -116,6 +116,7 @@ impl<R: Real> InitialModel<R> {
         let ln_weights = prior::expected_ln_weights(alpha);
         let weight: Vec<R> = ln_weights.into_iter().map(|w| R::of(w * to_weight)).collect();
         Self {
+            // Generic numbers have no total order, hence the comparison.
             max_weight: weight.iter().fold(-R::INFINITY, |m, &w| if w > m { w } else { m }),
             weight,
             space: means.iter().map(|m| [m[0], m[1], m[2]].map(R::of)).collect(),

@@ -14,6 +14,7 @@ const FRACTION_BITS: [u32; N_SUMS] = [36, 40, 40, 40, 48, 48, 48, 48, 48, 48, 36
 const SCALES: [f64; N_SUMS] = {
     let mut scales = [0.0; N_SUMS];
     let mut i = 0;
+    // Constants cannot use iterators.
     while i < N_SUMS {
         scales[i] = (1u64 << FRACTION_BITS[i]) as f64;
         i += 1;
@@ -38,6 +39,7 @@ impl TotalScalar for i64 {
             let (quanta, is_small) = round_small(terms[i] * SCALES[i]);
             added[i] = sums[i].wrapping_add(quanta);
             // On overflow the sign differs from that of both terms.
+            // Without short circuit: one branch after the loop decides for all sums.
             is_plain &= is_small & ((sums[i] ^ added[i]) & (quanta ^ added[i]) >= 0);
         }
         if is_plain {

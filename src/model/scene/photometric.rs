@@ -72,6 +72,7 @@ impl PhotometricState {
             noise: self.noise,
             points: self.points,
             seen_through: self.seen_through,
+            // Pixels are shared, so this copies cameras and pointers only.
             buffered: self.buffered.clone(),
         }
     }

@@ -4,7 +4,7 @@ use super::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::math::cholesky::at;
 use crate::math::pose::Pose;
 use crate::model::splat::appearance::Appearance;
-use crate::model::splat::splats::Splat;
+use crate::model::splat::splats::{Splat, rotation_array};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
@@ -34,9 +34,7 @@ impl PhotometricState {
 /// `turn` is the rotation of `motion`.
 fn moved(splat: &Splat, motion: &Pose, turn: DQuat) -> Splat {
     let mean = motion.transform_point(DVec3::from_array(splat.mean.map(f64::from)));
-    let [w, x, y, z] = splat.rotation.map(f64::from);
-    let turned = (turn * DQuat::from_xyzw(x, y, z, w)).normalize();
-    let rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
+    let rotation = rotation_array((turn * splat.quaternion()).normalize());
     Splat { mean: mean.as_vec3().to_array(), rotation, ..*splat }
 }
 
@@ -65,6 +63,7 @@ fn rotate_precision<const N: usize>(lower: &mut [f32], vectors: &[usize], turn: 
                 across.x * rows[0][j] + across.y * rows[1][j] + across.z * rows[2][j]
             });
         }
+        // The second factor: columns of `T Λ`, as the rows are rotated above.
         for row in &mut full {
             let along = turn * DVec3::from_slice(&row[first..first + 3]);
             row[first..first + 3].copy_from_slice(&along.to_array());
@@ -113,10 +112,7 @@ mod tests {
         let motion = Pose::IDENTITY.attached_camera(DVec3::new(1.0, 2.0, -3.0), turn);
         let splat =
             Splat { mean: [1.0, 0.5, 2.0], rotation: [0.8, 0.0, 0.6, 0.0], ..Splat::default() };
-        let axis = |splat: &Splat| {
-            let [w, x, y, z] = splat.rotation.map(f64::from);
-            DQuat::from_xyzw(x, y, z, w) * DVec3::X
-        };
+        let axis = |splat: &Splat| splat.quaternion() * DVec3::X;
         let after = moved(&splat, &motion, turn);
         assert!((turn * axis(&splat) - axis(&after)).length() < 1e-6);
         let place = motion.transform_point(DVec3::new(1.0, 0.5, 2.0));

@@ -4,7 +4,7 @@
 use super::sums::{SceneSums, outer};
 use crate::math::sym3::Sym3;
 use crate::model::splat::appearance::{Appearance, PLAIN_WIDTH, plain_of_equal_area};
-use crate::model::splat::splats::{CovarianceForm, Splat, decompose};
+use crate::model::splat::splats::{CovarianceForm, Splat, decompose, rotation_array};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
@@ -124,7 +124,7 @@ impl SplatRule {
             opacity: opacity as f32,
             color: color.as_vec3().to_array(),
             scale: scale.as_vec3().to_array(),
-            rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|q| q as f32),
+            rotation: rotation_array(rotation),
         };
         // Renderers cannot handle it; occurs for worlds in nanometres or malformed files.
         if splat.is_valid() { (splat, appearance) } else { Default::default() }
@@ -138,6 +138,7 @@ impl SplatRule {
         }
         let covariance = self.regular(sums.covariance(), sums.count, h).scaled(self.scale.powi(2));
         let least = (self.least_scale * h).powi(2);
+        // A sum instead of a maximum per axis: it bounds the same width without a decomposition.
         let covariance = covariance.add_scaled(1.0, Sym3::diagonal(least));
         Some(PointExtent { mean: seed + sums.mean_offset(), covariance })
     }

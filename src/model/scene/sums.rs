@@ -323,6 +323,7 @@ pub fn first_violated_moment(row: &[f64; N_SUMS]) -> Option<(usize, f64)> {
 /// changed. Sums within bounds stay unchanged to the bit.
 pub fn clamp_moments(row: &mut [f64; N_SUMS]) -> bool {
     let mut changed = false;
+    // Rounding after a move can leave a square a quantum below 0.
     for i in SQUARES {
         if row[i] < 0.0 {
             row[i] = 0.0;
@@ -339,7 +340,7 @@ pub fn clamp_moments(row: &mut [f64; N_SUMS]) -> bool {
     changed
 }
 
-/// Relative rounding error of f64 sums, as a share of the trace of a second moment.
+// Relative rounding error of f64 sums, as a share of the trace of a second moment.
 const ARITHMETIC: f64 = 1e-14;
 /// Minors above this share of powers of the trace prove a scatter to be definite despite rounding.
 const NO_DOUBT: f64 = 1e-12;
@@ -348,6 +349,7 @@ const NO_DOUBT: f64 = 1e-12;
 /// quanta to the second moment along each axis as make the scatter about the mean positive semidefinite, the
 /// least possible. Rows of definite scatter stay unchanged to the bit. Returns true if the row was changed.
 pub fn repair_scatter(row: &mut [f64; N_SUMS]) -> bool {
+    // Without points there is no mean to subtract.
     if row[0] <= 0.0 {
         return false;
     }

@@ -63,6 +63,7 @@ impl PhotographView {
     /// # Errors
     /// [`PoseError`] if the matrix is not a pose.
     pub fn camera(&self) -> Result<Camera, PoseError> {
+        // Casts saturate; loading has rejected sizes that are not whole numbers.
         let ([width, height], [fx, fy, cx, cy]) = (self.size.map(|n| n as u32), self.pinhole);
         let pose = Pose::from_opencv(DMat4::from_cols_array(&self.pose))?;
         Ok(Camera { intrinsics: Intrinsics { width, height, fx, fy, cx, cy }, pose })
@@ -77,11 +78,13 @@ impl PhotographView {
     /// Iterates over the indices of the stored rows, from the top.
     pub fn stored_rows(&self) -> impl ExactSizeIterator<Item = usize> + use<> {
         let [every, first] = self.rows.map(|n| n as usize);
+        // A file is read before it is checked, and a stride of 0 would panic.
         (first..self.size[1] as usize).step_by(every.max(1))
     }
 
     /// Returns the number of stored pixels.
     pub fn n_pixels(&self) -> usize {
+        // Sizes of an unchecked file may overflow the product.
         self.stored_rows().len().saturating_mul(self.size[0] as usize)
     }
 
@@ -112,6 +115,7 @@ impl PhotographView {
         if let Some((name, found, range)) = wrong.next() {
             return Some((name, range.to_string(), found));
         }
+        // Last, since it is a property of all sixteen numbers.
         let is_posed = self.camera().is_ok();
         (!is_posed).then(|| ("pose", "a rotation and a place".to_owned(), self.pose[0]))
     }

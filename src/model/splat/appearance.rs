@@ -95,6 +95,7 @@ impl Finishing {
     }
 }
 
+// Static, so that views of plain splats can borrow it.
 static PLAIN: Finishing = Finishing { full_coverage: 1.0, exposures: None, poses: None };
 
 /// Leaves pixels unchanged, as for plain splats.

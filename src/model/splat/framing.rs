@@ -16,7 +16,7 @@ pub struct Framing {
     pub radius: f64,
 }
 
-/// Share of the splats in the scene's core.
+// Share of the splats in the scene's core.
 const CORE_SHARE: f64 = 0.9;
 /// Thickness of a shell, in radii of the core.
 const SHELL: f64 = 0.25;
@@ -64,6 +64,7 @@ pub fn core_sphere(splats: &[Splat]) -> Option<Framing> {
         splats.iter().filter(|s| s.is_finite()).map(SplatExtent::new).collect();
     let centre = median(&blobs)?;
     let away = blobs.iter().map(|blob| blob.centre.distance(centre)).collect();
+    // A radius of 0 would leave the camera no distance.
     Some(Framing { centre, radius: quantile(away, CORE_SHARE)?.max(1e-6) })
 }
 
@@ -101,8 +102,7 @@ struct SplatExtent {
 
 impl SplatExtent {
     fn new(splat: &Splat) -> Self {
-        let [w, x, y, z] = splat.rotation.map(f64::from);
-        let q = DQuat::from_xyzw(x, y, z, w);
+        let q = splat.quaternion();
         // Files may hold a zero quaternion.
         let q = if q.length_squared() > 0.0 { q.normalize() } else { DQuat::IDENTITY };
         let rotation = DMat3::from_quat(q);

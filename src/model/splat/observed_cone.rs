@@ -3,10 +3,10 @@
 use crate::math::sym3::Sym3;
 use glam::{DMat3, DVec3};
 
-/// Edge of the cone in standard deviations of the observed directions. A uniform distribution along the
-/// camera path ends at √3.
+// Edge of the cone in standard deviations of the observed directions. A uniform distribution along the
+// camera path ends at √3.
 const EDGE: f64 = 2.0;
-/// Standard deviation added across the cone: one viewpoint determines a splat's colour within about 2°.
+// Standard deviation added across the cone: one viewpoint determines a splat's colour within about 2°.
 const LEAST: f64 = 0.02;
 
 /// Mean and spread of unit directions from camera to splat, world axes. Zero means unknown: any direction

@@ -99,13 +99,23 @@ impl Splat {
             && (norm2 - 1.0).abs() <= UNIT_TOLERANCE
     }
 
+    /// Returns the rotation as stored: of length 1 within [`Splat::is_valid`]'s tolerance, or broken.
+    pub fn quaternion(&self) -> DQuat {
+        let [w, x, y, z] = self.rotation.map(f64::from);
+        DQuat::from_xyzw(x, y, z, w)
+    }
+
     /// Returns the covariance `Q diag(s²) Qᵀ` in f64, world units².
     pub fn covariance(&self) -> Sym3 {
-        let [w, x, y, z] = self.rotation.map(f64::from);
-        let q = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let q = DMat3::from_quat(self.quaternion().normalize());
         let s = DVec3::from_array(self.scale.map(f64::from));
         Sym3::from_mat3(q * DMat3::from_diagonal(s * s) * q.transpose())
     }
+}
+
+/// Converts a quaternion to the form of [`Splat::rotation`].
+pub fn rotation_array(q: DQuat) -> [f32; 4] {
+    [q.w, q.x, q.y, q.z].map(|q| q as f32)
 }
 
 /// Returns standard deviations (before any factor) and unit quaternion `w ≥ 0` of a covariance. Eigenvalues
@@ -202,7 +212,7 @@ mod tests {
         let (scale, q) = decompose(cov, CovarianceForm::Eigen);
         let splat = Splat {
             scale: scale.as_vec3().to_array(),
-            rotation: [q.w as f32, q.x as f32, q.y as f32, q.z as f32],
+            rotation: rotation_array(q),
             opacity: 1.0,
             ..Splat::default()
         };

@@ -11,7 +11,7 @@ const ANGLE: f64 = 0.3;
 const DISTANCE: f64 = 12.0;
 /// Noise variance of a single frame's value, relative to its variance between places.
 const NOISE: f64 = 0.05;
-/// Maximum number of frames used, the nearest ones: more add nothing.
+// Maximum number of frames used, the nearest ones: more add nothing.
 const MOST: usize = 16;
 
 /// Viewpoint of a frame.
@@ -43,6 +43,7 @@ impl Viewpoint {
     fn distance(&self, other: &Self, reach: f64) -> f64 {
         let [a, b] = [self, other].map(|view| DVec3::from_array(view.centre));
         let [to, from] = [self, other].map(|view| DVec3::from_array(view.forward));
+        // Both count alike: either alone gives a correlation of one half at 1.
         f64::hypot(a.distance(b) / reach, to.angle_between(from) / ANGLE)
     }
 }
@@ -89,6 +90,7 @@ pub fn interpolate<T, const N: usize>(
         let weight = place + rest * mean;
         sums.iter_mut().zip(value).for_each(|(sum, value)| *sum += weight * value);
     }
+    // An empty matrix has a factor too, so the case ends here.
     (n > 0).then_some(sums)
 }
 

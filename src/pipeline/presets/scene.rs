@@ -17,7 +17,7 @@ use crate::pipeline::prefetch::frames_at_once;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::outcome::MemoryEstimate;
-use crate::train::scene::engine;
+use crate::train::scene::fusion::fuse;
 use crate::train::scene::trainer::SceneTrainer;
 
 impl AnyPreset for SceneRun {
@@ -58,7 +58,7 @@ impl AnyPreset for SceneRun {
     fn fuse(&self, origin: Option<&StoredModel>, models: &[&StoredModel]) -> Option<StoredModel> {
         let origin = origin.map(|model| self.scene(model)).transpose().ok()?;
         let scenes: Result<Vec<_>, _> = models.iter().map(|model| self.scene(model)).collect();
-        engine::fuse(&self.engine, origin, &scenes.ok()?).map(StoredModel::Scene)
+        fuse(&self.engine, origin, &scenes.ok()?).map(StoredModel::Scene)
     }
 
     fn check(&self, model: &StoredModel) -> Result<(), Mismatch> {

@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Number of threads from which two parallel steps are faster (`training.md`, Speed).
+// Number of threads from which two parallel steps are faster (`training.md`, Speed).
 const MANY: usize = 4;
 // Number of parts of the ids. Fixed rather than one per thread, so memory grows only once.
 const PARTS: usize = 16;
@@ -111,6 +111,7 @@ impl Ranges<'_> {
         }
         let middle = ranges.start.midpoint(ranges.end);
         let before = ranges.start..middle;
+        // The last ranges may extend beyond the cells.
         let n_cells = (before.len() * self.width).min(start.len());
         let n = self.parts.iter().map(|part| part.of_ranges(before.clone()).len()).sum();
         let ((start, start_behind), (ids, ids_behind)) =
@@ -189,6 +190,7 @@ impl Edits {
             let behind = cell as usize + 1;
             start[from..behind].iter_mut().for_each(|start| *start = start.wrapping_add(shift));
             from = behind;
+            // Negative shifts wrap, which additions undo.
             shift = shift.wrapping_add(if comes { 1 } else { u32::MAX });
         }
         start[from..].iter_mut().for_each(|start| *start = start.wrapping_add(shift));

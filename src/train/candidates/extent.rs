@@ -7,13 +7,13 @@ use crate::math::simd::{Kernel, Vector};
 use crate::train::estep::squared_distance;
 use std::ops::Range;
 
-/// Relative margin of every radius: a hundred rounding errors.
+// Relative margin of every radius: a hundred rounding errors.
 pub(super) const RELATIVE_MARGIN: f32 = 1.0 + 1e-5;
-/// Margin of every radius per unit of the largest coordinate: ten rounding errors.
+// Margin of every radius per unit of the largest coordinate: ten rounding errors.
 const COORDINATE_MARGIN: f32 = 1e-6;
-/// Margin of every radius against underflow of its square.
+// Margin of every radius against underflow of its square.
 const MIN_MARGIN: f32 = 1e-18;
-/// Largest radius whose square is safely finite.
+// Largest radius whose square is safely finite.
 pub(super) const MAX_RADIUS: f32 = 1e18;
 
 /// Bounding box and bounding sphere of the points of a group or chunk.

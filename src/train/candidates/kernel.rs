@@ -8,6 +8,7 @@
 //! flagged as uncertain and ranked again in full.
 
 use crate::math::simd::{LANES, Vector};
+use crate::train::estep::squared_distance;
 use std::ops::Range;
 
 #[inline(always)]
@@ -67,6 +68,7 @@ pub(super) fn reach2<V: Vector>(points: &Columns, range: Range<usize>, centre: [
     }
     let centre = splat_position::<V>(centre);
     let last = last_vector(&range);
+    // Entries of overlapping vectors count twice, which changes neither maximum nor finiteness.
     let mut reach = distance2(load_position(points, last), centre);
     let mut sum = reach;
     let mut at = range.start;
@@ -333,9 +335,7 @@ impl Columns {
     /// Squared distance of an entry to a point, rounded as everywhere in the search.
     #[inline(always)]
     pub fn distance2(&self, i: usize, point: [f32; 3]) -> f32 {
-        let p = self.position(i);
-        let d: [f32; 3] = std::array::from_fn(|axis| p[axis] - point[axis]);
-        (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
+        squared_distance(self.position(i), point)
     }
 
     #[inline(always)]

@@ -15,7 +15,7 @@ use std::ops::Range;
 // distance would leave more points to be ranked individually.
 const MAX_KERNEL_LIST: usize = 1 << 13;
 
-/// Initial capacity of the lists; few tiles need more.
+// Initial capacity of the lists; few tiles need more.
 const USUAL_LEN: usize = 4096;
 
 /// Candidate lists of grid entries, with scratch memory.

@@ -11,6 +11,7 @@ use super::lists::{ListKind, Lists};
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
 use crate::observation::points::Points;
+use crate::train::estep::squared_distance;
 use std::num::NonZero;
 use std::ops::Range;
 
@@ -31,7 +32,8 @@ pub fn nearest_in_tile(
     let first = ids.len();
     ids.resize(first + tile[0].len() * rank, 0);
     if rank > 0 {
-        isa.run(Narrow { grid, search, tile, rank, ids: &mut ids[first..] });
+        let visitor = NarrowVisitor { grid, rank, ids: &mut ids[first..], found: Vec::new() };
+        isa.run(TileSearch { grid, search, tile, rank, visitor });
     }
 }
 
@@ -52,35 +54,31 @@ pub fn nearest_in_tile_wide<R: Real>(
     if rank == 0 {
         return;
     }
+    // The grid is over means in f32, so its searches take points in f32.
     let narrow = |column: &[R]| -> Vec<f32> {
         column[range.clone()].iter().map(|v| v.to_f64() as f32).collect()
     };
     let [x, y, z] = [narrow(&points.x), narrow(&points.y), narrow(&points.z)];
     let position = |place: usize| points.position(range.start + place);
-    let ids = &mut ids[first..];
-    Isa::best().run(Wide { grid, search, tile: [&x, &y, &z], rank, means, position, ids });
+    let visitor = WideVisitor { grid, rank, means, position, ids: &mut ids[first..] };
+    Isa::best().run(TileSearch { grid, search, tile: [&x, &y, &z], rank, visitor });
 }
 
-struct Narrow<'a> {
+struct TileSearch<'a, T> {
     grid: &'a MeanGrid,
     search: &'a mut CandidateSearch,
     tile: [&'a [f32]; 3],
     rank: usize,
-    ids: &'a mut [u32],
+    visitor: T,
 }
 
-impl Kernel for Narrow<'_> {
+impl<T: VisitChunk> Kernel for TileSearch<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        let Self { grid, search, tile, rank, ids } = self;
-        search.visit_tile::<V>(
-            grid,
-            tile,
-            rank,
-            &mut NarrowVisitor { grid, rank, ids, found: Vec::new() },
-        );
+        let Self { grid, search, tile, rank, mut visitor } = self;
+        search.visit_tile::<V>(grid, tile, rank, &mut visitor);
     }
 }
 
@@ -158,32 +156,11 @@ impl NarrowVisitor<'_> {
     }
 }
 
-struct Wide<'a, R, P> {
-    grid: &'a MeanGrid,
-    search: &'a mut CandidateSearch,
-    tile: [&'a [f32]; 3],
-    rank: usize,
-    means: &'a [[R; 3]],
-    /// Position of the point at an index of the tile.
-    position: P,
-    ids: &'a mut [u32],
-}
-
-impl<R: Real, P: Fn(usize) -> [R; 3]> Kernel for Wide<'_, R, P> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<V: Vector>(self) {
-        let Self { grid, search, tile, rank, means, position, ids } = self;
-        let mut visitor = WideVisitor { grid, rank, means, position, ids };
-        search.visit_tile::<V>(grid, tile, rank, &mut visitor);
-    }
-}
-
 struct WideVisitor<'a, R, P> {
     grid: &'a MeanGrid,
     rank: usize,
     means: &'a [[R; 3]],
+    /// Position of the point at an index of the tile.
     position: P,
     ids: &'a mut [u32],
 }
@@ -197,11 +174,8 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
         for i in chunk {
             let place = points.tag[i] as usize;
             let point = (self.position)(place).map(R::to_f64);
-            let distance2 = |id: u32| {
-                let mean = self.means[id as usize].map(R::to_f64);
-                let d: [f64; 3] = std::array::from_fn(|axis| mean[axis] - point[axis]);
-                (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
-            };
+            let distance2 =
+                |id: u32| squared_distance(self.means[id as usize].map(R::to_f64), point);
             let found = lists.rank_by(among, self.grid.ids(), self.rank, distance2);
             let ids = &mut self.ids[place * self.rank..(place + 1) * self.rank];
             ids.iter_mut().zip(found).for_each(|(id, found)| *id = found);
@@ -251,6 +225,7 @@ impl CandidateSearch {
         rank: usize,
         visitor: &mut impl VisitChunk,
     ) {
+        // An empty group has no extent.
         if tile[0].is_empty() {
             return;
         }

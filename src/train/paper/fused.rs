@@ -17,7 +17,7 @@ use crate::train::candidates::{
 };
 use crate::train::component_elbo::{NO_OWNER, owner_of_shares};
 use crate::train::estep::{Scoring, squared_distance};
-use crate::train::timing::{Lap, StageClock};
+use crate::train::timing::{PaperStage, StageClock};
 use std::ops::Range;
 
 // Marks an owner that refers to shares of several components. `NO_OWNER` has this bit too, so
@@ -44,6 +44,7 @@ impl FusedInputs<'_> {
     /// nothing in either case.
     pub fn influence_radius2(&self, q: f64) -> f32 {
         let gap = 2.0 * self.scoring.hard_gap() as f32;
+        // The factor covers the rounding of the sum and of the distances compared with it.
         ((q as f32 + self.max_weight) + gap) * (1.0 + 1e-5)
     }
 }
@@ -61,7 +62,7 @@ pub(super) struct FusedTiles<'a> {
     pub clock: &'a mut StageClock,
 }
 
-/// Initial capacity in slots: four per point of a tile.
+// Initial capacity in slots: four per point of a tile.
 const USUAL_SLOTS: usize = 256;
 
 /// Scratch memory of a thread, reused. Results never depend on earlier tiles.
@@ -120,7 +121,10 @@ impl Kernel for FusedTiles<'_> {
         let Self { inputs, memory, tiles, q, mut owners, mut records, clock } = self;
         let FusedMemory { search, tile: tile_memory, sums } = memory;
         let points = inputs.points;
+        // `q` covers the points of this task only.
         let first_point = points.tiles[tiles.start] as usize;
+        let color_ratio = inputs.scoring.color_ratio as f32;
+        let hard_gap = inputs.scoring.hard_gap() as f32;
         for tile in tiles.clone() {
             // Reading the clock costs as much as scoring a point, so only the first tile of a task is
             // timed.
@@ -130,18 +134,32 @@ impl Kernel for FusedTiles<'_> {
             let q = &mut q[range.start - first_point..range.end - first_point];
             let xyz =
                 [&points.x[range.clone()], &points.y[range.clone()], &points.z[range.clone()]];
-            let mut assign = OwnerAssigner::new(&inputs, tile_memory, range.start, q, clock);
+            let mut assign = OwnerAssigner {
+                inputs: &inputs,
+                memory: tile_memory,
+                first_point: range.start,
+                q,
+                clock,
+                color_ratio,
+                hard_gap,
+            };
             search.visit_tile::<V>(inputs.grid, xyz, inputs.rank, &mut assign);
             if !owners.is_empty() {
                 let (own, later) = owners.split_at_mut(range.len());
                 tile_memory.find_owners(own);
                 owners = later;
             }
-            clock.lap(Lap::Candidates);
+            clock.lap(PaperStage::Candidates);
             if let Some(records) = &mut records {
                 tile_memory.sum(points, range, sums);
-                emit(tile, tile_memory, sums, inputs.shard_bits, records);
-                clock.lap(Lap::Stats);
+                for (component, &sums) in tile_memory.components.iter().zip(&*sums) {
+                    // Every component examined has a slot, but most of those that lost receive nothing.
+                    if sums[0] > 0.0 {
+                        let record = TileRecord { id: component.id, tile: tile as u32, sums };
+                        records[component.id as usize >> inputs.shard_bits].push(record);
+                    }
+                }
+                clock.lap(PaperStage::Stats);
             }
         }
     }
@@ -202,23 +220,6 @@ impl TileMemory {
     }
 }
 
-#[inline(always)]
-fn emit(
-    tile: usize,
-    memory: &TileMemory,
-    sums: &[[f32; N_SUMS]],
-    shard_bits: u32,
-    records: &mut [Vec<TileRecord<f32>>],
-) {
-    for (component, &sums) in memory.components.iter().zip(sums) {
-        // Every component examined has a slot, but most of those that lost receive nothing.
-        if sums[0] > 0.0 {
-            let record = TileRecord { id: component.id, tile: tile as u32, sums };
-            records[component.id as usize >> shard_bits].push(record);
-        }
-    }
-}
-
 struct OwnerAssigner<'a> {
     inputs: &'a FusedInputs<'a>,
     memory: &'a mut TileMemory,
@@ -233,7 +234,7 @@ impl VisitChunk for OwnerAssigner<'_> {
     #[inline(always)]
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
         let nearest: [Nearest; CHUNK] = lists.nearest::<V>(points, chunk.clone());
-        self.clock.lap(Lap::Candidates);
+        self.clock.lap(PaperStage::Candidates);
         for (i, nearest) in chunk.zip(nearest) {
             let place = points.tag[i] as usize;
             let (space, color) =
@@ -247,24 +248,11 @@ impl VisitChunk for OwnerAssigner<'_> {
                 self.assign_shares::<V>(lists, place, q, space, color);
             }
         }
-        self.clock.lap(Lap::EStep);
+        self.clock.lap(PaperStage::EStep);
     }
 }
 
-impl<'a> OwnerAssigner<'a> {
-    #[inline(always)]
-    fn new(
-        inputs: &'a FusedInputs<'a>,
-        memory: &'a mut TileMemory,
-        first_point: usize,
-        q: &'a mut [f64],
-        clock: &'a mut StageClock,
-    ) -> Self {
-        let color_ratio = inputs.scoring.color_ratio as f32;
-        let hard_gap = inputs.scoring.hard_gap() as f32;
-        Self { inputs, memory, first_point, q, clock, color_ratio, hard_gap }
-    }
-
+impl OwnerAssigner<'_> {
     #[inline(always)]
     fn slot(&mut self, entry: u32) -> usize {
         let slot = self.memory.slots.find(entry);
@@ -321,6 +309,7 @@ impl<'a> OwnerAssigner<'a> {
         // Beyond this distance `is_out_of_reach` holds, including rounding.
         let reach2 = ((q + self.inputs.max_weight) + self.hard_gap) * (1.0 + 1e-5);
         let (among, within2) = match rank {
+            // A single candidate receives the point however far away it is.
             1 => (ListKind::Raw, f32::INFINITY),
             _ => (lists.complete_list_for(space, reach2), reach2),
         };

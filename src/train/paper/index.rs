@@ -12,9 +12,9 @@ use rayon::prelude::*;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 const PART: usize = 1 << 12;
-/// Incremental updates are used if at most one component in 64 moves; otherwise sorting again is faster.
+// Incremental updates are used if at most one component in 64 moves; otherwise sorting again is faster.
 const FEW: usize = 64;
-/// Cells are recomputed once more than a quarter of the components have moved.
+// Cells are recomputed once more than a quarter of the components have moved.
 const STALE: usize = 4;
 
 /// A grid over the means.
@@ -70,6 +70,7 @@ impl Index {
         moved: impl Iterator<Item = u32> + Clone,
     ) -> Result<(), IndexError> {
         let n = moved.clone().count();
+        // A mean that is not finite takes the path through `shape_of`, which reports it.
         let is_finite = |id: u32| model.space[id as usize].iter().all(|v| v.to_f64().is_finite());
         let keeps_cells = STALE * (self.n_moved + n) <= model.len() && moved.clone().all(is_finite);
         let shape = if keeps_cells { self.shape } else { self.shape_of(model)? };
@@ -78,6 +79,7 @@ impl Index {
         // Without sorted means, an earlier move is still pending, and only the last one is listed.
         self.is_incremental = keeps_cells && FEW * n <= model.len() && self.sorted.get().is_some();
         if let Some(sorted) = self.sorted.take() {
+            // The lock is held only to take the value, so a poisoned one still holds a whole grid.
             *self.spare.get_mut().unwrap_or_else(PoisonError::into_inner) = sorted;
         }
         self.moved.clear();
@@ -136,6 +138,7 @@ impl SortedMeans {
     fn fill<R: PaperScalar>(&mut self, shape: GridShape, model: &InitialModel<R>) {
         let Self { grid, appearance, narrowed, .. } = self;
         grid.fill(shape, R::narrow_rows(&model.space, narrowed));
+        // Only the fused kernels, which are in f32, read the appearance.
         let Some(model) = R::narrow_model(model) else { return };
         appearance.resize(model.len(), [0.0; 4]);
         let parts = appearance.par_chunks_mut(PART).zip(grid.ids().par_chunks(PART));

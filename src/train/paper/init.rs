@@ -35,6 +35,7 @@ impl InitialDraw {
         let mean = |rng: &mut Rng| {
             let mut row = [0.0; 6];
             row[..3].fill_with(|| rng.range(-HALF_WIDTH, HALF_WIDTH));
+            // Colours are noise alone: grey is 0 in normalised units.
             row.map(|v| v + NOISE * rng.normal())
         };
         let means = (0..components).map(|_| mean(&mut rng)).collect();

@@ -3,9 +3,11 @@
 use super::config::{Candidates, PaperConfig, Precision, UpdateWidth};
 use super::index::PaperScalar;
 use super::init::InitialDraw;
+use super::pass::Mixture;
 use super::trainer::PaperTrainer;
 use crate::math::measured_pixel::Normalization;
 use crate::model::attributes::StoredModel;
+use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::inspection::DeviceError;
 use crate::model::paper::state::ModelState;
@@ -21,7 +23,7 @@ use crate::train::learner::{
 use crate::train::outcome::{FrameOutcome, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES};
 use rayon::prelude::*;
 
-/// Minimum number of components per parallel task: smaller tasks cost more than they save.
+// Minimum number of components per parallel task: smaller tasks cost more than they save.
 const MIN_SPLATS: usize = 1024;
 
 /// Operations specific to the `paper` preset, independent of precision.
@@ -35,18 +37,23 @@ pub trait PaperLearner: Learns<Points<f32>> {
 
     /// Returns the state of the mixture.
     fn state(&self) -> ModelState;
+
+    /// Returns the posteriors of all components, normalised coordinates.
+    fn posteriors(&self) -> Vec<ComponentPosterior> {
+        (0..self.status().components).map(|k| self.component(k).posterior).collect()
+    }
 }
 
-pub(super) struct NormalizedTrainer<R: PaperScalar> {
-    pub trainer: PaperTrainer<R>,
-    pub normalization: Normalization,
+struct NormalizedTrainer<R: PaperScalar> {
+    trainer: PaperTrainer<R>,
+    normalization: Normalization,
     /// Points of the frame converted to the trainer's precision, if it differs.
-    pub widened: Points<R>,
+    widened: Points<R>,
 }
 
 impl<R: PaperScalar> NormalizedTrainer<R> {
     fn splat(&self, component: usize) -> Splat {
-        let conversion = self.trainer.config().conversion;
+        let conversion = self.trainer.mixture.config.conversion;
         conversion.splat(&self.trainer.posterior(component), &self.normalization)
     }
 }
@@ -73,11 +80,14 @@ impl<R: PaperScalar> PaperLearner for NormalizedTrainer<R> {
 
 impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
     fn status(&self) -> Status {
+        let Mixture { model, statistics, .. } = &self.trainer.mixture;
+        // Initial means and weights, and the Dirichlet parameter.
+        let of_start = 7 * size_of::<R>() + size_of::<f64>();
         Status {
-            frames: self.trainer.frames(),
-            components: self.trainer.components(),
-            used: self.trainer.used(),
-            model_bytes: self.trainer.model_bytes(),
+            frames: self.trainer.frames,
+            components: model.len(),
+            used: statistics.used(),
+            model_bytes: model.len() * (of_start + statistics.row_bytes()),
             is_settled: false,
             warnings: Vec::new(),
         }
@@ -85,15 +95,19 @@ impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
 
     fn last_frame(&self) -> LastFrame<'_> {
         LastFrame {
-            changed: Changed::Listed(self.trainer.changed_components()),
+            changed: Changed::Listed(self.trainer.mixture.statistics.touched()),
             compared_photographs: &[],
-            component_elbo: self.trainer.component_elbo(),
+            component_elbo: &self.trainer.component_elbo,
         }
     }
 
     fn component(&self, component: usize) -> Component {
         let posterior = self.trainer.posterior(component);
         Component { posterior, normal: None, photometric_deviations: None }
+    }
+
+    fn evidence(&self, component: usize) -> f64 {
+        self.trainer.moments(component).count
     }
 
     fn splats(&self) -> SplatSet {
@@ -112,23 +126,27 @@ impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
         policy: DevicePolicy,
     ) -> Result<(), DeviceError> {
         match device {
-            TrainingDevice::Passes(device) => self.trainer.compute_on(device, policy),
+            TrainingDevice::Passes(device) => {
+                let PaperTrainer { passes, mixture, .. } = &mut self.trainer;
+                passes.add_device(device, policy, mixture)
+            }
             TrainingDevice::Photographs(_) | TrainingDevice::Points(_) => Ok(()),
         }
     }
 
     fn device_use(&self) -> DeviceUse {
-        DeviceUse { passes: self.trainer.pass_use(), ..DeviceUse::default() }
+        let passes = self.trainer.passes.usage(&self.trainer.inputs());
+        DeviceUse { passes, ..DeviceUse::default() }
     }
 
     fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
-        self.trainer.component_elbo_mut()
+        &mut self.trainer.component_elbo
     }
 
     fn checkpoint_model(&self) -> StoredModel {
         StoredModel::Mixture {
             normalization: self.normalization,
-            hyper: self.trainer.config().hyper(),
+            hyper: self.trainer.mixture.config.hyper(),
             state: self.trainer.state(),
         }
     }
@@ -139,8 +157,8 @@ const POINT_BYTES: usize = 24;
 /// Bytes of a stored candidate with its responsibility.
 const PAIR_BYTES: usize = 12;
 const TILE_POINTS: usize = 64;
-/// Bytes per record of a component in a tile, at worst one per point. Each thread reserves space for
-/// all records, and buffers grow to three times the size needed.
+// Bytes per record of a component in a tile, at worst one per point. Each thread reserves space for
+// all records, and buffers grow to three times the size needed.
 const RECORD_BYTES: usize = 3 * 60;
 /// Grid entry, its copy of colour and weight, and cells.
 const INDEX_BYTES: usize = 16 + 16 + 8;
@@ -150,6 +168,7 @@ impl PaperConfig {
     /// Estimates the maximum memory of a run with frames of `pixels` pixels, `frames_at_once` of them in
     /// memory, on `threads` threads.
     pub fn memory(&self, pixels: usize, frames_at_once: usize, threads: usize) -> MemoryEstimate {
+        // Only this precision stores means in f64; custom operations widen f32 means.
         let scalar = if self.precision == Precision::F64 { 8 } else { 4 };
         let total = match self.operations.update {
             UpdateWidth::Fixed64 => size_of::<[i64; 16]>(),
@@ -201,6 +220,7 @@ pub fn begin(
 ) -> Result<Box<dyn PaperLearner>, IndexError> {
     Ok(match config.precision {
         Precision::F64 => in_world(PaperTrainer::<f64>::new(config, draw)?, normalization),
+        // Custom operations widen single steps; points and means stay f32.
         _ => in_world(PaperTrainer::<f32>::new(config, draw)?, normalization),
     })
 }

@@ -7,7 +7,7 @@
 
 use super::config::UpdateWidth;
 use super::index::{Index, PaperScalar};
-use super::pass::{Output, Pass, PassInputs, fused_inputs, fused_rank};
+use super::pass::{Mixture, Output, Pass, PassInputs};
 use crate::model::conjugate::statistics::{N_SUMS, RECORD_WORDS, TileRecord};
 use crate::model::inspection::DeviceError;
 use crate::model::paper::mixture_device::{
@@ -17,12 +17,12 @@ use crate::model::paper::state::InitialModel;
 use crate::observation::points::Points;
 use crate::train::device_trial::{DIFFERING, DeviceChoice, DevicePolicy, DeviceTrial, PassUse};
 use crate::train::estep::Scoring;
-use crate::train::timing::{Lap, StageClock, Stopwatch};
+use crate::train::timing::{PaperStage, StageClock, Stopwatch};
 use rayon::prelude::*;
 use std::sync::PoisonError;
 
-/// A device decides a point if all other components lose by this many hard gaps. They would receive at
-/// most 10⁻³⁵ of the point, which changes no bit of any sum.
+// A device decides a point if all other components lose by this many hard gaps. They would receive at
+// most 10⁻³⁵ of the point, which changes no bit of any sum.
 const OPEN_GAPS: f64 = 2.0;
 
 #[derive(Clone, Copy)]
@@ -46,7 +46,6 @@ pub struct Passes {
 struct PassDevice {
     device: Box<dyn MixtureDevice>,
     trial: DeviceTrial,
-    is_verified: bool,
     is_chosen: bool,
     /// True if its last pass left tiles open; consecutive frames are similar.
     had_open_tiles: bool,
@@ -63,17 +62,16 @@ impl Passes {
         &mut self,
         mut device: Box<dyn MixtureDevice>,
         policy: DevicePolicy,
-        index: &Index,
-        model: &InitialModel<R>,
+        Mixture { model, index, .. }: &Mixture<R>,
     ) -> Result<(), DeviceError> {
         let Some(model) = R::narrow_model(model) else { return Ok(()) };
+        // Before the device counts as added: without room for the means it is not used.
         device.set_means(&index.means_for_device(model, None))?;
         self.used = PassUse { device: Some(device.name()), ..PassUse::default() };
         (self.tiles, self.open_tiles) = (0, 0);
         self.device = Some(PassDevice {
             device,
-            trial: DeviceTrial::new(policy),
-            is_verified: false,
+            trial: DeviceTrial::unverified(policy),
             is_chosen: false,
             had_open_tiles: false,
             revision: Some(index.revision()),
@@ -90,7 +88,7 @@ impl Passes {
 
     /// True if the next pass will probably run on the device, which sorts means itself.
     pub fn is_next_on_device(&self) -> bool {
-        self.device.as_ref().is_some_and(|device| device.is_verified && device.is_chosen)
+        self.device.as_ref().is_some_and(|device| device.is_chosen)
     }
 
     /// Begins a frame: the device's points are outdated.
@@ -103,7 +101,7 @@ impl Passes {
     /// True if the scoring pass can serve as the fit, with only tiles reached by moves run again. False if a
     /// device runs both passes faster.
     pub fn can_run_again<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> bool {
-        !self.is_next_on_device() && fused_rank(inputs).is_some()
+        !self.is_next_on_device() && inputs.fused_rank().is_some()
     }
 
     /// Runs those tiles of the last fit again that are within reach of places that means left or moved to.
@@ -115,7 +113,7 @@ impl Passes {
         q: &mut [f64],
         owners: Option<&mut Vec<u32>>,
     ) {
-        if let Some(inputs) = fused_inputs(inputs, points) {
+        if let Some(inputs) = inputs.fused(points) {
             self.processor.run_reached(&inputs, places, q, owners);
         }
     }
@@ -139,6 +137,7 @@ impl Passes {
             .filter(|_| turn != DeviceChoice::Processor)
             .and_then(|asked| self.run_on_device(inputs, points, asked, output, q));
         let is_devices = turn == DeviceChoice::Device && device_ms.is_some();
+        // A frame counts once, by its fit: scoring passes precede it.
         if output == Output::ElboAndSums {
             let PassUse { device_frames, processor_frames, .. } = &mut self.used;
             *(if is_devices { device_frames } else { processor_frames }) += 1;
@@ -174,26 +173,27 @@ impl Passes {
         let Self { processor, device, .. } = self;
         let device = device.as_mut()?;
         q.resize(points.len(), 0.0);
-        processor.begin_device_pass(inputs.statistics);
+        let Mixture { index, scoring, statistics, .. } = inputs.mixture;
+        processor.begin_device_pass(statistics);
         let mut clock = StageClock::default();
         clock.begin_tile(true);
         let is_fit = output == Output::ElboAndSums;
-        let rule = rule(inputs.scoring, asked.candidates);
-        let handed_over = device.upload_changes(&asked, inputs.index);
+        let rule = rule(scoring, asked.candidates);
+        let handed_over = device.upload_changes(&asked, index);
         let PassDevice { device, had_open_tiles: left_open, .. } = device;
         let answer = || handed_over.and_then(|()| device.pass(&rule, is_fit));
         let answer = match *left_open {
             false => answer(),
             // Open tiles need the CPU's index, which is built while the device works.
-            true => rayon::join(answer, || inputs.index.sorted(inputs.model)).0,
+            true => rayon::join(answer, || inputs.mixture.sorted()).0,
         };
         match answer {
             Ok(found) => {
-                processor.adopt_device_pass(inputs.statistics.shard_bits(), &found, q);
+                processor.adopt_device_pass(statistics.shard_bits(), &found, q);
                 // The device's stages are one step; nearly all of its time is the search.
-                clock.lap(Lap::Candidates);
+                clock.lap(PaperStage::Candidates);
                 *left_open = !found.open.is_empty();
-                let fused = if *left_open { fused_inputs(inputs, points) } else { None };
+                let fused = if *left_open { inputs.fused(points) } else { None };
                 if let Some(fused) = fused {
                     let mut open = found.open.to_vec();
                     // `run_some` needs ascending tiles; a device lists them in any order.
@@ -218,7 +218,6 @@ impl Passes {
         if !is_proved {
             return self.fall_back(DIFFERING.to_owned());
         }
-        device.is_verified = true;
         device.trial.record_times(processor, device_ms);
         self.used.trial = device.trial.medians;
     }
@@ -235,10 +234,7 @@ impl PassDevice {
             // Scoring passes run where the last fit ran: only fits are measured.
             return if self.is_chosen { DeviceChoice::Device } else { DeviceChoice::Processor };
         }
-        let turn = match self.trial.choose(n_points) {
-            DeviceChoice::Device if !self.is_verified => DeviceChoice::Both,
-            turn => turn,
-        };
+        let turn = self.trial.choose(n_points);
         self.is_chosen = turn == DeviceChoice::Device;
         turn
     }
@@ -269,9 +265,10 @@ fn device_inputs<'a, R: PaperScalar>(
     points: &'a Points<R>,
 ) -> Option<DeviceInputs<'a>> {
     // Devices drop shares too small for 64-bit totals; wider totals would retain them.
-    let is_fixed = inputs.config.operations.update == UpdateWidth::Fixed64;
-    let candidates = fused_rank(inputs).filter(|&n| is_fixed && n <= MAX_DEVICE_CANDIDATES)?;
-    let (model, points) = (R::narrow_model(inputs.model)?, R::narrow_points(points)?);
+    let Mixture { config, model, .. } = inputs.mixture;
+    let is_fixed = config.operations.update == UpdateWidth::Fixed64;
+    let candidates = inputs.fused_rank().filter(|&n| is_fixed && n <= MAX_DEVICE_CANDIDATES)?;
+    let (model, points) = (R::narrow_model(model)?, R::narrow_points(points)?);
     Some(DeviceInputs { model, points, candidates })
 }
 
@@ -291,7 +288,7 @@ fn rule(scoring: &Scoring, candidates: usize) -> PassRule {
     }
 }
 
-/// Smaller counts round to zero in the totals, so their records are dropped.
+// Smaller counts are below a quantum of the totals, so their records are not compared.
 const MIN_COUNT: f32 = 1e-11;
 
 const WIDENED: usize = 1 << 13;
@@ -300,12 +297,7 @@ type RecordBits = (u32, u32, [u32; N_SUMS]);
 
 impl Pass {
     /// Copies scores and records; scores of open tiles are computed later.
-    pub(in crate::train::paper) fn adopt_device_pass(
-        &self,
-        shard_bits: u32,
-        found: &DevicePass<'_>,
-        q: &mut [f64],
-    ) {
+    pub fn adopt_device_pass(&self, shard_bits: u32, found: &DevicePass<'_>, q: &mut [f64]) {
         let scores = q.par_iter_mut().zip(found.q).with_min_len(WIDENED);
         // In parallel, because both are dominated by the time to wake threads.
         rayon::join(
@@ -327,12 +319,12 @@ impl Pass {
         });
     }
 
-    pub(in crate::train::paper) fn add_clock(&self, mut clock: StageClock) {
+    pub fn add_clock(&self, mut clock: StageClock) {
         self.worker().clock.add(clock.take_nanos());
     }
 
     /// Records of the last pass that affect the totals, sorted for comparison.
-    pub(in crate::train::paper) fn effective_records(&self) -> Vec<RecordBits> {
+    pub fn effective_records(&self) -> Vec<RecordBits> {
         let mut kept = Vec::new();
         for worker in self.read_workers() {
             let records = worker.narrow.iter().flatten().filter(|r| r.sums[0] >= MIN_COUNT);

@@ -6,90 +6,84 @@
 
 use super::config::{Candidates, Operations, Width};
 use super::fused::Slots;
-use super::index::{Index, PaperScalar};
+use super::index::PaperScalar;
+use super::pass::{Mixture, PassInputs};
 use crate::math::real::Real;
 use crate::math::simd::Isa;
 use crate::model::conjugate::statistics::{N_SUMS, TileRecord, add_point};
-use crate::model::paper::state::InitialModel;
 use crate::observation::points::Points;
 use crate::train::candidates::{CandidateSearch, nearest_in_tile, nearest_in_tile_wide};
 use crate::train::component_elbo::owner_of_shares;
-use crate::train::estep::Scoring;
 use std::num::NonZero;
 use std::ops::Range;
 
+#[derive(Clone, Copy)]
 pub(super) struct PlainInputs<'a, R: PaperScalar> {
-    pub model: &'a InitialModel<R>,
-    pub index: &'a Index,
+    pub pass: PassInputs<'a, R>,
     pub points: &'a Points<R>,
-    pub scoring: &'a Scoring,
-    pub candidates: Candidates,
-    pub operations: Operations,
-    /// Binary logarithm of the number of components per shard of the totals.
-    pub shard_bits: u32,
 }
-
-impl<R: PaperScalar> Clone for PlainInputs<'_, R> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<R: PaperScalar> Copy for PlainInputs<'_, R> {}
 
 /// Scratch memory of a thread, reused.
 #[derive(Default)]
 pub(super) struct PlainMemory {
     search: CandidateSearch,
-    slots: Slots,
-    ids_by_slot: Vec<u32>,
-    narrow_sums: Vec<[f32; N_SUMS]>,
-    wide_sums: Vec<[f64; N_SUMS]>,
+    pub slots: Slots,
+    pub ids_by_slot: Vec<u32>,
+    pub narrow_sums: Vec<[f32; N_SUMS]>,
+    pub wide_sums: Vec<[f64; N_SUMS]>,
 }
 
 impl<R: PaperScalar> PlainInputs<'_, R> {
     /// Number of candidates per point.
     pub fn per_point(&self) -> usize {
-        match self.candidates {
-            Candidates::Dense => self.model.len(),
-            Candidates::Nearest(n) => n.min(self.model.len()),
+        let n_components = self.pass.mixture.model.len();
+        match self.pass.candidates {
+            Candidates::Dense => n_components,
+            Candidates::Nearest(n) => n.min(n_components),
         }
+    }
+
+    pub fn operations(&self) -> Operations {
+        self.pass.mixture.config.operations
     }
 
     /// Fills `ids` with the candidates of a tile's points.
     pub fn find(&self, memory: &mut PlainMemory, range: Range<usize>, ids: &mut Vec<u32>) {
-        let Self { model, index, points, .. } = self;
+        let PassInputs { mixture, candidates } = self.pass;
+        let (points, space) = (self.points, &mixture.model.space);
         ids.clear();
-        let Candidates::Nearest(n) = self.candidates else {
-            return range.for_each(|_| ids.extend(0..model.len() as u32));
+        let Candidates::Nearest(n) = candidates else {
+            return range.for_each(|_| ids.extend(0..space.len() as u32));
         };
         let Some(n) = NonZero::new(n) else { return };
-        let (grid, search) = (&index.sorted(self.model).grid, &mut memory.search);
+        let (grid, search) = (&mixture.sorted().grid, &mut memory.search);
         match R::narrow_points(points) {
             // Distances in f32 require points and means stored in f32.
-            Some(points) if self.operations.distance == Width::F32 => {
+            Some(points) if self.operations().distance == Width::F32 => {
                 let tile = [&points.x[range.clone()], &points.y[range.clone()], &points.z[range]];
                 nearest_in_tile(Isa::best(), grid, search, tile, n, ids);
             }
-            _ => nearest_in_tile_wide(grid, search, &model.space, points, range, n, ids),
+            _ => nearest_in_tile_wide(grid, search, space, points, range, n, ids),
         }
     }
 
     /// Computes the scores of a tile's points against their candidates.
     pub fn score(&self, range: Range<usize>, ids: &[u32], scores: &mut [f64]) {
-        match self.operations.log_score {
+        match self.operations().log_score {
             Width::F32 => self.score_in::<f32>(range, ids, scores),
             Width::F64 => self.score_in::<f64>(range, ids, scores),
         }
     }
 
     fn score_in<S: Real>(&self, range: Range<usize>, ids: &[u32], scores: &mut [f64]) {
+        let Mixture { model, scoring, .. } = self.pass.mixture;
+        // A model without components has no candidates, and chunks of 0 would panic.
         let per_point = self.per_point().max(1);
         let of_points = ids.chunks_exact(per_point).zip(scores.chunks_exact_mut(per_point));
         for (i, (ids, scores)) in range.zip(of_points) {
             let (space, color) = (self.points.position(i), self.points.color(i));
             for (&id, score) in ids.iter().zip(scores) {
-                let q: S = self.scoring.distance(self.model, id as usize, space, color);
+                let q: S = scoring.distance(model, id as usize, space, color);
                 *score = q.to_f64();
             }
         }
@@ -98,11 +92,11 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
     /// Converts scores to responsibilities and writes effective distances. Points with a NaN score get NaN
     /// and zero responsibilities.
     pub fn normalise(&self, scores: &mut [f64], q: &mut [f64]) {
-        let per_point = self.per_point().max(1);
+        let (scoring, per_point) = (&self.pass.mixture.scoring, self.per_point().max(1));
         for (scores, q) in scores.chunks_exact_mut(per_point).zip(q) {
-            *q = match self.operations.normaliser {
-                Width::F32 => self.scoring.responsibilities::<f32>(scores),
-                Width::F64 => self.scoring.responsibilities::<f64>(scores),
+            *q = match self.operations().normaliser {
+                Width::F32 => scoring.responsibilities::<f32>(scores),
+                Width::F64 => scoring.responsibilities::<f64>(scores),
             };
             if !q.is_finite() {
                 *q = f64::NAN;
@@ -122,32 +116,8 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Sums a tile in f32.
-    pub fn sum_narrow(
-        &self,
-        memory: &mut PlainMemory,
-        tile: usize,
-        pairs: (&[u32], &[f64]),
-        records: &mut [Vec<TileRecord<f32>>],
-    ) {
-        let PlainMemory { slots, ids_by_slot, narrow_sums, .. } = memory;
-        self.sum(slots, ids_by_slot, narrow_sums, tile, pairs, records);
-    }
-
-    /// Sums a tile in f64.
-    pub fn sum_wide(
-        &self,
-        memory: &mut PlainMemory,
-        tile: usize,
-        pairs: (&[u32], &[f64]),
-        records: &mut [Vec<TileRecord<f64>>],
-    ) {
-        let PlainMemory { slots, ids_by_slot, wide_sums, .. } = memory;
-        self.sum(slots, ids_by_slot, wide_sums, tile, pairs, records);
-    }
-
     /// Adds one record per component that receives points of the tile, in point order.
-    fn sum<M: Real>(
+    pub fn sum<M: Real>(
         &self,
         slots: &mut Slots,
         ids_by_slot: &mut Vec<u32>,
@@ -156,9 +126,10 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         (ids, responsibilities): (&[u32], &[f64]),
         records: &mut [Vec<TileRecord<M>>],
     ) {
+        let Mixture { model, statistics, .. } = self.pass.mixture;
         let of = |v: R| M::of(v.to_f64());
         let per_point = self.per_point().max(1);
-        slots.begin(self.model.len());
+        slots.begin(model.len());
         ids_by_slot.clear();
         sums.clear();
         let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));
@@ -172,14 +143,14 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
                     ids_by_slot.push(id);
                     sums.push([M::ZERO; N_SUMS]);
                 }
-                let mean = self.model.space[id as usize].map(of);
+                let mean = model.space[id as usize].map(of);
                 let d = std::array::from_fn(|axis| space[axis] - mean[axis]);
                 add_point(&mut sums[slot], M::of(r), d, color);
             }
         }
         for (&id, &sums) in ids_by_slot.iter().zip(sums.iter()) {
             let record = TileRecord { id, tile: tile as u32, sums };
-            records[id as usize >> self.shard_bits].push(record);
+            records[id as usize >> statistics.shard_bits()].push(record);
         }
     }
 }

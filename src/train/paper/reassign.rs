@@ -13,7 +13,7 @@ const BITS: usize = u64::BITS as usize;
 const SCORES: usize = 1 << 11;
 /// Approximate sample size for the bound on the earliest draws.
 const DRAWS: usize = 1 << 9;
-/// Relative margin for rounding when comparing a time with its bound.
+// Relative margin for rounding when comparing a time with its bound.
 const ROUNDING: f64 = 1e-9;
 
 /// Number of components that may move, and of candidate destinations.
@@ -56,6 +56,7 @@ pub struct DestinationChooser {
 impl DestinationChooser {
     /// Allocates all memory that this configuration can need for any frames.
     pub fn reserved(config: &PaperConfig) -> Self {
+        // All components unused is the largest quota.
         let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
             return Self::default();
         };
@@ -105,6 +106,7 @@ impl DestinationChooser {
 fn find_lowest<'a>(lowest: &'a mut Smallest, q: &[f64], n: usize) -> &'a [Ranked] {
     lowest.find(q.len(), n, SCORES, |point, bound| {
         let order = descending_key(q[point]);
+        // The bits of NaN have a place in the order of keys, so it is excluded here.
         (order <= bound && !q[point].is_nan()).then(|| Ranked::new(order, point as u32))
     })
 }
@@ -159,42 +161,38 @@ fn distance(order: u64) -> f64 {
 // Number of parts searched in parallel. Fixed rather than one per thread, so that the joined list does not
 // depend on the number of threads.
 const PARTS: usize = 16;
-/// Safety margin of the bound in standard deviations of the sample's count. About one frame in 30,000 needs a
-/// second search.
+// Safety margin of the bound in standard deviations of the sample's count. About one frame in 30,000 needs a
+// second search.
 const BOUND_MARGIN_SIGMAS: f64 = 4.0;
 
 /// A point with its sort key in the upper bits: one comparison of integers orders both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Ranked(u128);
+struct Ranked(u128);
 
 impl Ranked {
-    /// Combines a sort key and a point.
-    pub fn new(order: u64, point: u32) -> Self {
+    fn new(order: u64, point: u32) -> Self {
         Self(u128::from(order) << 32 | u128::from(point))
     }
 
-    /// Sort key.
-    pub fn order(self) -> u64 {
+    fn order(self) -> u64 {
         (self.0 >> 32) as u64
     }
 
-    /// Index of the point.
-    pub fn point(self) -> u32 {
+    fn point(self) -> u32 {
         self.0 as u32
     }
 }
 
 /// Selects the smallest items; buffers are reused.
 #[derive(Default)]
-pub struct Smallest {
+struct Smallest {
     parts: [Vec<Ranked>; PARTS],
     sample: Vec<u64>,
     found: Vec<Ranked>,
 }
 
 impl Smallest {
-    /// Allocates memory for selecting `n` items with a sample of `sampled` items.
-    pub fn with_capacity(n: usize, sampled: usize) -> Self {
+    fn with_capacity(n: usize, sampled: usize) -> Self {
         Self {
             // The estimated bound admits more than `n` items.
             parts: std::array::from_fn(|_| Vec::with_capacity(2 * n)),
@@ -207,7 +205,7 @@ impl Smallest {
     ///
     /// `ranked(item, bound)` returns an item's rank, or `None` if it has none or exceeds `bound`. The bound
     /// is estimated from about `sampled` items.
-    pub fn find(
+    fn find(
         &mut self,
         items: usize,
         n: usize,
@@ -239,6 +237,7 @@ impl Smallest {
         ranked: &(impl Fn(usize, u64) -> Option<Ranked> + Sync),
     ) -> u64 {
         let Self { sample, .. } = self;
+        // A regular stride instead of random items: repeated runs select the same.
         let step = items.div_ceil(sampled).max(1);
         let any = |item| ranked(item, u64::MAX);
         sample.clear();

@@ -7,21 +7,18 @@
 use super::config::{Candidates, PaperConfig, ReassignPolicy};
 use super::index::{Index, PaperScalar};
 use super::init::InitialDraw;
-use super::pass::{Output, Pass, PassInputs};
+use super::pass::{Mixture, Output, Pass, PassInputs};
 use super::passes::Passes;
 use super::reassign::{DestinationChooser, Quota};
 use crate::math::rng::{Purpose, Rng};
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::conjugate::statistics::Moments;
-use crate::model::inspection::DeviceError;
-use crate::model::paper::mixture_device::MixtureDevice;
 use crate::model::paper::state::{InitialModel, ModelState};
 use crate::model::paper::totals::Statistics;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::device_trial::{DevicePolicy, PassUse};
 use crate::train::estep::Scoring;
 use crate::train::outcome::FrameOutcome;
 use crate::train::timing::{PAPER_STAGES, PaperStage, StageMs, Stopwatch};
@@ -34,24 +31,21 @@ const SUMS: usize = 128;
 
 /// Model and buffers in precision `R`.
 pub struct PaperTrainer<R: PaperScalar> {
-    config: PaperConfig,
-    hyper: Hyper,
-    model: InitialModel<R>,
+    pub(super) mixture: Mixture<R>,
     alpha_init: Vec<f64>,
-    index: Index,
-    scoring: Scoring,
-    statistics: Statistics,
-    passes: Passes,
+    pub(super) passes: Passes,
     /// Effective distance of each point of the last frame.
     q: Vec<f64>,
     q_sums: Vec<(f64, usize)>,
-    component_elbo: ComponentElbo,
+    pub(super) component_elbo: ComponentElbo,
     chooser: DestinationChooser,
+    /// Components moved by the last reassignment, each with the point that it moved to.
     moves: Vec<(u32, u32)>,
-    /// Original means of moved components, to undo a failed reassignment.
+    /// Means of these components before they moved, to undo a failed reassignment.
     displaced: Vec<([R; 3], [R; 3])>,
     places: Vec<[f32; 3]>,
-    frames: u64,
+    /// Number of frames trained on.
+    pub(super) frames: u64,
 }
 
 impl<R: PaperScalar> PaperTrainer<R> {
@@ -60,7 +54,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         Self::with_hyper(config, config.hyper(), draw)
     }
 
-    /// Creates an untrained model with custom hyperparameters.
+    /// Creates an untrained model with custom hyper-parameters.
     pub fn with_hyper(
         config: &PaperConfig,
         hyper: Hyper,
@@ -69,27 +63,23 @@ impl<R: PaperScalar> PaperTrainer<R> {
         let model = InitialModel::new(hyper, &draw.means, &draw.alpha);
         let scoring = Scoring::new(&hyper);
         let is_padded = config.reassign == ReassignPolicy::Padded;
-        let chooser = if is_padded {
-            DestinationChooser::reserved(config)
-        } else {
-            DestinationChooser::default()
-        };
         Ok(Self {
-            config: config.clone(),
-            hyper,
-            index: Index::new(&model)?,
-            scoring,
-            statistics: Statistics::new(model.len(), config.operations.update),
+            mixture: Mixture {
+                config: config.clone(),
+                index: Index::new(&model)?,
+                scoring,
+                statistics: Statistics::new(model.len(), config.operations.update),
+                model,
+            },
+            alpha_init: draw.alpha.clone(),
             passes: Passes::default(),
             q: Vec::new(),
             q_sums: Vec::new(),
             component_elbo: ComponentElbo::new(scoring),
+            chooser: is_padded.then(|| DestinationChooser::reserved(config)).unwrap_or_default(),
             moves: Vec::new(),
             displaced: Vec::new(),
             places: Vec::new(),
-            alpha_init: draw.alpha.clone(),
-            chooser,
-            model,
             frames: 0,
         })
     }
@@ -100,7 +90,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         let wall = Stopwatch::start();
         self.passes.begin_frame();
         let mut ms = StageMs::new(&PAPER_STAGES);
-        let reassigned = match self.config.reassign {
+        let reassigned = match self.mixture.config.reassign {
             ReassignPolicy::Off => {
                 self.fit(points, &mut ms);
                 0
@@ -114,12 +104,13 @@ impl<R: PaperScalar> PaperTrainer<R> {
                 self.reassign_and_fit(points, &mut ms)?
             }
         };
+        // Only here, after all that can fail.
         self.frames += 1;
-        let (learnt, elbo_mean) = self.mean_elbo();
+        let (n_points, elbo_mean) = self.mean_elbo();
         ms.train = wall.elapsed_ms();
         Ok(FrameOutcome {
-            points: learnt,
-            evidence: learnt as u64,
+            points: n_points,
+            evidence: n_points as u64,
             elbo_mean,
             reassigned,
             ms,
@@ -127,15 +118,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
         })
     }
 
-    fn scoring_candidates(&self) -> Candidates {
-        match self.config.reassign {
-            ReassignPolicy::Dense => Candidates::Dense,
-            _ => self.config.candidates,
-        }
-    }
-
     fn fit(&mut self, points: &Points<R>, ms: &mut StageMs) {
-        self.run_pass(points, self.config.candidates, Output::ElboAndSums, ms);
+        self.run_pass(points, self.mixture.config.candidates, Output::ElboAndSums, ms);
         self.commit(ms);
     }
 
@@ -152,11 +136,16 @@ impl<R: PaperScalar> PaperTrainer<R> {
         };
         // Dense scoring uses other candidates than the fit. With more moves than tiles, few tiles
         // would remain unaffected.
-        let is_fit = self.config.reassign != ReassignPolicy::Dense
-            && quota.moves <= points.n_tiles()
-            && self.passes.can_run_again(&self.inputs(self.config.candidates));
+        let (candidates, is_fit) = match self.mixture.config.reassign {
+            ReassignPolicy::Dense => (Candidates::Dense, false),
+            _ => {
+                let can_run_again = self.passes.can_run_again(&self.inputs());
+                let is_fit = quota.moves <= points.n_tiles() && can_run_again;
+                (self.mixture.config.candidates, is_fit)
+            }
+        };
         let output = if is_fit { Output::ElboAndSums } else { Output::Elbo };
-        self.run_pass(points, self.scoring_candidates(), output, ms);
+        self.run_pass(points, candidates, output, ms);
         let reassigned = self.reassign(points, Some(quota), ms)?;
         if is_fit {
             self.run_reached(points, ms);
@@ -175,14 +164,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
         let came_to = self.moves.iter().map(|&(_, point)| narrow(points.position(point as usize)));
         self.places.clear();
         self.places.extend(left.chain(came_to));
-        let inputs = PassInputs {
-            model: &self.model,
-            index: &self.index,
-            scoring: &self.scoring,
-            candidates: self.config.candidates,
-            config: &self.config,
-            statistics: &self.statistics,
-        };
+        let candidates = self.mixture.config.candidates;
+        let inputs = PassInputs { mixture: &self.mixture, candidates };
         let owners = self.component_elbo.owners();
         self.passes.run_reached(&inputs, points, &self.places, &mut self.q, owners);
         ms.add_pass(clock.lap_ms(), self.passes.processor.take_stage_nanos());
@@ -190,8 +173,9 @@ impl<R: PaperScalar> PaperTrainer<R> {
 
     fn commit(&mut self, ms: &mut StageMs) {
         let mut clock = Stopwatch::start();
-        self.passes.processor.commit(&mut self.statistics, self.config.operations.moments);
-        self.component_elbo.accumulate(&self.q, self.model.len());
+        let Mixture { config, model, statistics, .. } = &mut self.mixture;
+        self.passes.processor.commit(statistics, config.operations.moments);
+        self.component_elbo.accumulate(&self.q, model.len());
         ms.add(PaperStage::Update as usize, clock.lap_ms());
     }
 
@@ -203,14 +187,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         ms: &mut StageMs,
     ) {
         let mut clock = Stopwatch::start();
-        let inputs = PassInputs {
-            model: &self.model,
-            index: &self.index,
-            scoring: &self.scoring,
-            candidates,
-            config: &self.config,
-            statistics: &self.statistics,
-        };
+        let inputs = PassInputs { mixture: &self.mixture, candidates };
         // Owners are not recorded before the fit, since means are still to move.
         let owners = match output {
             Output::Elbo => None,
@@ -221,7 +198,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     }
 
     fn mean_elbo(&mut self) -> (usize, f64) {
-        let Self { q, q_sums, scoring, .. } = self;
+        let Self { q, q_sums, mixture, .. } = self;
         q_sums.resize(q.len().div_ceil(SUMMED), (0.0, 0));
         let sums = q_sums.par_iter_mut().zip(q.par_chunks(SUMMED)).with_min_len(SUMS);
         sums.for_each(|(sums, q)| {
@@ -230,16 +207,17 @@ impl<R: PaperScalar> PaperTrainer<R> {
         });
         // Summed in order, so that the result does not depend on the number of threads.
         let (sum, n) = q_sums.iter().fold((0.0, 0), |all, part| (all.0 + part.0, all.1 + part.1));
-        (n, if n == 0 { 0.0 } else { scoring.elbo(sum / n as f64) })
+        (n, if n == 0 { 0.0 } else { mixture.scoring.elbo(sum / n as f64) })
     }
 
     /// Quota of the next reassignment. Before the first fit no component counts as unused: the posterior
     /// equals the initial model, whose weights are not below the prior's (`training.md`, Reassignment).
     fn quota(&self) -> Option<Quota> {
-        if self.frames == 0 && self.statistics.used() == 0 {
+        let Mixture { config, statistics, .. } = &self.mixture;
+        if self.frames == 0 && statistics.used() == 0 {
             return None;
         }
-        Quota::new(&self.config, self.statistics.len() - self.statistics.used())
+        Quota::new(config, statistics.len() - statistics.used())
     }
 
     /// Moves components by the scores of the last pass; returns their number.
@@ -252,12 +230,13 @@ impl<R: PaperScalar> PaperTrainer<R> {
         let Some(quota) = quota else { return Ok(0) };
         let mut clock = Stopwatch::start();
         // Derived from the frame number, so that a resumed run draws the same numbers.
-        let stream = Rng::new(self.config.seed, Purpose::Reassign, self.frames);
+        let stream = Rng::new(self.mixture.config.seed, Purpose::Reassign, self.frames);
         let destinations = self.chooser.choose_destinations(&self.q, quota, &stream);
+        // Taken out of `self`, which `move_components` borrows mutably.
         let mut moves = std::mem::take(&mut self.moves);
         moves.clear();
         // The lowest ids; the reference uses the order of an unstable sort of equals.
-        moves.extend(self.statistics.unused().zip(destinations.iter().copied()));
+        moves.extend(self.mixture.statistics.unused().zip(destinations.iter().copied()));
         let moved = self.move_components(points, &moves);
         let n = moves.len();
         self.moves = moves;
@@ -277,27 +256,27 @@ impl<R: PaperScalar> PaperTrainer<R> {
         if moves.is_empty() {
             return Ok(());
         }
+        let Mixture { model, index, .. } = &mut self.mixture;
         for &(component, point) in moves {
             let mean = (points.position(point as usize), points.color(point as usize));
-            self.displaced.push(self.model.replace_mean(component as usize, mean));
+            self.displaced.push(model.replace_mean(component as usize, mean));
         }
-        let rebuilt =
-            self.index.update_moved(&self.model, moves.iter().map(|&(component, _)| component));
+        let rebuilt = index.update_moved(model, moves.iter().map(|&(component, _)| component));
         if rebuilt.is_err() {
             // In reverse, in case a component moves twice.
             for (&(component, _), &mean) in moves.iter().zip(&self.displaced).rev() {
-                self.model.replace_mean(component as usize, mean);
+                model.replace_mean(component as usize, mean);
             }
         } else if !self.passes.is_next_on_device() {
             // Sorted here, so that its time counts as reassignment and not as part of the next pass.
-            self.index.sorted(&self.model);
+            index.sorted(model);
         }
         rebuilt
     }
 
     /// ELBO of each point of the last frame, in point order; NaN for points left out.
     pub fn elbo(&self) -> Vec<f64> {
-        self.q.iter().map(|&q| self.scoring.elbo(q)).collect()
+        self.q.iter().map(|&q| self.mixture.scoring.elbo(q)).collect()
     }
 
     /// Effective distances of the points of the last frame (see [`Scoring::elbo`]).
@@ -307,30 +286,13 @@ impl<R: PaperScalar> PaperTrainer<R> {
 
     /// Constants of the log-score, and the model that scores points.
     pub fn scoring(&self) -> (&Scoring, &InitialModel<R>) {
-        (&self.scoring, &self.model)
+        (&self.mixture.scoring, &self.mixture.model)
     }
 
     /// Scores a frame's points without training; results are in [`PaperTrainer::elbo`].
     pub fn evaluate(&mut self, points: &Points<R>, candidates: Candidates) {
         self.passes.begin_frame();
         self.run_pass(points, candidates, Output::Elbo, &mut StageMs::new(&PAPER_STAGES));
-    }
-
-    /// Adds a device for passes.
-    ///
-    /// # Errors
-    /// [`DeviceError`] if the means do not fit in its memory; it is then not used.
-    pub fn compute_on(
-        &mut self,
-        device: Box<dyn MixtureDevice>,
-        policy: DevicePolicy,
-    ) -> Result<(), DeviceError> {
-        self.passes.add_device(device, policy, &self.index, &self.model)
-    }
-
-    /// Devices used for passes; `None` if the settings do not allow a device.
-    pub fn pass_use(&self) -> Option<PassUse> {
-        self.passes.usage(&self.inputs(self.config.candidates))
     }
 
     /// Restores a model after `frames` frames.
@@ -343,7 +305,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         // Includes the means moved by reassignment. The index is not saved but rebuilt.
         let draw = InitialDraw { means: means.rows(), alpha: alpha_init };
         let mut trainer = Self::new(config, &draw)?;
-        trainer.statistics = Statistics::restore(&totals);
+        trainer.mixture.statistics = Statistics::restore(&totals);
         trainer.frames = frames;
         Ok(trainer)
     }
@@ -352,85 +314,43 @@ impl<R: PaperScalar> PaperTrainer<R> {
     pub fn state(&self) -> ModelState {
         ModelState {
             alpha_init: self.alpha_init.clone(),
-            means: R::means(&self.model.space, &self.model.color),
-            totals: self.statistics.state(),
+            means: R::means(&self.mixture.model.space, &self.mixture.model.color),
+            totals: self.mixture.statistics.state(),
         }
-    }
-
-    /// Configuration.
-    pub fn config(&self) -> &PaperConfig {
-        &self.config
-    }
-
-    /// Per-component ELBO of the last frame's points, if enabled.
-    pub fn component_elbo(&self) -> &ComponentElbo {
-        &self.component_elbo
-    }
-
-    /// Mutable access to [`Self::component_elbo`].
-    pub fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
-        &mut self.component_elbo
-    }
-
-    /// Number of frames trained on.
-    pub fn frames(&self) -> u64 {
-        self.frames
     }
 
     /// Computes candidates and responsibilities of each point, without training.
     pub fn responsibilities(&self, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
-        Pass::responsibilities(&self.inputs(self.config.candidates), points)
+        Pass::responsibilities(&self.inputs(), points)
     }
 
-    fn inputs(&self, candidates: Candidates) -> PassInputs<'_, R> {
-        PassInputs {
-            model: &self.model,
-            index: &self.index,
-            scoring: &self.scoring,
-            candidates,
-            config: &self.config,
-            statistics: &self.statistics,
-        }
+    pub(super) fn inputs(&self) -> PassInputs<'_, R> {
+        PassInputs { mixture: &self.mixture, candidates: self.mixture.config.candidates }
     }
 
     /// Number of components, used or not.
     pub fn components(&self) -> usize {
-        self.model.len()
+        self.mixture.model.len()
     }
 
     /// Number of components with `N_k > 0`.
     pub fn used(&self) -> usize {
-        self.statistics.used()
-    }
-
-    /// Totals over all frames.
-    pub fn statistics(&self) -> &Statistics {
-        &self.statistics
+        self.mixture.statistics.used()
     }
 
     /// Initial spatial mean of a component, normalised.
     pub fn mean_init(&self, component: usize) -> DVec3 {
-        DVec3::from_array(self.model.space[component].map(R::to_f64))
+        DVec3::from_array(self.mixture.model.space[component].map(R::to_f64))
     }
 
     /// Statistics of a component about its initial mean.
     pub fn moments(&self, component: usize) -> Moments {
-        self.statistics.moments(component)
+        self.mixture.statistics.moments(component)
     }
 
     /// Posterior of a component, in normalised coordinates.
     pub fn posterior(&self, component: usize) -> ComponentPosterior {
-        ComponentPosterior::new(&self.hyper, self.mean_init(component), &self.moments(component))
-    }
-
-    /// Components whose statistics the last frame changed, each once.
-    pub fn changed_components(&self) -> &[u32] {
-        self.statistics.touched()
-    }
-
-    /// Bytes of the model: initial means, weights and totals.
-    pub fn model_bytes(&self) -> usize {
-        let of_start = 7 * size_of::<R>() + size_of::<f64>();
-        self.model.len() * (of_start + self.statistics.row_bytes())
+        let (mean, moments) = (self.mean_init(component), self.moments(component));
+        ComponentPosterior::new(&self.mixture.model.hyper, mean, &moments)
     }
 }

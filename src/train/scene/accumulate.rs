@@ -5,7 +5,7 @@
 //! in that order belong to few components, whose rows stay in the cache.
 
 use super::component_sums::{ComponentSums, FULL, SumRow, term_quanta, value};
-use super::components::SeedPositions;
+use super::components::Seeds;
 use super::grid::NONE;
 use crate::math::simd::{Isa, Kernel, Vector};
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
@@ -14,6 +14,9 @@ use rayon::prelude::*;
 
 #[derive(Clone, Copy)]
 pub struct AssignedPoints<'a> {
+    pub seeds: &'a Seeds,
+    /// Structural scale, world units.
+    pub h: f64,
     /// Points of the frame, world units from the scene's origin.
     pub points: &'a [SurfacePoint],
     /// Component of each point; values beyond the last component mean none.
@@ -26,9 +29,9 @@ pub struct AssignedPoints<'a> {
 
 impl AssignedPoints<'_> {
     #[inline(always)]
-    fn terms(&self, i: usize, seed: [f32; 3], h: f64) -> [f32; N_SUMS] {
+    fn terms(&self, i: usize, seed: [f32; 3]) -> [f32; N_SUMS] {
         let (point, shift) = (&self.points[i], self.shifts[i]);
-        let per_h = (1.0 / h) as f32;
+        let per_h = (1.0 / self.h) as f32;
         // Merged components own points beyond `h`, and refinement moves points: without the clamp their terms
         // could overflow a row.
         let offset = |axis: usize| {
@@ -53,18 +56,15 @@ impl AssignedPoints<'_> {
 /// owners, ascending.
 pub fn accumulate(
     component_sums: &mut ComponentSums,
-    seed_positions: SeedPositions<'_>,
     frame: AssignedPoints<'_>,
-    h: f64,
     touched: &mut Vec<u32>,
 ) {
     // Threads finish in any order: results are sorted by their first component afterwards.
     let received = std::sync::Mutex::new(Vec::with_capacity(PARTS));
     let parts = PointParts::new(frame.owners, component_sums.len());
     component_sums.for_each_run(parts.firsts(), |first, rows, _| {
-        let points = parts.of(first);
-        let part = Part { first, rows, points, seed_positions, frame, h };
-        let part = Isa::best().run(part);
+        let part = Isa::best().run(Part { first, rows, points: parts.of(first), frame });
+        // A poisoned lock means that another thread panicked, and rayon passes its panic on.
         if let Ok(mut received) = received.lock() {
             received.push((first, part));
         }
@@ -92,9 +92,7 @@ struct Part<'a, P> {
     rows: &'a mut [SumRow],
     /// Points of these components, ascending.
     points: P,
-    seed_positions: SeedPositions<'a>,
     frame: AssignedPoints<'a>,
-    h: f64,
 }
 
 /// Component that receives points of this frame.
@@ -107,21 +105,21 @@ struct Receiver {
 }
 
 impl<'p, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, P> {
-    /// Returns the index of each row's taker, and the takers in the order of their first point.
+    /// Returns the index of each row's receiver, and the receivers in the order of their first point.
     fn receivers(&self) -> (Vec<u32>, Vec<Receiver>) {
-        let Self { first, rows, points, seed_positions, frame, .. } = self;
-        let (mut places, mut takers) = (vec![NONE; rows.len()], Vec::<Receiver>::new());
+        let Self { first, rows, points, frame } = self;
+        let (mut places, mut receivers) = (vec![NONE; rows.len()], Vec::<Receiver>::new());
         for &point in points.clone().flatten() {
             let id = frame.owners[point as usize] as usize;
             let place = &mut places[id - first];
             if *place == NONE {
-                *place = takers.len() as u32;
-                let (row, seed) = ((id - first) as u32, seed_positions.of(id));
-                takers.push(Receiver { row, n: 0, seed, wide: None });
+                *place = receivers.len() as u32;
+                let (row, seed) = ((id - first) as u32, frame.seeds.of(id));
+                receivers.push(Receiver { row, n: 0, seed, wide: None });
             }
-            takers[*place as usize].n += 1;
+            receivers[*place as usize].n += 1;
         }
-        (places, takers)
+        (places, receivers)
     }
 }
 
@@ -130,14 +128,14 @@ impl<'p, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_, P> {
 
     #[inline(always)]
     fn run<V: Vector>(self) -> PartResult {
-        let (places, mut takers) = self.receivers();
-        let Self { first, rows, points, frame, h, .. } = self;
-        let mut received = PartResult::default();
-        for taker in &mut takers {
+        let (places, mut receivers) = self.receivers();
+        let Self { first, rows, points, frame } = self;
+        let mut result = PartResult::default();
+        for receiver in &mut receivers {
             // A wall close to the camera can put a whole frame into one component.
-            if f64::from(taker.n) * f64::from(frame.weight) > FULL {
-                taker.wide = Some(received.wide.len());
-                received.wide.push(((first as u32) + taker.row, [0.0; N_SUMS]));
+            if f64::from(receiver.n) * f64::from(frame.weight) > FULL {
+                receiver.wide = Some(result.wide.len());
+                result.wide.push(((first as u32) + receiver.row, [0.0; N_SUMS]));
             }
         }
         // Nested loops, since `next` of a flattened iterator is not inlined.
@@ -145,17 +143,17 @@ impl<'p, P: Iterator<Item = &'p [u32]> + Clone> Kernel for Part<'_, P> {
             for &point in points {
                 let point = point as usize;
                 let row = frame.owners[point] as usize - first;
-                let taker = &mut takers[places[row] as usize];
-                let terms = frame.terms(point, taker.seed, h);
-                match taker.wide {
+                let receiver = &receivers[places[row] as usize];
+                let terms = frame.terms(point, receiver.seed);
+                match receiver.wide {
                     None => rows[row].add(&terms),
-                    Some(wide) => add_rounded(&mut received.wide[wide].1, &terms),
+                    Some(wide) => add_rounded(&mut result.wide[wide].1, &terms),
                 }
             }
         }
-        received.ids.extend(takers.iter().map(|taker| first as u32 + taker.row));
-        received.ids.sort_unstable();
-        received
+        result.ids.extend(receivers.iter().map(|receiver| first as u32 + receiver.row));
+        result.ids.sort_unstable();
+        result
     }
 }
 
@@ -195,6 +193,7 @@ impl PointParts {
     /// Partitions points by owner; values beyond the last component mean none.
     pub fn new(owners: &[u32], n_components: usize) -> Self {
         let firsts = firsts(owners, n_components);
+        // Bytes, since the table has an entry for every component of the scene.
         let mut part_of = vec![0u8; n_components];
         for (part, &first) in (0..).zip(&firsts) {
             part_of[first.min(n_components)..].fill(part);
@@ -221,6 +220,7 @@ impl PointParts {
 
 impl Chunk {
     fn new(first: u32, owners: &[u32], part_of: &[u8]) -> Self {
+        // Points without a component sort behind all parts.
         let part = |owner: u32| part_of.get(owner as usize).map_or(PARTS, |&part| part as usize);
         // Counts are stored one index late: their prefix sums are the starts of the parts, which filling
         // turns into ends.
@@ -248,6 +248,7 @@ fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
     let cut = |part: usize| some.get(part * some.len() / PARTS).copied();
     let mut firsts: Vec<usize> = (1..PARTS).filter_map(cut).collect();
     firsts.insert(0, 0);
+    // A component with many points may fill several parts: their cuts are equal.
     firsts.dedup();
     firsts
 }
@@ -256,8 +257,6 @@ fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
-    use crate::train::scene::components::Components;
-    use crate::train::scene::grid::SeedGrid;
 
     fn points(n: usize) -> Vec<SurfacePoint> {
         let mut rng = Rng::new(4, Purpose::Synthetic, 0);
@@ -274,36 +273,31 @@ mod tests {
             .collect()
     }
 
-    /// One component at the origin that receives all points of every frame.
-    fn summed(frames: &[&[SurfacePoint]]) -> ComponentSums {
-        let most = frames.iter().map(|points| points.len()).max().unwrap();
-        let (owners, shifts) = (vec![0; most], vec![0.0; most]);
-        let frames: Vec<AssignedPoints<'_>> = frames
-            .iter()
-            .map(|points| AssignedPoints {
-                points,
-                owners: &owners[..points.len()],
-                shifts: &shifts[..points.len()],
-                gain: [1.0; 3],
-                weight: 1,
-            })
-            .collect();
-        sum_of(&frames)
+    /// Calls `of` with each frame of points, all of which belong to one component at the origin.
+    fn for_each_frame(
+        frames: &[&[SurfacePoint]],
+        weight: u32,
+        mut of: impl FnMut(AssignedPoints<'_>),
+    ) {
+        let mut seeds = Seeds::new(1.0);
+        seeds.add([0.0; 3]);
+        for points in frames {
+            let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
+            let (seeds, owners, shifts) = (&seeds, &owners, &shifts);
+            let gain = [1.0; 3];
+            of(AssignedPoints { seeds, h: 1.0, points, owners, shifts, gain, weight });
+        }
     }
 
-    fn sum_of(frames: &[AssignedPoints<'_>]) -> ComponentSums {
-        let mut grid = SeedGrid::new(1.0);
-        let mut components = Components::default();
-        components.add_seed(grid.insert([0.0; 3]));
-        let seed_positions = SeedPositions { grid: &grid, components: &components };
+    fn summed(frames: &[&[SurfacePoint]], weight: u32) -> ComponentSums {
         let mut component_sums = ComponentSums::default();
         component_sums.grow(1);
-        for frame in frames {
+        for_each_frame(frames, weight, |frame| {
             let mut touched = Vec::new();
-            accumulate(&mut component_sums, seed_positions, *frame, 1.0, &mut touched);
+            accumulate(&mut component_sums, frame, &mut touched);
             assert_eq!(touched, [0]);
             component_sums.spill_to_wide_rows(&touched);
-        }
+        });
         component_sums
     }
 
@@ -311,42 +305,30 @@ mod tests {
     fn all_points_of_a_large_frame_may_fall_into_one_component() {
         let points = points(100_000);
         let mut expected = [0i64; N_SUMS];
-        let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
-        let frame = AssignedPoints {
-            points: &points,
-            owners: &owners,
-            shifts: &shifts,
-            gain: [1.0; 3],
-            weight: 1,
-        };
-        for i in 0..points.len() {
-            let terms: [f32; N_SUMS] = frame.terms(i, [0.0; 3], 1.0);
-            let quanta = terms.map(|term| i64::from(term_quanta(term)));
-            expected.iter_mut().zip(quanta).for_each(|(sum, term)| *sum += term);
-        }
+        for_each_frame(&[&points], 1, |frame| {
+            for i in 0..points.len() {
+                let quanta = frame.terms(i, [0.0; 3]).map(|term| i64::from(term_quanta(term)));
+                expected.iter_mut().zip(quanta).for_each(|(sum, term)| *sum += term);
+            }
+        });
         let expected = expected.map(|quanta| quanta as f64 / 32768.0);
         let (start, rest) = points.split_at(4095);
         let (most, end) = rest.split_at(90_000);
         for frames in [&[&points[..]][..], &[start, most, end], &[end, start, most]] {
-            let component_sums = summed(frames);
+            let component_sums = summed(frames, 1);
             assert_eq!(component_sums.sums(0), expected);
-            assert_eq!(component_sums.state(), summed(&[&points]).state());
+            assert_eq!(component_sums.state(), summed(&[&points], 1).state());
         }
     }
 
     #[test]
     fn a_point_of_weight_counts_for_as_many_points() {
         let points = points(1500);
-        let of = |weight: u32, points: &[SurfacePoint]| {
-            let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
-            let (owners, shifts, gain) = (&owners, &shifts, [1.0; 3]);
-            let frame = AssignedPoints { points, owners, shifts, gain, weight };
-            sum_of(&[frame])
-        };
         // 1,500 points of weight 4 exceed the range of a row; 1,000 do not.
         for n in [1000, 1500] {
             let four: Vec<SurfacePoint> = points[..n].iter().flat_map(|p| [*p; 4]).collect();
-            let (weighted, repeated) = (of(4, &points[..n]).sums(0), of(1, &four).sums(0));
+            let (weighted, repeated) =
+                (summed(&[&points[..n]], 4).sums(0), summed(&[&four], 1).sums(0));
             assert_eq!(weighted[0], 4.0 * n as f64);
             // Terms are rounded to quanta of 2⁻¹⁵ before they are added.
             for (weighted, repeated) in weighted.iter().zip(repeated) {
@@ -362,7 +344,7 @@ mod tests {
             let point = SurfacePoint { position: twos, color: ones, ..SurfacePoint::default() };
             vec![SurfacePoint { footprint: 1.0, ..point }; n]
         };
-        let component_sums = summed(&[&largest(4095), &largest(4096), &largest(4097)]);
+        let component_sums = summed(&[&largest(4095), &largest(4096), &largest(4097)], 1);
         assert_eq!(component_sums.sums(0)[4], 4.0 * 12_288.0);
     }
 }

@@ -15,8 +15,8 @@
 //! starts at the correction of nearby frames. Six rounds with a subset of the points are typical, then one
 //! with all. Exact poses are not aligned.
 
-use super::component_sums::ComponentSums;
-use super::components::SeedPositions;
+use super::component_sums::{ComponentSums, KNOWN_POINTS};
+use super::components::Seeds;
 use super::grid::NONE;
 use super::rigid_equations::{Motion, RigidEquations};
 use super::seed_groups::GROUP;
@@ -25,7 +25,7 @@ use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Approximate number of points used per frame: neighbours are redundant.
+// Approximate number of points used per frame: neighbours are redundant.
 const LOOKED_AT: usize = 8192;
 /// One of this many groups of neighbours is used until the pose has nearly converged (`scene.md`, Pose
 /// alignment).
@@ -39,7 +39,7 @@ const CONVERGED: f64 = 0.02;
 const MIN_COMPONENTS: usize = 6;
 /// Number of components from which the prior's full deviation applies.
 const MANY_COMPONENTS: f64 = 500.0;
-/// Maximum number of neighbouring components that count as one, since their errors correlate.
+// Maximum number of neighbouring components that count as one, since their errors correlate.
 const MAX_CORRELATED: f64 = 10.0;
 /// Minimum number of patches with independent errors in a whole picture.
 const PATCHES: f64 = MANY_COMPONENTS / MAX_CORRELATED;
@@ -66,7 +66,7 @@ pub struct PoseAlignment<'a> {
 }
 
 /// Prediction of a component, and the frame's measurement of it.
-pub struct Match<'p> {
+struct Match<'p> {
     pub plane: &'p ColoredPlane,
     /// Mean position of the frame's points under the recorded pose, world units from the scene's origin.
     pub position: DVec3,
@@ -81,18 +81,10 @@ pub struct Improvement {
     pub has_converged: bool,
 }
 
-pub struct FrameMatches<'p> {
+struct FrameMatches<'p> {
     pub matches: Vec<Match<'p>>,
     /// Share of the frame's points that these components own, 0 to 1.
     pub share: f64,
-}
-
-#[derive(Clone, Copy)]
-pub struct RecordedPose {
-    /// Camera centre as recorded, world units from the origin.
-    pub centre: DVec3,
-    /// Standard deviations of rotation (radians) and position (world units).
-    pub deviations: [f64; 2],
 }
 
 /// Returns the frame with an evenly spaced subset of its points for alignment.
@@ -127,7 +119,7 @@ impl PoseAlignment<'_> {
         let found = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
         let deviations = [TURN_DEVIATION, f64::from(self.frame.tolerance.place)];
-        let motion = RecordedPose { centre, deviations }.step(&found, before)?;
+        let motion = found.step(before, centre, deviations)?;
         let matches = &found.matches;
         let reach = matches.iter().map(|m| (m.position - centre).length()).sum::<f64>();
         let turned = (motion.turn * before.turn.inverse()).to_scaled_axis().length();
@@ -152,11 +144,13 @@ impl PoseAlignment<'_> {
             }
             let (n, matched) = &mut sums[at[number] as usize];
             *n += 1.0;
+            // About the seed, so that the mean keeps its digits far from the origin.
             matched.position += point.position_vector() - plane.seed;
             matched.color += self.exposed(point);
             matched.noise += f64::from(point.noise);
         }
         let owned: f64 = sums.iter().map(|(n, _)| n).sum();
+        // A frame without points must not give a share of NaN.
         let share = owned / self.frame.points.len().max(1) as f64;
         let matches = sums.into_iter().map(|(n, matched)| matched.mean_of(n)).collect();
         FrameMatches { matches, share }
@@ -188,27 +182,24 @@ impl FrameMatches<'_> {
     fn prior_factor(&self) -> f64 {
         (self.matches.len() as f64 / MANY_COMPONENTS).powi(2).clamp(HELD, 1.0)
     }
-}
 
-impl RecordedPose {
-    /// Returns a more probable motion than `before`; `None` with too few matches.
-    pub fn step(&self, found: &FrameMatches<'_>, before: &Motion) -> Option<Motion> {
-        let matches = &found.matches;
+    /// Returns a more probable motion than `before` of a camera recorded at `centre` (world units from the
+    /// origin), with the standard deviations of rotation (radians) and position (world units); `None` with too
+    /// few matches.
+    fn step(&self, before: &Motion, centre: DVec3, [turn, shift]: [f64; 2]) -> Option<Motion> {
+        let matches = &self.matches;
         if matches.len() < MIN_COMPONENTS {
             return None;
         }
-        let alike = found.n_correlated();
-        let [turn, shift] = self.deviations;
-        let deviations = [turn, shift * found.prior_factor()];
+        let alike = self.n_correlated();
+        let deviations = [turn, shift * self.prior_factor()];
         let mut motion = *before;
         for _ in 0..STEPS {
             // The prior stays about the recorded pose: about the last motion, rounds could drift away.
             let mut normal = RigidEquations::prior(&motion, deviations);
             let part = |matches: &[Match<'_>]| {
                 let mut part = RigidEquations::NONE;
-                matches
-                    .iter()
-                    .for_each(|matched| part.add_match(matched, self.centre, &motion, alike));
+                matches.iter().for_each(|matched| part.add_match(matched, centre, &motion, alike));
                 part
             };
             // Parts of fixed size, added in order: rounding is independent of the number of threads.
@@ -249,8 +240,6 @@ fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-/// Minimum number of points of a component that serves as a plane.
-const MIN_POINTS: f64 = 20.0;
 /// Minimum length of the mean normal.
 const MIN_AGREEMENT: f64 = 0.8;
 
@@ -273,7 +262,7 @@ impl ColoredPlane {
     /// Fits a plane to sums about `seed`; `None` with few points or diverging normals.
     pub fn new(sums: &SceneSums, seed: DVec3, ridge: f64) -> Option<Self> {
         let normal = sums.normal / sums.count;
-        if sums.count < MIN_POINTS || normal.length() < MIN_AGREEMENT {
+        if sums.count < KNOWN_POINTS || normal.length() < MIN_AGREEMENT {
             return None;
         }
         let normal = normal.normalize();
@@ -295,7 +284,7 @@ impl ColoredPlane {
 /// Cache of the planes requested so far.
 pub struct KnownPlanes<'a> {
     component_sums: &'a ComponentSums,
-    seed_positions: SeedPositions<'a>,
+    seeds: &'a Seeds,
     h: f64,
     /// Ridge of the regression of colour on position, world units².
     ridge: f64,
@@ -305,14 +294,9 @@ pub struct KnownPlanes<'a> {
 }
 
 impl<'a> KnownPlanes<'a> {
-    pub fn new(
-        component_sums: &'a ComponentSums,
-        seed_positions: SeedPositions<'a>,
-        h: f64,
-        ridge: f64,
-    ) -> Self {
+    pub fn new(component_sums: &'a ComponentSums, seeds: &'a Seeds, h: f64, ridge: f64) -> Self {
         let places = vec![NONE; component_sums.len()];
-        Self { component_sums, seed_positions, h, ridge, places, planes: Vec::new() }
+        Self { component_sums, seeds, h, ridge, places, planes: Vec::new() }
     }
 
     /// Computes the missing planes of the given owners, as far as they existed before the frame.
@@ -326,9 +310,10 @@ impl<'a> KnownPlanes<'a> {
         }
         let plane = |&id: &u32| {
             let sums = SceneSums::new(&self.component_sums.sums(id as usize), self.h);
-            let seed = DVec3::from_array(self.seed_positions.of(id as usize).map(f64::from));
+            let seed = DVec3::from_array(self.seeds.of(id as usize).map(f64::from));
             ColoredPlane::new(&sums, seed, self.ridge)
         };
+        // Keeps the order of `new`, which the places refer to.
         self.planes.par_extend(new.par_iter().with_min_len(64).map(plane));
     }
 

@@ -3,7 +3,7 @@
 //! Distance alone decides: normals or colours as additional dimensions gave more components but no better
 //! picture (`scene.md`, Effect of each part).
 
-use super::components::SeedPositions;
+use super::components::Seeds;
 use super::grid::NONE;
 use super::seed_groups::{Reach, SearchRays, SeedGroups};
 use crate::math::simd::Isa;
@@ -16,12 +16,7 @@ const GROUP: usize = 64;
 
 /// Replaces `owners` by the component of every point, that of the nearest seed; [`NONE`] if no seed is near
 /// enough.
-pub fn assign(
-    seeds: SeedPositions<'_>,
-    reach: Reach,
-    points: &[SurfacePoint],
-    owners: &mut Vec<u32>,
-) {
+pub fn assign(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut Vec<u32>) {
     owners.clear();
     owners.resize(points.len(), NONE);
     owners.par_chunks_mut(GROUP).zip(points.par_chunks(GROUP)).for_each_init(
@@ -30,8 +25,8 @@ pub fn assign(
             places.clear();
             places.extend(points.iter().map(|point| point.position));
             groups.clear();
-            groups.gather(seeds.grid, reach.h, places);
-            groups.nearest(seeds.grid, reach.h, places, owners);
+            groups.gather(&seeds.grid, reach.h, places);
+            groups.nearest(&seeds.grid, reach.h, places, owners);
             keep_components(seeds, reach, points, owners);
         },
     );
@@ -39,12 +34,7 @@ pub fn assign(
 
 /// Completes an assignment by a device: `owners` holds the nearest seed of each point within the structural
 /// scale, [`NONE`] if there is none, or [`LEFT_TO_PROCESSOR`] if it is to be searched here.
-pub fn assign_known(
-    seeds: SeedPositions<'_>,
-    reach: Reach,
-    points: &[SurfacePoint],
-    owners: &mut [u32],
-) {
+pub fn assign_known(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut [u32]) {
     owners.par_chunks_mut(GROUP).zip(points.par_chunks(GROUP)).for_each(|(owners, points)| {
         for (owner, point) in
             owners.iter_mut().zip(points).filter(|(owner, _)| **owner == LEFT_TO_PROCESSOR)
@@ -56,56 +46,11 @@ pub fn assign_known(
 }
 
 /// Replaces seeds by their components; points without a seed are searched along their rays.
-fn keep_components(
-    seeds: SeedPositions<'_>,
-    reach: Reach,
-    points: &[SurfacePoint],
-    owners: &mut [u32],
-) {
+fn keep_components(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut [u32]) {
     if reach.searches_rays() {
-        Isa::best().run(SearchRays { grid: seeds.grid, reach, points, seeds: owners });
+        Isa::best().run(SearchRays { grid: &seeds.grid, reach, points, seeds: owners });
     }
     for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
         *owner = seeds.components.of_seed(*owner);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::rng::{Purpose, Rng};
-    use crate::train::scene::components::Components;
-    use crate::train::scene::grid::SeedGrid;
-
-    #[test]
-    fn groups_find_what_single_searches_find() {
-        let mut grid = SeedGrid::new(0.1);
-        let mut stream = Rng::new(2, Purpose::Init, 0);
-        let mut place = |spread: f64| [0; 3].map(|_| stream.range(-spread, spread) as f32);
-        for _ in 0..3000 {
-            grid.insert(place(1.0));
-        }
-        let mut points: Vec<SurfacePoint> = Vec::new();
-        for group in 0..40 {
-            let centre = place(1.0);
-            let spread = if group % 4 == 0 { 1.0 } else { 0.1 };
-            points.extend((0..GROUP).map(|_| {
-                let offset = place(spread);
-                let position = [0, 1, 2].map(|i| centre[i] + offset[i]);
-                SurfacePoint { position, ..SurfacePoint::default() }
-            }));
-        }
-        points.truncate(points.len() - 7);
-        let mut owners = Vec::new();
-        let mut components = Components::default();
-        for seed in 0..grid.len() as u32 {
-            components.add_seed(seed);
-        }
-        let seeds = SeedPositions { grid: &grid, components: &components };
-        assign(seeds, Reach::new(0.1, 0.0), &points, &mut owners);
-        for (point, owner) in points.iter().zip(&owners) {
-            assert_eq!(*owner, grid.nearest(point.position).unwrap_or(NONE));
-        }
-        assert!(owners.contains(&NONE) && owners.iter().any(|&o| o != NONE));
     }
 }

@@ -1,6 +1,6 @@
 //! Births: points without a component nearby become seeds, in the order of the points.
 
-use super::components::Components;
+use super::components::Seeds;
 use super::grid::{NONE, SeedGrid};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
@@ -24,31 +24,33 @@ pub struct Limits {
 /// structural scale `h`, else a new component within the limits.
 pub fn create_components(
     h: f64,
-    grid: &mut SeedGrid,
-    components: &mut Components,
+    seeds: &mut Seeds,
     points: &[SurfacePoint],
     owners: &mut [u32],
     limits: Limits,
 ) -> FrameBirths {
+    // Found in parallel first: they are few, and the loop over them is not parallel.
     let lone = owners.par_iter().enumerate().with_min_len(4096);
     let lone: Vec<usize> = lone.filter(|(_, owner)| **owner == NONE).map(|(i, _)| i).collect();
     // Older seeds were searched before and are out of reach.
-    let (mut fresh, first) = (SeedGrid::new(h), grid.len() as u32);
+    let (mut fresh, first) = (SeedGrid::new(h), seeds.grid.len() as u32);
     // Sequential: every birth affects the following points.
     let mut births = FrameBirths::default();
     for i in lone {
         let place = points[i].position;
         owners[i] = match fresh.nearest(place) {
-            Some(seed) => components.of_seed(first + seed),
+            Some(seed) => seeds.components.of_seed(first + seed),
             // Checked before the budget: such a place has no grid cell for a seed.
-            None if !grid.has_cell(place) => {
+            None if !seeds.grid.has_cell(place) => {
                 births.out_of_reach += 1;
                 NONE
             }
-            None if components.used() < limits.components && grid.len() < limits.seeds => {
+            None if seeds.components.used() < limits.components
+                && seeds.grid.len() < limits.seeds =>
+            {
                 births.born += 1;
                 fresh.insert(place);
-                components.add_seed(grid.insert(place))
+                seeds.add(place)
             }
             None => {
                 births.refused += 1;

@@ -12,6 +12,9 @@ use crate::model::splat::observed_cone::ObservedCone;
 use glam::DMat3;
 use rayon::prelude::*;
 
+/// Minimum number of points of a component whose plane or colour is compared with a frame.
+pub const KNOWN_POINTS: f64 = 20.0;
+
 // Expected returns are counted in 64ths.
 const RETURN_QUANTA: f64 = 64.0;
 
@@ -43,6 +46,7 @@ impl SumRow {
     #[inline(always)]
     pub fn add(&mut self, terms: &[f32; N_SUMS]) {
         for (sum, &term) in self.sums.iter_mut().zip(terms) {
+            // Wrapping only avoids the check: a row spills long before it could overflow.
             *sum = sum.wrapping_add(term_quanta(term));
         }
     }
@@ -128,11 +132,14 @@ impl ComponentSums {
         WideRows(&self.wide).plane(id, &self.rows[id])
     }
 
-    /// Returns `N` and `Σ c` of a component.
+    /// Returns the mean colour of a component; `None` with few points, or if it is born in this frame.
     #[inline(always)]
-    pub fn color_sums(&self, id: usize) -> (f64, [f64; 3]) {
-        let sum = WideRows(&self.wide).reader(id, &self.rows[id]);
-        (sum(0), [sum(10), sum(11), sum(12)])
+    pub fn known_color(&self, id: u32) -> Option<[f64; 3]> {
+        // `NONE` exceeds the number of rows too.
+        let row = self.rows.get(id as usize)?;
+        let sum = WideRows(&self.wide).reader(id as usize, row);
+        let n = sum(0);
+        (n >= KNOWN_POINTS).then(|| [sum(10) / n, sum(11) / n, sum(12) / n])
     }
 
     /// Returns the range of view directions of a component's points; unknown without points.
@@ -193,6 +200,7 @@ impl ComponentSums {
     /// Adds sums of whole quanta to the given components (ascending), in parts of equal numbers of them.
     pub fn add_quanta(&mut self, ids: &[u32], sums: &[[i32; N_SUMS]], parts: usize) {
         let firsts = ids.iter().step_by(ids.len().div_ceil(parts).max(1)).map(|&id| id as usize);
+        // The first run begins at row 0, whichever component comes first.
         let firsts: Vec<usize> = std::iter::once(0).chain(firsts.skip(1)).collect();
         self.for_each_run(&firsts, |first, rows, _| {
             let at = |id: usize| ids.partition_point(|&other| (other as usize) < id);
@@ -229,6 +237,7 @@ impl ComponentSums {
     /// quantum.
     pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
         let visibility = std::mem::take(&mut self.rows[dropped].visibility);
+        // A later birth may reuse the row.
         self.rows[dropped].sums = [0; N_SUMS];
         self.wide.remove(dropped as u32);
         let row = &mut self.rows[kept];
@@ -390,27 +399,6 @@ impl FromIterator<(u32, [f64; N_SUMS])> for WideSums {
         let mut wide = Self::default();
         rows.into_iter().for_each(|(id, sums)| wide.add(id, &sums));
         wide
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rows_that_fill_up_lose_nothing() {
-        let mut component_sums = ComponentSums::default();
-        component_sums.grow(1);
-        let mut terms = [-3.25f32; N_SUMS];
-        terms[0] = 1.0;
-        for _ in 0..20 {
-            for _ in 0..1000 {
-                component_sums.rows[0].add(&terms);
-            }
-            component_sums.spill_to_wide_rows(&[0]);
-        }
-        assert_eq!(component_sums.sums(0)[0], 20_000.0);
-        assert_eq!(component_sums.sums(0)[5], -65_000.0);
     }
 }
 

@@ -4,8 +4,11 @@
 //! assigned, so moving it would separate it from the sums of its former points. Until the first merge nothing
 //! is stored. Freed rows are reused, lowest first.
 
+use super::gauge::moved_seed;
 use super::grid::SeedGrid;
+use crate::math::pose::Pose;
 use crate::model::scene::state::WHOLE;
+use glam::DVec3;
 
 // Surface of a whole seed: integers make sums exact.
 const SURFACE: u32 = WHOLE as u32 * WHOLE as u32;
@@ -51,6 +54,7 @@ impl Components {
         for (seed, &component) in sharing.component.iter().enumerate().rev() {
             *sharing.reference.get_mut(component as usize)? = seed as u32;
             let surface = &mut sharing.surface[component as usize];
+            // A file may list any number of seeds of one component.
             *surface = surface.saturating_add(squared(share_of(&shares, seed)));
         }
         let is_free = |row: &u32| sharing.surface[*row as usize] == 0;
@@ -116,6 +120,7 @@ impl Components {
 
     /// Adds a seed, which must be the next number; returns its new component.
     pub fn add_seed(&mut self, seed: u32) -> u32 {
+        // Seeds have the whole until the scale grows, which needs no list.
         if !self.shares.is_empty() {
             self.shares.push(WHOLE);
         }
@@ -170,23 +175,68 @@ fn squared(share: u8) -> u32 {
     u32::from(share) * u32::from(share)
 }
 
-#[derive(Clone, Copy)]
-pub struct SeedPositions<'a> {
-    pub grid: &'a SeedGrid,
-    pub components: &'a Components,
+/// Seeds and the components that they belong to.
+pub struct Seeds {
+    pub grid: SeedGrid,
+    pub components: Components,
 }
 
-impl SeedPositions<'_> {
+impl Seeds {
+    pub fn new(h: f64) -> Self {
+        Self { grid: SeedGrid::new(h), components: Components::default() }
+    }
+
+    /// Restores seeds of a scene with `n_rows` rows of sums; `None` if a seed is too far from the origin for
+    /// the scale `h`, or a component number is out of range.
+    pub fn restore(
+        h: f64,
+        places: &[[f32; 3]],
+        components: Option<Vec<u32>>,
+        shares: Vec<u8>,
+        n_rows: usize,
+    ) -> Option<Self> {
+        let mut grid = SeedGrid::new(h);
+        for &place in places {
+            if !grid.has_cell(place) {
+                return None;
+            }
+            grid.insert(place);
+        }
+        let components = match components {
+            Some(of_seeds) => Components::restore(of_seeds, n_rows, shares)?,
+            None => Components::of_seeds(grid.len(), shares),
+        };
+        Some(Self { grid, components })
+    }
+
+    /// Adds a seed at a position with a cell; returns its new component.
+    pub fn add(&mut self, place: [f32; 3]) -> u32 {
+        self.components.add_seed(self.grid.insert(place))
+    }
+
     /// Returns the seed of a component's sums, world units from the scene's origin.
     #[inline(always)]
-    pub fn of(self, component: usize) -> [f32; 3] {
+    pub fn of(&self, component: usize) -> [f32; 3] {
         self.grid.position(self.components.reference_seed(component))
     }
 
     /// Returns the maximum distance of a component's points from its seed, in structural scales.
-    pub fn share(self, component: usize) -> f64 {
+    pub fn share(&self, component: usize) -> f64 {
         let share = self.components.share(self.components.reference_seed(component));
         f64::from(share) / f64::from(WHOLE)
+    }
+
+    /// Moves all seeds with the world, relative to `origin`; returns false if one would get out of range.
+    pub fn move_by(&mut self, motion: &Pose, origin: DVec3) -> bool {
+        let Some(moved) = self.grid.moved(|seed| moved_seed(seed, origin, motion)) else {
+            return false;
+        };
+        self.grid = moved;
+        true
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.grid.bytes() + self.components.bytes()
     }
 }
 

@@ -131,27 +131,20 @@ impl SceneConfig {
 
     /// Returns these settings, or an error for the first one out of range.
     pub fn check(self) -> Result<Self, ConfigError> {
-        if !(1..=MAX_COMPONENTS).contains(&self.max_components) {
-            return Err(ConfigError {
-                setting: "budget (`--budget`)",
-                expected: format!("1 to {MAX_COMPONENTS} components"),
-                found: self.max_components.to_string(),
-            });
+        let refuse = |setting, expected: String, found: String| {
+            Err(ConfigError { setting, expected, found })
+        };
+        let (budget, h, coverage) = (self.max_components, self.h, self.splat_rule.full_coverage);
+        if !(1..=MAX_COMPONENTS).contains(&budget) {
+            let expected = format!("1 to {MAX_COMPONENTS} components");
+            return refuse("budget (`--budget`)", expected, budget.to_string());
         }
-        if !(self.h.is_finite() && self.h > 0.0) {
-            return Err(ConfigError {
-                setting: "scale (`--scale`)",
-                expected: "a positive length".to_owned(),
-                found: self.h.to_string(),
-            });
+        if !(h.is_finite() && h > 0.0) {
+            return refuse("scale (`--scale`)", "a positive length".to_owned(), h.to_string());
         }
-        let coverage = self.splat_rule.full_coverage;
         if !(coverage > 0.0 && coverage <= 1.0) {
-            return Err(ConfigError {
-                setting: "closing",
-                expected: "a coverage above 0, at most 1".to_owned(),
-                found: coverage.to_string(),
-            });
+            let expected = "a coverage above 0, at most 1".to_owned();
+            return refuse("closing", expected, coverage.to_string());
         }
         Ok(self)
     }

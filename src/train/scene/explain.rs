@@ -3,11 +3,12 @@
 //!
 //! Both share one pass, which is as much bound by memory as by arithmetic.
 
-use super::component_sums::ComponentSums;
-use super::components::SeedPositions;
-use super::grid::{NONE, squared_distance};
+use super::component_sums::{ComponentSums, KNOWN_POINTS};
+use super::components::Seeds;
+use super::grid::NONE;
 use super::seed_groups::Reach;
 use crate::observation::surface::{DepthTolerance, SurfacePoint};
+use crate::train::estep::squared_distance;
 use rayon::prelude::*;
 
 const CHUNK: usize = 1024;
@@ -15,7 +16,7 @@ const CHUNK: usize = 1024;
 pub struct Explainer<'a> {
     /// Sums of components that existed before the frame.
     pub component_sums: &'a ComponentSums,
-    pub seed_positions: SeedPositions<'a>,
+    pub seeds: &'a Seeds,
     pub h: f64,
     pub reach: Reach,
     pub tolerance: DepthTolerance,
@@ -62,7 +63,7 @@ impl Explainer<'_> {
             }
             // Neighbours often have the same owner.
             if owner != last {
-                seed = self.seed_positions.of(owner as usize);
+                seed = self.seeds.of(owner as usize);
                 (last, plane) = (owner, self.plane(owner as usize, seed));
             }
             *q = squared_distance(point.position, seed).into();
@@ -80,8 +81,6 @@ impl Explainer<'_> {
     }
 }
 
-/// Minimum number of points of a component that serves as a plane.
-const MIN_POINTS: f64 = 20.0;
 /// Maximum weight of the plane relative to the point.
 const MAX_TRUST: f64 = 2.0;
 /// Minimum cosine between ray and plane normal.
@@ -104,12 +103,12 @@ impl RefinementPlane {
     #[inline(always)]
     pub fn new(component_sums: &ComponentSums, id: usize, seed: [f32; 3], h: f64) -> Option<Self> {
         let (n, first, normal) = component_sums.plane_sums(id);
-        if n < MIN_POINTS {
+        if n < KNOWN_POINTS {
             return None;
         }
         let offset = first.map(|sum| sum * h / n);
         // A limit of 2 instead of 4 gains 0.035 dB on Lego.
-        let trust = (n / MIN_POINTS).min(MAX_TRUST);
+        let trust = (n / KNOWN_POINTS).min(MAX_TRUST);
         Some(Self { seed, offset, normal, length: dot(normal, normal).sqrt(), trust })
     }
 

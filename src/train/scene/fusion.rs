@@ -7,8 +7,8 @@
 use super::component_sums::ComponentSums;
 use super::config::SceneConfig;
 use super::gauge::moved;
-use super::grid::{SeedGrid, squared_distance};
-use super::merge::factor;
+use super::grid::SeedGrid;
+use super::merge::{coarsened, factor};
 use super::photometric::rule::PhotometricRule;
 use super::photometric::{LEAST_OPACITY, is_trained, prior_precision};
 use super::trainer::SceneTrainer;
@@ -20,15 +20,49 @@ use crate::model::scene::state::{QUANTUM, SceneState, VisibilityCounts, WHOLE};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::pose_log::FramePose;
-use crate::model::splat::splats::Splat;
+use crate::model::splat::splats::{Splat, rotation_array};
+use crate::train::estep::squared_distance;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
+/// Fuses scenes of equal configuration, which may have continued from a common `start`, into one within the
+/// budget (`scene.md`, Fusion); `None` without scenes.
+pub fn fuse(
+    config: &SceneConfig,
+    start: Option<&SceneState>,
+    scenes: &[&SceneState],
+) -> Option<SceneState> {
+    // Converts all to the coarsest scale that a budget required.
+    let steps = scenes.iter().map(|scene| scene.coarsening_steps).max()?;
+    let start = match start {
+        Some(start) => Some(at_scale(start, steps)?),
+        None => None,
+    };
+    let scenes: Option<Vec<_>> = scenes.iter().map(|scene| at_scale(scene, steps)).collect();
+    let scenes = scenes?;
+    let scenes: Vec<&SceneState> = scenes.iter().map(AsRef::as_ref).collect();
+    let state = fuse_at_one_scale(config, start.as_deref(), &scenes)?;
+    if state.visibility.len() <= config.max_components {
+        return Some(state);
+    }
+    let mut over_budget = SceneTrainer::restore(config, state, 0)?;
+    over_budget.merge_to(config.max_components);
+    Some(over_budget.state())
+}
+
+/// Converts a scene to the scale after `steps` steps.
+fn at_scale(scene: &SceneState, steps: u32) -> Option<Cow<'_, SceneState>> {
+    match scene.coarsening_steps == steps {
+        true => Some(Cow::Borrowed(scene)),
+        false => coarsened(scene.clone(), steps).map(Cow::Owned),
+    }
+}
+
 /// Fuses scenes of one scale that may have continued from a common `start`. Where several scenes have new
 /// components at one place, those of the first remain. Components of the start come first, and the result may
 /// exceed the budget. `None` without scenes.
-pub fn fuse(
+fn fuse_at_one_scale(
     config: &SceneConfig,
     start: Option<&SceneState>,
     scenes: &[&SceneState],
@@ -91,6 +125,7 @@ fn back_at<'a>(
     let (Some([_, then]), Some([_, now])) = (start.and_then(of_first), of_first(&scene)) else {
         return Some(scene);
     };
+    // Moving by nothing would still round every sum.
     if then == now {
         return Some(scene);
     }
@@ -145,6 +180,7 @@ impl Component {
                 *sum += now - before;
             }
             let gained = VisibilityCounts {
+                // Counts saturate, so that a later one may be no larger.
                 expected: now.visibility.expected.saturating_sub(before.expected),
                 hits: now.visibility.hits.saturating_sub(before.hits),
                 misses: now.visibility.misses.saturating_sub(before.misses),
@@ -254,7 +290,7 @@ const MAX_TURN: f64 = 0.5;
 
 /// Photometric estimate of one splat: parameters and precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
+struct Estimate {
     splat: Splat,
     appearance: Appearance,
     form: [f32; N_FORM_PRECISION],
@@ -262,15 +298,15 @@ pub struct Estimate {
 }
 
 #[derive(Clone, Copy)]
-pub struct Later {
-    pub estimate: Estimate,
+struct Later {
+    estimate: Estimate,
     /// Frames since the start that showed the component.
-    pub frames: u16,
+    frames: u16,
 }
 
 impl Estimate {
     /// Reads the estimate of a component; `None` without a splat.
-    pub fn of(state: &PhotometricState, component: usize) -> Option<Self> {
+    fn of(state: &PhotometricState, component: usize) -> Option<Self> {
         state.has_splat(component).then(|| Self {
             splat: state.splats[component],
             appearance: state.appearance[component],
@@ -280,12 +316,12 @@ impl Estimate {
     }
 
     /// True if a photograph has increased its precision.
-    pub fn is_taught(&self, rule: &PhotometricRule) -> bool {
+    fn is_taught(&self, rule: &PhotometricRule) -> bool {
         is_trained(&self.color, &rule.prior)
     }
 
     /// Writes the estimate into the row of a component.
-    pub fn put(&self, state: &mut PhotometricState, component: usize) {
+    fn put(&self, state: &mut PhotometricState, component: usize) {
         state.splats[component] = self.splat;
         state.appearance[component] = self.appearance;
         state.form[component] = self.form;
@@ -332,8 +368,7 @@ impl Estimate {
             splat.scale[i] = (f64::from(splat.scale[i]) * libm::exp(step[3 + i])) as f32;
         }
         let turn = DQuat::from_scaled_axis(DVec3::new(step[6], step[7], step[8]));
-        let turned = (rotation(splat) * turn).normalize();
-        splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
+        splat.rotation = rotation_array((rotation(splat) * turn).normalize());
         let opacity = f64::from(splat.opacity) * libm::exp(step[9]);
         splat.opacity = opacity.clamp(LEAST_OPACITY, most_opacity) as f32;
         put_triangle::<N_FORM>(&mut self.form, precision);
@@ -353,7 +388,7 @@ impl Estimate {
 
 /// Combines everything that `later` gained since `start`; without a start all estimates count equally. `None`
 /// if there are none.
-pub fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Option<Estimate> {
+fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Option<Estimate> {
     let base = start.or(later.first().map(|later| later.estimate))?;
     let (form_prior, color_prior) = prior_precision(&base.splat, &rule.prior);
     // Without a start every estimate began with the prior alone.
@@ -466,12 +501,11 @@ fn log_ratio(a: f32, b: f32) -> f64 {
 }
 
 fn rotation(splat: &Splat) -> DQuat {
-    let [w, x, y, z] = splat.rotation.map(f64::from);
-    DQuat::from_xyzw(x, y, z, w).normalize()
+    splat.quaternion().normalize()
 }
 
 /// Sets the running means of photographs to those over all scenes, weighted by their frames.
-pub fn average_residuals<'a>(
+fn average_residuals<'a>(
     state: &mut PhotometricState,
     scenes: impl Iterator<Item = &'a PhotometricState>,
 ) {

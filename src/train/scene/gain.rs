@@ -1,13 +1,10 @@
 //! Gain of a frame relative to the scene's exposure (`scene.md`, Gain).
 
 use super::component_sums::ComponentSums;
-use super::grid::NONE;
 use crate::observation::surface::SurfacePoint;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Minimum number of points of a component whose colour is used.
-const MIN_POINTS: f64 = 20.0;
 /// Number of known points that determine the gain of a large frame.
 pub const MIN_MATCHES: f64 = 5000.0;
 /// Share of the points of a small frame that determine its gain.
@@ -52,15 +49,8 @@ impl Brightness {
     pub fn of(component_sums: &ComponentSums, points: &[SurfacePoint], owners: &[u32]) -> Self {
         let mut sums = Self::default();
         for (point, &owner) in points.iter().zip(owners) {
-            // Components born in this frame have no row yet.
-            if owner == NONE || owner as usize >= component_sums.len() {
-                continue;
-            }
-            let (n, color) = component_sums.color_sums(owner as usize);
-            if n < MIN_POINTS {
-                continue;
-            }
-            sums.expected += DVec3::from_array(color) / n;
+            let Some(color) = component_sums.known_color(owner) else { continue };
+            sums.expected += DVec3::from_array(color);
             sums.seen += DVec3::from_array(point.color.map(f64::from));
             sums.points += 1.0;
         }

@@ -25,6 +25,7 @@ pub fn common_motion(frames: &[FramePose], [turn, shift]: [f64; 2]) -> Option<Po
         // A rotation of the world rotates every camera and moves it in proportion to its distance from the
         // middle.
         let turned = Motion { turn: apart.turn, shift: DVec3::ZERO };
+        // Of infinite deviation: the shift of a camera depends on its place and follows below.
         normal.add_equations(&RigidEquations::prior(&turned, [turn, f64::INFINITY]));
         let weight = shift.powi(-2);
         let arm = real.centre() - middle;

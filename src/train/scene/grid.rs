@@ -60,6 +60,11 @@ impl SeedGrid {
         self.positions[id]
     }
 
+    /// Returns all seeds, in the order of their birth.
+    pub fn positions(&self) -> &[[f32; 3]] {
+        &self.positions
+    }
+
     /// Returns all seeds for upload to a device; `are_new` states that they differ from those it has.
     pub fn seeds(&self, are_new: bool) -> Seeds<'_> {
         let Self { cell: h, per_cell, positions, .. } = self;
@@ -355,17 +360,11 @@ impl CellBox {
     }
 }
 
-/// Returns the squared distance of two positions, summed in the order x, y, z.
-#[inline(always)]
-pub fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f32 {
-    let [x, y, z] = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-    x * x + y * y + z * z
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
+    use crate::train::estep::squared_distance;
 
     #[test]
     fn nearest_is_what_a_search_of_all_seeds_finds() {

@@ -9,9 +9,9 @@
 use super::assign::assign;
 use super::births::{Limits, create_components};
 use super::component_sums::ComponentSums;
-use super::components::{Components, SeedPositions};
+use super::components::Seeds;
 use super::config::DEFAULT_MAX_COMPONENTS;
-use super::grid::{NONE, SeedGrid};
+use super::grid::NONE;
 use super::seed_groups::Reach;
 use crate::math::sym3::Sym3;
 use crate::model::scene::state::{MAX_COARSENING_STEPS, QUANTUM, SceneState, WHOLE};
@@ -21,12 +21,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 
-/// Maximum standard deviation of a merged component, units of `h`: keeps sums within their range.
+// Maximum standard deviation of a merged component, units of `h`: keeps sums within their range.
 const MAX_SPREAD: f64 = 0.8;
 /// Maximum distance of a merged component's mean from the seed of its sums, units of `h`.
 const MAX_OFFSET: f64 = 1.5;
-/// Squared colour error (0 to 1 per channel) equivalent to a squared distance of `h²` from the plane: a
-/// surface `h/4` away costs as much as a colour error of 1/8.
+// Squared colour error (0 to 1 per channel) equivalent to a squared distance of `h²` from the plane: a
+// surface `h/4` away costs as much as a colour error of 1/8.
 const THICKNESS_COST: f64 = 0.25;
 /// Ridge of the regression of colour on position, units of `h²`.
 const RIDGE: f64 = 0.025;
@@ -45,31 +45,29 @@ struct Summary {
 /// Merges until at most `most` components are left, or a pass finds fewer than `worthwhile` pairs or none.
 pub fn merge_down(
     component_sums: &mut ComponentSums,
-    components: &mut Components,
-    grid: &SeedGrid,
+    seeds: &mut Seeds,
     h: f64,
     most: usize,
     worthwhile: usize,
 ) {
     for _ in 0..PASSES {
-        let surplus = components.used().saturating_sub(most);
+        let surplus = seeds.components.used().saturating_sub(most);
         if surplus == 0 {
             return;
         }
-        let pairs = cheapest_pairs(component_sums, components, grid, h, surplus);
+        let pairs = cheapest_pairs(component_sums, seeds, h, surplus);
         if pairs.is_empty() {
             return;
         }
         for &(kept, dropped) in &pairs {
-            let [a, b] =
-                [kept, dropped].map(|id| summary(component_sums, components, grid, h, id as usize));
+            let [a, b] = [kept, dropped].map(|id| summary(component_sums, seeds, h, id as usize));
             component_sums.merge(
                 kept as usize,
                 dropped as usize,
                 &b.sums.about_shifted_seed(b.seed - a.seed).to_array(),
             );
         }
-        components.merge(&pairs);
+        seeds.components.merge(&pairs);
         // Every pass costs a search over all components, however few pairs it finds.
         if pairs.len() < worthwhile {
             return;
@@ -80,21 +78,15 @@ pub fn merge_down(
 /// Returns up to `n` disjoint pairs of neighbours of lowest cost, the older component first.
 fn cheapest_pairs(
     component_sums: &ComponentSums,
-    components: &Components,
-    grid: &SeedGrid,
+    seeds: &Seeds,
     h: f64,
     n: usize,
 ) -> Vec<(u32, u32)> {
-    let ids = 0..components.n_rows();
-    let summaries: Vec<Summary> = ids
-        .clone()
-        .into_par_iter()
-        .map(|id| summary(component_sums, components, grid, h, id))
-        .collect();
-    let mut pairs: Vec<(f64, u32, u32)> = ids
-        .into_par_iter()
-        .filter_map(|id| best_partner(&summaries, components, grid, h, id))
-        .collect();
+    let ids = (0..seeds.components.n_rows()).into_par_iter();
+    let summaries: Vec<Summary> =
+        ids.clone().map(|id| summary(component_sums, seeds, h, id)).collect();
+    let mut pairs: Vec<(f64, u32, u32)> =
+        ids.filter_map(|id| best_partner(&summaries, seeds, h, id)).collect();
     // Ties are resolved by number, so that the result is independent of the number of threads.
     pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut taken = vec![false; summaries.len()];
@@ -109,24 +101,17 @@ fn cheapest_pairs(
     chosen
 }
 
-fn summary(
-    component_sums: &ComponentSums,
-    components: &Components,
-    grid: &SeedGrid,
-    h: f64,
-    id: usize,
-) -> Summary {
+fn summary(component_sums: &ComponentSums, seeds: &Seeds, h: f64, id: usize) -> Summary {
     // Offsets stay in units of `h`, as costs weigh them against dimensionless colours.
     let sums = SceneSums::new(&component_sums.sums(id), 1.0);
-    let seed = DVec3::from_array(SeedPositions { grid, components }.of(id).map(f64::from)) / h;
+    let seed = DVec3::from_array(seeds.of(id).map(f64::from)) / h;
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
 }
 
 /// Returns a component's neighbour of lowest merging cost, and that cost.
 fn best_partner(
     summaries: &[Summary],
-    components: &Components,
-    grid: &SeedGrid,
+    Seeds { grid, components }: &Seeds,
     h: f64,
     id: usize,
 ) -> Option<(f64, u32, u32)> {
@@ -201,29 +186,28 @@ fn error(sums: &SceneSums) -> f64 {
 /// ```
 pub struct Partition {
     h: f64,
-    grid: SeedGrid,
-    components: Components,
+    seeds: Seeds,
     owners: Vec<u32>,
 }
 
 impl Partition {
     /// Creates a partition without seeds; `h` is the structural scale, world units.
     pub fn new(h: f64) -> Self {
-        Self { h, grid: SeedGrid::new(h), components: Components::default(), owners: Vec::new() }
+        Self { h, seeds: Seeds::new(h), owners: Vec::new() }
     }
 
     /// Returns the component of every point; new ones are born where none is near. `None` beyond the limit.
     pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
-        let Self { h, grid, components, owners } = self;
-        assign(SeedPositions { grid, components }, Reach::new(*h, 0.0), points, owners);
+        let Self { h, seeds, owners } = self;
+        assign(seeds, Reach::new(*h, 0.0), points, owners);
         let limits = Limits { components: DEFAULT_MAX_COMPONENTS, seeds: DEFAULT_MAX_COMPONENTS };
-        create_components(*h, grid, components, points, owners, limits);
+        create_components(*h, seeds, points, owners, limits);
         owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()
     }
 
     /// Number of components born so far.
     pub fn components(&self) -> usize {
-        self.components.used()
+        self.seeds.components.used()
     }
 }
 

@@ -6,7 +6,7 @@
 #![doc = include_str!("../../../docs/design/scene.md")]
 
 pub mod config;
-pub mod engine;
+pub mod fusion;
 pub mod photometric;
 pub mod track;
 pub mod units;
@@ -20,7 +20,6 @@ mod births;
 mod component_sums;
 mod components;
 mod explain;
-mod fusion;
 mod gain;
 mod gauge;
 mod grid;

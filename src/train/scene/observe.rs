@@ -1,7 +1,7 @@
 //! Visibility of components in a frame: evidence for and against them (`scene.md`, Visibility counts).
 
 use super::component_sums::{ComponentSums, Visibility};
-use super::components::SeedPositions;
+use super::components::Seeds;
 use crate::math::camera::Camera;
 use crate::observation::surface::Observation;
 use glam::{DMat3, DVec3};
@@ -21,7 +21,7 @@ pub struct FrameView<'a> {
 /// corrected pose.
 pub fn observe(
     component_sums: &mut ComponentSums,
-    seed_positions: SeedPositions<'_>,
+    seeds: &Seeds,
     frame: &Observation,
     camera: &Camera,
     h: f64,
@@ -34,12 +34,12 @@ pub fn observe(
             if n == 0.0 {
                 continue;
             }
-            let seed = DVec3::from_array(seed_positions.of(id).map(f64::from));
+            let seed = DVec3::from_array(seeds.of(id).map(f64::from));
             let mean = seed + DVec3::from_array(sum) * (h / n);
             if let Some((visibility, expected)) = viewer.visibility(mean, DVec3::from_array(normal))
             {
                 // A merged component can give the returns of all its seeds.
-                row.count_visibility(visibility, expected * seed_positions.components.surface(id));
+                row.count_visibility(visibility, expected * seeds.components.surface(id));
             }
         }
     });
@@ -63,6 +63,7 @@ impl<'a> FrameView<'a> {
     /// Returns the visibility of a component at `mean`, and its expected returns.
     fn visibility(&self, mean: DVec3, normal: DVec3) -> Option<(Visibility, f64)> {
         let local = self.rotation * (mean - self.centre);
+        // Behind the camera the projection would mirror the point.
         if local.z <= 0.0 {
             return None;
         }

@@ -7,7 +7,7 @@
 use super::accumulate::{AssignedPoints, PARTS, accumulate};
 use super::assign::{assign, assign_known};
 use super::component_sums::{ComponentSums, FULL};
-use super::components::SeedPositions;
+use super::components::Seeds;
 use super::grid::{NONE, SeedGrid};
 use super::seed_groups::Reach;
 use crate::model::inspection::DeviceError;
@@ -35,8 +35,6 @@ pub struct PointFits {
 struct PointFitter {
     device: Box<dyn PointsDevice>,
     trial: DeviceTrial,
-    /// True once its results were verified against the processor's.
-    is_verified: bool,
     /// True if it has the seeds of the current grid.
     has_seeds: bool,
     /// True if it has the points of the current frame.
@@ -53,8 +51,7 @@ impl PointFits {
         (self.points, self.open_points) = (0, 0);
         self.device = Some(PointFitter {
             device,
-            trial: DeviceTrial::new(policy),
-            is_verified: false,
+            trial: DeviceTrial::unverified(policy),
             has_seeds: false,
             has_points: false,
             turn: DeviceChoice::Processor,
@@ -73,11 +70,10 @@ impl PointFits {
         let Some(fitter) = &mut self.device else { return };
         fitter.has_points = false;
         fitter.ms = [0.0; 2];
-        fitter.turn = match fitter.trial.choose(n_points) {
+        fitter.turn = match SCALES.contains(&h) {
+            true => fitter.trial.choose(n_points),
             // GPUs may flush subnormal numbers to zero, which changes the nearest seed.
-            _ if !SCALES.contains(&h) => DeviceChoice::Processor,
-            DeviceChoice::Device if !fitter.is_verified => DeviceChoice::Both,
-            turn => turn,
+            false => DeviceChoice::Processor,
         };
     }
 
@@ -98,7 +94,7 @@ impl PointFits {
     /// Finds the component of every point, as [`assign`] does.
     pub fn assign(
         &mut self,
-        seeds: SeedPositions<'_>,
+        seeds: &Seeds,
         reach: Reach,
         points: &[SurfacePoint],
         owners: &mut Vec<u32>,
@@ -110,6 +106,7 @@ impl PointFits {
             fitter.ms[1] += device_ms;
             // Otherwise the processor repeats the search, for comparison.
             if fitter.turn == DeviceChoice::Device {
+                // Swapped instead of copied: both buffers keep their memory.
                 return std::mem::swap(owners, &mut fitter.owners);
             }
         }
@@ -122,18 +119,13 @@ impl PointFits {
     }
 
     /// Assigns on the device if it is its turn; returns true on success.
-    fn assign_on_device(
-        &mut self,
-        seeds: SeedPositions<'_>,
-        reach: Reach,
-        points: &[SurfacePoint],
-    ) -> bool {
+    fn assign_on_device(&mut self, seeds: &Seeds, reach: Reach, points: &[SurfacePoint]) -> bool {
         let Some(fitter) =
             self.device.as_mut().filter(|fitter| fitter.turn != DeviceChoice::Processor)
         else {
             return false;
         };
-        match fitter.find_seeds(seeds.grid, points) {
+        match fitter.find_seeds(&seeds.grid, points) {
             Ok(n_open) => {
                 assign_known(seeds, reach, points, &mut fitter.owners);
                 self.points += points.len() as u64;
@@ -151,26 +143,25 @@ impl PointFits {
     pub fn accumulate(
         &mut self,
         component_sums: &mut ComponentSums,
-        seed_positions: SeedPositions<'_>,
         frame: AssignedPoints<'_>,
-        h: f64,
         touched: &mut Vec<u32>,
     ) {
         let Self { device, slots, .. } = self;
         let mut clock = Stopwatch::start();
+        // Expected rows, taken before the processor adds to them.
         let mut on_trial = None;
         if let Some(fitter) =
             device.as_mut().filter(|fitter| fitter.turn != DeviceChoice::Processor)
         {
-            slots.fill(component_sums.len(), seed_positions, frame);
+            slots.fill(component_sums.len(), frame);
             let is_alone = fitter.turn == DeviceChoice::Device;
-            match fitter.sums(slots, frame, h) {
+            match fitter.sums(slots, frame) {
                 Ok(sums) if is_alone => {
                     component_sums.add_quanta(&slots.ids, sums, PARTS);
                     touched.clear();
                     if !slots.left.is_empty() {
                         let frame = AssignedPoints { owners: &slots.left, ..frame };
-                        accumulate(component_sums, seed_positions, frame, h, touched);
+                        accumulate(component_sums, frame, touched);
                     }
                     touched.extend_from_slice(&slots.ids);
                     // Components of both lists, ascending, as the processor lists them.
@@ -184,7 +175,7 @@ impl PointFits {
         }
         let device_ms = clock.lap_ms();
         self.used.processor_frames += 1;
-        accumulate(component_sums, seed_positions, frame, h, touched);
+        accumulate(component_sums, frame, touched);
         if let Some(expected) = on_trial {
             let found = self.slots.ids.iter().map(|&id| component_sums.row(id as usize).sums);
             self.conclude_trial(found.eq(expected), [clock.lap_ms(), device_ms]);
@@ -203,7 +194,6 @@ impl PointFits {
             return self.drop_device(DIFFERING.to_owned());
         }
         let Some(fitter) = &mut self.device else { return };
-        fitter.is_verified = true;
         let [of_processor, of_device] = fitter.ms;
         fitter.trial.record_times(of_processor + processor, of_device + on_device);
         self.used.trial = fitter.trial.medians;
@@ -240,13 +230,12 @@ impl PointFitter {
         &mut self,
         slots: &PointSlots,
         frame: AssignedPoints<'_>,
-        h: f64,
     ) -> Result<&[[i32; N_SUMS]], DeviceError> {
         self.device.sums(&SlotSums {
             points: &slots.points,
             seeds: &slots.seeds,
             // Rounded as on the processor.
-            per_h: (1.0 / h) as f32,
+            per_h: (1.0 / frame.h) as f32,
             gain: frame.gain,
             weight: frame.weight as f32,
         })
@@ -281,12 +270,7 @@ pub struct PointSlots {
 impl PointSlots {
     /// Assigns a slot to every component with points, except those that the processor must sum: with more
     /// points than a row holds, or with invalid or large numbers.
-    pub fn fill(
-        &mut self,
-        n_components: usize,
-        seed_positions: SeedPositions<'_>,
-        frame: AssignedPoints<'_>,
-    ) {
+    pub fn fill(&mut self, n_components: usize, frame: AssignedPoints<'_>) {
         self.count(n_components, frame);
         self.ids.clear();
         self.seeds.clear();
@@ -299,7 +283,7 @@ impl PointSlots {
             } else if pixels > 0 {
                 *slot.get_mut() = self.ids.len() as u32;
                 self.ids.push(id as u32);
-                let [x, y, z] = seed_positions.of(id);
+                let [x, y, z] = frame.seeds.of(id);
                 self.seeds.push([x, y, z, 0.0]);
             }
         }

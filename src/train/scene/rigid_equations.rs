@@ -19,6 +19,7 @@ pub struct Motion {
 
 impl Motion {
     pub fn between(from: &Pose, to: &Pose) -> Self {
+        // Normalised, since products of rotation matrices drift by rounding.
         let turn = DQuat::from_mat3(&(to.rotation() * from.rotation().transpose())).normalize();
         Self { turn, shift: to.centre() - from.centre() }
     }

@@ -4,13 +4,14 @@
 //! This gives straight SIMD loops, while a lookup per point would follow chains of buckets.
 
 use super::components::Components;
-use super::grid::{NONE, SeedGrid, squared_distance};
+use super::grid::{NONE, SeedGrid};
 use crate::math::simd::{Isa, Kernel, LANES, SET_LANE, Vector, load_rows};
 use crate::model::scene::sums::MAX_OFFSET;
 use crate::observation::surface::SurfacePoint;
+use crate::train::estep::squared_distance;
 use rayon::prelude::*;
 
-/// Maximum number of cells of a group searched as one; larger groups have points that are far apart.
+// Maximum number of cells of a group searched as one; larger groups have points that are far apart.
 const MAX_CELLS: f64 = 512.0;
 
 #[derive(Default)]
@@ -200,7 +201,8 @@ impl<'a> NearSeeds<'a> {
         let (grid, reach) = (self.grid, self.reach);
         let parts = owners.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK));
         let parts = parts.zip(&mut self.chunks).map(|((owners, points), chunk)| {
-            chunk.move_to(points.iter().map(&place));
+            chunk.places.clear();
+            chunk.places.extend(points.iter().map(&place));
             if chunk.has_moved_beyond(MARGIN * reach) {
                 chunk.gather(grid, reach);
             }
@@ -215,11 +217,6 @@ impl<'a> NearSeeds<'a> {
 }
 
 impl Chunk {
-    fn move_to(&mut self, places: impl Iterator<Item = [f32; 3]>) {
-        self.places.clear();
-        self.places.extend(places);
-    }
-
     /// True if a point moved more than `margin` since the last gathering, or none has taken place.
     fn has_moved_beyond(&self, margin: f32) -> bool {
         let has_stayed = |(place, gathered): (&[f32; 3], &[f32; 3])| {
@@ -267,7 +264,7 @@ impl Reach {
     }
 }
 
-/// Distance of the searched places, as a share of the point's reach, so that the searched spheres overlap.
+// Distance of the searched places, as a share of the point's reach, so that the searched spheres overlap.
 const STEP: f32 = 0.7;
 
 /// Assigns points without a seed the nearest seed within reach of a place on their ray, nearest places first.
@@ -298,6 +295,7 @@ impl Kernel for SearchRays<'_> {
 fn seed_along_ray<V: Vector>(grid: &SeedGrid, reach: Reach, point: &SurfacePoint) -> u32 {
     let (far, reach) = (reach.along_ray(point), reach.h);
     let ([x, y, z], [right, down, ahead]) = (point.position, point.direction);
+    // The point itself was searched before.
     let mut step = 1.0;
     while STEP * reach * step <= far {
         let t = STEP * reach * step;

@@ -222,6 +222,7 @@ macro_rules! settings {
                         };
                         value.as_ref().map(text_of)
                     },
+                    // Settings without a range use neither name, hence the underscores.
                     is_in_range: |_run| {
                         let _value: Option<$value> = {
                             $(let $at = _run; Some(Clone::clone(&$place)))?
@@ -240,6 +241,7 @@ macro_rules! settings {
 
             fn or(self, fallback: Self) -> Self {
                 Self {
+                    // Cloned, since the rule `below` reads another field of `self`.
                     $($field: self.$field.clone().or(
                         fallback.$field$(.filter(|_| self.$above.is_none()))?
                     ),)+

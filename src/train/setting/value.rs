@@ -57,6 +57,7 @@ pub fn text_of(value: &(impl Serialize + Debug)) -> String {
         Ok(serde_json::Value::Null) => format!("{value:?}"),
         Ok(serde_json::Value::Number(number)) => number
             .as_f64()
+            // `serde_json` writes 1.0 where a user writes 1.
             .filter(|_| number.is_f64())
             .map_or(number.to_string(), |x| x.to_string()),
         Ok(other) => other.to_string(),

@@ -37,7 +37,6 @@ fn without_reassignment() {
         case.check(&format!("none_elbo{t}"), &trainer.elbo(), Rel(2e-9, 1.0));
         check_frame(&case, &format!("none_f{t}"), &trainer, &frames);
     }
-    println!("golden arrays compared: {}", case.compared());
 }
 
 #[test]
@@ -54,7 +53,6 @@ fn before_fit() {
         trainer.train(frame).unwrap();
         check_frame(&case, &format!("before_f{t}"), &trainer, &frames);
     }
-    println!("golden arrays compared: {}", case.compared());
 }
 
 #[test]
@@ -68,7 +66,6 @@ fn forwarded() {
         let prefix = format!("forward_f{t}_re");
         check_reassign(&case, &prefix, &mut trainer, frame, low_elbo(&case), tolerance());
     }
-    println!("golden arrays compared: {}", case.compared());
 }
 
 /// Mixed precision assigns every point as the reference does; its posterior agrees to f32 rounding.
@@ -97,5 +94,4 @@ fn mixed_path() {
             );
         }
     }
-    println!("golden arrays compared: {}", case.compared());
 }

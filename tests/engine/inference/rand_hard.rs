@@ -34,7 +34,6 @@ fn scores_and_assignments() {
         &prior::expected_ln_weights(&case.f64("alpha_init")),
         Rel(1e-12, 1e-3),
     );
-    println!("golden arrays compared: {}", case.compared());
 }
 
 fn assignments_and_candidates<R: PaperScalar>(case: &Case) {
@@ -50,7 +49,6 @@ fn assignments_are_exact_in_both_paths() {
     let case = Case::open("rand_hard");
     assignments_and_candidates::<f64>(&case);
     assignments_and_candidates::<f32>(&case);
-    println!("golden arrays compared: {}", case.compared());
 }
 
 #[test]
@@ -68,7 +66,6 @@ fn forwarded() {
         check_reassign(&case, &format!("{prefix}_re"), &mut trainer, frame, LOW_ELBO, tolerance());
         check_means(&case, &format!("{prefix}_re_means"), &trainer, 1e-15);
     }
-    println!("golden arrays compared: {}", case.compared());
 }
 
 #[test]
@@ -95,7 +92,6 @@ fn before_fit() {
         check_sums(&case, &prefix, &trainer);
         check_posterior(&case, &prefix, &trainer, &[&frames[0], &frames[1]]);
     }
-    println!("golden arrays compared: {}", case.compared());
 }
 
 #[test]
@@ -107,7 +103,6 @@ fn dense_rescan() {
     trainer.evaluate(&x1, Candidates::Dense);
     check_reassign(&case, "dense_re", &mut trainer, &x1, usize::MAX, tolerance());
     check_means(&case, "dense_re_means", &trainer, 1e-15);
-    println!("golden arrays compared: {}", case.compared());
 }
 
 fn check_counts<R: PaperScalar>(
@@ -137,5 +132,4 @@ fn mixed_path_counts_exactly() {
             None,
         );
     }
-    println!("golden arrays compared: {}", case.compared());
 }

@@ -164,8 +164,7 @@ impl<'a> Truth<'a> {
         for _ in 0..self.case.frames {
             engine.learn(&self.frame).unwrap();
         }
-        let found: Vec<ComponentPosterior> =
-            (0..engine.status().components).map(|k| engine.component(k).posterior).collect();
+        let found = engine.posteriors();
         let PosteriorErrors { mean_max, covariance_max, .. } =
             posterior_errors(&found, &self.posteriors);
         StabilityRow {

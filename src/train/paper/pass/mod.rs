@@ -11,7 +11,7 @@ mod tasks;
 
 use super::config::{Candidates, Operations, PaperConfig, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
-use super::index::{Index, PaperScalar};
+use super::index::{Index, PaperScalar, SortedMeans};
 use super::plain::{PlainInputs, PlainMemory};
 use crate::math::simd::Isa;
 use crate::model::conjugate::statistics::TileRecord;
@@ -20,7 +20,7 @@ use crate::model::paper::totals::Statistics;
 use crate::observation::points::Points;
 use crate::train::component_elbo::NO_OWNER;
 use crate::train::estep::Scoring;
-use crate::train::timing::{Lap, StageClock};
+use crate::train::timing::{PaperStage, StageClock};
 use rayon::prelude::*;
 use reached::{ReachMemory, RerunTiles};
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
@@ -35,20 +35,23 @@ pub enum Output {
     ElboAndSums,
 }
 
-/// Inputs of a pass.
+/// Model between two frames, as passes read it.
+pub struct Mixture<R: PaperScalar> {
+    pub config: PaperConfig,
+    /// Initial model, which scores the points.
+    pub model: InitialModel<R>,
+    /// Index over the spatial means of `model`.
+    pub index: Index,
+    pub scoring: Scoring,
+    /// Totals over all frames, about the means of `model`.
+    pub statistics: Statistics,
+}
+
+#[derive(Clone, Copy)]
 pub struct PassInputs<'a, R: PaperScalar> {
-    /// Initial model that scores the points.
-    pub model: &'a InitialModel<R>,
-    /// Index over its spatial means.
-    pub index: &'a Index,
-    /// Constants of the log-score.
-    pub scoring: &'a Scoring,
+    pub mixture: &'a Mixture<R>,
     /// Components that each point is compared with.
     pub candidates: Candidates,
-    /// Settings that select the implementation.
-    pub config: &'a PaperConfig,
-    /// Totals that the sums will be added to.
-    pub statistics: &'a Statistics,
 }
 
 /// Buffers of a pass, reused from frame to frame.
@@ -116,17 +119,17 @@ impl Pass {
         mut owners: Option<&mut Vec<u32>>,
     ) {
         // Sorted here, on all threads, and not by the first task that needs it.
-        inputs.index.sorted(inputs.model);
+        inputs.mixture.sorted();
         q.resize(points.len(), 0.0);
         if let Some(owners) = &mut owners {
             owners.resize(points.len(), NO_OWNER);
         }
-        self.begin(inputs.statistics);
+        self.begin(&inputs.mixture.statistics);
         let owners = owners.map_or(&mut [][..], |owners| owners);
         let columns = Columns { q, owners };
-        match fused_inputs(inputs, points) {
+        match inputs.fused(points) {
             Some(inputs) => self.run_fused(inputs, output, columns),
-            None => self.run_plain(plain_inputs(inputs, points), output, columns),
+            None => self.run_plain(PlainInputs { pass: *inputs, points }, output, columns),
         }
     }
 
@@ -158,19 +161,24 @@ impl Pass {
                 // Stages are slow in this implementation, so every tile can be timed.
                 clock.begin_tile(true);
                 inputs.find(plain, range.clone(), ids);
-                clock.lap(Lap::Candidates);
+                clock.lap(PaperStage::Candidates);
                 scores.resize(ids.len(), 0.0);
                 inputs.score(range, ids, scores);
                 inputs.normalise(scores, columns.q);
                 inputs.find_owners(ids, scores, columns.owners);
-                clock.lap(Lap::EStep);
+                clock.lap(PaperStage::EStep);
                 if output == Output::ElboAndSums {
                     let pairs = (&ids[..], &scores[..]);
-                    match inputs.operations.moments {
-                        Width::F32 => inputs.sum_narrow(plain, tile, pairs, narrow),
-                        Width::F64 => inputs.sum_wide(plain, tile, pairs, wide),
+                    let PlainMemory { slots, ids_by_slot, narrow_sums, wide_sums, .. } = plain;
+                    match inputs.operations().moments {
+                        Width::F32 => {
+                            inputs.sum(slots, ids_by_slot, narrow_sums, tile, pairs, narrow);
+                        }
+                        Width::F64 => {
+                            inputs.sum(slots, ids_by_slot, wide_sums, tile, pairs, wide);
+                        }
                     }
-                    clock.lap(Lap::Stats);
+                    clock.lap(PaperStage::Stats);
                 }
             });
         });
@@ -181,7 +189,7 @@ impl Pass {
         inputs: &PassInputs<R>,
         points: &Points<R>,
     ) -> Vec<Vec<(u32, f64)>> {
-        let inputs = plain_inputs(inputs, points);
+        let inputs = PlainInputs { pass: *inputs, points };
         let (mut memory, mut ids) = (PlainMemory::default(), Vec::new());
         let per_point = inputs.per_point();
         let mut found = Vec::with_capacity(points.len());
@@ -215,7 +223,7 @@ impl Pass {
     }
 
     fn make_workers(&mut self, statistics: &Statistics) {
-        self.again.clear();
+        self.again.is_again.clear();
         // Never fewer than before: a temporarily smaller pool must not free memory.
         let n_workers = rayon::current_num_threads().max(self.workers.len());
         self.workers.resize_with(n_workers, || {
@@ -272,43 +280,43 @@ impl Pass {
     }
 }
 
-pub(super) fn fused_inputs<'a, R: PaperScalar>(
-    inputs: &PassInputs<'a, R>,
-    points: &'a Points<R>,
-) -> Option<FusedInputs<'a>> {
-    let rank = fused_rank(inputs)?;
-    let sorted = inputs.index.sorted(inputs.model);
-    Some(FusedInputs {
-        rank,
-        points: R::narrow_points(points)?,
-        grid: &sorted.grid,
-        appearance: &sorted.appearance,
-        max_weight: R::narrow_model(inputs.model)?.max_weight,
-        scoring: inputs.scoring,
-        shard_bits: inputs.statistics.shard_bits(),
-    })
-}
-
-/// Returns the number of candidates per point, if the fused kernels support the configuration.
-pub(super) fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
-    let Operations { distance, log_score, normaliser, moments, .. } = inputs.config.operations;
-    let is_narrow = [distance, log_score, normaliser, moments].iter().all(|&w| w == Width::F32);
-    match inputs.candidates {
-        Candidates::Nearest(n) if is_narrow && !inputs.config.is_plain => {
-            // There may be fewer components than candidates: all are candidates then.
-            Some(n.min(inputs.model.len())).filter(|&rank| rank > 0)
-        }
-        _ => None,
+impl<R: PaperScalar> Mixture<R> {
+    /// Returns the means of the current model, sorted by cell.
+    pub fn sorted(&self) -> &SortedMeans {
+        self.index.sorted(&self.model)
     }
 }
 
-fn plain_inputs<'a, R: PaperScalar>(
-    inputs: &PassInputs<'a, R>,
-    points: &'a Points<R>,
-) -> PlainInputs<'a, R> {
-    let &PassInputs { model, index, scoring, candidates, config, statistics } = inputs;
-    let (operations, shard_bits) = (config.operations, statistics.shard_bits());
-    PlainInputs { model, index, points, scoring, candidates, operations, shard_bits }
+impl<'a, R: PaperScalar> PassInputs<'a, R> {
+    /// Returns the inputs of the fused kernels, if they support the configuration.
+    pub fn fused(&self, points: &'a Points<R>) -> Option<FusedInputs<'a>> {
+        let Mixture { model, scoring, statistics, .. } = self.mixture;
+        let rank = self.fused_rank()?;
+        let SortedMeans { grid, appearance, .. } = self.mixture.sorted();
+        Some(FusedInputs {
+            rank,
+            points: R::narrow_points(points)?,
+            grid,
+            appearance,
+            max_weight: R::narrow_model(model)?.max_weight,
+            scoring,
+            shard_bits: statistics.shard_bits(),
+        })
+    }
+
+    /// Returns the number of candidates per point, if the fused kernels support the configuration.
+    pub fn fused_rank(&self) -> Option<usize> {
+        let PaperConfig { operations, is_plain, .. } = self.mixture.config;
+        let Operations { distance, log_score, normaliser, moments, .. } = operations;
+        let is_narrow = [distance, log_score, normaliser, moments].iter().all(|&w| w == Width::F32);
+        match self.candidates {
+            Candidates::Nearest(n) if is_narrow && !is_plain => {
+                // There may be fewer components than candidates: all are candidates then.
+                Some(n.min(self.mixture.model.len())).filter(|&rank| rank > 0)
+            }
+            _ => None,
+        }
+    }
 }
 
 const PART: usize = 64;
@@ -316,18 +324,20 @@ const PART: usize = 64;
 impl Pass {
     /// Runs those tiles of the last pass again that are within reach of `places`, which means have left or
     /// moved to since. Returns their number. The result equals a full pass.
-    pub(in crate::train::paper) fn run_reached(
+    pub fn run_reached(
         &mut self,
         inputs: &FusedInputs<'_>,
         places: &[[f32; 3]],
         q: &mut [f64],
         owners: Option<&mut Vec<u32>>,
     ) -> usize {
+        // Taken out of `self`, whose workers the search borrows.
         let mut again = std::mem::take(&mut self.again);
         self.find_reached(inputs, places, q, &mut again);
         for worker in &mut self.workers {
             let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
             worker.first_run.clear();
+            // Records up to here are those of the first run.
             worker.first_run.extend(worker.narrow.iter().map(Vec::len));
         }
         let owners = owners.map_or(&mut [][..], |owners| owners);
@@ -361,7 +371,7 @@ impl Pass {
     }
 
     /// Runs the given tiles, ascending and unique. `q` and, if requested, `owners` cover all points.
-    pub(in crate::train::paper) fn run_some(
+    pub fn run_some(
         &self,
         inputs: &FusedInputs<'_>,
         tiles: &[u32],

@@ -25,11 +25,6 @@ pub(super) struct ReachMemory {
 }
 
 impl RerunTiles {
-    /// Marks no tile as run again.
-    pub fn clear(&mut self) {
-        self.is_again.clear();
-    }
-
     /// Selects the valid records, in slices. Of the first `n_first` records, made before tiles were run
     /// again, those of such tiles are outdated.
     pub fn valid_records<'a>(
@@ -58,6 +53,7 @@ impl ReachMemory {
         let &FusedInputs { points, .. } = inputs;
         let range = points.tile(tile);
         let q = &q[range.clone()];
+        // Without a score there is no radius; running the tile again is correct in any case.
         if q.iter().any(|q| q.is_nan()) {
             return true;
         }

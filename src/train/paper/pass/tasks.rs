@@ -81,6 +81,7 @@ pub(super) fn for_each_tile<R: PaperScalar>(
 impl<'a> Columns<'a> {
     fn split(self, n_points: usize) -> (Columns<'a>, Columns<'a>) {
         let (q, later_q) = self.q.split_at_mut(n_points);
+        // Owners that are not requested are empty.
         let (owners, later_owners) = self.owners.split_at_mut(n_points.min(self.owners.len()));
         (Columns { q, owners }, Columns { q: later_q, owners: later_owners })
     }

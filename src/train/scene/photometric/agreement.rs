@@ -3,14 +3,13 @@
 
 use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
-use crate::train::scene::component_sums::ComponentSums;
-use crate::train::scene::components::SeedPositions;
-use crate::train::scene::grid::NONE;
+use crate::train::scene::component_sums::{ComponentSums, KNOWN_POINTS};
+use crate::train::scene::components::Seeds;
 use crate::train::scene::observe::FrameView;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Stride over the points: neighbours are redundant.
+// Stride over the points: neighbours are redundant.
 const EVERY: usize = 8;
 /// Points per task; a multiple of [`EVERY`].
 const CHUNK: usize = 1024;
@@ -18,8 +17,6 @@ const CHUNK: usize = 1024;
 const MIN_TASK: usize = 128;
 /// Approximate maximum number of components that are tested.
 const MAX_COMPONENTS: usize = 4096;
-/// Minimum number of points of a component that is used.
-const MIN_POINTS: f64 = 20.0;
 /// Minimum number of points, or of components in view, for a decision.
 const MIN_MATCHES: f64 = 100.0;
 
@@ -38,10 +35,8 @@ pub struct FrameAgreement {
 
 /// A frame and the scene before training on it.
 pub struct FrameBesideScene<'a> {
-    /// Sums of the components.
     pub component_sums: &'a ComponentSums,
-    /// Seeds of the components.
-    pub seed_positions: SeedPositions<'a>,
+    pub seeds: &'a Seeds,
     /// Structural scale, world units.
     pub h: f64,
     /// The frame as recorded.
@@ -65,6 +60,7 @@ impl FrameBesideScene<'_> {
             found.points += points;
         }
         (found.in_view, found.seen_through) = self.count_seen_through();
+        // Too few to judge a frame by; zeros leave the running means unchanged.
         if found.points < MIN_MATCHES {
             (found.squared_error, found.points) = (0.0, 0.0);
         }
@@ -81,16 +77,10 @@ impl FrameBesideScene<'_> {
         let chunks = chunks.map(|(points, owners)| {
             let mut sum = (0.0, 0.0);
             for (point, &owner) in points.iter().zip(owners).step_by(EVERY) {
-                if owner == NONE || owner as usize >= self.component_sums.len() {
-                    continue;
-                }
-                let (n, color) = self.component_sums.color_sums(owner as usize);
-                if n >= MIN_POINTS {
-                    let difference =
-                        |i: usize| f64::from(point.color[i] * self.gain[i]) - color[i] / n;
-                    sum.0 += (0..3).map(|i| difference(i).powi(2)).sum::<f64>();
-                    sum.1 += 1.0;
-                }
+                let Some(color) = self.component_sums.known_color(owner) else { continue };
+                let difference = |i: usize| f64::from(point.color[i] * self.gain[i]) - color[i];
+                sum.0 += (0..3).map(|i| difference(i).powi(2)).sum::<f64>();
+                sum.1 += 1.0;
             }
             sum
         });
@@ -103,10 +93,10 @@ impl FrameBesideScene<'_> {
         let every = self.component_sums.len().div_ceil(MAX_COMPONENTS).max(1);
         let is_through = |id: usize| {
             let (n, offset, _) = self.component_sums.plane_sums(id);
-            if n < MIN_POINTS {
+            if n < KNOWN_POINTS {
                 return None;
             }
-            let seed = DVec3::from_array(self.seed_positions.of(id).map(f64::from));
+            let seed = DVec3::from_array(self.seeds.of(id).map(f64::from));
             viewer.measures_through(seed + DVec3::from_array(offset) * (self.h / n))
         };
         let ids = (0..self.component_sums.len().div_ceil(every)).into_par_iter();

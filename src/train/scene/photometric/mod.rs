@@ -2,38 +2,31 @@
 //! that accumulates.
 #![doc = include_str!("../../../../docs/design/photographs.md")]
 
-pub mod agreement;
+pub(in crate::train::scene) mod agreement;
 mod comparers;
 pub mod rule;
 mod step;
-pub mod waiting;
+pub(in crate::train::scene) mod waiting;
 
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
-use crate::math::pose::Pose;
 use crate::math::rng::Rng;
 use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
-use crate::model::scene::waiting::BufferedPhotograph;
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::{
-    PhotometricComparer, PhotometricSums, PixelRule, VisibleSplat,
-};
-use crate::train::device_trial::{ComparerUse, DevicePolicy};
+use crate::render::cpu::photometric::{PhotometricSums, PixelRule, VisibleSplat};
 use crate::train::learner::Changed;
 use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
 use crate::train::timing::Stopwatch;
-use agreement::FrameAgreement;
 use comparers::Comparers;
 use rayon::prelude::*;
 use rule::PhotometricRule;
 use step::{LearnRun, SplatRun};
 
-pub use comparers::TrainingView;
-pub use step::{LEAST_OPACITY, PointExtents, is_trained, prior_precision};
-pub use waiting::CONTRADICTION;
+pub(in crate::train::scene) use comparers::TrainingView;
+pub(in crate::train::scene) use step::{LEAST_OPACITY, PointExtents, is_trained, prior_precision};
 
 /// Minimum weight of a splat, px, for a photometric step.
 const MIN_SEEN: f32 = 0.5;
@@ -44,7 +37,7 @@ const LEARNT_BY_TASK: usize = 256;
 
 /// Parameters of the steps of a scene's splats.
 #[derive(Clone, Copy)]
-pub struct SplatStep<'a> {
+pub(in crate::train::scene) struct SplatStep<'a> {
     rule: &'a PhotometricRule,
     pixels: PixelRule,
     /// Mean and extent of each component's points, which bound its splat.
@@ -65,12 +58,13 @@ impl<'a> SplatStep<'a> {
 }
 
 /// Photometric state with its buffers.
-pub struct PhotometricLearner {
-    state: PhotometricState,
-    comparers: Comparers,
+pub(in crate::train::scene) struct PhotometricLearner {
+    pub state: PhotometricState,
+    pub comparers: Comparers,
     /// Unpacked photograph from the shuffle buffer.
     image: Image<MeasuredPixel>,
-    repaired: u64,
+    /// Number of precisions reset to the prior since training began or resumed.
+    pub repaired: u64,
 }
 
 impl Default for PhotometricLearner {
@@ -84,36 +78,6 @@ impl PhotometricLearner {
     pub fn restore(state: PhotometricState) -> Self {
         let image = Image::filled(0, 0, MeasuredPixel::UNKNOWN);
         Self { state, comparers: Comparers::default(), image, repaired: 0 }
-    }
-
-    /// Returns the number of precisions reset to the prior since training began or resumed.
-    pub fn repaired(&self) -> u64 {
-        self.repaired
-    }
-
-    /// Adds a device for the following comparisons.
-    pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
-        self.comparers.add(comparer, policy);
-    }
-
-    /// Returns counts and times of the comparisons by device.
-    pub fn comparer_use(&self) -> ComparerUse {
-        self.comparers.used()
-    }
-
-    /// Moves the state with the world ([`PhotometricState::move_by`]).
-    pub fn move_by(&mut self, motion: &Pose) {
-        self.state.move_by(motion);
-    }
-
-    /// Resumes training after [`Self::settled_state`].
-    pub fn resume(&mut self) {
-        self.comparers.end_settling();
-    }
-
-    /// Returns the state.
-    pub fn state(&self) -> &PhotometricState {
-        &self.state
     }
 
     /// Initialises splats from the points for touched components without one, with few points, or not yet
@@ -161,24 +125,6 @@ impl PhotometricLearner {
         });
     }
 
-    /// Removes a component's splat.
-    pub fn remove_splat(&mut self, component: usize) {
-        if let Some(splat) = self.state.splats.get_mut(component) {
-            *splat = Splat::default();
-        }
-    }
-
-    /// Checks a frame by its points before training on it; returns an outcome only if the frame is an
-    /// outlier.
-    pub fn check_points(&mut self, agreement: &FrameAgreement) -> Option<PhotographOutcome> {
-        waiting::update_point_residuals(&mut self.state, agreement)
-    }
-
-    /// Adds a photograph to the shuffle buffer.
-    pub fn buffer_photograph(&mut self, photograph: BufferedPhotograph) {
-        self.state.buffered.push(photograph);
-    }
-
     /// If the buffer holds more than `most` photographs, draws one at random and takes its step. Returns the
     /// changed splats and the comparison.
     pub fn train_on_buffered_beyond(
@@ -186,6 +132,7 @@ impl PhotometricLearner {
         most: usize,
         step: &SplatStep<'_>,
     ) -> (Vec<u32>, Option<ComparedPhotograph>) {
+        // Filled first: a draw among few photographs would be one of the latest.
         if self.state.buffered.len() <= most {
             return (Vec::new(), None);
         }
@@ -259,6 +206,7 @@ impl PhotometricLearner {
         let PhotometricState { splats, appearance, .. } = &self.state;
         let Some(splats) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
         let every = view.rows.stride();
+        // Taken out of `self`: the sums borrow it while the splats are changed.
         let mut comparers = std::mem::take(&mut self.comparers);
         let compared = comparers.compare(splats, view, photograph, step.pixels);
         let clock = Stopwatch::start();

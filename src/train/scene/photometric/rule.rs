@@ -110,6 +110,7 @@ impl PhotometricRule {
         let power_of_two =
             |rows: usize| rows.min(RowSubset::MAX_STRIDE as usize).next_power_of_two();
         let fewest = match self.rows {
+            // The ratio is of areas, the stride of one axis.
             0 | 1 => per_depth_pixel.sqrt() as usize,
             _ => pixels.div_ceil(MOST_PIXELS),
         };

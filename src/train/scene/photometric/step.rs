@@ -7,16 +7,16 @@ use crate::math::simd::{Kernel, LANES, Vector, gather_rows, scatter_rows};
 use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION};
 use crate::model::scene::splat_rule::PointExtent;
 use crate::model::splat::appearance::Appearance;
-use crate::model::splat::splats::Splat;
+use crate::model::splat::splats::{Splat, rotation_array};
 use crate::render::cpu::photometric::{ParameterSums, PhotometricSums, VisibleSplat};
 use glam::{DMat3, DQuat, DVec3};
 
 /// Minimum opacity: a splat that one photograph makes transparent remains visible to later ones.
 pub const LEAST_OPACITY: f64 = 0.01;
-/// Deviation of a colour coefficient that is not trained, colour units: so small that its row in a block has
-/// no effect.
+// Deviation of a colour coefficient that is not trained, colour units: so small that its row in a block has
+// no effect.
 const HELD: f64 = 1e-4;
-/// Maximum ratio of standard deviations: thinner needles represent no surface.
+// Maximum ratio of standard deviations: thinner needles represent no surface.
 const MAX_ASPECT: f64 = 1e4;
 
 /// Maximum standard deviation of a splat along each of its axes, in units of that of its points. Its mean
@@ -210,10 +210,13 @@ fn apply_form_step(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRul
     let extent = largest(splat);
     let mean = DVec3::new(step[0], step[1], step[2]);
     let far = step[3..9].iter().fold(mean.length() / extent, |far, x| far.max(x.abs()));
+    // Opacities may change three times as much.
     let far = far.max(step[9].abs() / 3.0) / rule.trust;
+    // A step that is not finite has no direction.
     if !far.is_finite() {
         return;
     }
+    // As a whole, so that the direction of the step is kept.
     let step = step.map(|x| x / far.max(1.0));
     let at = DVec3::from_array(splat.mean.map(f64::from));
     splat.mean = (at + DVec3::new(step[0], step[1], step[2])).as_vec3().to_array();
@@ -223,11 +226,9 @@ fn apply_form_step(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRul
     let least = scale.iter().fold(0.0f64, |a, &b| a.max(b)) / MAX_ASPECT;
     scale.iter_mut().for_each(|s| *s = s.max(least));
     splat.scale = scale.map(|s| s as f32);
-    let [w, x, y, z] = splat.rotation.map(f64::from);
     // Rotation about the splat's own axes: first order, then normalised.
     let turn = DQuat::from_xyzw(0.5 * step[6], 0.5 * step[7], 0.5 * step[8], 1.0);
-    let turned = (DQuat::from_xyzw(x, y, z, w) * turn).normalize();
-    splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
+    splat.rotation = rotation_array((splat.quaternion() * turn).normalize());
     let opacity = f64::from(splat.opacity) * libm::exp(step[9]);
     splat.opacity = opacity.clamp(LEAST_OPACITY, rule.most_opacity) as f32;
 }
@@ -267,8 +268,7 @@ fn apply_color_step(
 /// Keeps a splat on the surface of its points: photographs from one side determine neither its extent nor its
 /// position along the view.
 fn clamp_to_points(splat: &mut Splat, extent: &PointExtent) {
-    let [w, x, y, z] = splat.rotation.map(f64::from);
-    let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+    let axes = DMat3::from_quat(splat.quaternion().normalize());
     let at = DVec3::from_array(splat.mean.map(f64::from));
     let mut offset = axes.transpose() * (at - extent.mean);
     let mut is_beyond = false;

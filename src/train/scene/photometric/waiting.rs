@@ -26,6 +26,7 @@ pub fn packed(
 ) -> BufferedPhotograph {
     let level = |pixel: &MeasuredPixel| match pixel.coverage.is_nan() {
         true => UNKNOWN_COVERAGE,
+        // Half a level rounds to the nearest, as the cast truncates.
         false => (pixel.coverage.clamp(0.0, 1.0) * COVERAGE_LEVELS + 0.5) as u8,
     };
     let scale = DepthScale::new(margin);
@@ -44,6 +45,7 @@ pub fn packed(
             (*color, *depth) = ([r, g, b, level(&pixel)], steps(&pixel));
         }
     });
+    // A margin of 0 gives no step to store depths in.
     let depths = scale.defect().is_none().then(|| BufferedDepths { scale, steps: depths.into() });
     BufferedPhotograph { view, pixels: colors.into(), depths }
 }
@@ -94,9 +96,9 @@ pub fn buffer_rng(waiting: &[BufferedPhotograph]) -> Rng {
 
 /// Weight of the newest frame in the running mean.
 const SHARE: f64 = 0.05;
-/// Residual assumed before the first frame, colour units: typical of a scene's first frames.
+// Residual assumed before the first frame, colour units: typical of a scene's first frames.
 const FIRST: f64 = 0.1;
-/// Minimum residual, colour units: half a level of 8 bits.
+// Minimum residual, colour units: half a level of 8 bits.
 const LEAST: f64 = 0.002;
 /// Number of frames after which the running mean is used for outlier tests.
 pub const SETTLED: f64 = 8.0;

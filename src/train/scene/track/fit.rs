@@ -148,6 +148,7 @@ pub fn fit(
     let mut pose = *start;
     let mut motion = Motion { turn: DQuat::IDENTITY, shift: DVec3::ZERO };
     let deviations = [PRIOR[0], PRIOR[1] * depth];
+    // Ends by `return`, since the range is unbounded.
     for round in 0.. {
         let residuals = samples.iter().filter_map(|s| Residual::of(s, &pose, from, level));
         let residuals: Vec<Residual> = residuals.collect();

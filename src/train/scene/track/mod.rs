@@ -173,6 +173,7 @@ impl Tracker<'_> {
     /// occluded.
     fn refine_pose(&mut self, found: &PoseFit) -> Option<PoseFit> {
         let mut settled = *found;
+        // The first picture is drawn from a pose that was aligned at coarse levels only.
         for _ in 0..2 {
             let reference = self.draw(&settled.pose, MARGINS[1]);
             for level in [1, 0] {

@@ -56,6 +56,7 @@ impl Reference {
     ) -> Self {
         let intrinsics = widened(frame, block, margin);
         let options = RenderOptions {
+            // The fit estimates the frame's brightness itself.
             exposure_mode: Exposing::Neutral,
             near: 0.0,
             ..RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3])

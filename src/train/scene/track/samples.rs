@@ -67,6 +67,7 @@ impl FrameSamples {
         let levels: [_; LEVELS] = std::array::from_fn(|level| samples(frame, block << level));
         let finest = &levels[0].samples;
         let mut depths: Vec<f64> = finest.iter().map(|sample| sample.position.z).collect();
+        // The median, since a few distant points would dominate a mean.
         depths.sort_unstable_by(f64::total_cmp);
         let depth = depths.get(depths.len() / 2).copied().unwrap_or(0.0);
         let n = finest.len().max(1) as f64;
@@ -83,6 +84,7 @@ fn samples(frame: &Observation, block: usize) -> SampleLevel {
     let mut blocks = vec![Block::default(); columns * rows];
     for point in &frame.points {
         let (column, row) = (point.pixel as usize % width, point.pixel as usize / width);
+        // Points of hand-made frames may name pixels beyond the image.
         let Some(block) = blocks.get_mut(row / block * columns + column / block) else { continue };
         if block.n == 0.0 {
             block.range = point.range;

@@ -1,6 +1,7 @@
 //! Births within the budget, which may require merging components or coarsening the scale.
 
 use super::{SceneTrainer, StageClock};
+use crate::model::splat::splats::Splat;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::births::FrameBirths;
 use crate::train::scene::config::SceneConfig;
@@ -63,7 +64,7 @@ impl SceneTrainer {
     /// done. It runs before births, so that the budget holds at all times.
     fn free_components(&mut self, refused: usize) -> Option<usize> {
         let most = self.scene.config.max_components;
-        let used = self.scene.seeds.view().components.used();
+        let used = self.scene.seeds.components.used();
         // More than this frame needs, since merging takes longer than a frame.
         let room = (most / 16).max(refused.min(most / 8)).max(1);
         // Below the budget the number of seeds is at its limit, and merging retains those. A pass that finds
@@ -80,6 +81,7 @@ impl SceneTrainer {
         if !(h * factor(steps)).is_finite() {
             return false;
         }
+        // Components born in this frame need rows before they can be merged or stored.
         self.scene.grow_sums();
         let asked = SceneConfig { h, ..self.scene.config.clone() };
         let wider = coarsened(self.state(), steps)
@@ -100,7 +102,7 @@ impl SceneTrainer {
     /// Merges until `target` are left, or a pass merges fewer than `worthwhile`; returns the number of merged
     /// components.
     fn merge_worthwhile(&mut self, target: usize, worthwhile: usize) -> usize {
-        let used = self.scene.seeds.view().components.used();
+        let used = self.scene.seeds.components.used();
         self.scene.grow_sums();
         let n = if self.scene.config.photometric.is_some() { self.scene.sums.len() } else { 0 };
         let before: Vec<f64> = (0..n).map(|id| self.scene.sums.sums(id)[0]).collect();
@@ -108,9 +110,11 @@ impl SceneTrainer {
         // Estimates of two splats do not describe their union, which is reinitialised.
         for (id, before) in before.into_iter().enumerate() {
             if self.scene.sums.sums(id)[0] != before {
-                self.photographs.learner.remove_splat(id);
+                if let Some(splat) = self.photographs.learner.state.splats.get_mut(id) {
+                    *splat = Splat::default();
+                }
             }
         }
-        used - self.scene.seeds.view().components.used()
+        used - self.scene.seeds.components.used()
     }
 }

@@ -4,7 +4,6 @@
 //! before points are assigned, births precede the sums, and visibility uses the means after the frame.
 
 mod budget;
-mod changes;
 mod photographs;
 mod points;
 mod poses;
@@ -12,6 +11,7 @@ mod scene;
 mod seam;
 
 use super::component_sums::ComponentSums;
+use super::components::Seeds;
 use super::config::SceneConfig;
 use super::merge;
 use super::observe::observe;
@@ -21,17 +21,16 @@ use crate::model::scene::state::SceneState;
 use crate::model::splat::appearance::{Finishing, SplatSet};
 use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::learner::Learner;
+use crate::train::learner::{Changed, Learner};
 use crate::train::outcome::{FrameOutcome, FrameTracking};
 use crate::train::timing::{SCENE_STAGES, SceneStage, StageMs, Stopwatch};
 use budget::{FrameComponents, UnassignedPoints};
-use changes::Changes;
 use glam::DVec3;
 use photographs::Photographs;
 use points::FramePoints;
 use poses::{PlacedFrame, Poses};
 use rayon::prelude::*;
-use scene::{Scene, Seeds};
+use scene::Scene;
 
 // Interval, in frames, at which all components are reported as changed.
 const EVERYTHING_EVERY: u64 = 16;
@@ -84,6 +83,7 @@ impl SceneTrainer {
     /// Resumes a scene with the same configuration after `frames` frames; `None` if seeds are too far from the
     /// origin for their scale.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
+        // The configuration holds the scale as requested, the state how far it has grown.
         let h = config.h * merge::factor(state.coarsening_steps);
         let wider = SceneConfig { h, ..config.clone() };
         let mut trainer = Self::new(&wider, DVec3::from_array(state.origin));
@@ -101,7 +101,7 @@ impl SceneTrainer {
 
     /// Returns the current state.
     pub fn state(&self) -> SceneState {
-        self.state_with(self.photographs.learner.state())
+        self.state_with(&self.photographs.learner.state)
     }
 
     /// Returns the state after steps for all buffered photographs.
@@ -112,14 +112,14 @@ impl SceneTrainer {
 
     fn state_with(&self, photometric: &PhotometricState) -> SceneState {
         let Scene { config, coarsened, origin, seeds, sums, .. } = &self.scene;
-        let components = seeds.view().components;
+        let components = &seeds.components;
         let n = sums.len();
         let (sums, visibility) = sums.state();
         let (exposures, poses, trajectory) = self.poses.columns();
         SceneState {
             origin: origin.to_array(),
             coarsening_steps: *coarsened,
-            seeds: seeds.places(),
+            seeds: seeds.grid.positions().to_vec(),
             shares: components.shares().map(<[u8]>::to_vec),
             components: components.shared().map(<[u32]>::to_vec),
             sums,
@@ -157,6 +157,7 @@ impl SceneTrainer {
         let is_outlier = self.is_outlier(frame, &placed, gain);
         clock.lap(SceneStage::Assign);
         if is_outlier {
+            // Neither points nor pose are logged, but the buffer is kept.
             self.poses.recycle(placed);
             self.end_frame();
             return FrameOutcome { tracking, ..FrameOutcome::default() };
@@ -169,7 +170,8 @@ impl SceneTrainer {
         self.points.sum_up(&mut self.scene, points, weight, gain, self.changes.touched());
         clock.lap(SceneStage::Stats);
         // After the sums, so that components count the frame in which they were born.
-        self.count_visibility(frame, &placed);
+        let Scene { config, seeds, sums, .. } = &mut self.scene;
+        observe(sums, seeds, frame, &placed.camera, config.h);
         clock.lap(SceneStage::Visibility);
         self.photographs.learn(&self.scene, frame, &placed.camera, gain, &mut self.changes);
         clock.lap(SceneStage::Photometric);
@@ -186,28 +188,6 @@ impl SceneTrainer {
             tracking,
             ..FrameOutcome::default()
         }
-    }
-
-    /// Trains on the photograph of a frame whose points were added in an earlier pass, unless it is an
-    /// outlier.
-    pub fn train_on_photograph(&mut self, frame: &Observation) -> FrameOutcome {
-        let mut clock = StageClock::start();
-        self.changes.restart(self.photographs.resume());
-        let placed = self.poses.align(&self.scene, frame, &mut self.points.owners);
-        clock.lap(SceneStage::Pose);
-        let points = placed.points(frame);
-        self.points.fits.begin_untimed_frame();
-        self.points.assign(&self.scene, points);
-        let gain = self.points.gain(&self.scene, points, frame.point_weight);
-        let is_outlier = self.is_outlier(frame, &placed, gain);
-        clock.lap(SceneStage::Assign);
-        if !is_outlier {
-            self.photographs.learn(&self.scene, frame, &placed.camera, gain, &mut self.changes);
-        }
-        self.poses.recycle(placed);
-        self.end_frame();
-        clock.lap(SceneStage::Photometric);
-        FrameOutcome { ms: clock.finish(), ..FrameOutcome::default() }
     }
 
     /// Corrects the pose of a frame, or finds it if poses are tracked.
@@ -245,16 +225,10 @@ impl SceneTrainer {
         let (sum, n) = self.points.explain(&self.scene, points, tolerance);
         if let Some(owners) = self.component_elbo.owners() {
             owners.clone_from(&self.points.owners);
-            let n_rows = self.scene.seeds.view().components.n_rows();
+            let n_rows = self.scene.seeds.components.n_rows();
             self.component_elbo.accumulate(&self.points.q, n_rows);
         }
         (n, if n == 0 { 0.0 } else { self.scene.scoring.elbo(sum / n as f64) })
-    }
-
-    /// Counts the components that the frame saw or saw through.
-    fn count_visibility(&mut self, frame: &Observation, placed: &PlacedFrame) {
-        let Scene { config, seeds, sums, .. } = &mut self.scene;
-        observe(sums, seeds.view(), frame, &placed.camera, config.h);
     }
 
     /// Moves the whole scene to where the corrections of its frames are smallest, if that is due.
@@ -286,6 +260,48 @@ impl SceneTrainer {
         let (exposures, poses) = self.poses.logs(self.scene.config.h);
         let full_coverage = self.scene.config.splat_rule.full_coverage as f32;
         SplatSet::new(splats, appearance).finished(Finishing { full_coverage, exposures, poses })
+    }
+}
+
+/// Components changed by the last frame.
+#[derive(Default)]
+pub(super) struct Changes {
+    /// Ascending.
+    listed: Vec<u32>,
+    /// True if components that are not listed have changed too.
+    has_changed_all: bool,
+}
+
+impl Changes {
+    /// Begins a frame.
+    pub fn restart(&mut self, has_changed_all: bool) {
+        self.listed.clear();
+        self.has_changed_all = has_changed_all;
+    }
+
+    /// Components with points in the frame, which training replaces.
+    pub fn touched(&mut self) -> &mut Vec<u32> {
+        &mut self.listed
+    }
+
+    pub fn listed(&self) -> &[u32] {
+        &self.listed
+    }
+
+    /// Adds components, ascending.
+    pub fn add(&mut self, changed: &[u32]) {
+        self.listed.extend_from_slice(changed);
+        // A stable sort, which merges the two sorted runs.
+        self.listed.sort();
+        self.listed.dedup();
+    }
+
+    pub fn add_all(&mut self) {
+        self.has_changed_all = true;
+    }
+
+    pub fn get(&self) -> Changed<'_> {
+        if self.has_changed_all { Changed::All } else { Changed::Listed(&self.listed) }
     }
 }
 

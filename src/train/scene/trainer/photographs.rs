@@ -1,7 +1,7 @@
 //! Photographs of the frames: outlier test before training on a frame, and the photometric step after its
 //! points.
 
-use super::changes::Changes;
+use super::Changes;
 use super::poses::PlacedFrame;
 use super::scene::Scene;
 use crate::math::camera::{Camera, Intrinsics};
@@ -15,10 +15,8 @@ use crate::train::learner::Changed;
 use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
 use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::photometric::rule::PhotometricRule;
-use crate::train::scene::photometric::waiting::packed;
-use crate::train::scene::photometric::{
-    CONTRADICTION, PhotometricLearner, SplatStep, TrainingView,
-};
+use crate::train::scene::photometric::waiting::{CONTRADICTION, packed, update_point_residuals};
+use crate::train::scene::photometric::{PhotometricLearner, SplatStep, TrainingView};
 
 // Stride over the points to estimate the distance of a frame's nearest surfaces.
 const NEAREST_OF: usize = 16;
@@ -46,9 +44,9 @@ fn pixels_for_each(depth: &Intrinsics, pixels: usize) -> f64 {
 pub(super) struct Photographs {
     pub learner: PhotometricLearner,
     /// State after steps for all buffered photographs; reset by the next frame.
-    settled: Option<PhotometricState>,
+    pub settled: Option<PhotometricState>,
     /// Comparisons of the last frame, or of the photographs settled since.
-    compared: Vec<ComparedPhotograph>,
+    pub compared: Vec<ComparedPhotograph>,
 }
 
 impl Photographs {
@@ -62,21 +60,8 @@ impl Photographs {
     /// Resumes training: drops the settled state. Returns true if there was one.
     pub fn resume(&mut self) -> bool {
         self.compared.clear();
-        self.learner.resume();
-        self.unsettle()
-    }
-
-    /// Drops the settled state; returns true if there was one.
-    pub fn unsettle(&mut self) -> bool {
+        self.learner.comparers.end_settling();
         self.settled.take().is_some()
-    }
-
-    pub fn is_settled(&self) -> bool {
-        self.settled.is_some()
-    }
-
-    pub fn compared(&self) -> &[ComparedPhotograph] {
-        &self.compared
     }
 
     /// True if a frame's points show it to be an outlier. Tested only with photometric training, so that
@@ -94,7 +79,7 @@ impl Photographs {
         }
         let comparison = FrameBesideScene {
             component_sums: &scene.sums,
-            seed_positions: scene.seeds.view(),
+            seeds: &scene.seeds,
             h: scene.config.h,
             frame,
             camera: &placed.camera,
@@ -102,7 +87,7 @@ impl Photographs {
             owners,
             gain,
         };
-        let outcome = self.learner.check_points(&comparison.agreement());
+        let outcome = update_point_residuals(&mut self.learner.state, &comparison.agreement());
         self.compared.extend(outcome.map(|outcome| compared_now(scene, outcome)));
         outcome.is_some()
     }
@@ -138,7 +123,7 @@ impl Photographs {
 
     /// Moves splats and buffered photographs with the world, after the scene.
     pub fn move_by(&mut self, scene: &Scene, motion: &Pose) {
-        self.learner.move_by(motion);
+        self.learner.state.move_by(motion);
         self.observe(scene, Changed::All);
     }
 
@@ -171,14 +156,14 @@ impl Photographs {
         let view = PhotographView::new(scene.frames, &camera, gain, near, rows);
         let waiting = packed(PhotographView { per_depth_pixel, ..view }, photograph, margin);
         let most = rule.most_waiting(waiting.bytes());
-        self.learner.buffer_photograph(waiting);
+        self.learner.state.buffered.push(waiting);
         self.learner.train_on_buffered_beyond(most, &step)
     }
 
     /// Computes the state after steps for all buffered photographs. Returns true if there were any.
     pub fn settle(&mut self, scene: &Scene) -> bool {
         let Some(rule) = scene.config.photometric_rule() else { return false };
-        if self.settled.is_some() || self.learner.state().buffered.is_empty() {
+        if self.settled.is_some() || self.learner.state.buffered.is_empty() {
             return false;
         }
         let extents = |id| scene.extent(id);
@@ -190,7 +175,7 @@ impl Photographs {
 
     /// Returns the state for drawing.
     pub fn drawn(&self) -> &PhotometricState {
-        self.settled.as_ref().unwrap_or_else(|| self.learner.state())
+        self.settled.as_ref().unwrap_or(&self.learner.state)
     }
 }
 

@@ -29,7 +29,7 @@ impl FramePoints {
 
     /// Assigns points that are not summed, or again after merging.
     pub fn assign(&mut self, scene: &Scene, points: &[SurfacePoint]) {
-        self.fits.assign(scene.seeds.view(), scene.reach(), points, &mut self.owners);
+        self.fits.assign(&scene.seeds, scene.reach(), points, &mut self.owners);
     }
 
     /// Factors from the frame's colours to the scene's exposure; `weight` is the number of pixels per point.
@@ -51,7 +51,7 @@ impl FramePoints {
     ) -> (f64, usize) {
         let explainer = Explainer {
             component_sums: &scene.sums,
-            seed_positions: scene.seeds.view(),
+            seeds: &scene.seeds,
             h: scene.config.h,
             reach: scene.reach(),
             tolerance,
@@ -70,9 +70,10 @@ impl FramePoints {
         touched: &mut Vec<u32>,
     ) {
         let Self { fits, owners, shifts, .. } = self;
-        let frame = AssignedPoints { points, owners, shifts, gain, weight };
         scene.grow_sums();
-        fits.accumulate(&mut scene.sums, scene.seeds.view(), frame, scene.config.h, touched);
+        let (seeds, h) = (&scene.seeds, scene.config.h);
+        let frame = AssignedPoints { seeds, h, points, owners, shifts, gain, weight };
+        fits.accumulate(&mut scene.sums, frame, touched);
         // Every frame: a row that is not full can take one more frame, since accumulation sums a component
         // with more than 4,096 points wide at once.
         scene.sums.spill_to_wide_rows(touched);

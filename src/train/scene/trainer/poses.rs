@@ -201,8 +201,9 @@ struct Alignment<'a> {
 
 impl<'a> Alignment<'a> {
     fn new(scene: &'a Scene) -> Self {
-        let (h, ridge) = (scene.config.h, scene.gradient_ridge());
-        Self { scene, planes: KnownPlanes::new(&scene.sums, scene.seeds.view(), h, ridge) }
+        let h = scene.config.h;
+        let ridge = scene.config.splat_rule.gradient_ridge * h * h;
+        Self { scene, planes: KnownPlanes::new(&scene.sums, &scene.seeds, h, ridge) }
     }
 
     fn motion(
@@ -229,17 +230,18 @@ impl<'a> Alignment<'a> {
         mut motion: Motion,
         owners: &mut Vec<u32>,
     ) -> Option<Motion> {
-        let (scene, seeds) = (self.scene, self.scene.seeds.view());
+        let (scene, seeds) = (self.scene, &self.scene.seeds);
         let h = scene.config.h;
-        let mut near = NearSeeds::new(seeds.grid, h as f32, part.points.len());
+        let mut near = NearSeeds::new(&seeds.grid, h as f32, part.points.len());
         let brightness = |points: &[SurfacePoint], owners: &[u32]| {
             scene.config.gain.then(|| Brightness::of(&scene.sums, points, owners))
         };
+        // Ends by `return`, since the range is unbounded.
         for round in 1.. {
             // Reassigned in every round: moved points belong to other components, which determine the
             // remaining motion.
             let place = motion.point_mover(part);
-            let parts = near.assign(seeds.components, &part.points, place, owners, brightness);
+            let parts = near.assign(&seeds.components, &part.points, place, owners, brightness);
             let gain = Brightness::gain(parts.into_iter().flatten(), fewest);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
             let improvement = alignment.improve(&motion, &mut self.planes)?;

@@ -1,6 +1,5 @@
 //! Components of a scene: their seeds, their sums and the structural scale.
 
-use crate::math::pose::Pose;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::scene::splat_rule::{PointExtent, SplatContext};
 use crate::model::scene::sums::SceneSums;
@@ -10,10 +9,8 @@ use crate::observation::surface::SurfacePoint;
 use crate::train::estep::Scoring;
 use crate::train::scene::births::{FrameBirths, Limits, create_components};
 use crate::train::scene::component_sums::ComponentSums;
-use crate::train::scene::components::{Components, SeedPositions};
+use crate::train::scene::components::Seeds;
 use crate::train::scene::config::SceneConfig;
-use crate::train::scene::gauge::moved_seed;
-use crate::train::scene::grid::SeedGrid;
 use crate::train::scene::merge::merge_down;
 use crate::train::scene::seed_groups::Reach;
 use glam::DVec3;
@@ -57,12 +54,12 @@ impl Scene {
 
     /// Seed of a component's sums, world units from the origin.
     pub fn seed(&self, id: usize) -> DVec3 {
-        DVec3::from_array(self.seeds.view().of(id).map(f64::from))
+        DVec3::from_array(self.seeds.of(id).map(f64::from))
     }
 
     fn splat_context(&self, id: usize) -> SplatContext {
         let expected = self.sums.row(id).expected();
-        let h = self.config.h * self.seeds.view().share(id);
+        let h = self.config.h * self.seeds.share(id);
         SplatContext { seed: self.origin + self.seed(id), h, expected, frames: self.frames }
     }
 
@@ -80,12 +77,6 @@ impl Scene {
         Reach::new(self.config.h, self.config.ray_search)
     }
 
-    /// Ridge of the regression of colour on position, world units².
-    pub fn gradient_ridge(&self) -> f64 {
-        let h = self.config.h;
-        self.config.splat_rule.gradient_ridge * h * h
-    }
-
     /// Creates components for points without one, within the budget.
     pub fn create_components(
         &mut self,
@@ -94,8 +85,7 @@ impl Scene {
     ) -> FrameBirths {
         let limits =
             Limits { components: self.config.max_components, seeds: self.config.most_seeds() };
-        let Seeds { grid, components } = &mut self.seeds;
-        create_components(self.config.h, grid, components, points, owners, limits)
+        create_components(self.config.h, &mut self.seeds, points, owners, limits)
     }
 
     /// Adds empty rows for components born since the last frame.
@@ -105,64 +95,6 @@ impl Scene {
 
     /// Merges components until `target` are left, or a pass merges fewer than `worthwhile`.
     pub fn merge_down(&mut self, target: usize, worthwhile: usize) {
-        let Seeds { grid, components } = &mut self.seeds;
-        merge_down(&mut self.sums, components, grid, self.config.h, target, worthwhile);
-    }
-}
-
-/// Seeds and the components that they belong to.
-pub(in crate::train::scene) struct Seeds {
-    grid: SeedGrid,
-    components: Components,
-}
-
-impl Seeds {
-    pub fn new(h: f64) -> Self {
-        Self { grid: SeedGrid::new(h), components: Components::default() }
-    }
-
-    /// Restores seeds of a scene with `n_rows` rows of sums; `None` if a seed is too far from the origin for
-    /// the scale `h`, or a component number is out of range.
-    pub fn restore(
-        h: f64,
-        places: &[[f32; 3]],
-        components: Option<Vec<u32>>,
-        shares: Vec<u8>,
-        n_rows: usize,
-    ) -> Option<Self> {
-        let mut grid = SeedGrid::new(h);
-        for &place in places {
-            if !grid.has_cell(place) {
-                return None;
-            }
-            grid.insert(place);
-        }
-        let components = match components {
-            Some(of_seeds) => Components::restore(of_seeds, n_rows, shares)?,
-            None => Components::of_seeds(grid.len(), shares),
-        };
-        Some(Self { grid, components })
-    }
-
-    pub fn view(&self) -> SeedPositions<'_> {
-        SeedPositions { grid: &self.grid, components: &self.components }
-    }
-
-    /// Moves all seeds with the world, relative to `origin`; returns false if one would get out of range.
-    pub fn move_by(&mut self, motion: &Pose, origin: DVec3) -> bool {
-        let Some(moved) = self.grid.moved(|seed| moved_seed(seed, origin, motion)) else {
-            return false;
-        };
-        self.grid = moved;
-        true
-    }
-
-    /// Positions of all seeds, in the order of their birth.
-    pub fn places(&self) -> Vec<[f32; 3]> {
-        (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect()
-    }
-
-    pub fn bytes(&self) -> usize {
-        self.grid.bytes() + self.components.bytes()
+        merge_down(&mut self.sums, &mut self.seeds, self.config.h, target, worthwhile);
     }
 }

@@ -1,8 +1,8 @@
 //! Implementation of the trainer traits for the scene preset.
 
-use super::SceneTrainer;
 use super::budget::UnassignedPoints;
 use super::scene::Scene;
+use super::{SceneTrainer, StageClock};
 use crate::model::attributes::StoredModel;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::inspection::DeviceError;
@@ -18,6 +18,7 @@ use crate::train::learner::{
     Component, DeviceUse, LastFrame, Learner, Learns, Status, TrainingDevice,
 };
 use crate::train::outcome::{FrameOutcome, TrainingWarning};
+use crate::train::timing::SceneStage;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -27,7 +28,24 @@ impl Learns<Observation> for SceneTrainer {
     }
 
     fn revisit_photograph(&mut self, frame: &Observation) -> FrameOutcome {
-        self.train_on_photograph(frame)
+        let mut clock = StageClock::start();
+        self.changes.restart(self.photographs.resume());
+        let placed = self.poses.align(&self.scene, frame, &mut self.points.owners);
+        clock.lap(SceneStage::Pose);
+        let points = placed.points(frame);
+        // Without sums a frame says nothing about the time of a fit.
+        self.points.fits.begin_untimed_frame();
+        self.points.assign(&self.scene, points);
+        let gain = self.points.gain(&self.scene, points, frame.point_weight);
+        let is_outlier = self.is_outlier(frame, &placed, gain);
+        clock.lap(SceneStage::Assign);
+        if !is_outlier {
+            self.photographs.learn(&self.scene, frame, &placed.camera, gain, &mut self.changes);
+        }
+        self.poses.recycle(placed);
+        self.end_frame();
+        clock.lap(SceneStage::Photometric);
+        FrameOutcome { ms: clock.finish(), ..FrameOutcome::default() }
     }
 }
 
@@ -38,9 +56,9 @@ impl Learner for SceneTrainer {
             frames: *frames,
             // Rows of sums, used or free.
             components: sums.len(),
-            used: seeds.view().components.used(),
-            model_bytes: sums.bytes() + seeds.bytes() + self.photographs.learner.state().bytes(),
-            is_settled: self.photographs.is_settled(),
+            used: seeds.components.used(),
+            model_bytes: sums.bytes() + seeds.bytes() + self.photographs.learner.state.bytes(),
+            is_settled: self.photographs.settled.is_some(),
             warnings: self.warnings(),
         }
     }
@@ -48,7 +66,7 @@ impl Learner for SceneTrainer {
     fn last_frame(&self) -> LastFrame<'_> {
         LastFrame {
             changed: self.changes.get(),
-            compared_photographs: self.photographs.compared(),
+            compared_photographs: &self.photographs.compared,
             component_elbo: &self.component_elbo,
         }
     }
@@ -66,6 +84,10 @@ impl Learner for SceneTrainer {
             normal: sums.normal.try_normalize(),
             photometric_deviations: PhotometricDeviations::of(self.photographs.drawn(), id),
         }
+    }
+
+    fn evidence(&self, id: usize) -> f64 {
+        self.scene.sums.plane_sums(id).0
     }
 
     fn splats(&self) -> SplatSet {
@@ -91,7 +113,7 @@ impl Learner for SceneTrainer {
     ) -> Result<(), DeviceError> {
         match device {
             TrainingDevice::Photographs(device) => {
-                self.photographs.learner.compare_on(device, policy);
+                self.photographs.learner.comparers.add(device, policy);
             }
             TrainingDevice::Points(device) => self.points.fits.add_device(device, policy),
             TrainingDevice::Passes(_) => {}
@@ -102,7 +124,7 @@ impl Learner for SceneTrainer {
     fn device_use(&self) -> DeviceUse {
         let is_photometric = self.scene.config.photometric.is_some();
         DeviceUse {
-            photographs: is_photometric.then(|| self.photographs.learner.comparer_use()),
+            photographs: is_photometric.then(|| self.photographs.learner.comparers.used()),
             passes: None,
             points: Some(self.points.fits.used()),
         }
@@ -122,7 +144,7 @@ impl SceneTrainer {
     pub fn set_splat_rule(&mut self, rule: SplatRule) {
         self.scene.config.splat_rule = rule;
         // It was computed from pictures drawn with the previous rule.
-        self.photographs.unsettle();
+        self.photographs.settled = None;
     }
 
     fn warnings(&self) -> Vec<TrainingWarning> {
@@ -132,7 +154,7 @@ impl SceneTrainer {
         let coarsened = (*coarsened > 0)
             .then(|| TrainingWarning::Coarsened { requested: *requested, scale: round(config.h) });
         let reach = (reach > 0).then_some(TrainingWarning::TooFarFromOrigin { points: reach });
-        let splats = self.photographs.learner.repaired();
+        let splats = self.photographs.learner.repaired;
         let repaired = (splats > 0).then_some(TrainingWarning::PrecisionReset { splats });
         budget.into_iter().chain(coarsened).chain(reach).chain(repaired).collect()
     }
