@@ -15,14 +15,11 @@ use vbgs_studio::render::cpu::photometric::{
     ParameterSums, PhotometricComparer, PhotometricSums, PhotometricWalk, PixelRule, RowSubset,
     ViewBuffers, VisibleSplat,
 };
-use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::photometric::GpuComparer;
 
 /// A comparer on a test device.
 pub fn comparer(fixture: &Fixture) -> GpuComparer {
-    let caps = GpuCaps::new(&fixture.adapter, &fixture.device);
-    let (device, queue) = (fixture.device.clone(), fixture.queue.clone());
-    GpuComparer::new(device, queue, fixture.faults.clone(), &caps)
+    GpuComparer::new(fixture.headless())
 }
 
 /// Splats, some with flat tops, whose colours vary over the splat and with the direction.

@@ -58,20 +58,10 @@ impl Compositor {
         }
     }
 
-    /// Sets the image and the sRGB-encoded background of the next [`Self::draw`]. Call it after the
-    /// image has been rendered and before the pass that draws it is submitted.
+    /// Sets the image, the sRGB-encoded background and an optional second image over the same background
+    /// for the next [`Self::draw`]. Call it after the images have been rendered and before the pass that
+    /// draws them is submitted.
     pub fn prepare(
-        &mut self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        image: &SplatTarget,
-        background: [f32; 3],
-    ) {
-        self.prepare_pair(device, queue, image, background, None);
-    }
-
-    /// Like [`Self::prepare`], with a second image composited over the same background.
-    pub fn prepare_pair(
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -151,7 +141,8 @@ impl PhotoTexture {
         let limit = device.limits().max_texture_dimension_2d;
         // wgpu would report an uncaptured error that does not mention the photograph.
         if width.max(height) > limit {
-            return Err(GpuError::PhotoTooLarge { width, height, limit });
+            let (what, remedy) = ("photograph", "use smaller images");
+            return Err(GpuError::ImageTooLarge { what, width, height, limit, remedy });
         }
         let size =
             wgpu::Extent3d { width: width.max(1), height: height.max(1), depth_or_array_layers: 1 };

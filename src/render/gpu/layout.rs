@@ -19,18 +19,14 @@ use crate::render::options::{
 
 /// WGSL of each pipeline, to be prefixed by [`super::constants`].
 pub mod shader {
+    use super::super::constants::wgsl;
+
     /// `composite.wgsl` with its dependencies: the image over a background.
-    pub const COMPOSITE: &str = concat!(
-        include_str!("../../../shaders/common.wgsl"),
-        include_str!("../../../shaders/composite.wgsl")
-    );
+    pub const COMPOSITE: &str = wgsl!("common", "composite");
     /// `meshes.wgsl`: user interface triangles.
-    pub const MESHES: &str = include_str!("../../../shaders/meshes.wgsl");
+    pub const MESHES: &str = wgsl!("meshes");
     /// `scatter.wgsl` with its dependencies: sparse updates of records.
-    pub const SCATTER: &str = concat!(
-        include_str!("../../../shaders/common.wgsl"),
-        include_str!("../../../shaders/scatter.wgsl")
-    );
+    pub const SCATTER: &str = wgsl!("common", "scatter");
 }
 
 /// Splat record in GPU memory, 64 bytes (`rendering.md`, Splat record).

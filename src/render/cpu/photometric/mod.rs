@@ -21,6 +21,7 @@ use super::rows::{ViewLists, longest_first};
 use crate::math::image::{Image, split_by_sizes};
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::simd::{Isa, Kernel, Vector};
+use crate::model::inspection::DeviceError;
 use crate::render::options::TILE;
 use blocks::SumOrder;
 use drawn::DrawnTile;
@@ -59,7 +60,7 @@ impl PhotometricComparer for PhotometricWalk {
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
         rows: RowSubset,
-    ) -> Result<PhotometricSums<'a>, ComparerError> {
+    ) -> Result<PhotometricSums<'a>, DeviceError> {
         Ok(self.compare_view(view, photograph, rule, rows))
     }
 }
@@ -147,7 +148,7 @@ pub trait PhotometricComparer: Send + Sync {
     /// coverage is unknown, a mostly covered pixel counts as fully covered.
     ///
     /// # Errors
-    /// [`ComparerError`] if the device is lost, runs out of memory or does not respond. No result is
+    /// [`DeviceError`] if the device is lost, runs out of memory or does not respond. No result is
     /// available then.
     fn compare<'a>(
         &'a mut self,
@@ -155,17 +156,7 @@ pub trait PhotometricComparer: Send + Sync {
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
         rows: RowSubset,
-    ) -> Result<PhotometricSums<'a>, ComparerError>;
-}
-
-/// A photograph could not be compared on a device.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{device}: comparing a photograph failed: {reason}")]
-pub struct ComparerError {
-    /// Device that should have compared it.
-    pub device: String,
-    /// Reason reported by the device or driver.
-    pub reason: String,
+    ) -> Result<PhotometricSums<'a>, DeviceError>;
 }
 
 /// Pixel rows to compare: every `every`-th row (1, 2, 4, 8 or 16), starting at `first`. Rows rather than
