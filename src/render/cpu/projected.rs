@@ -102,7 +102,6 @@ impl Covariance2 {
             p_x: self.yy * per_root,
             p_y: -self.xy * per_root,
             q_y: self.yy.sqrt().recip(),
-            half_l: DVec2::ZERO,
             w: 0.0,
         }
     }
@@ -150,13 +149,12 @@ pub(super) struct Conic {
     pub p_x: f64,
     pub p_y: f64,
     pub q_y: f64,
-    pub half_l: DVec2,
     pub w: f64,
 }
 
 impl Conic {
-    /// Computes `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` and `B = [A₁×g₀, A₂×g₀]`.
-    pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> Self {
+    /// Computes `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` and `B = [A₁×g₀, A₂×g₀]`. Also returns `½ l`.
+    pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> (Self, DVec2) {
         let white = Whitened::new(placed, tangent);
         let Whitened { g0, a, sharpness } = white;
         let b = [a[0].cross(g0), a[1].cross(g0)];
@@ -166,18 +164,18 @@ impl Conic {
         let steps = tangent.x0.dot(tangent.steps[0].cross(tangent.steps[1]));
         let volume = steps * sharpness.element_product();
         let z = tangent.reach;
-        Self {
+        let conic = Self {
             p_x: z * bb * per_b * per_g,
             p_y: z * b[0].dot(b[1]) * per_b * per_g,
             q_y: z * volume * per_b,
-            half_l: white.half_linear(),
             w: (z * z * gg).recip(),
-        }
+        };
+        (conic, white.half_linear())
     }
 }
 
 /// Tangent plane in whitened coordinates `M = diag(1/s)·(RQ)ᵀ`, in standard deviations.
-pub(super) struct Whitened {
+struct Whitened {
     /// `M·x₀`
     g0: DVec3,
     /// `M·steps`
@@ -187,7 +185,7 @@ pub(super) struct Whitened {
 }
 
 impl Whitened {
-    pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> Self {
+    fn new(placed: &CameraSplat, tangent: &Tangent) -> Self {
         // The floor of the scales keeps this finite (`rendering.md`, Conventions).
         let sharpness = placed.scale.recip();
         let white = |v: DVec3| placed.axes.transpose_mul_vec3(v) * sharpness;
@@ -195,7 +193,7 @@ impl Whitened {
     }
 
     /// `½ l` with `l = 2Aᵀg₀/|g₀|²`.
-    pub(super) fn half_linear(&self) -> DVec2 {
+    fn half_linear(&self) -> DVec2 {
         let Self { g0, a, .. } = self;
         DVec2::new(a[0].dot(*g0), a[1].dot(*g0)) / g0.length_squared()
     }

@@ -39,8 +39,12 @@ impl Compositor {
     /// Creates a compositor for targets of `format`. Values are sRGB-encoded. For a `*Srgb` format, which
     /// encodes on write, the shader decodes them first, so the displayed colours are the same.
     pub fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
+        let module = module(device, "composite", shader::COMPOSITE);
+        // The values are already sRGB-encoded, and such a target would encode them again.
+        let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
+        let entries = ["vertex", fragment];
         Self {
-            pipeline: pipeline(device, format),
+            pipeline: draw_pipeline(device, "composite", &module, entries, &[], format.into()),
             uniforms: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("composite"),
                 size: size_of::<Composite>() as u64,
@@ -115,13 +119,6 @@ fn uniforms(background: [f32; 3], finish: Finish, second: Option<SecondImage<'_>
         second_exposure: second_finish.exposure,
         end: 0,
     }
-}
-
-fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
-    let module = module(device, "composite", shader::COMPOSITE);
-    // The values are already sRGB-encoded, and such a target would encode them again.
-    let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
-    draw_pipeline(device, "composite", &module, ["vertex", fragment], &[], format.into())
 }
 
 /// Opaque image of sRGB-encoded bytes.

@@ -55,10 +55,10 @@ impl SplatRenderer {
         if self.target.size() != (width, height) {
             self.target = SplatTarget::new(device, width, height)?;
         }
-        self.target.set_finish(scene.finish(camera, options));
+        self.target.finish = Finish::new(&scene.finishing, camera, options);
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
         // A minimised window has no pixels, and wgpu rejects an empty pass.
-        if self.target.is_empty() {
+        if width == 0 || height == 0 {
             return Ok(());
         }
         let slot = self.timer.as_mut().and_then(StageTimer::reserve_slot);
@@ -143,14 +143,6 @@ impl SplatTarget {
     /// Finishing to apply when the image is composited.
     pub fn finish(&self) -> Finish {
         self.finish
-    }
-
-    pub(super) fn set_finish(&mut self, finish: Finish) {
-        self.finish = finish;
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.width == 0 || self.height == 0
     }
 
     /// Half-float texture of the image; 1 pixel per side if the image is empty.

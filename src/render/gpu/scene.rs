@@ -12,10 +12,7 @@ use super::growing::{MIB, allocate};
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, shader};
 use super::pipeline::{ComputeKernel, Grid};
 use super::task::IN;
-use crate::math::camera::Camera;
 use crate::model::splat::appearance::{Finishing, SplatView};
-use crate::render::finish::Finish;
-use crate::render::options::RenderOptions;
 
 /// Fraction of changed splats above which the whole scene is uploaded. A sparse record costs 80 bytes
 /// and a second pass over memory; a streamed one costs 64 bytes (`rendering.md`, Uploads).
@@ -26,15 +23,16 @@ const WHOLE_UPLOAD_SHARE: f64 = 0.15;
 pub struct GpuScene {
     scatter_splats: ComputeKernel,
     scatter_appearances: ComputeKernel,
-    buffers: Buffers,
+    pub(super) buffers: SceneBuffers,
     n_splats: usize,
-    finishing: Finishing,
+    pub(super) finishing: Finishing,
 }
 
 #[derive(Debug)]
-struct Buffers {
-    splats: wgpu::Buffer,
-    appearance: Option<wgpu::Buffer>,
+pub(super) struct SceneBuffers {
+    pub(super) splats: wgpu::Buffer,
+    /// `None` for a scene without appearance.
+    pub(super) appearance: Option<wgpu::Buffer>,
     capacity: usize,
 }
 
@@ -50,7 +48,7 @@ impl GpuScene {
         let mut scene = Self {
             scatter_splats: ComputeKernel::new(device, &module, "scatter_splats"),
             scatter_appearances: ComputeKernel::new(device, &module, "scatter_appearances"),
-            buffers: Buffers::new(device, splats, 0)?,
+            buffers: SceneBuffers::new(device, splats, 0)?,
             n_splats: 0,
             finishing: splats.finishing().clone(),
         };
@@ -75,10 +73,12 @@ impl GpuScene {
         // Updated even if no splat changed, because crack filling and exposure belong to the scene.
         self.finishing.clone_from(splats.finishing());
         let n_splats = splats.splats().len();
-        if n_splats > self.buffers.capacity || has_appearance(splats) != self.has_appearance() {
+        if n_splats > self.buffers.capacity
+            || has_appearance(splats) != self.buffers.appearance.is_some()
+        {
             // Created before the old buffers are dropped, so that the scene remains drawable if memory is
             // short.
-            self.buffers = Buffers::new(device, splats, self.buffers.capacity)?;
+            self.buffers = SceneBuffers::new(device, splats, self.buffers.capacity)?;
             return Ok(self.upload_whole(queue, splats));
         }
         let n_kept = self.n_splats.min(n_splats);
@@ -104,23 +104,6 @@ impl GpuScene {
     /// Number of splats that fit before the next growth.
     pub fn capacity(&self) -> usize {
         self.buffers.capacity
-    }
-
-    pub(super) fn finish(&self, camera: &Camera, options: &RenderOptions) -> Finish {
-        Finish::new(&self.finishing, camera, options)
-    }
-
-    pub(super) fn splat_buffer(&self) -> &wgpu::Buffer {
-        &self.buffers.splats
-    }
-
-    /// `None` for a scene without appearance.
-    pub(super) fn appearance_buffer(&self) -> Option<&wgpu::Buffer> {
-        self.buffers.appearance.as_ref()
-    }
-
-    fn has_appearance(&self) -> bool {
-        self.buffers.appearance.is_some()
     }
 
     fn upload_whole(&mut self, queue: &wgpu::Queue, splats: SplatView<'_>) -> u64 {
@@ -170,7 +153,7 @@ fn has_appearance(splats: SplatView<'_>) -> bool {
     !splats.appearance().is_empty()
 }
 
-impl Buffers {
+impl SceneBuffers {
     /// Allocates buffers for the splats, with 1.5 times the capacity `before` if they no longer fit.
     fn new(device: &wgpu::Device, splats: SplatView<'_>, before: usize) -> Result<Self, GpuError> {
         let splat_bytes = size_of::<GpuSplat>() as u64;

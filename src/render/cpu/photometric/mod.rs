@@ -39,7 +39,7 @@ pub use moments::{ImageSums, N_IMAGE_SUMS};
 pub use target::{PreparedView, ViewBuffers};
 pub use walk::PixelRule;
 
-/// Minimum number of visible records per parallel task of [`PhotometricWalk::add_rows`].
+// Visible records per parallel task of `add_rows`, at least.
 const MIN_TASK: usize = 512;
 
 /// Compares photographs with splats on the CPU. Buffers are reused between views.
@@ -74,24 +74,7 @@ impl PhotometricWalk {
         rule: PixelRule,
         rows: RowSubset,
     ) -> PhotometricSums<'a> {
-        self.walk_rows(view.lists, photograph, rule, rows);
-        self.add_rows(view.lists);
-        let (squared_error, pixels) = self
-            .canvases
-            .iter()
-            .fold((0.0, 0.0), |(error, n), row| (error + row.squared_error, n + row.pixels));
-        let (view, sums, order) = (view.clone(), &self.totals[..], SumOrder::ByRecord);
-        PhotometricSums { view, sums, order, squared_error, pixels }
-    }
-
-    fn walk_rows(
-        &mut self,
-        lists: &ViewLists,
-        photograph: &Image<MeasuredPixel>,
-        rule: PixelRule,
-        rows: RowSubset,
-    ) {
-        let (isa, ViewLists { records, rows: lists, .. }) = (Isa::best(), lists);
+        let ViewLists { records, rows: lists, .. } = view.lists;
         let n_rows = if photograph.width > 0 { photograph.height.div_ceil(TILE) } else { 0 };
         self.canvases.resize_with(n_rows, WalkCanvas::default);
         // Rows differ widely in their number of splats.
@@ -99,7 +82,14 @@ impl PhotometricWalk {
             let list = lists.get(row);
             (list.len(), WalkRow { records, list, row, photograph, rule, rows, canvas })
         });
-        longest_first(tasks, |task| isa.run(task));
+        longest_first(tasks, |task| Isa::best().run(task));
+        self.add_rows(view.lists);
+        let (squared_error, pixels) = self
+            .canvases
+            .iter()
+            .fold((0.0, 0.0), |(error, n), row| (error + row.squared_error, n + row.pixels));
+        let (view, sums, order) = (view.clone(), &self.totals[..], SumOrder::ByRecord);
+        PhotometricSums { view, sums, order, squared_error, pixels }
     }
 
     /// Adds the sums of all rows in row order, because the order of additions affects rounding. Every task

@@ -105,7 +105,7 @@ impl TilePath {
     }
 
     fn ensure_capacity(&mut self, device: &wgpu::Device, scene: &GpuScene) -> Result<(), GpuError> {
-        let has_appearance = scene.appearance_buffer().is_some();
+        let has_appearance = scene.buffers.appearance.is_some();
         if scene.capacity() > self.splats.capacity || has_appearance != self.splats.has_appearance {
             self.splats = SplatBuffers::new(device, scene.capacity(), has_appearance)?;
             self.plan = None;

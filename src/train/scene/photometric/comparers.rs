@@ -104,14 +104,13 @@ impl Comparers {
         rule: PixelRule,
     ) -> PhotometricSums<'_> {
         let TrainingView { camera, near, rows, .. } = *learnt;
-        self.view.near = near;
         // Dropped one call late, since the result of `compare` still borrows the device.
         if self.counts.given_up.is_some() {
             self.device = None;
         }
         let Self { view, processor, device, counts, latest, .. } = self;
         let mut clock = Stopwatch::start();
-        let view = view.prepare(splats, &camera, photograph.height);
+        let view = view.prepare(splats, &camera, near, photograph.height);
         let prepare = clock.lap_ms();
         let turn = device
             .as_mut()
