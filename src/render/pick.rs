@@ -26,7 +26,7 @@ pub struct Pick {
 }
 
 /// Splat with the largest weight at a continuous image position in pixels; `None` if no splat is visible
-/// there. Always uses full support: the tiles of [`super::Support::Tile3Sigma`] are ignored.
+/// there.
 pub fn pick(
     splats: &[Splat],
     camera: &Camera,
@@ -76,7 +76,7 @@ fn depth_and_alpha(
     }
     let placed = view.to_camera(splat)?;
     let (depth, opacity, distance2) = match view.method {
-        RenderMethod::Projected(_) => {
+        RenderMethod::Projected => {
             (placed.m.z, placed.opacity, distance_squared(view, &placed, position))
         }
         RenderMethod::Exact(exact) => {

@@ -119,9 +119,9 @@ impl Chunk<'_> {
             _ => None,
         };
         let recorded = match view.method {
-            RenderMethod::Projected(support) => {
+            RenderMethod::Projected => {
                 // Colour is computed last, because many splats turn out to be invisible.
-                let drawn = projected::draw(view, &placed, support);
+                let drawn = projected::draw(view, &placed);
                 drawn.and_then(|drawn| {
                     if let Some((place, shade)) = shade {
                         *place = projected::gradient(&shade, &placed, view);

@@ -1,10 +1,10 @@
 //! Records of the projected renderer (`rendering.md`, Projected renderer).
 
 use super::exact::pinhole_tangent;
-use super::record::{Gradient, Rect};
+use super::record::Gradient;
 use super::shade::{ColorGradient, ImageSplat};
 use super::view::{CameraSplat, CpuView};
-use crate::render::options::{LOW_PASS_PX2, Support, TILE};
+use crate::render::options::LOW_PASS_PX2;
 use glam::{DVec2, DVec3};
 
 /// Projected covariance in px², including the low-pass.
@@ -17,7 +17,7 @@ struct Covariance2 {
 }
 
 /// Projects a splat to the image; `None` if it is invisible.
-pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Option<ImageSplat> {
+pub(super) fn draw(view: &CpuView, placed: &CameraSplat) -> Option<ImageSplat> {
     let m = placed.m;
     let tangent = m.truncate() / m.z;
     let k = &view.intrinsics;
@@ -25,10 +25,9 @@ pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Op
     let axes = ImageAxes::new(view, placed);
     let covariance = Covariance2::new(&axes);
     let extent_squared = placed.extent_squared();
-    let rect = match support {
-        Support::Alpha => covariance.rect_of_alpha(view, centre, extent_squared),
-        Support::Tile3Sigma => covariance.rect_of_tiles(view, centre),
-    }?;
+    // Bounding box of the ellipse at the alpha cut: nothing visible is lost.
+    let half = (extent_squared * DVec2::new(covariance.xx, covariance.yy)).map(f64::sqrt);
+    let rect = view.pixels(centre - half, centre + half)?;
     let conic = covariance.conic();
     let opacity = placed.opacity;
     let linear = covariance.solve(axes.depth_covariance(placed));
@@ -109,27 +108,6 @@ impl Covariance2 {
     /// Inverse covariance times `v`.
     fn solve(&self, v: DVec2) -> DVec2 {
         DVec2::new(self.yy * v.x - self.xy * v.y, self.xx * v.y - self.xy * v.x) / self.det
-    }
-
-    /// Pixels whose centres lie in the bounding box of the ellipse at the alpha cut.
-    fn rect_of_alpha(self, view: &CpuView, centre: DVec2, extent_squared: f64) -> Option<Rect> {
-        let half = DVec2::new((extent_squared * self.xx).sqrt(), (extent_squared * self.yy).sqrt());
-        view.pixels(centre - half, centre + half)
-    }
-
-    /// The reference renderer's tile rectangle: a square of `⌈3√λ₁⌉` around the centre's pixel index.
-    fn rect_of_tiles(self, view: &CpuView, centre: DVec2) -> Option<Rect> {
-        /// Floor of the reference renderer under the square root of the larger eigenvalue.
-        const ROOT_FLOOR: f64 = 0.1;
-        let half_trace = 0.5 * (self.xx + self.yy);
-        let largest = half_trace + (half_trace * half_trace - self.det).max(ROOT_FLOOR).sqrt();
-        let radius = (3.0 * largest.sqrt()).ceil();
-        let tile = TILE as f64;
-        let index = centre - 0.5;
-        // Truncation instead of floor, like the casts in the reference renderer.
-        let lo = ((index - radius) / tile).trunc() * tile;
-        let hi = ((index + radius + tile - 1.0) / tile).trunc() * tile;
-        view.clip(lo, hi)
     }
 }
 
