@@ -164,7 +164,7 @@ impl GpuViewPainter {
         // Any fault ends this painter, even one of egui's drawing: both use one device, and a fault
         // does not state its source.
         if let Some(fault) = self.faults.take_new().into_iter().next() {
-            return Err(ViewPaintError::Fault(fault.message));
+            return Err(ViewPaintError::Fault(fault));
         }
         // Not the bytes of the upload, which are none when the last splats go.
         let is_changed = self.pending.as_ref().is_none_or(|ids| !ids.is_empty());
@@ -240,7 +240,7 @@ impl GpuViewPainter {
         let image = self.renderer.target();
         let background = request.options.background;
         let mut compositor = self.compositor.lock().unwrap_or_else(PoisonError::into_inner);
-        compositor.prepare_pair(&self.device, &self.queue, image, background, second);
+        compositor.prepare(&self.device, &self.queue, image, background, second);
         Ok(())
     }
 

@@ -282,7 +282,7 @@ fn summarise(
     };
     let (psnr_mean, psnr_std) = of_all(|s| s.psnr);
     let exact = match options.render.method {
-        RenderMethod::Projected(_) => None,
+        RenderMethod::Projected => None,
         RenderMethod::Exact(exact) => Some(exact),
     };
     let ground_truth = match options.ground_truth {

@@ -139,13 +139,6 @@ mod tests {
     }
 
     #[test]
-    fn a_fisheye_spreads_its_field_of_view_evenly() {
-        let k = Intrinsics::fisheye(200, 100, 4.0);
-        assert_eq!((k.width, k.height, k.cx, k.cy), (200, 100, 100.0, 50.0));
-        assert_eq!((k.fx, k.fy), (50.0, 50.0), "pixels per radian");
-    }
-
-    #[test]
     fn scaling_keeps_the_view() {
         let k = Intrinsics::from_horizontal_fov(640, 480, 1.0);
         let half = k.scaled(0.5);

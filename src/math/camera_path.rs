@@ -2,7 +2,7 @@
 
 use super::orbit::Orbit;
 use super::pose::Pose;
-use glam::{DQuat, DVec3, DVec4};
+use glam::{DQuat, DVec4};
 use std::f64::consts::TAU;
 
 // A cubic between 12 keyframes deviates from the circle by a thousandth of its radius.
@@ -44,13 +44,8 @@ pub struct CameraPath {
     is_loop: bool,
 }
 
-/// Interpolated values of a keyframe.
-#[derive(Clone, Copy)]
-struct Values {
-    place: DVec3,
-    turn: DVec4,
-    fov_y: f64,
-}
+/// Interpolated values of a keyframe: position with field of view, and rotation as a quaternion.
+type Values = [DVec4; 2];
 
 impl CameraPath {
     /// Builds a path through at least two keyframes with increasing times; `None` otherwise.
@@ -104,14 +99,19 @@ impl CameraPath {
         }
         let span = b.time - a.time;
         let (from, to) = (values(&a, None), values(&b, Some(&a)));
-        let [out, into] = [self.derivative_at(i, from.turn), self.derivative_at(i + 1, to.turn)];
-        let found = hermite((time - a.time) / span, [from, to], [out, into].map(|v| v.times(span)));
-        let turn = DQuat::from_vec4(found.turn.normalize());
-        Keyframe {
-            time,
-            pose: Pose::IDENTITY.attached_camera(found.place, turn),
-            fov_y: found.fov_y,
-        }
+        let [out, into] = [self.derivative_at(i, from[1]), self.derivative_at(i + 1, to[1])];
+        let t = (time - a.time) / span;
+        let (t2, t3) = (t * t, t * t * t);
+        // Cubic Hermite polynomials; slopes count per span.
+        let [place, turn] = sum([
+            times(from, 2.0 * t3 - 3.0 * t2 + 1.0),
+            times(times(out, span), t3 - 2.0 * t2 + t),
+            times(to, 3.0 * t2 - 2.0 * t3),
+            times(times(into, span), t3 - t2),
+        ]);
+        let turn = DQuat::from_vec4(turn.normalize());
+        let pose = Pose::IDENTITY.attached_camera(place.truncate(), turn);
+        Keyframe { time, pose, fov_y: place.w }
     }
 
     /// Change per second at keyframe `i`; `turn` is its quaternion with the sign to use.
@@ -129,11 +129,11 @@ impl CameraPath {
             (true, true) => Some((self.keyframes[1], self.duration())),
             _ => Some((self.keyframes[i + 1], 0.0)),
         };
-        let here_values = Values { turn, ..values(&here, None) };
+        let [place, _] = values(&here, None);
         let slope = |(other, period): (Keyframe, f64), sign: f64| {
             let span = sign * (other.time - here.time) + period;
             let there = with_matching_sign(values(&other, None), turn);
-            there.minus(here_values).times(sign / span)
+            times([there[0] - place, there[1] - turn], sign / span)
         };
         match (before, after) {
             // Slope of the parabola through three keyframes: the shorter interval weighs more.
@@ -141,11 +141,11 @@ impl CameraPath {
                 let [a, b] =
                     [here.time - before.0.time + before.1, after.0.time - here.time + after.1];
                 let [incoming, outgoing] = [slope(before, -1.0), slope(after, 1.0)];
-                incoming.times(b / (a + b)).plus(outgoing.times(a / (a + b)))
+                sum([times(incoming, b / (a + b)), times(outgoing, a / (a + b))])
             }
             (None, Some(only)) => slope(only, 1.0),
             (Some(only), None) => slope(only, -1.0),
-            (None, None) => here_values.times(0.0),
+            (None, None) => Values::default(),
         }
     }
 }
@@ -154,46 +154,27 @@ impl CameraPath {
 fn values(keyframe: &Keyframe, beside: Option<&Keyframe>) -> Values {
     let turn =
         |keyframe: &Keyframe| DVec4::from(DQuat::from_mat3(&keyframe.pose.rotation()).normalize());
-    let own = Values { place: keyframe.pose.centre(), turn: turn(keyframe), fov_y: keyframe.fov_y };
+    let own = [keyframe.pose.centre().extend(keyframe.fov_y), turn(keyframe)];
     beside.map_or(own, |beside| with_matching_sign(own, turn(beside)))
 }
 
 /// Chooses the sign of the quaternion nearer to `beside`; both signs are the same rotation.
-fn with_matching_sign(values: Values, beside: DVec4) -> Values {
-    let sign = if values.turn.dot(beside) < 0.0 { -1.0 } else { 1.0 };
-    Values { turn: sign * values.turn, ..values }
+fn with_matching_sign([place, turn]: Values, beside: DVec4) -> Values {
+    [place, if turn.dot(beside) < 0.0 { -turn } else { turn }]
 }
 
-impl Values {
-    fn plus(self, other: Self) -> Self {
-        Self {
-            place: self.place + other.place,
-            turn: self.turn + other.turn,
-            fov_y: self.fov_y + other.fov_y,
-        }
-    }
-
-    fn minus(self, other: Self) -> Self {
-        self.plus(other.times(-1.0))
-    }
-
-    fn times(self, factor: f64) -> Self {
-        Self { place: factor * self.place, turn: factor * self.turn, fov_y: factor * self.fov_y }
-    }
+fn times(values: Values, factor: f64) -> Values {
+    values.map(|value| factor * value)
 }
 
-/// Cubic Hermite interpolation; `out` and `into` are end slopes times the span, `t` is in `[0, 1]`.
-fn hermite(t: f64, [a, b]: [Values; 2], [out, into]: [Values; 2]) -> Values {
-    let (t2, t3) = (t * t, t * t * t);
-    a.times(2.0 * t3 - 3.0 * t2 + 1.0)
-        .plus(out.times(t3 - 2.0 * t2 + t))
-        .plus(b.times(3.0 * t2 - 2.0 * t3))
-        .plus(into.times(t3 - t2))
+fn sum<const N: usize>(terms: [Values; N]) -> Values {
+    terms.into_iter().reduce(|a, b| [a[0] + b[0], a[1] + b[1]]).unwrap_or_default()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
 
     fn looking(time: f64, angle: f64, distance: f64) -> Keyframe {
         let eye = distance * DVec3::new(angle.cos(), angle.sin(), 0.3);

@@ -110,6 +110,7 @@ pub fn substitute<V: Vector, const N: usize, const P: usize>(lower: &[V; P], x: 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::simd::{Isa, Kernel, LANES};
 
     #[test]
     fn solutions_solve() {
@@ -126,13 +127,6 @@ mod tests {
         assert!(Cholesky::new(2, &[1.0, 1.0, 1.0, 1.0]).is_none());
         assert!(Cholesky::new(1, &[f64::NAN]).is_none());
     }
-}
-
-#[cfg(test)]
-mod lane_cholesky_tests {
-    use super::*;
-    use crate::math::cholesky::Cholesky;
-    use crate::math::simd::{Isa, Kernel, LANES};
 
     /// Triangles `4 + lane, 1, 3, -1, 0.5, 2` with one entry replaced, and the right side `1, -2, 3`.
     struct Solve(usize, f32);

@@ -69,7 +69,7 @@ pub fn split_by_sizes<T>(list: &mut [T], sizes: impl Iterator<Item = usize>) -> 
 }
 
 #[cfg(test)]
-mod pieces_tests {
+mod tests {
     use super::*;
 
     #[test]

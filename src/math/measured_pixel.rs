@@ -116,11 +116,6 @@ mod tests {
         }
         assert_eq!(flat.with_depth(2.0, [0.0; 2]), flat);
     }
-}
-
-#[cfg(test)]
-mod normalization_tests {
-    use super::*;
 
     #[test]
     fn normalization_matches_the_published_constants() {

@@ -69,7 +69,7 @@ impl Inspection {
 
 /// A device failed; the caller continues on the processor.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{device} failed to compute a pass over a frame: {reason}")]
+#[error("{device} failed: {reason}")]
 pub struct DeviceError {
     /// Name of the device.
     pub device: String,

@@ -94,11 +94,6 @@ mod tests {
         let finish = Finish { exposure: [2.0, 1.0, 0.5], ..Finish::NONE };
         assert_eq!(finish.apply([0.25, 0.25, 0.25, 0.5]), [0.5, 0.25, 0.125, 0.5]);
     }
-}
-
-#[cfg(test)]
-mod paint_tests {
-    use super::ramp;
 
     #[test]
     fn the_ramp_runs_from_violet_to_yellow_and_never_gets_darker() {

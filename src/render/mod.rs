@@ -18,6 +18,6 @@ pub mod gpu;
 pub use options::{
     ALPHA_CAP, ALPHA_CUT, Antialias, DisplayStyle, EVALUATION_NEAR, ExactOptions, Exposing,
     FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2, Lens, MAX_SCALE_FLOOR_RATIO, POINT_SCALE, Paint,
-    REFERENCE_VARIANCE, RenderMethod, RenderOptions, Renderer, Response, SCALE_FLOOR, Support,
-    TILE, TRANSMITTANCE_STOP, VIEWPORT_NEAR_SHARE, near_plane_for, scale_floor,
+    REFERENCE_VARIANCE, RenderMethod, RenderOptions, Renderer, Response, SCALE_FLOOR, TILE,
+    TRANSMITTANCE_STOP, VIEWPORT_NEAR_SHARE, near_plane_for, scale_floor,
 };

@@ -25,16 +25,6 @@ pub enum Renderer {
     Exact,
 }
 
-/// Pixels that a projected splat may cover.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Support {
-    /// Every pixel where alpha reaches [`super::ALPHA_CUT`]; nothing visible is lost.
-    Alpha,
-    /// The 16×16 tiles of a square of three standard deviations, as in the reference renderer. Opaque
-    /// splats lose their rim. Intended only for bitwise comparisons.
-    Tile3Sigma,
-}
-
 /// Part of a pixel's line on which the exact renderer searches for the largest response.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
@@ -95,14 +85,14 @@ pub struct ExactOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RenderMethod {
     /// Projects the covariance to the image (`rendering.md`, Projected renderer).
-    Projected(Support),
+    Projected,
     /// Evaluates the response along each true ray (`rendering.md`, Exact renderer).
     Exact(ExactOptions),
 }
 
 impl RenderMethod {
-    /// Projected renderer with full support.
-    pub const PROJECTED: Self = Self::Projected(Support::Alpha);
+    /// Projected renderer.
+    pub const PROJECTED: Self = Self::Projected;
 
     /// Exact renderer with a pinhole lens and footprint antialiasing.
     pub const EXACT: Self = Self::Exact(ExactOptions {
@@ -114,7 +104,7 @@ impl RenderMethod {
     /// Renderer without its settings.
     pub fn renderer(self) -> Renderer {
         match self {
-            Self::Projected(_) => Renderer::Projected,
+            Self::Projected => Renderer::Projected,
             Self::Exact(_) => Renderer::Exact,
         }
     }
@@ -122,7 +112,7 @@ impl RenderMethod {
     /// Camera projection model; always a pinhole for the projected renderer.
     pub fn lens(self) -> Lens {
         match self {
-            Self::Projected(_) => Lens::Pinhole,
+            Self::Projected => Lens::Pinhole,
             Self::Exact(exact) => exact.lens,
         }
     }

@@ -26,25 +26,29 @@ pub struct Pick {
 }
 
 /// Splat with the largest weight at a continuous image position in pixels; `None` if no splat is visible
-/// there. Always uses full support: the tiles of [`super::Support::Tile3Sigma`] are ignored.
+/// there.
 pub fn pick(
     splats: &[Splat],
     camera: &Camera,
     position: DVec2,
     options: &RenderOptions,
 ) -> Option<Pick> {
-    let eye = PixelView::new(camera, position, options)?;
-    let mut layers: Vec<Layer> = splats
+    // `None` outside the lens's field of view.
+    let ray = options.method.lens().ray(&camera.intrinsics, position)?;
+    let view = CpuView::new(camera, options);
+    let mut layers: Vec<(usize, f64, f64)> = splats
         .par_iter()
         .enumerate()
-        .filter_map(|(index, splat)| Some((index, eye.depth_and_alpha(splat)?)))
-        .map(|(index, (depth, alpha))| Layer { index, depth, alpha })
+        .filter_map(|(index, splat)| {
+            let (depth, alpha) = depth_and_alpha(&view, splat, position, ray)?;
+            Some((index, depth, alpha))
+        })
         .collect();
-    // Ties keep the order of the list, like the renderers' stable sorts.
-    layers.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.index.cmp(&b.index)));
+    // Stable, so ties keep the order of the list, as in the renderers.
+    layers.sort_by(|(_, a, _), (_, b, _)| a.total_cmp(b));
     let mut transmittance = 1.0;
     let mut best: Option<Pick> = None;
-    for Layer { index, alpha, .. } in layers {
+    for (index, _, alpha) in layers {
         let left = transmittance * (1.0 - alpha);
         // Stops before this splat, as the renderers do: a splat that is not blended cannot be picked.
         if left < TRANSMITTANCE_STOP {
@@ -59,56 +63,42 @@ pub fn pick(
     best
 }
 
-struct Layer {
-    index: usize,
-    depth: f64,
-    alpha: f64,
-}
-
-struct PixelView {
-    view: CpuView,
+/// Sort depth and alpha of a splat in the pixel at `position`; `None` if it is invisible there. `ray` passes
+/// through the pixel in camera axes and may have any length.
+fn depth_and_alpha(
+    view: &CpuView,
+    splat: &Splat,
     position: DVec2,
-    /// Ray through the pixel in camera axes; any length.
     ray: DVec3,
+) -> Option<(f64, f64)> {
+    if !splat.is_drawable() {
+        return None;
+    }
+    let placed = view.to_camera(splat)?;
+    let (depth, opacity, distance2) = match view.method {
+        RenderMethod::Projected => {
+            (placed.m.z, placed.opacity, distance_squared(view, &placed, position))
+        }
+        RenderMethod::Exact(exact) => {
+            let placed = placed.apply_antialiasing(exact, &view.intrinsics)?;
+            let distance2 = ray_distance_squared(&placed, ray, exact.response);
+            (placed.m.length(), placed.opacity, distance2)
+        }
+    };
+    let alpha = ALPHA_CAP.min(opacity * (-0.5 * distance2).exp());
+    // `min` ignores NaN, so the distance is compared too.
+    (distance2 >= 0.0 && alpha >= ALPHA_CUT).then_some((depth, alpha))
 }
 
-impl PixelView {
-    /// `None` outside the lens's field of view.
-    fn new(camera: &Camera, position: DVec2, options: &RenderOptions) -> Option<Self> {
-        let ray = options.method.lens().ray(&camera.intrinsics, position)?;
-        Some(Self { view: CpuView::new(camera, options), position, ray })
-    }
-
-    /// Sort depth and alpha of a splat; `None` if it is invisible in the pixel.
-    fn depth_and_alpha(&self, splat: &Splat) -> Option<(f64, f64)> {
-        if !splat.is_drawable() {
-            return None;
-        }
-        let placed = self.view.to_camera(splat)?;
-        let (depth, opacity, distance2) = match self.view.method {
-            RenderMethod::Projected(_) => {
-                (placed.m.z, placed.opacity, distance_squared(&self.view, &placed, self.position))
-            }
-            RenderMethod::Exact(exact) => {
-                let placed = placed.apply_antialiasing(exact, &self.view.intrinsics)?;
-                (placed.m.length(), placed.opacity, self.exact(&placed, exact.response))
-            }
-        };
-        let alpha = ALPHA_CAP.min(opacity * (-0.5 * distance2).exp());
-        // `min` ignores NaN, so the distance is compared too.
-        (distance2 >= 0.0 && alpha >= ALPHA_CUT).then_some((depth, alpha))
-    }
-
-    /// Squared Mahalanobis distance of the ray (`rendering.md`, Exact renderer).
-    fn exact(&self, placed: &CameraSplat, response: Response) -> f64 {
-        let p = placed.axes.transpose_mul_vec3(placed.m) / placed.scale;
-        let g = placed.axes.transpose_mul_vec3(self.ray) / placed.scale;
-        // If the maximum lies behind the camera, the response on the ray is largest at the camera.
-        if response == Response::Line || g.dot(p) >= 0.0 {
-            g.cross(p).length_squared() / g.length_squared()
-        } else {
-            p.length_squared()
-        }
+/// Squared Mahalanobis distance of a ray (`rendering.md`, Exact renderer).
+fn ray_distance_squared(placed: &CameraSplat, ray: DVec3, response: Response) -> f64 {
+    let p = placed.axes.transpose_mul_vec3(placed.m) / placed.scale;
+    let g = placed.axes.transpose_mul_vec3(ray) / placed.scale;
+    // If the maximum lies behind the camera, the response on the ray is largest at the camera.
+    if response == Response::Line || g.dot(p) >= 0.0 {
+        g.cross(p).length_squared() / g.length_squared()
+    } else {
+        p.length_squared()
     }
 }
 

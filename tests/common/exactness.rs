@@ -172,7 +172,7 @@ impl Case {
     fn settings(&self) -> ExactOptions {
         match self.options.method {
             RenderMethod::Exact(settings) => settings,
-            RenderMethod::Projected(_) => unreachable!("every case is one of the exact renderer"),
+            RenderMethod::Projected => unreachable!("every case is one of the exact renderer"),
         }
     }
 

@@ -6,7 +6,7 @@ use glam::{DMat4, DQuat, DVec3};
 use serde_json::Value;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
-use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response, Support};
+use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
 
 /// One scene with one renderer's expected pixels.
 pub struct GoldenView {
@@ -21,8 +21,7 @@ pub struct GoldenView {
     pub pixels: Vec<([usize; 2], Sample)>,
 }
 
-const VARIANTS: [&str; 6] =
-    ["projected", "projected_tile3s", "exact", "exact_line", "exact_ref", "exact_footprint"];
+const VARIANTS: [&str; 5] = ["projected", "exact", "exact_line", "exact_ref", "exact_footprint"];
 
 /// Returns every case with every renderer that can draw it.
 pub fn golden_views() -> Vec<GoldenView> {
@@ -63,8 +62,7 @@ fn view(case: &Value, variant: &'static str) -> Option<GoldenView> {
 
 fn method(variant: &str, lens: Lens) -> RenderMethod {
     match variant {
-        "projected" => RenderMethod::Projected(Support::Alpha),
-        "projected_tile3s" => RenderMethod::Projected(Support::Tile3Sigma),
+        "projected" => RenderMethod::Projected,
         "exact" => exact(Response::Ray, Antialias::None, lens),
         "exact_line" => exact(Response::Line, Antialias::None, lens),
         "exact_ref" => exact(Response::Line, Antialias::Reference, lens),

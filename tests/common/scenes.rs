@@ -8,9 +8,7 @@ use vbgs_studio::math::sym3::Sym3;
 use vbgs_studio::model::splat::appearance::Appearance;
 use vbgs_studio::model::splat::observed_cone::ObservedCone;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::{
-    Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, Response, Support,
-};
+use vbgs_studio::render::{Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, Response};
 
 /// A random scene around the origin: centres uniform in a cube with side `2·radius`, standard deviations
 /// log-uniform.
@@ -115,9 +113,8 @@ pub fn random_appearance(splats: &[Splat], seed: u64) -> Vec<Appearance> {
 }
 
 /// Every renderer with every setting that changes its formulas.
-pub const METHODS: [RenderMethod; 8] = [
-    RenderMethod::Projected(Support::Alpha),
-    RenderMethod::Projected(Support::Tile3Sigma),
+pub const METHODS: [RenderMethod; 7] = [
+    RenderMethod::Projected,
     exact(Response::Ray, Antialias::Footprint, Lens::Pinhole),
     exact(Response::Ray, Antialias::None, Lens::Pinhole),
     exact(Response::Line, Antialias::None, Lens::Pinhole),

@@ -1,13 +1,13 @@
 //! The GPU combines two images as `render::compare` does.
 
 use super::fixture::Fixture;
+use super::readback;
 use std::ops::Deref;
 use vbgs_studio::math::image::{Image, RgbImage};
 use vbgs_studio::render::compare::{Area, Combination, combine};
 use vbgs_studio::render::finish::Finish;
 use vbgs_studio::render::gpu::composite::PhotoTexture;
 use vbgs_studio::render::gpu::composite::{Compositor, SecondImage};
-use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatTarget;
 
 struct Gpu(Fixture);
@@ -35,20 +35,9 @@ impl Gpu {
     ) -> SplatTarget {
         let window = SplatTarget::new(&self.device, size[0], size[1]).unwrap();
         let mut compositor = Compositor::new(&self.device, wgpu::TextureFormat::Rgba16Float);
-        compositor.prepare_pair(&self.device, &self.queue, first, background, second);
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: window.view(),
-                depth_slice: None,
-                resolve_target: None,
-                ops: Default::default(),
-            })],
-            ..Default::default()
-        });
-        compositor.draw(&mut pass);
-        drop(pass);
-        self.queue.submit([encoder.finish()]);
+        compositor.prepare(&self.device, &self.queue, first, background, second);
+        let draw = |pass: &mut wgpu::RenderPass<'_>| compositor.draw(pass);
+        readback::draw(&self.device, &self.queue, window.view(), draw);
         window
     }
 
@@ -64,8 +53,7 @@ impl Gpu {
     }
 
     fn shown(&self, image: &SplatTarget) -> RgbImage {
-        let rgba = readback::read_premultiplied(&self.device, &self.queue, image).unwrap();
-        rgba.map(|&[r, g, b, _]| [r, g, b])
+        readback::premultiplied(&self.device, &self.queue, image).map(|&[r, g, b, _]| [r, g, b])
     }
 }
 

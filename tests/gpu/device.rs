@@ -1,6 +1,7 @@
 //! Images drawn on a device.
 
 use super::fixture::Fixture;
+use super::readback;
 use glam::DVec3;
 use std::cell::RefCell;
 use std::ops::Deref;
@@ -11,7 +12,6 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::Exposing;
-use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatRenderer;
 use vbgs_studio::render::gpu::scene::GpuScene;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
@@ -83,7 +83,7 @@ impl Gpu {
 
     /// Premultiplied colour and coverage of the last image.
     pub fn read(&self, renderer: &SplatRenderer) -> Image<[f32; 4]> {
-        readback::read_premultiplied(&self.device, &self.queue, renderer.target()).unwrap()
+        readback::premultiplied(&self.device, &self.queue, renderer.target())
     }
 
     /// Draws one image and waits for it.

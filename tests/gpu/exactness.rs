@@ -11,10 +11,8 @@ const TOLERANCE: Tolerance = Tolerance { alpha: 2e-3, cut_band: 5e-3 };
 #[ignore = "half a minute or more: more than a thousand pictures"]
 fn no_awkward_splat_is_wrong_or_missing() {
     let Some(gpu) = Gpu::new() else { return };
-    // Software drivers need a sixth of a second a picture, mostly for workgroups without work: five splats
-    // of each kind per view.
-    let is_software = gpu.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
-    let n_splats = if is_software { 240 } else { N_SPLATS };
+    // On a slow driver, five splats of each kind per view.
+    let n_splats = if gpu.is_software() { 240 } else { N_SPLATS };
     let mut renderer = gpu.renderer();
     // One scene for all splats: creating its pipelines takes longer than drawing.
     let mut scene = gpu.scene(&[Splat::default()]);

@@ -7,6 +7,7 @@ use crate::common::adapter::{Turn, now, turn, vulkan};
 use std::sync::OnceLock;
 use vbgs_studio::render::gpu::adapters::{GpuCaps, device_descriptor};
 use vbgs_studio::render::gpu::error::GpuFaults;
+use vbgs_studio::render::gpu::headless::HeadlessGpu;
 
 /// A device, its lock, and the errors that it reports later.
 pub struct Fixture {
@@ -45,8 +46,22 @@ impl Fixture {
         Some(Self { device, queue, faults, ..shared })
     }
 
+    /// The device for a task of training.
+    pub fn headless(&self) -> HeadlessGpu {
+        let (device, queue) = (self.device.clone(), self.queue.clone());
+        let caps = GpuCaps::new(&self.adapter, &device);
+        HeadlessGpu { device, queue, caps, faults: self.faults.clone() }
+    }
+
+    /// True for drivers that run on the CPU, which need a sixth of a second for an image.
+    pub fn is_software(&self) -> bool {
+        self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
+    }
+
+    #[track_caller]
     pub fn assert_no_faults(&self) {
-        assert_eq!(self.faults.take_new(), []);
+        let faults = self.faults.take_new();
+        assert!(faults.is_empty(), "{faults:?}");
     }
 }
 

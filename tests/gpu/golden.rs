@@ -23,7 +23,7 @@ fn golden_pixels_of_every_renderer() {
     let mut n_pixels: BTreeMap<&str, usize> = BTreeMap::new();
     for view in &views {
         let splats: Vec<Splat> = view.splats.iter().map(Splat::from).collect();
-        if ["projected_tile3s", "exact_line", "exact_ref"].contains(&view.variant) {
+        if ["exact_line", "exact_ref"].contains(&view.variant) {
             assert_cpu_only(&gpu, view, &splats);
             continue;
         }

@@ -57,7 +57,7 @@ fn every_method_agrees_with_the_oracle() {
         // Without antialiasing, needles of a hundredth of a pixel are below the resolution of f32
         // pixel positions.
         let resolves = |method| match method {
-            RenderMethod::Projected(_) => true,
+            RenderMethod::Projected => true,
             RenderMethod::Exact(exact) => {
                 exact.antialias == Antialias::Footprint || scene.scale.0 > 1e-3
             }

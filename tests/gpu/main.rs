@@ -21,6 +21,7 @@ mod options;
 mod photometric;
 mod photometric_training;
 mod points;
+mod readback;
 mod shaders;
 mod streaming;
 mod targets;

@@ -1,11 +1,11 @@
 //! Triangles of the user interface in the stored window image: the right pixels and no others.
 
 use super::fixture::Fixture;
+use super::readback;
 use vbgs_studio::math::image::{Image, RgbImage};
 use vbgs_studio::render::gpu::meshes::{
     MeshBatch, MeshKind, MeshList, MeshPainter, MeshSampling, MeshVertex, PixelRect,
 };
-use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatTarget;
 
 /// Columns and rows of the window.
@@ -32,20 +32,10 @@ impl<'a> Window<'a> {
         let target = SplatTarget::new(device, size[0], size[1]).unwrap();
         let mut encoder = device.create_command_encoder(&Default::default());
         self.painter.draw(device, &mut encoder, size, list);
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: target.view(),
-                depth_slice: None,
-                resolve_target: None,
-                ops: Default::default(),
-            })],
-            ..Default::default()
-        });
-        self.painter.show(&mut pass);
-        drop(pass);
         queue.submit([encoder.finish()]);
+        readback::draw(device, queue, target.view(), |pass| self.painter.show(pass));
         self.gpu.assert_no_faults();
-        readback::read_premultiplied(device, queue, &target).unwrap()
+        readback::premultiplied(device, queue, &target)
     }
 
     /// A texture of two texels, black and white.

@@ -5,7 +5,6 @@ use super::common::wavy::wavy_frame;
 use super::fixture::Fixture;
 use vbgs_studio::math::measured_pixel::Normalization;
 use vbgs_studio::observation::points::Points;
-use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::mixture::GpuMixture;
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::device_trial::PassUse;
@@ -22,14 +21,8 @@ use vbgs_studio::train::timing::{PAPER_STAGES, StageMs};
 const SIDE: usize = 12;
 const FRAMES: usize = 4;
 
-fn caps(fixture: &Fixture) -> GpuCaps {
-    GpuCaps::new(&fixture.adapter, &fixture.device)
-}
-
 fn mixture(fixture: &Fixture) -> GpuMixture {
-    let caps = caps(fixture);
-    let (device, queue) = (fixture.device.clone(), fixture.queue.clone());
-    GpuMixture::new(device, queue, fixture.faults.clone(), &caps)
+    GpuMixture::new(fixture.headless())
 }
 
 fn frames() -> Vec<Points<f32>> {
@@ -201,7 +194,7 @@ fn what_the_device_has_no_room_for_is_said() {
 fn figures_of_a_frame_of_the_papers_size() {
     let Some(gpu) = Fixture::shared() else { return };
     // Software drivers need seconds per frame and their times are meaningless: only check that it runs.
-    let (n_frames, side) = if caps(&gpu).is_software() { (2, 16) } else { (16, 58) };
+    let (n_frames, side) = if gpu.is_software() { (2, 16) } else { (16, 58) };
     let frames: Vec<_> = (0..n_frames).map(|t| wavy_frame(0.05 * t as f32, side)).collect();
     println!("{} points, {} threads", frames[0].len(), rayon::current_num_threads());
     for reassign in [ReassignPolicy::Off, ReassignPolicy::Forwarded, ReassignPolicy::Padded] {

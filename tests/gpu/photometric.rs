@@ -11,18 +11,16 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::{Isa, Kernel, Vector};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::render::EVALUATION_NEAR;
 use vbgs_studio::render::cpu::photometric::{
     ParameterSums, PhotometricComparer, PhotometricSums, PhotometricWalk, PixelRule, RowSubset,
     ViewBuffers, VisibleSplat,
 };
-use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::photometric::GpuComparer;
 
 /// A comparer on a test device.
 pub fn comparer(fixture: &Fixture) -> GpuComparer {
-    let caps = GpuCaps::new(&fixture.adapter, &fixture.device);
-    let (device, queue) = (fixture.device.clone(), fixture.queue.clone());
-    GpuComparer::new(device, queue, fixture.faults.clone(), &caps)
+    GpuComparer::new(fixture.headless())
 }
 
 /// Splats, some with flat tops, whose colours vary over the splat and with the direction.
@@ -90,7 +88,7 @@ fn found(comparer: &mut dyn PhotometricComparer, scene: &Scene) -> Found {
     let Scene { splats, appearance, camera, photograph, rule, rows } = scene;
     let mut buffers = ViewBuffers::default();
     let view = SplatView::new(splats, appearance).unwrap();
-    let view = buffers.prepare(view, camera, photograph.height);
+    let view = buffers.prepare(view, camera, EVALUATION_NEAR, photograph.height);
     let compared = comparer.compare(&view, photograph, *rule, *rows).unwrap();
     let lift = |seen: VisibleSplat| {
         let id = seen.id as usize;

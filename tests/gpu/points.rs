@@ -14,7 +14,6 @@ use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
-use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::points::GpuPoints;
 use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::device_trial::PassUse;
@@ -28,9 +27,7 @@ const H: f64 = 0.05;
 const FRAMES: usize = 5;
 
 fn points(fixture: &Fixture) -> GpuPoints {
-    let caps = GpuCaps::new(&fixture.adapter, &fixture.device);
-    let (device, queue) = (fixture.device.clone(), fixture.queue.clone());
-    GpuPoints::new(device, queue, fixture.faults.clone(), &caps)
+    GpuPoints::new(fixture.headless())
 }
 
 fn counts(used: &PassUse) -> [u64; 2] {

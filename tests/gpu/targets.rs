@@ -1,9 +1,9 @@
 //! Render targets: formats, part of a foreign pass, and timing.
 
 use super::device::{Gpu, PLAIN, outside, random_scene};
+use super::readback;
 use vbgs_studio::render::gpu::adapters::GpuCaps;
 use vbgs_studio::render::gpu::composite::Compositor;
-use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatTarget;
 
 #[test]
@@ -17,8 +17,7 @@ fn every_target_format_shows_the_same_values() {
     let background = [0.9, 0.1, 0.3];
     let image = gpu.read(&renderer);
     let shown = |format| {
-        readback::read_composited(&gpu.device, &gpu.queue, renderer.target(), background, format)
-            .unwrap()
+        readback::composited(&gpu.device, &gpu.queue, renderer.target(), background, format)
     };
     let plain = shown(wgpu::TextureFormat::Rgba8Unorm);
     let encoding = shown(wgpu::TextureFormat::Rgba8UnormSrgb);
@@ -49,25 +48,12 @@ fn composites_into_part_of_a_foreign_pass() {
     // A window in Rgba16Float, so that the same readback works; the image is at (5, 3).
     let window = SplatTarget::new(device, 40, 30).unwrap();
     let mut compositor = Compositor::new(device, wgpu::TextureFormat::Rgba16Float);
-    compositor.prepare(device, queue, renderer.target(), [0.0, 0.0, 1.0]);
-    let mut encoder = device.create_command_encoder(&Default::default());
-    let mut pass = encoder
-        .begin_render_pass(&wgpu::RenderPassDescriptor {
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: window.view(),
-                depth_slice: None,
-                resolve_target: None,
-                ops: Default::default(),
-            })],
-            ..Default::default()
-        })
-        .forget_lifetime();
-    pass.set_viewport(5.0, 3.0, 16.0, 12.0, 0.0, 1.0);
-    compositor.draw(&mut pass);
-    drop(pass);
-    queue.submit([encoder.finish()]);
-
-    let shown = readback::read_premultiplied(device, queue, &window).unwrap();
+    compositor.prepare(device, queue, renderer.target(), [0.0, 0.0, 1.0], None);
+    readback::draw(device, queue, window.view(), |pass| {
+        pass.set_viewport(5.0, 3.0, 16.0, 12.0, 0.0, 1.0);
+        compositor.draw(pass);
+    });
+    let shown = readback::premultiplied(device, queue, &window);
     for row in 0..30 {
         for column in 0..40 {
             let inside = (5..21).contains(&column) && (3..15).contains(&row);

@@ -32,7 +32,7 @@ fn whole_images_agree_with_the_oracle() {
 /// the rounding of a pixel's position.
 fn resolves(method: RenderMethod, scene: &Scene) -> bool {
     match method {
-        RenderMethod::Projected(_) => true,
+        RenderMethod::Projected => true,
         RenderMethod::Exact(exact) => {
             exact.antialias == Antialias::Footprint || scene.scale.0 > 1e-3
         }

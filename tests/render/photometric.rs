@@ -18,7 +18,7 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::photometric::{
     PhotometricSums, PhotometricWalk, PixelRule, RowSubset, ViewBuffers, VisibleSplat,
 };
-use vbgs_studio::render::{RenderMethod, RenderOptions};
+use vbgs_studio::render::{EVALUATION_NEAR, RenderMethod, RenderOptions};
 use vbgs_studio::train::scene::photometric::rule::PhotometricRule;
 
 const SIZE: u32 = 40;
@@ -233,7 +233,7 @@ fn rule(full: f64) -> PixelRule {
 fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, Said)> {
     let view = SplatView::new(splats, appearance).unwrap();
     let (mut buffers, mut walk) = (ViewBuffers::default(), PhotometricWalk::default());
-    let view = buffers.prepare(view, &camera(), SIZE as usize);
+    let view = buffers.prepare(view, &camera(), EVALUATION_NEAR, SIZE as usize);
     let compared = walk.compare_view(&view, &photograph(), rule(full), RowSubset::ALL);
     let lift = |seen: VisibleSplat| {
         let id = seen.id as usize;
@@ -300,7 +300,7 @@ fn rows_add_up_to_the_whole() {
     let (splats, appearance) = scene(true);
     let view = SplatView::new(&splats, &appearance).unwrap();
     let (mut buffers, mut walk) = (ViewBuffers::default(), PhotometricWalk::default());
-    let view = buffers.prepare(view, &camera(), SIZE as usize);
+    let view = buffers.prepare(view, &camera(), EVALUATION_NEAR, SIZE as usize);
     let mut compared = |rows: RowSubset| {
         let found = walk.compare_view(&view, &photograph(), rule(0.6), rows);
         (found.squared_error, found.pixels, found.visible_splats(0.0).len())

@@ -116,8 +116,7 @@ impl Studio {
         let Some(device) = self.shell.device.as_ref().filter(|_| is_on_cpu) else { return };
         for fault in device.faults.take_new() {
             let text = format!(
-                "drawing the window failed: {}; if parts of it are missing, choose another adapter in Settings",
-                fault.message
+                "drawing the window failed: {fault}; if parts of it are missing, choose another adapter in Settings"
             );
             self.report(NoticeKind::Error, text);
         }

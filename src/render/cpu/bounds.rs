@@ -56,7 +56,7 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
 ///
 /// The ellipsoid's shadow lies in a rectangle of the plane that touches the unit sphere in the direction of
 /// the centre. One side points along increasing `θ`. Straight lines in that plane are great circles. Along
-/// them `θ` and the azimuth have their extrema at the corners or midpoints, see [`FisheyeBox`].
+/// them `θ` and the azimuth have their extrema at the corners or midpoints, see [`shadow_bounds`].
 pub(super) fn fisheye(
     view: &CpuView,
     placed: &CameraSplat,
@@ -77,55 +77,46 @@ pub(super) fn fisheye(
         return view.clip(DVec2::ZERO, DVec2::INFINITY);
     }
     let range = |side: DVec3| tangent_range(0.0, reach, side.length_squared(), side.dot(m), mm);
-    let shadow = FisheyeBox {
-        theta: ahead.truncate().length().atan2(ahead.z),
-        radial: range(r),
-        tangential: range(t),
-    };
-    let (lo, hi) = shadow.bounds(azimuth);
+    let theta = ahead.truncate().length().atan2(ahead.z);
+    let (lo, hi) = shadow_bounds([theta, azimuth], range(r), range(t));
     let focal = DVec2::new(k.fx, k.fy);
     let principal = DVec2::new(k.cx, k.cy);
     view.pixels(lo * focal + principal, hi * focal + principal)
 }
 
-/// Rectangle in the plane that touches the unit sphere at the angle `theta` (radians) from the optical axis.
-struct FisheyeBox {
-    theta: f64,
-    /// Extent along increasing `θ`.
+/// Bounding box, in an equidistant fisheye image, of a rectangle in the plane that touches the unit sphere
+/// at the angle `theta` from the optical axis; radians from the principal point.
+///
+/// The rectangle extends over `radial` along increasing `θ` and over `tangential` along increasing azimuth.
+fn shadow_bounds(
+    [theta, azimuth]: [f64; 2],
     radial: (f64, f64),
-    /// Extent along increasing azimuth.
     tangential: (f64, f64),
-}
-
-impl FisheyeBox {
-    /// Bounding box of the rectangle in an equidistant fisheye image, in radians from the principal
-    /// point.
-    fn bounds(&self, azimuth: f64) -> (DVec2, DVec2) {
-        let (sin, cos) = self.theta.sin_cos();
-        let (mut inner, mut outer) = (f64::INFINITY, 0.0f64);
-        // Azimuths are relative to the centre's, so that a box across ±π remains one interval.
-        let (mut first, mut last, mut holds_axis) = (0.0f64, 0.0f64, false);
-        for a in [self.radial.0, self.radial.1] {
-            let (out, ahead) = (sin + a * cos, cos - a * sin);
-            // The rectangle reaches or crosses the axis: all azimuths are possible.
-            holds_axis |= out <= 0.0;
-            // Midpoints count too: along a great circle the angle to the axis has its minimum there,
-            // not at a corner.
-            for b in [self.tangential.0, 0.0, self.tangential.1] {
-                let theta = out.hypot(b).atan2(ahead);
-                inner = inner.min(theta);
-                outer = outer.max(theta);
-                first = first.min(b.atan2(out));
-                last = last.max(b.atan2(out));
-            }
+) -> (DVec2, DVec2) {
+    let (sin, cos) = theta.sin_cos();
+    let (mut inner, mut outer) = (f64::INFINITY, 0.0f64);
+    // Azimuths are relative to the centre's, so that a box across ±π remains one interval.
+    let (mut first, mut last, mut holds_axis) = (0.0f64, 0.0f64, false);
+    for a in [radial.0, radial.1] {
+        let (out, ahead) = (sin + a * cos, cos - a * sin);
+        // The rectangle reaches or crosses the axis: all azimuths are possible.
+        holds_axis |= out <= 0.0;
+        // Midpoints count too: along a great circle the angle to the axis has its minimum there,
+        // not at a corner.
+        for b in [tangential.0, 0.0, tangential.1] {
+            let theta = out.hypot(b).atan2(ahead);
+            inner = inner.min(theta);
+            outer = outer.max(theta);
+            first = first.min(b.atan2(out));
+            last = last.max(b.atan2(out));
         }
-        if holds_axis {
-            // Beyond the direction opposite to the axis, the corners do not bound the angle.
-            let outer = if cos < 0.0 { PI } else { outer };
-            return (DVec2::splat(-outer), DVec2::splat(outer));
-        }
-        sector_box(azimuth + first, azimuth + last, inner, outer)
     }
+    if holds_axis {
+        // Beyond the direction opposite to the axis, the corners do not bound the angle.
+        let outer = if cos < 0.0 { PI } else { outer };
+        return (DVec2::splat(-outer), DVec2::splat(outer));
+    }
+    sector_box(azimuth + first, azimuth + last, inner, outer)
 }
 
 /// Bounding box of the annular sector with azimuths `first..=last` and radii `inner..=outer`.

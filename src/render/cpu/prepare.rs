@@ -21,11 +21,6 @@ pub(super) struct ChunkCount {
     pub n_invalid: usize,
 }
 
-/// True if a view needs the colour gradients of its splats.
-pub(super) fn has_gradients(splats: SplatView<'_>, view: &CpuView) -> bool {
-    !splats.appearance().is_empty() && view.style.paint == Paint::Stored
-}
-
 pub(super) fn prepare(
     splats: SplatView<'_>,
     view: &CpuView,
@@ -38,7 +33,9 @@ pub(super) fn prepare(
     grow(&mut out.records, n);
     grow(&mut out.ids, n);
     grow(listings, n);
-    grow(&mut out.gradients, if has_gradients(splats, view) { n } else { 0 });
+    // Other paints ignore the appearance.
+    let has_gradients = !splats.appearance().is_empty() && view.style.paint == Paint::Stored;
+    grow(&mut out.gradients, if has_gradients { n } else { 0 });
     grow(&mut out.frames, if view.method.lens() == Lens::Fisheye { n } else { 0 });
     let mut gradients = out.gradients.chunks_mut(CHUNK);
     let mut frames = out.frames.chunks_mut(CHUNK);
@@ -122,9 +119,9 @@ impl Chunk<'_> {
             _ => None,
         };
         let recorded = match view.method {
-            RenderMethod::Projected(support) => {
+            RenderMethod::Projected => {
                 // Colour is computed last, because many splats turn out to be invisible.
-                let drawn = projected::draw(view, &placed, support);
+                let drawn = projected::draw(view, &placed);
                 drawn.and_then(|drawn| {
                     if let Some((place, shade)) = shade {
                         *place = projected::gradient(&shade, &placed, view);
@@ -132,21 +129,17 @@ impl Chunk<'_> {
                     drawn.record(color(&placed))
                 })
             }
-            RenderMethod::Exact(settings) if settings.lens == Lens::Pinhole => {
-                if let Some((place, shade)) = shade {
-                    *place = shade.gradient(&exact::pinhole_tangent(&placed, &view.intrinsics));
-                }
-                let color = color(&placed);
-                exact::pinhole(view, placed, settings).and_then(|drawn| drawn.record(color))
-            }
             RenderMethod::Exact(settings) => {
-                if let Some((place, shade)) = shade {
-                    *place = shade.gradient(&exact::fisheye_tangent(&placed));
-                }
-                let color = color(&placed);
-                exact::fisheye(view, placed, settings).and_then(|(drawn, frame)| {
-                    self.frames[to] = frame;
-                    drawn.record(color)
+                let drawn = exact::draw(view, &placed, settings);
+                drawn.and_then(|(drawn, tangent)| {
+                    if let Some((place, shade)) = shade {
+                        *place = shade.gradient(&tangent);
+                    }
+                    if settings.lens == Lens::Fisheye {
+                        let rows = [tangent.steps[0], tangent.steps[1], tangent.x0];
+                        self.frames[to].rows = rows.map(|row| row.as_vec3().to_array());
+                    }
+                    drawn.record(color(&placed))
                 })
             }
         };

@@ -1,10 +1,10 @@
 //! Records of the projected renderer (`rendering.md`, Projected renderer).
 
 use super::exact::pinhole_tangent;
-use super::record::{Gradient, Rect};
+use super::record::Gradient;
 use super::shade::{ColorGradient, ImageSplat};
 use super::view::{CameraSplat, CpuView};
-use crate::render::options::{LOW_PASS_PX2, Support, TILE};
+use crate::render::options::LOW_PASS_PX2;
 use glam::{DVec2, DVec3};
 
 /// Projected covariance in px², including the low-pass.
@@ -17,7 +17,7 @@ struct Covariance2 {
 }
 
 /// Projects a splat to the image; `None` if it is invisible.
-pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Option<ImageSplat> {
+pub(super) fn draw(view: &CpuView, placed: &CameraSplat) -> Option<ImageSplat> {
     let m = placed.m;
     let tangent = m.truncate() / m.z;
     let k = &view.intrinsics;
@@ -25,10 +25,9 @@ pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Op
     let axes = ImageAxes::new(view, placed);
     let covariance = Covariance2::new(&axes);
     let extent_squared = placed.extent_squared();
-    let rect = match support {
-        Support::Alpha => covariance.rect_of_alpha(view, centre, extent_squared),
-        Support::Tile3Sigma => covariance.rect_of_tiles(view, centre),
-    }?;
+    // Bounding box of the ellipse at the alpha cut: nothing visible is lost.
+    let half = (extent_squared * DVec2::new(covariance.xx, covariance.yy)).map(f64::sqrt);
+    let rect = view.pixels(centre - half, centre + half)?;
     let conic = covariance.conic();
     let opacity = placed.opacity;
     let linear = covariance.solve(axes.depth_covariance(placed));
@@ -102,7 +101,6 @@ impl Covariance2 {
             p_x: self.yy * per_root,
             p_y: -self.xy * per_root,
             q_y: self.yy.sqrt().recip(),
-            half_l: DVec2::ZERO,
             w: 0.0,
         }
     }
@@ -110,27 +108,6 @@ impl Covariance2 {
     /// Inverse covariance times `v`.
     fn solve(&self, v: DVec2) -> DVec2 {
         DVec2::new(self.yy * v.x - self.xy * v.y, self.xx * v.y - self.xy * v.x) / self.det
-    }
-
-    /// Pixels whose centres lie in the bounding box of the ellipse at the alpha cut.
-    fn rect_of_alpha(self, view: &CpuView, centre: DVec2, extent_squared: f64) -> Option<Rect> {
-        let half = DVec2::new((extent_squared * self.xx).sqrt(), (extent_squared * self.yy).sqrt());
-        view.pixels(centre - half, centre + half)
-    }
-
-    /// The reference renderer's tile rectangle: a square of `⌈3√λ₁⌉` around the centre's pixel index.
-    fn rect_of_tiles(self, view: &CpuView, centre: DVec2) -> Option<Rect> {
-        /// Floor of the reference renderer under the square root of the larger eigenvalue.
-        const ROOT_FLOOR: f64 = 0.1;
-        let half_trace = 0.5 * (self.xx + self.yy);
-        let largest = half_trace + (half_trace * half_trace - self.det).max(ROOT_FLOOR).sqrt();
-        let radius = (3.0 * largest.sqrt()).ceil();
-        let tile = TILE as f64;
-        let index = centre - 0.5;
-        // Truncation instead of floor, like the casts in the reference renderer.
-        let lo = ((index - radius) / tile).trunc() * tile;
-        let hi = ((index + radius + tile - 1.0) / tile).trunc() * tile;
-        view.clip(lo, hi)
     }
 }
 
@@ -150,13 +127,12 @@ pub(super) struct Conic {
     pub p_x: f64,
     pub p_y: f64,
     pub q_y: f64,
-    pub half_l: DVec2,
     pub w: f64,
 }
 
 impl Conic {
-    /// Computes `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` and `B = [A₁×g₀, A₂×g₀]`.
-    pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> Self {
+    /// Computes `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` and `B = [A₁×g₀, A₂×g₀]`. Also returns `½ l`.
+    pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> (Self, DVec2) {
         let white = Whitened::new(placed, tangent);
         let Whitened { g0, a, sharpness } = white;
         let b = [a[0].cross(g0), a[1].cross(g0)];
@@ -166,18 +142,18 @@ impl Conic {
         let steps = tangent.x0.dot(tangent.steps[0].cross(tangent.steps[1]));
         let volume = steps * sharpness.element_product();
         let z = tangent.reach;
-        Self {
+        let conic = Self {
             p_x: z * bb * per_b * per_g,
             p_y: z * b[0].dot(b[1]) * per_b * per_g,
             q_y: z * volume * per_b,
-            half_l: white.half_linear(),
             w: (z * z * gg).recip(),
-        }
+        };
+        (conic, white.half_linear())
     }
 }
 
 /// Tangent plane in whitened coordinates `M = diag(1/s)·(RQ)ᵀ`, in standard deviations.
-pub(super) struct Whitened {
+struct Whitened {
     /// `M·x₀`
     g0: DVec3,
     /// `M·steps`
@@ -187,7 +163,7 @@ pub(super) struct Whitened {
 }
 
 impl Whitened {
-    pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> Self {
+    fn new(placed: &CameraSplat, tangent: &Tangent) -> Self {
         // The floor of the scales keeps this finite (`rendering.md`, Conventions).
         let sharpness = placed.scale.recip();
         let white = |v: DVec3| placed.axes.transpose_mul_vec3(v) * sharpness;
@@ -195,7 +171,7 @@ impl Whitened {
     }
 
     /// `½ l` with `l = 2Aᵀg₀/|g₀|²`.
-    pub(super) fn half_linear(&self) -> DVec2 {
+    fn half_linear(&self) -> DVec2 {
         let Self { g0, a, .. } = self;
         DVec2::new(a[0].dot(*g0), a[1].dot(*g0)) / g0.length_squared()
     }

@@ -126,21 +126,8 @@ impl CpuRenderer {
         self.lists.sort();
         observer(CpuStage::Sort);
         let finish = Finish::new(splats.finishing(), camera, options);
-        self.rasterise(camera, options, finish, &mut image);
-        observer(CpuStage::Raster);
-        image
-    }
-
-    fn rasterise(
-        &mut self,
-        camera: &Camera,
-        options: &RenderOptions,
-        finish: Finish,
-        image: &mut Rendered,
-    ) {
-        let (width, height) = (image.color.width, image.color.height);
-        let n_rows = height.div_ceil(TILE);
-        self.canvases.resize_with(n_rows, RowCanvas::default);
+        let rows = &self.lists.rows;
+        self.canvases.resize_with(height.div_ceil(TILE), RowCanvas::default);
         let sheet = RowInputs {
             records: &self.lists.records,
             intrinsics: camera.intrinsics,
@@ -148,7 +135,6 @@ impl CpuRenderer {
             background: options.background,
             finish,
         };
-        let (isa, rows) = (Isa::best(), &self.lists.rows);
         let pixels_per_row = width * TILE;
         let pixels = image.color.data.chunks_mut(pixels_per_row);
         let pixels = pixels.zip(image.coverage.data.chunks_mut(pixels_per_row));
@@ -158,8 +144,10 @@ impl CpuRenderer {
         let tasks = tasks.map(|(row, task)| (rows.get(row).len(), (row, task)));
         longest_first(tasks, |(row, (canvas, ((color, coverage), depth)))| {
             let (top, list) = (row * TILE, rows.get(row));
-            isa.run(DrawRow { sheet, canvas: &mut *canvas, top, list });
+            Isa::best().run(DrawRow { sheet, canvas: &mut *canvas, top, list });
             canvas.finish_pixels(&sheet, top, color, coverage, depth);
         });
+        observer(CpuStage::Raster);
+        image
     }
 }

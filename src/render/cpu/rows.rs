@@ -14,41 +14,8 @@ use crate::render::options::TILE;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Groups of runs per thread, for load balancing: runs differ in their number of records.
+// Groups of runs per thread, for load balancing: runs differ in their number of records.
 const GROUPS: usize = 4;
-
-/// Lists of records per row, nearest first after sorting.
-#[derive(Default)]
-pub(super) struct RowLists {
-    rows: Buckets,
-    /// One per thread.
-    sorters: Vec<Mutex<DepthSorter>>,
-}
-
-impl RowLists {
-    /// Lists the records of the given ascending runs.
-    pub(super) fn fill(&mut self, n_rows: usize, runs: &[Range<u32>], listings: &[DepthEntry]) {
-        let n = runs.len().div_ceil(GROUPS * rayon::current_num_threads()).max(1);
-        self.rows.fill_parallel(n_rows, runs, n, |record| listings[record as usize].tile_rows());
-    }
-
-    pub(super) fn sort(&mut self, listings: &[DepthEntry]) {
-        let Self { rows, sorters } = self;
-        let n_threads = rayon::current_num_threads().max(sorters.len());
-        sorters.resize_with(n_threads, Mutex::default);
-        let rows = rows.each_mut().into_iter().map(|row| (row.len(), row));
-        longest_first(rows, |row| {
-            // Each thread uses its own sorter, so the lock is never contended. It only avoids unsafe code.
-            let thread = rayon::current_thread_index().unwrap_or(0) % sorters.len();
-            let mut sorter = sorters[thread].lock().unwrap_or_else(PoisonError::into_inner);
-            sorter.sort(row, |i| listings[i as usize].key);
-        });
-    }
-
-    pub(super) fn get(&self, row: usize) -> &[u32] {
-        self.rows.get(row)
-    }
-}
 
 /// Records of a view and their order. Buffers are reused between views.
 #[derive(Default)]
@@ -56,9 +23,11 @@ pub(super) struct ViewLists {
     pub records: Records,
     depth_entries: Vec<DepthEntry>,
     counts: Vec<ChunkCount>,
-    /// Visible records per row of tiles, nearest first. Lists per row remain short even if every splat
-    /// covers the image, and rows bin their own tiles in parallel.
-    pub rows: RowLists,
+    /// Visible records per row of tiles, nearest first after sorting. Lists per row remain short even if
+    /// every splat covers the image, and rows bin their own tiles in parallel.
+    pub rows: Buckets,
+    /// One per thread.
+    sorters: Vec<Mutex<DepthSorter>>,
 }
 
 impl ViewLists {
@@ -77,11 +46,23 @@ impl ViewLists {
     /// Lists the visible records per row of tiles; `height` is the image height in pixels.
     pub(super) fn bin(&mut self, height: usize) {
         let runs: Vec<Range<u32>> = self.visible_runs().collect();
-        self.rows.fill(height.div_ceil(TILE), &runs, &self.depth_entries);
+        let n = runs.len().div_ceil(GROUPS * rayon::current_num_threads()).max(1);
+        let Self { rows, depth_entries, .. } = self;
+        let touched = |record: u32| depth_entries[record as usize].tile_rows();
+        rows.fill_parallel(height.div_ceil(TILE), &runs, n, touched);
     }
 
     pub(super) fn sort(&mut self) {
-        self.rows.sort(&self.depth_entries);
+        let Self { rows, sorters, depth_entries, .. } = self;
+        let n_threads = rayon::current_num_threads().max(sorters.len());
+        sorters.resize_with(n_threads, Mutex::default);
+        let rows = rows.each_mut().into_iter().map(|row| (row.len(), row));
+        longest_first(rows, |row| {
+            // Each thread uses its own sorter, so the lock is never contended. It only avoids unsafe code.
+            let thread = rayon::current_thread_index().unwrap_or(0) % sorters.len();
+            let mut sorter = sorters[thread].lock().unwrap_or_else(PoisonError::into_inner);
+            sorter.sort(row, |i| depth_entries[i as usize].key);
+        });
     }
 
     pub(super) fn n_visible(&self) -> usize {
@@ -126,11 +107,11 @@ struct Keyed {
     record: u32,
 }
 
-/// Bits per pass. Three passes cover the 31 bits of a positive `f32`, and 2¹¹ counters fit L1.
+// Bits per pass. Three passes cover the 31 bits of a positive `f32`, and 2¹¹ counters fit L1.
 const DIGIT_BITS: u32 = 11;
 const N_DIGITS: usize = 1 << DIGIT_BITS;
 const N_PASSES: usize = 3;
-/// Shorter lists use a comparison sort: they have fewer items than a pass has counters.
+// Shorter lists use a comparison sort: they have fewer items than a pass has counters.
 const MIN_RADIX_LENGTH: usize = 1024;
 
 /// Least-significant-digit radix sort with reusable buffers.
@@ -191,31 +172,7 @@ fn digit_starts(items: &[Keyed]) -> [[u32; N_DIGITS]; N_PASSES] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::cpu::record::Rect;
-
-    #[test]
-    fn rows_list_the_same_whoever_lists_them() {
-        let rects =
-            [(0, 40), (33, 48), (5, 6), (0, 80)].map(|(y0, y1)| Rect { x0: 0, x1: 1, y0, y1 });
-        let depths = [3.0, 2.0, 9.0, 1.0];
-        let listings: [DepthEntry; 4] =
-            std::array::from_fn(|i| DepthEntry::new(depths[i], &rects[i]));
-        for n_threads in [1, 2, 3, 8] {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
-            let mut rows = RowLists::default();
-            pool.install(|| {
-                rows.fill(5, &[0..1, 1..1, 1..4], &listings);
-                rows.sort(&listings);
-            });
-            let lists: Vec<&[u32]> = (0..5).map(|row| rows.get(row)).collect();
-            assert_eq!(lists, [&[3, 0, 2][..], &[3, 0], &[3, 1, 0], &[3], &[3]], "{n_threads}");
-        }
-    }
-}
-
-#[cfg(test)]
-mod longest_first_tests {
-    use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn every_task_runs_once_and_the_longest_first() {
@@ -225,12 +182,6 @@ mod longest_first_tests {
         pool.install(|| longest_first(tasks, |task| ran.lock().unwrap().push(task)));
         assert_eq!(*ran.lock().unwrap(), [7, 7, 3, 1, 0]);
     }
-}
-
-#[cfg(test)]
-mod sort_tests {
-    use super::*;
-    use proptest::prelude::*;
 
     proptest! {
         #[test]

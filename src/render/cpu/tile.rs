@@ -65,37 +65,14 @@ impl Tile {
     /// Creates an empty tile at pixel `(left, top)`. Pixels beyond `columns` × `rows` lie outside the image
     /// and start finished.
     pub(super) fn new(left: usize, top: usize, columns: usize, rows: usize) -> Self {
+        let rows = rows.min(TILE);
         let empty = [[0.0; LANES]; TILE * GROUPS];
-        let mut tile = Self {
-            left,
-            top,
-            transmittance: [[-1.0; LANES]; TILE * GROUPS],
-            color: [empty; 3],
-            depth: empty,
-            rays: None,
-            open_rows: 0,
-        };
-        tile.reset([left, top], [columns, rows], u32::MAX);
-        tile
-    }
-
-    /// Resets the tile for another position. Rows without a bit in `mask` are skipped.
-    pub(super) fn reset(
-        &mut self,
-        [left, top]: [usize; 2],
-        [columns, rows]: [usize; 2],
-        mask: u32,
-    ) {
-        (self.left, self.top) = (left, top);
-        self.open_rows = mask & ((1 << rows.min(TILE)) - 1);
-        for row in (0..TILE).filter(|row| self.open_rows & (1 << row) != 0) {
-            for half in 0..GROUPS {
-                let group = row * GROUPS + half;
-                self.transmittance[group] = initial_transmittance(half * LANES, columns);
-                self.depth[group] = [0.0; LANES];
-                self.color.iter_mut().for_each(|plane| plane[group] = [0.0; LANES]);
-            }
+        let mut transmittance = [[-1.0; LANES]; TILE * GROUPS];
+        for (group, pixels) in transmittance[..rows * GROUPS].iter_mut().enumerate() {
+            *pixels = initial_transmittance(group % GROUPS * LANES, columns);
         }
+        let open_rows = (1 << rows) - 1;
+        Self { left, top, transmittance, color: [empty; 3], depth: empty, rays: None, open_rows }
     }
 
     /// Adds a unit ray per pixel for an equidistant fisheye. Pixels more than π from the axis are marked

@@ -27,6 +27,7 @@ pub(in crate::render) struct CpuView {
 }
 
 /// Splat in camera axes.
+#[derive(Clone, Copy)]
 pub(in crate::render) struct CameraSplat {
     /// Centre in camera axes (x right, y down, z forward), world units.
     pub m: DVec3,

@@ -6,9 +6,10 @@
 
 use super::constants::GROUP;
 use super::error::GpuError;
-use super::readback::poll_once;
 use std::fmt;
+use std::future::Future;
 use std::path::Path;
+use std::task::{Context, Poll, Waker};
 
 /// Selection of an adapter.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -140,6 +141,14 @@ pub(super) fn enumerate_in(backends: wgpu::Backends) -> Vec<wgpu::Adapter> {
     poll_once(instance.enumerate_adapters(backends)).unwrap_or_default()
 }
 
+/// Polls a future once. Native wgpu futures resolve immediately; `None` if this one does not.
+pub(super) fn poll_once<T>(future: impl Future<Output = T>) -> Option<T> {
+    match std::pin::pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(value) => Some(value),
+        Poll::Pending => None,
+    }
+}
+
 /// Index of the chosen adapter; `None` leaves the choice to wgpu.
 pub fn choose(
     choice: &AdapterChoice,
@@ -169,14 +178,10 @@ pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'sta
         label: Some("vbgs device"),
         // Requesting an unavailable feature would fail.
         required_features: adapter.features() & OPTIONAL,
-        required_limits: required_limits(adapter),
+        // wgpu's default limits would allow only 2 million splats on any card.
+        required_limits: adapter.limits(),
         ..Default::default()
     }
-}
-
-/// Limits of the adapter itself: wgpu's defaults would allow only 2 million splats on any card.
-pub fn required_limits(adapter: &wgpu::Adapter) -> wgpu::Limits {
-    adapter.limits()
 }
 
 /// Capabilities of a device and its description for the user.
@@ -190,10 +195,6 @@ pub struct GpuCaps {
     pub driver: String,
     /// Discrete, integrated, virtual or software.
     pub device_type: wgpu::DeviceType,
-    /// Largest buffer that a shader can bind completely, bytes.
-    pub max_buffer_bytes: u64,
-    /// Largest side of a texture, pixels.
-    pub max_texture_side: u32,
     /// True if passes can be timed on the GPU.
     pub has_timestamps: bool,
     missing: Option<&'static str>,
@@ -220,8 +221,6 @@ impl GpuCaps {
             backend: info.backend,
             driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
             device_type: info.device_type,
-            max_buffer_bytes: max_buffer_bytes(&limits),
-            max_texture_side: limits.max_texture_dimension_2d,
             has_timestamps: device.features().contains(wgpu::Features::TIMESTAMP_QUERY),
             missing,
         }

@@ -39,8 +39,12 @@ impl Compositor {
     /// Creates a compositor for targets of `format`. Values are sRGB-encoded. For a `*Srgb` format, which
     /// encodes on write, the shader decodes them first, so the displayed colours are the same.
     pub fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
+        let module = module(device, "composite", shader::COMPOSITE);
+        // The values are already sRGB-encoded, and such a target would encode them again.
+        let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
+        let entries = ["vertex", fragment];
         Self {
-            pipeline: pipeline(device, format),
+            pipeline: draw_pipeline(device, "composite", &module, entries, &[], format.into()),
             uniforms: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("composite"),
                 size: size_of::<Composite>() as u64,
@@ -58,20 +62,10 @@ impl Compositor {
         }
     }
 
-    /// Sets the image and the sRGB-encoded background of the next [`Self::draw`]. Call it after the
-    /// image has been rendered and before the pass that draws it is submitted.
+    /// Sets the image, the sRGB-encoded background and an optional second image over the same background
+    /// for the next [`Self::draw`]. Call it after the images have been rendered and before the pass that
+    /// draws them is submitted.
     pub fn prepare(
-        &mut self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        image: &SplatTarget,
-        background: [f32; 3],
-    ) {
-        self.prepare_pair(device, queue, image, background, None);
-    }
-
-    /// Like [`Self::prepare`], with a second image composited over the same background.
-    pub fn prepare_pair(
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -127,13 +121,6 @@ fn uniforms(background: [f32; 3], finish: Finish, second: Option<SecondImage<'_>
     }
 }
 
-fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
-    let module = module(device, "composite", shader::COMPOSITE);
-    // The values are already sRGB-encoded, and such a target would encode them again.
-    let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
-    draw_pipeline(device, "composite", &module, ["vertex", fragment], &[], format.into())
-}
-
 /// Opaque image of sRGB-encoded bytes.
 #[derive(Debug)]
 pub struct PhotoTexture {
@@ -151,7 +138,8 @@ impl PhotoTexture {
         let limit = device.limits().max_texture_dimension_2d;
         // wgpu would report an uncaptured error that does not mention the photograph.
         if width.max(height) > limit {
-            return Err(GpuError::PhotoTooLarge { width, height, limit });
+            let (what, remedy) = ("photograph", "use smaller images");
+            return Err(GpuError::ImageTooLarge { what, width, height, limit, remedy });
         }
         let size =
             wgpu::Extent3d { width: width.max(1), height: height.max(1), depth_or_array_layers: 1 };

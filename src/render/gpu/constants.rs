@@ -17,6 +17,14 @@ use crate::render::{
 };
 use std::fmt::Write;
 
+/// Concatenates files of `shaders/` at compile time, in the order of their dependencies.
+macro_rules! wgsl {
+    ($($file:literal),+) => {
+        concat!($(include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $file, ".wgsl"))),+)
+    };
+}
+pub(super) use wgsl;
+
 /// [`super::layout::GpuSplat::flags`]: the slot holds a drawable splat.
 pub const FLAG_LIVE: u32 = 1;
 

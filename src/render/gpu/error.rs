@@ -83,68 +83,26 @@ pub enum GpuError {
         /// The unsupported option.
         found: &'static str,
     },
-    /// The viewport is larger than a texture may be.
+    /// An image is larger than a texture may be.
     #[error(
-        "viewport {width}x{height}: this adapter supports at most {limit} pixels per side; make the window smaller"
+        "{what} {width}x{height}: this adapter supports at most {limit} pixels per side; {remedy}"
     )]
-    ViewportTooLarge {
-        /// Requested width, pixels.
-        width: u32,
-        /// Requested height, pixels.
-        height: u32,
-        /// Maximum side of a texture, pixels.
-        limit: u32,
-    },
-    /// The photograph is larger than a texture may be.
-    #[error(
-        "photograph {width}x{height}: this adapter supports at most {limit} pixels per side; use smaller images"
-    )]
-    PhotoTooLarge {
+    ImageTooLarge {
+        /// Kind of image.
+        what: &'static str,
         /// Width of the image, pixels.
         width: u32,
         /// Height of the image, pixels.
         height: u32,
         /// Maximum side of a texture, pixels.
         limit: u32,
-    },
-    /// An image could not be read back from the GPU.
-    #[error("image of {width}x{height} could not be read back from the GPU: {reason}")]
-    Readback {
-        /// Width of the image, pixels.
-        width: u32,
-        /// Height of the image, pixels.
-        height: u32,
-        /// Message from wgpu.
-        reason: String,
+        /// What the user can do about it.
+        remedy: &'static str,
     },
 }
 
 /// Maximum number of distinct messages; a broken driver can report the same fault in endless variants.
 const MAX_FAULTS: usize = 32;
-
-/// Category of a fault.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FaultKind {
-    /// The device is lost with all its resources; rebuild them from the splats on the CPU.
-    DeviceLost,
-    /// An allocation failed.
-    OutOfMemory,
-    /// wgpu rejected an invalid call.
-    Validation,
-    /// The driver failed.
-    Internal,
-}
-
-/// Fault with its message.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct GpuFault {
-    /// Category reported by wgpu.
-    pub kind: FaultKind,
-    /// Message from wgpu or the driver.
-    pub message: String,
-    /// Number of occurrences when it was taken.
-    pub n_occurrences: u64,
-}
 
 /// Collects device faults from any wgpu thread, to be polled by the application. A fault that repeats every
 /// frame is reported once.
@@ -153,7 +111,8 @@ pub struct GpuFaults(Arc<Mutex<Log>>);
 
 #[derive(Debug, Default)]
 struct Log {
-    faults: Vec<GpuFault>,
+    /// Distinct messages from wgpu or the driver, oldest first.
+    messages: Vec<String>,
     n_taken: usize,
     is_lost: bool,
 }
@@ -163,24 +122,20 @@ impl GpuFaults {
     pub fn watch(&self, device: &wgpu::Device) {
         let lost = self.clone();
         device.set_device_lost_callback(move |reason, message| {
-            lost.record(FaultKind::DeviceLost, format!("{reason:?}: {message}"));
+            lost.lock().is_lost = true;
+            lost.record(format!("device lost ({reason:?}): {message}"));
         });
         let uncaptured = self.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            let kind = match &error {
-                wgpu::Error::OutOfMemory { .. } => FaultKind::OutOfMemory,
-                wgpu::Error::Validation { .. } => FaultKind::Validation,
-                wgpu::Error::Internal { .. } => FaultKind::Internal,
-            };
-            uncaptured.record(kind, error.to_string());
+            uncaptured.record(error.to_string());
         }));
     }
 
-    /// New faults since the last call, oldest first.
-    pub fn take_new(&self) -> Vec<GpuFault> {
+    /// Returns the messages of new faults since the last call, oldest first.
+    pub fn take_new(&self) -> Vec<String> {
         let mut log = self.lock();
-        let fresh = log.faults[log.n_taken..].to_vec();
-        log.n_taken = log.faults.len();
+        let fresh = log.messages[log.n_taken..].to_vec();
+        log.n_taken = log.messages.len();
         fresh
     }
 
@@ -189,17 +144,12 @@ impl GpuFaults {
         self.lock().is_lost
     }
 
-    fn record(&self, kind: FaultKind, message: String) {
+    fn record(&self, message: String) {
         let mut log = self.lock();
-        // Before the limit on messages, so that a full log still records the loss.
-        log.is_lost |= kind == FaultKind::DeviceLost;
         // A fault in every frame would flood log and window with one message.
-        if let Some(known) = log.faults.iter_mut().find(|f| f.kind == kind && f.message == message)
-        {
-            known.n_occurrences += 1;
-        } else if log.faults.len() < MAX_FAULTS {
-            tracing::error!(?kind, "GPU: {message}");
-            log.faults.push(GpuFault { kind, message, n_occurrences: 1 });
+        if !log.messages.contains(&message) && log.messages.len() < MAX_FAULTS {
+            tracing::error!("GPU: {message}");
+            log.messages.push(message);
         }
     }
 
@@ -210,26 +160,19 @@ impl GpuFaults {
 }
 
 #[cfg(test)]
-mod faults_tests {
+mod tests {
     use super::*;
 
     #[test]
     fn the_same_fault_is_taken_once_and_the_log_stays_bounded() {
         let faults = GpuFaults::default();
-        for _ in 0..3 {
-            faults.record(FaultKind::Validation, "bad bind group".into());
+        for message in ["bad bind group", "bad bind group", "no memory"] {
+            faults.record(message.to_owned());
         }
-        faults.record(FaultKind::Internal, "bad bind group".into());
-        let taken = faults.take_new();
-        assert_eq!(taken.iter().map(|f| f.n_occurrences).collect::<Vec<_>>(), [3, 1]);
-        faults.record(FaultKind::Validation, "bad bind group".into());
-        assert!(faults.take_new().is_empty() && !faults.is_lost());
-
-        for i in 0..100 {
-            faults.record(FaultKind::Internal, format!("{i}"));
-        }
+        assert_eq!(faults.take_new(), ["bad bind group", "no memory"]);
+        faults.record("no memory".to_owned());
+        assert!(faults.take_new().is_empty());
+        (0..100).for_each(|i| faults.record(i.to_string()));
         assert_eq!(faults.take_new().len(), MAX_FAULTS - 2);
-        faults.record(FaultKind::DeviceLost, "gone".into());
-        assert!(faults.is_lost(), "a full log still records the loss");
     }
 }

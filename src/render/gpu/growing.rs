@@ -1,15 +1,11 @@
 //! Buffers that grow on demand.
 
-use super::adapters::max_buffer_bytes;
+use super::adapters::{max_buffer_bytes, poll_once};
 use super::error::GpuError;
-use super::readback::poll_once;
 use rayon::prelude::*;
-use std::fmt;
-use std::future::Future;
-use std::pin::Pin;
 use wgpu::{BufferUsages as Usage, WriteOnly};
 
-const MIB: u64 = 1 << 20;
+pub(super) const MIB: u64 = 1 << 20;
 /// Initial size in bytes; a binding cannot be empty.
 const INITIAL_BYTES: u64 = 256;
 
@@ -50,16 +46,12 @@ impl GrowingBuffer {
         }
         let is_small = needed > self.buffer.size();
         if is_small {
-            // Larger than needed, because scenes grow frame by frame.
+            // Larger than needed, because scenes grow frame by frame. Rounded down to whole words, which
+            // copies and bindings require.
             let bytes = (needed + needed / 2).min(most) / 4 * 4;
             let refused = GpuError::NoMemoryForTask { what: self.label, mib: bytes.div_ceil(MIB) };
-            // An error that arrives later still goes to the fault handler.
-            let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-            let buffer = create_buffer(device, self.label, self.usage, bytes);
-            if poll_once(scope.pop()).flatten().is_some() {
-                return Err(refused);
-            }
-            self.buffer = buffer;
+            let create = || create_buffer(device, self.label, self.usage, bytes);
+            self.buffer = allocate(device, refused, create)?;
         }
         Ok(is_small)
     }
@@ -74,46 +66,17 @@ fn create_buffer(device: &wgpu::Device, label: &str, usage: Usage, size: u64) ->
     })
 }
 
-type Answer = Pin<Box<dyn Future<Output = Option<wgpu::Error>> + Send>>;
-
-/// Outcome of an allocation.
-pub(super) struct Allocation {
-    /// `None` once the driver has responded.
-    pending_error: Option<Answer>,
-    out_of_memory_error: GpuError,
-}
-
-impl Allocation {
-    /// Runs `allocate`. If the driver reports that it is out of memory, `refused` is returned, either here or
-    /// by a later [`Self::check`].
-    pub(super) fn new<T>(
-        device: &wgpu::Device,
-        refused: GpuError,
-        allocate: impl FnOnce() -> T,
-    ) -> Result<(T, Self), GpuError> {
-        // A separate error scope delivers the error here rather than to the fault handler.
-        let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let made = allocate();
-        let mut allocation =
-            Self { pending_error: Some(Box::pin(scope.pop())), out_of_memory_error: refused };
-        // Native backends respond immediately; then nothing is built on an invalid buffer.
-        allocation.check()?;
-        Ok((made, allocation))
-    }
-
-    /// Returns the error once if the driver has reported one since the last check.
-    pub(super) fn check(&mut self) -> Result<(), GpuError> {
-        let Some(said) = self.pending_error.as_mut().and_then(poll_once) else { return Ok(()) };
-        // Reported once; later frames continue with the existing buffers.
-        self.pending_error = None;
-        said.map_or(Ok(()), |_| Err(self.out_of_memory_error.clone()))
-    }
-}
-
-impl fmt::Debug for Allocation {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Allocation").field("is_pending", &self.pending_error.is_some()).finish()
-    }
+/// Creates buffers. Returns `refused` if the driver reports that it is out of memory.
+pub(super) fn allocate<T>(
+    device: &wgpu::Device,
+    refused: GpuError,
+    create: impl FnOnce() -> T,
+) -> Result<T, GpuError> {
+    // A separate error scope delivers the error here rather than to the fault handler.
+    let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+    let made = create();
+    // Native backends respond immediately; then nothing is built on an invalid buffer.
+    if poll_once(scope.pop()).flatten().is_some() { Err(refused) } else { Ok(made) }
 }
 
 const PIECE_BYTES: usize = 1 << 14;
@@ -144,29 +107,4 @@ pub(super) fn copy_pieces<'a>(
     let tasks = tasks.into_par_iter().with_min_len(TASK);
     tasks.for_each(|(to, from)| WriteOnly::<[u8]>::from(to).copy_from_slice(from));
     Ok(())
-}
-
-#[cfg(test)]
-mod allocation_tests {
-    use super::*;
-    use std::sync::{Arc, Mutex};
-    use std::task::Poll;
-
-    #[test]
-    fn an_answer_that_comes_late_is_an_error_once() {
-        let answer: Arc<Mutex<Option<Option<wgpu::Error>>>> = Arc::default();
-        let told = answer.clone();
-        let refused = GpuError::OutOfMemory { n_splats: 7, mib: 3 };
-        let mut allocation = Allocation {
-            pending_error: Some(Box::pin(std::future::poll_fn(move |_| {
-                told.lock().unwrap().take().map_or(Poll::Pending, Poll::Ready)
-            }))),
-            out_of_memory_error: refused.clone(),
-        };
-        assert_eq!(allocation.check(), Ok(()));
-        *answer.lock().unwrap() =
-            Some(Some(wgpu::Error::OutOfMemory { source: "none left".into() }));
-        assert_eq!(allocation.check(), Err(refused));
-        assert_eq!(allocation.check(), Ok(()));
-    }
 }

@@ -1,16 +1,14 @@
 //! GPU device without a window, for benchmarks, training and rendering without a display.
 
 use super::adapters;
-use super::adapters::{AdapterChoice, AdapterInfo, GpuCaps, UnknownAdapter, device_descriptor};
+use super::adapters::{
+    AdapterChoice, AdapterInfo, GpuCaps, UnknownAdapter, device_descriptor, poll_once,
+};
 use super::error::{GpuError, GpuFaults};
 use super::mixture::GpuMixture;
 use super::photometric::GpuComparer;
 use super::points::GpuPoints;
-use super::readback::poll_once;
-use std::time::Duration;
-
-/// Timeout after which the GPU counts as lost.
-const WAIT_TIMEOUT: Duration = Duration::from_secs(30);
+use super::task::WAIT_TIMEOUT;
 
 /// Failure to open or use a headless device.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -58,7 +56,8 @@ pub struct HeadlessGpu {
     pub queue: wgpu::Queue,
     /// Capabilities of the device.
     pub caps: GpuCaps,
-    faults: GpuFaults,
+    /// Loss and errors of the device.
+    pub faults: GpuFaults,
 }
 
 impl HeadlessGpu {
@@ -79,17 +78,17 @@ impl HeadlessGpu {
 
     /// Creates a comparer of photographs on this device.
     pub fn comparer(self) -> GpuComparer {
-        GpuComparer::new(self.device, self.queue, self.faults, &self.caps)
+        GpuComparer::new(self)
     }
 
     /// Creates a runner of mixture passes over frames on this device.
     pub fn mixture(self) -> GpuMixture {
-        GpuMixture::new(self.device, self.queue, self.faults, &self.caps)
+        GpuMixture::new(self)
     }
 
     /// Creates a finder of seeds and summation of points on this device.
     pub fn points(self) -> GpuPoints {
-        GpuPoints::new(self.device, self.queue, self.faults, &self.caps)
+        GpuPoints::new(self)
     }
 
     /// Waits until all submitted work is done.
@@ -104,7 +103,7 @@ impl HeadlessGpu {
             wgpu::PollType::Wait { submission_index: None, timeout: Some(WAIT_TIMEOUT) };
         self.device.poll(patiently).map_err(|e| failed(e.to_string()))?;
         match self.faults.take_new().into_iter().next() {
-            Some(fault) => Err(failed(fault.message)),
+            Some(fault) => Err(failed(fault)),
             None => Ok(()),
         }
     }

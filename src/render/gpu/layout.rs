@@ -14,23 +14,19 @@ use crate::model::splat::appearance::Appearance;
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use crate::render::options::{
-    ExactOptions, Paint, RenderMethod, RenderOptions, Response, Support, tangent_range,
+    ExactOptions, Paint, RenderMethod, RenderOptions, Response, tangent_range,
 };
 
 /// WGSL of each pipeline, to be prefixed by [`super::constants`].
 pub mod shader {
+    use super::super::constants::wgsl;
+
     /// `composite.wgsl` with its dependencies: the image over a background.
-    pub const COMPOSITE: &str = concat!(
-        include_str!("../../../shaders/common.wgsl"),
-        include_str!("../../../shaders/composite.wgsl")
-    );
+    pub const COMPOSITE: &str = wgsl!("common", "composite");
     /// `meshes.wgsl`: user interface triangles.
-    pub const MESHES: &str = include_str!("../../../shaders/meshes.wgsl");
+    pub const MESHES: &str = wgsl!("meshes");
     /// `scatter.wgsl` with its dependencies: sparse updates of records.
-    pub const SCATTER: &str = concat!(
-        include_str!("../../../shaders/common.wgsl"),
-        include_str!("../../../shaders/scatter.wgsl")
-    );
+    pub const SCATTER: &str = wgsl!("common", "scatter");
 }
 
 /// Splat record in GPU memory, 64 bytes (`rendering.md`, Splat record).
@@ -177,13 +173,10 @@ impl GpuView {
         let pair = |x: f64, y: f64| [x as f32, y as f32];
         let [tangent_min, tangent_max] = tangent_range(k).map(|range| range.as_vec2().to_array());
         let (renderer, antialias) = match options.method {
-            RenderMethod::Projected(Support::Tile3Sigma) => {
-                return Err(GpuError::CpuOnly { found: "support of three standard deviations" });
-            }
             RenderMethod::Exact(ExactOptions { response: Response::Line, .. }) => {
                 return Err(GpuError::CpuOnly { found: "response `line`" });
             }
-            RenderMethod::Projected(Support::Alpha) => (RENDERER_PROJECTED, 0),
+            RenderMethod::Projected => (RENDERER_PROJECTED, 0),
             RenderMethod::Exact(exact) => (RENDERER_EXACT, exact.antialias as u32),
         };
         let (paint, depth_range) = match options.style.paint {

@@ -26,7 +26,6 @@ pub mod mixture;
 pub mod photometric;
 mod pipeline;
 pub mod points;
-pub mod readback;
 pub mod renderer;
 pub mod scene;
 mod task;

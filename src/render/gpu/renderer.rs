@@ -55,10 +55,10 @@ impl SplatRenderer {
         if self.target.size() != (width, height) {
             self.target = SplatTarget::new(device, width, height)?;
         }
-        self.target.set_finish(scene.finish(camera, options));
+        self.target.finish = Finish::new(&scene.finishing, camera, options);
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
         // A minimised window has no pixels, and wgpu rejects an empty pass.
-        if self.target.is_empty() {
+        if width == 0 || height == 0 {
             return Ok(());
         }
         let slot = self.timer.as_mut().and_then(StageTimer::reserve_slot);
@@ -105,13 +105,13 @@ pub struct SplatTarget {
 }
 
 impl SplatTarget {
-    /// Creates a target of `width` by `height` pixels. An empty viewport (a side of 0) gets a single unused
-    /// pixel, because a texture cannot be empty.
+    /// Creates a target of `width` by `height` pixels; both may be 0.
     pub fn new(device: &wgpu::Device, width: u32, height: u32) -> Result<Self, GpuError> {
         let limit = device.limits().max_texture_dimension_2d;
         // wgpu would report an uncaptured error that does not mention the viewport.
         if width.max(height) > limit {
-            return Err(GpuError::ViewportTooLarge { width, height, limit });
+            let (what, remedy) = ("viewport", "make the window smaller");
+            return Err(GpuError::ImageTooLarge { what, width, height, limit, remedy });
         }
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("splat image"),
@@ -145,15 +145,8 @@ impl SplatTarget {
         self.finish
     }
 
-    pub(super) fn set_finish(&mut self, finish: Finish) {
-        self.finish = finish;
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.width == 0 || self.height == 0
-    }
-
-    pub(super) fn texture(&self) -> &wgpu::Texture {
+    /// Half-float texture of the image; 1 pixel per side if the image is empty.
+    pub fn texture(&self) -> &wgpu::Texture {
         &self.texture
     }
 

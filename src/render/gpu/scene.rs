@@ -8,17 +8,12 @@
 use super::adapters::max_buffer_bytes;
 use super::constants::{SCATTER_GROUP, module};
 use super::error::GpuError;
-use super::growing::Allocation;
+use super::growing::{MIB, allocate};
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, shader};
 use super::pipeline::{ComputeKernel, Grid};
 use super::task::IN;
-use crate::math::camera::Camera;
 use crate::model::splat::appearance::{Finishing, SplatView};
-use crate::render::finish::Finish;
-use crate::render::options::RenderOptions;
-use std::marker::PhantomData;
 
-const MIB: u64 = 1 << 20;
 /// Fraction of changed splats above which the whole scene is uploaded. A sparse record costs 80 bytes
 /// and a second pass over memory; a streamed one costs 64 bytes (`rendering.md`, Uploads).
 const WHOLE_UPLOAD_SHARE: f64 = 0.15;
@@ -26,19 +21,19 @@ const WHOLE_UPLOAD_SHARE: f64 = 0.15;
 /// Splat records in GPU memory.
 #[derive(Debug)]
 pub struct GpuScene {
-    scatter: Scatter<SparseSplat>,
-    scatter_appearance: Scatter<SparseAppearance>,
-    buffers: Buffers,
+    scatter_splats: ComputeKernel,
+    scatter_appearances: ComputeKernel,
+    pub(super) buffers: SceneBuffers,
     n_splats: usize,
-    finishing: Finishing,
+    pub(super) finishing: Finishing,
 }
 
 #[derive(Debug)]
-struct Buffers {
-    splats: wgpu::Buffer,
-    appearance: Option<wgpu::Buffer>,
+pub(super) struct SceneBuffers {
+    pub(super) splats: wgpu::Buffer,
+    /// `None` for a scene without appearance.
+    pub(super) appearance: Option<wgpu::Buffer>,
     capacity: usize,
-    allocation: Allocation,
 }
 
 impl GpuScene {
@@ -49,10 +44,11 @@ impl GpuScene {
         splats: impl Into<SplatView<'a>>,
     ) -> Result<Self, GpuError> {
         let splats: SplatView<'a> = splats.into();
+        let module = module(device, "scatter", shader::SCATTER);
         let mut scene = Self {
-            scatter: Scatter::new(device),
-            scatter_appearance: Scatter::new(device),
-            buffers: Buffers::new(device, splats, 0)?,
+            scatter_splats: ComputeKernel::new(device, &module, "scatter_splats"),
+            scatter_appearances: ComputeKernel::new(device, &module, "scatter_appearances"),
+            buffers: SceneBuffers::new(device, splats, 0)?,
             n_splats: 0,
             finishing: splats.finishing().clone(),
         };
@@ -65,7 +61,7 @@ impl GpuScene {
     /// them. Returns the number of bytes uploaded.
     ///
     /// # Errors
-    /// The scene keeps its previous contents, unless the error is a late report for the previous allocation.
+    /// [`GpuError::TooManySplats`], [`GpuError::OutOfMemory`]; the scene keeps its previous contents.
     pub fn update<'a>(
         &mut self,
         device: &wgpu::Device,
@@ -74,14 +70,15 @@ impl GpuScene {
         splats: impl Into<SplatView<'a>>,
     ) -> Result<u64, GpuError> {
         let splats: SplatView<'a> = splats.into();
-        self.buffers.allocation.check()?;
         // Updated even if no splat changed, because crack filling and exposure belong to the scene.
         self.finishing.clone_from(splats.finishing());
         let n_splats = splats.splats().len();
-        if n_splats > self.buffers.capacity || has_appearance(splats) != self.has_appearance() {
+        if n_splats > self.buffers.capacity
+            || has_appearance(splats) != self.buffers.appearance.is_some()
+        {
             // Created before the old buffers are dropped, so that the scene remains drawable if memory is
             // short.
-            self.buffers = Buffers::new(device, splats, self.buffers.capacity)?;
+            self.buffers = SceneBuffers::new(device, splats, self.buffers.capacity)?;
             return Ok(self.upload_whole(queue, splats));
         }
         let n_kept = self.n_splats.min(n_splats);
@@ -109,37 +106,13 @@ impl GpuScene {
         self.buffers.capacity
     }
 
-    pub(super) fn finish(&self, camera: &Camera, options: &RenderOptions) -> Finish {
-        Finish::new(&self.finishing, camera, options)
-    }
-
-    pub(super) fn splat_buffer(&self) -> &wgpu::Buffer {
-        &self.buffers.splats
-    }
-
-    /// `None` for a scene without appearance.
-    pub(super) fn appearance_buffer(&self) -> Option<&wgpu::Buffer> {
-        self.buffers.appearance.as_ref()
-    }
-
-    fn has_appearance(&self) -> bool {
-        self.buffers.appearance.is_some()
-    }
-
     fn upload_whole(&mut self, queue: &wgpu::Queue, splats: SplatView<'_>) -> u64 {
         self.n_splats = splats.splats().len();
-        let records: Vec<GpuSplat> = (0..self.n_splats).map(|id| record(splats, id)).collect();
-        let bytes: &[u8] = bytemuck::cast_slice(&records);
-        queue.write_buffer(&self.buffers.splats, 0, bytes);
-        let mut n_bytes = bytes.len() as u64;
-        if let Some(buffer) = &self.buffers.appearance {
-            let all: Vec<GpuAppearance> =
-                (0..self.n_splats).map(|id| appearance(splats, id)).collect();
-            let bytes: &[u8] = bytemuck::cast_slice(&all);
-            queue.write_buffer(buffer, 0, bytes);
-            n_bytes += bytes.len() as u64;
-        }
-        n_bytes
+        let records: Vec<_> = (0..self.n_splats).map(|id| record(splats, id)).collect();
+        let n_bytes = write(queue, &self.buffers.splats, &records);
+        let Some(buffer) = &self.buffers.appearance else { return n_bytes };
+        let all: Vec<_> = (0..self.n_splats).map(|id| appearance(splats, id)).collect();
+        n_bytes + write(queue, buffer, &all)
     }
 
     fn upload_some(
@@ -154,13 +127,14 @@ impl GpuScene {
             .iter()
             .map(|&id| SparseSplat { splat: record(splats, id), index: id as u32, padding: [0; 3] })
             .collect();
-        let n_bytes = self.scatter.run(device, queue, &self.buffers.splats, &records);
+        let to = &self.buffers.splats;
+        let n_bytes = scatter(device, queue, &self.scatter_splats, to, &records);
         let Some(buffer) = &self.buffers.appearance else { return n_bytes };
         let appearances: Vec<SparseAppearance> = ids
             .iter()
             .map(|&id| SparseAppearance { appearance: appearance(splats, id), index: id as u32 })
             .collect();
-        n_bytes + self.scatter_appearance.run(device, queue, buffer, &appearances)
+        n_bytes + scatter(device, queue, &self.scatter_appearances, buffer, &appearances)
     }
 }
 
@@ -179,7 +153,7 @@ fn has_appearance(splats: SplatView<'_>) -> bool {
     !splats.appearance().is_empty()
 }
 
-impl Buffers {
+impl SceneBuffers {
     /// Allocates buffers for the splats, with 1.5 times the capacity `before` if they no longer fit.
     fn new(device: &wgpu::Device, splats: SplatView<'_>, before: usize) -> Result<Self, GpuError> {
         let splat_bytes = size_of::<GpuSplat>() as u64;
@@ -204,13 +178,11 @@ impl Buffers {
             n_splats: capacity,
             mib: (capacity as u64 * (splat_bytes + appearance_bytes)).div_ceil(MIB),
         };
-        let ((splats, appearance), allocation) = Allocation::new(device, refused, || {
-            (
-                create("splats", splat_bytes),
-                (appearance_bytes > 0).then(|| create("appearance", appearance_bytes)),
-            )
+        let (splats, appearance) = allocate(device, refused, || {
+            let appearance = (appearance_bytes > 0).then(|| create("appearance", appearance_bytes));
+            (create("splats", splat_bytes), appearance)
         })?;
-        Ok(Self { splats, appearance, capacity, allocation })
+        Ok(Self { splats, appearance, capacity })
     }
 }
 
@@ -235,62 +207,39 @@ fn capacity_for(
     Ok((before + before / 2).clamp(n_splats.max(1), max_splats))
 }
 
-/// Record with its index.
-pub(super) trait Sparse: bytemuck::NoUninit {
-    /// Entry point of `scatter.wgsl`.
-    const ENTRY_POINT: &'static str;
+/// Writes records to the start of a buffer. Returns the number of bytes uploaded.
+fn write(queue: &wgpu::Queue, to: &wgpu::Buffer, records: &[impl bytemuck::NoUninit]) -> u64 {
+    let bytes: &[u8] = bytemuck::cast_slice(records);
+    queue.write_buffer(to, 0, bytes);
+    bytes.len() as u64
 }
 
-impl Sparse for SparseSplat {
-    const ENTRY_POINT: &'static str = "scatter_splats";
-}
-
-impl Sparse for SparseAppearance {
-    const ENTRY_POINT: &'static str = "scatter_appearances";
-}
-
-/// Compute pass that scatters changed records into their buffer.
-#[derive(Debug)]
-pub(super) struct Scatter<T> {
-    kernel: ComputeKernel,
-    records: PhantomData<T>,
-}
-
-impl<T: Sparse> Scatter<T> {
-    pub(super) fn new(device: &wgpu::Device) -> Self {
-        let module = module(device, "scatter", shader::SCATTER);
-        let kernel = ComputeKernel::new(device, &module, T::ENTRY_POINT);
-        Self { kernel, records: PhantomData }
+/// Scatters changed records with their indices into `target`, which must contain every index. Returns the
+/// number of bytes uploaded.
+fn scatter(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    kernel: &ComputeKernel,
+    target: &wgpu::Buffer,
+    changed: &[impl bytemuck::NoUninit],
+) -> u64 {
+    // An empty buffer cannot be bound.
+    if changed.is_empty() {
+        return 0;
     }
-
-    /// Writes `changed` into `target`, which must contain every index. Returns the number of bytes
-    /// uploaded.
-    pub(super) fn run(
-        &self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        target: &wgpu::Buffer,
-        changed: &[T],
-    ) -> u64 {
-        // An empty buffer cannot be bound.
-        if changed.is_empty() {
-            return 0;
-        }
-        let bytes: &[u8] = bytemuck::cast_slice(changed);
-        let list = device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("changed records"),
-            size: bytes.len() as u64,
-            usage: IN,
-            mapped_at_creation: false,
-        });
-        queue.write_buffer(&list, 0, bytes);
-        let bound = self.kernel.bind_buffers(device, &[(0, &list), (1, target)]);
-        let groups = Grid::groups(changed.len().div_ceil(SCATTER_GROUP as usize));
-        let mut encoder = device.create_command_encoder(&Default::default());
-        bound.dispatch(&mut encoder.begin_compute_pass(&Default::default()), groups);
-        queue.submit([encoder.finish()]);
-        bytes.len() as u64
-    }
+    let list = device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("changed records"),
+        size: size_of_val(changed) as u64,
+        usage: IN,
+        mapped_at_creation: false,
+    });
+    let n_bytes = write(queue, &list, changed);
+    let bound = kernel.bind_buffers(device, &[(0, &list), (1, target)]);
+    let groups = Grid::groups(changed.len().div_ceil(SCATTER_GROUP as usize));
+    let mut encoder = device.create_command_encoder(&Default::default());
+    bound.dispatch(&mut encoder.begin_compute_pass(&Default::default()), groups);
+    queue.submit([encoder.finish()]);
+    n_bytes
 }
 
 #[cfg(test)]

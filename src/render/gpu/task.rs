@@ -5,13 +5,17 @@
 //! memory, filled by all threads. One readback returns the results. After an error the device is no longer
 //! used, so no attempt is made to restore the state before it.
 
-use super::adapters::GpuCaps;
 use super::error::{GpuError, GpuFaults};
 use super::growing::{GrowingBuffer, copy_pieces};
+use super::headless::HeadlessGpu;
 use super::pipeline::{BoundKernel, ComputeKernel, Grid};
-use super::readback::wait_mapped;
 use crate::model::inspection::DeviceError;
+use std::sync::mpsc;
+use std::time::Duration;
 use wgpu::BufferUsages as Usage;
+
+/// Timeout after which the GPU counts as lost.
+pub(super) const WAIT_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Shader input, filled by copies.
 pub(super) const IN: Usage = Usage::STORAGE.union(Usage::COPY_DST);
@@ -20,19 +24,30 @@ pub(super) const OUT: Usage = Usage::STORAGE.union(Usage::COPY_SRC);
 /// Settings of a kernel.
 pub(super) const SETTINGS: Usage = Usage::UNIFORM.union(Usage::COPY_DST);
 
+pub(super) const WORD: u64 = size_of::<u32>() as u64;
+
 /// Contents of one of a task's buffers.
 pub(super) trait TaskPart: Copy + PartialEq + Send + Sync + 'static {
     /// Numbers of items that a task processes.
     type Sizes: Default + Send + Sync;
     const LABEL: &'static str;
-    /// All parts with label (also used in messages) and usage, each at its own index.
-    const ALL: &'static [(Self, &'static str, Usage)];
+    /// All parts, each at its own index.
+    const ALL: &'static [PartRow<Self>];
     /// Labels of the buffers that take uploads to the device, by number.
     const UPLOADS: &'static [&'static str];
 
     fn index(self) -> usize;
 
-    fn bytes(self, sizes: &Self::Sizes) -> u64;
+    fn bytes(self, sizes: &Self::Sizes) -> u64 {
+        (Self::ALL[self.index()].3)(sizes)
+    }
+}
+
+/// Part, label (also used in messages), usage, and size in bytes.
+pub(super) type PartRow<P> = (P, &'static str, Usage, fn(&<P as TaskPart>::Sizes) -> u64);
+
+pub(super) const fn bytes_of<T>() -> u64 {
+    size_of::<T>() as u64
 }
 
 /// Binding numbers of a kernel and the parts bound to them.
@@ -74,21 +89,17 @@ struct PartCopy<P> {
 }
 
 impl<P: TaskPart> GpuTask<P> {
-    /// Creates small buffers on a device that reports to `faults`.
-    pub(super) fn new(
-        device: wgpu::Device,
-        queue: wgpu::Queue,
-        faults: GpuFaults,
-        caps: &GpuCaps,
-    ) -> Self {
+    /// Creates small buffers.
+    pub(super) fn new(gpu: HeadlessGpu) -> Self {
         debug_assert!(P::ALL.iter().zip(0..).all(|((part, ..), at)| part.index() == at));
+        let HeadlessGpu { device, queue, caps, faults } = gpu;
         let growing = |label, usage| GrowingBuffer::new(&device, label, usage);
         let upload = |&label: &&'static str| Upload {
             staging: growing(label, Usage::MAP_WRITE | Usage::COPY_SRC),
             copies: Vec::new(),
         };
         Self {
-            parts: P::ALL.iter().map(|&(_, label, usage)| growing(label, usage)).collect(),
+            parts: P::ALL.iter().map(|&(_, label, usage, _)| growing(label, usage)).collect(),
             uploads: P::UPLOADS.iter().map(upload).collect(),
             readback: growing("results", Usage::MAP_READ | Usage::COPY_DST),
             device,
@@ -109,7 +120,12 @@ impl<P: TaskPart> GpuTask<P> {
         &self.device
     }
 
-    pub(super) fn refused(&self, error: &GpuError) -> DeviceError {
+    /// Error of this device: the task failed for a reason given by wgpu or the driver.
+    pub(super) fn failed(&self, reason: impl ToString) -> DeviceError {
+        self.refused(&GpuError::TaskFailed { reason: reason.to_string() })
+    }
+
+    fn refused(&self, error: &GpuError) -> DeviceError {
         DeviceError { device: self.name.clone(), reason: error.to_string() }
     }
 
@@ -127,17 +143,15 @@ impl<P: TaskPart> GpuTask<P> {
     }
 
     /// Ensures the size of some parts. Returns true if any was replaced and lost its contents.
-    ///
-    /// # Errors
-    /// [`GpuError::TaskTooLarge`], [`GpuError::NoMemoryForTask`].
     pub(super) fn ensure_capacity(
         &mut self,
         parts: impl IntoIterator<Item = P>,
-    ) -> Result<bool, GpuError> {
+    ) -> Result<bool, DeviceError> {
         let mut is_lost = false;
         for part in parts {
             let bytes = part.bytes(&self.sizes);
-            if self.parts[part.index()].ensure_capacity(&self.device, bytes)? {
+            let grown = self.parts[part.index()].ensure_capacity(&self.device, bytes);
+            if grown.map_err(|error| self.refused(&error))? {
                 // Any kernel may bind the replaced buffer.
                 self.kernels.iter_mut().for_each(|kernel| kernel.bound = None);
                 is_lost = true;
@@ -154,7 +168,7 @@ impl<P: TaskPart> GpuTask<P> {
         upload: usize,
         first_byte: u64,
         pieces: impl IntoIterator<Item = (P, &'a [u8])>,
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), DeviceError> {
         let (mut copies, mut slices): (Vec<PartCopy<P>>, Vec<&[u8]>) = Default::default();
         let mut from_byte = 0;
         for (part, piece) in pieces {
@@ -169,10 +183,11 @@ impl<P: TaskPart> GpuTask<P> {
             from_byte += bytes;
             slices.push(piece);
         }
-        let Upload { staging, copies: staged } = &mut self.uploads[upload];
-        staging.ensure_capacity(&self.device, from_byte)?;
-        copy_pieces(staging.buffer(), from_byte, slices).map_err(failed)?;
-        *staged = copies;
+        let staging = &mut self.uploads[upload].staging;
+        let grown = staging.ensure_capacity(&self.device, from_byte);
+        let copied = grown.map(|_| copy_pieces(staging.buffer(), from_byte, slices));
+        copied.map_err(|error| self.refused(&error))?.map_err(|reason| self.failed(reason))?;
+        self.uploads[upload].copies = copies;
         Ok(())
     }
 
@@ -193,13 +208,14 @@ impl<P: TaskPart> GpuTask<P> {
         clears: &[P],
         dispatches: &[(usize, Grid)],
         read: &[P],
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), DeviceError> {
         // The view is dropped first, because a buffer with a live view cannot be unmapped.
         if self.result.take().is_some() {
             self.readback.buffer().unmap();
         }
         let bytes = read.iter().map(|part| part.bytes(&self.sizes)).sum();
-        self.readback.ensure_capacity(&self.device, bytes)?;
+        let grown = self.readback.ensure_capacity(&self.device, bytes);
+        grown.map_err(|error| self.refused(&error))?;
         let commands = self.record(clears, dispatches, read);
         let staged: Vec<&wgpu::Buffer> = self
             .uploads
@@ -213,13 +229,14 @@ impl<P: TaskPart> GpuTask<P> {
         // Staging buffers are mapped again here, so that the next upload need not wait.
         let mut maps = vec![(self.readback.buffer(), wgpu::MapMode::Read, bytes)];
         maps.extend(staged.into_iter().map(|buffer| (buffer, wgpu::MapMode::Write, buffer.size())));
-        wait_mapped(&self.device, submission, &maps).map_err(failed)?;
+        wait_mapped(&self.device, submission, &maps).map_err(|reason| self.failed(reason))?;
         // wgpu reports errors of the device to a callback, not to the failing call.
         if let Some(fault) = self.faults.take_new().into_iter().next() {
-            return Err(failed(fault.message));
+            return Err(self.failed(fault));
         }
         // The buffer only grows, so it may be larger than the result.
-        self.result = Some(self.readback.buffer().get_mapped_range(..bytes).map_err(failed)?);
+        let result = self.readback.buffer().get_mapped_range(..bytes);
+        self.result = Some(result.map_err(|error| self.failed(error))?);
         self.uploads.iter_mut().for_each(|upload| upload.copies.clear());
         Ok(())
     }
@@ -274,6 +291,31 @@ impl<P: TaskPart> GpuTask<P> {
     }
 }
 
-pub(super) fn failed(reason: impl ToString) -> GpuError {
-    GpuError::TaskFailed { reason: reason.to_string() }
+/// Waits for a submission and maps the first bytes of each buffer, with mode and length as given.
+///
+/// # Errors
+/// Message from wgpu or the driver.
+fn wait_mapped(
+    device: &wgpu::Device,
+    submission: wgpu::SubmissionIndex,
+    maps: &[(&wgpu::Buffer, wgpu::MapMode, u64)],
+) -> Result<(), String> {
+    let (sender, receiver) = mpsc::sync_channel(maps.len());
+    for &(buffer, mode, bytes) in maps {
+        let sender = sender.clone();
+        buffer.map_async(mode, ..bytes, move |result| {
+            // The receiver is gone only if the wait below has already failed.
+            let _ = sender.send(result);
+        });
+    }
+    let patiently =
+        wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_TIMEOUT) };
+    device.poll(patiently).map_err(|error| error.to_string())?;
+    // All callbacks have run by now, or never will.
+    let mut n_mapped = 0;
+    for result in receiver.try_iter() {
+        result.map_err(|error| error.to_string())?;
+        n_mapped += 1;
+    }
+    if n_mapped < maps.len() { Err("a buffer was never mapped".to_owned()) } else { Ok(()) }
 }

@@ -72,8 +72,8 @@ impl Oracle {
             alpha_cut: ALPHA_CUT,
             transmittance_stop: TRANSMITTANCE_STOP,
             splats: match options.method {
-                RenderMethod::Projected(support) => {
-                    let splats = placed.filter_map(|splat| Projected::new(&splat, k, support));
+                RenderMethod::Projected => {
+                    let splats = placed.filter_map(|splat| Projected::new(&splat, k));
                     Sorted::Projected(nearest_first(splats, |splat| splat.depth))
                 }
                 RenderMethod::Exact(settings) => {

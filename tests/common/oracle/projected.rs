@@ -6,7 +6,7 @@ use super::shade::Shade;
 use super::splat::Placed;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use vbgs_studio::math::camera::Intrinsics;
-use vbgs_studio::render::{ALPHA_CAP, FRUSTUM_MARGIN, LOW_PASS_PX2, Support, TILE};
+use vbgs_studio::render::{ALPHA_CAP, FRUSTUM_MARGIN, LOW_PASS_PX2};
 
 /// A splat projected to the image.
 #[derive(Clone, Copy, Debug)]
@@ -19,13 +19,11 @@ pub(super) struct Projected {
     shade: Shade,
     /// Shift of the point of maximum response, in camera axes, per pixel to the right and down.
     slide: [DVec3; 2],
-    /// First tile and exclusive end tile; `None` if the support is unlimited.
-    tiles: Option<[DVec2; 2]>,
 }
 
 impl Projected {
     /// `None` if the projected covariance is not an ellipse.
-    pub(super) fn new(splat: &Placed, k: &Intrinsics, support: Support) -> Option<Self> {
+    pub(super) fn new(splat: &Placed, k: &Intrinsics) -> Option<Self> {
         let m = splat.mean;
         let (a, b) = (m.x / m.z, m.y / m.z);
         let clamp = |ratio: f64, principal: f64, size: u32, focal: f64| {
@@ -47,7 +45,6 @@ impl Projected {
             return None;
         }
         let centre = DVec2::new(k.fx * a + k.cx, k.fy * b + k.cy);
-        let three_sigma = support == Support::Tile3Sigma;
         Some(Self {
             depth: m.z,
             centre,
@@ -55,18 +52,11 @@ impl Projected {
             opacity: splat.opacity,
             shade: splat.shade,
             slide: slide(splat, k),
-            tiles: three_sigma.then(|| tiles_of_three_sigma(centre, 0.5 * (xx + yy), det)),
         })
     }
 
-    /// Contribution at a point of the image; `None` outside the support.
+    /// Contribution at a point of the image; `None` if rounding makes the distance imaginary.
     pub(super) fn at(&self, point: DVec2) -> Option<Contribution> {
-        if let Some([first, end]) = self.tiles {
-            let tile = (point / TILE as f64).floor();
-            if tile.cmplt(first).any() || tile.cmpge(end).any() {
-                return None;
-            }
-        }
         let offset = point - self.centre;
         let exponent = -0.5 * offset.dot(self.conic * offset);
         (exponent <= 0.0).then(|| Contribution {
@@ -90,13 +80,4 @@ fn slide(splat: &Placed, k: &Intrinsics) -> [DVec3; 2] {
         let t_change = (dg.dot(p) * square - dot * 2.0 * g.dot(dg)) / (square * square);
         ray * t_change + turn * (dot / square)
     })
-}
-
-/// First and exclusive end tile of the reference's square, in its pixel-index coordinates `centre − ½`.
-fn tiles_of_three_sigma(centre: DVec2, half_trace: f64, det: f64) -> [DVec2; 2] {
-    let largest = half_trace + (half_trace * half_trace - det).max(0.1).sqrt();
-    let radius = (3.0 * largest.sqrt()).ceil();
-    let tile = TILE as f64;
-    let index = centre - 0.5;
-    [((index - radius) / tile).trunc(), ((index + radius + tile - 1.0) / tile).trunc()]
 }

@@ -1,6 +1,6 @@
+use super::log_sum_exp;
 use super::reference::{self, *};
 use crate::common::golden::{Case, Tolerance::*};
-use vbgs_studio::math::special::log_sum_exp;
 use vbgs_studio::model::conjugate::prior;
 use vbgs_studio::train::paper::config::Candidates;
 use vbgs_studio::train::paper::index::PaperScalar;

@@ -1,9 +1,9 @@
+use super::log_sum_exp;
 use super::reference::{
     check_posterior, check_sums, expected_ln_det, hyper, nearest, points, trainer,
 };
 use crate::common::golden::{Case, Tolerance::*};
 use glam::DVec3;
-use vbgs_studio::math::special::log_sum_exp;
 use vbgs_studio::math::sym3::Sym3;
 use vbgs_studio::model::conjugate::niw::Niw;
 use vbgs_studio::model::conjugate::prior;

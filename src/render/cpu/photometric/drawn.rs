@@ -29,6 +29,7 @@ pub(super) struct VisibleSplat {
 }
 
 /// Rendered tile. One instance is reused for all tiles of a row.
+#[derive(Default)]
 pub(super) struct DrawnTile {
     left: usize,
     top: usize,
@@ -41,22 +42,6 @@ pub(super) struct DrawnTile {
     /// Visible splats, nearest first.
     pub shown: Vec<VisibleSplat>,
     pub hits: Vec<Hit>,
-}
-
-impl Default for DrawnTile {
-    fn default() -> Self {
-        let empty = [[0.0; LANES]; TILE * GROUPS];
-        Self {
-            left: 0,
-            top: 0,
-            transmittance: empty,
-            color: [empty; 3],
-            depth_error: empty,
-            open_rows: 0,
-            shown: Vec::new(),
-            hits: Vec::new(),
-        }
-    }
 }
 
 impl DrawnTile {

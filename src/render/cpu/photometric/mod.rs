@@ -21,6 +21,7 @@ use super::rows::{ViewLists, longest_first};
 use crate::math::image::{Image, split_by_sizes};
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::simd::{Isa, Kernel, Vector};
+use crate::model::inspection::DeviceError;
 use crate::render::options::TILE;
 use blocks::SumOrder;
 use drawn::DrawnTile;
@@ -38,7 +39,7 @@ pub use moments::{ImageSums, N_IMAGE_SUMS};
 pub use target::{PreparedView, ViewBuffers};
 pub use walk::PixelRule;
 
-/// Minimum number of visible records per parallel task of [`PhotometricWalk::add_rows`].
+// Visible records per parallel task of `add_rows`, at least.
 const MIN_TASK: usize = 512;
 
 /// Compares photographs with splats on the CPU. Buffers are reused between views.
@@ -59,7 +60,7 @@ impl PhotometricComparer for PhotometricWalk {
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
         rows: RowSubset,
-    ) -> Result<PhotometricSums<'a>, ComparerError> {
+    ) -> Result<PhotometricSums<'a>, DeviceError> {
         Ok(self.compare_view(view, photograph, rule, rows))
     }
 }
@@ -73,24 +74,7 @@ impl PhotometricWalk {
         rule: PixelRule,
         rows: RowSubset,
     ) -> PhotometricSums<'a> {
-        self.walk_rows(view.lists, photograph, rule, rows);
-        self.add_rows(view.lists);
-        let (squared_error, pixels) = self
-            .canvases
-            .iter()
-            .fold((0.0, 0.0), |(error, n), row| (error + row.squared_error, n + row.pixels));
-        let (view, sums, order) = (view.clone(), &self.totals[..], SumOrder::ByRecord);
-        PhotometricSums { view, sums, order, squared_error, pixels }
-    }
-
-    fn walk_rows(
-        &mut self,
-        lists: &ViewLists,
-        photograph: &Image<MeasuredPixel>,
-        rule: PixelRule,
-        rows: RowSubset,
-    ) {
-        let (isa, ViewLists { records, rows: lists, .. }) = (Isa::best(), lists);
+        let ViewLists { records, rows: lists, .. } = view.lists;
         let n_rows = if photograph.width > 0 { photograph.height.div_ceil(TILE) } else { 0 };
         self.canvases.resize_with(n_rows, WalkCanvas::default);
         // Rows differ widely in their number of splats.
@@ -98,7 +82,14 @@ impl PhotometricWalk {
             let list = lists.get(row);
             (list.len(), WalkRow { records, list, row, photograph, rule, rows, canvas })
         });
-        longest_first(tasks, |task| isa.run(task));
+        longest_first(tasks, |task| Isa::best().run(task));
+        self.add_rows(view.lists);
+        let (squared_error, pixels) = self
+            .canvases
+            .iter()
+            .fold((0.0, 0.0), |(error, n), row| (error + row.squared_error, n + row.pixels));
+        let (view, sums, order) = (view.clone(), &self.totals[..], SumOrder::ByRecord);
+        PhotometricSums { view, sums, order, squared_error, pixels }
     }
 
     /// Adds the sums of all rows in row order, because the order of additions affects rounding. Every task
@@ -147,7 +138,7 @@ pub trait PhotometricComparer: Send + Sync {
     /// coverage is unknown, a mostly covered pixel counts as fully covered.
     ///
     /// # Errors
-    /// [`ComparerError`] if the device is lost, runs out of memory or does not respond. No result is
+    /// [`DeviceError`] if the device is lost, runs out of memory or does not respond. No result is
     /// available then.
     fn compare<'a>(
         &'a mut self,
@@ -155,17 +146,7 @@ pub trait PhotometricComparer: Send + Sync {
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
         rows: RowSubset,
-    ) -> Result<PhotometricSums<'a>, ComparerError>;
-}
-
-/// A photograph could not be compared on a device.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{device}: comparing a photograph failed: {reason}")]
-pub struct ComparerError {
-    /// Device that should have compared it.
-    pub device: String,
-    /// Reason reported by the device or driver.
-    pub reason: String,
+    ) -> Result<PhotometricSums<'a>, DeviceError>;
 }
 
 /// Pixel rows to compare: every `every`-th row (1, 2, 4, 8 or 16), starting at `first`. Rows rather than

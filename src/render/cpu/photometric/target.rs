@@ -9,10 +9,11 @@ use crate::render::cpu::record::ConicRecord;
 use crate::render::cpu::rows::ViewLists;
 use crate::render::cpu::tile::{GROUPS, Plane};
 use crate::render::cpu::view::CpuView;
-use crate::render::options::{EVALUATION_NEAR, RenderMethod, RenderOptions, TILE};
+use crate::render::options::{RenderMethod, RenderOptions, TILE};
 
 /// Tile of a photograph. One instance is reused for all tiles of a row, so rows that are not chosen hold
 /// stale values.
+#[derive(Default)]
 pub(super) struct TargetTile {
     pub color: [Plane; 3],
     pub coverage: Plane,
@@ -20,19 +21,6 @@ pub(super) struct TargetTile {
     pub per_tolerance: Plane,
     /// True if depth is compared and known in at least one pixel.
     pub has_depth: bool,
-}
-
-impl Default for TargetTile {
-    fn default() -> Self {
-        let empty = [[0.0; LANES]; TILE * GROUPS];
-        Self {
-            color: [empty; 3],
-            coverage: empty,
-            depth: empty,
-            per_tolerance: empty,
-            has_depth: false,
-        }
-    }
 }
 
 impl TargetTile {
@@ -91,16 +79,9 @@ pub(super) fn set_bits(mut mask: u32) -> impl Iterator<Item = usize> {
 }
 
 /// Reusable buffers for prepared views.
+#[derive(Default)]
 pub struct ViewBuffers {
     lists: ViewLists,
-    /// Near plane, world units.
-    pub near: f64,
-}
-
-impl Default for ViewBuffers {
-    fn default() -> Self {
-        Self { lists: ViewLists::default(), near: EVALUATION_NEAR }
-    }
 }
 
 /// Splats of a view: projected, listed by row of tiles and sorted by depth.
@@ -111,16 +92,17 @@ pub struct PreparedView<'a> {
 }
 
 impl ViewBuffers {
-    /// Prepares the splats visible in a photograph of `height` pixels, with the projected renderer that
-    /// evaluation and other programs use.
+    /// Prepares the splats beyond the plane `near` (world units) that are visible in a photograph of
+    /// `height` pixels, with the projected renderer that evaluation and other programs use.
     pub fn prepare(
         &mut self,
         splats: SplatView<'_>,
         camera: &Camera,
+        near: f64,
         height: usize,
     ) -> PreparedView<'_> {
         let plain = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
-        let view = CpuView::new(camera, &RenderOptions { near: self.near, ..plain });
+        let view = CpuView::new(camera, &RenderOptions { near, ..plain });
         let lists = &mut self.lists;
         lists.prepare(splats, &view);
         lists.bin(height);

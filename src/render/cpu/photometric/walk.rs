@@ -40,6 +40,7 @@ pub struct PixelRule {
 
 /// Pixel state of the second walk. One instance is reused for all tiles. Pixels outside the image show no
 /// splat; their values are irrelevant as long as they are finite.
+#[derive(Default)]
 pub(super) struct SecondWalk {
     left: usize,
     top: usize,
@@ -64,28 +65,6 @@ pub(super) struct SecondWalk {
     depth: f32,
     /// Sum of squared differences over covered pixels, and their number.
     error: (f64, f64),
-}
-
-impl Default for SecondWalk {
-    fn default() -> Self {
-        let empty = [[0.0; LANES]; TILE * GROUPS];
-        Self {
-            left: 0,
-            top: 0,
-            transmittance: empty,
-            behind: [empty; 3],
-            fill: empty,
-            residual: [empty; 3],
-            curvature_weight: empty,
-            final_transmittance: empty,
-            missing_coverage: empty,
-            depth_error_behind: empty,
-            weighted_depth_error: empty,
-            coverage: 0.0,
-            depth: 0.0,
-            error: (0.0, 0.0),
-        }
-    }
 }
 
 impl SecondWalk {

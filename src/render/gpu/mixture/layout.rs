@@ -2,8 +2,8 @@
 
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::paper::mixture_device::{GridShape, MAX_DEVICE_CANDIDATES, PassRule};
-use crate::render::gpu::constants::STRIP_CELLS;
-use crate::render::gpu::task::{Bindings, IN, OUT, SETTINGS, TaskPart};
+use crate::render::gpu::constants::{STRIP_CELLS, wgsl};
+use crate::render::gpu::task::{Bindings, IN, OUT, PartRow, SETTINGS, TaskPart, WORD, bytes_of};
 use bytemuck::{Pod, Zeroable};
 use wgpu::BufferUsages as Usage;
 
@@ -92,17 +92,10 @@ impl Frame {
 }
 
 /// `mixture/pass.wgsl`: search, E-step and sums of every tile.
-pub const PASS: &str = concat!(
-    include_str!("../../../../shaders/mixture/cells.wgsl"),
-    include_str!("../../../../shaders/mixture/pass.wgsl")
-);
+pub const PASS: &str = wgsl!("mixture/cells", "mixture/pass");
 /// `mixture/index.wgsl`: sorts means into the cells of their grid.
-pub const INDEX: &str = concat!(
-    include_str!("../../../../shaders/mixture/cells.wgsl"),
-    include_str!("../../../../shaders/mixture/index.wgsl")
-);
+pub const INDEX: &str = wgsl!("mixture/cells", "mixture/index");
 
-const WORD: u64 = size_of::<u32>() as u64;
 /// Bytes per point: six coordinates.
 const POINT_BYTES: u64 = 24;
 /// Bytes per mean: position and component, or colour and weight.
@@ -173,45 +166,31 @@ pub(super) struct PassSizes {
 impl TaskPart for Part {
     type Sizes = PassSizes;
     const LABEL: &'static str = "pass over a frame";
-    const ALL: &'static [(Self, &'static str, Usage)] = &[
-        (Part::Frame, "settings of a pass", SETTINGS),
-        (Part::Points, "points of a frame", IN),
-        (Part::Tiles, "tiles of a frame", IN),
-        (Part::Starts, "cells of means", IN),
-        (Part::Means, "means of components", Usage::STORAGE),
-        (Part::Appearance, "colours of components", Usage::STORAGE),
-        (Part::Distances, "scores of points", OUT),
-        (Part::Records, "sums of tiles", OUT),
-        (Part::Outcome, "open tiles", OUT.union(Usage::COPY_DST)),
-        (Part::Index, "settings of an index", SETTINGS),
-        (Part::Moved, "moved means", IN),
-        (Part::Components, "components", Usage::STORAGE),
-        (Part::Places, "positions in cells", Usage::STORAGE),
-        (Part::Strips, "sums of cells", Usage::STORAGE),
+    const ALL: &'static [PartRow<Self>] = &[
+        (Part::Frame, "settings of a pass", SETTINGS, |_| bytes_of::<Frame>()),
+        (Part::Points, "points of a frame", IN, |n| n.points * POINT_BYTES),
+        // One more than tiles and cells, for the end of the last one.
+        (Part::Tiles, "tiles of a frame", IN, |n| (n.tiles + 1) * WORD),
+        (Part::Starts, "cells of means", IN, |n| (n.cells + 1) * WORD),
+        (Part::Means, "means of components", Usage::STORAGE, |n| n.means * MEAN_BYTES),
+        (Part::Appearance, "colours of components", Usage::STORAGE, |n| n.means * MEAN_BYTES),
+        (Part::Distances, "scores of points", OUT, |n| n.points * WORD),
+        (Part::Records, "sums of tiles", OUT, |n| n.records * RECORD_BYTES),
+        // Cleared before a pass and read back after it.
+        (Part::Outcome, "open tiles", OUT.union(Usage::COPY_DST), |n| {
+            (HEAD_WORDS + n.tiles) * WORD
+        }),
+        (Part::Index, "settings of an index", SETTINGS, |_| bytes_of::<Index>()),
+        (Part::Moved, "moved means", IN, |n| n.moved * bytes_of::<Mean>()),
+        (Part::Components, "components", Usage::STORAGE, |n| n.means * bytes_of::<Mean>()),
+        (Part::Places, "positions in cells", Usage::STORAGE, |n| n.means * WORD),
+        (Part::Strips, "sums of cells", Usage::STORAGE, |n| {
+            (n.cells + 1).div_ceil(STRIP_CELLS.into()) * WORD
+        }),
     ];
     const UPLOADS: &'static [&'static str] = &["uploaded points", "uploaded means"];
 
     fn index(self) -> usize {
         self as usize
-    }
-
-    fn bytes(self, sizes: &PassSizes) -> u64 {
-        let PassSizes { points, tiles, means, moved, cells, records } = *sizes;
-        let mean = size_of::<Mean>() as u64;
-        match self {
-            Part::Frame => size_of::<Frame>() as u64,
-            Part::Points => points * POINT_BYTES,
-            Part::Tiles => (tiles + 1) * WORD,
-            Part::Starts => (cells + 1) * WORD,
-            Part::Means | Part::Appearance => means * MEAN_BYTES,
-            Part::Distances => points * WORD,
-            Part::Records => records * RECORD_BYTES,
-            Part::Outcome => (HEAD_WORDS + tiles) * WORD,
-            Part::Index => size_of::<Index>() as u64,
-            Part::Moved => moved * mean,
-            Part::Components => means * mean,
-            Part::Places => means * WORD,
-            Part::Strips => (cells + 1).div_ceil(STRIP_CELLS.into()) * WORD,
-        }
     }
 }

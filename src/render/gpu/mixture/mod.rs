@@ -7,11 +7,10 @@
 
 pub mod layout;
 
-use super::adapters::GpuCaps;
 use super::constants::{STRIP_CELLS, module};
-use super::error::{GpuError, GpuFaults};
+use super::headless::HeadlessGpu;
 use super::pipeline::Grid;
-use super::task::{GpuTask, TaskPart, failed};
+use super::task::{GpuTask, TaskPart};
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::inspection::DeviceError;
 use crate::model::paper::mixture_device::{
@@ -40,16 +39,11 @@ pub struct GpuMixture {
 }
 
 impl GpuMixture {
-    /// Creates the kernels on a device that reports to `faults`.
-    pub fn new(
-        device: wgpu::Device,
-        queue: wgpu::Queue,
-        faults: GpuFaults,
-        caps: &GpuCaps,
-    ) -> Self {
-        let pass = module(&device, "pass over a frame", layout::PASS);
-        let index = module(&device, "index over means", layout::INDEX);
-        let mut task = GpuTask::new(device, queue, faults, caps);
+    /// Creates the kernels on a device.
+    pub fn new(gpu: HeadlessGpu) -> Self {
+        let mut task = GpuTask::new(gpu);
+        let pass = module(task.device(), "pass over a frame", layout::PASS);
+        let index = module(task.device(), "index over means", layout::INDEX);
         let sort =
             [("renew", RENEW), ("count", COUNT), ("add", ADD), ("scan", ADD), ("place", PLACE)];
         Self {
@@ -62,7 +56,60 @@ impl GpuMixture {
         }
     }
 
-    fn upload_means(&mut self, means: &MeanCells<'_>) -> Result<(), GpuError> {
+    /// Runs a pass with capacity for `sizes.records` records. Returns the numbers of records and of open
+    /// tiles; records beyond the capacity are counted but not stored.
+    fn run(&mut self, rule: &PassRule, with_sums: bool) -> Result<[u64; 2], DeviceError> {
+        let task = &mut self.task;
+        task.ensure_capacity([Part::Records])?;
+        let (means, moved, cells) = (task.sizes.means, task.sizes.moved, task.sizes.cells);
+        let sizes = [task.sizes.points, task.sizes.tiles, task.sizes.records].map(|n| n as usize);
+        task.write(Part::Frame, &Frame::new(&self.cells, rule, sizes, with_sums));
+        let (mut clears, mut dispatches) = (vec![Part::Outcome], Vec::new());
+        if task.is_staged(MEAN_UPLOAD) {
+            task.write(Part::Index, &Index::new(&self.cells, [means, moved]));
+            clears.push(Part::Starts);
+            let strips = Grid::row((cells + 1).div_ceil(STRIP_CELLS.into()) as u32);
+            let [moved, means] = [moved, means].map(|n| Grid::lanes(n as usize));
+            dispatches.extend(self.index.into_iter().zip([moved, means, strips, strips, means]));
+        }
+        dispatches.push((self.pass, Grid::groups(sizes[1])));
+        task.run(&clears, &dispatches, &[Part::Outcome, Part::Distances, Part::Records])?;
+        let head: [u32; HEAD_WORDS as usize] =
+            bytemuck::pod_read_unaligned(&task.result()[..HEAD_WORDS as usize * 4]);
+        Ok(head.map(u64::from))
+    }
+
+    /// Runs a pass, and repeats it if the capacity for records was too small. Returns the numbers of records
+    /// and of open tiles.
+    fn run_until_fits(
+        &mut self,
+        rule: &PassRule,
+        with_sums: bool,
+    ) -> Result<[usize; 2], DeviceError> {
+        loop {
+            self.task.sizes.records = if with_sums { self.record_capacity } else { 0 };
+            let [records, open] = self.run(rule, with_sums)?;
+            // Successive frames are similar, so the estimate decays slowly: unused capacity is read back as
+            // well.
+            let kept = if with_sums {
+                self.record_capacity - self.record_capacity / 8
+            } else {
+                self.record_capacity
+            };
+            self.record_capacity = kept.max(records + records / 4).max(MIN_RECORDS);
+            if records <= self.task.sizes.records {
+                return Ok([records as usize, open as usize]);
+            }
+        }
+    }
+}
+
+impl MixtureDevice for GpuMixture {
+    fn name(&self) -> String {
+        self.task.name().to_owned()
+    }
+
+    fn set_means(&mut self, means: &MeanCells<'_>) -> Result<(), DeviceError> {
         let &MeanCells { shape, space, color, weight, changed_components: moved } = means;
         // If the previous upload was never submitted, the GPU lacks its changes: upload all means.
         let moved = moved.filter(|_| !self.task.is_staged(MEAN_UPLOAD));
@@ -90,12 +137,12 @@ impl GpuMixture {
         staged
     }
 
-    fn upload_points(&mut self, points: &PointColumns<'_>) -> Result<(), GpuError> {
+    fn set_points(&mut self, points: &PointColumns<'_>) -> Result<(), DeviceError> {
         let PointColumns { columns, tiles } = *points;
+        // A workgroup has one lane per point of its tile.
         if tiles.windows(2).any(|tile| tile[1] - tile[0] > MAX_TILE_POINTS as u32) {
-            return Err(failed(format!(
-                "expected at most {MAX_TILE_POINTS} points per tile, found more"
-            )));
+            let reason = format!("expected at most {MAX_TILE_POINTS} points per tile, found more");
+            return Err(self.task.failed(reason));
         }
         self.task.sizes.points = columns[0].len() as u64;
         self.task.sizes.tiles = tiles.len().saturating_sub(1) as u64;
@@ -106,70 +153,12 @@ impl GpuMixture {
         self.task.stage_upload(FRAME_UPLOAD, 0, columns.into_iter().chain([tiles]))
     }
 
-    /// Runs a pass with capacity for `sizes.records` records. Returns the numbers of records and of open
-    /// tiles; records beyond the capacity are counted but not stored.
-    fn run(&mut self, rule: &PassRule, with_sums: bool) -> Result<[u64; 2], GpuError> {
-        let task = &mut self.task;
-        task.ensure_capacity([Part::Records])?;
-        let (means, moved, cells) = (task.sizes.means, task.sizes.moved, task.sizes.cells);
-        let sizes = [task.sizes.points, task.sizes.tiles, task.sizes.records].map(|n| n as usize);
-        task.write(Part::Frame, &Frame::new(&self.cells, rule, sizes, with_sums));
-        let (mut clears, mut dispatches) = (vec![Part::Outcome], Vec::new());
-        if task.is_staged(MEAN_UPLOAD) {
-            task.write(Part::Index, &Index::new(&self.cells, [means, moved]));
-            clears.push(Part::Starts);
-            let strips = Grid::row((cells + 1).div_ceil(STRIP_CELLS.into()) as u32);
-            let [moved, means] = [moved, means].map(|n| Grid::lanes(n as usize));
-            dispatches.extend(self.index.into_iter().zip([moved, means, strips, strips, means]));
-        }
-        dispatches.push((self.pass, Grid::groups(sizes[1])));
-        task.run(&clears, &dispatches, &[Part::Outcome, Part::Distances, Part::Records])?;
-        let head: [u32; HEAD_WORDS as usize] =
-            bytemuck::pod_read_unaligned(&task.result()[..HEAD_WORDS as usize * 4]);
-        Ok(head.map(u64::from))
-    }
-
-    /// Runs a pass, and repeats it if the capacity for records was too small. Returns the numbers of records
-    /// and of open tiles.
-    fn run_until_fits(&mut self, rule: &PassRule, with_sums: bool) -> Result<[usize; 2], GpuError> {
-        loop {
-            self.task.sizes.records = if with_sums { self.record_capacity } else { 0 };
-            let [records, open] = self.run(rule, with_sums)?;
-            // Successive frames are similar, so the estimate decays slowly: unused capacity is read back as
-            // well.
-            let kept = if with_sums {
-                self.record_capacity - self.record_capacity / 8
-            } else {
-                self.record_capacity
-            };
-            self.record_capacity = kept.max(records + records / 4).max(MIN_RECORDS);
-            if records <= self.task.sizes.records {
-                return Ok([records as usize, open as usize]);
-            }
-        }
-    }
-}
-
-impl MixtureDevice for GpuMixture {
-    fn name(&self) -> String {
-        self.task.name().to_owned()
-    }
-
-    fn set_means(&mut self, means: &MeanCells<'_>) -> Result<(), DeviceError> {
-        self.upload_means(means).map_err(|error| self.task.refused(&error))
-    }
-
-    fn set_points(&mut self, points: &PointColumns<'_>) -> Result<(), DeviceError> {
-        self.upload_points(points).map_err(|error| self.task.refused(&error))
-    }
-
     fn pass(&mut self, rule: &PassRule, with_sums: bool) -> Result<DevicePass<'_>, DeviceError> {
+        // Nothing to dispatch.
         if self.task.sizes.points == 0 {
-            // Nothing to dispatch.
             return Ok(DevicePass { q: &[], open: &[], records: &[] });
         }
-        let [n_records, n_open] =
-            self.run_until_fits(rule, with_sums).map_err(|error| self.task.refused(&error))?;
+        let [n_records, n_open] = self.run_until_fits(rule, with_sums)?;
         let bytes = |part: Part| part.bytes(&self.task.sizes) as usize;
         let (outcome, rest) = self.task.result().split_at(bytes(Part::Outcome));
         let (q, records) = rest.split_at(bytes(Part::Distances));

@@ -6,17 +6,15 @@ use crate::render::TILE;
 use crate::render::cpu::photometric::{
     ImageSums, PackedSplat, PackedSumLocation, PackedView, PixelRule, RowSubset,
 };
-use crate::render::gpu::constants::N_QUARTERS;
-use crate::render::gpu::task::{Bindings, IN, OUT, SETTINGS, TaskPart};
+use crate::render::gpu::constants::{N_QUARTERS, wgsl};
+use crate::render::gpu::task::{Bindings, IN, OUT, PartRow, SETTINGS, TaskPart, WORD, bytes_of};
 use bytemuck::{Pod, Zeroable, cast_slice};
 use wgpu::BufferUsages as Usage;
 
-pub(super) const SPLAT_BYTES: usize = size_of::<PackedSplat>();
-pub(super) const PLACE_BYTES: usize = size_of::<PackedSumLocation>();
-pub(super) const SUM_BYTES: usize = size_of::<ImageSums>();
-pub(super) const MEASURED_BYTES: usize = size_of::<MeasuredPixel>();
 /// Bytes per pixel between the walks.
-pub(super) const PIXEL_BYTES: usize = 64;
+const PIXEL_BYTES: u64 = 64;
+/// Bytes per splat-tile pair: its sums, padded to `vec4` values.
+const QUARTERS_BYTES: u64 = N_QUARTERS as u64 * 16;
 
 /// `Frame` of `pixel.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -33,44 +31,12 @@ pub(super) struct Frame {
     depth: f32,
 }
 
-impl Frame {
-    pub(super) fn new(
-        photograph: &Image<MeasuredPixel>,
-        n_splats: usize,
-        rule: PixelRule,
-        rows: RowSubset,
-    ) -> Self {
-        Self {
-            size: [photograph.width as u32, photograph.height as u32],
-            columns: photograph.width.div_ceil(TILE) as u32,
-            n_splats: n_splats as u32,
-            every: rows.stride(),
-            first: rows.first(),
-            full_coverage: rule.full_coverage,
-            per_tau: 1.0 / (rule.tau * rule.tau),
-            coverage: rule.coverage,
-            depth: rule.depth,
-        }
-    }
-}
-
 /// `photometric/draw.wgsl`: draws the splats and compares the pixels with the photograph.
-pub const DRAW: &str = concat!(
-    include_str!("../../../../shaders/photometric/pixel.wgsl"),
-    include_str!("../../../../shaders/photometric/draw.wgsl")
-);
+pub const DRAW: &str = wgsl!("photometric/pixel", "photometric/draw");
 /// `photometric/walk.wgsl`: sums of every splat in every tile.
-pub const WALK: &str = concat!(
-    include_str!("../../../../shaders/photometric/pixel.wgsl"),
-    include_str!("../../../../shaders/photometric/place.wgsl"),
-    include_str!("../../../../shaders/photometric/walk.wgsl")
-);
+pub const WALK: &str = wgsl!("photometric/pixel", "photometric/place", "photometric/walk");
 /// `photometric/add.wgsl`: sums of every splat over its tiles.
-pub const ADD: &str = concat!(
-    include_str!("../../../../shaders/photometric/pixel.wgsl"),
-    include_str!("../../../../shaders/photometric/place.wgsl"),
-    include_str!("../../../../shaders/photometric/add.wgsl")
-);
+pub const ADD: &str = wgsl!("photometric/pixel", "photometric/place", "photometric/add");
 
 #[derive(Clone, Copy)]
 pub(super) struct Comparison<'a> {
@@ -104,7 +70,18 @@ impl Comparison<'_> {
     }
 
     pub(super) fn frame(&self) -> Frame {
-        Frame::new(self.photograph, self.packed.splats.len(), self.rule, self.rows)
+        let Self { packed, photograph, rule, rows } = *self;
+        Frame {
+            size: [photograph.width as u32, photograph.height as u32],
+            columns: photograph.width.div_ceil(TILE) as u32,
+            n_splats: packed.splats.len() as u32,
+            every: rows.stride(),
+            first: rows.first(),
+            full_coverage: rule.full_coverage,
+            per_tau: 1.0 / (rule.tau * rule.tau),
+            coverage: rule.coverage,
+            depth: rule.depth,
+        }
     }
 
     pub(super) fn pieces(&self) -> impl Iterator<Item = (Part, &[u8])> {
@@ -125,8 +102,6 @@ impl Comparison<'_> {
         lists.into_iter().chain(lines.map(line))
     }
 }
-
-const WORD: u64 = size_of::<u32>() as u64;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
@@ -191,38 +166,24 @@ pub(super) struct ComparisonSizes {
 impl TaskPart for Part {
     type Sizes = ComparisonSizes;
     const LABEL: &'static str = "comparison with a photograph";
-    const ALL: &'static [(Self, &'static str, Usage)] = &[
-        (Part::Frame, "settings of a comparison", SETTINGS),
-        (Part::Splats, "compared splats", IN),
-        (Part::Places, "locations of sums", IN),
-        (Part::Starts, "first splats of tiles", IN),
-        (Part::Entries, "splats of tiles", IN),
-        (Part::Photograph, "a photograph", IN),
-        (Part::Pixels, "compared pixels", Usage::STORAGE),
-        (Part::Errors, "errors of tiles", OUT),
-        (Part::Shown, "visible splats of tiles", IN),
-        (Part::PartialSums, "sums by tile", Usage::STORAGE),
-        (Part::Totals, "sums by splat", OUT),
+    const ALL: &'static [PartRow<Self>] = &[
+        (Part::Frame, "settings of a comparison", SETTINGS, |_| bytes_of::<Frame>()),
+        (Part::Splats, "compared splats", IN, |n| n.splats * bytes_of::<PackedSplat>()),
+        (Part::Places, "locations of sums", IN, |n| n.splats * bytes_of::<PackedSumLocation>()),
+        // One more than tiles, for the end of the last list.
+        (Part::Starts, "first splats of tiles", IN, |n| (n.tiles + 1) * WORD),
+        (Part::Entries, "splats of tiles", IN, |n| n.entries * WORD),
+        (Part::Photograph, "a photograph", IN, |n| n.pixels * bytes_of::<MeasuredPixel>()),
+        (Part::Pixels, "compared pixels", Usage::STORAGE, |n| n.tiles * n.lanes * PIXEL_BYTES),
+        (Part::Errors, "errors of tiles", OUT, |n| n.tiles * 2 * WORD),
+        // `IN`, because it is cleared before the walk.
+        (Part::Shown, "visible splats of tiles", IN, |n| n.entries * WORD),
+        (Part::PartialSums, "sums by tile", Usage::STORAGE, |n| n.entries * QUARTERS_BYTES),
+        (Part::Totals, "sums by splat", OUT, |n| n.splats * bytes_of::<ImageSums>()),
     ];
     const UPLOADS: &'static [&'static str] = &["upload of a comparison"];
 
     fn index(self) -> usize {
         self as usize
-    }
-
-    fn bytes(self, sizes: &ComparisonSizes) -> u64 {
-        let ComparisonSizes { splats, tiles, entries, pixels, lanes } = *sizes;
-        match self {
-            Part::Frame => size_of::<Frame>() as u64,
-            Part::Splats => splats * SPLAT_BYTES as u64,
-            Part::Places => splats * PLACE_BYTES as u64,
-            Part::Starts => (tiles + 1) * WORD,
-            Part::Entries | Part::Shown => entries * WORD,
-            Part::Photograph => pixels * MEASURED_BYTES as u64,
-            Part::Pixels => tiles * lanes * PIXEL_BYTES as u64,
-            Part::Errors => tiles * 8,
-            Part::PartialSums => entries * u64::from(N_QUARTERS) * 16,
-            Part::Totals => splats * SUM_BYTES as u64,
-        }
     }
 }

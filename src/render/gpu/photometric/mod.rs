@@ -13,16 +13,15 @@
 
 pub mod layout;
 
-use super::adapters::GpuCaps;
 use super::constants::{N_QUARTERS, module};
-use super::error::{GpuError, GpuFaults};
+use super::headless::HeadlessGpu;
 use super::pipeline::Grid;
 use super::task::{GpuTask, TaskPart};
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
+use crate::model::inspection::DeviceError;
 use crate::render::cpu::photometric::{
-    ComparerError, PackedView, PhotometricComparer, PhotometricSums, PixelRule, PreparedView,
-    RowSubset,
+    PackedView, PhotometricComparer, PhotometricSums, PixelRule, PreparedView, RowSubset,
 };
 use layout::{ADDED, Comparison, DRAWN, Part, WALKED, tile_grid};
 
@@ -39,23 +38,18 @@ pub struct GpuComparer {
 }
 
 impl GpuComparer {
-    /// Creates the kernels on a device that reports to `faults`.
-    pub fn new(
-        device: wgpu::Device,
-        queue: wgpu::Queue,
-        faults: GpuFaults,
-        caps: &GpuCaps,
-    ) -> Self {
+    /// Creates the kernels on a device.
+    pub fn new(gpu: HeadlessGpu) -> Self {
+        let mut task = GpuTask::new(gpu);
         let [draw, walk, add] =
             [("draw", layout::DRAW), ("walk", layout::WALK), ("add", layout::ADD)]
-                .map(|(label, shader)| module(&device, label, shader));
-        let mut task = GpuTask::new(device, queue, faults, caps);
+                .map(|(label, shader)| module(task.device(), label, shader));
         let add = task.add_kernel(&add, "add", &[], ADDED);
         Self { task, draw, walk, add, walks: Vec::new(), packed: PackedView::default() }
     }
 
     /// Runs a comparison. The result holds the errors of the tiles, followed by the sums of the splats.
-    fn run(&mut self, comparison: &Comparison<'_>) -> Result<(), GpuError> {
+    fn run(&mut self, comparison: &Comparison<'_>) -> Result<(), DeviceError> {
         let sizes = comparison.sizes();
         let [draw, walk] = self.walks(sizes.lanes);
         self.task.sizes = sizes;
@@ -92,7 +86,7 @@ impl PhotometricComparer for GpuComparer {
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
         rows: RowSubset,
-    ) -> Result<PhotometricSums<'a>, ComparerError> {
+    ) -> Result<PhotometricSums<'a>, DeviceError> {
         let mut packed = std::mem::take(&mut self.packed);
         packed.fill(view, tile_grid(photograph));
         // Empty buffers cannot be bound.
@@ -100,7 +94,7 @@ impl PhotometricComparer for GpuComparer {
         let comparison = Comparison { packed: &packed, photograph, rule, rows };
         let found = if is_empty { Ok(()) } else { self.run(&comparison) };
         self.packed = packed;
-        found.map_err(|error| ComparerError { device: self.name(), reason: error.to_string() })?;
+        found?;
         if is_empty {
             return Ok(PhotometricSums::from_splat_sums(view.clone(), &[], 0.0, 0.0));
         }

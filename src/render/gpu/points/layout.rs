@@ -2,7 +2,8 @@
 
 use crate::model::scene::points_device::{POINT_WORDS, Seeds, SlotSums};
 use crate::model::scene::sums::N_SUMS;
-use crate::render::gpu::task::{Bindings, IN, OUT, SETTINGS, TaskPart};
+use crate::render::gpu::constants::wgsl;
+use crate::render::gpu::task::{Bindings, IN, OUT, PartRow, SETTINGS, TaskPart, WORD, bytes_of};
 use bytemuck::{Pod, Zeroable};
 use wgpu::BufferUsages as Usage;
 
@@ -63,24 +64,12 @@ impl Settings {
 }
 
 /// `points/file.wgsl`: inserts seeds into the hash grid.
-pub const FILE: &str = concat!(
-    include_str!("../../../../shaders/points/settings.wgsl"),
-    include_str!("../../../../shaders/points/cells.wgsl"),
-    include_str!("../../../../shaders/points/file.wgsl")
-);
+pub const FILE: &str = wgsl!("points/settings", "points/cells", "points/file");
 /// `points/find.wgsl`: finds the nearest seed of every point.
-pub const FIND: &str = concat!(
-    include_str!("../../../../shaders/points/settings.wgsl"),
-    include_str!("../../../../shaders/points/cells.wgsl"),
-    include_str!("../../../../shaders/points/find.wgsl")
-);
+pub const FIND: &str = wgsl!("points/settings", "points/cells", "points/find");
 /// `points/sum.wgsl`: sums of the points of every slot.
-pub const SUM: &str = concat!(
-    include_str!("../../../../shaders/points/settings.wgsl"),
-    include_str!("../../../../shaders/points/sum.wgsl")
-);
+pub const SUM: &str = wgsl!("points/settings", "points/sum");
 
-const WORD: u64 = size_of::<u32>() as u64;
 /// Bytes per seed: position and chain link, or position and padding.
 pub(super) const SEED_BYTES: u64 = 16;
 
@@ -130,34 +119,23 @@ pub(super) struct PointSizes {
 impl TaskPart for Part {
     type Sizes = PointSizes;
     const LABEL: &'static str = "fit of points";
-    const ALL: &'static [(Self, &'static str, Usage)] = &[
-        (Part::Settings, "settings of points", SETTINGS),
-        (Part::Points, "points of a frame", IN),
-        (Part::Seeds, "seeds of components", IN),
-        (Part::Heads, "cells of seeds", IN),
-        (Part::Nearest, "seeds of points", OUT),
-        (Part::Fits, "components of points", IN),
-        (Part::References, "seeds of sums", IN),
-        (Part::Sums, "sums of components", OUT.union(Usage::COPY_DST)),
+    const ALL: &'static [PartRow<Self>] = &[
+        (Part::Settings, "settings of points", SETTINGS, |_| bytes_of::<Settings>()),
+        (Part::Points, "points of a frame", IN, |n| n.points * bytes_of::<[u32; POINT_WORDS]>()),
+        (Part::Seeds, "seeds of components", IN, |n| n.seeds * SEED_BYTES),
+        (Part::Heads, "cells of seeds", IN, |n| n.buckets * WORD),
+        (Part::Nearest, "seeds of points", OUT, |n| n.points * WORD),
+        (Part::Fits, "components of points", IN, |n| n.points * 2 * WORD),
+        (Part::References, "seeds of sums", IN, |n| n.slots * SEED_BYTES),
+        // Cleared before a run and read back after it.
+        (Part::Sums, "sums of components", OUT.union(Usage::COPY_DST), |n| {
+            n.slots * bytes_of::<[i32; N_SUMS]>()
+        }),
     ];
     const UPLOADS: &'static [&'static str] =
         &["uploaded points", "uploaded seeds", "uploaded components"];
 
     fn index(self) -> usize {
         self as usize
-    }
-
-    fn bytes(self, sizes: &PointSizes) -> u64 {
-        let PointSizes { points, seeds, buckets, slots } = *sizes;
-        match self {
-            Part::Settings => size_of::<Settings>() as u64,
-            Part::Points => points * POINT_WORDS as u64 * WORD,
-            Part::Seeds => seeds * SEED_BYTES,
-            Part::Heads => buckets * WORD,
-            Part::Nearest => points * WORD,
-            Part::Fits => points * 2 * WORD,
-            Part::References => slots * SEED_BYTES,
-            Part::Sums => slots * N_SUMS as u64 * WORD,
-        }
     }
 }

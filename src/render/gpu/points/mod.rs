@@ -6,11 +6,10 @@
 
 pub mod layout;
 
-use super::adapters::GpuCaps;
 use super::constants::{SUM_GROUP, module};
-use super::error::{GpuError, GpuFaults};
+use super::headless::HeadlessGpu;
 use super::pipeline::Grid;
-use super::task::{GpuTask, failed};
+use super::task::GpuTask;
 use crate::model::inspection::DeviceError;
 use crate::model::scene::points_device::{POINT_WORDS, PointsDevice, Seeds, SlotSums};
 use crate::model::scene::sums::N_SUMS;
@@ -32,14 +31,9 @@ pub struct GpuPoints {
 }
 
 impl GpuPoints {
-    /// Creates the kernels on a device that reports to `faults`.
-    pub fn new(
-        device: wgpu::Device,
-        queue: wgpu::Queue,
-        faults: GpuFaults,
-        caps: &GpuCaps,
-    ) -> Self {
-        let mut task = GpuTask::new(device, queue, faults, caps);
+    /// Creates the kernels on a device.
+    pub fn new(gpu: HeadlessGpu) -> Self {
+        let mut task = GpuTask::new(gpu);
         let mut kernel = |entry, shader, parts| {
             let module = module(task.device(), "fit of points", shader);
             task.add_kernel(&module, entry, &[], parts)
@@ -53,8 +47,14 @@ impl GpuPoints {
             first_new: 0,
         }
     }
+}
 
-    fn upload_seeds(&mut self, seeds: &Seeds<'_>) -> Result<(), GpuError> {
+impl PointsDevice for GpuPoints {
+    fn name(&self) -> String {
+        self.task.name().to_owned()
+    }
+
+    fn set_seeds(&mut self, seeds: &Seeds<'_>) -> Result<(), DeviceError> {
         let n_seeds = seeds.positions.len() as u64;
         // At least twice as many buckets as seeds, to keep chains short.
         let buckets = (2 * n_seeds).next_power_of_two().max(MIN_BUCKETS);
@@ -76,15 +76,19 @@ impl GpuPoints {
         self.task.stage_upload(SEED_UPLOAD, self.first_new * SEED_BYTES, [piece])
     }
 
-    fn upload_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), GpuError> {
+    fn set_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), DeviceError> {
         self.task.sizes.points = points.len() as u64;
         self.task.ensure_capacity([Part::Points, Part::Nearest])?;
         let piece = (Part::Points, bytemuck::cast_slice(points));
         self.task.stage_upload(POINT_UPLOAD, 0, [piece])
     }
 
-    fn run_search(&mut self) -> Result<(), GpuError> {
+    fn nearest(&mut self) -> Result<&[u32], DeviceError> {
         let (points, seeds) = (self.task.sizes.points, self.task.sizes.seeds);
+        // Nothing to dispatch.
+        if points == 0 {
+            return Ok(&[]);
+        }
         let settings = self.search.of_frame(points, self.first_new, self.task.sizes.buckets);
         self.task.write(Part::Settings, &settings);
         let clears: &[Part] = if self.first_new == 0 { &[Part::Heads] } else { &[] };
@@ -93,13 +97,18 @@ impl GpuPoints {
         let dispatches = if self.first_new < seeds { &[new, all][..] } else { &[all] };
         self.task.run(clears, dispatches, &[Part::Nearest])?;
         self.first_new = seeds;
-        Ok(())
+        Ok(bytemuck::cast_slice(self.task.result()))
     }
 
-    fn run_sums(&mut self, asked: &SlotSums<'_>) -> Result<(), GpuError> {
+    fn sums(&mut self, asked: &SlotSums<'_>) -> Result<&[[i32; N_SUMS]], DeviceError> {
+        if asked.seeds.is_empty() {
+            return Ok(&[]);
+        }
         let (expected, found) = (self.task.sizes.points, asked.points.len());
+        // The kernel reads the points of the last upload.
         if found as u64 != expected {
-            return Err(failed(format!("expected slots for {expected} points, found {found}")));
+            let reason = format!("expected slots for {expected} points, found {found}");
+            return Err(self.task.failed(reason));
         }
         self.task.sizes.slots = asked.seeds.len() as u64;
         self.task.ensure_capacity([Part::Fits, Part::References, Part::Sums])?;
@@ -110,37 +119,7 @@ impl GpuPoints {
         self.task.stage_upload(FIT_UPLOAD, 0, pieces)?;
         self.task.write(Part::Settings, &Settings::sums(asked));
         let groups = Grid::groups(found.div_ceil(SUM_GROUP as usize));
-        self.task.run(&[Part::Sums], &[(self.sum, groups)], &[Part::Sums])
-    }
-}
-
-impl PointsDevice for GpuPoints {
-    fn name(&self) -> String {
-        self.task.name().to_owned()
-    }
-
-    fn set_seeds(&mut self, seeds: &Seeds<'_>) -> Result<(), DeviceError> {
-        self.upload_seeds(seeds).map_err(|error| self.task.refused(&error))
-    }
-
-    fn set_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), DeviceError> {
-        self.upload_points(points).map_err(|error| self.task.refused(&error))
-    }
-
-    fn nearest(&mut self) -> Result<&[u32], DeviceError> {
-        if self.task.sizes.points == 0 {
-            // Nothing to dispatch.
-            return Ok(&[]);
-        }
-        self.run_search().map_err(|error| self.task.refused(&error))?;
-        Ok(bytemuck::cast_slice(self.task.result()))
-    }
-
-    fn sums(&mut self, asked: &SlotSums<'_>) -> Result<&[[i32; N_SUMS]], DeviceError> {
-        if asked.seeds.is_empty() {
-            return Ok(&[]);
-        }
-        self.run_sums(asked).map_err(|error| self.task.refused(&error))?;
+        self.task.run(&[Part::Sums], &[(self.sum, groups)], &[Part::Sums])?;
         let quanta: &[i32] = bytemuck::cast_slice(self.task.result());
         Ok(quanta.as_chunks().0)
     }

@@ -1,13 +1,13 @@
 //! Buffers of the tile path, used between its stages.
 
 use crate::render::gpu::adapters::max_buffer_bytes;
-use crate::render::gpu::constants::{GROUP, slot};
+use crate::render::gpu::constants::{GROUP, slot, wgsl};
 use crate::render::gpu::error::GpuError;
-use crate::render::gpu::growing::Allocation;
+use crate::render::gpu::growing::{MIB, allocate};
 use crate::render::gpu::layout::GpuAppearance;
 use crate::render::gpu::pipeline::storage;
+use crate::render::gpu::task::WORD;
 
-const WORD: u64 = size_of::<u32>() as u64;
 const PAIR: u64 = 2 * WORD;
 /// Struct sizes in `packed.wgsl` and `footprint.wgsl`.
 const RECORD_BYTES: u64 = 64;
@@ -15,7 +15,6 @@ const GRADIENT_BYTES: u64 = 48;
 const FOOTPRINT_BYTES: u64 = 16;
 /// Bytes per appearance; a binding must hold at least one.
 const APPEARANCE_BYTES: u64 = size_of::<GpuAppearance>() as u64;
-const MIB: u64 = 1 << 20;
 
 pub(super) const COUNTS_BYTES: u64 = slot::N_SLOTS as u64 * WORD;
 
@@ -36,7 +35,6 @@ pub(super) struct SplatBuffers {
     pub(super) no_appearance: wgpu::Buffer,
     pub(super) capacity: usize,
     pub(super) has_appearance: bool,
-    allocation: Allocation,
 }
 
 impl SplatBuffers {
@@ -53,37 +51,22 @@ impl SplatBuffers {
             + n_gradients * GRADIENT_BYTES;
         let refused = GpuError::OutOfMemory { n_splats: capacity, mib: n_bytes.div_ceil(MIB) };
         let pairs = |label| storage(device, label, n * PAIR);
-        let (buffers, allocation) = Allocation::new(device, refused, || {
-            (
-                storage(device, "depths", n * WORD),
-                [pairs("depth order"), pairs("depth order, other side")],
-                storage(device, "records", n * RECORD_BYTES),
-                storage(device, "few tiles", n * WORD),
-                storage(device, "footprints", n * FOOTPRINT_BYTES),
-                storage(device, "entries by 256 splats", n.div_ceil(u64::from(GROUP)) * WORD),
-                storage(device, "gradients", n_gradients * GRADIENT_BYTES),
-            )
-        })?;
-        let (keys, order, records, fews, footprints, blocks, gradients) = buffers;
-        let no_appearance = storage(device, "no appearance", APPEARANCE_BYTES);
-        Ok(Self {
-            keys,
-            order,
-            records,
-            small_footprints: fews,
-            footprints,
-            entry_counts: blocks,
-            gradients,
-            no_appearance,
+        allocate(device, refused, || Self {
+            keys: storage(device, "depths", n * WORD),
+            order: [pairs("depth order"), pairs("depth order, other side")],
+            records: storage(device, "records", n * RECORD_BYTES),
+            small_footprints: storage(device, "few tiles", n * WORD),
+            footprints: storage(device, "footprints", n * FOOTPRINT_BYTES),
+            entry_counts: storage(
+                device,
+                "entries by 256 splats",
+                n.div_ceil(u64::from(GROUP)) * WORD,
+            ),
+            gradients: storage(device, "gradients", n_gradients * GRADIENT_BYTES),
+            no_appearance: storage(device, "no appearance", APPEARANCE_BYTES),
             capacity,
             has_appearance,
-            allocation,
         })
-    }
-
-    /// Reports a late allocation error.
-    pub(super) fn check(&mut self) -> Result<(), GpuError> {
-        self.allocation.check()
     }
 }
 
@@ -92,7 +75,6 @@ impl SplatBuffers {
 pub(super) struct EntryBuffers {
     pub(super) pairs: [wgpu::Buffer; 2],
     pub(super) capacity: u64,
-    allocation: Allocation,
 }
 
 impl EntryBuffers {
@@ -104,15 +86,11 @@ impl EntryBuffers {
     ) -> Result<Self, GpuError> {
         let mib = (2 * capacity * PAIR).div_ceil(MIB);
         let refused = GpuError::OutOfMemory { n_splats, mib };
-        let (pairs, allocation) = Allocation::new(device, refused, || {
-            ["entries", "entries, other side"].map(|label| storage(device, label, capacity * PAIR))
-        })?;
-        Ok(Self { pairs, capacity, allocation })
-    }
-
-    /// Reports a late allocation error.
-    pub(super) fn check(&mut self) -> Result<(), GpuError> {
-        self.allocation.check()
+        allocate(device, refused, || Self {
+            pairs: ["entries", "entries, other side"]
+                .map(|label| storage(device, label, capacity * PAIR)),
+            capacity,
+        })
     }
 }
 
@@ -143,32 +121,18 @@ pub(super) fn create_tile_ranges(
 pub(super) const TILE_PIXELS: u32 = crate::render::TILE as u32;
 
 /// `tiles/sort.wgsl`: stable radix sort, used by depth and by tile.
-pub const SORT: &str = concat!(
-    include_str!("../../../../shaders/tiles/stages.wgsl"),
-    include_str!("../../../../shaders/tiles/sort.wgsl")
-);
+pub const SORT: &str = wgsl!("tiles/stages", "tiles/sort");
 /// `tiles/preprocess.wgsl`: converts splats to records, depth keys and tile footprints.
-pub const PREPROCESS: &str = concat!(
-    include_str!("../../../../shaders/common.wgsl"),
-    include_str!("../../../../shaders/record.wgsl"),
-    include_str!("../../../../shaders/tiles/stages.wgsl"),
-    include_str!("../../../../shaders/tiles/packed.wgsl"),
-    include_str!("../../../../shaders/tiles/footprint.wgsl"),
-    include_str!("../../../../shaders/tiles/preprocess.wgsl")
+pub const PREPROCESS: &str = wgsl!(
+    "common",
+    "record",
+    "tiles/stages",
+    "tiles/packed",
+    "tiles/footprint",
+    "tiles/preprocess"
 );
 /// `tiles/bin.wgsl`: writes an entry for each tile that a splat reaches, and later finds each tile's
 /// range of entries.
-pub const BIN: &str = concat!(
-    include_str!("../../../../shaders/common.wgsl"),
-    include_str!("../../../../shaders/tiles/stages.wgsl"),
-    include_str!("../../../../shaders/tiles/footprint.wgsl"),
-    include_str!("../../../../shaders/tiles/bin.wgsl")
-);
+pub const BIN: &str = wgsl!("common", "tiles/stages", "tiles/footprint", "tiles/bin");
 /// `tiles/raster.wgsl`: blends the entries of a tile, one workgroup per tile.
-pub const RASTER: &str = concat!(
-    include_str!("../../../../shaders/common.wgsl"),
-    include_str!("../../../../shaders/record.wgsl"),
-    include_str!("../../../../shaders/tiles/stages.wgsl"),
-    include_str!("../../../../shaders/tiles/packed.wgsl"),
-    include_str!("../../../../shaders/tiles/raster.wgsl")
-);
+pub const RASTER: &str = wgsl!("common", "record", "tiles/stages", "tiles/packed", "tiles/raster");

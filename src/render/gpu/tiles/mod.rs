@@ -105,8 +105,7 @@ impl TilePath {
     }
 
     fn ensure_capacity(&mut self, device: &wgpu::Device, scene: &GpuScene) -> Result<(), GpuError> {
-        self.splats.check()?;
-        let has_appearance = scene.appearance_buffer().is_some();
+        let has_appearance = scene.buffers.appearance.is_some();
         if scene.capacity() > self.splats.capacity || has_appearance != self.splats.has_appearance {
             self.splats = SplatBuffers::new(device, scene.capacity(), has_appearance)?;
             self.plan = None;
@@ -114,12 +113,10 @@ impl TilePath {
         let n_splats = scene.n_splats();
         let most = max_entries(&device.limits());
         let capacity = self.demand.capacity(self.entries.capacity, n_splats, most);
-        let room = match self.entries.check() {
-            Err(late) => Err(late),
-            Ok(()) if capacity == self.entries.capacity => return Ok(()),
-            Ok(()) => EntryBuffers::new(device, capacity, n_splats),
-        };
-        match room {
+        if capacity == self.entries.capacity {
+            return Ok(());
+        }
+        match EntryBuffers::new(device, capacity, n_splats) {
             Ok(entries) => {
                 self.entries = entries;
                 self.plan = None;

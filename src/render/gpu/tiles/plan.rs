@@ -69,16 +69,11 @@ impl Inputs {
     pub(super) fn new(view: &wgpu::Buffer, scene: &GpuScene, image: &SplatTarget) -> Self {
         Self {
             view: view.clone(),
-            splats: scene.splat_buffer().clone(),
-            appearance: scene.appearance_buffer().cloned(),
+            splats: scene.buffers.splats.clone(),
+            appearance: scene.buffers.appearance.clone(),
             image: image.view().clone(),
             size: image.size(),
         }
-    }
-
-    /// Kernel variant: 0 without and 1 with appearance.
-    fn variant(&self) -> usize {
-        usize::from(self.appearance.is_some())
     }
 }
 
@@ -106,61 +101,7 @@ pub(super) struct TileMemory<'a> {
     pub(super) entries: &'a EntryBuffers,
 }
 
-impl TileMemory<'_> {
-    /// Sorts splats by depth and drops invisible ones.
-    fn sort_by_depth(
-        &self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        sort: &RadixSort,
-    ) -> SortPlan {
-        let Self { counts, splats, .. } = *self;
-        let keys = Keys::Indexed {
-            keys: &splats.keys,
-            source: slot::N_SPLATS,
-            sink: slot::N_VISIBLE,
-            range: [slot::NEAREST, slot::FARTHEST],
-        };
-        let buffers = SortBuffers { pairs: splats.order.each_ref(), counts };
-        sort.plan(device, queue, buffers, DEPTH_BITS, keys)
-    }
-
-    /// Sorts entries by tile. The sort is stable, so each tile's entries keep the depth order.
-    fn sort_by_tile(
-        &self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        sort: &RadixSort,
-        (columns, rows): (u32, u32),
-    ) -> SortPlan {
-        let Self { counts, entries, .. } = *self;
-        let buffers = SortBuffers { pairs: entries.pairs.each_ref(), counts };
-        let keys = Keys::Valued { source: slot::N_ENTRIES };
-        sort.plan(device, queue, buffers, bits_of(columns * rows), keys)
-    }
-}
-
 impl Kernels {
-    fn bind_preprocess(
-        &self,
-        device: &wgpu::Device,
-        inputs: &Inputs,
-        TileMemory { counts, splats, .. }: TileMemory<'_>,
-    ) -> BoundKernel {
-        let buffers = [
-            (0, &inputs.view),
-            (1, counts),
-            (2, &inputs.splats),
-            (3, &splats.keys),
-            (4, &splats.records),
-            (5, &splats.footprints),
-            (6, inputs.appearance.as_ref().unwrap_or(&splats.no_appearance)),
-            (7, &splats.gradients),
-            (8, &splats.small_footprints),
-        ];
-        self.preprocess[inputs.variant()].bind_buffers(device, &buffers)
-    }
-
     /// Binds the kernels that count, offset and write the entries, in this order; `order` holds the splats
     /// sorted by depth.
     fn bind_bin(
@@ -182,26 +123,6 @@ impl Kernels {
             bind(&self.emit, &[0, 1, 2, 3, 4, 5, 6]),
         ]
     }
-
-    fn bind_raster(
-        &self,
-        device: &wgpu::Device,
-        inputs: &Inputs,
-        splats: &SplatBuffers,
-        [ends_of_tiles, sorted]: [&wgpu::Buffer; 2],
-    ) -> BoundKernel {
-        self.raster[inputs.variant()].bind(
-            device,
-            &[
-                (0, inputs.view.as_entire_binding()),
-                (1, ends_of_tiles.as_entire_binding()),
-                (2, sorted.as_entire_binding()),
-                (3, splats.records.as_entire_binding()),
-                (4, wgpu::BindingResource::TextureView(&inputs.image)),
-                (5, splats.gradients.as_entire_binding()),
-            ],
-        )
-    }
 }
 
 impl TilePlan {
@@ -213,25 +134,55 @@ impl TilePlan {
         memory: TileMemory<'_>,
     ) -> Self {
         let TileMemory { counts, splats, entries } = memory;
-        let grid = tile_grid(inputs.size);
-        let by_depth = memory.sort_by_depth(device, queue, &kernels.sort);
-        let by_tile = memory.sort_by_tile(device, queue, &kernels.sort, grid);
+        let variant = usize::from(inputs.appearance.is_some());
+        let preprocess = [
+            (0, &inputs.view),
+            (1, counts),
+            (2, &inputs.splats),
+            (3, &splats.keys),
+            (4, &splats.records),
+            (5, &splats.footprints),
+            (6, inputs.appearance.as_ref().unwrap_or(&splats.no_appearance)),
+            (7, &splats.gradients),
+            (8, &splats.small_footprints),
+        ];
+        // Drops invisible splats.
+        let keys = Keys::Indexed {
+            keys: &splats.keys,
+            source: slot::N_SPLATS,
+            sink: slot::N_VISIBLE,
+            range: [slot::NEAREST, slot::FARTHEST],
+        };
+        let pairs = SortBuffers { pairs: splats.order.each_ref(), counts };
+        let by_depth = kernels.sort.plan(device, queue, pairs, DEPTH_BITS, keys);
         let order = &splats.order[by_depth.result()];
-        let sorted = by_tile.result();
-        let ends_of_tiles = create_tile_ranges(device, grid);
         let [count, offsets, emit] = kernels.bind_bin(device, &inputs, memory, order);
-        let ranges = [(1, counts), (7, &entries.pairs[sorted]), (8, &ends_of_tiles)];
-        let of_entries = [&ends_of_tiles, &entries.pairs[sorted]];
+        // The sort is stable, so each tile's entries keep the depth order.
+        let (columns, rows) = tile_grid(inputs.size);
+        let pairs = SortBuffers { pairs: entries.pairs.each_ref(), counts };
+        let keys = Keys::Valued { source: slot::N_ENTRIES };
+        let by_tile = kernels.sort.plan(device, queue, pairs, bits_of(columns * rows), keys);
+        let sorted = &entries.pairs[by_tile.result()];
+        let tile_ranges = create_tile_ranges(device, (columns, rows));
+        let raster = [
+            (0, inputs.view.as_entire_binding()),
+            (1, tile_ranges.as_entire_binding()),
+            (2, sorted.as_entire_binding()),
+            (3, splats.records.as_entire_binding()),
+            (4, wgpu::BindingResource::TextureView(&inputs.image)),
+            (5, splats.gradients.as_entire_binding()),
+        ];
+        let ranges = [(1, counts), (7, sorted), (8, &tile_ranges)];
         Self {
-            preprocess: kernels.bind_preprocess(device, &inputs, memory),
+            preprocess: kernels.preprocess[variant].bind_buffers(device, &preprocess),
+            by_depth,
             count,
             offsets,
             emit,
-            ranges: kernels.ranges.bind_buffers(device, &ranges),
-            raster: kernels.bind_raster(device, &inputs, splats, of_entries),
-            by_depth,
             by_tile,
-            tile_ranges: ends_of_tiles,
+            ranges: kernels.ranges.bind_buffers(device, &ranges),
+            raster: kernels.raster[variant].bind(device, &raster),
+            tile_ranges,
             inputs,
         }
     }
@@ -351,7 +302,7 @@ fn capacity_for(needed: u64, now: u64, n_splats: usize, most: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::bits_of;
+    use super::*;
 
     #[test]
     fn bits_hold_every_tile() {
@@ -359,11 +310,6 @@ mod tests {
             assert_eq!(bits_of(n), bits, "{n} tiles");
         }
     }
-}
-
-#[cfg(test)]
-mod capacity_tests {
-    use super::*;
 
     #[test]
     fn capacity_follows_what_is_needed_up_to_the_limit() {

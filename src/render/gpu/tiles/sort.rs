@@ -129,11 +129,8 @@ impl RadixSort {
         queue.write_buffer(&uniforms, 0, bytemuck::bytes_of(&digit));
         let all = [&uniforms, counts, from, to, &self.strips, &self.totals];
         let bind = |kernel: &ComputeKernel, used: &[u32]| {
-            let resources: Vec<_> = used
-                .iter()
-                .map(|&binding| (binding, all[binding as usize].as_entire_binding()))
-                .collect();
-            kernel.bind(device, &resources)
+            let buffers: Vec<_> = used.iter().map(|&i| (i, all[i as usize])).collect();
+            kernel.bind_buffers(device, &buffers)
         };
         [
             (bind(&self.histogram, &[0, 1, 2, 4]), Grid::row(N_STRIPS)),

@@ -5,10 +5,10 @@
 use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
+use crate::model::inspection::DeviceError;
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::photometric::{
-    ComparerError, PhotometricComparer, PhotometricSums, PhotometricWalk, PixelRule, RowSubset,
-    ViewBuffers,
+    PhotometricComparer, PhotometricSums, PhotometricWalk, PixelRule, RowSubset, ViewBuffers,
 };
 use crate::train::device_trial::{
     ComparerMs, ComparerUse, DeviceChoice, DevicePolicy, DeviceTrial,
@@ -104,14 +104,13 @@ impl Comparers {
         rule: PixelRule,
     ) -> PhotometricSums<'_> {
         let TrainingView { camera, near, rows, .. } = *learnt;
-        self.view.near = near;
         // Dropped one call late, since the result of `compare` still borrows the device.
         if self.counts.given_up.is_some() {
             self.device = None;
         }
         let Self { view, processor, device, counts, latest, .. } = self;
         let mut clock = Stopwatch::start();
-        let view = view.prepare(splats, &camera, photograph.height);
+        let view = view.prepare(splats, &camera, near, photograph.height);
         let prepare = clock.lap_ms();
         let turn = device
             .as_mut()
@@ -147,12 +146,12 @@ impl Comparers {
 
 /// Returns a device's result; a failure is logged once, since the device is not used again.
 fn note<'a>(
-    answer: Result<PhotometricSums<'a>, ComparerError>,
+    answer: Result<PhotometricSums<'a>, DeviceError>,
     counts: &mut ComparerUse,
 ) -> Option<PhotometricSums<'a>> {
     answer
         .inspect_err(|error| {
-            tracing::warn!("{error}");
+            tracing::warn!("comparing a photograph: {error}");
             counts.given_up = Some(error.reason.clone());
         })
         .ok()
@@ -185,8 +184,8 @@ mod tests {
             photograph: &Image<MeasuredPixel>,
             rule: PixelRule,
             rows: RowSubset,
-        ) -> Result<PhotometricSums<'a>, ComparerError> {
-            let error = ComparerError { device: self.name(), reason: "gone".to_owned() };
+        ) -> Result<PhotometricSums<'a>, DeviceError> {
+            let error = DeviceError { device: self.name(), reason: "gone".to_owned() };
             self.left = self.left.checked_sub(1).ok_or(error)?;
             self.walk.compare(view, photograph, rule, rows)
         }
