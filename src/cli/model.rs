@@ -15,7 +15,7 @@ use vbgs_studio::export::local_origin;
 use vbgs_studio::export::mesh::Surfel;
 use vbgs_studio::model::attributes::ComponentAttributes;
 use vbgs_studio::model::splat::appearance::SplatSet;
-use vbgs_studio::pipeline::any_preset::{RestoredLearner, file_comments};
+use vbgs_studio::pipeline::any_preset::{PlacedLearner, file_comments};
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::pipeline::tracked::{PlacedViews, Trajectory, surfels};
@@ -101,7 +101,7 @@ pub struct Training {
 }
 
 impl Training {
-    fn of(revived: &RestoredLearner) -> Self {
+    fn of(revived: &PlacedLearner) -> Self {
         let (learner, normalization) = (&revived.learner, &revived.normalization);
         let of = |i| {
             let component = learner.component(i);

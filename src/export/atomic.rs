@@ -3,6 +3,8 @@
 //! The content is written to a temporary file in the same folder, synced, then renamed over the target: the
 //! name always refers to a complete file, old or new. A backup is a hard link to the older file (a copy where
 //! the file system has no links). It is made once the new file is complete, so a failed save changes nothing.
+//! Neither name is ever opened for writing: both may be links to one file, and truncating one would empty the
+//! other.
 
 use super::error::{Cancelled, ExportError, Fault};
 use std::ffi::OsString;
@@ -14,9 +16,9 @@ use std::time::Duration;
 use tempfile::{Builder, NamedTempFile};
 
 const BUFFER_BYTES: usize = 1 << 16;
-/// Attempts to make a backup while another process cleans up or saves in the same folder.
+// Another process that cleans up or saves in the same folder may remove the link in between.
 const BACK_UP_TRIES: usize = 5;
-/// Attempts to rename while another program holds the target open, and the delay between them.
+// Less than a second in all: viewers and virus scanners hold a file open only for a moment.
 const RENAME_TRIES: usize = 5;
 const RENAME_WAIT: Duration = Duration::from_millis(200);
 
@@ -41,10 +43,10 @@ pub enum SaveStep {
     Remove,
 }
 
-/// Called before each operation of a save, which does not happen if it returns an error.
+/// Callback before each operation of a save. The operation is not executed if it returns an error.
 pub type SaveCheck<'a> = &'a dyn Fn(SaveStep) -> io::Result<()>;
 
-/// Writes `path` through `write` and returns the number of bytes.
+/// Writes a file through `write` and returns its number of bytes.
 ///
 /// The content goes to a temporary file in the same folder, is synced, and then renamed over the target. On
 /// any error the temporary file is deleted and an existing target is untouched. The folder must exist.
@@ -72,7 +74,7 @@ pub fn write_atomic(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, ExportError> {
-    write_on(&|_| Ok(()), path, false, write)
+    write_checked(&|_| Ok(()), path, false, write)
 }
 
 /// Writes like [`write_atomic`] and retains an existing target as `<name>.bak`.
@@ -84,25 +86,15 @@ pub fn write_with_backup(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, ExportError> {
-    write_with_backup_on(&|_| Ok(()), path, write)
+    write_checked(&|_| Ok(()), path, true, write)
 }
 
-/// Writes like [`write_with_backup`]; `check` may let any operation fail, in tests.
-///
-/// Once either name has had a complete file, it always has one. Neither is ever opened for writing: both may
-/// be links to one file, and truncating one would empty the other.
+/// Writes like [`write_with_backup`], or like [`write_atomic`] unless `keeps_old`. Tests let single operations
+/// fail through `check`.
 ///
 /// # Errors
 /// As [`write_with_backup`].
-pub fn write_with_backup_on(
-    check: SaveCheck,
-    path: &Path,
-    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-) -> Result<u64, ExportError> {
-    write_on(check, path, true, write)
-}
-
-fn write_on(
+pub fn write_checked(
     check: SaveCheck,
     path: &Path,
     keeps_old: bool,
@@ -116,7 +108,6 @@ fn write_on(
     written.map_err(|fault| fault.with_path(path))
 }
 
-/// Writes to an existing stream without creating, truncating or replacing anything.
 fn write_through(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -140,7 +131,7 @@ fn fill(
     Ok(out.written)
 }
 
-/// Replaces `path`, which is no symbolic link, by a complete file.
+/// Replaces `path`, which must not be a symbolic link, by a complete file.
 fn replace(
     check: SaveCheck,
     path: &Path,
@@ -247,7 +238,8 @@ impl Write for Content<'_> {
     }
 }
 
-/// Maximum number of links followed before a cycle is assumed; Linux uses the same limit.
+/// Maximum number of symbolic links before a cycle is assumed.
+// The limit of Linux.
 const MAX_LINKS: usize = 40;
 
 enum Destination {
@@ -273,7 +265,9 @@ impl Destination {
     }
 }
 
+/// Follows the links of a path to a file that does not exist yet.
 fn end_of_links(path: &Path, missing: io::Error) -> Result<PathBuf, Fault> {
+    // `canonicalize` fails for a missing file.
     let mut end = path.to_path_buf();
     for _ in 0..MAX_LINKS {
         match std::fs::read_link(&end) {
@@ -284,8 +278,9 @@ fn end_of_links(path: &Path, missing: io::Error) -> Result<PathBuf, Fault> {
     Err(Fault::Io { action: "follow this link", source: missing })
 }
 
-fn folder_of(path: &Path) -> &Path {
+pub(super) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
+        // A bare name has an empty parent, which is no valid path.
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     }
@@ -348,9 +343,9 @@ impl<'a> Temporary<'a, File> {
 }
 
 impl<'a> Temporary<'a, ()> {
-    /// Creates a hard link to a file. It is not locked: if another process removes it and creates it again,
-    /// it still refers to the same file, since only such links have this kind of name.
     fn hard_link(check: SaveCheck<'a>, file: &Path) -> io::Result<Self> {
+        // Without a lock: if another process removes the link and creates it again, it still refers to the
+        // same file, since only such links have this kind of name.
         Self::create(check, file, ".old.tmp", |path| {
             check(SaveStep::Link)?;
             std::fs::hard_link(file, path)
@@ -366,8 +361,8 @@ impl<T> Drop for Temporary<'_, T> {
     }
 }
 
-/// Removes temporary files of `path` left by killed processes; each is as large as the file. Files that a
-/// process is still writing stay.
+/// Removes temporary files of `path` that killed processes left behind. Files that a process is still writing
+/// stay.
 pub fn remove_leftovers(path: &Path) {
     let Ok(Destination::File(file)) = Destination::resolve(path) else { return };
     let Some(name) = file.file_name().and_then(|name| name.to_str()) else { return };

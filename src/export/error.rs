@@ -112,7 +112,7 @@ pub enum Fault {
     NothingToImport { skipped: usize },
 }
 
-/// Error by which a cancelled writer stops; becomes [`Fault::Cancelled`].
+/// Error of a cancelled writer, which becomes [`Fault::Cancelled`].
 #[derive(Debug, thiserror::Error)]
 #[error("cancelled")]
 pub(super) struct Cancelled;
@@ -120,6 +120,14 @@ pub(super) struct Cancelled;
 impl Fault {
     pub(super) fn with_path(self, path: &Path) -> ExportError {
         ExportError { path: path.to_path_buf(), fault: self }
+    }
+
+    pub(super) fn setting(
+        setting: &'static str,
+        expected: impl Into<String>,
+        found: impl ToString,
+    ) -> Self {
+        Self::Setting { setting, expected: expected.into(), found: found.to_string() }
     }
 
     pub(super) fn malformed(

@@ -20,8 +20,8 @@ pub(super) struct ExportRows<'a> {
     unit_scale: f64,
     rows: Vec<Row>,
     has_directions: bool,
-    n_drawable: usize,
-    n_left_out: usize,
+    pub n_drawable: usize,
+    pub n_left_out: usize,
 }
 
 #[derive(Clone, Copy)]
@@ -66,14 +66,6 @@ impl<'a> ExportRows<'a> {
             n_drawable: found.iter().flatten().count(),
             n_left_out: found.iter().flatten().filter(|(n_pieces, _)| *n_pieces == 0).count(),
         })
-    }
-
-    pub fn n_drawable(&self) -> usize {
-        self.n_drawable
-    }
-
-    pub fn n_left_out(&self) -> usize {
-        self.n_left_out
     }
 
     #[expect(clippy::indexing_slicing, reason = "rows are below the number of rows")]
@@ -133,30 +125,24 @@ pub(super) fn file_origin(options: &WriteOptions) -> DVec3 {
 }
 
 pub(super) fn check_axes(options: &WriteOptions) -> Result<(), Fault> {
-    let setting = |setting, expected: &str, found: String| {
-        Err(Fault::Setting { setting, expected: expected.into(), found })
-    };
     if options.up.try_normalize().is_none() {
-        return setting("up", "a direction", options.up.to_string());
+        return Err(Fault::setting("up", "a direction", options.up));
     }
     if !(options.unit_scale.is_finite() && options.unit_scale > 0.0) {
-        return setting("unit scale", "a number above 0", options.unit_scale.to_string());
+        return Err(Fault::setting("unit scale", "a number above 0", options.unit_scale));
     }
     if !options.local_origin.is_finite() {
-        return setting("local origin", "finite numbers", options.local_origin.to_string());
+        return Err(Fault::setting("local origin", "finite numbers", options.local_origin));
     }
     Ok(())
 }
 
 fn check(n_splats: usize, options: &WriteOptions) -> Result<(), Fault> {
     check_axes(options)?;
-    let setting = |setting, expected: &str, found: String| {
-        Err(Fault::Setting { setting, expected: expected.into(), found })
-    };
     let WriteSelection { crop, min_evidence, max_uncertainty, uncertainty, left_out } =
         options.selection;
     if let Some([a, b]) = crop.filter(|[a, b]| !(a.is_finite() && b.is_finite())) {
-        return setting("crop box", "finite corners", format!("{a} and {b}"));
+        return Err(Fault::setting("crop box", "finite corners", format!("{a} and {b}")));
     }
     let lists = [
         ("confidence", options.confidence.map(<[f64]>::len)),
@@ -167,13 +153,14 @@ fn check(n_splats: usize, options: &WriteOptions) -> Result<(), Fault> {
     for (name, length) in lists {
         if let Some(length) = length.filter(|length| *length != n_splats) {
             let expected = format!("one value for each of {n_splats} splats");
-            return setting(name, &expected, format!("{length} values"));
+            return Err(Fault::setting(name, expected, format!("{length} values")));
         }
     }
-    let training = "a model with training statistics (a checkpoint)";
-    match (min_evidence, options.confidence, max_uncertainty, uncertainty) {
-        (Some(_), None, ..) => setting("least evidence", training, "splats alone".into()),
-        (.., Some(_), None) => setting("largest uncertainty", training, "splats alone".into()),
-        _ => Ok(()),
-    }
+    let limit = match (min_evidence, options.confidence, max_uncertainty, uncertainty) {
+        (Some(_), None, ..) => "least evidence",
+        (.., Some(_), None) => "largest uncertainty",
+        _ => return Ok(()),
+    };
+    let expected = "a model with training statistics (a checkpoint)";
+    Err(Fault::setting(limit, expected, "splats alone"))
 }

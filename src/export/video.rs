@@ -1,7 +1,7 @@
 //! Video output through the `ffmpeg` program on the path. No encoder is built in, because encoders are large
 //! and patent-encumbered.
 
-use super::atomic::write_atomic;
+use super::atomic::{folder_of, write_atomic};
 use super::error::ExportError;
 use crate::math::image::RgbImage;
 use image::codecs::png::PngEncoder;
@@ -26,11 +26,13 @@ pub struct VideoError {
 pub struct VideoWriter {
     path: PathBuf,
     ffmpeg: Child,
-    /// Temporary folder beside the output. ffmpeg creates the file in it with default permissions.
+    // A folder instead of a temporary file, so that ffmpeg creates the video with default permissions. Beside
+    // the output, because a rename across file systems fails.
     folder: TempDir,
 }
 
-/// Video extensions and their encoder options: near-lossless and widely playable.
+/// Video extensions and their encoder options.
+// Qualities are visually near lossless, and most players know the pixel format.
 const ENDINGS: [(&str, &[&str]); 3] = [
     // `+faststart` moves the index to the front, so that players can stream the file.
     ("mp4", &["-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]),
@@ -49,8 +51,8 @@ pub fn is_video(path: &Path) -> bool {
     encoding(path).is_some()
 }
 
-/// Name of the unfinished file; ffmpeg derives the container from its extension.
 fn part_name(path: &Path) -> PathBuf {
+    // ffmpeg derives the container from the extension.
     Path::new("video").with_extension(path.extension().unwrap_or_default())
 }
 
@@ -58,15 +60,12 @@ impl VideoWriter {
     /// Starts a video of `fps` frames per second, with `width` × `height` pixels.
     ///
     /// # Errors
-    /// An extension that is no video's ([`is_video`]), a folder that is not writable, or no ffmpeg.
+    /// An extension of no video format ([`is_video`]), a folder that is not writable, or no ffmpeg.
     pub fn new(path: &Path, [width, height]: [u32; 2], fps: f64) -> Result<Self, VideoError> {
         let failed = |found: String| VideoError { path: path.to_owned(), found };
         let encoding = encoding(path)
             .ok_or_else(|| failed("a name that does not end in .mp4, .webm or .webp".into()))?;
-        let folder = match path.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
+        let folder = folder_of(path);
         let growing = TempDir::with_prefix_in(".video-", folder)
             .map_err(|error| failed(format!("{} ({error})", folder.display())))?;
         // An absolute path, because a name with a leading dash would be read as an option.
@@ -119,16 +118,12 @@ impl VideoWriter {
 }
 
 /// Error of writing a film.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
     /// The folder could not be created.
     #[error("{}: expected a folder to write to, but it could not be created ({error}); choose another", path.display())]
-    Folder {
-        /// Path of the folder.
-        path: PathBuf,
-        /// Error of the operating system.
-        error: io::Error,
-    },
+    Folder { path: PathBuf, error: io::Error },
     /// A picture could not be written.
     #[error(transparent)]
     Picture(#[from] ExportError),

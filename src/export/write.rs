@@ -44,8 +44,8 @@ pub fn write<'a>(
     // Before any file is created: layouts refuse what their format cannot hold.
     let content = prepare_content(&source, options).map_err(|fault| fault.with_path(path))?;
     let bytes = atomic::write_atomic(path, |out| content(out))?;
-    let n_skipped = view.splats().len() - source.n_drawable();
-    let n_left_out = source.n_left_out();
+    let n_skipped = view.splats().len() - source.n_drawable;
+    let n_left_out = source.n_left_out;
     Ok(WriteSummary { n_written: source.n_rows(), n_skipped, n_left_out, bytes })
 }
 
@@ -60,7 +60,7 @@ pub(super) fn encode(view: SplatView, options: &WriteOptions) -> Result<Vec<u8>,
 fn select_rows<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<ExportRows<'a>, Fault> {
     check_comments(options.comments)?;
     let source = ExportRows::new(view, options)?;
-    match (source.n_drawable(), source.n_rows()) {
+    match (source.n_drawable, source.n_rows()) {
         (0, _) => Err(Fault::NothingToExport { n_splats: view.splats().len() }),
         (n_drawable, 0) => Err(Fault::NothingSelected { n_drawable }),
         _ => Ok(source),
@@ -100,10 +100,6 @@ fn check_comments(comments: &[String]) -> Result<(), Fault> {
     let printable = |line: &String| line.bytes().all(|b| (b' '..=b'~').contains(&b));
     match comments.iter().find(|line| !printable(line)) {
         None => Ok(()),
-        Some(line) => Err(Fault::Setting {
-            setting: "comment",
-            expected: "one line of printable ASCII".into(),
-            found: shorten(line),
-        }),
+        Some(line) => Err(Fault::setting("comment", "one line of printable ASCII", shorten(line))),
     }
 }

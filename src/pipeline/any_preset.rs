@@ -42,8 +42,8 @@ pub trait AnyPreset {
     /// Upper bound on the memory of a run with frames of `pixels` pixels.
     fn memory(&self, pixels: usize) -> MemoryEstimate;
 
-    /// Fuses the models in this order, within the limits of these settings. `origin` is the model that all of
-    /// them continued, if any. `None` unless they are fusible and match these settings.
+    /// Fuses the models in this order, within the limits of these settings. `origin` is the model that every
+    /// run continued, if any. `None` unless all can be fused and match these settings.
     fn fuse(&self, origin: Option<&StoredModel>, models: &[&StoredModel]) -> Option<StoredModel>;
 
     /// Checks that a stored model matches these settings.
@@ -72,15 +72,15 @@ impl ComponentLimit {
     }
 }
 
-/// Learner restored from a checkpoint.
-pub struct RestoredLearner {
+/// Learner with the transform between the world and its model.
+pub struct PlacedLearner<L: ?Sized = dyn Learner> {
     /// The learner.
-    pub learner: Box<dyn Learner>,
+    pub learner: Box<L>,
     /// World to model coordinates.
     pub normalization: Normalization,
 }
 
-/// How a stored model contradicts the settings stored with it.
+/// Difference between a stored model and the settings stored with it.
 #[derive(Debug, thiserror::Error)]
 pub enum Mismatch {
     /// The prior differs.
@@ -90,7 +90,7 @@ pub enum Mismatch {
     #[error("expected {0} according to its settings, found another")]
     Form(String),
     /// A setting is out of range.
-    #[error("{0}")]
+    #[error("section `CONF`: {0}")]
     Setting(String),
     /// The means cannot be indexed.
     #[error(transparent)]
@@ -104,7 +104,7 @@ pub fn file_comments(method: &Method, n_frames: u64) -> Vec<String> {
     let preset = method.preset();
     let mut comments = vec![
         format!("vbgs made by {program}, preset {preset}, from {n_frames} frames"),
-        // Other programs also have a rule that reduces the opacity by as much as the area grows.
+        // Renderers disagree about the opacity: some reduce it by as much as the area grows.
         format!("vbgs antialias {}: 0.3 px2 added, opacity kept", Antialias::Footprint),
     ];
     if method.as_any().covariance_form() == CovarianceForm::LegacyCholesky {

@@ -30,7 +30,8 @@ pub struct Autosaved {
     pub bytes: u64,
 }
 
-/// Failed save. Existing files are unchanged.
+/// Error of a save, which leaves existing files unchanged.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum AutosaveError {
     /// The file could not be written.
@@ -38,20 +39,10 @@ pub enum AutosaveError {
     Run(#[from] RunError),
     /// The save thread could not be started.
     #[error("{}: the save thread did not start: {source}; the next save is attempted when it is due", path.display())]
-    Thread {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error of the system.
-        source: std::io::Error,
-    },
+    Thread { path: PathBuf, source: std::io::Error },
     /// The save thread panicked.
     #[error("{}: this save failed by a defect of this program, please report it: {panic}; training continues, and the next save is attempted when it is due", path.display())]
-    Panicked {
-        /// Path of the file.
-        path: PathBuf,
-        /// The panic.
-        panic: PanicReport,
-    },
+    Panicked { path: PathBuf, panic: PanicReport },
 }
 
 /// Result of a save.
@@ -91,8 +82,8 @@ pub struct Autosave {
 }
 
 impl Autosave {
-    /// Starts counting now and removes leftovers of interrupted saves to this path. Two runs must not save to
-    /// the same path.
+    /// Starts to count frames and time, and removes leftovers of interrupted saves to this path. Two runs must
+    /// not save to the same path.
     pub fn new(path: PathBuf, interval: AutosaveInterval, session: &Session) -> Self {
         atomic::remove_leftovers(&path);
         let begun = (session.learner().status().frames, Instant::now());
@@ -122,7 +113,7 @@ impl Autosave {
         refused.map(Err).or(ended)
     }
 
-    /// True if a save is in progress, or frames were trained on since the last one.
+    /// True while a save is in progress, or if frames were trained on since the start of the last one.
     pub fn is_pending(&self, session: &Session) -> bool {
         let (saved, _) = self.begun;
         self.in_flight.is_some() || session.learner().status().frames > saved
@@ -143,8 +134,7 @@ impl Autosave {
     ) -> Result<(), AutosaveError> {
         self.wait().transpose()?;
         let snapshot = session.snapshot();
-        // Before the thread starts, so that a failed start is retried when due, not after every
-        // frame.
+        // Before the thread starts, so that a failed start is retried when due, not after every frame.
         self.begun = (snapshot.frames(), Instant::now());
         let path = self.path.clone();
         let save = Job::start("autosave", move || save(&path, snapshot))
@@ -168,7 +158,8 @@ impl Autosave {
 
     fn is_due(&self, frames: u64) -> bool {
         let (before, at) = self.begun;
-        // Multiples instead of distances, so that a resumed run saves at the same frames.
+        // Multiples instead of distances, so that a resumed run saves at the same frames. At least 1, because
+        // an interval of zero frames must not divide by zero.
         let by_frames = |n: usize| frames / n.max(1) as u64 > before / n.max(1) as u64;
         let by_time = |time: Duration| frames > before && at.elapsed() >= time;
         self.interval.frames.is_some_and(by_frames) || self.interval.time.is_some_and(by_time)

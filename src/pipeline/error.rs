@@ -9,6 +9,7 @@ use crate::dataset::range::RangeError;
 use crate::train::candidates::IndexError;
 
 /// Reason why a session cannot start or continue.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// The dataset lacks what was requested.
@@ -36,12 +37,7 @@ pub enum SessionError {
     Passes(usize),
     /// Tracking excludes another setting.
     #[error("poses (`--poses track`): expected {expected}, found {found}")]
-    Tracking {
-        /// Setting that tracking requires.
-        expected: &'static str,
-        /// Conflicting setting.
-        found: String,
-    },
+    Tracking { expected: &'static str, found: String },
     /// A stored model does not match the settings stored with it.
     #[error("{0}")]
     Stored(Mismatch),
@@ -52,12 +48,5 @@ pub enum SessionError {
     #[error(
         "{dataset}: expected at least one usable frame, found none ({skipped} skipped; the first: {first})"
     )]
-    NoUsableFrame {
-        /// Name of the dataset.
-        dataset: String,
-        /// Number of skipped frames.
-        skipped: usize,
-        /// Message of the first one.
-        first: String,
-    },
+    NoUsableFrame { dataset: String, skipped: usize, first: String },
 }

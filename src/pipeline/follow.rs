@@ -1,4 +1,4 @@
-//! Polling of a recording in progress: when to scan it, and what to do with the result.
+//! Polling of a recording in progress: the times of its scans, and the handling of their results.
 //!
 //! The training thread polls between frames with a short timeout; no background watcher exists. Each scan has
 //! a thread of its own: a drive that does not respond never blocks saving.
@@ -17,7 +17,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Maximum time that training waits for a scan; most take less, and it is not noticeable.
+/// Maximum time that training waits for a scan.
+// Most scans take less, and a user does not notice the delay.
 const POLL_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// Time after which a drive counts as not responding.
@@ -26,20 +27,21 @@ const DRIVE_TIMEOUT: Duration = Duration::from_secs(3);
 /// Recording that is followed while it grows.
 pub struct Follow {
     path: PathBuf,
-    // Locked by the scan thread for as long as the drive takes.
+    // The scan thread holds the lock until the drive responds, so other threads never wait for it.
     recording: Arc<Mutex<GrowingRecording>>,
     scan: Option<Job<ScanResult>>,
-    /// Frames given back during a scan.
+    /// Unreadable frames that [`Self::give_back`] received during a scan.
     returned: Vec<(String, FrameMarks)>,
     selection: Selection,
-    /// Frames found before a session has started.
+    /// Frames found before the start of a session.
     dataset: Option<Arc<Dataset>>,
     started: Instant,
     pace: PollSchedule,
+    /// Error of the last scan.
     problem: Option<String>,
-    /// Why a session could not start on the frames so far.
+    /// Error of starting a session on the frames so far.
     unfit: Option<String>,
-    /// Notice while a scan takes too long.
+    /// Notice during a scan that takes too long.
     silence: Option<String>,
     is_over: bool,
 }
@@ -54,6 +56,7 @@ impl Follow {
         load: &LoadOptions,
         selection: &Selection,
     ) -> Result<Self, DatasetError> {
+        // Each of these needs frames that do not exist yet.
         if selection.order != Order::Sequential {
             return Err(follow_error("order", "sequential with follow", "shuffled"));
         }
@@ -73,6 +76,7 @@ impl Follow {
 
     /// Continues after the frames of an opened dataset. `None` if it is no folder, or with a sector hold-out.
     pub(super) fn of(dataset: &Dataset, split: usize, selection: &Selection) -> Option<Self> {
+        // The sector depends on all cameras, so later frames would change it.
         if selection.hold_out == HoldOut::Sector {
             return None;
         }
@@ -96,8 +100,8 @@ impl Follow {
         }
     }
 
-    /// Returns the recording so far, whenever it has grown and has a frame to train on. Start a session with
-    /// it and pass `self` to [`Session::follow`](super::session::Session::follow).
+    /// Returns the recording so far if it has grown and has a frame to train on. Start a session with it and
+    /// pass `self` to [`Session::follow`](super::session::Session::follow).
     ///
     /// # Errors
     /// A defect of a recording that has ended.
@@ -123,19 +127,19 @@ impl Follow {
         Ok((has_frames || self.is_over).then(|| dataset.clone()))
     }
 
-    /// True if a session may start later with more frames although it failed now, because these have no
-    /// usable points.
+    /// Stores the error of starting a session. Returns true if further frames may give it the usable points
+    /// that the frames so far lack.
     pub fn may_succeed_later(&mut self, error: &SessionError) -> bool {
         let is_of_frames =
             matches!(error, SessionError::Range(_) | SessionError::Scene(SceneError::NoPoints(_)));
         if is_of_frames {
-            // Stored until there are more frames, because the next scan finds no fault in the recording.
+            // In a field of its own, because the next scan succeeds and would clear `problem`.
             self.unfit = Some(error.to_string());
         }
         is_of_frames && !self.is_over
     }
 
-    /// Selection of frames, with `follow` set.
+    /// Selection of frames for the session.
     pub fn selection(&self) -> &Selection {
         &self.selection
     }
@@ -148,9 +152,10 @@ impl Follow {
         self.pace.time_to_next_check(self.started.elapsed())
     }
 
-    /// Why the last scan found nothing, or why no session started with its result. `None` if there are simply
-    /// no new files.
+    /// Error of the last scan, or of starting a session with its result. `None` if there are merely no new
+    /// files.
     pub fn problem(&self) -> Option<&str> {
+        // A silent drive hides everything older.
         self.silence.as_deref().or(self.problem.as_deref()).or(self.unfit.as_deref())
     }
 
@@ -159,15 +164,15 @@ impl Follow {
         &self.path
     }
 
-    /// Drops the dataset, once a session owns the frames.
     pub(super) fn without_dataset(self) -> Self {
+        // The session owns the frames; a second owner would make it copy the dataset on growth.
         Self { dataset: None, ..self }
     }
 
-    /// Returns what was recorded since the last scan, if a scan is due.
+    /// Scans the recording if a scan is due, and returns the new frames.
     ///
     /// # Errors
-    /// A defect of a recording that has ended. Before the end it may be temporary.
+    /// A defect of a recording that has ended. Before the end, a defect may be temporary.
     ///
     /// # Panics
     /// If the scan panicked.
@@ -185,22 +190,22 @@ impl Follow {
             return Ok(ScanFindings::Nothing);
         };
         self.silence = None;
-        let looked = ended.unwrap_or_else(|panic| resume_unwind(Box::new(panic.message)));
-        if looked.has_ended {
+        let ScanResult { found, has_ended, took } =
+            ended.unwrap_or_else(|panic| resume_unwind(Box::new(panic.message)));
+        if has_ended {
             self.is_over = true;
-            return looked.found;
+            return found;
         }
-        let Some(took) = looked.took else {
+        let Some(took) = took else {
             return Ok(ScanFindings::Nothing);
         };
-        self.problem = looked.found.as_ref().err().map(ToString::to_string);
-        let found = looked.found.unwrap_or(ScanFindings::Nothing);
+        self.problem = found.as_ref().err().map(ToString::to_string);
+        let found = found.unwrap_or(ScanFindings::Nothing);
         let (now, has_grown) = (self.started.elapsed(), matches!(found, ScanFindings::Frames(_)));
         self.pace.record_poll(now.saturating_sub(took), now, has_grown);
         Ok(found)
     }
 
-    /// Starts a scan, if one is due.
     fn start_scan(&mut self, now: Duration) -> Option<Job<ScanResult>> {
         if !self.pace.time_to_next_check(now).is_zero() {
             return None;
@@ -217,7 +222,7 @@ impl Follow {
         scan.map_err(|source| self.problem = Some(no_thread(source))).ok()
     }
 
-    /// Allows an unreadable frame to be found again once its files have changed.
+    /// Allows later scans to find an unreadable frame again once its files have changed.
     pub(super) fn give_back(&mut self, frame: String, marks: FrameMarks) {
         match self.scan {
             // The scan holds the lock, perhaps for as long as its drive hangs.
@@ -231,24 +236,24 @@ pub(super) enum ScanFindings {
     /// No complete new frame.
     Nothing,
     Frames(Dataset),
-    /// The recording has ended; with the frames found before the end.
+    /// The recording has ended, perhaps with further frames.
     End(Option<Dataset>),
 }
 
 struct ScanResult {
     found: Result<ScanFindings, DatasetError>,
-    /// True if the recorder has written its last file.
     has_ended: bool,
     /// Time spent reading; `None` if there was nothing to read.
     took: Option<Duration>,
 }
 
 fn lock(recording: &Mutex<GrowingRecording>) -> MutexGuard<'_, GrowingRecording> {
+    // `poll` raises a panic of the scan again, so a poisoned lock needs no second report.
     recording.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Scans a recording, `now_s` seconds after the first scan. With `retries`, it also scans if unresolved frames
-/// exist although no folder or list has changed.
+/// Scans a recording that has changed, `now_s` seconds after the start. With `retries`, also scans an
+/// unchanged one that has unresolved frames.
 fn scan(recording: &mut GrowingRecording, retries: bool, now_s: f64) -> ScanResult {
     // Checked before the scan: once the recorder has ended, the scan is complete.
     let has_ended = recording.has_ended();

@@ -1,7 +1,7 @@
 //! Inner training loop: takes prepared frames and updates the learner. The only place that distinguishes the
 //! presets of a run.
 
-use super::any_preset::{AnyPreset, Mismatch, RestoredLearner};
+use super::any_preset::{AnyPreset, Mismatch, PlacedLearner};
 use super::error::SessionError;
 use super::plan::Plan;
 use super::prefetch::{Next, PlannedFrame, Prefetch, Prepare, Prepared, PreparedFrame};
@@ -40,19 +40,17 @@ pub(super) struct SteppedFrame {
 }
 
 pub(super) enum FrameStatus {
-    /// The learner was updated.
-    Learnt {
+    Learned {
         outcome: Box<FrameOutcome>,
         /// Measured pixels without a point.
         dropped: usize,
         load_ms: f64,
         prepare_ms: f64,
     },
-    /// The frame is unusable, for this reason.
+    /// Reason why the frame is unusable.
     Skipped(String),
-    /// Tracking could not estimate its pose.
+    /// Tracking did not find the pose of the frame.
     Lost(TrackingLoss),
-    /// The learner cannot continue.
     Failed(IndexError),
 }
 
@@ -73,19 +71,19 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
             Err(message) => FrameStatus::Skipped(message),
             Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms }) => {
                 // Points count once: further passes train on the photograph only.
-                let learnt = match is_repeat {
+                let learned = match is_repeat {
                     false => self.learner.learn(&observation),
                     true => Ok(self.learner.revisit_photograph(&observation)),
                 };
                 // Before the result is examined: a failed frame returns its memory as well.
                 self.prefetch.recycle(observation);
-                match learnt {
+                match learned {
                     Ok(FrameOutcome { tracking: Some(FrameTracking::Lost(loss)), .. }) => {
                         FrameStatus::Lost(loss)
                     }
                     Ok(outcome) => {
                         let outcome = Box::new(outcome);
-                        FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms }
+                        FrameStatus::Learned { outcome, dropped, load_ms, prepare_ms }
                     }
                     Err(error) => FrameStatus::Failed(error),
                 }
@@ -108,14 +106,14 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
 }
 
 pub(super) enum InitialState<'a> {
-    /// Untrained; positions lie in this range.
+    /// No training yet; positions are in this range.
     Fresh(&'a PositionRange),
-    /// Stored model after this number of frames. It must match the run's settings.
+    /// Stored model that matches the run's settings, and its number of trained frames.
     Stored(&'a StoredModel, u64),
 }
 
-/// Starts decoding the frames of a plan from position `first`, for a learner of the run's preset. Also
-/// returns the transform from world to model coordinates.
+/// Starts decoding the frames of a plan from position `first`, for a learner of the run's preset. Returns
+/// the loop and the transform from world to model coordinates.
 pub(super) fn frame_loop(
     dataset: &Arc<Dataset>,
     run: &RunConfig,
@@ -137,31 +135,30 @@ fn preset_loop<P: TypedPreset>(
     first: usize,
     origin: &InitialState,
 ) -> Result<(Box<dyn FrameLoop>, Normalization), SessionError> {
-    let beginning: InitialLearner<ObservationOf<P>> = match origin {
-        InitialState::Fresh(range) => preset.begin(dataset, run, range, plan.pixels(dataset))?,
+    let PlacedLearner { learner, normalization } = match origin {
+        InitialState::Fresh(range) => preset.begin(dataset, run, range)?,
         InitialState::Stored(model, frames) => {
             preset.restore(model, *frames).map_err(SessionError::Stored)?
         }
     };
-    let InitialLearner { learner, normalization } = beginning;
     let preparation = preset.preparation(run, normalization);
     let prefetch = Prefetch::start(dataset.clone(), plan, first, preparation)?;
     Ok((Box::new(PresetLoop { prefetch, learner }), normalization))
 }
 
-/// Observation type of a preset's learner.
-pub type ObservationOf<P> = <<P as TypedPreset>::Preparation as Prepare>::Observation;
+/// Learner of a preset, with the type of its observations.
+pub type LearnerOf<P> =
+    PlacedLearner<dyn Learns<<<P as TypedPreset>::Preparation as Prepare>::Observation>>;
 
 /// Settings of a preset, with its types.
 pub trait TypedPreset: AnyPreset {
     /// Preparation of frames for the learner.
     type Preparation: Prepare;
 
-    /// Returns the preparation for a run whose model uses the coordinates of `normalization`.
+    /// Returns the preparation of frames for a model in the coordinates of `normalization`.
     fn preparation(&self, run: &RunConfig, normalization: Normalization) -> Self::Preparation;
 
-    /// Creates an untrained learner for a dataset whose positions lie in `range` and whose frames have at
-    /// most `pixels` pixels.
+    /// Creates an untrained learner for a dataset with positions in `range`.
     ///
     /// # Errors
     /// [`SessionError`] if memory does not suffice or the data give no initialisation.
@@ -170,45 +167,26 @@ pub trait TypedPreset: AnyPreset {
         dataset: &Dataset,
         run: &RunConfig,
         range: &PositionRange,
-        pixels: usize,
-    ) -> Result<InitialLearner<ObservationOf<Self>>, SessionError>;
+    ) -> Result<LearnerOf<Self>, SessionError>;
 
     /// Restores a learner after `frames` frames from a stored model.
     ///
     /// # Errors
     /// [`Mismatch`] if the stored model does not match these settings.
-    fn restore(
-        &self,
-        model: &StoredModel,
-        frames: u64,
-    ) -> Result<InitialLearner<ObservationOf<Self>>, Mismatch>;
+    fn restore(&self, model: &StoredModel, frames: u64) -> Result<LearnerOf<Self>, Mismatch>;
 }
 
-/// Learner at the start of a session.
-pub struct InitialLearner<O> {
-    /// The learner.
-    pub learner: Box<dyn Learns<O>>,
-    /// World to model coordinates.
-    pub normalization: Normalization,
-}
-
-impl<O: 'static> From<InitialLearner<O>> for RestoredLearner {
-    fn from(InitialLearner { learner, normalization }: InitialLearner<O>) -> Self {
-        Self { learner, normalization }
-    }
-}
-
-/// Restores a learner with the stored model, for any observation type.
-///
-/// # Errors
-/// As [`TypedPreset::restore`].
+/// Restores a learner as [`TypedPreset::restore`] does, without the type of its observations.
 pub(super) fn restore_any(
     method: &Method,
     model: &StoredModel,
     frames: u64,
-) -> Result<RestoredLearner, Mismatch> {
+) -> Result<PlacedLearner, Mismatch> {
+    fn erase<O: 'static>(placed: PlacedLearner<dyn Learns<O>>) -> PlacedLearner {
+        PlacedLearner { learner: placed.learner, normalization: placed.normalization }
+    }
     match method {
-        Method::Paper(config) => config.restore(model, frames).map(RestoredLearner::from),
-        Method::Scene(scene) => scene.restore(model, frames).map(RestoredLearner::from),
+        Method::Paper(config) => config.restore(model, frames).map(erase),
+        Method::Scene(scene) => scene.restore(model, frames).map(erase),
     }
 }

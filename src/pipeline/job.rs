@@ -52,7 +52,7 @@ impl<T: Send + 'static> Job<T> {
         Self::start_reporting(name, waker, |_| work())
     }
 
-    /// Like [`Self::start_waking`], for work that reports its progress and ends early once it is cancelled.
+    /// Like [`Self::start_waking`], for work that reports its progress and can be cancelled.
     ///
     /// # Errors
     /// As [`Self::start`].
@@ -94,7 +94,7 @@ impl<T> Job<T> {
         self.started.elapsed()
     }
 
-    /// Finished share of the work and its cancellation.
+    /// Returns the shared progress, through which the work can be cancelled.
     pub fn progress(&self) -> &Progress {
         &self.progress
     }
@@ -108,13 +108,14 @@ impl<T> Drop for Job<T> {
 
 /// Value of `done` while there is no work.
 const NONE: u32 = u32::MAX;
-/// Number of steps of the whole work.
+/// Value of `done` for complete work.
 const WHOLE: f64 = 1000.0;
 
 /// Progress and cancellation of work, shared by its thread and the one that watches it.
 #[derive(Debug)]
 pub struct Progress {
     /// Finished thousandths, or [`NONE`].
+    // An integer, because std has no atomic floats.
     done: AtomicU32,
     is_cancelled: AtomicBool,
 }
@@ -136,7 +137,7 @@ impl Progress {
     /// Sets the finished share, from 0 to 1; true if it changed enough to redraw.
     pub fn set_share(&self, share: f64) -> bool {
         let done = (share.clamp(0.0, 1.0) * WHOLE) as u32;
-        // A change of a whole percent.
+        // Whole percents, so that a window is not redrawn for every thousandth.
         self.done.swap(done, Ordering::Relaxed) / 10 != done / 10
     }
 

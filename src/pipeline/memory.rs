@@ -4,39 +4,23 @@ use super::any_preset::ComponentLimit;
 use crate::eval::report;
 use crate::train::outcome::MemoryEstimate;
 
-/// The run would not fit into memory.
+/// Error of a run that would not fit into memory. Sizes are in 10⁶ bytes.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MemoryError {
     /// The number of components would not fit.
     #[error(
         "{setting}: expected at most {most} components, which fit into the {available_mb} MB of free memory, found {found} ({needed_mb} MB); use fewer or close other programs"
     )]
-    Components {
-        /// Setting with the number of components.
-        setting: &'static str,
-        /// Number of components that would fit.
-        most: u64,
-        /// Requested number of components.
-        found: usize,
-        /// Free memory, in 10⁶ bytes.
-        available_mb: u64,
-        /// Required memory, in 10⁶ bytes.
-        needed_mb: u64,
-    },
+    Components { setting: &'static str, most: u64, found: usize, available_mb: u64, needed_mb: u64 },
     /// The frames alone would not fit.
     #[error(
         "memory: expected {needed_mb} MB for frames of this size, found {available_mb} MB free; reduce the image size or close other programs"
     )]
-    Frames {
-        /// Free memory, in 10⁶ bytes.
-        available_mb: u64,
-        /// Required memory, in 10⁶ bytes.
-        needed_mb: u64,
-    },
+    Frames { available_mb: u64, needed_mb: u64 },
 }
 
-/// Checks a run against the free memory, if the machine reports it. A default limit on components is not
-/// counted, because hardly any run reaches it.
+/// Checks a run against the free memory, if the machine reports it.
 ///
 /// # Errors
 /// [`MemoryError`] states how many components would fit.
@@ -60,6 +44,7 @@ fn check_against(
     let (setting, found) = match limit {
         ComponentLimit::Fixed(n) => ("components", n),
         ComponentLimit::Asked(n) => ("budget (`--budget`)", n),
+        // Hardly any run reaches the default limit.
         ComponentLimit::Default(_) => return Ok(()),
     };
     if estimate.total() <= available {

@@ -10,7 +10,8 @@ use std::fmt;
 use std::panic::PanicHookInfo;
 use std::sync::{Mutex, Once, PoisonError};
 
-/// Number of recorded panics. More than one, because image decoders also panic and are caught.
+/// Maximum number of recorded panics.
+// More than one, because image decoders also panic and are caught, on several threads at once.
 const MAX_NOTED: usize = 8;
 
 /// Latest panics, oldest first.
@@ -48,14 +49,14 @@ impl PanicReport {
         });
     }
 
-    /// Notice for the user if this panic ended `what`, a task beside training.
+    /// Returns a notice that this panic ended the task `what`, which runs beside training.
     pub fn failure_notice(&self, what: &str) -> String {
         format!(
             "{what} failed because of a bug in this program, please report it: {self}; nothing else is affected"
         )
     }
 
-    /// Returns the report of a panic with a caught payload.
+    /// Finds the report of a panic by its caught payload.
     pub fn of(payload: &(dyn Any + Send)) -> Self {
         let message = message(payload);
         let noted = NOTED.lock().unwrap_or_else(PoisonError::into_inner);
@@ -68,8 +69,7 @@ impl PanicReport {
 fn note(panic: &PanicHookInfo<'_>) {
     let place = panic.location().map(ToString::to_string);
     let report = PanicReport { message: message(panic.payload()), place };
-    // A poisoned lock is accepted: a panic in the hook would abort the program before anything is
-    // saved.
+    // A poisoned lock is accepted: a panic in the hook would abort the program before anything is saved.
     let mut noted = NOTED.lock().unwrap_or_else(PoisonError::into_inner);
     if noted.len() == MAX_NOTED {
         noted.pop_front();

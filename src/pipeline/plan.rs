@@ -9,7 +9,8 @@ use std::collections::BTreeSet;
 use std::str::FromStr;
 use strum::{EnumString, VariantNames};
 
-/// Maximum number of passes: after a few, photographs have little effect.
+/// Maximum number of passes.
+// After a few passes, photographs have little effect.
 pub const MAX_PASSES: usize = 100;
 
 /// Order of the frames.
@@ -23,8 +24,7 @@ pub enum Order {
     Shuffled,
 }
 
-/// Shard of the frames for one of several runs: every `of`-th frame, starting with number `index`. Written
-/// `K/N`, `K` from 1.
+/// Shard `K/N` of the frames, for one of `N` runs: every `N`-th frame, starting with the `K`-th.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub struct Shard {
@@ -84,8 +84,8 @@ pub struct Selection {
     pub hold_out: HoldOut,
 }
 
-/// Default for runs saved before this field existed.
 fn once() -> usize {
+    // Runs saved before this field existed had one pass.
     1
 }
 
@@ -102,7 +102,7 @@ impl Selection {
         Self { split, order, stride, shard, max_frames, passes, follow, hold_out }
     }
 
-    /// Returns the frames in the order of further pass `pass`, from 1; reshuffled if they are shuffled.
+    /// Orders the frames of further pass `pass`, from 1.
     fn repeat_order(&self, frames: &[usize], seed: u64, pass: usize) -> Vec<usize> {
         let mut frames = frames.to_vec();
         if self.order == Order::Shuffled {
@@ -113,7 +113,7 @@ impl Selection {
         frames
     }
 
-    /// Selection without shard and limit, common to all runs that share the frames.
+    /// Selection without shard and limit, which is the same for all shards of a run.
     pub fn without_shard(&self) -> Self {
         Self { shard: None, max_frames: None, ..self.clone() }
     }
@@ -156,8 +156,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Resolves a selection. If the user named the split, the `every-8th` hold-out is not applied; a sector
-    /// is always held out.
+    /// Resolves a selection. The `every-8th` hold-out applies unless the user named the split; a sector is
+    /// always held out.
     pub fn new(dataset: &Dataset, selection: &Selection, seed: u64) -> Result<Self, DatasetError> {
         let split = match &selection.split {
             Some(name) => dataset.split_named(name)?,
@@ -194,9 +194,9 @@ impl Plan {
     }
 
     /// Appends the selected frames of a split that has grown from `known` to `n_frames` frames. Requires
-    /// sequential order, in which known frames keep their positions. With a sector hold-out nothing is added,
-    /// because the sector is fixed at the start.
+    /// sequential order, in which known frames keep their positions. Adds nothing with a sector hold-out.
     pub fn extend(&mut self, selection: &Selection, known: usize, n_frames: usize) {
+        // The sector is fixed at the start: further cameras would change it.
         if selection.hold_out == HoldOut::Sector {
             return;
         }
@@ -220,8 +220,8 @@ impl Plan {
         sizes.max().unwrap_or(0) as usize
     }
 
-    /// Plans the continuation of a run that visited `visited` in this order: these come first, then the
-    /// remaining frames. `max_frames` counts both, each frame once.
+    /// Plans the continuation of a run: first the frames `visited` so far, in their order, then the remaining
+    /// ones. `max_frames` counts both, each frame once.
     pub fn resumed(
         dataset: &Dataset,
         selection: &Selection,

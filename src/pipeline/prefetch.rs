@@ -23,12 +23,13 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Maximum number of frames prepared at once, ahead of training or between trainings.
+// Every one of them is held in memory.
 const MAX_AT_ONCE: usize = 4;
-/// Cores per decoding thread, unless the number of training threads is set.
+/// Number of cores per decoding thread, unless the number of training threads is set.
+// On 16 cores, two decoding threads kept up with training and one did not (`lab/pipeline.md`, Prefetch).
 const CORES_PER_DECODER: usize = 8;
 
-/// Default number of threads for training and rendering: one per core, minus the decoding threads on machines
-/// with many cores.
+/// Default number of threads for training and rendering: the cores that no decoding thread needs.
 pub fn default_threads() -> usize {
     let cores = cores();
     cores - (cores / CORES_PER_DECODER).min(MAX_AT_ONCE)
@@ -37,7 +38,9 @@ pub fn default_threads() -> usize {
 /// Number of frames in memory at once on the current thread pool: in training, ready, or in preparation.
 pub fn frames_at_once() -> usize {
     match decoder_count() {
+        // A batch, and the frame in training.
         0 => rayon::current_num_threads().min(MAX_AT_ONCE) + 1,
+        // One frame per decoder, one ready, and one in training.
         decoders => decoders + 2,
     }
 }
@@ -48,6 +51,7 @@ fn decoder_count() -> usize {
 }
 
 fn cores() -> usize {
+    // The system may not report the number.
     thread::available_parallelism().map_or(1, usize::from)
 }
 
@@ -59,7 +63,8 @@ pub struct Prepared<O> {
     pub is_repeat: bool,
     /// Name within the split.
     pub name: String,
-    /// Marks of its files before they were read, so that the training thread never accesses the drive.
+    /// Marks of its files before they were read.
+    // Taken by the decoding thread, so that the training thread never accesses the drive.
     pub marks: FrameMarks,
     /// Its observation, or the reason to skip it.
     pub result: Result<PreparedFrame<O>, String>,
@@ -203,7 +208,6 @@ fn check_points(frame: &Frame, n_points: usize, counts: &impl Display) -> Result
     ))
 }
 
-/// Frame to prepare, and the sender for the result.
 type Task<P> = (PlannedFrame, SyncSender<Prepared<<P as Prepare>::Observation>>);
 
 struct Shared<P: Prepare> {
@@ -212,20 +216,7 @@ struct Shared<P: Prepare> {
     recycled: Mutex<Receiver<P::Observation>>,
 }
 
-/// Prepares frames one after another and reuses its buffers.
-struct Worker<P: Prepare> {
-    memory: P::Memory,
-    /// Observation whose memory the next frame may reuse.
-    recycled: Option<P::Observation>,
-}
-
-impl<P: Prepare> Default for Worker<P> {
-    fn default() -> Self {
-        Self { memory: P::Memory::default(), recycled: None }
-    }
-}
-
-/// A decoding thread could not be started.
+/// Error of starting a decoding thread.
 #[derive(Debug, thiserror::Error)]
 #[error("starting a decoding thread failed: {0}; close other programs and try again")]
 pub struct SpawnError(#[from] std::io::Error);
@@ -256,6 +247,7 @@ impl<P: Prepare> Prefetch<P> {
         is_ahead: bool,
     ) -> Result<Self, SpawnError> {
         let (asked, tasks) = channel();
+        // As many buffers as frames are requested ahead; further ones are freed.
         let (recycle, recycled) = sync_channel(n_threads + 1);
         let (tasks, recycled) = (Mutex::new(tasks), Mutex::new(recycled));
         let shared = Arc::new(Shared { preparation, tasks, recycled });
@@ -343,12 +335,12 @@ impl<P: Prepare> Prefetch<P> {
 impl<P: Prepare> Shared<P> {
     /// Prepares frames until the handle is dropped.
     fn run(&self) {
-        let mut worker = Worker::<P>::default();
+        let mut memory = P::Memory::default();
         while let Some((frame, slot)) = receive_shared(&self.tasks, |tasks| tasks.recv().ok()) {
             // Without waiting: the first frames have no memory to reuse.
-            worker.recycled = receive_shared(&self.recycled, |recycled| recycled.try_recv().ok());
+            let recycled = receive_shared(&self.recycled, |recycled| recycled.try_recv().ok());
             // Fails if the handle was dropped.
-            drop(slot.send(worker.prepare(&self.preparation, &frame)));
+            drop(slot.send(prepare(&self.preparation, frame, &mut memory, recycled)));
         }
     }
 }
@@ -362,39 +354,32 @@ fn receive_shared<T>(
     next(&channel.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-impl<P: Prepare> Worker<P> {
-    fn prepare(
-        &mut self,
-        preparation: &P,
-        PlannedFrame { position, is_repeat, entry }: &PlannedFrame,
-    ) -> Prepared<P::Observation> {
-        let (name, marks) = (entry.name.clone(), entry.marks());
-        // A panic only skips this frame. If the thread ended, the run would silently end after the frames so
-        // far.
-        let prepared = catch_unwind(AssertUnwindSafe(|| self.frame(preparation, entry)));
-        let result = prepared.unwrap_or_else(|panic| {
-            // The buffers may be inconsistent.
-            *self = Self::default();
-            Err(format!(
-                "{name}: skipped because of a defect of this program, please report it: {}",
-                PanicReport::of(&*panic)
-            ))
-        });
-        Prepared { position: *position, is_repeat: *is_repeat, name, marks, result }
-    }
-
-    fn frame(
-        &mut self,
-        preparation: &P,
-        entry: &FrameEntry,
-    ) -> Result<PreparedFrame<P::Observation>, String> {
+/// Reads and prepares a frame into the memory of a `recycled` observation, if there is one.
+fn prepare<P: Prepare>(
+    preparation: &P,
+    PlannedFrame { position, is_repeat, entry }: PlannedFrame,
+    memory: &mut P::Memory,
+    recycled: Option<P::Observation>,
+) -> Prepared<P::Observation> {
+    let (name, marks) = (entry.name.clone(), entry.marks());
+    // A panic only skips this frame. If the thread ended, the run would silently end after the frames so far.
+    let prepared = catch_unwind(AssertUnwindSafe(|| {
         let mut clock = Stopwatch::start();
         let frame = entry.load().map_err(message)?;
         let load_ms = clock.lap_ms();
-        let mut observation = self.recycled.take().unwrap_or_else(P::empty);
-        let dropped = preparation.prepare(&frame, &mut self.memory, &mut observation)?;
+        let mut observation = recycled.unwrap_or_else(P::empty);
+        let dropped = preparation.prepare(&frame, memory, &mut observation)?;
         Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms: clock.lap_ms() })
-    }
+    }));
+    let result = prepared.unwrap_or_else(|panic| {
+        // The buffers may be inconsistent.
+        *memory = P::Memory::default();
+        Err(format!(
+            "{name}: skipped because of a defect of this program, please report it: {}",
+            PanicReport::of(&*panic)
+        ))
+    });
+    Prepared { position, is_repeat, name, marks, result }
 }
 
 #[cfg(test)]
@@ -402,7 +387,6 @@ mod tests {
     use super::*;
     use crate::dataset::synthetic::{SyntheticParams, dataset};
     use crate::pipeline::plan::Selection;
-    use std::time::Duration;
 
     /// Takes longer for earlier frames, and panics for the frame named in `defect`.
     struct Slow {

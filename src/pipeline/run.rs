@@ -39,7 +39,7 @@ pub struct RunConfig {
 }
 
 impl RunConfig {
-    /// Settings for a dataset whose positions lie in `range`.
+    /// Settings of a run on a dataset with positions in `range`.
     pub fn new(
         dataset: &Dataset,
         method: Method,
@@ -56,6 +56,7 @@ impl RunConfig {
             selection,
         }
     }
+
     /// Settings of the run over all shards.
     pub fn without_shard(&self) -> Self {
         Self { selection: self.selection.without_shard(), ..self.clone() }
@@ -96,19 +97,13 @@ impl Session {
             Inspection::new(id, posterior, total, attributes, splat, self.normalization());
         Some(Inspection { photometric_deviations, ..inspection })
     }
-}
 
-impl Session {
-    /// Reports of the frames whose photographs were compared in the last step, as far as known: the newest,
-    /// and buffered ones.
+    /// Reports of the frames whose photographs the last step compared with the scene, as far as known.
     pub fn compared_frames(&self) -> impl Iterator<Item = &FrameReport> {
-        let (past, n_learnt) = (self.past(), self.learner().status().frames);
+        let (past, n_learned) = (self.past(), self.learner().status().frames);
         let compared = self.learner().last_frame().compared_photographs.iter();
-        compared.filter_map(move |compared| past.report_of(n_learnt, compared))
-    }
-
-    fn drawn(&self) -> usize {
-        self.splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
+        compared
+            .filter_map(move |compared| past.frames.get(past.report_index(n_learned, compared)?))
     }
 
     /// Returns the report so far; `adapter` is the name of the graphics adapter used for rendering, if any.
@@ -136,7 +131,7 @@ impl Session {
             summary: Summary {
                 components,
                 used,
-                drawn: self.drawn(),
+                drawn: self.splats().iter().filter(|splat| splat.opacity > 0.0).count(),
                 model_bytes,
                 peak_rss_bytes: report::peak_rss_bytes(),
                 ..Summary::of_frames(&past.frames, past.wall_s)
@@ -158,7 +153,7 @@ pub(super) struct RunProgress {
     pub visited: usize,
     /// Number of pixels that the points represent.
     pub points: u64,
-    /// Reports of the trained frames, as far as known.
+    /// Reports of the trained frames. Those before a resume are missing if the checkpoint has no history.
     pub frames: Vec<FrameReport>,
     pub skipped: Vec<SkippedFrame>,
     /// Training time in seconds.
@@ -179,29 +174,24 @@ impl RunProgress {
         }
     }
 
-    /// Stores how a photograph compared in its frame's report, after `n_learnt` frames. Returns a warning if
-    /// the frame is a new outlier.
+    /// Adds the comparison of a photograph to its frame's report, after `n_learned` frames. Returns a warning
+    /// if the frame is a new outlier.
     pub fn record_comparison(
         &mut self,
-        n_learnt: u64,
+        n_learned: u64,
         compared: &ComparedPhotograph,
     ) -> Option<String> {
-        let at = self.report_index(n_learnt, compared)?;
+        let at = self.report_index(n_learned, compared)?;
         let report = self.frames.get_mut(at)?;
         // A photograph may be compared repeatedly, but an outlier is reported once.
-        let is_told = report.outlier_warning().is_some();
+        let is_reported = report.outlier_warning().is_some();
         report.photograph = Some(compared.outcome);
-        report.outlier_warning().filter(|_| !is_told)
+        report.outlier_warning().filter(|_| !is_reported)
     }
 
-    /// Report of the frame whose photograph was compared, after `n_learnt` frames.
-    pub fn report_of(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<&FrameReport> {
-        self.frames.get(self.report_index(n_learnt, compared)?)
-    }
-
-    fn report_index(&self, n_learnt: u64, compared: &ComparedPhotograph) -> Option<usize> {
+    fn report_index(&self, n_learned: u64, compared: &ComparedPhotograph) -> Option<usize> {
         // The reports of the first frames of a resumed run may be unknown.
-        let n_before = n_learnt.checked_sub(self.frames.len() as u64)?;
+        let n_before = n_learned.checked_sub(self.frames.len() as u64)?;
         usize::try_from(compared.frame.checked_sub(n_before)?).ok()
     }
 }

@@ -27,8 +27,8 @@ pub enum Step {
     Trained(Box<FrameReport>),
     /// A frame was unusable and skipped.
     Skipped(SkippedFrame),
-    /// All complete frames of a followed recording were visited; [`Follow::time_to_next_scan`] is the time until there may
-    /// be more.
+    /// All complete frames of a followed recording were visited. There may be more after
+    /// [`Follow::time_to_next_scan`].
     Waiting,
     /// There are no more frames.
     Finished,
@@ -58,15 +58,13 @@ pub struct Session {
     plan: Plan,
     normalization: Normalization,
     frames: Box<dyn FrameLoop>,
-    /// Source of further frames.
     follow: Option<Follow>,
     /// True if the recording is or was followed.
     is_followed: bool,
     births: BirthLog,
-    /// Progress up to the last step.
     past: RunProgress,
-    /// Warnings about outlier frames, not yet taken.
-    doubts: Vec<String>,
+    /// Warnings about outlier frames that [`Self::take_outlier_warnings`] has not returned yet.
+    outlier_warnings: Vec<String>,
     started: Instant,
     /// Training time before `started`, in seconds.
     wall_before_s: f64,
@@ -117,13 +115,13 @@ impl Session {
             follow: None,
             is_followed: false,
             past,
-            doubts: Vec::new(),
+            outlier_warnings: Vec::new(),
             started,
             wall_before_s,
         })
     }
 
-    /// Follows a recording while it grows. `follow` already knows the present frames, or is `None` if the
+    /// Follows a recording while it grows. `follow` is the poll that found the present frames, or `None` if the
     /// dataset was opened normally. Returns false if there is nothing to follow.
     pub fn follow(&mut self, follow: Option<Follow>) -> bool {
         let (split, selection) = (self.plan.split, &self.config.selection);
@@ -149,14 +147,15 @@ impl Session {
         self.past.visited >= self.plan.frames.len()
     }
 
-    /// Polls a followed recording if all frames were visited. True if the next step need not wait for further
-    /// frames.
+    /// Polls a followed recording if all frames were visited. Returns false if the next step has to wait for
+    /// further frames.
     fn poll_new_frames(&mut self) -> Result<bool, SessionError> {
         let n_planned = self.plan.frames.len();
         if !self.is_caught_up() {
             return Ok(true);
         }
         let Some(follow) = &mut self.follow else { return Ok(true) };
+        // The limit is reached, so further frames would be ignored.
         if self.config.selection.max_frames.is_some_and(|most| most <= n_planned) {
             self.follow = None;
             return Ok(true);
@@ -191,8 +190,8 @@ impl Session {
     /// Trains on the next frame, waiting for it to be decoded.
     ///
     /// # Errors
-    /// [`SessionError::Index`] as in [`Learns::learn`](crate::train::learner::Learns::learn), and
-    /// [`SessionError::NoUsableFrame`] at the end.
+    /// [`SessionError::Index`] as in [`Learns::learn`](crate::train::learner::Learns::learn), or
+    /// [`SessionError::NoUsableFrame`] if every frame was skipped.
     pub fn step(&mut self) -> Result<Step, SessionError> {
         self.step_within(Duration::MAX).map(|step| step.unwrap_or(Step::Waiting))
     }
@@ -211,13 +210,14 @@ impl Session {
         // Set before the result is handled: no resumed run may train on this frame twice.
         self.past.visited = position + 1;
         let step = match status {
-            FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms } => {
+            FrameStatus::Learned { outcome, dropped, load_ms, prepare_ms } => {
                 let ms = FrameMs { load: load_ms, prepare: prepare_ms, stages: outcome.ms };
                 Step::Trained(Box::new(
                     self.record_trained(position, name, &marks, &outcome, dropped, ms),
                 ))
             }
             FrameStatus::Skipped(message) => {
+                // The recorder may still be writing the frame's files.
                 if let Some(follow) = &mut self.follow {
                     follow.give_back(name.clone(), marks);
                 }
@@ -299,21 +299,20 @@ impl Session {
         self.past.frames.last().cloned().unwrap_or(report)
     }
 
-    /// Stores how photographs compared with the scene.
     fn record_comparisons(&mut self) {
         let learner = self.frames.learner();
-        let n_learnt = learner.status().frames;
+        let n_learned = learner.status().frames;
         for compared in learner.last_frame().compared_photographs {
-            self.doubts.extend(self.past.record_comparison(n_learnt, compared));
+            self.outlier_warnings.extend(self.past.record_comparison(n_learned, compared));
         }
     }
 
-    /// Takes the warnings about outlier frames.
+    /// Returns new warnings about outlier frames, each once.
     pub fn take_outlier_warnings(&mut self) -> Vec<String> {
-        std::mem::take(&mut self.doubts)
+        std::mem::take(&mut self.outlier_warnings)
     }
 
-    /// True if the scene is rendered as by [`Self::settle`].
+    /// True if the scene is rendered as [`Self::settle`] renders it.
     pub fn is_settled(&self) -> bool {
         self.learner().status().is_settled
     }
@@ -329,8 +328,8 @@ impl Session {
         changes
     }
 
-    /// Removes a frame from the skipped ones, which was only half written before.
     fn forget_skipped(&mut self, frame: &str) {
+        // A followed recording may return a frame that was incomplete before.
         if self.is_followed {
             self.past.skipped.retain(|skipped| skipped.frame != frame);
         }
@@ -356,7 +355,6 @@ impl Session {
         self.frames.learner()
     }
 
-    /// The learner, for changes.
     pub(super) fn learner_mut(&mut self) -> &mut dyn Learner {
         self.frames.learner_mut()
     }
@@ -371,7 +369,7 @@ impl Session {
         self.learner_mut().component_elbo_mut().stop();
     }
 
-    /// Plan position of the frame in which a component first received points, if in this session.
+    /// Plan position of the frame in which a component first received points. `None` before this session.
     pub(super) fn birth_of(&self, component: usize) -> Option<u32> {
         self.births.first_frame_of(component)
     }
@@ -386,7 +384,6 @@ impl Session {
         &self.normalization
     }
 
-    /// Progress up to the next step.
     pub(super) fn past(&self) -> &RunProgress {
         &self.past
     }
@@ -426,15 +423,7 @@ impl Session {
     pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
         self.learner().splats_of(ids)
     }
-}
 
-/// Milliseconds since the last of a frame's files was changed.
-fn latency_ms(marks: &FrameMarks) -> Option<f64> {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
-    Some(1e3 * now.checked_sub(marks.last_modified()?)?.as_secs_f64())
-}
-
-impl Session {
     /// Uses a device for a part of training from now on, if the learner has that part.
     ///
     /// # Errors
@@ -446,4 +435,11 @@ impl Session {
     ) -> Result<(), DeviceError> {
         self.learner_mut().add_device(device, policy)
     }
+}
+
+/// Milliseconds since the last change to a frame's files.
+fn latency_ms(marks: &FrameMarks) -> Option<f64> {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
+    // Checked, because the recorder's clock may be ahead of this one.
+    Some(1e3 * now.checked_sub(marks.last_modified()?)?.as_secs_f64())
 }

@@ -1,4 +1,4 @@
-//! The demo: training on the built-in synthetic room.
+//! Training on the built-in synthetic room.
 
 use super::error::SessionError;
 use super::plan::Selection;

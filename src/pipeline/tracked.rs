@@ -4,7 +4,7 @@
 //! tracked against the finished scene without training. If the recording has poses, the views' images are
 //! straightened by them, as in any other run.
 
-use super::any_preset::RestoredLearner;
+use super::any_preset::PlacedLearner;
 use super::settings::scene::SceneRun;
 use crate::dataset::error::FrameError;
 use crate::dataset::surface::Preparer;
@@ -33,7 +33,7 @@ pub struct Trajectory {
 
 /// Views with their tracked poses.
 pub struct PlacedViews {
-    /// The dataset with all tracked poses.
+    /// Dataset whose cameras have the tracked poses.
     pub dataset: Dataset,
     /// Indices in the split of the requested views that were placed.
     pub frames: Vec<usize>,
@@ -104,14 +104,14 @@ impl Trajectory {
 }
 
 impl PlacedViews {
-    /// Tracks the listed views of a split against the finished scene with these splats. `tell` receives the
-    /// number of processed views.
+    /// Tracks the listed views of a split against the finished scene with these splats. Calls `progress` with
+    /// the number of processed views.
     pub fn find(
         dataset: &Dataset,
         (run, splats): (&SceneRun, SplatView<'_>),
         trajectory: &Trajectory,
         (split, views): (usize, &[usize]),
-        mut tell: impl FnMut(usize),
+        mut progress: impl FnMut(usize),
     ) -> Self {
         let straightened = dataset.rectified();
         let is_straightened = straightened.is_some();
@@ -119,13 +119,17 @@ impl PlacedViews {
         for entry in placed.splits.iter_mut().flat_map(|split| &mut split.frames) {
             entry.camera.pose = trajectory.pose(&entry.name).unwrap_or(entry.camera.pose);
         }
-        let mut placer = Placer { run, splats, trajectory, preparer: Preparer::new() };
+        let known: Vec<Pose> = trajectory.frames.values().filter_map(TrackedPose::pose).collect();
+        let mut preparer = Preparer::new();
         let (mut frames, mut lost) = (Vec::new(), Vec::new());
         for (done, &view) in views.iter().enumerate() {
             let entry = &placed.splits[split].frames[view];
             let found = match trajectory.pose(&entry.name) {
                 Some(pose) => Ok(pose),
-                None => placer.place(entry, &trajectory.neighbour_poses(dataset, entry)),
+                None => {
+                    let guesses = trajectory.neighbour_poses(dataset, entry);
+                    place((run, splats), entry, &mut preparer, &guesses, &known)
+                }
             };
             match found {
                 Ok(pose) => {
@@ -134,7 +138,7 @@ impl PlacedViews {
                 }
                 Err(skipped) => lost.push(skipped),
             }
-            tell(done + 1);
+            progress(done + 1);
         }
         Self { dataset: placed, frames, lost, is_straightened }
     }
@@ -159,30 +163,27 @@ impl Trajectory {
     }
 }
 
-struct Placer<'a> {
-    run: &'a SceneRun,
-    splats: SplatView<'a>,
-    trajectory: &'a Trajectory,
-    preparer: Preparer,
+/// Finds the pose of a frame near `guesses`, or else near any of the `known` poses.
+fn place(
+    (run, splats): (&SceneRun, SplatView<'_>),
+    entry: &FrameEntry,
+    preparer: &mut Preparer,
+    guesses: &[Pose],
+    known: &[Pose],
+) -> Result<Pose, SkippedFrame> {
+    let skipped = |error: FrameError| SkippedFrame::from(&error);
+    let frame = entry.load().map_err(skipped)?;
+    let mut observation = Observation::empty();
+    preparer.prepare(&frame, &run.surface, &mut observation).map_err(skipped)?;
+    let lost = |message: String| SkippedFrame { frame: entry.name.clone(), message };
+    let found = find_pose(splats, &observation, guesses, known)
+        .map_err(|loss| lost(format!("{}: not placed: {loss}", entry.name)))?;
+    found.pose().ok_or_else(|| lost(format!("{}: not placed", entry.name)))
 }
 
-impl Placer<'_> {
-    fn place(&mut self, entry: &FrameEntry, guesses: &[Pose]) -> Result<Pose, SkippedFrame> {
-        let skipped = |error: FrameError| SkippedFrame::from(&error);
-        let frame = entry.load().map_err(skipped)?;
-        let mut observation = Observation::empty();
-        self.preparer.prepare(&frame, &self.run.surface, &mut observation).map_err(skipped)?;
-        let known: Vec<Pose> =
-            self.trajectory.frames.values().filter_map(TrackedPose::pose).collect();
-        let lost = |message: String| SkippedFrame { frame: entry.name.clone(), message };
-        let found = find_pose(self.splats, &observation, guesses, &known)
-            .map_err(|loss| lost(format!("{}: not placed: {loss}", entry.name)))?;
-        found.pose().ok_or_else(|| lost(format!("{}: not placed", entry.name)))
-    }
-}
-
-/// Returns a surfel for every drawn component with a known normal. Models of the `paper` preset have none.
-pub fn surfels(revived: &RestoredLearner) -> Vec<(usize, Surfel)> {
+/// Returns the surfels of a learner, one for every drawn component with a known normal. Models of the `paper`
+/// preset have none.
+pub fn surfels(revived: &PlacedLearner) -> Vec<(usize, Surfel)> {
     let (learner, normalization) = (&revived.learner, &revived.normalization);
     let splats = learner.splats();
     let of = |component: usize| {

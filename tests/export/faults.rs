@@ -7,9 +7,7 @@ use std::io;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use vbgs_studio::export::atomic::{
-    SaveStep, remove_leftovers, write_with_backup, write_with_backup_on,
-};
+use vbgs_studio::export::atomic::{SaveStep, remove_leftovers, write_checked, write_with_backup};
 use vbgs_studio::export::checkpoint::{self, Checkpoint};
 
 /// Disk on which one operation fails.
@@ -99,7 +97,7 @@ impl Saves {
     fn save(&self, at: usize, fault: Fault, has_links: bool) -> (bool, usize) {
         let disk = FaultyDisk { at, fault, has_links, done: Cell::new(0) };
         let path = self.path("run.vbgs");
-        let outcome = write_with_backup_on(&|step| disk.check(step), &path, |out| {
+        let outcome = write_checked(&|step| disk.check(step), &path, true, |out| {
             write_in_pieces(out, &self.bytes[2])
         });
         (outcome.is_ok(), disk.done.get())

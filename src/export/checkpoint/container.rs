@@ -16,10 +16,11 @@ use std::cmp::Ordering;
 use std::io;
 use std::io::{Read, Write};
 
-/// Line endings and a byte with the high bit set reveal damage by text-mode transfers.
+// Line endings and a byte with the high bit set reveal damage by text-mode transfers.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";
 // About 40 tags are known. The bound keeps the table small whatever a damaged header states.
 const MAX_SECTIONS: usize = 64;
+// A cache line.
 const ALIGNMENT: u64 = 64;
 const CRC_BYTES: usize = 4;
 
@@ -133,7 +134,7 @@ pub(super) struct Container<'a> {
 }
 
 impl<'a> Container<'a> {
-    /// Checks everything except the meaning of the sections, in the order of `files.md`, Checkpoint
+    /// Checks everything except the content of the sections, in the order of `files.md`, Checkpoint
     /// container. Allocates only the section table, once the file is known to hold it.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, Defect> {
         let found = bytes.len() as u64;
@@ -192,7 +193,8 @@ impl<'a> Container<'a> {
         Ok(Self { version, sections })
     }
 
-    pub fn find(&self, tag: [u8; 4]) -> Option<(&'a [u8], u32)> {
+    /// Bytes of a section and the code of its element type.
+    pub fn section(&self, tag: [u8; 4]) -> Option<(&'a [u8], u32)> {
         let found = self.sections.iter().find(|(entry, _)| entry.tag == tag);
         found.map(|(entry, bytes)| (*bytes, entry.element))
     }

@@ -2,10 +2,10 @@
 
 use super::super::error::try_with_capacity;
 use super::columns::{N_FIRST, N_SECOND};
-use super::container::Section;
+use super::container::{Container, Section};
 use super::element::Stored;
 use super::error::Defect;
-use super::sections::{F32, F64, I64, I128, Sections, check_size, rows, wrong_type};
+use super::sections::{F32, F64, I64, I128, check_size, rows, wrong_type};
 use super::{check, columns, sections};
 use crate::math::measured_pixel::Normalization;
 use crate::model::attributes::StoredModel;
@@ -38,7 +38,7 @@ pub(super) fn sections<'a>(
     sections
 }
 
-pub(super) fn read(sections: &Sections) -> Result<StoredModel, Defect> {
+pub(super) fn read(sections: &Container) -> Result<StoredModel, Defect> {
     let alpha_init: Vec<f64> = sections.elements(sections::ALPHA, None)?;
     let n = alpha_init.len();
     // This number of components determines the sizes of all other sections.
@@ -49,14 +49,14 @@ pub(super) fn read(sections: &Sections) -> Result<StoredModel, Defect> {
     Ok(StoredModel::Mixture { normalization, hyper, state })
 }
 
-fn normalization(sections: &Sections) -> Result<Normalization, Defect> {
+fn normalization(sections: &Container) -> Result<Normalization, Defect> {
     let [ox, oy, oz, sx, sy, sz] = sections.read_numbers(sections::NORMALIZATION)?;
     let normalization = Normalization { offset: [ox, oy, oz], scale: [sx, sy, sz] };
     check::check_normalization(&normalization)?;
     Ok(normalization)
 }
 
-fn hyper(sections: &Sections, components: usize) -> Result<Hyper, Defect> {
+fn hyper(sections: &Container, components: usize) -> Result<Hyper, Defect> {
     let numbers = sections.read_numbers::<8>(sections::PRIOR)?;
     check::check_prior(&numbers)?;
     let [alpha0, kappa0_space, kappa_init_space, u0_space, nu0, rest @ ..] = numbers;
@@ -74,7 +74,7 @@ fn hyper(sections: &Sections, components: usize) -> Result<Hyper, Defect> {
     })
 }
 
-fn means(sections: &Sections, n: usize) -> Result<InitialMeans, Defect> {
+fn means(sections: &Container, n: usize) -> Result<InitialMeans, Defect> {
     match sections.find(sections::MEANS)?.1 {
         F32 => {
             let [space, color] = means_of(sections, n)?;
@@ -88,14 +88,14 @@ fn means(sections: &Sections, n: usize) -> Result<InitialMeans, Defect> {
     }
 }
 
-fn means_of<T: Stored>(sections: &Sections, n: usize) -> Result<[Vec<[T; 3]>; 2], Defect> {
+fn means_of<T: Stored>(sections: &Container, n: usize) -> Result<[Vec<[T; 3]>; 2], Defect> {
     let bytes = sections.bytes::<T>(sections::MEANS, Some(6 * n))?;
     // All of space precedes all of colour.
     let (space, color) = bytes.split_at(bytes.len() / 2);
     Ok([rows(space)?, rows(color)?])
 }
 
-fn totals(sections: &Sections, n: usize) -> Result<Totals, Defect> {
+fn totals(sections: &Container, n: usize) -> Result<Totals, Defect> {
     let (_, form) = sections.find(sections::COUNTS)?;
     // Carries extend 64-bit sums; with wider sums they have no meaning.
     if form != I64 && sections.has(sections::CARRY_IDS) {
@@ -120,7 +120,7 @@ fn totals(sections: &Sections, n: usize) -> Result<Totals, Defect> {
     }
 }
 
-fn sums<T: Stored>(sections: &Sections, n: usize) -> Result<Vec<[T; N_SUMS]>, Defect> {
+fn sums<T: Stored>(sections: &Container, n: usize) -> Result<Vec<[T; N_SUMS]>, Defect> {
     let columns = [
         sections.bytes::<T>(sections::COUNTS, Some(n))?,
         sections.bytes::<T>(sections::FIRST, Some(N_FIRST * n))?,

@@ -4,14 +4,13 @@ use super::super::error::Fault;
 use super::container::{Container, MAGIC, is_text_damaged};
 use super::element::{Checkpoint, Cursor, LoadedCheckpoint};
 use super::error::{CheckpointError, Defect, tag_text};
-use super::sections::Sections;
 use super::{check, mixture, scene, sections};
 use crate::export::read::read_file;
 use crate::model::attributes::StoredModel;
 use std::io::Read;
 use std::path::Path;
 
-/// True if the file begins like a checkpoint, or like one damaged by a text-mode transfer. False for
+/// True if the file starts like a checkpoint or like one damaged by a text-mode transfer. False for
 /// unreadable files.
 pub fn is_checkpoint(path: &Path) -> bool {
     let mut start = Vec::new();
@@ -28,13 +27,10 @@ pub fn is_checkpoint(path: &Path) -> bool {
 /// The file cannot be read, is no checkpoint, is damaged, has another major version, or holds impossible
 /// values; the [`Defect`] states where.
 pub fn read(path: &Path) -> Result<LoadedCheckpoint, CheckpointError> {
-    let bytes = read_file(path).map_err(|fault| {
-        // The advice for a missing checkpoint differs from that for a missing model.
-        let fault = match fault {
-            Fault::Missing => Fault::NoCheckpoint,
-            other => other,
-        };
-        fault.with_path(path)
+    let bytes = read_file(path).map_err(|fault| match fault {
+        // The message for a missing model lists other formats.
+        Fault::Missing => Fault::NoCheckpoint.with_path(path),
+        other => other.with_path(path),
     })?;
     parse(&bytes).map_err(|defect| CheckpointError::Content { path: path.to_owned(), defect })
 }
@@ -44,8 +40,7 @@ pub fn read(path: &Path) -> Result<LoadedCheckpoint, CheckpointError> {
 /// # Errors
 /// As [`read`], as a [`Defect`].
 pub fn parse(bytes: &[u8]) -> Result<LoadedCheckpoint, Defect> {
-    let container = Container::parse(bytes)?;
-    let sections = Sections(&container);
+    let sections = Container::parse(bytes)?;
     // Detected by its sections: files of version 1.0 hold mixtures and name no preset.
     let model = match sections::OF_SCENES.iter().any(|tag| sections.has(*tag)) {
         true => StoredModel::Scene(scene::read(&sections)?),
@@ -55,14 +50,15 @@ pub fn parse(bytes: &[u8]) -> Result<LoadedCheckpoint, Defect> {
         config: sections.text(sections::CONFIG)?,
         meta: sections.text(sections::META)?,
         numerics: sections.text(sections::NUMERICS)?,
-        history: sections.optional_text(sections::HISTORY)?,
+        history: sections
+            .optional(sections::HISTORY, || sections.text(sections::HISTORY).map(Some))?,
         cursor: cursor(&sections)?,
         model,
     };
-    Ok(LoadedCheckpoint { checkpoint, version: container.version, bytes: bytes.len() as u64 })
+    Ok(LoadedCheckpoint { checkpoint, version: sections.version, bytes: bytes.len() as u64 })
 }
 
-fn cursor(sections: &Sections) -> Result<Cursor, Defect> {
+fn cursor(sections: &Container) -> Result<Cursor, Defect> {
     let numbers: Vec<u64> = sections.elements(sections::CURSOR, None)?;
     let [frames, points, visited @ ..] = numbers.as_slice() else {
         let found = format!("{} numbers", numbers.len());

@@ -1,8 +1,8 @@
 //! Sections of a scene.
 
-use super::container::Section;
-use super::error::Defect;
-use super::sections::{Sections, check_size};
+use super::container::{Container, Section};
+use super::error::{Defect, tag_text};
+use super::sections::check_size;
 use super::{check, sections};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{
@@ -20,16 +20,18 @@ use crate::model::splat::viewpoint::Viewpoint;
 const N_VISIBILITY: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
-/// Numbers of a corrected pose without its rotation. Older files do not store the rotation.
+/// Numbers of a corrected pose without its rotation.
+// Older files do not store the rotation, so it has a section of its own.
 const N_POSE: usize = 12;
 const N_VIEW: usize = size_of::<PhotographView>() / size_of::<f64>();
 const N_SCALE: usize = size_of::<DepthScale>() / size_of::<f64>();
+/// Scale of a photograph without depths.
 const NO_SCALE: DepthScale = DepthScale { step: 0.0, margin: [0.0; 2] };
 const N_TRACKED: usize = size_of::<TrackedPose>() / size_of::<f64>();
 
 const N_SPLAT: usize = size_of::<Splat>() / size_of::<f32>();
-/// Stored numbers of an appearance: gradient and directional colour. The observed directions are part of the
-/// component's sums.
+/// Stored numbers of an appearance: gradient and directional colour.
+// The observed directions follow from the component's sums.
 const N_APPEARANCE: usize = 18;
 
 pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
@@ -131,17 +133,17 @@ fn depth_sections(waiting: &[BufferedPhotograph]) -> Vec<Section<'_>> {
     ]
 }
 
-pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
-    sections.refuse(&sections::OF_MIXTURES, "scene")?;
+pub(super) fn read(sections: &Container) -> Result<SceneState, Defect> {
+    if let Some(tag) = sections::OF_MIXTURES.iter().find(|tag| sections.has(**tag)) {
+        return Err(Defect::malformed(tag_text(*tag), "no such section in a scene", "one"));
+    }
     let seeds = sections.rows::<f32, 3>(sections::SEEDS, None)?;
     // Zero seeds are valid: a run may be saved before any frame had points.
     check_size(sections::SEEDS, 0, seeds.len())?;
-    let shares =
-        sections.has(sections::SHARES).then(|| shares(sections, seeds.len())).transpose()?;
-    let components = match sections.has(sections::COMPONENTS) {
-        true => Some(sections.elements::<u32>(sections::COMPONENTS, Some(seeds.len()))?),
-        false => None,
-    };
+    let shares = sections.optional(sections::SHARES, || shares(sections, seeds.len()).map(Some))?;
+    let components = sections.optional(sections::COMPONENTS, || {
+        sections.elements::<u32>(sections::COMPONENTS, Some(seeds.len())).map(Some)
+    })?;
     // Without shared components, each seed has its own.
     let n = components.is_none().then_some(seeds.len());
     let visibility = sections.rows::<u32, N_VISIBILITY>(sections::VISIBILITY, n)?;
@@ -149,42 +151,28 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     check_size(sections::VISIBILITY, 0, n)?;
     let state = SceneState {
         origin: sections.read_numbers(sections::ORIGIN)?,
-        coarsening_steps: match sections.has(sections::COARSENED) {
-            true => coarsened(sections)?,
-            false => 0,
-        },
+        coarsening_steps: sections.optional(sections::COARSENED, || coarsened(sections))?,
         seeds,
         shares,
         components,
         sums: sums(sections, n)?,
         visibility: bytemuck::cast_vec(visibility),
-        exposures: match sections.has(sections::EXPOSURES) {
-            true => {
-                bytemuck::cast_vec(sections.rows::<f64, N_EXPOSURE>(sections::EXPOSURES, None)?)
-            }
-            false => Vec::new(),
-        },
-        poses: match sections.has(sections::POSES) {
-            true => poses(sections)?,
-            false => Vec::new(),
-        },
-        trajectory: match sections.has(sections::TRAJECTORY) {
-            true => {
-                bytemuck::cast_vec(sections.rows::<f64, N_TRACKED>(sections::TRAJECTORY, None)?)
-            }
-            false => Vec::new(),
-        },
-        photometric: match sections.has(sections::PHOTO_SPLATS) {
-            true => Some(photometric(sections, n)?),
-            false => None,
-        },
+        exposures: bytemuck::cast_vec(sections.optional(sections::EXPOSURES, || {
+            sections.rows::<f64, N_EXPOSURE>(sections::EXPOSURES, None)
+        })?),
+        poses: sections.optional(sections::POSES, || poses(sections))?,
+        trajectory: bytemuck::cast_vec(sections.optional(sections::TRAJECTORY, || {
+            sections.rows::<f64, N_TRACKED>(sections::TRAJECTORY, None)
+        })?),
+        photometric: sections
+            .optional(sections::PHOTO_SPLATS, || photometric(sections, n).map(Some))?,
     };
     check::check_scene(&state)?;
     Ok(state)
 }
 
 /// Reads corrected poses. Older files lack the rotations, which are read as zero.
-fn poses(sections: &Sections) -> Result<Vec<FramePose>, Defect> {
+fn poses(sections: &Container) -> Result<Vec<FramePose>, Defect> {
     let rows = sections.rows::<f64, N_POSE>(sections::POSES, None)?;
     let rotations = match sections.has(sections::POSE_ROTATIONS) {
         true => sections.rows::<f64, 4>(sections::POSE_ROTATIONS, Some(rows.len()))?,
@@ -197,7 +185,7 @@ fn poses(sections: &Sections) -> Result<Vec<FramePose>, Defect> {
     Ok(rows.into_iter().zip(rotations).map(pose).collect())
 }
 
-fn coarsened(sections: &Sections) -> Result<u32, Defect> {
+fn coarsened(sections: &Container) -> Result<u32, Defect> {
     let steps = sections.elements::<u32>(sections::COARSENED, Some(1))?;
     match steps.first().copied().unwrap_or(0) {
         steps @ 1..=MAX_COARSENING_STEPS => Ok(steps),
@@ -208,7 +196,7 @@ fn coarsened(sections: &Sections) -> Result<u32, Defect> {
     }
 }
 
-fn shares(sections: &Sections, n: usize) -> Result<Vec<u8>, Defect> {
+fn shares(sections: &Container, n: usize) -> Result<Vec<u8>, Defect> {
     let words: Vec<u32> = sections.elements(sections::SHARES, Some(n))?;
     let share = |(at, word): (usize, u32)| match u8::try_from(word) {
         Ok(share @ 1..=WHOLE) => Ok(share),
@@ -228,28 +216,26 @@ fn appearance_of(stored: [f32; N_APPEARANCE]) -> Appearance {
     Appearance { gradient, directional, ..Appearance::default() }
 }
 
-fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect> {
+fn photometric(sections: &Container, n: usize) -> Result<PhotometricState, Defect> {
     let splats = sections.rows::<f32, N_SPLAT>(sections::PHOTO_SPLATS, Some(n))?;
     let appearance = sections.rows::<f32, N_APPEARANCE>(sections::PHOTO_APPEARANCE, Some(n))?;
     // Older files have neither section.
-    let usual = |tag| if sections.has(tag) { sections.read_numbers(tag) } else { Ok([0.0; 2]) };
+    let pair = |tag| sections.optional(tag, || sections.read_numbers::<2>(tag));
     Ok(PhotometricState {
         splats: bytemuck::cast_vec(splats),
         appearance: appearance.into_iter().map(appearance_of).collect(),
         form: sections.rows(sections::PHOTO_SHAPE_PRECISION, Some(n))?,
         color: sections.rows(sections::PHOTO_COLOR, Some(n))?,
         noise: sections.read_numbers(sections::PHOTO_NOISE)?,
-        points: usual(sections::PHOTO_POINTS)?,
-        seen_through: usual(sections::PHOTO_SEEN_THROUGH)?,
-        buffered: match sections.has(sections::PHOTO_BUFFER) {
-            true => read_buffered_photographs(sections)?,
-            false => Vec::new(),
-        },
+        points: pair(sections::PHOTO_POINTS)?,
+        seen_through: pair(sections::PHOTO_SEEN_THROUGH)?,
+        buffered: sections
+            .optional(sections::PHOTO_BUFFER, || read_buffered_photographs(sections))?,
     })
 }
 
 /// Reads buffered photographs; the pixel count of each follows from its view.
-fn read_buffered_photographs(sections: &Sections) -> Result<Vec<BufferedPhotograph>, Defect> {
+fn read_buffered_photographs(sections: &Container) -> Result<Vec<BufferedPhotograph>, Defect> {
     let views = sections.rows::<f64, N_VIEW>(sections::PHOTO_BUFFER, None)?;
     let views: Vec<PhotographView> = bytemuck::cast_vec(views);
     // Views are checked before they determine the number of pixels.
@@ -267,7 +253,7 @@ fn read_buffered_photographs(sections: &Sections) -> Result<Vec<BufferedPhotogra
 }
 
 fn read_depths(
-    sections: &Sections,
+    sections: &Container,
     views: &[PhotographView],
 ) -> Result<Vec<Option<BufferedDepths>>, Defect> {
     // Older files have no depths.
@@ -291,14 +277,15 @@ fn read_depths(
     Ok(views.iter().zip(scales).map(of).collect())
 }
 
-fn sums(sections: &Sections, n: usize) -> Result<StoredSums, Defect> {
-    let has_wide = [sections::WIDE_IDS, sections::WIDE_SUMS].iter().any(|tag| sections.has(*tag));
+fn sums(sections: &Container, n: usize) -> Result<StoredSums, Defect> {
     let rows = sections.rows(sections::SUMS, Some(n))?;
+    // Either section requires the other.
+    let has_wide = [sections::WIDE_IDS, sections::WIDE_SUMS].iter().any(|tag| sections.has(*tag));
     let wide = if has_wide { wide_rows(sections)? } else { Vec::new() };
     Ok(StoredSums { rows, wide })
 }
 
-fn wide_rows(sections: &Sections) -> Result<Vec<WideRow>, Defect> {
+fn wide_rows(sections: &Container) -> Result<Vec<WideRow>, Defect> {
     let ids: Vec<u32> = sections.elements(sections::WIDE_IDS, None)?;
     let sums = sections.rows::<f64, N_SUMS>(sections::WIDE_SUMS, Some(ids.len()))?;
     Ok(ids.into_iter().zip(sums).map(|(id, sums)| WideRow { id, sums }).collect())

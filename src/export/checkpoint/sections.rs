@@ -1,4 +1,4 @@
-//! Typed access to the sections of a file.
+//! Tags of the sections, and typed access to them.
 
 use super::container::Container;
 use super::element::{ElementType, Stored};
@@ -9,27 +9,23 @@ use crate::export::error::try_with_capacity;
 /// Maximum size of a JSON section in bytes; larger ones are refused on reading.
 pub const MAX_JSON_BYTES: usize = 64 << 20;
 
-pub(super) struct Sections<'a>(pub &'a Container<'a>);
-
-impl<'a> Sections<'a> {
+impl<'a> Container<'a> {
     pub fn has(&self, tag: [u8; 4]) -> bool {
-        self.0.find(tag).is_some()
+        self.section(tag).is_some()
     }
 
     pub fn find(&self, tag: [u8; 4]) -> Result<(&'a [u8], u32), Defect> {
         let missing = || Defect::malformed(tag_text(tag), "this section", "none");
-        self.0.find(tag).ok_or_else(missing)
+        self.section(tag).ok_or_else(missing)
     }
 
-    /// Refuses a file that has any of the `tags`, which have no meaning in a `beside`.
-    pub fn refuse(&self, tags: &[[u8; 4]], beside: &str) -> Result<(), Defect> {
-        match tags.iter().find(|tag| self.has(**tag)) {
-            None => Ok(()),
-            Some(tag) => {
-                let expected = format!("no such section in a {beside}");
-                Err(Defect::malformed(tag_text(*tag), expected, "one"))
-            }
-        }
+    /// Reads a value whose section simpler or older files lack; it is then the default.
+    pub fn optional<R: Default>(
+        &self,
+        tag: [u8; 4],
+        read: impl FnOnce() -> Result<R, Defect>,
+    ) -> Result<R, Defect> {
+        if self.has(tag) { read() } else { Ok(R::default()) }
     }
 
     /// Returns the bytes of a section, which must hold elements of type `T`, exactly `count` if given.
@@ -94,10 +90,6 @@ impl<'a> Sections<'a> {
         String::from_utf8(self.elements::<u8>(tag, None)?)
             .map_err(|_| Defect::malformed(tag_text(tag), "UTF-8 text", "other bytes"))
     }
-
-    pub fn optional_text(&self, tag: [u8; 4]) -> Result<Option<String>, Defect> {
-        self.has(tag).then(|| self.text(tag)).transpose()
-    }
 }
 
 pub(super) fn rows<T: Stored, const N: usize>(bytes: &[u8]) -> Result<Vec<[T; N]>, Defect> {
@@ -127,80 +119,62 @@ pub(super) fn check_size(tag: [u8; 4], least: usize, n: usize) -> Result<(), Def
     Err(Defect::malformed(tag_text(tag), expected, n.to_string()))
 }
 
+/// Defines the tags of a kind of section, and their list.
+macro_rules! tags {
+    ($list:ident { $($name:ident: $tag:literal,)* }) => {
+        $(pub const $name: [u8; 4] = *$tag;)*
+        pub const $list: &[[u8; 4]] = &[$($name),*];
+    };
+}
+
 // Upper case: programs without support for such a section refuse the file.
-pub const CONFIG: [u8; 4] = *b"CONF";
-pub const META: [u8; 4] = *b"META";
-pub const NUMERICS: [u8; 4] = *b"NUMX";
-pub const CURSOR: [u8; 4] = *b"CURS";
-pub const HISTORY: [u8; 4] = *b"HIST";
-
-pub const NORMALIZATION: [u8; 4] = *b"NORM";
-pub const PRIOR: [u8; 4] = *b"PRIR";
-pub const ALPHA: [u8; 4] = *b"DIRI";
-pub const MEANS: [u8; 4] = *b"MINI";
-pub const COUNTS: [u8; 4] = *b"STAN";
-pub const FIRST: [u8; 4] = *b"STA1";
-pub const SECOND: [u8; 4] = *b"STA2";
-pub const CARRY_IDS: [u8; 4] = *b"CARI";
-pub const CARRY_LIMBS: [u8; 4] = *b"CARL";
-
-pub const ORIGIN: [u8; 4] = *b"ORIG";
-pub const SEEDS: [u8; 4] = *b"SEED";
-pub const COARSENED: [u8; 4] = *b"COAR";
-pub const SHARES: [u8; 4] = *b"SHAR";
-pub const SUMS: [u8; 4] = *b"SUMS";
-pub const WIDE_IDS: [u8; 4] = *b"WIDI";
-pub const WIDE_SUMS: [u8; 4] = *b"WIDE";
-pub const VISIBILITY: [u8; 4] = *b"LOOK";
-pub const COMPONENTS: [u8; 4] = *b"COMP";
-pub const EXPOSURES: [u8; 4] = *b"EXPO";
-pub const POSES: [u8; 4] = *b"POSE";
-pub const POSE_ROTATIONS: [u8; 4] = *b"POSR";
-pub const TRAJECTORY: [u8; 4] = *b"TRAJ";
-pub const PHOTO_SPLATS: [u8; 4] = *b"PHSP";
-pub const PHOTO_APPEARANCE: [u8; 4] = *b"PHAP";
-pub const PHOTO_SHAPE_PRECISION: [u8; 4] = *b"PHFO";
-pub const PHOTO_COLOR: [u8; 4] = *b"PHCO";
-pub const PHOTO_NOISE: [u8; 4] = *b"PHNO";
-pub const PHOTO_POINTS: [u8; 4] = *b"PHPT";
-pub const PHOTO_SEEN_THROUGH: [u8; 4] = *b"PHST";
-pub const PHOTO_BUFFER: [u8; 4] = *b"PHWA";
-pub const PHOTO_PIXELS: [u8; 4] = *b"PHPX";
-pub const PHOTO_SCALES: [u8; 4] = *b"PHDS";
-pub const PHOTO_DEPTHS: [u8; 4] = *b"PHDP";
-
-const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
-pub const OF_MIXTURES: [[u8; 4]; 9] =
-    [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
-pub const OF_SCENES: [[u8; 4]; 24] = [
-    ORIGIN,
-    SEEDS,
-    COARSENED,
-    SHARES,
-    SUMS,
-    WIDE_IDS,
-    WIDE_SUMS,
-    COMPONENTS,
-    VISIBILITY,
-    EXPOSURES,
-    POSES,
-    POSE_ROTATIONS,
-    TRAJECTORY,
-    PHOTO_SPLATS,
-    PHOTO_APPEARANCE,
-    PHOTO_SHAPE_PRECISION,
-    PHOTO_COLOR,
-    PHOTO_NOISE,
-    PHOTO_POINTS,
-    PHOTO_SEEN_THROUGH,
-    PHOTO_BUFFER,
-    PHOTO_PIXELS,
-    PHOTO_SCALES,
-    PHOTO_DEPTHS,
-];
+tags! { OF_ALL {
+    CONFIG: b"CONF",
+    META: b"META",
+    NUMERICS: b"NUMX",
+    CURSOR: b"CURS",
+    HISTORY: b"HIST",
+} }
+tags! { OF_MIXTURES {
+    NORMALIZATION: b"NORM",
+    PRIOR: b"PRIR",
+    ALPHA: b"DIRI",
+    MEANS: b"MINI",
+    COUNTS: b"STAN",
+    FIRST: b"STA1",
+    SECOND: b"STA2",
+    CARRY_IDS: b"CARI",
+    CARRY_LIMBS: b"CARL",
+} }
+tags! { OF_SCENES {
+    ORIGIN: b"ORIG",
+    SEEDS: b"SEED",
+    COARSENED: b"COAR",
+    SHARES: b"SHAR",
+    SUMS: b"SUMS",
+    WIDE_IDS: b"WIDI",
+    WIDE_SUMS: b"WIDE",
+    VISIBILITY: b"LOOK",
+    COMPONENTS: b"COMP",
+    EXPOSURES: b"EXPO",
+    POSES: b"POSE",
+    POSE_ROTATIONS: b"POSR",
+    TRAJECTORY: b"TRAJ",
+    PHOTO_SPLATS: b"PHSP",
+    PHOTO_APPEARANCE: b"PHAP",
+    PHOTO_SHAPE_PRECISION: b"PHFO",
+    PHOTO_COLOR: b"PHCO",
+    PHOTO_NOISE: b"PHNO",
+    PHOTO_POINTS: b"PHPT",
+    PHOTO_SEEN_THROUGH: b"PHST",
+    PHOTO_BUFFER: b"PHWA",
+    PHOTO_PIXELS: b"PHPX",
+    PHOTO_SCALES: b"PHDS",
+    PHOTO_DEPTHS: b"PHDP",
+} }
 
 pub fn is_known(tag: [u8; 4]) -> bool {
-    [&OF_ALL[..], &OF_MIXTURES, &OF_SCENES].iter().any(|tags| tags.contains(&tag))
+    [OF_ALL, OF_MIXTURES, OF_SCENES].iter().any(|tags| tags.contains(&tag))
 }
 
 /// Version of the format that this program writes, major and minor. Scenes need 1.1; from

@@ -122,11 +122,11 @@ fn median_evidence(surfels: &[Surfel]) -> f64 {
 }
 
 fn too_small(cell: f64) -> Fault {
-    Fault::Setting {
-        setting: "cell",
-        expected: format!("cells for which {MAX_BLOCKS} blocks of {BLOCK}\u{b3} are enough"),
-        found: format!("{cell}; give a larger one"),
-    }
+    Fault::setting(
+        "cell",
+        format!("cells for which {MAX_BLOCKS} blocks of {BLOCK}\u{b3} are enough"),
+        format!("{cell}; give a larger one"),
+    )
 }
 
 fn corners(surfel: &Surfel, cell: f64) -> (IVec3, IVec3) {
@@ -203,8 +203,7 @@ pub struct TriangleMesh {
 /// [`Fault::Setting`] if the cell is not above 0, or so small that it would need too much memory.
 pub fn triangulate(surfels: &[Surfel], cell: f64) -> Result<TriangleMesh, Fault> {
     if !(cell.is_finite() && cell > 0.0) {
-        let expected = "a width above 0".to_owned();
-        return Err(Fault::Setting { setting: "cell", expected, found: cell.to_string() });
+        return Err(Fault::setting("cell", "a width above 0", cell));
     }
     let field = Field::new(surfels, cell)?;
     let cut: Vec<(IVec3, DVec3, DVec3)> =

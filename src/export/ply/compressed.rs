@@ -2,7 +2,6 @@
 //! quantised between the bounds of its chunk and packed into four words. Harmonics are bytes in a separate
 //! element.
 
-use super::N_REST_DEGREE_1;
 use super::body::{Body, pick};
 use super::header::{PlyElement, PlyHeader};
 use crate::export::error::{Fault, try_with_capacity};
@@ -16,7 +15,9 @@ use std::f64::consts::SQRT_2;
 pub(super) const CHUNK: &str = "chunk";
 const CHUNK_SPLATS: usize = 256;
 /// Numbers of coefficients of degrees 1 to 3, over all channels.
-const SH_COUNTS: [usize; 3] = [9, 24, 45];
+const SH_COUNTS: [usize; 3] = [N_DEGREE_1, 24, 45];
+/// Number of coefficients of degree 1, over all channels.
+const N_DEGREE_1: usize = 9;
 /// Harmonics are quantised between plus and minus this value.
 const SH_RANGE: f64 = 4.0;
 
@@ -29,9 +30,9 @@ pub(super) fn read(
     for element in &header.elements {
         match element.name.as_str() {
             // A clone, because `skip` below advances over every element.
-            CHUNK => chunks = Some(Chunks::read(&mut body.clone(), element, max_splats)?),
-            "vertex" => words = Some(Words::open(&body, element, max_splats)?),
-            "sh" => sh = Some(Harmonics::open(&body, element)?),
+            CHUNK => chunks = Some(read_chunks(body.clone(), element, max_splats)?),
+            "vertex" => words = Some(open_words(&body, element, max_splats)?),
+            "sh" => sh = Some(open_harmonics(&body, element)?),
             _ => {}
         }
         body.skip(element)?;
@@ -40,21 +41,25 @@ pub(super) fn read(
         return Err(Fault::malformed("header", "an element vertex beside element chunk", "none"));
     };
     let n = words.n_rows;
-    if chunks.rows.len() != n.div_ceil(CHUNK_SPLATS) {
+    if chunks.len() != n.div_ceil(CHUNK_SPLATS) {
         let expected = format!("{} chunks for {n} splats", n.div_ceil(CHUNK_SPLATS));
-        return Err(Fault::malformed("element chunk", expected, chunks.rows.len().to_string()));
+        return Err(Fault::malformed("element chunk", expected, chunks.len().to_string()));
     }
     if let Some(sh) = sh.as_ref().filter(|sh| sh.n_rows != n) {
         let expected = format!("{n} rows, as many as element vertex");
         return Err(Fault::malformed("element sh", expected, sh.n_rows.to_string()));
     }
     let mut rows = Rows::with_capacity(n)?;
-    let extremes = chunks.rows.iter().flat_map(|chunk| std::iter::repeat_n(chunk, CHUNK_SPLATS));
+    let extremes = chunks.iter().flat_map(|chunk| std::iter::repeat_n(chunk, CHUNK_SPLATS));
     for (i, extremes) in (0..n).zip(extremes) {
-        let [position, rotation, scale, color] = words.row(i)?;
+        // Exact: f64 holds all integers of 32 bits.
+        let [position, rotation, scale, color] = words.row(i)?.map(|word| word as u32);
         let [r, g, b, opacity] = unpack_fractions(color, [8, 8, 8, 8]);
         let rotation = rows.rotation(smallest_three(rotation));
-        let directional = sh.as_mut().map_or(Ok(DMat3::ZERO), |sh| sh.directional(i))?;
+        let directional = match &mut sh {
+            Some(sh) => directional(sh.row(i)?),
+            None => DMat3::ZERO,
+        };
         rows.push(Gaussian {
             mean: extremes.position.at(DVec3::from_array(unpack_fractions(position, [11, 10, 11]))),
             opacity,
@@ -67,16 +72,12 @@ pub(super) fn read(
             directional,
         });
     }
-    let n_coefficients = sh.map_or(0, |sh| sh.n_ignored());
+    let n_coefficients = sh.map_or(0, |sh| sh.values.len() - N_DEGREE_1);
     let notes = match n_coefficients {
         0 => vec![],
         _ => vec![Note::ViewDependentColorIgnored { n_coefficients }],
     };
     rows.finish(ModelKind::Splats, notes, header.comments)
-}
-
-struct Chunks {
-    rows: Vec<ChunkBounds>,
 }
 
 struct ChunkBounds {
@@ -98,119 +99,110 @@ impl Bounds {
     }
 }
 
-impl Chunks {
-    fn read(body: &mut Body, element: &PlyElement, max_splats: usize) -> Result<Self, Fault> {
-        let between = |prefix: &str, axes: [&str; 3]| {
-            let column = |end: &str, axis: &str| find(element, &format!("{end}_{prefix}{axis}"));
-            let all = |end: &str| {
-                Ok([column(end, axes[0])?, column(end, axes[1])?, column(end, axes[2])?])
-            };
-            Ok::<[[usize; 3]; 2], Fault>([all("min")?, all("max")?])
-        };
-        let position = between("", ["x", "y", "z"])?;
-        let scale = between("scale_", ["x", "y", "z"])?;
-        // Early files have no colour bounds; colours are fractions of 1.
-        let color = between("", ["r", "g", "b"]).ok();
-        let n = body.n_rows(element)?;
-        if n > max_splats.div_ceil(CHUNK_SPLATS) {
-            let declared = (n as u64).saturating_mul(CHUNK_SPLATS as u64);
-            return Err(Fault::TooMany { declared, cap: max_splats });
-        }
-        let mut rows = try_with_capacity(n)?;
-        let mut values = vec![0.0; element.properties.len()];
-        for row in 0..n {
-            body.read_row(element, row, &mut values)?;
-            let vector = |columns: [usize; 3]| DVec3::from_array(pick(&values, columns));
-            let of = |[min, max]: [[usize; 3]; 2]| Bounds { min: vector(min), max: vector(max) };
-            let unit = Bounds { min: DVec3::ZERO, max: DVec3::ONE };
-            let color = color.map_or(unit, of);
-            rows.push(ChunkBounds { position: of(position), scale: of(scale), color });
-        }
-        Ok(Self { rows })
+fn read_chunks(
+    mut body: Body,
+    element: &PlyElement,
+    max_splats: usize,
+) -> Result<Vec<ChunkBounds>, Fault> {
+    let between = |prefix: &str, axes: [&str; 3]| {
+        let all = |end: &str| columns(element, axes.map(|axis| format!("{end}_{prefix}{axis}")));
+        Ok::<[[usize; 3]; 2], Fault>([all("min")?, all("max")?])
+    };
+    let position = between("", ["x", "y", "z"])?;
+    let scale = between("scale_", ["x", "y", "z"])?;
+    // Early files have no colour bounds; colours are fractions of 1.
+    let color = between("", ["r", "g", "b"]).ok();
+    let n = body.n_rows(element)?;
+    if n > max_splats.div_ceil(CHUNK_SPLATS) {
+        let declared = (n as u64).saturating_mul(CHUNK_SPLATS as u64);
+        return Err(Fault::TooMany { declared, cap: max_splats });
     }
+    let mut rows = try_with_capacity(n)?;
+    let mut values = vec![0.0; element.properties.len()];
+    for row in 0..n {
+        body.read_row(element, row, &mut values)?;
+        let vector = |columns: [usize; 3]| DVec3::from_array(pick(&values, columns));
+        let of = |[min, max]: [[usize; 3]; 2]| Bounds { min: vector(min), max: vector(max) };
+        let unit = Bounds { min: DVec3::ZERO, max: DVec3::ONE };
+        let color = color.map_or(unit, of);
+        rows.push(ChunkBounds { position: of(position), scale: of(scale), color });
+    }
+    Ok(rows)
 }
 
-struct Words<'a> {
+/// Chosen columns of an element, read row by row.
+struct Table<'a, const N: usize> {
     body: Body<'a>,
     element: &'a PlyElement,
     n_rows: usize,
-    columns: [usize; 4],
+    columns: [usize; N],
     values: Vec<f64>,
 }
 
-impl<'a> Words<'a> {
-    fn open(body: &Body<'a>, element: &'a PlyElement, max_splats: usize) -> Result<Self, Fault> {
-        let columns = [
-            find(element, "packed_position")?,
-            find(element, "packed_rotation")?,
-            find(element, "packed_scale")?,
-            find(element, "packed_color")?,
-        ];
+impl<'a, const N: usize> Table<'a, N> {
+    fn open(body: &Body<'a>, element: &'a PlyElement, columns: [usize; N]) -> Result<Self, Fault> {
         let n_rows = body.n_rows(element)?;
-        if n_rows > max_splats {
-            return Err(Fault::TooMany { declared: element.count, cap: max_splats });
-        }
         let values = vec![0.0; element.properties.len()];
         Ok(Self { body: body.clone(), element, n_rows, columns, values })
     }
 
-    fn row(&mut self, i: usize) -> Result<[u32; 4], Fault> {
+    fn row(&mut self, i: usize) -> Result<[f64; N], Fault> {
         self.body.read_row(self.element, i, &mut self.values)?;
-        // Exact: f64 holds all integers of 32 bits.
-        Ok(pick(&self.values, self.columns).map(|word| word as u32))
+        Ok(pick(&self.values, self.columns))
     }
 }
 
-struct Harmonics<'a> {
-    body: Body<'a>,
+fn open_words<'a>(
+    body: &Body<'a>,
     element: &'a PlyElement,
-    n_rows: usize,
-    /// By coefficient, then channel.
-    degree_1: [[usize; 3]; N_REST_DEGREE_1],
-    values: Vec<f64>,
-}
-
-impl<'a> Harmonics<'a> {
-    fn open(body: &Body<'a>, element: &'a PlyElement) -> Result<Self, Fault> {
-        let n = element.properties.len();
-        if !SH_COUNTS.contains(&n) {
-            let expected = "9, 24 or 45 coefficients";
-            return Err(Fault::malformed("element sh", expected, n.to_string()));
-        }
-        let mut degree_1 = [[0; 3]; N_REST_DEGREE_1];
-        for (i, coefficient) in degree_1.iter_mut().enumerate() {
-            for (channel, column) in coefficient.iter_mut().enumerate() {
-                // Channel by channel, each with a third of the coefficients.
-                *column = find(element, &format!("f_rest_{}", channel * n / 3 + i))?;
-            }
-        }
-        let n_rows = body.n_rows(element)?;
-        Ok(Self { body: body.clone(), element, n_rows, degree_1, values: vec![0.0; n] })
-    }
-
-    fn directional(&mut self, i: usize) -> Result<DMat3, Fault> {
-        self.body.read_row(self.element, i, &mut self.values)?;
-        // The end codes are the exact limits, the others the middles of their intervals.
-        let value = |byte: f64| match byte {
-            0.0 => -SH_RANGE,
-            255.0 => SH_RANGE,
-            byte => ((byte + 0.5) / 256.0 - 0.5) * 2.0 * SH_RANGE,
-        };
-        let vector =
-            |columns: [usize; 3]| DVec3::from_array(pick(&self.values, columns).map(value));
-        Ok(harmonics::to_directional(self.degree_1.map(vector)))
-    }
-
-    fn n_ignored(&self) -> usize {
-        self.values.len() - self.degree_1.as_flattened().len()
+    max_splats: usize,
+) -> Result<Table<'a, 4>, Fault> {
+    let names = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
+    let words = Table::open(body, element, columns(element, names)?)?;
+    match words.n_rows > max_splats {
+        true => Err(Fault::TooMany { declared: element.count, cap: max_splats }),
+        false => Ok(words),
     }
 }
 
-fn find(element: &PlyElement, name: &str) -> Result<usize, Fault> {
-    element.properties.iter().position(|p| p.name == name).ok_or_else(|| {
-        let place = format!("element {}", element.name);
-        Fault::malformed(place, format!("property {name}"), "none of that name")
-    })
+/// Opens the harmonics of degree 1, by coefficient, then channel.
+fn open_harmonics<'a>(
+    body: &Body<'a>,
+    element: &'a PlyElement,
+) -> Result<Table<'a, N_DEGREE_1>, Fault> {
+    let n = element.properties.len();
+    if !SH_COUNTS.contains(&n) {
+        let expected = "9, 24 or 45 coefficients";
+        return Err(Fault::malformed("element sh", expected, n.to_string()));
+    }
+    // In the file, channel by channel, each with a third of the coefficients.
+    let names = std::array::from_fn(|i| format!("f_rest_{}", i % 3 * n / 3 + i / 3));
+    Table::open(body, element, columns(element, names)?)
+}
+
+fn directional(bytes: [f64; N_DEGREE_1]) -> DMat3 {
+    // The end codes are the exact limits, the others the middles of their intervals.
+    let [a, b, c, d, e, f, g, h, i] = bytes.map(|byte| match byte {
+        0.0 => -SH_RANGE,
+        255.0 => SH_RANGE,
+        byte => ((byte + 0.5) / 256.0 - 0.5) * 2.0 * SH_RANGE,
+    });
+    harmonics::to_directional([DVec3::new(a, b, c), DVec3::new(d, e, f), DVec3::new(g, h, i)])
+}
+
+fn columns<const N: usize>(
+    element: &PlyElement,
+    names: [impl AsRef<str>; N],
+) -> Result<[usize; N], Fault> {
+    let mut columns = [0; N];
+    for (column, name) in columns.iter_mut().zip(&names) {
+        let name = name.as_ref();
+        *column = element.column(name).ok_or_else(|| {
+            let place = format!("element {}", element.name);
+            Fault::malformed(place, format!("property {name}"), "none of that name")
+        })?;
+    }
+    Ok(columns)
 }
 
 /// Splits a word into fractions of each field's maximum; the first field is in the highest bits.

@@ -4,8 +4,10 @@
 //! for.
 
 use crate::export::error::{Fault, shorten};
+use std::borrow::Cow;
 
-/// Maximum header size, equal to SuperSplat's limit (`files.md`, PLY of splats); 62 properties take 1.5 KB.
+/// Maximum header size.
+// The limit of SuperSplat (`files.md`, PLY of splats); 62 properties take 1.5 KB.
 const MAX_HEADER_BYTES: usize = 128 * 1024;
 
 #[derive(Debug)]
@@ -28,6 +30,13 @@ pub(super) struct PlyElement {
     pub name: String,
     pub count: u64,
     pub properties: Vec<Property>,
+}
+
+impl PlyElement {
+    /// Index of the property with this name.
+    pub fn column(&self, name: &str) -> Option<usize> {
+        self.properties.iter().position(|property| property.name == name)
+    }
 }
 
 #[derive(Debug)]
@@ -79,6 +88,7 @@ impl Scalar {
         }
     }
 
+    /// Value of a saturated colour channel of this type.
     pub fn full_channel(self) -> f64 {
         match self {
             Scalar::F32 | Scalar::F64 => 1.0,
@@ -99,9 +109,8 @@ impl PlyHeader {
         let mut has_format = false;
         let mut number = 0;
         loop {
-            let line = next_line(bytes, &mut header.body_offset)?;
             number += 1;
-            let line = Line { number, text: line };
+            let line = Line { number, text: next_line(bytes, &mut header.body_offset)? };
             let mut words = line.text.split_ascii_whitespace();
             match words.next() {
                 Some("ply") if number == 1 => {}
@@ -134,7 +143,7 @@ impl PlyHeader {
 
 struct Line<'a> {
     number: usize,
-    text: std::borrow::Cow<'a, str>,
+    text: Cow<'a, str>,
 }
 
 impl Line<'_> {
@@ -191,7 +200,7 @@ impl Line<'_> {
     }
 }
 
-fn next_line<'a>(bytes: &'a [u8], offset: &mut usize) -> Result<std::borrow::Cow<'a, str>, Fault> {
+fn next_line<'a>(bytes: &'a [u8], offset: &mut usize) -> Result<Cow<'a, str>, Fault> {
     let end = bytes.len().min(MAX_HEADER_BYTES).max(*offset);
     let searched = bytes.get(*offset..end).unwrap_or_default();
     // A line without its break is truncated.

@@ -14,9 +14,9 @@ use glam::{DMat3, DQuat, DVec3};
 
 /// Third scale of flat splats, as a fraction of the larger of the other two (`files.md`, PLY of splats).
 const FLATNESS: f64 = 1e-6;
-/// Maximum number of properties in a message, and of characters for them.
+// Messages show only the start of a file's list of properties, which may have any length.
 const MAX_NAMED_PROPERTIES: usize = 20;
-const MOST_NAMED_CHARS: usize = 300;
+const MAX_NAMED_CHARS: usize = 300;
 
 /// Highest degree of harmonics that trainers write.
 const MAX_DEGREE: usize = 4;
@@ -43,9 +43,8 @@ fn vertices(
     max_splats: usize,
 ) -> Result<Imported, Fault> {
     let n_rows = body.n_rows(element)?;
-    let columns = Columns { element };
     let mut notes = Vec::new();
-    let layout = Layout::find(&columns, &mut notes)?;
+    let layout = Layout::find(element, &mut notes)?;
     // Checked after the layout, because a wrong kind of file gives the more useful message.
     if n_rows > max_splats {
         return Err(Fault::TooMany { declared: element.count, cap: max_splats });
@@ -62,31 +61,23 @@ fn vertices(
     rows.finish(kind, notes, comments)
 }
 
-struct Columns<'a> {
-    element: &'a PlyElement,
-}
-
-impl Columns<'_> {
-    fn find(&self, name: &str) -> Option<usize> {
-        self.element.properties.iter().position(|p| p.name == name)
-    }
-
+impl PlyElement {
     fn require<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N], Fault> {
         let mut columns = [0; N];
         for (column, name) in columns.iter_mut().zip(names) {
-            *column = self.find(name).ok_or_else(|| self.missing(name))?;
+            *column = self.column(name).ok_or_else(|| self.missing(name))?;
         }
         Ok(columns)
     }
 
     /// Columns of degree 1, by coefficient, then channel. All other coefficients are noted as ignored.
     fn degree_1(&self, notes: &mut Vec<Note>) -> Option<[[usize; 3]; N_REST_DEGREE_1]> {
-        let names = self.element.properties.iter().map(|p| p.name.as_str());
+        let names = self.properties.iter().map(|p| p.name.as_str());
         let n = names.filter(|name| name.starts_with("f_rest_")).count();
         // Channel by channel, each with the coefficients of complete degrees.
         let mut counts = (1..=MAX_DEGREE).map(|degree| (degree + 1) * (degree + 1) - 1);
         let found = counts.find(|per_channel| 3 * per_channel == n).and_then(|k| {
-            let column = |i, channel| self.find(&format!("f_rest_{}", channel * k + i));
+            let column = |i, channel| self.column(&format!("f_rest_{}", channel * k + i));
             let mut columns = [[0; 3]; N_REST_DEGREE_1];
             for (i, row) in columns.iter_mut().enumerate() {
                 *row = [column(i, 0)?, column(i, 1)?, column(i, 2)?];
@@ -101,14 +92,9 @@ impl Columns<'_> {
     }
 
     fn missing(&self, name: &str) -> Fault {
-        let names: Vec<&str> = self
-            .element
-            .properties
-            .iter()
-            .take(MAX_NAMED_PROPERTIES)
-            .map(|p| p.name.as_str())
-            .collect();
-        let found = shorten_to(&names.join(" "), MOST_NAMED_CHARS);
+        let names = self.properties.iter().take(MAX_NAMED_PROPERTIES);
+        let names: Vec<&str> = names.map(|p| p.name.as_str()).collect();
+        let found = shorten_to(&names.join(" "), MAX_NAMED_CHARS);
         Fault::MissingProperty { property: name.to_owned(), found }
     }
 }
@@ -137,27 +123,27 @@ enum Color {
 }
 
 impl Layout {
-    fn find(columns: &Columns, notes: &mut Vec<Note>) -> Result<Self, Fault> {
-        let mean = columns.require(["x", "y", "z"])?;
-        let is_splat = columns.find("scale_0").is_some() && columns.find("rot_0").is_some();
-        let color = Color::find(columns)?;
+    fn find(element: &PlyElement, notes: &mut Vec<Note>) -> Result<Self, Fault> {
+        let mean = element.require(["x", "y", "z"])?;
+        let is_splat = element.column("scale_0").is_some() && element.column("rot_0").is_some();
+        let color = Color::find(element)?;
         if matches!(color, Color::None) {
             if is_splat {
-                return Err(columns.missing("f_dc_0"));
+                return Err(element.missing("f_dc_0"));
             }
             notes.push(Note::NoColor);
         }
         if !is_splat {
             return Ok(Self { mean, color, shape: None });
         }
-        let degree_1 = columns.degree_1(notes);
-        let [opacity] = columns.require(["opacity"])?;
-        let scale = columns.require(["scale_0", "scale_1"])?;
-        let scale_2 = columns.find("scale_2");
+        let degree_1 = element.degree_1(notes);
+        let [opacity] = element.require(["opacity"])?;
+        let scale = element.require(["scale_0", "scale_1"])?;
+        let scale_2 = element.column("scale_2");
         if scale_2.is_none() {
             notes.push(Note::FlatSplats);
         }
-        let rotation = columns.require(["rot_0", "rot_1", "rot_2", "rot_3"])?;
+        let rotation = element.require(["rot_0", "rot_1", "rot_2", "rot_3"])?;
         let shape = Shape { opacity, scale, scale_2, rotation, degree_1 };
         Ok(Self { mean, color, shape: Some(shape) })
     }
@@ -202,15 +188,15 @@ impl Shape {
 
 impl Color {
     /// Prefers coefficients of degree 0 over red, green, blue, which some files add as a preview.
-    fn find(columns: &Columns) -> Result<Self, Fault> {
-        if columns.find("f_dc_0").is_some() {
-            return Ok(Color::Sh(columns.require(["f_dc_0", "f_dc_1", "f_dc_2"])?));
+    fn find(element: &PlyElement) -> Result<Self, Fault> {
+        if element.column("f_dc_0").is_some() {
+            return Ok(Color::Sh(element.require(["f_dc_0", "f_dc_1", "f_dc_2"])?));
         }
-        if columns.find("red").is_none() {
+        if element.column("red").is_none() {
             return Ok(Color::None);
         }
-        let found = columns.require(["red", "green", "blue"])?;
-        let full = found.map(|c| match columns.element.properties.get(c).map(|p| &p.kind) {
+        let found = element.require(["red", "green", "blue"])?;
+        let full = found.map(|c| match element.properties.get(c).map(|p| &p.kind) {
             Some(Kind::Scalar(kind)) => kind.full_channel(),
             _ => 1.0,
         });

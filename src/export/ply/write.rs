@@ -77,7 +77,7 @@ impl PlyLayout {
     }
 }
 
-pub(super) fn header_start(n: usize, options: &WriteOptions) -> String {
+fn header_start(n: usize, options: &WriteOptions) -> String {
     // brush reads this comment as the up direction.
     let up = file_rotation(options).rotate_vector(options.up);
     // Adding zero turns −0 into 0.
@@ -91,21 +91,18 @@ pub(super) fn header_start(n: usize, options: &WriteOptions) -> String {
     header
 }
 
-pub(super) fn push_property(header: &mut String, kind: &str, name: &str) {
+fn push_property(header: &mut String, kind: &str, name: &str) {
     let _ = writeln!(header, "property {kind} {name}");
 }
 
-pub(super) fn end_header(mut header: String) -> Result<String, Fault> {
+fn end_header(mut header: String) -> Result<String, Fault> {
     header.push_str("end_header\n");
     // The caller's comments may have any length, and viewers reject a header that is too long.
     if header.len() < MAX_HEADER_BYTES {
         return Ok(header);
     }
-    Err(Fault::Setting {
-        setting: "comments",
-        expected: format!("a PLY header below {MAX_HEADER_BYTES} bytes"),
-        found: format!("{} bytes", header.len()),
-    })
+    let expected = format!("a PLY header below {MAX_HEADER_BYTES} bytes");
+    Err(Fault::setting("comments", expected, format!("{} bytes", header.len())))
 }
 
 pub(in crate::export) fn header(n: usize, options: &WriteOptions) -> Result<String, Fault> {

@@ -70,11 +70,12 @@ fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Faul
 fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
     check_count(&header, max_splats)?;
-    let table = Table::parse(bytes, &header)?;
+    let (table, mut rest) = split_table(bytes, &header)?;
+    let entries = table.as_chunks::<8>().0.as_chunks::<2>().0.iter();
+    let lengths = entries.map(|entry| entry.map(u64::from_le_bytes));
     let mut columns: [Vec<u8>; 6] = Default::default();
-    let mut rest = table.streams;
     let named = header.widths().into_iter().zip(COLUMN_NAMES).zip(&mut columns);
-    for ((packed, unpacked), ((width, name), column)) in table.entries.into_iter().zip(named) {
+    for ([packed, unpacked], ((width, name), column)) in lengths.zip(named) {
         let needed = header.n_splats as usize * width;
         if unpacked != needed as u64 {
             let expected = format!("{needed} bytes for {} splats", header.n_splats);
@@ -92,37 +93,24 @@ fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     Ok(Unpacked { header, columns })
 }
 
-struct Table<'a> {
-    /// Compressed and uncompressed length of each stream.
-    entries: Vec<(u64, u64)>,
-    streams: &'a [u8],
-}
-
-impl<'a> Table<'a> {
-    fn parse(bytes: &'a [u8], header: &SpzHeader) -> Result<Self, Fault> {
-        // Degree 0 has no stream of harmonics.
-        let n = if header.degree == 0 { 5 } else { 6 };
-        if usize::from(header.n_streams) != n {
-            let expected = format!("{n} streams for harmonics of degree {}", header.degree);
-            return Err(Fault::malformed(HEADER, expected, header.n_streams.to_string()));
-        }
-        // Offset of the table: extension records of any length precede it.
-        let start = match bytes.get(16..20) {
-            Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]) as usize,
-            _ => return Err(Fault::malformed(HEADER, "32 bytes", format!("{}", bytes.len()))),
-        };
-        let behind = bytes.get(start..).filter(|_| start >= NGSP_BYTES);
-        let split = behind.and_then(|behind| behind.split_at_checked(n * ENTRY_BYTES));
-        let Some((table, streams)) = split else {
-            let expected = format!("a table of {} bytes after byte {NGSP_BYTES}", n * ENTRY_BYTES);
-            let found = format!("byte {start} of {}", bytes.len());
-            return Err(Fault::malformed(HEADER, expected, found));
-        };
-        let (words, _) = table.as_chunks::<8>();
-        let entries = words.as_chunks::<2>().0.iter();
-        let entries = entries.map(|&[a, b]| (u64::from_le_bytes(a), u64::from_le_bytes(b)));
-        Ok(Self { entries: entries.collect(), streams })
+/// Splits off the table of lengths, two for each stream, and the streams behind it.
+fn split_table<'a>(bytes: &'a [u8], header: &SpzHeader) -> Result<(&'a [u8], &'a [u8]), Fault> {
+    // Degree 0 has no stream of harmonics.
+    let n = if header.degree == 0 { 5 } else { 6 };
+    if usize::from(header.n_streams) != n {
+        let expected = format!("{n} streams for harmonics of degree {}", header.degree);
+        return Err(Fault::malformed(HEADER, expected, header.n_streams.to_string()));
     }
+    // Offset of the table: extension records of any length precede it.
+    let start = match bytes.get(16..20) {
+        Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]) as usize,
+        _ => return Err(Fault::malformed(HEADER, "32 bytes", format!("{}", bytes.len()))),
+    };
+    let behind = bytes.get(start..).filter(|_| start >= NGSP_BYTES);
+    behind.and_then(|behind| behind.split_at_checked(n * ENTRY_BYTES)).ok_or_else(|| {
+        let expected = format!("a table of {} bytes after byte {NGSP_BYTES}", n * ENTRY_BYTES);
+        Fault::malformed(HEADER, expected, format!("byte {start} of {}", bytes.len()))
+    })
 }
 
 fn zstandard(stream: &[u8], needed: usize, name: &str) -> Result<Vec<u8>, Fault> {

@@ -122,11 +122,11 @@ fn fraction_bits(rows: &impl SplatRows, largest: f64) -> Result<u8, Fault> {
     // Bits left after the integer part.
     let room = COORDINATE_BITS - largest.max(f64::MIN_POSITIVE).log2().floor() as i32 - 1;
     if room < 0 {
-        return Err(Fault::Setting {
-            setting: "SPZ",
-            expected: format!("coordinates below {}", 1 << COORDINATE_BITS),
-            found: format!("{largest}; use a smaller unit scale or export PLY"),
-        });
+        return Err(Fault::setting(
+            "SPZ",
+            format!("coordinates below {}", 1 << COORDINATE_BITS),
+            format!("{largest}; use a smaller unit scale or export PLY"),
+        ));
     }
     let step = rows.n_rows().div_ceil(N_SAMPLED).max(1);
     let middle = |i: usize| {

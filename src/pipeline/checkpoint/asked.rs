@@ -21,7 +21,7 @@ use serde::Serialize;
 use std::fmt::Debug;
 use std::sync::Arc;
 
-/// Settings requested for a resumed run; `None` keeps the run's.
+/// Settings requested for a resumed run. `None` retains the run's value.
 #[derive(Clone, Debug, Default)]
 pub struct ResumeRequest {
     /// Preset.
@@ -38,9 +38,9 @@ pub struct ResumeRequest {
     pub shard: Option<Shard>,
     /// How depth files are read.
     pub load: LoadOptions,
-    /// Maximum number of frames, including those visited; may differ from the run's.
+    /// Maximum number of frames, including visited ones; may differ from the run's.
     pub max_frames: Option<usize>,
-    /// Number of passes, including those done; may differ from the run's.
+    /// Number of passes, including completed ones; may differ from the run's.
     pub passes: Option<usize>,
     /// True to follow the recording while it grows.
     pub follow: bool,
@@ -55,6 +55,7 @@ impl SavedRun {
     /// [`RunError::Conflict`] states the option, the run's value and the requested one.
     pub fn check(&self, asked: &ResumeRequest) -> Result<(), RunError> {
         let method = &self.config.method;
+        // The preset first: with another one, every setting of the model would differ too.
         let conflict = differs("preset (`--preset`)", &asked.preset, &Some(method.preset()))
             .or_else(|| asked.model.conflict(method))
             .or_else(|| frame_conflict(asked, &self.config.selection))
@@ -125,7 +126,6 @@ fn depth_conflict(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict>
     .next()
 }
 
-/// Returns a conflict if the requested value is not the stored one.
 fn differs<T: PartialEq + Serialize + Debug>(
     setting: &'static str,
     asked: &Option<T>,
@@ -136,7 +136,7 @@ fn differs<T: PartialEq + Serialize + Debug>(
 }
 
 impl SavedRun {
-    /// Resumes the run on the dataset it was trained on.
+    /// Resumes the run on its dataset.
     ///
     /// # Errors
     /// [`RunError::Conflict`] for settings other than the run's, [`RunError::OtherDataset`] unless `force`,

@@ -14,8 +14,11 @@ use crate::pipeline::settings::method::Method;
 use serde_json::Value;
 use std::collections::BTreeSet;
 
-/// Merges runs into one over the frames of all. Mixtures are added exactly, so any order and tree of merges
-/// gives the same model. Scenes are fused, to the same model for any order of `runs`. The result can be resumed on the remaining frames. `None` for an empty list.
+/// Merges runs into one over the frames of all, which can be resumed on the remaining frames. `None` for an
+/// empty list.
+///
+/// Mixtures are added exactly, so any order and tree of merges gives the same model. Scenes are fused, to the
+/// same model for any order of `runs`.
 ///
 /// # Errors
 /// [`RunError::Unlike`] if they did not start alike, [`RunError::Overlap`] if a frame would count twice,
@@ -30,8 +33,8 @@ pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
     runs.try_fold(first, add).map(Some)
 }
 
-/// Merges scenes that all continued `origin`: statistics of their common components are added to
-/// those of `origin`.
+/// Merges scenes that all continued `origin`. Statistics of their common components are added to those of
+/// `origin`.
 ///
 /// # Errors
 /// As [`merge`], and [`RunError::Origin`] unless all continued `origin`.
@@ -59,8 +62,6 @@ fn sum(a: &StoredModel, b: &StoredModel) -> Result<StoredModel, AddError> {
     }
 }
 
-/// Fuses runs into one over the frames of all. `origin` is the run that all of them continued, if any. `None`
-/// for an empty list.
 fn fuse(origin: Option<&SavedRun>, mut runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
     if let Some(origin) = origin {
         for run in &mut runs {
@@ -86,7 +87,7 @@ fn fuse(origin: Option<&SavedRun>, mut runs: Vec<SavedRun>) -> Result<Option<Sav
     Ok(Some(all))
 }
 
-/// Removes the frames that `origin` had already visited from a run's cursor.
+/// Removes the frames of `origin` from a run that continues it.
 fn remove_origin_frames(run: &mut SavedRun, origin: &SavedRun) -> Result<(), RunError> {
     use StoredModel::Scene;
     let (ours, before) = (&run.content.cursor, &origin.content.cursor);
@@ -119,7 +120,7 @@ fn origin_error(run: &SavedRun, origin: &SavedRun, found: &'static str) -> RunEr
     RunError::Origin { path: run.path.clone(), origin: origin.path.clone(), found }
 }
 
-/// Combines two runs into one over the frames of both, still with the model of `a`.
+/// Combines two runs into one over the frames of both. The model is that of `a`.
 fn combine_runs(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
     // The merged run continues on all remaining frames, not on those of one shard.
     let config = a.config.without_shard();
@@ -164,7 +165,7 @@ impl Difference {
     }
 }
 
-/// Refuses runs that did not start alike or have a frame in common.
+/// Refuses runs with different starts or a common frame.
 fn check_compatible(runs: &[SavedRun]) -> Result<(), RunError> {
     for (i, run) in runs.iter().enumerate() {
         for other in runs.iter().take(i) {
@@ -177,6 +178,7 @@ fn check_compatible(runs: &[SavedRun]) -> Result<(), RunError> {
 
 /// Refuses runs with different datasets, settings or initial models.
 fn check_same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
+    // Origins first: a different one also changes all poses, and with them the dataset's fingerprint.
     let difference = of_origins(a, b)
         .or_else(|| of_datasets(a, b))
         .or_else(|| of_methods(&a.config.method, &b.config.method))
@@ -191,7 +193,6 @@ fn check_same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
     }
 }
 
-/// Compared first, because a different local origin also changes all poses.
 fn of_origins(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
     let (a, b) = (a.local_origin(), b.local_origin());
     (a != b).then(|| Difference {
@@ -216,7 +217,6 @@ fn of_methods(a: &Method, b: &Method) -> Option<Difference> {
     Some(Difference::new(what, format!("{a} and {b}")))
 }
 
-/// Returns the first setting that differs.
 fn of_settings(a: &RunConfig, b: &RunConfig) -> Option<Difference> {
     if a == b {
         return None;
@@ -229,7 +229,7 @@ fn of_settings(a: &RunConfig, b: &RunConfig) -> Option<Difference> {
     Some(Difference::new(&format!("setting `{name}`"), found))
 }
 
-/// Compares initial mixtures; scenes start empty.
+/// Compares the initial models.
 fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
     use StoredModel::Mixture;
     let (
@@ -237,6 +237,7 @@ fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
         Mixture { normalization: other_normalization, hyper: other_hyper, state: other },
     ) = (a, b)
     else {
+        // Scenes start empty.
         return None;
     };
     if normalization != other_normalization {

@@ -8,7 +8,7 @@ use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::export::checkpoint;
 use crate::export::checkpoint::{Checkpoint, LoadedCheckpoint};
 use crate::model::splat::appearance::SplatSet;
-use crate::pipeline::any_preset::{Mismatch, RestoredLearner};
+use crate::pipeline::any_preset::{Mismatch, PlacedLearner};
 use crate::pipeline::frame_loop::restore_any;
 use crate::pipeline::plan::MAX_PASSES;
 use crate::pipeline::run::RunConfig;
@@ -47,9 +47,9 @@ pub struct SavedRun {
     pub bytes: u64,
     /// Every setting that affects the result.
     pub config: RunConfig,
-    /// Origin of the run.
+    /// Dataset, program and time of the run.
     pub meta: Meta,
-    /// Everything else.
+    /// Model, cursor and the unparsed sections.
     pub content: Checkpoint,
 }
 
@@ -75,7 +75,7 @@ impl SavedRun {
         runs.max_by_key(|run| run.1).unwrap_or_default()
     }
 
-    /// Checks that no frame was visited more often than the number of passes, which is limited.
+    /// Checks the number of passes, and that no frame was visited more often.
     fn check_visits(&self) -> Result<(), RunError> {
         let passes = self.config.selection.passes;
         let refuse =
@@ -109,11 +109,11 @@ impl SavedRun {
         Ok(Trajectory::of(&history.frames, &history.skipped))
     }
 
-    /// Restores the learner, settled for rendering, and the transform from world to model coordinates.
+    /// Restores the learner, settled for rendering.
     ///
     /// # Errors
-    /// [`RunError::Form`], [`RunError::Prior`] or [`RunError::Json`] if model and settings do not match.
-    pub fn revive(&self) -> Result<RestoredLearner, RunError> {
+    /// [`RunError::Mismatch`] if model and settings do not match.
+    pub fn revive(&self) -> Result<PlacedLearner, RunError> {
         let (model, frames) = (&self.content.model, self.content.cursor.frames);
         let revived = restore_any(&self.config.method, model, frames);
         let mut revived = revived.map_err(|why| self.mismatch(why))?;
@@ -121,14 +121,11 @@ impl SavedRun {
         Ok(revived)
     }
 
-    /// Adds the path to a mismatch between model and settings.
-    fn mismatch(&self, why: Mismatch) -> RunError {
-        let path = self.path.clone();
-        match why {
-            Mismatch::Prior => RunError::Prior { path },
-            Mismatch::Form(expected) => RunError::Form { path, expected },
-            Mismatch::Setting(problem) => RunError::Json { path, section: "CONF", problem },
+    fn mismatch(&self, mismatch: Mismatch) -> RunError {
+        match mismatch {
+            // The advice of other mismatches, to use another program, would not help here.
             Mismatch::Index(error) => RunError::Index(error),
+            mismatch => RunError::Mismatch { path: self.path.clone(), mismatch },
         }
     }
 
@@ -148,10 +145,10 @@ impl SavedRun {
         self.config.load.local_origin.map_or(DVec3::ZERO, DVec3::from_array)
     }
 
-    /// True if world units are known to be metres, by the dataset layout. False if the user set both depth
-    /// scale and depth range, which may change the unit.
+    /// True if the dataset's layout defines world units as metres.
     pub fn is_metric(&self) -> bool {
         let load = &self.config.load;
+        // With both options, the user may have chosen another unit.
         let is_given = load.depth_scale.is_some() && load.depth_range.is_some();
         !is_given && self.meta.fingerprint.layout().is_some_and(Layout::is_metric)
     }
@@ -177,9 +174,9 @@ pub(super) struct History {
 }
 
 impl History {
-    /// Serializes like [`canonical`], one frame at a time: sorting a long run at once would take ten times
-    /// the memory.
+    /// Serializes like [`canonical`].
     pub fn canonical(&self) -> Result<String, serde_json::Error> {
+        // One frame at a time: as a single `Value`, a long run would take ten times the memory.
         let frames: Result<Vec<String>, _> = self.frames.iter().map(canonical).collect();
         let skipped = canonical(&self.skipped)?;
         Ok(format!("{{\"frames\":[{}],\"skipped\":{skipped}}}", frames?.join(",")))

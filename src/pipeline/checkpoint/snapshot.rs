@@ -34,7 +34,7 @@ pub struct SessionSnapshot {
 }
 
 impl Session {
-    /// Copies the model and the frame reports.
+    /// Copies the model and the frame reports, for a save on another thread.
     pub fn snapshot(&self) -> SessionSnapshot {
         let (past, plan) = (self.past(), self.plan());
         SessionSnapshot {
@@ -50,6 +50,38 @@ impl Session {
             },
             model: self.learner().checkpoint_model(),
         }
+    }
+
+    /// Returns everything needed to resume this session bit for bit. Copies the model.
+    pub fn checkpoint(&self) -> Result<Checkpoint, SessionError> {
+        self.snapshot().into_checkpoint()
+    }
+
+    /// Writes a checkpoint atomically; returns its size in bytes.
+    pub fn save(&self, path: &Path) -> Result<u64, RunError> {
+        Ok(checkpoint::write(path, &self.checkpoint()?)?)
+    }
+
+    /// Writes like [`Session::save`] and retains an existing file as `<name>.bak`.
+    pub fn save_keeping_old(&self, path: &Path) -> Result<u64, RunError> {
+        Ok(checkpoint::write_keeping_old(path, &self.checkpoint()?)?)
+    }
+
+    /// Saves the state after a panic, possibly in the middle of a frame. Removes the file if it cannot be read
+    /// back. An older file is retained as `<name>.bak`.
+    ///
+    /// # Errors
+    /// Message of why no file was saved, including that of a second panic.
+    pub fn save_after_panic(&self, path: &Path) -> Result<(), String> {
+        let attempt = || -> Result<(), String> {
+            self.save_keeping_old(path).map_err(|error| error.to_string())?;
+            let read = SavedRun::read(path).map(drop).map_err(|error| error.to_string());
+            // An unreadable file could be mistaken for a valid scene.
+            read.inspect_err(|_| drop(std::fs::remove_file(path)))
+        };
+        // The state after a panic may be inconsistent and panic again.
+        catch_unwind(AssertUnwindSafe(attempt))
+            .unwrap_or_else(|panic| Err(PanicReport::of(&*panic).to_string()))
     }
 }
 
@@ -90,48 +122,15 @@ impl SessionSnapshot {
     }
 }
 
-/// Drops a history too long to be read back, such as that of some hundred thousand frames: the checkpoint
-/// stays readable without it.
+/// Returns the history unless it is too long to be read back.
 fn if_readable(history: String) -> Option<String> {
+    // Some hundred thousand frames exceed the limit, and the checkpoint stays readable without their reports.
     (history.len() <= MAX_JSON_BYTES).then_some(history)
 }
 
 pub(super) fn now_unix_s() -> u64 {
     // A clock set before 1970 must not prevent saving.
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
-}
-
-impl Session {
-    /// Writes a checkpoint atomically; returns its size in bytes.
-    pub fn save(&self, path: &Path) -> Result<u64, RunError> {
-        Ok(checkpoint::write(path, &self.checkpoint()?)?)
-    }
-
-    /// Writes like [`Session::save`] and retains an existing file as `<name>.bak`.
-    pub fn save_keeping_old(&self, path: &Path) -> Result<u64, RunError> {
-        Ok(checkpoint::write_keeping_old(path, &self.checkpoint()?)?)
-    }
-
-    /// Saves the state after a panic, possibly in the middle of a frame. A file that cannot be read back is
-    /// removed, so that it is never mistaken for a valid scene. An existing file is retained as `<name>.bak`.
-    ///
-    /// # Errors
-    /// Message of why no file was saved, including that of a second panic.
-    pub fn save_after_panic(&self, path: &Path) -> Result<(), String> {
-        let attempt = || -> Result<(), String> {
-            self.save_keeping_old(path).map_err(|error| error.to_string())?;
-            let read = SavedRun::read(path).map(drop).map_err(|error| error.to_string());
-            read.inspect_err(|_| drop(std::fs::remove_file(path)))
-        };
-        // The state after a panic may be inconsistent and panic again.
-        catch_unwind(AssertUnwindSafe(attempt))
-            .unwrap_or_else(|panic| Err(PanicReport::of(&*panic).to_string()))
-    }
-
-    /// Returns everything needed to resume this session bit for bit. Copies the model.
-    pub fn checkpoint(&self) -> Result<Checkpoint, SessionError> {
-        self.snapshot().into_checkpoint()
-    }
 }
 
 #[cfg(test)]

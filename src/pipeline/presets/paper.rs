@@ -10,9 +10,9 @@ use crate::model::attributes::StoredModel;
 use crate::model::paper::state::{ModelState, Totals};
 use crate::model::splat::splats::CovarianceForm;
 use crate::observation::points::Points;
-use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch, PlacedLearner};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::frame_loop::{InitialLearner, TypedPreset};
+use crate::pipeline::frame_loop::{LearnerOf, TypedPreset};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::prefetch::frames_at_once;
 use crate::pipeline::run::RunConfig;
@@ -26,8 +26,8 @@ impl AnyPreset for PaperConfig {
         self.seed
     }
 
-    /// The published program assumes registered colour and depth.
     fn calibration(&self) -> Option<&Calibration> {
+        // The published program assumes registered colour and depth.
         None
     }
 
@@ -39,14 +39,14 @@ impl AnyPreset for PaperConfig {
         self.conversion.form
     }
 
-    /// The range of positions, its only estimate, is stored with the model.
     fn world_placement(&self) -> Vec<(&'static str, String)> {
+        // The only estimate, the range of positions, is stored with the model and compared there.
         Vec::new()
     }
 
-    /// The rays of the published loader belong to the preset, for the layout that it reads.
     fn camera_convention(&self, layout: Layout) -> CameraConvention {
         match layout {
+            // Published figures depend on the rays of the published loader, which reads this layout only.
             Layout::Blender => CameraConvention::Paper,
             _ => CameraConvention::Exact,
         }
@@ -56,8 +56,8 @@ impl AnyPreset for PaperConfig {
         self.memory(pixels, frames_at_once(), rayon::current_num_threads())
     }
 
-    /// Statistics of mixtures are added instead.
     fn fuse(&self, _: Option<&StoredModel>, _: &[&StoredModel]) -> Option<StoredModel> {
+        // Mixtures share their components from the start, so their statistics are added instead.
         None
     }
 
@@ -79,28 +79,21 @@ impl TypedPreset for PaperConfig {
         dataset: &Dataset,
         run: &RunConfig,
         range: &PositionRange,
-        _: usize,
-    ) -> Result<InitialLearner<Points<f32>>, SessionError> {
+    ) -> Result<LearnerOf<Self>, SessionError> {
         let normalization = range.normalization();
         let draw = initial_draw(dataset, run, self, normalization)?;
         let learner = learner::begin(self, &draw, normalization)?;
-        Ok(InitialLearner { learner, normalization })
+        Ok(PlacedLearner { learner, normalization })
     }
 
-    fn restore(
-        &self,
-        model: &StoredModel,
-        frames: u64,
-    ) -> Result<InitialLearner<Points<f32>>, Mismatch> {
+    fn restore(&self, model: &StoredModel, frames: u64) -> Result<LearnerOf<Self>, Mismatch> {
         let (state, normalization) = self.mixture(model)?;
-        let learner = learner::restore(self, state.clone(), frames, normalization)
-            .map_err(Mismatch::Index)?;
-        Ok(InitialLearner { learner, normalization })
+        let learner = learner::restore(self, state.clone(), frames, normalization)?;
+        Ok(PlacedLearner { learner, normalization })
     }
 }
 
 impl PaperConfig {
-    /// Returns the stored mixture if it matches these settings.
     fn mixture<'a>(
         &self,
         model: &'a StoredModel,
@@ -113,23 +106,15 @@ impl PaperConfig {
             return Err(Mismatch::Prior);
         }
         let expected = self.operations.update;
-        if !can_hold(expected, &state.totals) {
+        // 128-bit totals hold every sum of an engine with narrower ones, but not the reverse.
+        if matches!(state.totals, Totals::Fixed64 { .. }) && expected != UpdateWidth::Fixed64 {
             return Err(Mismatch::Form(format!("totals of the form {expected:?}")));
         }
         Ok((state, *normalization))
     }
 }
 
-/// True if an engine with this form of totals can continue with the stored ones; 128-bit totals fit any form.
-fn can_hold(update: UpdateWidth, totals: &Totals) -> bool {
-    match totals {
-        Totals::Fixed64 { .. } => update == UpdateWidth::Fixed64,
-        Totals::Fixed128(_) => true,
-    }
-}
-
-/// Computes the initial means. If they come from data, it uses the first usable frame of all shards, so that
-/// all shards start alike.
+/// Draws the initial means, at random or from the first usable frame.
 fn initial_draw(
     dataset: &Dataset,
     run: &RunConfig,
@@ -139,6 +124,7 @@ fn initial_draw(
     if config.init == Init::Random {
         return Ok(InitialDraw::random(config.components, config.seed));
     }
+    // Over the frames of all shards, so that all of them start alike and can be merged.
     let plan = Plan::new(dataset, &run.selection.without_shard(), config.seed)?;
     let settings = config.preparation(run, normalization);
     let mut points = Points::new();

@@ -9,10 +9,9 @@ use crate::math::measured_pixel::Normalization;
 use crate::model::attributes::StoredModel;
 use crate::model::scene::state::SceneState;
 use crate::model::splat::splats::CovarianceForm;
-use crate::observation::surface::Observation;
-use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, Mismatch, PlacedLearner};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::frame_loop::{InitialLearner, TypedPreset};
+use crate::pipeline::frame_loop::{LearnerOf, TypedPreset};
 use crate::pipeline::prefetch::frames_at_once;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
@@ -78,29 +77,23 @@ impl TypedPreset for SceneRun {
         _: &Dataset,
         _: &RunConfig,
         _: &PositionRange,
-        _: usize,
-    ) -> Result<InitialLearner<Observation>, SessionError> {
+    ) -> Result<LearnerOf<Self>, SessionError> {
         let learner = Box::new(SceneTrainer::new(&self.engine, self.surface.origin));
-        Ok(InitialLearner { learner, normalization: self.normalization() })
+        Ok(PlacedLearner { learner, normalization: self.normalization() })
     }
 
-    fn restore(
-        &self,
-        model: &StoredModel,
-        frames: u64,
-    ) -> Result<InitialLearner<Observation>, Mismatch> {
+    fn restore(&self, model: &StoredModel, frames: u64) -> Result<LearnerOf<Self>, Mismatch> {
         let state = self.scene(model)?.clone();
         let learner = SceneTrainer::restore(&self.engine, state, frames).ok_or_else(|| {
             Mismatch::Form(
                 "seeds that its scale can separate at this distance from the origin".to_owned(),
             )
         })?;
-        Ok(InitialLearner { learner: Box::new(learner), normalization: self.normalization() })
+        Ok(PlacedLearner { learner: Box::new(learner), normalization: self.normalization() })
     }
 }
 
 impl SceneRun {
-    /// Returns the stored scene if it matches these settings.
     fn scene<'a>(&self, model: &'a StoredModel) -> Result<&'a SceneState, Mismatch> {
         let StoredModel::Scene(state) = model else {
             return Err(Mismatch::Form("a scene".to_owned()));

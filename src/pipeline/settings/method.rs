@@ -1,5 +1,4 @@
-//! Settings of a model of either preset. Only this file and `pipeline/start.rs` distinguish the two; other
-//! code uses [`AnyPreset`].
+//! Settings of a model of either preset. Other code uses [`AnyPreset`] instead of distinguishing the two.
 
 use super::scene::{SceneOverrides, SceneRun};
 use crate::dataset::Dataset;
@@ -45,7 +44,7 @@ impl Method {
         }
     }
 
-    /// True if cameras are corrected by the default calibration of their model, not by one of their own.
+    /// True if cameras are corrected by the default calibration of their model, not by an individual one.
     pub fn assumes_calibration(&self, dataset: &Dataset) -> bool {
         let calibration = self.as_any().calibration();
         calibration.is_some() && calibration == dataset.known_calibration().as_ref()
@@ -92,9 +91,7 @@ impl MethodRequest {
             }
         }
     }
-}
 
-impl MethodRequest {
     /// Refuses settings that are incompatible with tracking, which places each frame by the frames before it.
     fn check_tracking(&self, selection: &Selection) -> Result<(), SessionError> {
         let refuse = |expected, found| Err(SessionError::Tracking { expected, found });

@@ -38,7 +38,7 @@ impl GivenSettings {
         }
     }
 
-    /// Returns the first given setting that differs from the run's.
+    /// Returns the first given setting that the run lacks or has another value for.
     pub fn conflict(&self, method: &Method) -> Option<Conflict> {
         let conflict = match method {
             Method::Paper(config) => self.paper.conflict(config),

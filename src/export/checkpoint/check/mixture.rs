@@ -43,8 +43,8 @@ pub(in super::super) fn check_mixture(model: &ModelState) -> Result<(), Defect> 
         return Err(value_defect(sections::ALPHA, k, "alpha", "a positive number", alpha));
     }
     match &model.means {
-        InitialMeans::F32 { space, color } => means(space, color)?,
-        InitialMeans::F64 { space, color } => means(space, color)?,
+        InitialMeans::F32 { space, color } => check_means(space, color)?,
+        InitialMeans::F64 { space, color } => check_means(space, color)?,
     }
     match &model.totals {
         Totals::Fixed64 { rows, carries } => {
@@ -57,17 +57,16 @@ pub(in super::super) fn check_mixture(model: &ModelState) -> Result<(), Defect> 
                     // A carry counts 2⁶⁴ quanta.
                     *sum += f64::from(limb) * 2f64.powi(64);
                 }
-                sums(k, of_row, SLACK, SLACK_QUANTA)
+                check_sums(k, of_row)
             })
         }
-        Totals::Fixed128(rows) => rows
-            .iter()
-            .enumerate()
-            .try_for_each(|(k, row)| sums(k, row.map(|v| v as f64), SLACK, SLACK_QUANTA)),
+        Totals::Fixed128(rows) => {
+            rows.iter().enumerate().try_for_each(|(k, row)| check_sums(k, row.map(|v| v as f64)))
+        }
     }
 }
 
-fn means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect> {
+fn check_means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect> {
     for (rows, axes) in [(space, AXES), (color, CHANNELS)] {
         let numbers = rows.as_flattened().iter().map(|v| v.to_f64()).enumerate();
         let mut wild = numbers.zip(axes.into_iter().cycle()).filter(|((_, v), _)| !v.is_finite());
@@ -80,38 +79,26 @@ fn means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect> {
 
 /// Checks the sums of one component: finite, no negative count, and second moments that are positive
 /// semi-definite for every pair of axes.
-#[inline]
-#[expect(clippy::indexing_slicing, reason = "the tables hold indices of the sums")]
-fn sums(k: usize, row: [f64; N_SUMS], slack: f64, slack_abs: f64) -> Result<(), Defect> {
-    // Only pairs: an eigenvalue test would refuse matrices that rounding leaves indefinite where points are
-    // few (`model.md`, Posterior).
-    let bounded = |&(i, a, b): &(usize, usize, usize)| {
-        2.0 * row[i].abs() <= (row[a] + row[b]) * (1.0 + slack) + slack_abs
-    };
-    // The total is finite only if every sum is.
-    let sound = row.iter().sum::<f64>().is_finite()
-        && row[0] >= 0.0
-        && DIAGONAL.iter().all(|&i| row[i] >= 0.0)
-        && MIXED.iter().all(bounded);
-    if sound { Ok(()) } else { Err(first_unsound(k, row, bounded)) }
-}
-
-#[cold]
 #[expect(clippy::indexing_slicing, reason = "indices from the tables, or found among the sums")]
-fn first_unsound(
-    k: usize,
-    row: [f64; N_SUMS],
-    bounded: impl Fn(&(usize, usize, usize)) -> bool,
-) -> Defect {
-    let refuse = |i: usize, expected| value_defect(SUMS[i].0, k, SUMS[i].1, expected, row[i]);
+fn check_sums(k: usize, row: [f64; N_SUMS]) -> Result<(), Defect> {
+    let refuse = |i: usize, expected| Err(value_defect(SUMS[i].0, k, SUMS[i].1, expected, row[i]));
     if let Some(i) = row.iter().position(|v| !v.is_finite()) {
         return refuse(i, "a finite number");
     }
     if let Some(&i) = [0].iter().chain(&DIAGONAL).find(|&&i| row[i] < 0.0) {
         return refuse(i, "0 or more");
     }
-    match MIXED.iter().find(|pair| !bounded(pair)) {
-        Some(&(i, ..)) => refuse(i, "at most the mean of the two axes' second moments"),
-        None => refuse(0, "sums of a finite total"),
+    // Only pairs: an eigenvalue test would refuse matrices that rounding leaves indefinite where points are
+    // few (`model.md`, Posterior).
+    let is_unbounded = |&&(i, a, b): &&(usize, usize, usize)| {
+        2.0 * row[i].abs() > (row[a] + row[b]) * (1.0 + SLACK) + SLACK_QUANTA
+    };
+    if let Some(&(i, ..)) = MIXED.iter().find(is_unbounded) {
+        return refuse(i, "at most the mean of the two axes' second moments");
     }
+    // Finite sums of several components may still overflow together.
+    if !row.iter().sum::<f64>().is_finite() {
+        return refuse(0, "sums of a finite total");
+    }
+    Ok(())
 }

@@ -32,13 +32,13 @@ pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
         return Err(value_defect(sections::SEEDS, at / 3, axis, "a finite number", found.into()));
     }
     for (at, frame) in state.exposures.iter().enumerate() {
-        viewpoint(sections::EXPOSURES, at, &frame.viewpoint)?;
+        check_viewpoint(sections::EXPOSURES, at, &frame.viewpoint)?;
         if let Some(&found) = frame.gain.iter().find(|g| !(**g > 0.0 && g.is_finite())) {
             return Err(value_defect(sections::EXPOSURES, at, "gain", "a positive number", found));
         }
     }
     for (at, frame) in state.poses.iter().enumerate() {
-        viewpoint(sections::POSES, at, &frame.recorded)?;
+        check_viewpoint(sections::POSES, at, &frame.recorded)?;
         if let Some(&found) = frame.turn.iter().chain(&frame.shift).find(|x| !x.is_finite()) {
             return Err(value_defect(sections::POSES, at, "correction", "a finite number", found));
         }
@@ -60,7 +60,7 @@ pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
         return Err(value_defect(sections::TRAJECTORY, at, "rotation", "a unit quaternion", found));
     }
     if let Some(photometric) = &state.photometric {
-        self::photometric(photometric)?;
+        check_photometric(photometric)?;
     }
     let n = state.visibility.len();
     let mut components = state.components.iter().flatten().enumerate();
@@ -69,18 +69,24 @@ pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
         return Err(value_defect(sections::COMPONENTS, at, "seed", &expected, found.into()));
     }
     let StoredSums { rows, wide } = &state.sums;
-    wide_rows(wide, rows)?;
-    let mut rows = rows.iter().enumerate();
-    rows.try_for_each(|(k, row)| {
-        check_narrow_row(k, &row.map(|quanta| f64::from(quanta) * QUANTUM))
+    check_wide_rows(wide, rows)?;
+    rows.iter().enumerate().try_for_each(|(k, row)| {
+        let row = row.map(|quanta| f64::from(quanta) * QUANTUM);
+        if row[0] >= f64::from(WIDE_POINTS) {
+            let expected =
+                format!("fewer than {WIDE_POINTS} points; larger components are stored wide");
+            return Err(value_defect(sections::SUMS, k, NAMES[0], &expected, row[0]));
+        }
+        check_sums(sections::SUMS, k, &row)
     })
 }
 
-fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defect> {
+fn check_viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defect> {
     if let Some(&found) = viewpoint.centre.iter().find(|x| !x.is_finite()) {
         return Err(value_defect(tag, at, "centre", "a finite number", found));
     }
     let length = viewpoint.forward.iter().map(|x| x * x).sum::<f64>().sqrt();
+    // NaN would pass the comparison.
     if length.is_nan() || (length - 1.0).abs() > 1e-3 {
         return Err(value_defect(tag, at, "direction", "a unit vector", length));
     }
@@ -110,7 +116,7 @@ fn no_defects(
     }
 }
 
-fn photometric(state: &PhotometricState) -> Result<(), Defect> {
+fn check_photometric(state: &PhotometricState) -> Result<(), Defect> {
     // Views first: `n_pixels` below needs valid sizes.
     check_buffered_views(state.buffered.iter().map(|waiting| &waiting.view))?;
     let mut all = state.buffered.iter().enumerate();
@@ -135,6 +141,7 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     let looks = state.splats.iter().zip(&state.appearance);
     let precisions = state.form.iter().zip(&state.color);
     let all = looks.zip(precisions).enumerate();
+    // Rows with opacity 0 hold no splat, and thus no precision.
     for (at, ((splat, appearance), (form, color))) in
         all.filter(|(_, ((s, _), _))| s.opacity != 0.0)
     {
@@ -175,19 +182,10 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     })
 }
 
-fn check_narrow_row(k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
-    if row[0] >= f64::from(WIDE_POINTS) {
-        let expected =
-            format!("fewer than {WIDE_POINTS} points; larger components are stored wide");
-        return Err(value_defect(sections::SUMS, k, NAMES[0], &expected, row[0]));
-    }
-    check_sums(sections::SUMS, k, row)
-}
-
 /// Checks wide rows: ids ascend, sums are whole quanta of at least `WIDE_POINTS` points, and the narrow rows
 /// that they replace are zero.
 #[expect(clippy::indexing_slicing, reason = "ids index rows, positions index sums")]
-fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
+fn check_wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
     check_ascending(sections::WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
     for row in wide {
         let k = row.id as usize;
@@ -214,38 +212,27 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
 
 /// Checks the sums of one component: finite, no negative count, terms within their bounds, and second moments
 /// that are positive semi-definite for every pair of axes.
-#[inline]
-#[expect(clippy::indexing_slicing, reason = "the table holds indices of the sums")]
+#[expect(clippy::indexing_slicing, reason = "indices from the table, or found among the sums")]
 fn check_sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
     let n = row[0];
-    // Each point contributes at most `MAX_TERM`.
-    let most = MAX_TERM * n * (1.0 + RELATIVE_SLACK);
-    // Directions are unit vectors: `view zz` is not stored but follows from N, `xx` and `yy`.
-    let last = n - row[28] - row[31];
-    let least_last = -(RELATIVE_SLACK + SLACK_PER_POINT) * n;
-    let sound = (0.0..f64::INFINITY).contains(&n)
-        && row.iter().all(|sum| sum.abs() <= most)
-        && SQUARES.iter().all(|&i| row[i] >= 0.0)
-        && last >= least_last
-        && first_violated_moment(row).is_none();
-    if sound { Ok(()) } else { Err(first_unsound(tag, k, row, most)) }
-}
-
-#[cold]
-#[expect(clippy::indexing_slicing, reason = "indices from the table, or found among the sums")]
-fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], most: f64) -> Defect {
-    let refuse = |i: usize, expected: &str| value_defect(tag, k, NAMES[i], expected, row[i]);
+    let refuse = |i: usize, expected: &str| Err(value_defect(tag, k, NAMES[i], expected, row[i]));
     if let Some(i) = row.iter().position(|v| !v.is_finite()) {
         return refuse(i, "a finite number");
     }
     if let Some(&i) = [0].iter().chain(&SQUARES).find(|&&i| row[i] < 0.0) {
         return refuse(i, "0 or more");
     }
+    // Each point contributes at most `MAX_TERM`.
+    let most = MAX_TERM * n * (1.0 + RELATIVE_SLACK);
     if let Some(i) = row.iter().position(|v| v.abs() > most) {
-        return refuse(i, &format!("at most {MAX_TERM} per point, for {} points", row[0]));
+        return refuse(i, &format!("at most {MAX_TERM} per point, for {n} points"));
     }
-    match first_violated_moment(row) {
-        Some((i, _)) => refuse(i, "at most the mean of the two axes' second moments"),
-        None => refuse(31, &format!("at most the remainder of N after `{}`", NAMES[28])),
+    if let Some((i, _)) = first_violated_moment(row) {
+        return refuse(i, "at most the mean of the two axes' second moments");
     }
+    // Directions are unit vectors: `view zz` is not stored but follows from N, `xx` and `yy`.
+    if n - row[28] - row[31] < -(RELATIVE_SLACK + SLACK_PER_POINT) * n {
+        return refuse(31, &format!("at most the remainder of N after `{}`", NAMES[28]));
+    }
+    Ok(())
 }

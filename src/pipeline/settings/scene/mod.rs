@@ -29,7 +29,7 @@ pub struct SceneRun {
 }
 
 impl SceneRun {
-    /// Preparation for the engine's settings: includes photographs if they are trained on.
+    /// Settings of the preparation, with photographs if the engine trains on them.
     pub fn prepared_surface(&self) -> SurfaceSettings {
         SurfaceSettings { photograph: self.engine.photometric.is_some(), ..self.surface.clone() }
     }

@@ -1,7 +1,7 @@
 //! Fitting of the scene settings to a dataset.
 //!
-//! Defaults come in two layers: values measured with the kind of sensor, and the user's settings, which take
-//! precedence. Then the structural scale is converted to world units, from sampled frames prepared as in training.
+//! Values measured with the kind of sensor are the defaults; the user's settings take precedence. The structural
+//! scale is then converted to world units, from sampled frames prepared as in training.
 
 use super::table::SceneOverrides;
 use crate::dataset::Dataset;
@@ -23,8 +23,8 @@ use glam::DVec3;
 const LARGE_FRAME: usize = 150_000;
 
 impl SceneRun {
-    /// Fits the settings to the frames of a plan, some of which are sampled. To start alike, shards and runs
-    /// in other orders must pass the plan of all frames in one order.
+    /// Fits the settings to samples of a plan's frames. Runs get equal settings only from the same plan, so
+    /// shards have to pass the plan of all frames.
     ///
     /// # Errors
     /// [`SceneError`] for a setting out of range, or unusable depth.
@@ -49,7 +49,7 @@ impl SceneRun {
         Ok(Self { engine: run.engine.check()?, ..run })
     }
 
-    /// Returns the defaults for the requested sensor; `h` is not known yet.
+    /// Returns the defaults for the requested sensor, except `h`.
     fn defaults(dataset: &Dataset, plan: &Plan, overrides: &SceneOverrides) -> Self {
         let split = &dataset.splits[plan.split];
         // An outlier pose as origin would be far from all other frames.
@@ -124,7 +124,7 @@ fn sensor_defaults(sensor: Sensor) -> SceneConfig {
     }
 }
 
-/// Converts the structural scale to world units; at least the limit from depth noise.
+/// Converts the structural scale to world units and checks it against the depth noise.
 fn scale_in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, SceneError> {
     let scale = run.scale;
     let least = scale.min_length(sample.tolerance, run.engine.ray_search > 0.0);
@@ -152,6 +152,7 @@ fn scale_in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, Sce
 }
 
 /// Reason why a scene cannot start.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// A setting is out of range.
@@ -160,21 +161,12 @@ pub enum SceneError {
     /// No pixel of the sampled frames gives a point.
     #[error(transparent)]
     NoPoints(#[from] NoUsableDepth),
-    /// The calibration is for photographs of another shape.
+    /// The calibration is for photographs of another aspect ratio.
     #[error("{0}")]
     Photographs(#[from] AspectRatioMismatch),
     /// The structural scale is below the depth noise.
     #[error(
         "scale (`--scale`): expected at least {least:.2e} world units, the apparent thickness of a surface due to depth noise, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range (`--depth-scale`, `--depth-range`)"
     )]
-    BelowNoise {
-        /// Minimum scale, in world units.
-        least: f64,
-        /// Requested scale, in world units.
-        found: f64,
-        /// 5 % quantile of depth.
-        near: f64,
-        /// 95 % quantile of depth.
-        far: f64,
-    },
+    BelowNoise { least: f64, found: f64, near: f64, far: f64 },
 }
