@@ -1,5 +1,6 @@
 //! PNG plots of benches: panels side by side; linear, logarithmic or named axes; error bars.
 
+use super::findings::BenchError;
 use crate::eval::metrics::Spread;
 use crate::math::image::RgbImage;
 use plotters::coord::Shift;
@@ -30,19 +31,12 @@ const LEGEND_LINE: f64 = 0.035;
 /// Share of the range left free at both ends.
 const MARGIN: f64 = 0.06;
 
-#[derive(Debug, thiserror::Error)]
-#[error("drawing the plot `{title}` failed: {reason}")]
-pub struct PlotError {
-    title: String,
-    reason: String,
-}
-
 /// Kind of an axis with its title or names. Titles include the unit.
 #[derive(Clone, Debug)]
 pub enum Axis {
-    Linear(String),
+    Linear(&'static str),
     /// Values at or below zero are drawn at the lower end.
-    Log(String),
+    Log(&'static str),
     /// Names from top to bottom, on a y axis. A value is the index of a name.
     Names(Vec<String>),
 }
@@ -56,8 +50,12 @@ pub struct Mark {
 }
 
 impl Mark {
-    pub fn new(x: f64, y: f64) -> Self {
-        Self { x: Spread::exact(x), y: Spread::exact(y), label: None }
+    pub fn new(x: Spread, y: Spread) -> Self {
+        Self { x, y, label: None }
+    }
+
+    pub fn exact(x: f64, y: f64) -> Self {
+        Self::new(Spread::exact(x), Spread::exact(y))
     }
 }
 
@@ -65,9 +63,8 @@ impl Mark {
 #[derive(Clone, Debug)]
 pub struct Series {
     pub name: String,
-    /// In the order of the connecting line.
     pub marks: Vec<Mark>,
-    /// Draws a line through the marks.
+    /// True if a line joins the marks in their order.
     pub connected: bool,
 }
 
@@ -84,11 +81,11 @@ type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 type Area<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
 
 /// Draws panels side by side under a title.
-pub fn draw(title: &str, panels: &[Panel]) -> Result<RgbImage, PlotError> {
+pub fn draw(title: &str, panels: &[Panel]) -> Result<RgbImage, BenchError> {
     let [width, height] = SIZE;
     let mut bytes = vec![255; 3 * width as usize * height as usize];
     draw_into(&mut bytes, title, panels)
-        .map_err(|e| PlotError { title: title.to_owned(), reason: e.to_string() })?;
+        .map_err(|e| BenchError::Plot { title: title.to_owned(), reason: e.to_string() })?;
     let pixels = bytes.chunks_exact(3).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0));
     Ok(RgbImage::from_vec(width as usize, height as usize, pixels.collect()))
 }
@@ -285,12 +282,12 @@ mod tests {
     fn ranges_hold_all_values_and_labels_are_short() {
         let of =
             |axis: &Axis, values: &[f64]| axis.range(values.iter().map(|&v| Spread::exact(v)), 0.0);
-        let log = Axis::Log("ms".into());
+        let log = Axis::Log("ms");
         assert_eq!(of(&log, &[3.0, 60.0, 0.0, f64::NAN]), 1.0..100.0);
         assert_eq!(log.position(0.0, &(1.0..100.0)), 1.0);
-        let linear = of(&Axis::Linear("dB".into()), &[19.8, 21.9]);
+        let linear = of(&Axis::Linear("dB"), &[19.8, 21.9]);
         assert!(linear.start < 19.8 && linear.end > 21.9 && linear.end < 22.1);
-        assert!(!of(&Axis::Linear("dB".into()), &[5.0]).is_empty());
+        assert!(!of(&Axis::Linear("dB"), &[5.0]).is_empty());
         let names = Axis::Names(vec!["top".into(), "bottom".into()]);
         let range = of(&names, &[]);
         assert_eq!([0.0, 1.0].map(|i| names.label(names.position(i, &range))), ["top", "bottom"]);

@@ -21,8 +21,7 @@ use vbgs_studio::bench::protocol::ProtocolPlan;
 #[cfg(feature = "gui")]
 use vbgs_studio::bench::render::BenchDevice;
 use vbgs_studio::bench::render::{BenchScene, RenderPlan};
-use vbgs_studio::bench::scene::real::RecordingsPlan;
-use vbgs_studio::bench::scene::{AccuracyPlan, real, retention};
+use vbgs_studio::bench::scene::{AccuracyPlan, retention};
 use vbgs_studio::bench::{protocol, render, scene};
 use vbgs_studio::dataset;
 use vbgs_studio::dataset::Dataset;
@@ -52,16 +51,6 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
                 return Err(once("paper"));
             }
             measure(&args.common, |progress| protocol::run(&plan, progress))
-        }
-        BenchName::Real(args) => {
-            let on = &args.on;
-            let plan = RecordingsPlan {
-                data: on.data.clone(),
-                kept: on.common.out.join("real"),
-                options: on.common.options(on.max_frames),
-                hold_out: args.hold_out,
-            };
-            measure(&on.common, |progress| real::run(&plan, progress))
         }
         BenchName::Retention(args) => {
             if args.common.repeats.is_some() {

@@ -26,7 +26,7 @@ pub struct AblationPlan {
     pub views: usize,
     pub repeats: usize,
     /// Maximum number of point-component pairs that a dense row scores per frame. Frames are
-    /// thinned to fit.
+    /// thinned to meet it.
     pub dense_pairs: usize,
     pub options: BenchOptions,
 }
@@ -93,12 +93,7 @@ pub fn run(
     let sample = TrainingSample::load(dataset, plan.frames, plan.views)?;
     let thinned = sample.thinned(plan.dense_pairs / plan.components);
     let steps = plan.steps()?;
-    let (mut done, all) = (0, (plan.repeats.max(1) + 1) * steps.len());
-    let mut step = || {
-        done += 1;
-        progress(done, all);
-    };
-    let rows = time(&steps, &sample, &thinned, plan.repeats, &mut step, |_, _| Ok(None))?;
+    let rows = time(&steps, &sample, &thinned, plan.repeats, progress, |_, _| Ok(None))?;
     let title = format!("Ablation: {}, N = {}", sample.dataset.name, plan.components);
     Findings {
         name: "ablation",
@@ -163,11 +158,9 @@ fn panels(rows: &[TimedRow]) -> [Panel; 2] {
     let names = rows.iter().map(|r| r.configuration.trim().to_owned()).collect();
     // Both panels have the same rows. Repeating the names would leave no room for the marks.
     let blank = vec![String::new(); rows.len()];
-    let [ms, psnr] = ["ms per frame (median, quartiles)", "PSNR, dB"].map(str::to_owned);
+    let (ms, psnr) = (Axis::Log("ms per frame (median, quartiles)"), Axis::Linear("PSNR, dB"));
     [
-        panel("time", Axis::Log(ms), names, &|row| (row.spread(), row.spread().to_string())),
-        panel("quality", Axis::Linear(psnr), blank, &|row| {
-            (Spread::exact(row.psnr), format!("{:.2}", row.psnr))
-        }),
+        panel("time", ms, names, &|row| (row.spread(), row.spread().to_string())),
+        panel("quality", psnr, blank, &|row| (Spread::exact(row.psnr), format!("{:.2}", row.psnr))),
     ]
 }

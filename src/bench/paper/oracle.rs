@@ -7,6 +7,7 @@
 //! almost all prior. Errors of means are relative to the larger of the mean's length and the
 //! component's standard deviation.
 
+use super::sample::push_tile;
 use crate::bench::findings::BenchError;
 use crate::math::measured_pixel::Normalization;
 use crate::math::sym3::Sym3;
@@ -16,7 +17,7 @@ use crate::train::paper::config::{
     Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
 use crate::train::paper::init::InitialDraw;
-use crate::train::paper::learner;
+use crate::train::paper::learner::{self, PaperLearner};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -117,8 +118,7 @@ impl Seen {
             engine.learn(frame)?;
         }
         let elbo = engine.point_elbo();
-        let posteriors =
-            (0..engine.status().components).map(|k| engine.component(k).posterior).collect();
+        let posteriors = posteriors(&*engine);
         let mut responsibilities = Vec::new();
         // Tile by tile to limit memory: a dense engine returns every component for every point.
         for tile in frames.last().map_or_else(Vec::new, tiles) {
@@ -130,14 +130,15 @@ impl Seen {
     }
 }
 
+/// Posteriors of all components, by index.
+pub(super) fn posteriors(engine: &dyn PaperLearner) -> Vec<ComponentPosterior> {
+    (0..engine.status().components).map(|k| engine.component(k).posterior).collect()
+}
+
 fn tiles(points: &Points<f32>) -> Vec<Points<f32>> {
     let tile = |t| {
         let mut tile = Points::new();
-        for i in points.tile(t) {
-            let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
-            tile.push([x, y, z, r, g, b]);
-        }
-        tile.close_tile();
+        push_tile(&mut tile, points, points.tile(t));
         tile
     };
     (0..points.n_tiles()).map(tile).collect()

@@ -1,11 +1,11 @@
 //! Search for the fastest precision of each operation that keeps the posterior within an error
 //! bound of the f64 oracle. All combinations are timed in turns on sampled frames.
 
-use super::oracle::{PosteriorErrors, posterior_errors};
+use super::oracle::{PosteriorErrors, posterior_errors, posteriors};
 use super::runs;
 use super::runs::{Runs, TimedConfiguration};
 use super::sample::{TrainingSample, count};
-use crate::bench::findings::{BENCH_FORMAT, BenchError, BenchOptions, Progress};
+use crate::bench::findings::{BENCH_FORMAT, BenchError, BenchOptions, Progress, steps};
 use crate::dataset::Dataset;
 use crate::eval::metrics::Spread;
 use crate::eval::report;
@@ -16,14 +16,12 @@ use crate::train::paper::config::{
 };
 use crate::train::paper::init::InitialDraw;
 use crate::train::paper::learner;
-use crate::train::paper::learner::PaperLearner;
 use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use serde::Serialize;
 use serde_json::json;
 use std::sync::Arc;
 
-/// Sizes and bound of the search.
 #[derive(Clone, Debug)]
 pub struct SearchPlan {
     pub components: usize,
@@ -70,7 +68,6 @@ impl SearchPlan {
     }
 }
 
-/// Result of the search, ready to print and write.
 #[derive(Debug)]
 pub struct PrecisionSearch {
     pub text: String,
@@ -88,9 +85,7 @@ struct Combination {
     operations: Operations,
     /// Median milliseconds per frame.
     ms: f64,
-    /// First and third quartiles over the runs.
     ms_quartiles: [f64; 2],
-    /// Errors of the posteriors against the f64 oracle.
     error: PosteriorErrors,
     within_bound: bool,
 }
@@ -131,17 +126,13 @@ pub fn run(
         .into_iter()
         .map(|config| TimedConfiguration { config, threads, draw: &draw, frames: &sample.frames })
         .collect();
-    let (mut done, steps) = (0, plan.repeats.max(1) * variants.len());
-    let timed = runs::in_turns(&variants, plan.repeats, &mut || {
-        done += 1;
-        progress(done, steps);
-    })?;
+    let mut done = steps(progress, plan.repeats.max(1) * variants.len());
+    let timed = runs::in_turns(&variants, plan.repeats, &mut done)?;
     let truth = posteriors(&*timed[all.len()].engine);
-    let measured: Vec<Combination> = variants
-        .iter()
-        .zip(&timed)
-        .map(|(variant, runs)| Combination::new(&variant.config, runs, &truth, plan.bound))
-        .collect();
+    let combination = |(v, runs): (&TimedConfiguration, &Runs)| {
+        Combination::new(&v.config, runs, &truth, plan.bound)
+    };
+    let measured: Vec<Combination> = variants.iter().zip(&timed).map(combination).collect();
     let (combinations, named) = measured.split_at(all.len());
     into_search(plan, &sample, combinations, named)
 }
@@ -162,10 +153,6 @@ fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDra
     }
     let state = engine.state();
     Ok(InitialDraw { means: state.means.rows(), alpha: state.alpha_init })
-}
-
-fn posteriors(engine: &dyn PaperLearner) -> Vec<ComponentPosterior> {
-    (0..engine.status().components).map(|k| engine.component(k).posterior).collect()
 }
 
 /// All combinations of widths, widest first.

@@ -93,16 +93,16 @@ pub fn panels(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<Panel> {
             let is_mine = |row: &&RenderRow| {
                 (row.path, row.renderer, row.width, row.height) == (path, renderer, width, height)
             };
-            let marks = rows.iter().filter(is_mine).filter_map(|row| {
-                Some(Mark { x: Spread::exact(row.splats as f64), y: row.spread()?, label: None })
-            });
+            let mark =
+                |row: &RenderRow| Some(Mark::new(Spread::exact(row.splats as f64), row.spread()?));
+            let marks = rows.iter().filter(is_mine).filter_map(mark);
             let name = format!("{renderer}, {path}");
             Series { name, marks: marks.collect(), connected: true }
         };
         Panel {
             title: format!("{width}x{height}"),
-            x: Axis::Log("splats".to_owned()),
-            y: Axis::Log("ms per frame".to_owned()),
+            x: Axis::Log("splats"),
+            y: Axis::Log("ms per frame"),
             series: lines().map(series).filter(|line| !line.marks.is_empty()).collect(),
         }
     };

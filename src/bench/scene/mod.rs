@@ -7,14 +7,13 @@
 //! the spread over three orders. All rows are evaluated with one camera, regardless of the camera
 //! they were trained with.
 
-pub mod real;
 mod report;
 pub mod retention;
 mod training;
 mod variants;
 
-use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
-use super::paper::sample::spaced;
+use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress, steps};
+use super::frames::{ViewIndices, held_out_views, spaced};
 use super::plot;
 use crate::dataset::Dataset;
 use crate::eval::choices::SEEN_AFTER;
@@ -24,7 +23,7 @@ use crate::eval::report::{EvalReport, SeenReport};
 use crate::eval::views::EvalOptions;
 use crate::eval::{choices, cracks};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::plan::{Plan, Selection};
+use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::photometric::rule::PhotometricMode;
 use serde::Serialize;
@@ -66,10 +65,9 @@ impl AccuracyPlan {
 struct AccuracyRuns {
     dataset: Arc<Dataset>,
     plan: Plan,
-    /// Split and frame indices of the held-out views.
-    views: (usize, Vec<usize>),
-    /// Split and frame indices of the views for crack detection, if any.
-    crack_views: Option<(usize, Vec<usize>)>,
+    /// Held-out views.
+    views: ViewIndices,
+    crack_views: Option<ViewIndices>,
     options: EvalOptions,
 }
 
@@ -92,11 +90,7 @@ pub fn run(
         }
     }
     let n_orders = plan.orders.max(1);
-    let (mut done, steps) = (0, n_orders * (n_sweeps(&runs) + runs.len()) + 1);
-    let mut step = || {
-        done += 1;
-        progress(done, steps);
-    };
+    let mut step = steps(progress, n_orders * (n_sweeps(&runs) + runs.len()) + 1);
     let mut measured: Vec<Vec<Measured>> = runs.iter().map(|_| Vec::new()).collect();
     for order in 0..n_orders {
         let ordered = ordered(&stage.plan, order, plan.options.seed);
@@ -129,13 +123,10 @@ pub fn run(
 
 impl AccuracyRuns {
     fn new(plan: &AccuracyPlan, dataset: Arc<Dataset>) -> Result<(Self, SceneRun), BenchError> {
-        let (training, base, options) =
-            prepare(&dataset, &Selection::all_frames(), plan.frames, plan.options.seed)?;
-        let held_out = dataset.evaluation(training.split).new_views;
-        let views = spaced(&held_out.frames, plan.views);
-        let crack_views = cracks::views(&dataset, held_out.split, &views);
+        let (training, base, options) = prepare(&dataset, plan.frames, plan.options.seed)?;
+        let views = held_out_views(&dataset, training.split, plan.views);
+        let crack_views = cracks::views(&dataset, views.0, &views.1);
         let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
-        let views = (held_out.split, views);
         Ok((Self { dataset, plan: training, views, crack_views, options }, base))
     }
 

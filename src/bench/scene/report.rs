@@ -96,16 +96,13 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
     let named: Vec<&AccuracyRow> = rows.iter().filter(|r| is_part(r)).collect();
     let of_table = |which: Table, name: &str| {
         let rows = named.iter().enumerate().filter(|(_, row)| row.table == which);
-        let mark = |(i, row): (usize, &&AccuracyRow)| Mark {
-            x: measure(row),
-            y: Spread::exact(i as f64),
-            label: None,
-        };
+        let mark =
+            |(i, row): (usize, &&AccuracyRow)| Mark::new(measure(row), Spread::exact(i as f64));
         Series { name: name.to_owned(), marks: rows.map(mark).collect(), connected: false }
     };
     let parts = Panel {
         title: "parts of the preset".to_owned(),
-        x: Axis::Linear(title.to_owned()),
+        x: Axis::Linear(title),
         y: Axis::Names(named.iter().map(|row| row.configuration.clone()).collect()),
         series: vec![
             of_table(Table::Cumulative, "added one by one"),
@@ -114,8 +111,8 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
     };
     let curves = Panel {
         title: "components against quality".to_owned(),
-        x: Axis::Log("components drawn".to_owned()),
-        y: Axis::Linear(title.to_owned()),
+        x: Axis::Log("components drawn"),
+        y: Axis::Linear(title),
         series: curves(rows, measure),
     };
     [parts, curves]
@@ -125,22 +122,15 @@ fn curves(rows: &[AccuracyRow], measure: fn(&AccuracyRow) -> Spread) -> Vec<Seri
     let of_table = |which| rows.iter().filter(move |row| row.table == which);
     let scales: Vec<&AccuracyRow> = of_table(Table::Scale).collect();
     let budgets: Vec<&AccuracyRow> = of_table(Table::Budget).collect();
-    let curve = |name: String, rows: &[&AccuracyRow]| Series {
-        name,
-        marks: rows
-            .iter()
-            .map(|row| Mark { x: Spread::exact(row.drawn), y: measure(row), label: None })
-            .collect(),
+    let curve = |name: &str, rows: &[&AccuracyRow]| Series {
+        name: name.to_owned(),
+        marks: rows.iter().map(|row| Mark::new(Spread::exact(row.drawn), measure(row))).collect(),
         connected: true,
     };
     let by_mode = scales.chunk_by(|a, b| a.photographs == b.photographs);
-    let by_mode = by_mode.map(|rows| curve(curve_name(rows[0]).to_owned(), rows));
-    by_mode.chain([curve("budgets".to_owned(), &budgets)]).collect()
-}
-
-fn curve_name(row: &AccuracyRow) -> &'static str {
-    match row.photographs {
-        PhotometricMode::Off => "scales, points alone",
-        _ => "scales",
-    }
+    let by_mode = by_mode.map(|rows| match rows[0].photographs {
+        PhotometricMode::Off => curve("scales, points alone", rows),
+        _ => curve("scales", rows),
+    });
+    by_mode.chain([curve("budgets", &budgets)]).collect()
 }
