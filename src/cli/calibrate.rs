@@ -32,9 +32,6 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
         return output::print_json(&found);
     }
     output::print_line(found.text());
-    output::print_line(format!(
-        "wrote {}; use it with `train --calibration` or in the window",
-        args.output.display()
-    ));
+    out!("wrote {}; use it with `train --calibration` or in the window", args.output.display());
     Ok(())
 }

@@ -115,9 +115,7 @@ pub fn save_on_panic<T>(
             }
         };
         let rescued = if frames > 0 { save() } else { "no frame was trained yet".to_owned() };
-        Failure::failed(anyhow::anyhow!(
-            "training crashed because of a bug, please report it: {said}; {rescued}"
-        ))
+        failed!("training crashed because of a bug, please report it: {said}; {rescued}")
     })
 }
 

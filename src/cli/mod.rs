@@ -1,5 +1,21 @@
 //! The command line: parses arguments, calls the library and prints results. Contains no algorithms.
 
+/// Prints a formatted line on stdout. Unlike `println!`, it does not panic on an error: the command fails
+/// at its end.
+macro_rules! out {
+    ($($text:tt)*) => { $crate::cli::output::print_line(format_args!($($text)*)) };
+}
+
+/// Creates the failure of wrong usage, with a formatted message.
+macro_rules! usage {
+    ($($text:tt)*) => { $crate::cli::failure::Failure::Usage(format!($($text)*)) };
+}
+
+/// Creates any other failure, with a formatted message.
+macro_rules! failed {
+    ($($text:tt)*) => { $crate::cli::failure::Failure::failed(anyhow::anyhow!($($text)*)) };
+}
+
 mod args;
 #[cfg(feature = "bench")]
 mod bench;
@@ -74,24 +90,20 @@ fn open_window(arguments: Arguments, started: Instant) -> Result<(), Failure> {
 fn open_window(arguments: Arguments, _: Instant) -> Result<(), Failure> {
     match arguments.path {
         None => demo::run("this build has no window"),
-        Some(path) => Err(Failure::Usage(format!(
+        Some(path) => Err(usage!(
             "{}: this build has no window; use `train`, `eval`, `render`, `export` or `info`",
             path.display()
-        ))),
+        )),
     }
 }
 
 fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
     let threads = threads.unwrap_or_else(|| default_threads().min(MAX_THREADS));
     if threads > MAX_THREADS {
-        return Err(Failure::Usage(format!(
-            "--threads: expected 1 to {MAX_THREADS}, found {threads}"
-        )));
+        return Err(usage!("--threads: expected 1 to {MAX_THREADS}, found {threads}"));
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    pool.map_err(|e| {
-        Failure::failed(anyhow::anyhow!("--threads: starting {threads} threads failed: {e}"))
-    })
+    pool.map_err(|e| failed!("--threads: starting {threads} threads failed: {e}"))
 }
 
 /// Logs warnings to stderr; `VBGS_LOG=info` or `debug` shows more. The graphics and window libraries log

@@ -63,8 +63,8 @@ impl Model {
     /// Tracked poses were requested, but the model has none.
     pub fn load_options(&self, asked: LoadOptions) -> Result<LoadOptions, Failure> {
         match (&self.trajectory, asked.track) {
-            (None, true) => Err(Failure::Usage(
-                "--poses track: expected the checkpoint of a tracked run, found a model without the poses of its frames; give its checkpoint.vbgs".to_owned(),
+            (None, true) => Err(usage!(
+                "--poses track: expected the checkpoint of a tracked run, found a model without the poses of its frames; give its checkpoint.vbgs"
             )),
             (found, _) => Ok(LoadOptions {
                 track: found.is_some(),

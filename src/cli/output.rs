@@ -14,8 +14,6 @@ use vbgs_studio::eval::cracks::{CrackReport, Cracks};
 use vbgs_studio::eval::report::{AlignedView, EvalReport, SeenReport, SharpnessBand, ViewReport};
 use vbgs_studio::eval::seen::SeenQuality;
 use vbgs_studio::export::atomic::write_atomic;
-use vbgs_studio::export::video;
-use vbgs_studio::math::image::RgbImage;
 
 /// First error of stdout: printing continues, and the command fails at its end.
 static STDOUT: Mutex<Option<std::io::Error>> = Mutex::new(None);
@@ -39,9 +37,9 @@ pub fn check_stdout() -> Result<(), Failure> {
     note(std::io::stdout().flush());
     match STDOUT.lock().unwrap_or_else(PoisonError::into_inner).take() {
         None => Ok(()),
-        Some(error) => Err(Failure::failed(anyhow::anyhow!(
+        Some(error) => Err(failed!(
             "stdout: expected to write the whole output, found: {error}; free some space or redirect it elsewhere"
-        ))),
+        )),
     }
 }
 
@@ -58,11 +56,6 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
 
 pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     write_atomic(path, |out| out.write_all(text.as_bytes()))?;
-    Ok(())
-}
-
-pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), Failure> {
-    video::write_png(path, image)?;
     Ok(())
 }
 
@@ -88,10 +81,10 @@ pub fn create_folder(path: &Path) -> Result<(), Failure> {
 pub fn check_files(paths: &[PathBuf]) -> Result<(), Failure> {
     match paths.iter().find(|path| path.is_dir()) {
         None => Ok(()),
-        Some(path) => Err(Failure::failed(anyhow::anyhow!(
+        Some(path) => Err(failed!(
             "{}: expected a file to replace or nothing, found a folder; remove it or choose another place",
             path.display()
-        ))),
+        )),
     }
 }
 

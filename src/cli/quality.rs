@@ -81,21 +81,6 @@ pub fn measure(
     Ok(found)
 }
 
-/// Measures how splats reproduce the depth and images of the frames they were trained on.
-pub fn measure_training_views(
-    splats: SplatView,
-    dataset: &Dataset,
-    views: Views<'_>,
-    request: &QualityRequest,
-) -> Result<Vec<SeenReport>, Failure> {
-    let mut found = Vec::with_capacity(request.methods.len());
-    let near = request.near(splats, dataset, views);
-    for &method in request.methods {
-        found.extend(choices::seen(splats, dataset, views, &request.options(method, near))?);
-    }
-    Ok(found)
-}
-
 impl QualityRequest<'_> {
     /// Near plane of all views, world units.
     fn near(&self, splats: SplatView, dataset: &Dataset, (split, views): Views<'_>) -> f64 {
@@ -156,32 +141,32 @@ pub fn measure_run(
     early: &[(usize, SplatSet)],
     args: &TrainArgs,
 ) -> Result<RunQuality, Failure> {
-    let (dataset, plan, trajectory) = (session.dataset(), session.plan(), trajectory(session));
-    let comparison = &QualityRequest {
+    let (dataset, plan) = (session.dataset(), session.plan());
+    let trajectory = Trajectory::of(session.frames(), session.skipped());
+    let method = &session.config().method;
+    let request = &QualityRequest {
         args: &ComparisonArgs::default(),
-        near_rule: NearRule::of(Some(session.config().method.preset())),
-        color_camera: session.config().method.as_any().color_camera(),
+        near_rule: NearRule::of(Some(method.preset())),
+        color_camera: method.as_any().color_camera(),
         methods: &[RenderMethod::PROJECTED],
-        tracked: trajectory.as_ref().map(|poses| (&session.config().method, poses)),
+        tracked: trajectory.as_ref().map(|poses| (method, poses)),
         learnt: Some((plan.split, &plan.frames[..session.visited()])),
         hold_out: hold_out(session),
     };
     let mut measured = RunQuality::default();
     // Tracked poses of the training views are unknown to early splats.
     for (visited, splats) in early.iter().filter(|_| !dataset.options.track) {
-        let frames = (plan.split, &plan.frames[..*visited]);
-        measured.seen.extend(measure_training_views(splats.into(), dataset, frames, comparison)?);
+        let views = (plan.split, &plan.frames[..*visited]);
+        let options =
+            request.options(RenderMethod::PROJECTED, request.near(splats.view(), dataset, views));
+        measured.seen.extend(choices::seen(splats.view(), dataset, views, &options)?);
     }
     let splats = session.splats();
     for group in groups(session, args)? {
-        let found = measure(&splats, dataset, &group, comparison)?;
+        let found = measure(&splats, dataset, &group, request)?;
         measured.eval.extend(found.into_iter().map(|(report, _)| report));
     }
     Ok(measured)
-}
-
-pub fn trajectory(session: &Session) -> Option<Trajectory> {
-    Trajectory::of(session.frames(), session.skipped())
 }
 
 /// Returns the named split, both groups of a held-out sector, and noise-free side views.

@@ -14,7 +14,7 @@ use vbgs_studio::dataset::LoadOptions;
 use vbgs_studio::eval::near::{NearRule, near_plane};
 use vbgs_studio::eval::report;
 use vbgs_studio::export::camera_path::PacedPath;
-use vbgs_studio::export::video::{FilmWriter, is_video};
+use vbgs_studio::export::video::{FilmWriter, is_video, write_png};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::math::orbit::Orbit;
@@ -32,10 +32,10 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     check_fov(args)?;
     // Checked before the model is read, which takes longer.
     if args.turntable.is_none() && args.path.is_none() && !is_png(&args.output) {
-        return Err(Failure::Usage(format!(
+        return Err(usage!(
             "--output: expected a name ending in .png, found {}",
             args.output.display()
-        )));
+        ));
     }
     if args.dataset.is_none() {
         check_size(args)?;
@@ -74,7 +74,7 @@ fn render_orbit(
     };
     let Some(n) = args.turntable else {
         let names = draw(*start, &args.output)?;
-        output::print_line(format!("wrote {names}"));
+        out!("wrote {names}");
         return Ok(());
     };
     output::create_folder(&args.output)?;
@@ -98,9 +98,8 @@ fn render_path(
     let options = viewport_options(args, radius);
     let methods = painter.methods.clone();
     if is_video(&args.output) && methods.len() > 1 {
-        return Err(Failure::Usage(
+        return Err(usage!(
             "--renderer: expected one for a video, found both; take a folder for --output"
-                .to_owned(),
         ));
     }
     let film = |method: &RenderMethod| match methods.len() {
@@ -154,12 +153,12 @@ fn render_view(
     };
     let split = &placed.as_ref().map_or(&dataset, |placed| &placed.dataset).splits[split];
     let Some(entry) = split.frames.get(args.view) else {
-        return Err(Failure::Usage(format!(
+        return Err(usage!(
             "--view: expected 0 to {} for the split `{}`, found {}",
             split.frames.len() - 1,
             split.name,
             args.view
-        )));
+        ));
     };
     let cameras: Vec<Camera> = split.frames.iter().map(|frame| frame.camera).collect();
     let rule = NearRule::of(model.method.as_ref().map(Method::preset));
@@ -172,7 +171,7 @@ fn render_view(
     let pose = painter.splats.finishing().corrected_pose(&entry.camera.pose);
     let camera = entry.photo_camera_at(pose, photographed.as_ref());
     let names = painter.draw(&camera, &options, &args.output)?;
-    output::print_line(format!("wrote {names} ({} of `{}`)", entry.name, split.name));
+    out!("wrote {names} ({} of `{}`)", entry.name, split.name);
     Ok(())
 }
 
@@ -187,7 +186,7 @@ struct Painter<'a> {
 impl Painter<'_> {
     fn print_written(&self, n: usize, what: &str, output: &Path) {
         let each = if self.methods.len() > 1 { ", each by both renderers," } else { "" };
-        output::print_line(format!("wrote {n} {what}{each} to {}", output.display()));
+        out!("wrote {n} {what}{each} to {}", output.display());
     }
 
     /// Writes one image per renderer; returns their names for a message.
@@ -201,7 +200,7 @@ impl Painter<'_> {
         for method in self.methods.clone() {
             let image = self.picture(camera, method, options);
             let path = if self.methods.len() > 1 { named(path, method) } else { path.to_owned() };
-            output::write_png(&path, &image)?;
+            write_png(&path, &image)?;
             names.push(path.display().to_string());
         }
         Ok(names.join(" and "))
@@ -247,10 +246,11 @@ fn check_fov(args: &RenderArgs) -> Result<(), Failure> {
     if args.fov > 1.0 && is_fine {
         return Ok(());
     }
-    Err(Failure::Usage(format!(
+    Err(usage!(
         "--fov: expected more than 1 and {most} degrees for a {} lens, found {}",
-        args.lens, args.fov
-    )))
+        args.lens,
+        args.fov
+    ))
 }
 
 /// Bytes per pixel for colour, coverage, depth and the encoded file; measured at 16 and 64 million
@@ -260,7 +260,7 @@ const PIXEL_BYTES: u64 = 40;
 /// Rejects images that do not fit in memory: a failed allocation would abort the program.
 fn check_size(args: &RenderArgs) -> Result<(), Failure> {
     let refusal = report::available_bytes().and_then(|available| refusal(args.size, available));
-    refusal.map_or(Ok(()), |text| Err(Failure::failed(anyhow!(text))))
+    refusal.map_or(Ok(()), |text| Err(failed!(text)))
 }
 
 /// Returns an error text if an image of this size needs more than `available` bytes.

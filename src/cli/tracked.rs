@@ -33,12 +33,12 @@ pub fn place(
     }
     placed.lost.iter().for_each(|lost| eprintln!("warning: {}", lost.message));
     match placed.lost.first() {
-        Some(first) if placed.frames.is_empty() => Err(Failure::failed(anyhow::anyhow!(
+        Some(first) if placed.frames.is_empty() => Err(failed!(
             "{}: expected the scene to place at least one of {} views, found none; the first: {}",
             dataset.name,
             views.1.len(),
             first.message
-        ))),
+        )),
         _ => Ok(Some(placed)),
     }
 }

@@ -9,7 +9,7 @@ use super::args::{DeviceName, TrainArgs};
 use super::export::warn_of_origin;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
-use super::quality::{RunQuality, is_measured, measure_run, photo_pixels, trajectory};
+use super::quality::{RunQuality, is_measured, measure_run, photo_pixels};
 use super::{failure, output, tracked};
 use indicatif::ProgressBar;
 use std::sync::Arc;
@@ -32,8 +32,9 @@ use vbgs_studio::pipeline::follow::Follow;
 use vbgs_studio::pipeline::memory;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
+use vbgs_studio::pipeline::tracked::Trajectory;
 
-/// Trains; the files are also written after an interrupt.
+/// Trains and writes the files, also after an interrupt.
 pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let start = start(args)?;
     let interrupt = Interrupt::listen()?;
@@ -72,7 +73,8 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
         Err(_) if trained_frames(&session) == 0 => return end.map(drop),
         _ => {}
     }
-    print_warnings(&session);
+    let warnings = session.learner().status().warnings;
+    warnings.iter().for_each(|found| eprintln!("warning: {found}"));
     // Saved first, so that the model is safe whatever happens next.
     let files = save_model(&mut session, args)?;
     let measured = match &end {
@@ -95,19 +97,14 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     }
 }
 
-fn print_warnings(session: &Session) {
-    let warnings = session.learner().status().warnings;
-    warnings.iter().for_each(|found| eprintln!("warning: {found}"));
-}
-
-/// Creates the output folder, checks its files and removes temporary files of killed runs.
+/// Creates the output folder, removes temporary files of killed runs and checks the files.
 fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
     output::create_folder(&args.out)?;
     let files = [SCENE, CHECKPOINT, REPORT].map(|name| args.out.join(name));
     files.iter().for_each(|file| remove_leftovers(file));
-    let kept = (interval(args) != AutosaveInterval::default())
+    let previous = (interval(args) != AutosaveInterval::default())
         .then(|| args.out.join(format!("{CHECKPOINT}.bak")));
-    output::check_files(&files.into_iter().chain(kept).collect::<Vec<_>>())
+    output::check_files(&files.into_iter().chain(previous).collect::<Vec<_>>())
 }
 
 fn interval(args: &TrainArgs) -> AutosaveInterval {
@@ -121,7 +118,13 @@ fn create_session(
     interrupt: &Interrupt,
 ) -> Result<Session, Failure> {
     if args.follow {
-        return follow_session(args, start, interrupt);
+        let session = follow_session(args, start, interrupt)?;
+        print_dataset_notes(session.dataset());
+        let has_no_split = |name: &&String| session.dataset().split_named(name).is_err();
+        if let Some(split) = args.eval.as_ref().filter(has_no_split) {
+            eprintln!("note: the split {split} does not exist yet; it is measured after training");
+        }
+        return Ok(session);
     }
     let args = args.clone();
     interrupt.run_interruptibly(move || open_session(&args, start))?
@@ -134,12 +137,10 @@ fn open_session(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     }
     print_dataset_notes(&dataset);
     warn_about_poses(&dataset);
-    Ok(match start {
-        Start::New(config) => Session::new(dataset, *config, selection(args))?,
-        Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
-    })
+    Ok(start.session(dataset, args)?)
 }
 
+/// Creates a session on the first complete frames, waiting for them as long as needed.
 fn follow_session(
     args: &Arc<TrainArgs>,
     start: Start,
@@ -149,18 +150,29 @@ fn follow_session(
         Start::New(_) => selection(args),
         Start::Saved(run, _) => run.config.selection.clone(),
     };
-    let (path, load, taken) = (args.dataset.clone(), start.load_options(args), selection.clone());
-    let follow = interrupt.run_interruptibly(move || Follow::new(&path, &load, &taken))??;
-    let is_forced = args.force;
-    let session = begin(follow, interrupt, move |dataset| match &start {
-        Start::New(config) => Ok(Session::new(dataset, (**config).clone(), selection.clone())?),
-        Start::Saved(run, asked) => run.clone().resume(dataset, asked, is_forced),
-    })?;
-    print_dataset_notes(session.dataset());
-    if let Some(split) = args.eval.as_ref().filter(|s| session.dataset().split_named(s).is_err()) {
-        eprintln!("note: the split {split} does not exist yet; it is measured after training");
+    let (path, load) = (args.dataset.clone(), start.load_options(args));
+    let follow = move || Follow::new(&path, &load, &selection);
+    let mut follow = interrupt.run_interruptibly(follow)??;
+    let path = args.dataset.display();
+    eprintln!("note: following {path}, until {END_MARKER} is in it or Ctrl-C");
+    let mut reported = ReportedProblem::default();
+    while !interrupt.is_requested() {
+        if let Some(dataset) = follow.poll_dataset()? {
+            let (start, args) = (start.clone(), args.clone());
+            let session = move || start.session(dataset, &args);
+            // Reading the first frames may block on the drive.
+            match interrupt.run_interruptibly(session)? {
+                Ok(mut session) => {
+                    session.follow(Some(follow));
+                    return Ok(session);
+                }
+                Err(RunError::Session(error)) if follow.may_succeed_later(&error) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        reported.wait_for_frames(&follow, interrupt);
     }
-    Ok(session)
+    Err(Failure::Interrupted)
 }
 
 fn start(args: &TrainArgs) -> Result<Start, Failure> {
@@ -206,6 +218,7 @@ fn trained_frames(session: &Session) -> usize {
     session.learner().status().frames as usize
 }
 
+#[derive(Clone)]
 enum Start {
     New(Box<MethodRequest>),
     Saved(Box<SavedRun>, Box<ResumeRequest>),
@@ -216,6 +229,13 @@ impl Start {
         match self {
             Self::New(_) => args.reading.load_options(),
             Self::Saved(run, _) => run.load_options(),
+        }
+    }
+
+    fn session(self, dataset: Arc<Dataset>, args: &TrainArgs) -> Result<Session, RunError> {
+        match self {
+            Self::New(config) => Ok(Session::new(dataset, *config, selection(args))?),
+            Self::Saved(run, asked) => run.resume(dataset, &asked, args.force),
         }
     }
 }
@@ -245,7 +265,7 @@ pub fn train(
     let bar = output::bar(session.plan().frames.len(), "frame");
     bar.set_position(session.visited() as u64);
     bar.reset_eta();
-    let mut told = ReportedProblem::default();
+    let mut reported = ReportedProblem::default();
     loop {
         if interrupt.is_requested() {
             bar.abandon();
@@ -268,7 +288,7 @@ pub fn train(
             Step::Waiting => {
                 bar.set_message("waiting for the next frame,");
                 if let Some(follow) = session.followed() {
-                    told.wait_for_frames(follow, interrupt);
+                    reported.wait_for_frames(follow, interrupt);
                 }
             }
             Step::Finished => break,
@@ -318,7 +338,7 @@ fn save_report(
     models: &str,
     RunQuality { eval, seen }: RunQuality,
 ) -> Result<(), Failure> {
-    let trajectory = trajectory(session);
+    let trajectory = Trajectory::of(session.frames(), session.skipped());
     let tracking = trajectory.as_ref().and_then(|found| found.error(session.dataset()));
     let report = Report { seen, tracking, ..session.report(None, eval) };
     output::write_json(&args.out.join(REPORT), &report)?;
@@ -333,7 +353,7 @@ fn save_report(
         output::print_line(tracked::summary(found, report.tracking.as_ref()));
     }
     let summary = &report.summary;
-    output::print_line(format!(
+    out!(
         "{} frames, {} skipped, in {:.1} s: median {:.1} ms a frame (95 % below {:.1} ms), {} of {} components used, {} drawn",
         report.frames.len(),
         report.skipped.len(),
@@ -343,7 +363,7 @@ fn save_report(
         summary.used,
         summary.components,
         summary.drawn
-    ));
+    );
     let fits = [&report.passes, &report.points].into_iter().flatten();
     for used in fits.filter(|used| used.device.is_some()) {
         output::print_line(used.summary_line());
@@ -353,7 +373,7 @@ fn save_report(
     }
     report.seen.iter().for_each(|s| output::print_line(output::format_early(s)));
     report.eval.iter().for_each(|e| output::print_line(output::quality(e)));
-    output::print_line(format!("wrote {models}report.json to {}", args.out.display()));
+    out!("wrote {models}report.json to {}", args.out.display());
     Ok(())
 }
 
@@ -395,10 +415,9 @@ pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
         tasks.into_iter().filter(|(_, is_needed)| *is_needed).map(|(task, _)| task).collect();
     match args.device {
         DeviceName::Cpu => Ok(()),
-        DeviceName::Gpu if needed.is_empty() => {
-            let message = "--device gpu: expected a run with work that a GPU supports, found none in these settings; use --device auto";
-            Err(Failure::Usage(message.to_owned()))
-        }
+        DeviceName::Gpu if needed.is_empty() => Err(usage!(
+            "--device gpu: expected a run with work that a GPU supports, found none in these settings; use --device auto"
+        )),
         DeviceName::Auto | DeviceName::Gpu => {
             needed.into_iter().try_for_each(|task| attach_gpu(session, task, args.device))
         }
@@ -435,8 +454,7 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
         Err(error) => error.to_string(),
     };
     if must {
-        let error = anyhow::anyhow!("--device gpu: {error}; --device cpu needs none");
-        return Err(Failure::failed(error));
+        return Err(failed!("--device gpu: {error}; --device cpu needs none"));
     }
     let what = match task {
         Task::Passes | Task::Points => "trains",
@@ -451,58 +469,29 @@ fn attach_gpu(_: &mut Session, _: Task, asked: DeviceName) -> Result<(), Failure
     if asked == DeviceName::Auto {
         return Ok(());
     }
-    Err(Failure::Usage(
+    Err(usage!(
         "--device gpu: expected auto or cpu, since this build has no GPU support; build it with the feature gui"
-            .to_owned(),
     ))
 }
 
 /// A problem is reported after this time; most disappear with the next write.
 const LASTING: Duration = Duration::from_secs(2);
 
-/// Creates a session on the first complete frames, waiting for them as long as needed. Reading them may
-/// block on an unresponsive drive, so it remains interruptible.
-pub fn begin(
-    mut follow: Follow,
-    interrupt: &Interrupt,
-    session: impl Fn(Arc<Dataset>) -> Result<Session, RunError> + Send + Sync + 'static,
-) -> Result<Session, Failure> {
-    let path = follow.path().display();
-    eprintln!("note: following {path}, until {END_MARKER} is in it or Ctrl-C");
-    let mut told = ReportedProblem::default();
-    let session = Arc::new(session);
-    while !interrupt.is_requested() {
-        if let Some(dataset) = follow.poll_dataset()? {
-            let session = session.clone();
-            match interrupt.run_interruptibly(move || session(dataset))? {
-                Ok(mut session) => {
-                    session.follow(Some(follow));
-                    return Ok(session);
-                }
-                Err(RunError::Session(error)) if follow.may_succeed_later(&error) => {}
-                Err(error) => return Err(error.into()),
-            }
-        }
-        told.wait_for_frames(&follow, interrupt);
-    }
-    Err(Failure::Interrupted)
-}
-
 #[derive(Default)]
-pub struct ReportedProblem {
+struct ReportedProblem {
     /// The problem, its start, and true if it was reported.
     latest: Option<(String, Instant, bool)>,
 }
 
 impl ReportedProblem {
     /// Waits for more frames or an interrupt; reports a lasting problem once.
-    pub fn wait_for_frames(&mut self, follow: &Follow, interrupt: &Interrupt) {
+    fn wait_for_frames(&mut self, follow: &Follow, interrupt: &Interrupt) {
         match (follow.problem(), &mut self.latest) {
             (None, latest) => *latest = None,
-            (Some(problem), Some((known, since, is_told))) if *known == problem => {
-                if !*is_told && since.elapsed() > LASTING {
+            (Some(problem), Some((known, since, is_reported))) if *known == problem => {
+                if !*is_reported && since.elapsed() > LASTING {
                     eprintln!("note: waiting: {problem}");
-                    *is_told = true;
+                    *is_reported = true;
                 }
             }
             (Some(problem), latest) => *latest = Some((problem.to_owned(), Instant::now(), false)),

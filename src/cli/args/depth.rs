@@ -47,8 +47,8 @@ impl ReadArgs {
     pub fn recorded_load_options(&self) -> Result<LoadOptions, Failure> {
         match self.poses {
             PosesName::Recorded => Ok(self.load_options()),
-            PosesName::Track => Err(Failure::Usage(
-                "--poses: expected `recorded`, since this command compares frames by their recorded poses, found `track`".to_owned(),
+            PosesName::Track => Err(usage!(
+                "--poses: expected `recorded`, since this command compares frames by their recorded poses, found `track`"
             )),
         }
     }

@@ -119,13 +119,13 @@ impl RendererArgs {
         if let Some((option, _)) = of_exact.iter().find(|(_, is_said)| *is_said)
             && renderer == RendererName::Projected
         {
-            return Err(Failure::Usage(format!(
+            return Err(usage!(
                 "{option}: applies only to the exact renderer, found the projected one; add --renderer exact or both"
-            )));
+            ));
         }
         if lens == Lens::Fisheye && renderer != RendererName::Exact {
-            return Err(Failure::Usage(
-                "--lens: the projected renderer has no fisheye; add --renderer exact".to_owned(),
+            return Err(usage!(
+                "--lens: the projected renderer has no fisheye; add --renderer exact"
             ));
         }
         let exact = RenderMethod::Exact(ExactOptions {

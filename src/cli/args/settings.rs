@@ -217,9 +217,7 @@ pub fn method_request(args: &TrainArgs) -> Result<MethodRequest, Failure> {
     let given = resume_request(args, preset)?.model;
     let Some((setting, _)) = given.foreign_to(preset) else { return Ok(given.request(preset)?) };
     let other = if preset == Preset::Scene { Preset::Paper } else { Preset::Scene };
-    Err(Failure::Usage(format!(
-        "{setting}: expected `--preset {other}` with it, found the preset {preset}"
-    )))
+    Err(usage!("{setting}: expected `--preset {other}` with it, found the preset {preset}"))
 }
 
 pub fn calibration_file(args: &TrainArgs) -> Option<&Path> {
