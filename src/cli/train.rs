@@ -33,6 +33,7 @@ use vbgs_studio::pipeline::memory;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::pipeline::tracked::Trajectory;
+use vbgs_studio::train::learner::DeviceUse;
 
 /// Trains and writes the files, also after an interrupt.
 pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
@@ -395,78 +396,66 @@ pub fn print_dataset_notes(dataset: &Dataset) {
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Task {
-    Passes,
-    /// Seeds and sums of a scene's points.
-    Points,
-    Photographs,
-}
-
-pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
-    let used = session.learner().device_use();
-    let tasks = [
-        (Task::Points, used.points.is_some()),
-        (Task::Passes, used.passes.is_some()),
-        (Task::Photographs, used.photographs.is_some()),
-    ];
-    // Drivers are not loaded if there is no work for them.
-    let needed: Vec<Task> =
-        tasks.into_iter().filter(|(_, is_needed)| *is_needed).map(|(task, _)| task).collect();
+/// Adds the devices chosen on the command line to a session.
+fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
+    let is_without_work = session.learner().device_use() == DeviceUse::default();
     match args.device {
         DeviceName::Cpu => Ok(()),
-        DeviceName::Gpu if needed.is_empty() => Err(usage!(
+        DeviceName::Gpu if is_without_work => Err(usage!(
             "--device gpu: expected a run with work that a GPU supports, found none in these settings; use --device auto"
         )),
-        DeviceName::Auto | DeviceName::Gpu => {
-            needed.into_iter().try_for_each(|task| attach_gpu(session, task, args.device))
-        }
+        DeviceName::Auto => attach_gpu(session, false),
+        DeviceName::Gpu => attach_gpu(session, true),
     }
 }
 
 #[cfg(feature = "gui")]
-fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
+fn attach_gpu(session: &mut Session, must: bool) -> Result<(), Failure> {
     use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_have_gpu};
     use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
     use vbgs_studio::train::device_trial::DevicePolicy;
     use vbgs_studio::train::learner::TrainingDevice;
 
-    let must = asked == DeviceName::Gpu;
     if !must && !may_have_gpu() {
         return Ok(());
     }
-    let gpu = match HeadlessGpu::new(&AdapterChoice::Auto) {
-        Err(HeadlessError::NoHardware { .. }) if must => HeadlessGpu::new(&AdapterChoice::Software),
-        other => other,
-    };
-    let error = match gpu {
-        Ok(gpu) => {
-            let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
-            let device = match task {
-                Task::Passes => TrainingDevice::Passes(Box::new(gpu.mixture())),
-                Task::Points => TrainingDevice::Points(Box::new(gpu.points())),
-                Task::Photographs => TrainingDevice::Photographs(Box::new(gpu.comparer())),
-            };
-            let Err(error) = session.add_device(device, policy) else { return Ok(()) };
-            error.to_string()
+    let used = session.learner().device_use();
+    let tasks: [(bool, &str, fn(HeadlessGpu) -> TrainingDevice); 3] = [
+        (used.points.is_some(), "trains", |gpu| TrainingDevice::Points(Box::new(gpu.points()))),
+        (used.passes.is_some(), "trains", |gpu| TrainingDevice::Passes(Box::new(gpu.mixture()))),
+        (used.photographs.is_some(), "compares photographs", |gpu| {
+            TrainingDevice::Photographs(Box::new(gpu.comparer()))
+        }),
+    ];
+    let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
+    // Drivers are not loaded if there is no work for them.
+    for (_, what, device) in tasks.into_iter().filter(|(is_needed, ..)| *is_needed) {
+        let gpu = match HeadlessGpu::new(&AdapterChoice::Auto) {
+            Err(HeadlessError::NoHardware { .. }) if must => {
+                HeadlessGpu::new(&AdapterChoice::Software)
+            }
+            other => other,
+        };
+        let error = match gpu {
+            Ok(gpu) => match session.add_device(device(gpu), policy) {
+                Ok(()) => continue,
+                Err(error) => error.to_string(),
+            },
+            // The usual machine without a GPU deserves no note.
+            Err(HeadlessError::NoHardware { .. }) if !must => continue,
+            Err(error) => error.to_string(),
+        };
+        if must {
+            return Err(failed!("--device gpu: {error}; --device cpu needs none"));
         }
-        Err(HeadlessError::NoHardware { .. }) if !must => return Ok(()),
-        Err(error) => error.to_string(),
-    };
-    if must {
-        return Err(failed!("--device gpu: {error}; --device cpu needs none"));
+        eprintln!("note: {error}: the processor {what}");
     }
-    let what = match task {
-        Task::Passes | Task::Points => "trains",
-        Task::Photographs => "compares photographs",
-    };
-    eprintln!("note: {error}: the processor {what}");
     Ok(())
 }
 
 #[cfg(not(feature = "gui"))]
-fn attach_gpu(_: &mut Session, _: Task, asked: DeviceName) -> Result<(), Failure> {
-    if asked == DeviceName::Auto {
+fn attach_gpu(_: &mut Session, must: bool) -> Result<(), Failure> {
+    if !must {
         return Ok(());
     }
     Err(usage!(
