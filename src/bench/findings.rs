@@ -112,6 +112,7 @@ impl<R: Serialize, S: Serialize> Findings<'_, R, S> {
         let Self { name, dataset, options, notes, rows, summary, .. } = self;
         let machine = report::describe(self.adapter);
         let MachineReport { threads, cpu, simd, adapter } = &machine;
+        // Only frames drawn on a GPU depend on an adapter.
         let adapter = adapter.as_ref().map_or_else(String::new, |name| format!("; {name}"));
         let place = format!("{dataset}, {threads} threads, {cpu}, {simd}{adapter}");
         let text = [&[place, self.table][..], &notes].concat().join("\n");
@@ -136,7 +137,9 @@ fn csv(rows: &[impl Serialize]) -> Result<String, csv::Error> {
     for row in rows {
         writer.serialize(row)?;
     }
+    // Flushes: the last rows may still be in the writer's buffer.
     let bytes = writer.into_inner().map_err(|e| e.into_error())?;
+    // Loses nothing: all cells are formatted from UTF-8 strings.
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 

@@ -12,6 +12,7 @@ pub type ViewIndices = (usize, Vec<usize>);
 /// Returns up to `n` evenly spaced items.
 pub fn spaced<T: Copy>(items: &[T], n: usize) -> Vec<T> {
     let n = n.min(items.len());
+    // Multiplied first: an integer division first would drop the items at the end.
     (0..n).map(|i| items[i * items.len() / n]).collect()
 }
 
@@ -39,6 +40,7 @@ pub fn each_frame<P: Prepare>(
             Ok(mut prepared) => {
                 n_usable += 1;
                 work(frame.position, frame.name, &mut prepared)?;
+                // A later frame reuses the memory, as in training.
                 prefetch.recycle(prepared.observation);
             }
             // One damaged file must not end a bench of hours.

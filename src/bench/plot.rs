@@ -99,6 +99,7 @@ fn draw_into(bytes: &mut [u8], title: &str, panels: &[Panel]) -> Drawn<()> {
     let area = root.titled(title, (FONT, 24).into_font())?;
     // A panel with a named axis needs room for the names; all panels share the rest.
     let labels: Vec<u32> = panels.iter().map(Panel::label_width).collect();
+    // Saturating: names wider than the plot must not panic.
     let rest = SIZE[0].saturating_sub(labels.iter().sum::<u32>()) / panels.len().max(1) as u32;
     let mut ends: Vec<u32> = Vec::new();
     for label in &labels[..panels.len().saturating_sub(1)] {
@@ -126,6 +127,7 @@ impl Axis {
         let ends = ends.filter(|v| v.is_finite() && (!is_log || *v > 0.0));
         let [lo, hi] =
             ends.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], v| [v.min(lo), v.max(hi)]);
+        // Without finite values, any valid range; above zero for logarithms.
         let [lo, hi] = if lo <= hi { [lo, hi] } else { [1.0, 2.0] };
         let farther = |[lo, hi]: [f64; 2]| lo..hi + (hi - lo) * headroom / (1.0 - headroom);
         match self {
@@ -147,6 +149,7 @@ impl Axis {
     /// Position of a value within the range; names begin at the top.
     fn position(&self, value: f64, range: &Range<f64>) -> f64 {
         match self {
+            // Positions count from the bottom, names from the top.
             Self::Names(names) => names.len() as f64 - 1.0 - value,
             Self::Linear(_) | Self::Log(_) => value.clamp(range.start, range.end),
         }
@@ -154,6 +157,7 @@ impl Axis {
 
     fn label(&self, position: f64) -> String {
         match self {
+            // A tick may lie between two names.
             Self::Names(names) if (position - position.round()).abs() < 1e-6 => {
                 names.iter().rev().nth(position.round() as usize).cloned().unwrap_or_default()
             }
@@ -188,6 +192,7 @@ impl Panel {
     fn draw(&self, area: &Area) -> Drawn<()> {
         let marks = || self.series.iter().flat_map(|s| &s.marks);
         // Headroom, so that the legend does not cover marks.
+        // A single series has no legend.
         let n_lines = if self.series.len() > 1 { self.series.len() } else { 0 };
         let x = self.x.range(marks().map(|m| m.x), 0.0);
         let y = self.y.range(marks().map(|m| m.y), LEGEND_LINE * n_lines as f64);

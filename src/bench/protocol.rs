@@ -190,6 +190,7 @@ fn measured(
             train_ms: median(frames.iter().map(|frame| frame.ms.stages.train).collect()),
             prepare_ms: median(frames.iter().map(|frame| frame.ms.prepare).collect()),
             psnr: composited.psnr_mean,
+            // The same views are drawn again, because evaluation does not keep its renderings.
             psnr_rgb: quality(GroundTruth::Rgb)?.psnr_mean,
             ssim: composited.ssim_mean,
         })

@@ -24,6 +24,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
         exposure: args.exposure,
         start,
     };
+    // Checked before minutes of work whose result is written there.
     output::check_files(std::slice::from_ref(&args.output))?;
     let found = output::steps("calibrate", |progress| calibrate::run(&dataset, &plan, progress))?;
     found.skipped.iter().for_each(|message| eprintln!("warning: {message}"));

@@ -31,6 +31,7 @@ fn splats(args: &ExportArgs) -> Result<(), Failure> {
         true => model::load_with_training(&args.model)?,
         false => (model::load(&args.model)?, None),
     };
+    // Both formats prescribe y as the up axis.
     let is_turned = matches!(format, ModelFormat::Glb | ModelFormat::Spz);
     note_assumptions(args, is_turned, &model);
     let summary = write_with_progress(&args.output, "splats", |progress| {

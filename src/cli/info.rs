@@ -125,6 +125,7 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
 }
 
 fn poses_info(dataset: &Dataset) -> PosesInfo {
+    // Without depth there is no training split, and the check finds no pairs.
     let split = dataset.training_split().unwrap_or(0);
     let is_tracked = dataset.options.track;
     let check: Option<PoseCheck> = dataset::pose_check::check(dataset, split);
@@ -269,6 +270,7 @@ fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
         splats: model.splats.len(),
         sh_degree: u8::from(!model.splats.view().appearance().is_empty()),
         skipped: model.skipped,
+        // Splats are relative to the local origin.
         bounds: bounds(&model.splats)
             .map(|(lo, hi)| [lo, hi].map(|at| (at + model.local_origin).to_array())),
         local_origin: (model.local_origin != DVec3::ZERO).then_some(model.local_origin.to_array()),
@@ -393,6 +395,7 @@ fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
 
 fn tracking(trajectory: Trajectory, run: &SavedRun) -> TrackingInfo {
     let path = run.meta.dataset.as_ref();
+    // Ignores the error: `dataset_defect` reports it.
     let dataset = path.and_then(|path| dataset::open(path, &run.load_options()).ok());
     let error = dataset.and_then(|dataset| trajectory.error(&dataset));
     let summary = tracked::summary(&trajectory, error.as_ref());
@@ -436,6 +439,7 @@ fn print_checkpoint(info: &CheckpointInfo) -> Result<(), Failure> {
         info.points
     );
     out!("  {} of {} components used, {} drawn", info.used, info.components, info.drawn);
+    // Only the demo has no folder.
     let dataset = info.dataset.as_ref().map_or("built in".into(), |path| path.to_string_lossy());
     out!("  dataset: {dataset}");
     if let Some(TrackingInfo { summary, trajectory, .. }) = &info.tracking {

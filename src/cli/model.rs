@@ -109,6 +109,7 @@ impl Training {
                 .with_photometric_uncertainty(component.photometric_deviations)
         };
         let attributes: Vec<_> = (0..learner.status().components).map(of).collect();
+        // Without statistics a component has no evidence and unlimited uncertainty.
         let evidence = attributes.iter().map(|a| a.evidence.map_or(0.0, f64::from)).collect();
         let uncertainty = |a: &ComponentAttributes| a.uncertainty.map_or(f64::INFINITY, f64::from);
         let uncertainty = attributes.iter().map(uncertainty).collect();
@@ -175,6 +176,7 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
     let up = model.up();
     // Comments of other programs describe the original file: its axes, its exporter.
     let is_ours = |line: &String| line.starts_with("vbgs ") && !local_origin::is_comment(line);
+    // The local origin is left out, because each export writes its own in its own axes.
     let comments = model.comments.into_iter().filter(is_ours).collect();
     Ok(Model {
         splats: model.splats,

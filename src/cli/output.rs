@@ -34,6 +34,7 @@ fn note(written: std::io::Result<()>) {
 }
 
 pub fn check_stdout() -> Result<(), Failure> {
+    // An error of buffered output appears only on flushing.
     note(std::io::stdout().flush());
     match STDOUT.lock().unwrap_or_else(PoisonError::into_inner).take() {
         None => Ok(()),
@@ -208,6 +209,7 @@ fn cracks(report: &CrackReport) -> String {
 
 pub fn bar(n: usize, what: &'static str) -> ProgressBar {
     let bar = ProgressBar::new(n as u64);
+    // In a log file, redrawn bars are noise.
     let shown = std::io::stderr().is_terminal();
     bar.set_draw_target(if shown {
         ProgressDrawTarget::stderr()

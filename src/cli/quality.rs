@@ -130,6 +130,7 @@ pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
         let k = view.photo_camera(camera.as_ref()).intrinsics;
         Some(k.width as usize * k.height as usize)
     };
+    // A followed recording may not have the split yet.
     let groups = groups(session, args).unwrap_or_default();
     groups.into_iter().filter_map(pixels).max().unwrap_or(0)
 }
@@ -176,10 +177,12 @@ fn groups(session: &Session, args: &TrainArgs) -> Result<Vec<ViewGroup>, Dataset
     let evaluation = dataset.evaluation_by(hold_out(session), session.plan().split)?;
     let of_run = match hold_out(session) {
         HoldOut::Sector => evaluation.into_groups(),
+        // The other held-out views are measured only if `--eval` names their split.
         HoldOut::Every8th => evaluation.from_the_side,
     };
     let mut groups: Vec<_> = named.into_iter().map(|split| dataset.whole_split(split)).collect();
     for group in of_run {
+        // `--eval` may name a split that the hold-out rule selects too.
         if !groups.contains(&group) {
             groups.push(group);
         }

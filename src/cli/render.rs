@@ -37,6 +37,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
             args.output.display()
         ));
     }
+    // A view of a dataset has the size of its photograph.
     if args.dataset.is_none() {
         check_size(args)?;
     }
@@ -145,8 +146,10 @@ fn render_view(
     let photographed = model.color_camera(&dataset);
     let split = match &args.split {
         Some(name) => dataset.split_named(name)?,
+        // Without depth there is no training split, but any split has cameras.
         None => dataset.evaluation(dataset.training_split().unwrap_or(0)).new_views.split,
     };
+    // A wrong index is refused below, with the number of views.
     let placed = match args.view < dataset.splits[split].frames.len() {
         true => model.place_views(&dataset, (split, &[args.view]))?,
         false => None,
@@ -241,6 +244,7 @@ fn check_fov(args: &RenderArgs) -> Result<(), Failure> {
     let (is_fine, most) = match args.lens {
         // Towards 180 degrees the image plane of a pinhole grows without bound.
         Lens::Pinhole => (args.fov < 170.0, "less than 170"),
+        // An equidistant fisheye maps angles linearly, up to the direction behind it.
         Lens::Fisheye => (args.fov <= 360.0, "at most 360"),
     };
     if args.fov > 1.0 && is_fine {

@@ -35,6 +35,7 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
         write_live(&params, &args.out, layout, &mut |frame, _| {
             bar.set_message("");
             bar.set_position(frame as u64);
+            // The clock starts with the first written frame, after all are rendered.
             let start = *start.get_or_insert_with(Instant::now);
             // Relative to the start rather than the previous frame, so that delays do not accumulate.
             let due = start + Duration::from_secs_f64((frame + 1) as f64 / fps);

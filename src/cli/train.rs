@@ -90,6 +90,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
         Err(failure) => (RunQuality::default(), Some(failure)),
     };
     save_report(&session, args, files, measured)?;
+    // An interrupt during the evaluation counts too.
     let finished = end? && !interrupt.is_requested();
     match failure {
         Some(failure) => Err(failure),
@@ -103,6 +104,7 @@ fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
     output::create_folder(&args.out)?;
     let files = [SCENE, CHECKPOINT, REPORT].map(|name| args.out.join(name));
     files.iter().for_each(|file| remove_leftovers(file));
+    // Only autosaves keep the previous checkpoint.
     let previous = (interval(args) != AutosaveInterval::default())
         .then(|| args.out.join(format!("{CHECKPOINT}.bak")));
     output::check_files(&files.into_iter().chain(previous).collect::<Vec<_>>())
@@ -265,6 +267,7 @@ pub fn train(
 ) -> Result<bool, Failure> {
     let bar = output::bar(session.plan().frames.len(), "frame");
     bar.set_position(session.visited() as u64);
+    // Frames of a resumed run took no time in this process.
     bar.reset_eta();
     let mut reported = ReportedProblem::default();
     loop {

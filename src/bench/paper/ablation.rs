@@ -91,8 +91,10 @@ pub fn run(
     progress: Progress,
 ) -> Result<Bench, BenchError> {
     let sample = TrainingSample::load(dataset, plan.frames, plan.views)?;
+    // A dense row scores every point with every component.
     let thinned = sample.thinned(plan.dense_pairs / plan.components);
     let steps = plan.steps()?;
+    // Errors against the oracle belong to `bench pareto`.
     let rows = time(&steps, &sample, &thinned, plan.repeats, progress, |_, _| Ok(None))?;
     let title = format!("Ablation: {}, N = {}", sample.dataset.name, plan.components);
     Findings {

@@ -124,6 +124,8 @@ impl Seen {
         for tile in frames.last().map_or_else(Vec::new, tiles) {
             let shares = engine.responsibilities(&tile).into_iter();
             responsibilities
+                // Nearly all responsibilities underflow to zero. A dense row would need N entries
+                // per point.
                 .extend(shares.map(|r| r.into_iter().filter(|(_, r)| *r != 0.0).collect()));
         }
         Ok(Self { elbo, responsibilities, posteriors })
@@ -156,6 +158,7 @@ pub fn posterior_errors(
     found: &[ComponentPosterior],
     truth: &[ComponentPosterior],
 ) -> PosteriorErrors {
+    // Without points both posteriors equal the prior, so their error says nothing.
     let used = || found.iter().zip(truth).filter(|(_, t)| t.count > 0.0);
     let means = used().map(|(f, t)| (mean_error(f, t), t.count)).collect();
     let covariances = used().map(|(f, t)| (covariance_error(f, t), t.count)).collect();
@@ -178,10 +181,12 @@ fn covariance_error(found: &ComponentPosterior, truth: &ComponentPosterior) -> f
 
 fn frobenius(m: Sym3) -> f64 {
     let diagonal = m.xx * m.xx + m.yy * m.yy + m.zz * m.zz;
+    // Each off-diagonal element occurs twice in a symmetric matrix.
     (diagonal + 2.0 * (m.xy * m.xy + m.xz * m.xz + m.yz * m.yz)).sqrt()
 }
 
 fn number_or_infinity(value: f64) -> f64 {
+    // `f64::max` ignores NaN, which would hide a broken engine.
     if value.is_nan() { f64::INFINITY } else { value }
 }
 
@@ -203,6 +208,7 @@ fn largest(values: &[f64]) -> f64 {
 }
 
 fn mean(values: &[f64]) -> f64 {
+    // Zero rather than NaN for a last frame without points.
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 

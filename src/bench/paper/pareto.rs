@@ -112,6 +112,7 @@ impl ParetoPlan {
 
 /// Formats a setting as in settings files.
 fn named(setting: &impl Serialize) -> String {
+    // Settings without data serialise as their name.
     let json = serde_json::to_value(setting).ok();
     json.and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
@@ -169,6 +170,7 @@ fn front(rows: &[TimedRow]) -> Vec<bool> {
     // Rows with fewer threads show the speed-up by threads. They are never the best choice.
     let most = rows.iter().map(|row| row.threads).max().unwrap_or(0);
     let on_all = || rows.iter().filter(|row| row.threads == most);
+    // Strict, so that two equal rows are both on the front.
     let is_beaten = |row: &TimedRow| on_all().any(|r| r.ms < row.ms && r.psnr > row.psnr);
     rows.iter().map(|row| row.threads == most && !is_beaten(row)).collect()
 }
@@ -243,6 +245,7 @@ fn panels(rows: &[TimedRow]) -> [Panel; 2] {
             connected: false,
         };
         let x = Axis::Log("ms per frame (median, quartiles)");
+        // Rows of one sweep are adjacent, as `steps` lists them.
         let series = rows.chunk_by(|a, b| a.sweep == b.sweep).map(sweep).collect();
         Panel { title: title.to_owned(), x, y, series }
     };
@@ -250,6 +253,7 @@ fn panels(rows: &[TimedRow]) -> [Panel; 2] {
     [
         panel("quality", Axis::Linear("PSNR, dB"), |r| r.psnr),
         panel("distance from the dense f64 oracle", error, |r| {
+            // The plot leaves out marks that are not finite.
             r.covariance_error_p99.unwrap_or(f64::NAN)
         }),
     ]

@@ -115,6 +115,7 @@ pub fn run(
 ) -> Result<PrecisionSearch, BenchError> {
     // Nothing is rendered here, so one view is enough.
     let sample = TrainingSample::load(dataset, plan.frames, 1)?;
+    // Few random means ever receive a point; the others would only measure the prior.
     let draw = settled_draw(plan, &sample)?;
     let all = combinations();
     let single = |operations| PaperOverrides { operations: Some(operations), ..Default::default() };
@@ -128,6 +129,7 @@ pub fn run(
         .collect();
     let mut done = steps(progress, plan.repeats.max(1) * variants.len());
     let timed = runs::in_turns(&variants, plan.repeats, &mut done)?;
+    // The oracle is the first named precision, which follows all combinations.
     let truth = posteriors(&*timed[all.len()].engine);
     let combination = |(v, runs): (&TimedConfiguration, &Runs)| {
         Combination::new(&v.config, runs, &truth, plan.bound)
@@ -157,6 +159,7 @@ fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDra
 
 /// All combinations of widths, widest first.
 fn combinations() -> Vec<Operations> {
+    // A zero bit means f64, so that counting up goes from the widest to the narrowest.
     let width = |bits: u32, place: u32| match bits >> place & 1 {
         0 => Width::F64,
         _ => Width::F32,
@@ -224,6 +227,7 @@ fn into_search(
 fn table(combinations: &[Combination], named: &[Combination], chosen: &Combination) -> String {
     let cells = |c: &Combination| {
         let Operations { distance, log_score, normaliser, moments, update } = c.operations;
+        // The oracle first: its operations equal those of the widest combination.
         let verdict = match (c.precision, c.within_bound) {
             (Precision::F64, _) => "oracle",
             _ if c.operations == chosen.operations => "chosen",

@@ -79,6 +79,7 @@ impl TrainingSample {
 /// tile.
 pub fn thin(points: &Points<f32>, n_points: usize) -> Points<f32> {
     let tiles: Vec<usize> = (0..points.n_tiles()).collect();
+    // `max` for an empty frame, which has no tiles either.
     let n_tiles = n_points * tiles.len() / points.len().max(1);
     let mut thinned = Points::new();
     // Whole tiles, because search and sums work on tiles (`dataset.md`, Tile order). Points picked

@@ -227,6 +227,7 @@ fn time_stop(
     let total = |runs: &Runs| runs.spread(|ms| ms.train);
     let row = |(i, (means, path, _)): (usize, Line)| {
         let ms = total(&timed[i]);
+        // The last stage is reassignment, which is off.
         let [candidates_ms, e_step_ms, stats_ms, update_ms, _] = timed[i].stages();
         // The plain lines are the second half of `LINES`, in the same order of means.
         let plain = total(&timed[i % 2 + 2]);
@@ -272,6 +273,7 @@ impl RoomFrames {
         };
         let dataset = Arc::new(synthetic::dataset(&params)?);
         let mut frames = TrainingSample::load(dataset, OTHER_FRAMES + 1, 1)?.frames.into_iter();
+        // Never empty: `load` fails without a usable frame.
         let frame = frames.next().unwrap_or_default();
         let mut others = Points::new();
         for points in frames {
@@ -303,6 +305,7 @@ fn exponent(sizes: &[(f64, f64)]) -> Option<f64> {
     let covariance: f64 = logs.iter().map(|(x, y)| (x - mx) * (y - my)).sum();
     let variance: f64 = logs.iter().map(|(x, _)| (x - mx).powi(2)).sum();
     let slope = covariance / variance;
+    // A single size has no variance, and 0 / 0 is NaN.
     slope.is_finite().then_some(slope)
 }
 
@@ -362,6 +365,7 @@ fn panels(rows: &[ScalingRow], fits: &[Fit]) -> Vec<Panel> {
         y: Axis::Log("ms per frame"),
         series: LINES.into_iter().zip(fits).map(|of| series(sweep, of)).collect(),
     };
+    // `fits` lists all lines of one sweep before those of the next.
     SWEEPS.into_iter().zip(fits.chunks(LINES.len())).map(panel).collect()
 }
 

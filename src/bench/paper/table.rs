@@ -118,6 +118,7 @@ impl TimedRow {
             ms: ms.median,
             ms_q1: ms.quartiles[0],
             ms_q3: ms.quartiles[1],
+            // These three stages grow with the number of points, the next two do not.
             candidates_ms: candidates / points_share,
             e_step_ms: e_step / points_share,
             stats_ms: stats / points_share,

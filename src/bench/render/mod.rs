@@ -91,6 +91,7 @@ fn time(
     size: [u32; 2],
     up: DVec3,
 ) -> Vec<RenderRow> {
+    // A scene without finite splats draws nothing from any camera.
     let framing = core_sphere(splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
     for round in 0..=frames {
         // The warm-up view equals the last one, a full turn away, so that timed views cover
@@ -123,6 +124,7 @@ impl TimedTarget {
         let is_drawn = self.failure.is_none();
         let ms = is_drawn.then(|| Spread::of(self.times.iter().map(|ms| ms.total).collect()));
         let stage = |i: usize| {
+            // The first frames of a GPU have no timestamps yet.
             let times: Vec<f64> = self.times.iter().filter_map(|ms| ms.stages[i]).collect();
             (is_drawn && !times.is_empty()).then(|| Spread::of(times).median)
         };
@@ -148,6 +150,7 @@ impl TimedTarget {
 /// Camera that fits the whole scene into the image.
 fn view(framing: &Framing, up: DVec3, [width, height]: [u32; 2], azimuth: f64) -> Camera {
     let intrinsics = Intrinsics::from_horizontal_fov(width, height, FOV);
+    // The narrower side decides whether the whole scene is visible.
     let narrower = 2.0 * (0.5 * f64::from(width.min(height)) / intrinsics.fx).atan();
     let distance = framing.distance(narrower);
     let orbit = Orbit { target: framing.centre, up, azimuth, elevation: ELEVATION, distance };

@@ -85,6 +85,7 @@ pub fn notes(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<String> {
 
 pub fn panels(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<Panel> {
     let mut paths: Vec<FramePath> = rows.iter().map(|row| row.path).collect();
+    // `dedup` removes only adjacent duplicates, and rows are grouped by size.
     paths.sort_by_key(|path| *path as usize);
     paths.dedup();
     let lines = || paths.iter().flat_map(|&path| RENDERERS.map(|renderer| (path, renderer)));

@@ -37,6 +37,7 @@ impl BenchScene {
 
     /// A model with its name in reports and its up direction. `None` if it has no drawable splat.
     pub fn model(name: String, up: DVec3, mut splats: Vec<Splat>) -> Option<Self> {
+        // Splats that no renderer draws would lower the cost per splat.
         splats.retain(Splat::is_drawable);
         (!splats.is_empty()).then_some(Self { name, up, model: splats })
     }
@@ -93,7 +94,9 @@ fn synthetic(n: usize, seed: u64) -> Vec<Splat> {
     let size = SPREAD * (area / n as f64).sqrt();
     let splat = |_| {
         let on_ball = rng.uniform() < ball / area;
+        // Uniform z gives uniform area on a sphere (Archimedes).
         let (z, angle) = (rng.range(-1.0, 1.0), TAU * rng.uniform());
+        // On the disc, the square root makes points uniform by area.
         let ring = if on_ball { (1.0 - z * z).sqrt() } else { z.abs().sqrt() };
         let around = DVec3::new(ring * angle.cos(), ring * angle.sin(), 0.0);
         let (at, normal) = match on_ball {

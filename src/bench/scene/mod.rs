@@ -107,6 +107,7 @@ pub fn run(
     let found: Vec<AccuracyRow> = rows
         .iter()
         .filter_map(|row| {
+            // Never `None`: every row contributed its run.
             let at = runs.iter().position(|run| *run == row.run)?;
             Some(AccuracyRow::of(row, &measured[at]))
         })
@@ -150,6 +151,7 @@ impl AccuracyRuns {
     /// Quality on observed surfaces after the first few frames, as listed.
     fn seen(&self, base: &SceneRun) -> Result<Vec<SeenReport>, BenchError> {
         let mut found = Vec::new();
+        // A shorter selection never reaches the later moments.
         for n_frames in SEEN_AFTER.into_iter().filter(|&n| n <= self.plan.frames.len()) {
             let frames = self.plan.frames[..n_frames].to_vec();
             let plan = Plan { frames, ..self.plan.clone() };
@@ -252,6 +254,7 @@ impl AccuracyRow {
             h: variant.run.engine.h,
             drawn: mean(&|m| m.trained.drawn() as f64),
             born: mean(&|m| m.trained.born as f64),
+            // A scene without components has no size per component.
             bytes_per_component: mean(&|m| {
                 m.trained.model_bytes as f64 / m.trained.born.max(1) as f64
             }),

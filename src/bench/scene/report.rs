@@ -18,6 +18,7 @@ pub fn text(rows: &[AccuracyRow]) -> String {
         let rows: Vec<&AccuracyRow> = rows.iter().filter(|r| r.table == which).collect();
         format!("{title}\n{}", findings::table(&rows, columns()))
     };
+    // Scales below the depth noise are left out, so a table may be empty.
     let is_there = |table: &(Table, &str)| rows.iter().any(|row| row.table == table.0);
     let tables: Vec<String> = tables.into_iter().filter(is_there).map(of_table).collect();
     tables.join("\n\n")
@@ -89,6 +90,7 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
         })
     } else {
         ("PSNR of covered pixels, colours aligned, dB", |row| {
+            // The plot leaves out marks that are not finite.
             Spread::exact(row.psnr_aligned_covered.unwrap_or(f64::NAN))
         })
     };
@@ -127,6 +129,7 @@ fn curves(rows: &[AccuracyRow], measure: fn(&AccuracyRow) -> Spread) -> Vec<Seri
         marks: rows.iter().map(|row| Mark::new(Spread::exact(row.drawn), measure(row))).collect(),
         connected: true,
     };
+    // Rows of one mode are adjacent, as `scales` lists them.
     let by_mode = scales.chunk_by(|a, b| a.photographs == b.photographs);
     let by_mode = by_mode.map(|rows| match rows[0].photographs {
         PhotometricMode::Off => curve("scales, points alone", rows),

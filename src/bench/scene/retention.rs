@@ -110,6 +110,7 @@ impl Retention {
         let mut scene = SceneTrainer::new(&run.engine, surface.origin);
         let (mut rows, mut held_out) = (Vec::new(), Vec::new());
         let n_frames = self.plan.frames.len();
+        // Rounded up, so that there are at most as many evaluations as planned.
         let every = n_frames.div_ceil(LOOKS[0]).max(1);
         each_frame(&self.dataset, &self.plan, surface, |position, frame, prepared| {
             scene.learn(&prepared.observation)?;
@@ -117,6 +118,7 @@ impl Retention {
             if self.looked_at.contains(&position) {
                 scene.settle();
                 let after = self.psnr(&scene.splats(), self.own(position))?;
+                // `at_end` is known only after the last frame.
                 let row = RetentionRow { configuration, after_frames, frame, after, at_end: 0.0 };
                 rows.push(row);
             }
@@ -197,6 +199,7 @@ fn summarise(
         configuration,
         after: mean(|row| row.after),
         at_end: mean(|row| row.at_end),
+        // Negative if every view improves.
         most_lost: rows.iter().map(|row| row.after - row.at_end).fold(f64::NEG_INFINITY, f64::max),
         held_out,
         held_out_fall,

@@ -137,6 +137,7 @@ fn train_alike(
             prepare_ms: prepare_ms.clone(),
         })
     };
+    // Never `None`: an engine was created for every run.
     Ok(runs.iter().filter_map(drawn).collect())
 }
 

@@ -74,6 +74,7 @@ const CHANGES: [PresetChange; 7] = [
     }),
     ("photographs in full", |run| run.engine.photometric = PhotometricMode::Full.rule()),
     ("photographs without coverage", |run| {
+        // Without photographs there is no rule to change.
         run.engine.photometric.iter_mut().for_each(|rule| rule.coverage = 0.0);
     }),
 ];
@@ -160,6 +161,7 @@ const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
 pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     let of_share = |share: f64| {
         let mut run = base.clone();
+        // A budget of zero is not a valid setting.
         run.engine.max_components = ((born as f64 * share) as usize).max(1);
         let name = format!("budget {}", run.engine.max_components);
         SceneVariant { table: Table::Budget, name, run }

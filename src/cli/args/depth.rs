@@ -54,6 +54,7 @@ impl ReadArgs {
     }
 
     pub fn load_options(&self) -> LoadOptions {
+        // The conversions never fail: clap checks the number of values.
         let depth_range = self.depth_range.as_deref().and_then(|r| <[f64; 2]>::try_from(r).ok());
         let intrinsics = self.intrinsics.as_deref().and_then(|k| <[f64; 4]>::try_from(k).ok());
         LoadOptions {

@@ -203,6 +203,7 @@ where
     let values = T::VARIANTS.iter().map(|name| {
         let value = name.parse::<T>().ok();
         let doc = value.and_then(|value| value.get_documentation()).unwrap_or_default();
+        // Help texts do not end with a full stop, documentation does.
         PossibleValue::new(name).help(doc.trim_end_matches('.'))
     });
     PossibleValuesParser::new(values).try_map(|name| name.parse::<T>())
@@ -248,6 +249,7 @@ pub fn parse_seconds(text: &str) -> Result<Duration, String> {
 }
 
 pub fn parse_box(text: &str) -> Result<[DVec3; 2], String> {
+    // A malformed number leaves fewer than six.
     let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
     match numbers[..] {
         [a, b, c, d, e, f] if numbers.iter().all(|n| n.is_finite()) => {
