@@ -146,7 +146,6 @@ fn csv(rows: &[impl Serialize]) -> Result<String, csv::Error> {
 /// Header of a column and the text of each of its cells.
 pub(super) type Column<'a, R> = (&'a str, fn(&R) -> String);
 
-/// Formats rows as text.
 pub(super) fn table<R, const N: usize>(rows: &[R], columns: [Column<'_, R>; N]) -> String {
     let cells = |row: &R| columns.map(|(_, cell)| cell(row));
     report::text(columns.map(|(name, _)| name), &rows.iter().map(cells).collect::<Vec<_>>())

@@ -26,7 +26,7 @@ const FONT: &str = "plot";
 const GRID: RGBColor = RGBColor(225, 225, 225);
 /// Width of a character of axis names, pixels.
 const CHARACTER: usize = 9;
-/// Share of the axis that a legend line takes.
+/// Share of the axis covered by a line of the legend.
 const LEGEND_LINE: f64 = 0.035;
 /// Share of the range left free at both ends.
 const MARGIN: f64 = 0.06;
@@ -248,6 +248,7 @@ impl Panel {
                 let line = marks().map(middle);
                 chart.draw_series(LineSeries::new(line, color.stroke_width(2)))?;
             }
+            // Bars along both axes. A value that was not repeated has a bar without length.
             let bars = marks().flat_map(|m| {
                 let ([x0, x1], [y0, y1]) = (m.x.quartiles, m.y.quartiles);
                 let (x, y) = (m.x.median, m.y.median);
@@ -259,6 +260,7 @@ impl Panel {
                 let style = (FONT, 15).into_font().color(&color);
                 EmptyElement::at(middle(m))
                     + Circle::new((0, 0), 5, color.filled())
+                    // Above and to the right, clear of the dot.
                     + Text::new(label, (9, -16), style)
             });
             chart

@@ -109,6 +109,7 @@ fn scenes(data: &Path) -> Result<(Vec<Arc<Dataset>>, Vec<String>), BenchError> {
         let opened = dataset::open(&folder, &LoadOptions::default());
         match opened.and_then(|dataset| dataset.training_split().map(|_| dataset)) {
             Ok(dataset) => scenes.push(Arc::new(dataset)),
+            // Other folders are common beside scenes, so they cause a note, not an error.
             Err(error) => left_out.push(format!("left out: {error}")),
         }
     }

@@ -62,6 +62,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
             })
         }
         BenchName::Scaling(args) => {
+            // No maximum of frames: it renders its own.
             measure(args, |progress| scaling::run(&ScalingPlan::new(args.options(None)), progress))
         }
         BenchName::Render(args) => {
@@ -125,7 +126,7 @@ fn on_dataset(
     measure(&args.common, |progress| work(dataset, progress))
 }
 
-/// Opens a dataset, or the demo's if none is given.
+/// Opens a dataset, or that of the demo without a path.
 pub fn open(path: Option<&Path>, depth: &ReadArgs) -> Result<Arc<Dataset>, Failure> {
     let Some(path) = path else { return Ok(start::dataset()?) };
     let dataset = dataset::open(path, &depth.recorded_load_options()?)?;

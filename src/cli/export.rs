@@ -54,6 +54,7 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
         return Err(usage!("{option}: a setting of splats, found with --as mesh; leave it out"));
     }
     let format = MeshFormat::from_path(&args.output)?;
+    // No other mesh format prescribes its axes.
     if format == MeshFormat::Glb {
         y_up_axes(args, &"glb")?;
     }
@@ -68,6 +69,7 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     let h = model.method.as_ref().and_then(|m| m.scene()).map(|scene| scene.engine.h);
     let cell = args.cell.or(h.map(|h| 0.5 * h)).ok_or_else(needed)?;
     let summary = write_with_progress(&args.output, "mesh", |progress| {
+        // A mesh ignores the format of splats.
         let options = options(args, ModelFormat::Ply, &model, Some(&training), progress);
         let asked = |i: usize, surfel: &Surfel| {
             options.selection.selects(i, surfel.mean, options.confidence).then_some(*surfel)
@@ -196,6 +198,7 @@ fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
 }
 
 pub fn run_merge(args: &MergeArgs) -> Result<(), Failure> {
+    // Checked before the models are read, which takes longer.
     output::check_files(std::slice::from_ref(&args.output))?;
     let runs: Result<Vec<_>, _> = args.checkpoints.iter().map(|p| SavedRun::read(p)).collect();
     let merged = match &args.start {

@@ -134,6 +134,7 @@ fn poses_info(dataset: &Dataset) -> PosesInfo {
     PosesInfo {
         convention: if is_tracked { "tracked" } else { stated.name() },
         agreement: opened.map(|trial| trial.agreement),
+        // JSON cannot represent an infinite error.
         median_error: opened.map(|trial| trial.error).filter(|error| error.is_finite()),
         pairs: check.as_ref().map_or(0, |check| check.pairs),
         summary: match is_tracked {
@@ -174,6 +175,7 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
     let is_part = dataset.splits[split].name == HELD_OUT;
     for (index, entry) in frames.iter().enumerate().filter(|_| !is_part) {
         let files = entry.color_path().into_iter().chain(entry.depth_path());
+        // Missing files count nothing here; loading reports them as defects.
         bytes += files.filter_map(|f| f.metadata().ok()).map(|m| m.len()).sum::<u64>();
         match dataset.load(split, index) {
             Err(error) => defects.push(error.to_string()),
@@ -402,7 +404,7 @@ fn tracking(trajectory: Trajectory, run: &SavedRun) -> TrackingInfo {
     TrackingInfo { trajectory, error, summary }
 }
 
-/// Describes why the run cannot be resumed with its dataset, if so.
+/// Describes the defect of a run's dataset that prevents resuming, if any.
 fn dataset_defect(run: &SavedRun) -> Option<String> {
     let path = run.meta.dataset.as_ref()?;
     let dataset = match dataset::open(path, &run.load_options()) {

@@ -43,7 +43,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 use vbgs_studio::pipeline::prefetch::default_threads;
 
-/// Upper limit, more than on any machine this program is meant for.
+/// Upper limit of `--threads`, above the number of cores of any supported machine.
 const MAX_THREADS: usize = 1024;
 
 /// Runs the command given by the process's arguments. Exit status: 0 success, 1 failure, 2 wrong usage,

@@ -44,6 +44,7 @@ impl TrainedFrames {
     /// Returns the training frames in a dataset; `None` if the run used another dataset.
     pub fn of(&self, dataset: &Dataset) -> Option<ViewGroup> {
         let split = match &self.split {
+            // Another dataset may lack the split.
             Some(name) => dataset.split_named(name).ok()?,
             None => dataset.training_split().ok()?,
         };

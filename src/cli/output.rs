@@ -217,6 +217,7 @@ pub fn bar(n: usize, what: &'static str) -> ProgressBar {
         ProgressDrawTarget::hidden()
     });
     let style = ProgressStyle::with_template("{prefix} {pos}/{len} {bar:32} {msg} eta {eta}");
+    // A faulty template must not stop a command.
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.set_prefix(what);
     bar
@@ -240,7 +241,7 @@ pub fn share<T>(what: &'static str, work: impl FnOnce(&dyn Fn(f64)) -> T) -> T {
     result
 }
 
-/// Prints a warning without tearing the bar.
+/// Prints a warning above a progress bar.
 pub fn warn(bar: &ProgressBar, message: &str) {
     bar.suspend(|| eprintln!("warning: {message}"));
 }

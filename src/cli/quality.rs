@@ -33,13 +33,14 @@ pub struct QualityRequest<'a> {
     pub hold_out: HoldOut,
 }
 
-/// Measures a group of views with each renderer; results are grouped by renderer.
+/// Measures a group of views with each renderer. Returns the report and views of each.
 pub fn measure(
     splats: &SplatSet,
     dataset: &Dataset,
     group: &ViewGroup,
     request: &QualityRequest,
 ) -> Result<Vec<(EvalReport, Vec<ViewReport>)>, Failure> {
+    // A tracked model has its own world, in which its views have no recorded poses.
     let placed = match request.tracked {
         Some((method, poses)) => tracked::place(dataset, method, splats, poses, group.views())?,
         None => None,
@@ -135,8 +136,8 @@ pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
     groups.into_iter().filter_map(pixels).max().unwrap_or(0)
 }
 
-/// Measures groups of views with the final splats, and the training views so far with each of the `early`
-/// ones.
+/// Measures the evaluation views with the final splats, and the training views with each of the `early`
+/// splats, stored after the first few frames.
 pub fn measure_run(
     session: &Session,
     early: &[(usize, SplatSet)],

@@ -105,6 +105,7 @@ fn render_path(
     }
     let film = |method: &RenderMethod| match methods.len() {
         1 => FilmWriter::new(&args.output, args.size, paced.fps),
+        // The suffix keeps one renderer from overwriting the pictures of the other.
         _ => FilmWriter::pictures(&args.output, &format!("-{}", method.renderer())),
     };
     let mut films = methods.iter().map(film).collect::<Result<Vec<_>, _>>()?;
@@ -225,6 +226,7 @@ impl Painter<'_> {
             (PaintName::Normal, _) => Paint::Normal,
             (PaintName::Depth, Some(Framing { centre, radius })) => {
                 let distance = camera.pose.centre().distance(centre);
+                // The camera may be inside the scene.
                 Paint::Depth([(distance - radius).max(0.0), distance + radius].map(|d| d as f32))
             }
             // Without splats there is no depth to show.
@@ -267,7 +269,7 @@ fn check_size(args: &RenderArgs) -> Result<(), Failure> {
     refusal.map_or(Ok(()), |text| Err(failed!(text)))
 }
 
-/// Returns an error text if an image of this size needs more than `available` bytes.
+/// Error text for an image that needs more than `available` bytes.
 fn refusal(size: [u32; 2], available: u64) -> Option<String> {
     let [width, height] = size.map(u64::from);
     let needed = width * height * PIXEL_BYTES;
@@ -301,8 +303,8 @@ fn orbit(framing: &Framing, up: DVec3, args: &RenderArgs) -> Orbit {
     }
 }
 
-/// Returns the narrower of the two fields of view, which must contain the scene; at most π, because no
-/// distance suits a larger one.
+/// Returns the narrower field of view in radians, into which the scene must fit. At most π, beyond which a
+/// camera's distance from the scene is undefined.
 fn narrower_fov(args: &RenderArgs) -> f64 {
     let (fov, tall) = (args.fov.to_radians(), args.size[1] as f64 / args.size[0] as f64);
     let share = tall.min(1.0);

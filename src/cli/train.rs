@@ -50,6 +50,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let mut autosave = Autosave::new(args.out.join(CHECKPOINT), interval(args), &session);
     let train = |session: &mut Session| {
         train(session, &interrupt, |session, bar| {
+            // Fewer frames do not allow a reliable check.
             if args.follow && trained_frames(session) == ENOUGH_FRAMES {
                 let dataset = session.dataset().clone();
                 // In parallel with training, because frames keep arriving.
@@ -114,7 +115,7 @@ fn interval(args: &TrainArgs) -> AutosaveInterval {
     args.settings.run.autosave
 }
 
-/// Creates a session before its first frame. Opening may block on a drive, so it is interruptible.
+/// Creates a session before its first frame. Opening is interruptible, because a drive may block it.
 fn create_session(
     args: &Arc<TrainArgs>,
     start: Start,
@@ -135,6 +136,7 @@ fn create_session(
 
 fn open_session(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     let dataset = Arc::new(dataset::open(&args.dataset, &start.load_options(args))?);
+    // A misspelt split must not cost the training.
     if let Some(split) = &args.eval {
         dataset.split_named(split)?;
     }
@@ -201,6 +203,7 @@ fn print_notes(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     }
     let preset = session.config().method.as_any();
     let limit = preset.component_limit();
+    // Evaluation draws whole photographs, which may need more memory than training.
     let memory = match is_measured(session, args) {
         true => with_evaluation(session.memory(), photo_pixels(session, args), limit.components()),
         false => session.memory(),
@@ -259,7 +262,7 @@ fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Trains until the last frame (true) or an interrupt (false); `after` is called after each frame.
+/// Trains and calls `after` after each frame. Returns false if interrupted before the last frame.
 pub fn train(
     session: &mut Session,
     interrupt: &Interrupt,
@@ -311,7 +314,7 @@ const SCENE: &str = "scene.ply";
 const CHECKPOINT: &str = "checkpoint.vbgs";
 const REPORT: &str = "report.json";
 
-/// Writes `checkpoint.vbgs` and `scene.ply` if any component is used; returns their names for a message.
+/// Writes `checkpoint.vbgs` and `scene.ply` unless no component is used. Returns their names for a message.
 fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, Failure> {
     if session.learner().status().used == 0 {
         return Ok("");
@@ -466,7 +469,7 @@ fn attach_gpu(_: &mut Session, must: bool) -> Result<(), Failure> {
     ))
 }
 
-/// A problem is reported after this time; most disappear with the next write.
+/// Time after which a problem is reported. Most disappear with the recorder's next write.
 const LASTING: Duration = Duration::from_secs(2);
 
 #[derive(Default)]

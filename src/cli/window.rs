@@ -29,7 +29,7 @@ pub fn run(
     end(app::run(subject, calibration, adapter, is_ended, started), path)
 }
 
-/// Converts the window's result to that of the program; `path` is what it was opened on, `None` for the demo.
+/// Converts the window's result to that of the program. `path` is the opened file or folder, `None` for the demo.
 fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Failure> {
     match (ended, path) {
         (Ok(()), _) => Ok(()),

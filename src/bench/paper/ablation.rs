@@ -56,6 +56,7 @@ impl AblationPlan {
             reassign: Some(ReassignPolicy::Off),
             ..PaperOverrides::default()
         };
+        // Precision f64 selects the plain engine.
         let plain = PaperOverrides { precision: Some(Precision::F64), ..fused.clone() };
         let dense = PaperOverrides { candidates: Some(Candidates::Dense), ..plain.clone() };
         let moving = |policy| PaperOverrides { reassign: Some(policy), ..fused.clone() };

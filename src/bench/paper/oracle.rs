@@ -190,8 +190,7 @@ fn number_or_infinity(value: f64) -> f64 {
     if value.is_nan() { f64::INFINITY } else { value }
 }
 
-/// Returns the error below which 99 % of the weight lies, and the largest error. Items are (error,
-/// weight).
+/// Returns the weighted 99 % quantile and the maximum of (error, weight) pairs.
 fn weighted_p99_and_max(mut errors: Vec<(f64, f64)>) -> [f64; 2] {
     errors.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = errors.iter().map(|(_, weight)| weight).sum();

@@ -215,6 +215,7 @@ fn time_stop(
             components: Some(stop.components),
             seed: Some(seed),
             reassign: Some(ReassignPolicy::Off),
+            // Precision f64 selects the plain engine.
             precision: (path == EnginePath::Plain).then_some(Precision::F64),
             ..PaperOverrides::default()
         };
@@ -263,6 +264,7 @@ impl RoomFrames {
         // Points are dropped at edges of depth, so render more pixels than requested points.
         let height = (1.2 * n_points as f64 * 0.75).sqrt().ceil().max(8.0);
         let params = SyntheticParams {
+            // The room's images have an aspect of 4 to 3.
             width: (height / 0.75).ceil() as u32,
             height: height as u32,
             n_train: OTHER_FRAMES + 1,

@@ -52,6 +52,7 @@ pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<
     Findings {
         name: "render",
         dataset: scene.name(),
+        // At most one painter has an adapter.
         adapter: painters.iter().find_map(|painter| painter.adapter()),
         options: plan.options,
         notes: [missing, notes(plan, &rows)].concat(),

@@ -17,11 +17,11 @@ pub struct BenchScene {
     model: Vec<Splat>,
 }
 
-/// Radius of the ball and of the disc that it lies on, world units.
+/// Radii of the ball and of the disc below it, world units.
 const BALL: f64 = 0.6;
 const DISC: f64 = 1.2;
-/// Standard deviation of a splat along its surface, relative to the side of its square share of the
-/// area. This constant and the next two were measured on Lego, trained with the `paper` preset.
+/// Standard deviation of a splat along the surface, relative to the square root of the area per splat.
+/// This constant and the next two were measured on Lego, trained with the `paper` preset.
 const SPREAD: f64 = 0.5;
 /// Standard deviation across the surface relative to that along it.
 const FLATNESS: f64 = 0.6;
@@ -58,6 +58,7 @@ impl BenchScene {
     pub fn splats(&self, n: usize, seed: u64) -> Cow<'_, [Splat]> {
         match self.own_count() {
             None => Cow::Owned(synthetic(n, seed)),
+            // Unchanged, so that the cost is that of the model itself.
             Some(own) if own == n => Cow::Borrowed(&self.model),
             Some(_) => Cow::Owned(resampled(&self.model, n, seed)),
         }
@@ -86,7 +87,7 @@ fn resampled(splats: &[Splat], n: usize, seed: u64) -> Vec<Splat> {
     (0..n).map(&mut copy).collect()
 }
 
-/// Flat splats on a ball that lies on a disc.
+/// Flat splats on a ball above a disc.
 fn synthetic(n: usize, seed: u64) -> Vec<Splat> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
     let ball = 4.0 * PI * BALL * BALL;

@@ -246,6 +246,7 @@ impl AccuracyRow {
             Spread::of(orders.iter().flat_map(|m| times(&m.trained)).copied().collect()).median
         };
         let cracks: Option<&CrackReport> = orders.iter().find_map(|m| m.quality.cracks.as_ref());
+        // No interior pixel may be visible from half the distance.
         let half = cracks.and_then(|c| c.half_distance);
         Self {
             table: variant.table,

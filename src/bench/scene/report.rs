@@ -49,6 +49,7 @@ fn decibels(psnr: Option<f64>) -> String {
 fn shares(over_01: Option<f64>, over_03: Option<f64>) -> String {
     match (over_01, over_03) {
         (Some(a), Some(b)) => format!("{:.2} ({:.2})", 100.0 * a, 100.0 * b),
+        // Without depth there are no interior pixels.
         _ => String::new(),
     }
 }

@@ -192,6 +192,7 @@ fn summarise(
         |value: fn(&RetentionRow) -> f64| mean_std(&rows.iter().map(value).collect::<Vec<_>>()).0;
     let (mut best, mut held_out_fall) = (f64::NEG_INFINITY, 0.0f64);
     for (_, psnr) in &held_out {
+        // Relative to the best value so far: a slow decline counts as a whole.
         best = best.max(*psnr);
         held_out_fall = held_out_fall.max(best - psnr);
     }

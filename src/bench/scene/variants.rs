@@ -105,8 +105,9 @@ fn constant_opacity(run: &mut SceneRun) {
     native.scale = 1.7;
 }
 
-/// Opacity `τ·(1 − exp(−N/300))`. With such a large doubt, the visibility counts have no effect.
+/// Opacity `τ·(1 − exp(−N/300))`, independent of visibility counts.
 fn opacity_of_count(run: &mut SceneRun) {
+    // So large that the visibility counts have no effect.
     const DOUBT: f64 = 1e12;
     let opacity = &mut run.engine.splat_rule.opacity;
     *opacity = DensityOpacity { doubt: DOUBT, rho0: 300.0 / DOUBT, ..*opacity };
@@ -169,7 +170,8 @@ pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     BUDGETS.map(of_share).to_vec()
 }
 
-/// Rows with the structural scale of `base` times each factor, with and without photographs. Scales below the depth noise are left out.
+/// Rows with the structural scale of `base` times each factor, with and without photographs. Scales
+/// below the depth noise are left out.
 pub fn scales(
     dataset: &Dataset,
     plan: &Plan,

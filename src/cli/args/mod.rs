@@ -57,6 +57,7 @@ pub struct Arguments {
 
 impl Arguments {
     pub fn from_command_line() -> Self {
+        // clap's own exit would ignore a help text that cannot be written.
         let found = Self::complete_command().try_get_matches();
         let found = found.and_then(|found| Self::from_arg_matches(&found));
         let arguments = found.unwrap_or_else(|error| end(&error));

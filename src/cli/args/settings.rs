@@ -137,6 +137,7 @@ fn option((about, id, placeholder): (&'static About, &'static str, &'static str)
         });
         return arg.value_parser(PossibleValuesParser::new(values).map(OsString::from));
     }
+    // Otherwise clap reports `-5` as an unknown option.
     let arg = arg.allow_negative_numbers(true);
     // Files are read later: a damaged one is not wrong usage and has another exit status.
     if about.is_in_file {
@@ -171,8 +172,10 @@ impl FromArgMatches for SettingsArgs {
             Some((about.field, text.clone()))
         });
         let mut args = Self { given: given.collect(), run: RunSettings::default() };
+        // Behind the options, over which `--set` takes precedence.
         for assignment in matches.get_many::<OsString>("set").into_iter().flatten() {
             args.set(&assignment.to_string_lossy())
+                // A raw error lacks the final newline of clap's other errors.
                 .map_err(|message| clap::Error::raw(ErrorKind::ValueValidation, message + "\n"))?;
         }
         Ok(args)
