@@ -197,6 +197,7 @@ impl Panel {
         let x = self.x.range(marks().map(|m| m.x), 0.0);
         let y = self.y.range(marks().map(|m| m.y), LEGEND_LINE * n_lines as f64);
         let ranges = (x.clone(), y.clone());
+        // In plotters each pair of axes is a type of its own.
         match (&self.x, &self.y) {
             (Axis::Log(_), Axis::Log(_)) => {
                 self.draw_on(area, x.log_scale(), y.log_scale(), &ranges)
@@ -241,6 +242,7 @@ impl Panel {
         let middle = |mark: &Mark| at(mark.x.median, mark.y.median);
         for (series, color) in self.series.iter().zip(COLORS.into_iter().cycle()) {
             let marks = || {
+                // Benches mark a missing value by NaN.
                 let is_there = |m: &&Mark| m.x.median.is_finite() && m.y.median.is_finite();
                 series.marks.iter().filter(is_there)
             };

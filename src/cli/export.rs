@@ -123,6 +123,7 @@ fn options<'a>(
         sh3_padding: args.sh3_padding,
         mapping: args.mapping.mapping(),
         comments: &model.comments,
+        // A note states this assumption.
         up: args.up.or(model.up).unwrap_or(DVec3::Z),
         local_origin: model.local_origin,
         metric: model.is_metric,

@@ -47,6 +47,7 @@ struct PosesInfo {
     median_error: Option<f64>,
     pairs: usize,
     #[serde(skip)]
+    // For text output; JSON contains its numbers.
     summary: Option<String>,
     warning: Option<String>,
 }
@@ -232,6 +233,7 @@ fn print_dataset(info: &DatasetInfo) -> Result<(), Failure> {
 }
 
 fn print_split(s: &SplitInfo) {
+    // These frames belong to a split that was already described.
     if s.name == HELD_OUT {
         out!("  {}: {} of these frames", s.name, s.frames);
         return;
@@ -270,6 +272,7 @@ fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
             ModelKind::PointCloud => "point-cloud",
         },
         splats: model.splats.len(),
+        // Import drops harmonics above degree 1.
         sh_degree: u8::from(!model.splats.view().appearance().is_empty()),
         skipped: model.skipped,
         // Splats are relative to the local origin.

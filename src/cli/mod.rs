@@ -65,6 +65,7 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
     set_threads(arguments.threads)?;
     match arguments.command {
         None => open_window(arguments, started),
+        // Shared, because the dataset is opened on another thread.
         Some(Command::Train(args)) => train::run(&args.into()),
         Some(Command::Eval(args)) => eval::run(&args),
         Some(Command::Render(args)) => render::run(&args),
@@ -98,6 +99,7 @@ fn open_window(arguments: Arguments, _: Instant) -> Result<(), Failure> {
 }
 
 fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
+    // Without the option, a larger machine must not cause an error.
     let threads = threads.unwrap_or_else(|| default_threads().min(MAX_THREADS));
     if threads > MAX_THREADS {
         return Err(usage!("--threads: expected 1 to {MAX_THREADS}, found {threads}"));

@@ -1,14 +1,12 @@
 //! Loads a MODEL argument.
 
 use super::failure::Failure;
-use super::tracked;
 use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::dataset::fingerprint::Fingerprint;
 use vbgs_studio::dataset::splits::{HoldOut, ViewGroup};
 use vbgs_studio::dataset::{Dataset, LoadOptions};
-use vbgs_studio::eval::choices::Views;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::local_origin;
@@ -18,7 +16,7 @@ use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::any_preset::{RestoredLearner, file_comments};
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::settings::method::Method;
-use vbgs_studio::pipeline::tracked::{PlacedViews, Trajectory, surfels};
+use vbgs_studio::pipeline::tracked::{Trajectory, surfels};
 
 pub struct Model {
     pub splats: SplatSet,
@@ -75,13 +73,9 @@ impl Model {
         }
     }
 
-    pub fn place_views(
-        &self,
-        dataset: &Dataset,
-        views: Views<'_>,
-    ) -> Result<Option<PlacedViews>, Failure> {
-        let (Some(found), Some(method)) = (&self.trajectory, &self.method) else { return Ok(None) };
-        tracked::place(dataset, method, &self.splats, found, views)
+    /// Settings and poses of a tracked model, against which views are placed.
+    pub fn tracked(&self) -> Option<(&Method, &Trajectory)> {
+        self.method.as_ref().zip(self.trajectory.as_ref())
     }
 
     /// Returns the colour camera of a dataset's photographs, if it differs from the depth camera: the one
@@ -89,6 +83,7 @@ impl Model {
     pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
         match &self.method {
             Some(method) => method.as_any().color_camera(),
+            // Splat files do not contain a camera.
             None => dataset.known_calibration().and_then(|c| c.color_camera),
         }
     }

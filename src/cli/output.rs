@@ -80,6 +80,7 @@ pub fn create_folder(path: &Path) -> Result<(), Failure> {
 
 /// Rejects output paths that cannot be replaced, before long work begins.
 pub fn check_files(paths: &[PathBuf]) -> Result<(), Failure> {
+    // Files are replaced by renaming, which fails for folders.
     match paths.iter().find(|path| path.is_dir()) {
         None => Ok(()),
         Some(path) => Err(failed!(

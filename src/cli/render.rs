@@ -4,7 +4,7 @@ use super::args::{PaintName, RenderArgs};
 use super::failure::Failure;
 use super::model::Model;
 use super::train::print_dataset_notes;
-use super::{model, output};
+use super::{model, output, tracked};
 use anyhow::anyhow;
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -31,7 +31,8 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(args.lens)?;
     check_fov(args)?;
     // Checked before the model is read, which takes longer.
-    if args.turntable.is_none() && args.path.is_none() && !is_png(&args.output) {
+    let is_png = args.output.extension().is_some_and(|end| end.eq_ignore_ascii_case("png"));
+    if args.turntable.is_none() && args.path.is_none() && !is_png {
         return Err(usage!(
             "--output: expected a name ending in .png, found {}",
             args.output.display()
@@ -150,10 +151,12 @@ fn render_view(
         // Without depth there is no training split, but any split has cameras.
         None => dataset.evaluation(dataset.training_split().unwrap_or(0)).new_views.split,
     };
-    // A wrong index is refused below, with the number of views.
-    let placed = match args.view < dataset.splits[split].frames.len() {
-        true => model.place_views(&dataset, (split, &[args.view]))?,
-        false => None,
+    let placed = match model.tracked() {
+        // A wrong index is refused below, with the number of views.
+        Some((method, poses)) if args.view < dataset.splits[split].frames.len() => {
+            tracked::place(&dataset, method, &model.splats, poses, (split, &[args.view]))?
+        }
+        _ => None,
     };
     let split = &placed.as_ref().map_or(&dataset, |placed| &placed.dataset).splits[split];
     let Some(entry) = split.frames.get(args.view) else {
@@ -201,6 +204,7 @@ impl Painter<'_> {
         path: &Path,
     ) -> Result<String, Failure> {
         let mut names = Vec::with_capacity(self.methods.len());
+        // Cloned, because drawing borrows the painter mutably.
         for method in self.methods.clone() {
             let image = self.picture(camera, method, options);
             let path = if self.methods.len() > 1 { named(path, method) } else { path.to_owned() };
@@ -312,10 +316,6 @@ fn narrower_fov(args: &RenderArgs) -> f64 {
         Lens::Pinhole => 2.0 * ((0.5 * fov).tan() * share).atan(),
         Lens::Fisheye => (fov * share).min(PI),
     }
-}
-
-fn is_png(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
 }
 
 #[cfg(test)]

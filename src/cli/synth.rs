@@ -70,6 +70,7 @@ fn layout(args: &SynthArgs) -> Result<SyntheticLayout, Failure> {
     match (layout, bits) {
         (SyntheticLayout::Blender(_), bits) => Ok(SyntheticLayout::Blender(bits)),
         (layout, DepthBits::Sixteen) => Ok(layout),
+        // Only the Blender layout can store 8-bit depth.
         (layout, DepthBits::Eight) => Err(usage!(
             "--depth-bits: expected 16, the only choice for --layout {}, found 8",
             <&str>::from(layout)

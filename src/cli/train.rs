@@ -185,6 +185,7 @@ fn start(args: &TrainArgs) -> Result<Start, Failure> {
     let run = SavedRun::read(path)?;
     let preset = args.preset.unwrap_or(run.config.method.preset());
     let asked = resume_request(args, preset)?;
+    // Before the dataset is opened, which may take long.
     check(&run, &asked)?;
     Ok(Start::Saved(Box::new(run), Box::new(asked)))
 }
@@ -275,6 +276,7 @@ pub fn train(
     let mut reported = ReportedProblem::default();
     loop {
         if interrupt.is_requested() {
+            // Remains visible and shows where training stopped.
             bar.abandon();
             return Ok(false);
         }
@@ -283,6 +285,7 @@ pub fn train(
         session.take_outlier_warnings().iter().for_each(|doubt| output::warn(&bar, doubt));
         match step {
             Step::Trained(frame) => {
+                // A followed recording grows.
                 bar.set_length(session.plan().frames.len() as u64);
                 bar.set_position(frame.index as u64 + 1);
                 bar.set_message(format!(
@@ -371,6 +374,7 @@ fn save_report(
         summary.components,
         summary.drawn
     );
+    // The processor is the normal case and needs no line.
     let fits = [&report.passes, &report.points].into_iter().flatten();
     for used in fits.filter(|used| used.device.is_some()) {
         output::print_line(used.summary_line());
@@ -421,12 +425,13 @@ fn attach_gpu(session: &mut Session, must: bool) -> Result<(), Failure> {
     use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
     use vbgs_studio::train::device_trial::DevicePolicy;
     use vbgs_studio::train::learner::TrainingDevice;
+    type MakeDevice = fn(HeadlessGpu) -> TrainingDevice;
 
     if !must && !may_have_gpu() {
         return Ok(());
     }
     let used = session.learner().device_use();
-    let tasks: [(bool, &str, fn(HeadlessGpu) -> TrainingDevice); 3] = [
+    let tasks: [(bool, &str, MakeDevice); 3] = [
         (used.points.is_some(), "trains", |gpu| TrainingDevice::Points(Box::new(gpu.points()))),
         (used.passes.is_some(), "trains", |gpu| TrainingDevice::Passes(Box::new(gpu.mixture()))),
         (used.photographs.is_some(), "compares photographs", |gpu| {

@@ -147,6 +147,7 @@ fn notes(plan: &AblationPlan, sample: &TrainingSample, thinned: &[Points<f32>]) 
 fn panels(rows: &[TimedRow]) -> [Panel; 2] {
     let panel = |title: &str, x: Axis, names, of: &dyn Fn(&TimedRow) -> (Spread, String)| {
         let series = |name: &str, is_scaled: bool| {
+            // Scaled times have their own colour, because they were not measured at full size.
             let of_kind =
                 rows.iter().enumerate().filter(|(_, r)| (r.points_share < 1.0) == is_scaled);
             let mark = |(i, row): (usize, &TimedRow)| {

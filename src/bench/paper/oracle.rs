@@ -88,6 +88,7 @@ impl<'a> DenseOracle<'a> {
     }
 
     pub fn errors_of(&self, config: &PaperConfig) -> Result<Errors, BenchError> {
+        // As in the oracle: one component moved differently would exceed all rounding.
         let fixed =
             PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
         let found = Seen::by(&config.clone().with(&fixed)?, &self.draw, self.frames)?;

@@ -160,6 +160,7 @@ fn errors(
     let last = sample.frames.len().saturating_sub(ORACLE_FRAMES);
     let frames: Vec<Points<f32>> = sample.frames[last..]
         .iter()
+        // The oracle scores every point with every component.
         .map(|frame| thin(frame, oracle_pairs / config.components))
         .collect();
     DenseOracle::new(config, &draw, &frames)?.errors_of(config)
@@ -186,6 +187,7 @@ fn base_name(base: &TimedRow) -> String {
 
 fn text(rows: &[TimedRow], is_front: &[bool]) -> String {
     let error = |error: Option<f64>| error.map_or_else(String::new, report::error);
+    // Not by `table`: the front is a property of all rows together.
     let cells = |(row, is_front): (&TimedRow, &bool)| {
         [
             row.configuration.clone(),

@@ -64,6 +64,7 @@ impl SearchPlan {
             reassign: Some(ReassignPolicy::Off),
             ..PaperOverrides::default()
         };
+        // `or` keeps what `change` sets.
         PaperConfig::paper().with(&change.or(base))
     }
 }
@@ -235,6 +236,7 @@ fn table(combinations: &[Combination], named: &[Combination], chosen: &Combinati
             (_, false) => "outside the bound",
         };
         [
+            // Debug names, such as `F32`, are the shortest.
             format!("{distance:?}"),
             format!("{log_score:?}"),
             format!("{normaliser:?}"),

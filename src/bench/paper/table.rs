@@ -82,6 +82,7 @@ pub fn time(
     let timed = runs::in_turns(&variants, repeats, &mut done)?;
     let mut rows = Vec::with_capacity(steps.len());
     for (step, runs) in steps.iter().zip(&timed) {
+        // Counted, because whole tiles only approximate the requested number of points.
         let share = count(frames(step)) as f64 / count(&sample.frames) as f64;
         rows.push(TimedRow::new(step, runs, sample, share, errors(step, runs)?)?);
         done();

@@ -34,6 +34,7 @@ impl TimedGpu {
         let method = || -> Result<TimedMethod, HeadlessError> {
             Ok(TimedMethod { renderer: SplatRenderer::new(device, queue)?, is_warm: false })
         };
+        // Empty until `load`.
         Ok(Self { methods: [method()?, method()?], scene: GpuScene::new(device, queue, &[])?, gpu })
     }
 

@@ -262,6 +262,7 @@ impl AccuracyRow {
             train_ms: median(&|t| &t.train_ms),
             prepare_ms: median(&|t| &t.prepare_ms),
             psnr: mean(&|m| m.quality.psnr_mean),
+            // Extremes rather than quartiles: three orders are too few for these.
             psnr_low: psnr().fold(f64::INFINITY, f64::min),
             psnr_high: psnr().fold(f64::NEG_INFINITY, f64::max),
             psnr_covered: mean_known(&|q| q.psnr_covered_mean),

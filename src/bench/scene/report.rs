@@ -33,6 +33,7 @@ fn columns() -> [Column; 11] {
         ("born", |row| format!("{:.0}", row.born)),
         ("ms/frame", |row| format!("{:.1}", row.train_ms)),
         ("PSNR dB", |row| format!("{:.2}", row.psnr)),
+        // A difference between rows counts only if it exceeds this one.
         ("orders", |row| format!("{:.3}", row.psnr_high - row.psnr_low)),
         ("covered", |row| decibels(row.psnr_covered)),
         ("aligned", |row| decibels(row.psnr_aligned_covered)),

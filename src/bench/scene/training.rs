@@ -50,6 +50,7 @@ pub fn prepare(
     let base = base.map_err(SessionError::from)?;
     let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let plain = EvalOptions::plain(GroundTruth::Composited, render);
+    // One camera for all rows, including those trained without calibration.
     let options = EvalOptions { color_camera: base.color_camera(), ..plain };
     Ok((plan, base, options))
 }

@@ -75,6 +75,7 @@ impl Arguments {
         let reading = ReadArgs::augment_args(clap::Command::new("reading"));
         let train = |train: clap::Command| {
             train
+                // Hidden options remain valid; the last line of the help names them.
                 .mut_arg("confidence", hidden)
                 .mut_arg("geometry_only", hidden)
                 .after_help("For some phones: --confidence and --geometry-only, as in `info`.")
