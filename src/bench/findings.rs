@@ -4,7 +4,6 @@
 //! outputs of one run cannot disagree. Table and JSON state the machine, because a time is
 //! meaningless without it.
 
-use crate::bench::plot::PlotError;
 use crate::dataset::synthetic::ParamsError;
 use crate::eval::report;
 use crate::eval::report::MachineReport;
@@ -17,6 +16,7 @@ use crate::render::gpu::headless::HeadlessError;
 use crate::train::candidates::IndexError;
 use crate::train::setting::ConfigError;
 use serde::Serialize;
+use serde_json::json;
 use std::path::PathBuf;
 
 pub const BENCH_FORMAT: &str = "vbgs-bench/1";
@@ -44,8 +44,8 @@ pub enum BenchError {
     Index(#[from] IndexError),
     #[error("{0}")]
     Eval(#[from] EvalError),
-    #[error("{0}")]
-    Plot(#[from] PlotError),
+    #[error("drawing the plot `{title}` failed: {reason}")]
+    Plot { title: String, reason: String },
     #[error("writing the rows as CSV failed: {0}")]
     Csv(#[from] csv::Error),
     #[error("writing the result as JSON failed: {0}")]
@@ -57,7 +57,6 @@ pub enum BenchError {
     Gpu(#[from] HeadlessError),
     #[error("writing the settings as RON failed: {0}")]
     Ron(#[from] ron::Error),
-    /// No combination of widths keeps the bound.
     #[error(
         "bound (`--bound`): expected at least {best:.1e}, the error of f64 operations on f32 points, found {bound:e}; choose a larger bound"
     )]
@@ -68,23 +67,24 @@ pub enum BenchError {
         "{}: expected folders of scenes with depth, found none; the first problem: {first}",
         folder.display()
     )]
-    NoScene {
-        folder: PathBuf,
-        /// Reason why the first folder was skipped.
-        first: String,
-    },
+    NoScene { folder: PathBuf, first: String },
     #[error(
         "{dataset}: expected at least one usable frame, found none; the first problem: {first}"
     )]
-    NoFrame {
-        dataset: String,
-        /// Error of the first frame that failed to load.
-        first: String,
-    },
+    NoFrame { dataset: String, first: String },
 }
 
 /// Progress callback: steps done, total number of steps.
 pub type Progress<'a> = &'a mut dyn FnMut(usize, usize);
+
+/// Returns a callback that reports one more of `n` steps per call.
+pub(super) fn steps(progress: Progress, n: usize) -> impl FnMut() {
+    let mut done = 0;
+    move || {
+        done += 1;
+        progress(done, n);
+    }
+}
 
 pub struct Bench {
     pub name: &'static str,
@@ -95,24 +95,11 @@ pub struct Bench {
     pub plot: RgbImage,
 }
 
-#[derive(Serialize)]
-struct BenchReport<'a, R, S> {
-    format: &'static str,
-    bench: &'static str,
-    dataset: &'a str,
-    machine: MachineReport,
-    options: BenchOptions,
-    notes: &'a [String],
-    rows: &'a [R],
-    summary: S,
-}
-
 pub(super) struct Findings<'a, R, S> {
     pub name: &'static str,
     pub dataset: &'a str,
     pub adapter: Option<String>,
     pub options: BenchOptions,
-    /// Meaning of the numbers, scaled values and skipped inputs.
     pub notes: Vec<String>,
     pub rows: Vec<R>,
     pub summary: S,
@@ -122,42 +109,43 @@ pub(super) struct Findings<'a, R, S> {
 
 impl<R: Serialize, S: Serialize> Findings<'_, R, S> {
     pub fn into_bench(self) -> Result<Bench, BenchError> {
+        let Self { name, dataset, options, notes, rows, summary, .. } = self;
         let machine = report::describe(self.adapter);
         let MachineReport { threads, cpu, simd, adapter } = &machine;
+        // Only frames drawn on a GPU depend on an adapter.
         let adapter = adapter.as_ref().map_or_else(String::new, |name| format!("; {name}"));
-        let place = format!("{}, {threads} threads, {cpu}, {simd}{adapter}", self.dataset);
-        let said = [place, self.table].into_iter().chain(self.notes.iter().cloned());
-        let text = said.collect::<Vec<_>>().join("\n");
+        let place = format!("{dataset}, {threads} threads, {cpu}, {simd}{adapter}");
+        let text = [&[place, self.table][..], &notes].concat().join("\n");
         // Table and JSON both state machine and notes: numbers are meaningless without them.
-        let report = BenchReport {
-            format: BENCH_FORMAT,
-            bench: self.name,
-            dataset: self.dataset,
-            machine,
-            options: self.options,
-            notes: &self.notes,
-            rows: &self.rows,
-            summary: self.summary,
-        };
-        let json = serde_json::to_value(report)?;
-        Ok(Bench { name: self.name, text, json, csv: csv(&self.rows)?, plot: self.plot })
+        let json = json!({
+            "format": BENCH_FORMAT,
+            "bench": name,
+            "dataset": dataset,
+            "machine": machine,
+            "options": options,
+            "notes": notes,
+            "rows": serde_json::to_value(&rows)?,
+            "summary": serde_json::to_value(summary)?,
+        });
+        Ok(Bench { name, text, json, csv: csv(&rows)?, plot: self.plot })
     }
 }
 
 /// Formats rows as CSV with a header of field names. Rows must be flat.
-pub(super) fn csv(rows: &[impl Serialize]) -> Result<String, csv::Error> {
+fn csv(rows: &[impl Serialize]) -> Result<String, csv::Error> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {
         writer.serialize(row)?;
     }
+    // Flushes: the last rows may still be in the writer's buffer.
     let bytes = writer.into_inner().map_err(|e| e.into_error())?;
+    // Loses nothing: all cells are formatted from UTF-8 strings.
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Header of a column and the text of its cells.
+/// Header of a column and the text of each of its cells.
 pub(super) type Column<'a, R> = (&'a str, fn(&R) -> String);
 
-/// Formats rows as text.
 pub(super) fn table<R, const N: usize>(rows: &[R], columns: [Column<'_, R>; N]) -> String {
     let cells = |row: &R| columns.map(|(_, cell)| cell(row));
     report::text(columns.map(|(name, _)| name), &rows.iter().map(cells).collect::<Vec<_>>())

@@ -1,5 +1,6 @@
 //! PNG plots of benches: panels side by side; linear, logarithmic or named axes; error bars.
 
+use super::findings::BenchError;
 use crate::eval::metrics::Spread;
 use crate::math::image::RgbImage;
 use plotters::coord::Shift;
@@ -25,24 +26,17 @@ const FONT: &str = "plot";
 const GRID: RGBColor = RGBColor(225, 225, 225);
 /// Width of a character of axis names, pixels.
 const CHARACTER: usize = 9;
-/// Share of the axis that a legend line takes.
+/// Share of the axis covered by a line of the legend.
 const LEGEND_LINE: f64 = 0.035;
 /// Share of the range left free at both ends.
 const MARGIN: f64 = 0.06;
 
-#[derive(Debug, thiserror::Error)]
-#[error("drawing the plot `{title}` failed: {reason}")]
-pub struct PlotError {
-    title: String,
-    reason: String,
-}
-
 /// Kind of an axis with its title or names. Titles include the unit.
 #[derive(Clone, Debug)]
 pub enum Axis {
-    Linear(String),
+    Linear(&'static str),
     /// Values at or below zero are drawn at the lower end.
-    Log(String),
+    Log(&'static str),
     /// Names from top to bottom, on a y axis. A value is the index of a name.
     Names(Vec<String>),
 }
@@ -56,8 +50,12 @@ pub struct Mark {
 }
 
 impl Mark {
-    pub fn new(x: f64, y: f64) -> Self {
-        Self { x: Spread::exact(x), y: Spread::exact(y), label: None }
+    pub fn new(x: Spread, y: Spread) -> Self {
+        Self { x, y, label: None }
+    }
+
+    pub fn exact(x: f64, y: f64) -> Self {
+        Self::new(Spread::exact(x), Spread::exact(y))
     }
 }
 
@@ -65,9 +63,8 @@ impl Mark {
 #[derive(Clone, Debug)]
 pub struct Series {
     pub name: String,
-    /// In the order of the connecting line.
     pub marks: Vec<Mark>,
-    /// Draws a line through the marks.
+    /// True if a line joins the marks in their order.
     pub connected: bool,
 }
 
@@ -84,11 +81,11 @@ type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 type Area<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
 
 /// Draws panels side by side under a title.
-pub fn draw(title: &str, panels: &[Panel]) -> Result<RgbImage, PlotError> {
+pub fn draw(title: &str, panels: &[Panel]) -> Result<RgbImage, BenchError> {
     let [width, height] = SIZE;
     let mut bytes = vec![255; 3 * width as usize * height as usize];
     draw_into(&mut bytes, title, panels)
-        .map_err(|e| PlotError { title: title.to_owned(), reason: e.to_string() })?;
+        .map_err(|e| BenchError::Plot { title: title.to_owned(), reason: e.to_string() })?;
     let pixels = bytes.chunks_exact(3).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0));
     Ok(RgbImage::from_vec(width as usize, height as usize, pixels.collect()))
 }
@@ -102,6 +99,7 @@ fn draw_into(bytes: &mut [u8], title: &str, panels: &[Panel]) -> Drawn<()> {
     let area = root.titled(title, (FONT, 24).into_font())?;
     // A panel with a named axis needs room for the names; all panels share the rest.
     let labels: Vec<u32> = panels.iter().map(Panel::label_width).collect();
+    // Saturating: names wider than the plot must not panic.
     let rest = SIZE[0].saturating_sub(labels.iter().sum::<u32>()) / panels.len().max(1) as u32;
     let mut ends: Vec<u32> = Vec::new();
     for label in &labels[..panels.len().saturating_sub(1)] {
@@ -129,6 +127,7 @@ impl Axis {
         let ends = ends.filter(|v| v.is_finite() && (!is_log || *v > 0.0));
         let [lo, hi] =
             ends.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], v| [v.min(lo), v.max(hi)]);
+        // Without finite values, any valid range; above zero for logarithms.
         let [lo, hi] = if lo <= hi { [lo, hi] } else { [1.0, 2.0] };
         let farther = |[lo, hi]: [f64; 2]| lo..hi + (hi - lo) * headroom / (1.0 - headroom);
         match self {
@@ -150,6 +149,7 @@ impl Axis {
     /// Position of a value within the range; names begin at the top.
     fn position(&self, value: f64, range: &Range<f64>) -> f64 {
         match self {
+            // Positions count from the bottom, names from the top.
             Self::Names(names) => names.len() as f64 - 1.0 - value,
             Self::Linear(_) | Self::Log(_) => value.clamp(range.start, range.end),
         }
@@ -157,6 +157,7 @@ impl Axis {
 
     fn label(&self, position: f64) -> String {
         match self {
+            // A tick may lie between two names.
             Self::Names(names) if (position - position.round()).abs() < 1e-6 => {
                 names.iter().rev().nth(position.round() as usize).cloned().unwrap_or_default()
             }
@@ -191,10 +192,12 @@ impl Panel {
     fn draw(&self, area: &Area) -> Drawn<()> {
         let marks = || self.series.iter().flat_map(|s| &s.marks);
         // Headroom, so that the legend does not cover marks.
+        // A single series has no legend.
         let n_lines = if self.series.len() > 1 { self.series.len() } else { 0 };
         let x = self.x.range(marks().map(|m| m.x), 0.0);
         let y = self.y.range(marks().map(|m| m.y), LEGEND_LINE * n_lines as f64);
         let ranges = (x.clone(), y.clone());
+        // In plotters each pair of axes is a type of its own.
         match (&self.x, &self.y) {
             (Axis::Log(_), Axis::Log(_)) => {
                 self.draw_on(area, x.log_scale(), y.log_scale(), &ranges)
@@ -239,6 +242,7 @@ impl Panel {
         let middle = |mark: &Mark| at(mark.x.median, mark.y.median);
         for (series, color) in self.series.iter().zip(COLORS.into_iter().cycle()) {
             let marks = || {
+                // Benches mark a missing value by NaN.
                 let is_there = |m: &&Mark| m.x.median.is_finite() && m.y.median.is_finite();
                 series.marks.iter().filter(is_there)
             };
@@ -246,6 +250,7 @@ impl Panel {
                 let line = marks().map(middle);
                 chart.draw_series(LineSeries::new(line, color.stroke_width(2)))?;
             }
+            // Bars along both axes. A value that was not repeated has a bar without length.
             let bars = marks().flat_map(|m| {
                 let ([x0, x1], [y0, y1]) = (m.x.quartiles, m.y.quartiles);
                 let (x, y) = (m.x.median, m.y.median);
@@ -257,6 +262,7 @@ impl Panel {
                 let style = (FONT, 15).into_font().color(&color);
                 EmptyElement::at(middle(m))
                     + Circle::new((0, 0), 5, color.filled())
+                    // Above and to the right, clear of the dot.
                     + Text::new(label, (9, -16), style)
             });
             chart
@@ -285,12 +291,12 @@ mod tests {
     fn ranges_hold_all_values_and_labels_are_short() {
         let of =
             |axis: &Axis, values: &[f64]| axis.range(values.iter().map(|&v| Spread::exact(v)), 0.0);
-        let log = Axis::Log("ms".into());
+        let log = Axis::Log("ms");
         assert_eq!(of(&log, &[3.0, 60.0, 0.0, f64::NAN]), 1.0..100.0);
         assert_eq!(log.position(0.0, &(1.0..100.0)), 1.0);
-        let linear = of(&Axis::Linear("dB".into()), &[19.8, 21.9]);
+        let linear = of(&Axis::Linear("dB"), &[19.8, 21.9]);
         assert!(linear.start < 19.8 && linear.end > 21.9 && linear.end < 22.1);
-        assert!(!of(&Axis::Linear("dB".into()), &[5.0]).is_empty());
+        assert!(!of(&Axis::Linear("dB"), &[5.0]).is_empty());
         let names = Axis::Names(vec!["top".into(), "bottom".into()]);
         let range = of(&names, &[]);
         assert_eq!([0.0, 1.0].map(|i| names.label(names.position(i, &range))), ["top", "bottom"]);

@@ -1,17 +1,18 @@
 //! The paper's protocol on every scene of a folder (`pipeline.md`, Paper's protocol): 200 frames
 //! with depth, up to 100 held-out views, both presets, both renderers, and latency as defined in
-//! the paper. Finished runs are stored, because eight scenes with two presets take hours on small
-//! machines.
+//! the paper.
+//!
+//! Eight scenes with two presets take hours on small machines. Each finished run is therefore stored in
+//! its own file, and a restarted bench continues where it stopped. Runs of another build are measured
+//! again, so that a table never mixes two builds.
 
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
-use super::folder;
-use super::paper::sample::spaced;
+use super::frames::held_out_views;
 use super::plot::{self, Axis, Mark, Panel, Series};
-use crate::dataset::Dataset;
+use crate::dataset::{self, Dataset, LoadOptions};
 use crate::eval::choices::GroundTruth;
 use crate::eval::metrics::Spread;
 use crate::eval::views::{EvalOptions, evaluate};
-use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::plan::Selection;
 use crate::pipeline::session::{Session, Step};
 use crate::pipeline::settings::method::MethodRequest;
@@ -19,7 +20,7 @@ use crate::pipeline::settings::scene::SceneOverrides;
 use crate::render::{RenderMethod, RenderOptions};
 use crate::train::paper::config::PaperConfig;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -32,6 +33,7 @@ const QUICK: [usize; 2] = [12, 4];
 pub struct ProtocolPlan {
     /// Folder of scenes: all subfolders that can be opened and have depth.
     pub data: PathBuf,
+    /// Folder of the stored runs.
     pub kept: PathBuf,
     pub options: BenchOptions,
 }
@@ -56,16 +58,23 @@ pub struct ProtocolRow {
 }
 
 pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError> {
-    let (scenes, left_out) = folder::scenes(&plan.data)?;
-    folder::make(&plan.kept)?;
+    let (scenes, left_out) = scenes(&plan.data)?;
+    std::fs::create_dir_all(&plan.kept).map_err(file_error(&plan.kept))?;
     let [frames, views] = if plan.options.quick { QUICK } else { PAPER };
     let frames = plan.options.max_frames.unwrap_or(frames);
+    let presets: [(&str, MethodRequest); 2] = [
+        ("paper", PaperConfig { seed: plan.options.seed, ..PaperConfig::paper() }.into()),
+        ("scene", SceneOverrides::default().into()),
+    ];
     let mut rows = Vec::new();
     for (done, scene) in scenes.iter().enumerate() {
-        for (half, preset) in ["paper", "scene"].into_iter().enumerate() {
+        for (half, (preset, request)) in presets.iter().enumerate() {
             progress(2 * done + half, 2 * scenes.len());
-            let run = ProtocolRun { scene, preset, frames, views, seed: plan.options.seed };
-            rows.extend(run.kept_or_new(&plan.kept)?);
+            let selection = Selection { max_frames: Some(frames), ..Selection::all_frames() };
+            let session = Session::new(scene.clone(), request.clone(), selection)?;
+            let inputs = json!({ "settings": session.config(), "views": views });
+            let file = plan.kept.join(format!("{}-{preset}.json", scene.name));
+            rows.extend(stored_or_new(&file, inputs, || measured(session, preset, views))?);
         }
     }
     let mut notes = vec![format!(
@@ -87,74 +96,107 @@ pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError>
     .into_bench()
 }
 
-struct ProtocolRun<'a> {
-    scene: &'a Arc<Dataset>,
-    preset: &'static str,
-    frames: usize,
-    views: usize,
-    seed: u64,
+/// Opens all subfolders that are scenes with training frames, sorted by path. The second list holds
+/// a note for each skipped subfolder.
+fn scenes(data: &Path) -> Result<(Vec<Arc<Dataset>>, Vec<String>), BenchError> {
+    let listing = std::fs::read_dir(data).map_err(file_error(data))?;
+    let folders = listing.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir());
+    let mut folders: Vec<PathBuf> = folders.collect();
+    // The order of a listing depends on the file system.
+    folders.sort();
+    let (mut scenes, mut left_out) = (Vec::new(), Vec::new());
+    for folder in folders {
+        let opened = dataset::open(&folder, &LoadOptions::default());
+        match opened.and_then(|dataset| dataset.training_split().map(|_| dataset)) {
+            Ok(dataset) => scenes.push(Arc::new(dataset)),
+            // Other folders are common beside scenes, so they cause a note, not an error.
+            Err(error) => left_out.push(format!("left out: {error}")),
+        }
+    }
+    if scenes.is_empty() {
+        let first =
+            left_out.into_iter().next().unwrap_or_else(|| "there are no subfolders".to_owned());
+        return Err(BenchError::NoScene { folder: data.to_owned(), first });
+    }
+    Ok((scenes, left_out))
 }
 
-impl ProtocolRun<'_> {
-    fn kept_or_new(&self, kept: &Path) -> Result<Vec<ProtocolRow>, BenchError> {
-        let selection = Selection { max_frames: Some(self.frames), ..Selection::all_frames() };
-        let asked: MethodRequest = match self.preset {
-            "paper" => PaperConfig { seed: self.seed, ..PaperConfig::paper() }.into(),
-            _ => SceneOverrides::default().into(),
-        };
-        let session = Session::new(self.scene.clone(), asked, selection)?;
-        // A stored run is reused only for the same version, settings and number of views.
-        let of = json!({
-            "program": env!("CARGO_PKG_VERSION"),
-            "settings": session.config(),
-            "views": self.views,
-        });
-        let file = kept.join(format!("{}-{}.json", self.scene.name, self.preset));
-        folder::kept_or_new(&file, of, || self.measured(session))
-    }
+fn file_error(path: &Path) -> impl Fn(std::io::Error) -> BenchError {
+    move |source| BenchError::File { path: path.to_owned(), source }
+}
 
-    fn measured(&self, mut session: Session) -> Result<Vec<ProtocolRow>, BenchError> {
-        while !matches!(session.step()?, Step::Finished) {}
-        let splats = session.splats();
-        let median = |times: Vec<f64>| Spread::of(times).median;
-        let frames = session.frames();
-        let color_camera = session.config().method.as_any().color_camera();
-        let drawn = splats.view().splats().iter().filter(|splat| splat.is_drawable()).count();
-        let row = |method: RenderMethod| -> Result<ProtocolRow, BenchError> {
-            let render = RenderOptions::evaluation(method, [0.0; 3]);
-            let options = |truth| EvalOptions { color_camera, ..EvalOptions::plain(truth, render) };
-            let composited = self.quality(&session, &splats, &options(GroundTruth::Composited))?;
-            let rgb = self.quality(&session, &splats, &options(GroundTruth::Rgb))?;
-            Ok(ProtocolRow {
-                scene: self.scene.name.clone(),
-                preset: self.preset.to_owned(),
-                renderer: method.renderer().to_string(),
-                frames: frames.len(),
-                views: composited.0,
-                components: session.learner().status().used,
-                drawn,
-                train_ms: median(frames.iter().map(|frame| frame.ms.stages.train).collect()),
-                prepare_ms: median(frames.iter().map(|frame| frame.ms.prepare).collect()),
-                psnr: composited.1,
-                psnr_rgb: rgb.1,
-                ssim: composited.2,
-            })
-        };
-        [RenderMethod::PROJECTED, RenderMethod::EXACT].into_iter().map(row).collect()
-    }
+#[derive(Serialize, Deserialize)]
+struct StoredRun<R> {
+    /// Checksum of the executable that measured the rows.
+    program: u32,
+    /// All other inputs that the rows depend on.
+    of: Value,
+    rows: Vec<R>,
+}
 
-    /// Number of held-out views, their mean PSNR in dB and mean SSIM.
-    fn quality(
-        &self,
-        session: &Session,
-        splats: &SplatSet,
-        options: &EvalOptions,
-    ) -> Result<(usize, f64, f64), BenchError> {
-        let held_out = self.scene.evaluation(session.plan().split).new_views;
-        let views = spaced(&held_out.frames, self.views);
-        let (found, _) = evaluate(splats, self.scene, held_out.split, &views, options, |_| ())?;
-        Ok((found.views, found.means.psnr_mean, found.means.ssim_mean))
+/// Returns the rows stored in a file if its executable and its inputs `of` match. Otherwise runs
+/// `measure` and stores the rows.
+fn stored_or_new<R: Serialize + for<'a> Deserialize<'a>>(
+    file: &Path,
+    of: Value,
+    measure: impl FnOnce() -> Result<Vec<R>, BenchError>,
+) -> Result<Vec<R>, BenchError> {
+    let program = program()?;
+    let stored = std::fs::read(file).ok().and_then(|b| serde_json::from_slice(&b).ok());
+    // A missing or damaged file only costs time: its run is measured again.
+    match stored.filter(|run: &StoredRun<R>| run.program == program && run.of == of) {
+        Some(StoredRun { rows, .. }) => Ok(rows),
+        None => {
+            let run = StoredRun { program, of, rows: measure()? };
+            std::fs::write(file, serde_json::to_vec_pretty(&run)?).map_err(file_error(file))?;
+            Ok(run.rows)
+        }
     }
+}
+
+fn program() -> Result<u32, BenchError> {
+    let path = std::env::current_exe().map_err(file_error(Path::new("running executable")))?;
+    // Hash the executable, because the package version is equal for many builds.
+    let bytes = std::fs::read(&path).map_err(file_error(&path))?;
+    Ok(crc32fast::hash(&bytes))
+}
+
+/// Trains a session and measures its scene with both renderers.
+fn measured(
+    mut session: Session,
+    preset: &str,
+    n_views: usize,
+) -> Result<Vec<ProtocolRow>, BenchError> {
+    while !matches!(session.step()?, Step::Finished) {}
+    let (splats, dataset, frames) = (session.splats(), session.dataset(), session.frames());
+    let (split, views) = held_out_views(dataset, session.plan().split, n_views);
+    let median = |times: Vec<f64>| Spread::of(times).median;
+    let color_camera = session.config().method.as_any().color_camera();
+    let drawn = splats.view().splats().iter().filter(|splat| splat.is_drawable()).count();
+    let row = |method: RenderMethod| -> Result<ProtocolRow, BenchError> {
+        let render = RenderOptions::evaluation(method, [0.0; 3]);
+        let quality = |truth| {
+            let options = EvalOptions { color_camera, ..EvalOptions::plain(truth, render) };
+            evaluate(&splats, dataset, split, &views, &options, |_| ()).map(|(report, _)| report)
+        };
+        let composited = quality(GroundTruth::Composited)?;
+        Ok(ProtocolRow {
+            scene: dataset.name.clone(),
+            preset: preset.to_owned(),
+            renderer: method.renderer().to_string(),
+            frames: frames.len(),
+            views: composited.views,
+            components: session.learner().status().used,
+            drawn,
+            train_ms: median(frames.iter().map(|frame| frame.ms.stages.train).collect()),
+            prepare_ms: median(frames.iter().map(|frame| frame.ms.prepare).collect()),
+            psnr: composited.means.psnr_mean,
+            // The same views are drawn again, because evaluation does not keep its renderings.
+            psnr_rgb: quality(GroundTruth::Rgb)?.means.psnr_mean,
+            ssim: composited.means.ssim_mean,
+        })
+    };
+    [RenderMethod::PROJECTED, RenderMethod::EXACT].into_iter().map(row).collect()
 }
 
 fn text(rows: &[ProtocolRow]) -> String {
@@ -180,7 +222,7 @@ fn panels(rows: &[ProtocolRow], scenes: &[String]) -> [Panel; 2] {
             let mine = rows.iter().filter(|row| row.preset == preset && row.renderer == renderer);
             let mark = |row: &ProtocolRow| {
                 let at = scenes.iter().position(|scene| *scene == row.scene)?;
-                Some(Mark::new(of(row), at as f64))
+                Some(Mark::exact(of(row), at as f64))
             };
             let marks = mine.filter_map(mark).collect();
             Series { name: format!("{preset}, {renderer}"), marks, connected: false }
@@ -192,11 +234,34 @@ fn panels(rows: &[ProtocolRow], scenes: &[String]) -> [Panel; 2] {
             .collect();
         Panel { title: title.to_owned(), x, y: Axis::Names(scenes.to_vec()), series }
     };
-    let quality = Axis::Linear("PSNR, dB".to_owned());
-    let latency = Axis::Log("median ms per frame".to_owned());
+    let quality = Axis::Linear("PSNR, dB");
+    let latency = Axis::Log("median ms per frame");
     [
         panel("quality", quality, |row| row.psnr, &["projected", "exact"]),
         // Training time does not depend on the renderer, so one renderer suffices.
         panel("latency", latency, |row| row.train_ms, &["projected"]),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_this_program_and_run_alone_are_taken_from_a_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("run.json");
+        let measured = |of: &str, rows: u32| {
+            stored_or_new(&file, Value::from(of), || Ok(vec![rows])).expect("measured")
+        };
+        assert_eq!(measured("stream", 1), [1]);
+        assert_eq!(measured("stream", 2), [1], "measured before");
+        assert_eq!(measured("reversed", 3), [3], "another run");
+        let text = std::fs::read_to_string(&file).expect("stored");
+        let program = program().expect("a program");
+        let other = text.replace(&program.to_string(), &program.wrapping_add(1).to_string());
+        assert_ne!(text, other);
+        std::fs::write(&file, other).expect("written");
+        assert_eq!(measured("reversed", 4), [4], "another program");
+    }
 }

@@ -21,11 +21,11 @@ use vbgs_studio::bench::protocol::ProtocolPlan;
 #[cfg(feature = "gui")]
 use vbgs_studio::bench::render::BenchDevice;
 use vbgs_studio::bench::render::{BenchScene, RenderPlan};
-use vbgs_studio::bench::scene::real::RecordingsPlan;
-use vbgs_studio::bench::scene::{AccuracyPlan, real, retention};
+use vbgs_studio::bench::scene::{AccuracyPlan, retention};
 use vbgs_studio::bench::{protocol, render, scene};
 use vbgs_studio::dataset;
 use vbgs_studio::dataset::Dataset;
+use vbgs_studio::export::video::write_png;
 use vbgs_studio::pipeline::start;
 
 pub fn run(args: &BenchArgs) -> Result<(), Failure> {
@@ -53,16 +53,6 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
             }
             measure(&args.common, |progress| protocol::run(&plan, progress))
         }
-        BenchName::Real(args) => {
-            let on = &args.on;
-            let plan = RecordingsPlan {
-                data: on.data.clone(),
-                kept: on.common.out.join("real"),
-                options: on.common.options(on.max_frames),
-                hold_out: args.hold_out,
-            };
-            measure(&on.common, |progress| real::run(&plan, progress))
-        }
         BenchName::Retention(args) => {
             if args.common.repeats.is_some() {
                 return Err(once("retention"));
@@ -72,6 +62,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
             })
         }
         BenchName::Scaling(args) => {
+            // No maximum of frames: it renders its own.
             measure(args, |progress| scaling::run(&ScalingPlan::new(args.options(None)), progress))
         }
         BenchName::Render(args) => {
@@ -82,9 +73,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
 }
 
 fn once(bench: &str) -> Failure {
-    Failure::Usage(format!(
-        "--repeats: `bench {bench}` trains on the frames once, in order; leave the option out"
-    ))
+    usage!("--repeats: `bench {bench}` trains on the frames once, in order; leave the option out")
 }
 
 /// Maximum number of image sizes, limited by the plot.
@@ -93,15 +82,13 @@ const MAX_SIZES: usize = 4;
 fn render_plan(args: &RenderBenchArgs) -> Result<(BenchScene, RenderPlan), Failure> {
     let n_sizes = args.size.as_ref().map_or(0, Vec::len);
     if n_sizes > MAX_SIZES {
-        return Err(Failure::Usage(format!(
-            "--size: expected {MAX_SIZES} sizes at most, found {n_sizes}"
-        )));
+        return Err(usage!("--size: expected {MAX_SIZES} sizes at most, found {n_sizes}"));
     }
     #[cfg(feature = "gui")]
     if let (BenchDevice::Cpu, Some(adapter)) = (args.device, &args.adapter) {
-        return Err(Failure::Usage(format!(
+        return Err(usage!(
             "--adapter: expected --device gpu or all, found --device cpu; leave `{adapter}` out"
-        )));
+        ));
     }
     let scene = match &args.model {
         None => BenchScene::synthetic(),
@@ -139,7 +126,7 @@ fn on_dataset(
     measure(&args.common, |progress| work(dataset, progress))
 }
 
-/// Opens a dataset, or the demo's if none is given.
+/// Opens a dataset, or that of the demo without a path.
 pub fn open(path: Option<&Path>, depth: &ReadArgs) -> Result<Arc<Dataset>, Failure> {
     let Some(path) = path else { return Ok(start::dataset()?) };
     let dataset = dataset::open(path, &depth.recorded_load_options()?)?;
@@ -157,16 +144,13 @@ fn measure(
     let file = |extension: &str| -> PathBuf { args.out.join(bench.name).with_extension(extension) };
     output::write_json(&file("json"), &bench.json)?;
     output::write_text(&file("csv"), &bench.csv)?;
-    output::write_png(&file("png"), &bench.plot)?;
+    write_png(&file("png"), &bench.plot)?;
     if args.json {
         return output::print_json(&bench.json);
     }
     output::print_line(&bench.text);
     let name = bench.name;
-    output::print_line(format!(
-        "wrote {name}.json, {name}.csv and {name}.png to {}",
-        args.out.display()
-    ));
+    out!("wrote {name}.json, {name}.csv and {name}.png to {}", args.out.display());
     Ok(())
 }
 
@@ -187,9 +171,9 @@ pub fn run_precision_search(args: &PrecisionSearchArgs) -> Result<(), Failure> {
         return output::print_json(&search.json);
     }
     output::print_line(&search.text);
-    output::print_line(format!(
+    out!(
         "wrote precision-search.json and precision-search.ron to {}; use the latter with `train --preset paper --config`",
         out.display()
-    ));
+    );
     Ok(())
 }

@@ -19,6 +19,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
         None => dataset.known_calibration().unwrap_or_default(),
     };
     let plan = CalibratePlan { split: args.split.clone(), max_frames: args.max_frames, start };
+    // Checked before minutes of work whose result is written there.
     output::check_files(std::slice::from_ref(&args.output))?;
     let found = output::steps("calibrate", |progress| calibrate::run(&dataset, &plan, progress))?;
     found.skipped.iter().for_each(|message| eprintln!("warning: {message}"));
@@ -27,9 +28,6 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
         return output::print_json(&found);
     }
     output::print_line(found.text());
-    output::print_line(format!(
-        "wrote {}; use it with `train --calibration` or in the window",
-        args.output.display()
-    ));
+    out!("wrote {}; use it with `train --calibration` or in the window", args.output.display());
     Ok(())
 }

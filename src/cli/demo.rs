@@ -4,6 +4,7 @@ use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::{output, train};
 use std::path::Path;
+use vbgs_studio::export::video::write_png;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::pipeline::any_preset::file_comments;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
@@ -16,7 +17,7 @@ const FOLDER: &str = "vbgs-demo";
 /// Trains the built-in demo and writes its model, report and a preview. `reason` states why there is no
 /// window.
 pub fn run(reason: &str) -> Result<(), Failure> {
-    output::print_line(format!("{reason}: training the demo headless into {FOLDER}/"));
+    out!("{reason}: training the demo headless into {FOLDER}/");
     let interrupt = Interrupt::listen()?;
     let mut session = start::session(SceneOverrides::default())?;
     // Ctrl-C ends training but not the command: the files are written in any case.
@@ -41,10 +42,8 @@ pub fn run(reason: &str) -> Result<(), Failure> {
         &camera,
         &RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]),
     );
-    output::write_png(&out.join("preview.png"), &preview.color)?;
+    write_png(&out.join("preview.png"), &preview.color)?;
     output::write_json(&out.join("report.json"), &session.report(None, Vec::new()))?;
-    output::print_line(format!(
-        "wrote scene.ply, scene.glb, report.json and preview.png to {FOLDER}/"
-    ));
+    out!("wrote scene.ply, scene.glb, report.json and preview.png to {FOLDER}/");
     if finished { Ok(()) } else { Err(Failure::Interrupted) }
 }

@@ -47,7 +47,7 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
             near_rule: NearRule::of(model.method.as_ref().map(Method::preset)),
             color_camera: color_camera(args, &model, &dataset, group.split)?,
             methods: &methods,
-            tracked: model.method.as_ref().zip(model.trajectory.as_ref()),
+            tracked: model.tracked(),
             learnt: learnt.as_ref().map(ViewGroup::views),
             hold_out,
         };
@@ -77,6 +77,7 @@ fn color_camera(
     };
     if let Some(camera) = camera {
         let scaling = dataset.splits[split].camera_scaling(&camera).map_err(|error| {
+            // The error concerns the file that contains the camera.
             let file = args.calibration.as_deref().unwrap_or(&args.model);
             Failure::failed(error).with_calibration_file(Some(file))
         })?;

@@ -31,6 +31,7 @@ fn splats(args: &ExportArgs) -> Result<(), Failure> {
         true => model::load_with_training(&args.model)?,
         false => (model::load(&args.model)?, None),
     };
+    // Both formats prescribe y as the up axis.
     let is_turned = matches!(format, ModelFormat::Glb | ModelFormat::Spz);
     note_assumptions(args, is_turned, &model);
     let summary = write_with_progress(&args.output, "splats", |progress| {
@@ -38,37 +39,37 @@ fn splats(args: &ExportArgs) -> Result<(), Failure> {
         write(&args.output, &model.splats, &options)
     })?;
     warn_of_origin(&args.output, model.local_origin, format.origin_carrier());
-    output::print_line(format!(
+    out!(
         "wrote {} splats, {} bytes, to {}",
         summary.n_written,
         summary.bytes,
         args.output.display()
-    ));
+    );
     Ok(())
 }
 
 fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     let asked = args.format.map(|_| "--format").or(args.mapping.first_given_option());
     if let Some(option) = asked.or(args.sh3_padding.then_some("--sh3-padding")) {
-        return Err(Failure::Usage(format!(
-            "{option}: a setting of splats, found with --as mesh; leave it out"
-        )));
+        return Err(usage!("{option}: a setting of splats, found with --as mesh; leave it out"));
     }
     let format = MeshFormat::from_path(&args.output)?;
+    // No other mesh format prescribes its axes.
     if format == MeshFormat::Glb {
         y_up_axes(args, &"glb")?;
     }
     let path = args.model.display();
     let needed = || {
-        Failure::failed(anyhow::anyhow!(
+        failed!(
             "{path}: expected a checkpoint of the `scene` preset, which contains normals, found none; train with --preset scene and export its checkpoint.vbgs"
-        ))
+        )
     };
     let (model, training) = model::load_with_training(&args.model)?;
     let training = training.ok_or_else(needed)?;
     let h = model.method.as_ref().and_then(|m| m.scene()).map(|scene| scene.engine.h);
     let cell = args.cell.or(h.map(|h| 0.5 * h)).ok_or_else(needed)?;
     let summary = write_with_progress(&args.output, "mesh", |progress| {
+        // A mesh ignores the format of splats.
         let options = options(args, ModelFormat::Ply, &model, Some(&training), progress);
         let asked = |i: usize, surfel: &Surfel| {
             options.selection.selects(i, surfel.mean, options.confidence).then_some(*surfel)
@@ -78,13 +79,13 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
         write_mesh(&args.output, &surfels, cell, format, &options)
     })?;
     warn_of_origin(&args.output, model.local_origin, format.origin_carrier());
-    output::print_line(format!(
+    out!(
         "wrote {} vertices and {} triangles, {} bytes, to {}",
         summary.n_vertices,
         summary.n_triangles,
         summary.bytes,
         args.output.display()
-    ));
+    );
     Ok(())
 }
 
@@ -122,6 +123,7 @@ fn options<'a>(
         sh3_padding: args.sh3_padding,
         mapping: args.mapping.mapping(),
         comments: &model.comments,
+        // A note states this assumption.
         up: args.up.or(model.up).unwrap_or(DVec3::Z),
         local_origin: model.local_origin,
         metric: model.is_metric,
@@ -156,16 +158,15 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
         None => ModelFormat::from_path(&args.output)?,
     };
     match (args.mapping.first_given_option(), format) {
-        (Some(option), ModelFormat::PointCloudPly) => Err(Failure::Usage(format!(
+        (Some(option), ModelFormat::PointCloudPly) => Err(usage!(
             "{option}: a setting of splats, found with the format point-cloud, which contains none; leave it out or export ply, glb or spz"
-        ))),
-        _ if args.cell.is_some() => Err(Failure::Usage(
-            "--cell: a setting of meshes, found without --as mesh; add that or leave it out"
-                .to_owned(),
         )),
-        _ if args.sh3_padding && format != ModelFormat::Ply => Err(Failure::Usage(format!(
+        _ if args.cell.is_some() => Err(usage!(
+            "--cell: a setting of meshes, found without --as mesh; add that or leave it out"
+        )),
+        _ if args.sh3_padding && format != ModelFormat::Ply => Err(usage!(
             "--sh3-padding: a setting of splat PLY, found with the format {format}; leave it out"
-        ))),
+        )),
         (_, ModelFormat::Glb | ModelFormat::Spz) => y_up_axes(args, &format).map(|()| format),
         _ => Ok(format),
     }
@@ -174,9 +175,9 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
 fn y_up_axes(args: &ExportArgs, format: &dyn std::fmt::Display) -> Result<(), Failure> {
     match args.axes {
         Axes::AsIs | Axes::YUp => Ok(()),
-        Axes::Viewer | Axes::ZUp => Err(Failure::Usage(format!(
+        Axes::Viewer | Axes::ZUp => Err(usage!(
             "--axes: expected y-up, which the format {format} prescribes, found other axes; leave the option out or write a PLY"
-        ))),
+        )),
     }
 }
 
@@ -198,6 +199,7 @@ fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
 }
 
 pub fn run_merge(args: &MergeArgs) -> Result<(), Failure> {
+    // Checked before the models are read, which takes longer.
     output::check_files(std::slice::from_ref(&args.output))?;
     let runs: Result<Vec<_>, _> = args.checkpoints.iter().map(|p| SavedRun::read(p)).collect();
     let merged = match &args.start {
@@ -207,12 +209,12 @@ pub fn run_merge(args: &MergeArgs) -> Result<(), Failure> {
     // Never `None`: clap requires two checkpoints.
     let Some(merged) = merged else { return Ok(()) };
     checkpoint::write(&args.output, &merged.content)?;
-    output::print_line(format!(
+    out!(
         "wrote {}: {} models, {} frames",
         args.output.display(),
         args.checkpoints.len(),
         merged.content.cursor.frames
-    ));
+    );
     Ok(())
 }
 

@@ -70,6 +70,7 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 /// Formats an error with those of its causes that its text does not include.
 fn message(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
+    // Wrappers often repeat the text of their cause.
     for cause in error.chain().map(ToString::to_string) {
         if !text.contains(&cause) {
             text = format!("{text}: {cause}");
@@ -102,6 +103,7 @@ pub fn save_on_panic<T>(
     out: &Path,
     train: impl FnOnce(&mut Session) -> T,
 ) -> Result<T, Failure> {
+    // Safe to assert: after a panic, only `save_after_panic` reads the session.
     catch_unwind(AssertUnwindSafe(|| train(session))).map_err(|panic| {
         let said = PanicReport::of(&*panic);
         let (frames, path) = (session.learner().status().frames, out.join(RESCUED));
@@ -115,9 +117,7 @@ pub fn save_on_panic<T>(
             }
         };
         let rescued = if frames > 0 { save() } else { "no frame was trained yet".to_owned() };
-        Failure::failed(anyhow::anyhow!(
-            "training crashed because of a bug, please report it: {said}; {rescued}"
-        ))
+        failed!("training crashed because of a bug, please report it: {said}; {rescued}")
     })
 }
 

@@ -47,6 +47,7 @@ struct PosesInfo {
     median_error: Option<f64>,
     pairs: usize,
     #[serde(skip)]
+    // For text output; JSON contains its numbers.
     summary: Option<String>,
     warning: Option<String>,
 }
@@ -125,6 +126,7 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
 }
 
 fn poses_info(dataset: &Dataset) -> PosesInfo {
+    // Without depth there is no training split, and the check finds no pairs.
     let split = dataset.training_split().unwrap_or(0);
     let is_tracked = dataset.options.track;
     let check: Option<PoseCheck> = dataset::pose_check::check(dataset, split);
@@ -133,6 +135,7 @@ fn poses_info(dataset: &Dataset) -> PosesInfo {
     PosesInfo {
         convention: if is_tracked { "tracked" } else { stated.name() },
         agreement: opened.map(|trial| trial.agreement),
+        // JSON cannot represent an infinite error.
         median_error: opened.map(|trial| trial.error).filter(|error| error.is_finite()),
         pairs: check.as_ref().map_or(0, |check| check.pairs),
         summary: match is_tracked {
@@ -173,6 +176,7 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
     let is_part = dataset.splits[split].name == HELD_OUT;
     for (index, entry) in frames.iter().enumerate().filter(|_| !is_part) {
         let files = entry.color_path().into_iter().chain(entry.depth_path());
+        // Missing files count nothing here; loading reports them as defects.
         bytes += files.filter_map(|f| f.metadata().ok()).map(|m| m.len()).sum::<u64>();
         match dataset.load(split, index) {
             Err(error) => defects.push(error.to_string()),
@@ -211,32 +215,27 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
 }
 
 fn print_dataset(info: &DatasetInfo) -> Result<(), Failure> {
-    output::print_line(format!(
-        "{}: {} dataset, recognised by {}",
-        info.path, info.layout, info.recognised_by
-    ));
+    out!("{}: {} dataset, recognised by {}", info.path, info.layout, info.recognised_by);
     info.splits.iter().for_each(print_split);
-    output::print_line(format!("  evaluation: {}", info.evaluation));
+    out!("  evaluation: {}", info.evaluation);
     let summary = info.poses.summary.as_deref();
-    output::print_line(format!(
-        "  poses: {}",
-        summary.unwrap_or("too few frames with depth to check")
-    ));
+    out!("  poses: {}", summary.unwrap_or("too few frames with depth to check"));
     if let Some(warning) = &info.poses.warning {
-        output::print_line(format!("  warning: {warning}"));
+        out!("  warning: {warning}");
     }
-    info.notes.iter().for_each(|note| output::print_line(format!("  note: {note}")));
-    info.defects.iter().for_each(|defect| output::print_line(format!("  defect: {defect}")));
+    info.notes.iter().for_each(|note| out!("  note: {note}"));
+    info.defects.iter().for_each(|defect| out!("  defect: {defect}"));
     if info.skipped_frames > 0 {
-        output::print_line(format!("  {} entries skipped", info.skipped_frames));
+        out!("  {} entries skipped", info.skipped_frames);
     }
-    output::print_line(format!("  {} defects found", info.defects.len()));
+    out!("  {} defects found", info.defects.len());
     Ok(())
 }
 
 fn print_split(s: &SplitInfo) {
+    // These frames belong to a split that was already described.
     if s.name == HELD_OUT {
-        output::print_line(format!("  {}: {} of these frames", s.name, s.frames));
+        out!("  {}: {} of these frames", s.name, s.frames);
         return;
     }
     let depth = match s.depth_range {
@@ -244,7 +243,7 @@ fn print_split(s: &SplitInfo) {
         None if s.has_depth => "unreadable depth".to_owned(),
         None => "no depth".to_owned(),
     };
-    output::print_line(format!(
+    out!(
         "  {}: {} frames of {}x{}, focal {:.1} {:.1} px, {depth}, {:.1} MB",
         s.name,
         s.frames,
@@ -253,16 +252,16 @@ fn print_split(s: &SplitInfo) {
         s.focal_px[0],
         s.focal_px[1],
         s.bytes as f64 * 1e-6
-    ));
+    );
     if let Some(unit) = &s.depth_unit {
-        output::print_line(format!("    depth: {unit}"));
+        out!("    depth: {unit}");
     }
     if s.photo_size != [s.width, s.height] || s.photo_focal_px != s.focal_px {
         let ([width, height], [fx, fy]) = (s.photo_size, s.photo_focal_px);
-        output::print_line(format!("    photographs: {width}x{height}, focal {fx:.1} {fy:.1} px"));
+        out!("    photographs: {width}x{height}, focal {fx:.1} {fy:.1} px");
     }
     let capture = s.capture.iter().flat_map(lines);
-    capture.for_each(|line| output::print_line(format!("    {line}")));
+    capture.for_each(|line| out!("    {line}"));
 }
 
 fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
@@ -273,8 +272,10 @@ fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
             ModelKind::PointCloud => "point-cloud",
         },
         splats: model.splats.len(),
+        // Import drops harmonics above degree 1.
         sh_degree: u8::from(!model.splats.view().appearance().is_empty()),
         skipped: model.skipped,
+        // Splats are relative to the local origin.
         bounds: bounds(&model.splats)
             .map(|(lo, hi)| [lo, hi].map(|at| (at + model.local_origin).to_array())),
         local_origin: (model.local_origin != DVec3::ZERO).then_some(model.local_origin.to_array()),
@@ -285,26 +286,20 @@ fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
 }
 
 fn print_model(info: &ModelInfo) -> Result<(), Failure> {
-    output::print_line(format!(
-        "{}: {} {}, {:.1} MB",
-        info.path,
-        info.splats,
-        info.kind,
-        info.bytes as f64 * 1e-6
-    ));
+    out!("{}: {} {}, {:.1} MB", info.path, info.splats, info.kind, info.bytes as f64 * 1e-6);
     if let Some([lo, hi]) = info.bounds {
-        output::print_line(format!("  from {lo:.3?} to {hi:.3?}"));
+        out!("  from {lo:.3?} to {hi:.3?}");
     }
     if let Some([x, y, z]) = info.local_origin {
-        output::print_line(format!("  its positions are relative to ({x}, {y}, {z})"));
+        out!("  its positions are relative to ({x}, {y}, {z})");
     }
     if info.sh_degree > 0 {
         output::print_line("  colour depends on the direction (harmonics of degree 1)");
     }
-    info.comments.iter().for_each(|comment| output::print_line(format!("  comment: {comment}")));
-    info.notes.iter().for_each(|note| output::print_line(format!("  note: {note}")));
+    info.comments.iter().for_each(|comment| out!("  comment: {comment}"));
+    info.notes.iter().for_each(|note| out!("  note: {note}"));
     if info.skipped > 0 {
-        output::print_line(format!("  defect: {} rows are not finite", info.skipped));
+        out!("  defect: {} rows are not finite", info.skipped);
     }
     Ok(())
 }
@@ -405,13 +400,14 @@ fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
 
 fn tracking(trajectory: Trajectory, run: &SavedRun) -> TrackingInfo {
     let path = run.meta.dataset.as_ref();
+    // Ignores the error: `dataset_defect` reports it.
     let dataset = path.and_then(|path| dataset::open(path, &run.load_options()).ok());
     let error = dataset.and_then(|dataset| trajectory.error(&dataset));
     let summary = tracked::summary(&trajectory, error.as_ref());
     TrackingInfo { trajectory, error, summary }
 }
 
-/// Describes why the run cannot be resumed with its dataset, if so.
+/// Describes the defect of a run's dataset that prevents resuming, if any.
 fn dataset_defect(run: &SavedRun) -> Option<String> {
     let path = run.meta.dataset.as_ref()?;
     let dataset = match dataset::open(path, &run.load_options()) {
@@ -432,33 +428,33 @@ fn dataset_defect(run: &SavedRun) -> Option<String> {
 
 fn print_checkpoint(info: &CheckpointInfo) -> Result<(), Failure> {
     let CheckpointInfo { config, .. } = info;
-    output::print_line(format!(
+    out!(
         "{}: checkpoint, version {}, by {}, {:.1} MB ({:.0} bytes a component)",
         info.path,
         info.version,
         info.program,
         info.bytes as f64 * 1e-6,
         info.bytes_per_component
-    ));
-    output::print_line(format!(
+    );
+    out!(
         "  {} of {} frames trained, {} skipped, {} points",
-        info.frames, info.planned_frames, info.skipped, info.points
-    ));
-    output::print_line(format!(
-        "  {} of {} components used, {} drawn",
-        info.used, info.components, info.drawn
-    ));
+        info.frames,
+        info.planned_frames,
+        info.skipped,
+        info.points
+    );
+    out!("  {} of {} components used, {} drawn", info.used, info.components, info.drawn);
+    // Only the demo has no folder.
     let dataset = info.dataset.as_ref().map_or("built in".into(), |path| path.to_string_lossy());
-    output::print_line(format!("  dataset: {dataset}"));
+    out!("  dataset: {dataset}");
     if let Some(TrackingInfo { summary, trajectory, .. }) = &info.tracking {
-        output::print_line(format!("  {summary}"));
+        out!("  {summary}");
         let lost = trajectory.skipped();
-        (!lost.is_empty())
-            .then(|| output::print_line(format!("    not placed: {}", lost.join(", "))));
+        (!lost.is_empty()).then(|| out!("    not placed: {}", lost.join(", ")));
     }
-    output::print_line(format!("  config: {}", serde_json::to_string(config)?));
-    info.defects.iter().for_each(|defect| output::print_line(format!("  defect: {defect}")));
-    output::print_line(format!("  {} defects found", info.defects.len()));
+    out!("  config: {}", serde_json::to_string(config)?);
+    info.defects.iter().for_each(|defect| out!("  defect: {defect}"));
+    out!("  {} defects found", info.defects.len());
     Ok(())
 }
 

@@ -70,8 +70,8 @@ impl Interrupt {
         self.is_requested()
     }
 
-    /// Runs work before which nothing needs saving. Returns [`Failure::Interrupted`] on a stop request, even
-    /// if the work is blocked by an unresponsive drive.
+    /// Runs work that precedes training, when nothing needs saving. Returns [`Failure::Interrupted`] on a stop
+    /// request, even if an unresponsive drive blocks the work.
     pub fn run_interruptibly<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,

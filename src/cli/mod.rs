@@ -1,5 +1,21 @@
 //! The command line: parses arguments, calls the library and prints results. Contains no algorithms.
 
+/// Prints a formatted line on stdout. Unlike `println!`, it does not panic on an error: the command fails
+/// at its end.
+macro_rules! out {
+    ($($text:tt)*) => { $crate::cli::output::print_line(format_args!($($text)*)) };
+}
+
+/// Creates the failure of wrong usage, with a formatted message.
+macro_rules! usage {
+    ($($text:tt)*) => { $crate::cli::failure::Failure::Usage(format!($($text)*)) };
+}
+
+/// Creates any other failure, with a formatted message.
+macro_rules! failed {
+    ($($text:tt)*) => { $crate::cli::failure::Failure::failed(anyhow::anyhow!($($text)*)) };
+}
+
 mod args;
 #[cfg(feature = "bench")]
 mod bench;
@@ -27,7 +43,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 use vbgs_studio::pipeline::prefetch::default_threads;
 
-/// Upper limit, more than on any machine this program is meant for.
+/// Upper limit of `--threads`, above the number of cores of any supported machine.
 const MAX_THREADS: usize = 1024;
 
 /// Runs the command given by the process's arguments. Exit status: 0 success, 1 failure, 2 wrong usage,
@@ -49,6 +65,7 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
     set_threads(arguments.threads)?;
     match arguments.command {
         None => open_window(arguments, started),
+        // Shared, because the dataset is opened on another thread.
         Some(Command::Train(args)) => train::run(&args.into()),
         Some(Command::Eval(args)) => eval::run(&args),
         Some(Command::Render(args)) => render::run(&args),
@@ -74,24 +91,21 @@ fn open_window(arguments: Arguments, started: Instant) -> Result<(), Failure> {
 fn open_window(arguments: Arguments, _: Instant) -> Result<(), Failure> {
     match arguments.path {
         None => demo::run("this build has no window"),
-        Some(path) => Err(Failure::Usage(format!(
+        Some(path) => Err(usage!(
             "{}: this build has no window; use `train`, `eval`, `render`, `export` or `info`",
             path.display()
-        ))),
+        )),
     }
 }
 
 fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
+    // Without the option, a larger machine must not cause an error.
     let threads = threads.unwrap_or_else(|| default_threads().min(MAX_THREADS));
     if threads > MAX_THREADS {
-        return Err(Failure::Usage(format!(
-            "--threads: expected 1 to {MAX_THREADS}, found {threads}"
-        )));
+        return Err(usage!("--threads: expected 1 to {MAX_THREADS}, found {threads}"));
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    pool.map_err(|e| {
-        Failure::failed(anyhow::anyhow!("--threads: starting {threads} threads failed: {e}"))
-    })
+    pool.map_err(|e| failed!("--threads: starting {threads} threads failed: {e}"))
 }
 
 /// Logs warnings to stderr; `VBGS_LOG=info` or `debug` shows more. The graphics and window libraries log

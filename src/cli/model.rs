@@ -1,14 +1,12 @@
 //! Loads a MODEL argument.
 
 use super::failure::Failure;
-use super::tracked;
 use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::dataset::fingerprint::Fingerprint;
 use vbgs_studio::dataset::splits::{HoldOut, ViewGroup};
 use vbgs_studio::dataset::{Dataset, LoadOptions};
-use vbgs_studio::eval::choices::Views;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::local_origin;
@@ -18,7 +16,7 @@ use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::any_preset::{PlacedLearner, file_comments};
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::settings::method::Method;
-use vbgs_studio::pipeline::tracked::{PlacedViews, Trajectory, surfels};
+use vbgs_studio::pipeline::tracked::{Trajectory, surfels};
 
 pub struct Model {
     pub splats: SplatSet,
@@ -44,6 +42,7 @@ impl TrainedFrames {
     /// Returns the training frames in a dataset; `None` if the run used another dataset.
     pub fn of(&self, dataset: &Dataset) -> Option<ViewGroup> {
         let split = match &self.split {
+            // Another dataset may lack the split.
             Some(name) => dataset.split_named(name).ok()?,
             None => dataset.training_split().ok()?,
         };
@@ -63,8 +62,8 @@ impl Model {
     /// Tracked poses were requested, but the model has none.
     pub fn load_options(&self, asked: LoadOptions) -> Result<LoadOptions, Failure> {
         match (&self.trajectory, asked.track) {
-            (None, true) => Err(Failure::Usage(
-                "--poses track: expected the checkpoint of a tracked run, found a model without the poses of its frames; give its checkpoint.vbgs".to_owned(),
+            (None, true) => Err(usage!(
+                "--poses track: expected the checkpoint of a tracked run, found a model without the poses of its frames; give its checkpoint.vbgs"
             )),
             (found, _) => Ok(LoadOptions {
                 track: found.is_some(),
@@ -74,13 +73,9 @@ impl Model {
         }
     }
 
-    pub fn place_views(
-        &self,
-        dataset: &Dataset,
-        views: Views<'_>,
-    ) -> Result<Option<PlacedViews>, Failure> {
-        let (Some(found), Some(method)) = (&self.trajectory, &self.method) else { return Ok(None) };
-        tracked::place(dataset, method, &self.splats, found, views)
+    /// Settings and poses of a tracked model, against which views are placed.
+    pub fn tracked(&self) -> Option<(&Method, &Trajectory)> {
+        self.method.as_ref().zip(self.trajectory.as_ref())
     }
 
     /// Returns the colour camera of a dataset's photographs, if it differs from the depth camera: the one
@@ -88,6 +83,7 @@ impl Model {
     pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
         match &self.method {
             Some(method) => method.as_any().color_camera(),
+            // Splat files do not contain a camera.
             None => dataset.known_calibration().and_then(|c| c.color_camera),
         }
     }
@@ -109,6 +105,7 @@ impl Training {
                 .with_photometric_uncertainty(component.photometric_deviations)
         };
         let attributes: Vec<_> = (0..learner.status().components).map(of).collect();
+        // Without statistics a component has no evidence and unlimited uncertainty.
         let evidence = attributes.iter().map(|a| a.evidence.map_or(0.0, f64::from)).collect();
         let uncertainty = |a: &ComponentAttributes| a.uncertainty.map_or(f64::INFINITY, f64::from);
         let uncertainty = attributes.iter().map(uncertainty).collect();
@@ -175,6 +172,7 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
     let up = model.up();
     // Comments of other programs describe the original file: its axes, its exporter.
     let is_ours = |line: &String| line.starts_with("vbgs ") && !local_origin::is_comment(line);
+    // The local origin is left out, because each export writes its own in its own axes.
     let comments = model.comments.into_iter().filter(is_ours).collect();
     Ok(Model {
         splats: model.splats,

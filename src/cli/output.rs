@@ -14,8 +14,6 @@ use vbgs_studio::eval::cracks::{CrackReport, Cracks};
 use vbgs_studio::eval::report::{AlignedView, EvalReport, SeenReport, SharpnessBand, ViewReport};
 use vbgs_studio::eval::seen::SeenQuality;
 use vbgs_studio::export::atomic::write_atomic;
-use vbgs_studio::export::video;
-use vbgs_studio::math::image::RgbImage;
 
 /// First error of stdout: printing continues, and the command fails at its end.
 static STDOUT: Mutex<Option<std::io::Error>> = Mutex::new(None);
@@ -36,12 +34,13 @@ fn note(written: std::io::Result<()>) {
 }
 
 pub fn check_stdout() -> Result<(), Failure> {
+    // An error of buffered output appears only on flushing.
     note(std::io::stdout().flush());
     match STDOUT.lock().unwrap_or_else(PoisonError::into_inner).take() {
         None => Ok(()),
-        Some(error) => Err(Failure::failed(anyhow::anyhow!(
+        Some(error) => Err(failed!(
             "stdout: expected to write the whole output, found: {error}; free some space or redirect it elsewhere"
-        ))),
+        )),
     }
 }
 
@@ -58,11 +57,6 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
 
 pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     write_atomic(path, |out| out.write_all(text.as_bytes()))?;
-    Ok(())
-}
-
-pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), Failure> {
-    video::write_png(path, image)?;
     Ok(())
 }
 
@@ -86,12 +80,13 @@ pub fn create_folder(path: &Path) -> Result<(), Failure> {
 
 /// Rejects output paths that cannot be replaced, before long work begins.
 pub fn check_files(paths: &[PathBuf]) -> Result<(), Failure> {
+    // Files are replaced by renaming, which fails for folders.
     match paths.iter().find(|path| path.is_dir()) {
         None => Ok(()),
-        Some(path) => Err(Failure::failed(anyhow::anyhow!(
+        Some(path) => Err(failed!(
             "{}: expected a file to replace or nothing, found a folder; remove it or choose another place",
             path.display()
-        ))),
+        )),
     }
 }
 
@@ -217,6 +212,7 @@ fn cracks(report: &CrackReport) -> String {
 
 pub fn bar(n: usize, what: &'static str) -> ProgressBar {
     let bar = ProgressBar::new(n as u64);
+    // In a log file, redrawn bars are noise.
     let shown = std::io::stderr().is_terminal();
     bar.set_draw_target(if shown {
         ProgressDrawTarget::stderr()
@@ -224,6 +220,7 @@ pub fn bar(n: usize, what: &'static str) -> ProgressBar {
         ProgressDrawTarget::hidden()
     });
     let style = ProgressStyle::with_template("{prefix} {pos}/{len} {bar:32} {msg} eta {eta}");
+    // A faulty template must not stop a command.
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.set_prefix(what);
     bar
@@ -247,7 +244,7 @@ pub fn share<T>(what: &'static str, work: impl FnOnce(&dyn Fn(f64)) -> T) -> T {
     result
 }
 
-/// Prints a warning without tearing the bar.
+/// Prints a warning above a progress bar.
 pub fn warn(bar: &ProgressBar, message: &str) {
     bar.suspend(|| eprintln!("warning: {message}"));
 }

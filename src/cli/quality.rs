@@ -33,13 +33,14 @@ pub struct QualityRequest<'a> {
     pub hold_out: HoldOut,
 }
 
-/// Measures a group of views with each renderer; results are grouped by renderer.
+/// Measures a group of views with each renderer. Returns the report and views of each.
 pub fn measure(
     splats: &SplatSet,
     dataset: &Dataset,
     group: &ViewGroup,
     request: &QualityRequest,
 ) -> Result<Vec<(EvalReport, Vec<ViewReport>)>, Failure> {
+    // A tracked model has its own world, in which its views have no recorded poses.
     let placed = match request.tracked {
         Some((method, poses)) => tracked::place(dataset, method, splats, poses, group.views())?,
         None => None,
@@ -77,21 +78,6 @@ pub fn measure(
     // Unreadable views are the same for every renderer.
     if let Some((report, _)) = found.first() {
         output::warn_skipped_views(dataset, report);
-    }
-    Ok(found)
-}
-
-/// Measures how splats reproduce the depth and images of the frames they were trained on.
-pub fn measure_training_views(
-    splats: SplatView,
-    dataset: &Dataset,
-    views: Views<'_>,
-    request: &QualityRequest,
-) -> Result<Vec<SeenReport>, Failure> {
-    let mut found = Vec::with_capacity(request.methods.len());
-    let near = request.near(splats, dataset, views);
-    for &method in request.methods {
-        found.extend(choices::seen(splats, dataset, views, &request.options(method, near))?);
     }
     Ok(found)
 }
@@ -145,43 +131,44 @@ pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
         let k = view.photo_camera(camera.as_ref()).intrinsics;
         Some(k.width as usize * k.height as usize)
     };
+    // A followed recording may not have the split yet.
     let groups = groups(session, args).unwrap_or_default();
     groups.into_iter().filter_map(pixels).max().unwrap_or(0)
 }
 
-/// Measures groups of views with the final splats, and the training views so far with each of the `early`
-/// ones.
+/// Measures the evaluation views with the final splats, and the training views with each of the `early`
+/// splats, stored after the first few frames.
 pub fn measure_run(
     session: &Session,
     early: &[(usize, SplatSet)],
     args: &TrainArgs,
 ) -> Result<RunQuality, Failure> {
-    let (dataset, plan, trajectory) = (session.dataset(), session.plan(), trajectory(session));
-    let comparison = &QualityRequest {
+    let (dataset, plan) = (session.dataset(), session.plan());
+    let trajectory = Trajectory::of(session.frames(), session.skipped());
+    let method = &session.config().method;
+    let request = &QualityRequest {
         args: &ComparisonArgs::default(),
-        near_rule: NearRule::of(Some(session.config().method.preset())),
-        color_camera: session.config().method.as_any().color_camera(),
+        near_rule: NearRule::of(Some(method.preset())),
+        color_camera: method.as_any().color_camera(),
         methods: &[RenderMethod::PROJECTED],
-        tracked: trajectory.as_ref().map(|poses| (&session.config().method, poses)),
+        tracked: trajectory.as_ref().map(|poses| (method, poses)),
         learnt: Some((plan.split, &plan.frames[..session.visited()])),
         hold_out: hold_out(session),
     };
     let mut measured = RunQuality::default();
     // Tracked poses of the training views are unknown to early splats.
     for (visited, splats) in early.iter().filter(|_| !dataset.options.track) {
-        let frames = (plan.split, &plan.frames[..*visited]);
-        measured.seen.extend(measure_training_views(splats.into(), dataset, frames, comparison)?);
+        let views = (plan.split, &plan.frames[..*visited]);
+        let options =
+            request.options(RenderMethod::PROJECTED, request.near(splats.view(), dataset, views));
+        measured.seen.extend(choices::seen(splats.view(), dataset, views, &options)?);
     }
     let splats = session.splats();
     for group in groups(session, args)? {
-        let found = measure(&splats, dataset, &group, comparison)?;
+        let found = measure(&splats, dataset, &group, request)?;
         measured.eval.extend(found.into_iter().map(|(report, _)| report));
     }
     Ok(measured)
-}
-
-pub fn trajectory(session: &Session) -> Option<Trajectory> {
-    Trajectory::of(session.frames(), session.skipped())
 }
 
 /// Returns the named split, both groups of a held-out sector, and noise-free side views.
@@ -191,10 +178,12 @@ fn groups(session: &Session, args: &TrainArgs) -> Result<Vec<ViewGroup>, Dataset
     let evaluation = dataset.evaluation_by(hold_out(session), session.plan().split)?;
     let of_run = match hold_out(session) {
         HoldOut::Sector => evaluation.into_groups(),
+        // The other held-out views are measured only if `--eval` names their split.
         HoldOut::Every8th => evaluation.from_the_side,
     };
     let mut groups: Vec<_> = named.into_iter().map(|split| dataset.whole_split(split)).collect();
     for group in of_run {
+        // `--eval` may name a split that the hold-out rule selects too.
         if !groups.contains(&group) {
             groups.push(group);
         }

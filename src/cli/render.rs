@@ -4,7 +4,7 @@ use super::args::{PaintName, RenderArgs};
 use super::failure::Failure;
 use super::model::Model;
 use super::train::print_dataset_notes;
-use super::{model, output};
+use super::{model, output, tracked};
 use anyhow::anyhow;
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -14,7 +14,7 @@ use vbgs_studio::dataset::LoadOptions;
 use vbgs_studio::eval::near::{NearRule, near_plane};
 use vbgs_studio::eval::report;
 use vbgs_studio::export::camera_path::PacedPath;
-use vbgs_studio::export::video::{FilmWriter, is_video};
+use vbgs_studio::export::video::{FilmWriter, is_video, write_png};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::math::orbit::Orbit;
@@ -31,12 +31,14 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(args.lens)?;
     check_fov(args)?;
     // Checked before the model is read, which takes longer.
-    if args.turntable.is_none() && args.path.is_none() && !is_png(&args.output) {
-        return Err(Failure::Usage(format!(
+    let is_png = args.output.extension().is_some_and(|end| end.eq_ignore_ascii_case("png"));
+    if args.turntable.is_none() && args.path.is_none() && !is_png {
+        return Err(usage!(
             "--output: expected a name ending in .png, found {}",
             args.output.display()
-        )));
+        ));
     }
+    // A view of a dataset has the size of its photograph.
     if args.dataset.is_none() {
         check_size(args)?;
     }
@@ -74,7 +76,7 @@ fn render_orbit(
     };
     let Some(n) = args.turntable else {
         let names = draw(*start, &args.output)?;
-        output::print_line(format!("wrote {names}"));
+        out!("wrote {names}");
         return Ok(());
     };
     output::create_folder(&args.output)?;
@@ -98,13 +100,13 @@ fn render_path(
     let options = viewport_options(args, radius);
     let methods = painter.methods.clone();
     if is_video(&args.output) && methods.len() > 1 {
-        return Err(Failure::Usage(
+        return Err(usage!(
             "--renderer: expected one for a video, found both; take a folder for --output"
-                .to_owned(),
         ));
     }
     let film = |method: &RenderMethod| match methods.len() {
         1 => FilmWriter::new(&args.output, args.size, paced.fps),
+        // The suffix keeps one renderer from overwriting the pictures of the other.
         _ => FilmWriter::pictures(&args.output, &format!("-{}", method.renderer())),
     };
     let mut films = methods.iter().map(film).collect::<Result<Vec<_>, _>>()?;
@@ -146,20 +148,24 @@ fn render_view(
     let photographed = model.color_camera(&dataset);
     let split = match &args.split {
         Some(name) => dataset.split_named(name)?,
+        // Without depth there is no training split, but any split has cameras.
         None => dataset.evaluation(dataset.training_split().unwrap_or(0)).new_views.split,
     };
-    let placed = match args.view < dataset.splits[split].frames.len() {
-        true => model.place_views(&dataset, (split, &[args.view]))?,
-        false => None,
+    let placed = match model.tracked() {
+        // A wrong index is refused below, with the number of views.
+        Some((method, poses)) if args.view < dataset.splits[split].frames.len() => {
+            tracked::place(&dataset, method, &model.splats, poses, (split, &[args.view]))?
+        }
+        _ => None,
     };
     let split = &placed.as_ref().map_or(&dataset, |placed| &placed.dataset).splits[split];
     let Some(entry) = split.frames.get(args.view) else {
-        return Err(Failure::Usage(format!(
+        return Err(usage!(
             "--view: expected 0 to {} for the split `{}`, found {}",
             split.frames.len() - 1,
             split.name,
             args.view
-        )));
+        ));
     };
     let cameras: Vec<Camera> = split.frames.iter().map(|frame| frame.camera).collect();
     let rule = NearRule::of(model.method.as_ref().map(Method::preset));
@@ -172,7 +178,7 @@ fn render_view(
     let pose = painter.splats.finishing().corrected_pose(&entry.camera.pose);
     let camera = entry.photo_camera_at(pose, photographed.as_ref());
     let names = painter.draw(&camera, &options, &args.output)?;
-    output::print_line(format!("wrote {names} ({} of `{}`)", entry.name, split.name));
+    out!("wrote {names} ({} of `{}`)", entry.name, split.name);
     Ok(())
 }
 
@@ -187,7 +193,7 @@ struct Painter<'a> {
 impl Painter<'_> {
     fn print_written(&self, n: usize, what: &str, output: &Path) {
         let each = if self.methods.len() > 1 { ", each by both renderers," } else { "" };
-        output::print_line(format!("wrote {n} {what}{each} to {}", output.display()));
+        out!("wrote {n} {what}{each} to {}", output.display());
     }
 
     /// Writes one image per renderer; returns their names for a message.
@@ -198,10 +204,11 @@ impl Painter<'_> {
         path: &Path,
     ) -> Result<String, Failure> {
         let mut names = Vec::with_capacity(self.methods.len());
+        // Cloned, because drawing borrows the painter mutably.
         for method in self.methods.clone() {
             let image = self.picture(camera, method, options);
             let path = if self.methods.len() > 1 { named(path, method) } else { path.to_owned() };
-            output::write_png(&path, &image)?;
+            write_png(&path, &image)?;
             names.push(path.display().to_string());
         }
         Ok(names.join(" and "))
@@ -223,6 +230,7 @@ impl Painter<'_> {
             (PaintName::Normal, _) => Paint::Normal,
             (PaintName::Depth, Some(Framing { centre, radius })) => {
                 let distance = camera.pose.centre().distance(centre);
+                // The camera may be inside the scene.
                 Paint::Depth([(distance - radius).max(0.0), distance + radius].map(|d| d as f32))
             }
             // Without splats there is no depth to show.
@@ -242,15 +250,17 @@ fn check_fov(args: &RenderArgs) -> Result<(), Failure> {
     let (is_fine, most) = match args.lens {
         // Towards 180 degrees the image plane of a pinhole grows without bound.
         Lens::Pinhole => (args.fov < 170.0, "less than 170"),
+        // An equidistant fisheye maps angles linearly, up to the direction behind it.
         Lens::Fisheye => (args.fov <= 360.0, "at most 360"),
     };
     if args.fov > 1.0 && is_fine {
         return Ok(());
     }
-    Err(Failure::Usage(format!(
+    Err(usage!(
         "--fov: expected more than 1 and {most} degrees for a {} lens, found {}",
-        args.lens, args.fov
-    )))
+        args.lens,
+        args.fov
+    ))
 }
 
 /// Bytes per pixel for colour, coverage, depth and the encoded file; measured at 16 and 64 million
@@ -260,10 +270,10 @@ const PIXEL_BYTES: u64 = 40;
 /// Rejects images that do not fit in memory: a failed allocation would abort the program.
 fn check_size(args: &RenderArgs) -> Result<(), Failure> {
     let refusal = report::available_bytes().and_then(|available| refusal(args.size, available));
-    refusal.map_or(Ok(()), |text| Err(Failure::failed(anyhow!(text))))
+    refusal.map_or(Ok(()), |text| Err(failed!(text)))
 }
 
-/// Returns an error text if an image of this size needs more than `available` bytes.
+/// Error text for an image that needs more than `available` bytes.
 fn refusal(size: [u32; 2], available: u64) -> Option<String> {
     let [width, height] = size.map(u64::from);
     let needed = width * height * PIXEL_BYTES;
@@ -297,8 +307,8 @@ fn orbit(framing: &Framing, up: DVec3, args: &RenderArgs) -> Orbit {
     }
 }
 
-/// Returns the narrower of the two fields of view, which must contain the scene; at most π, because no
-/// distance suits a larger one.
+/// Returns the narrower field of view in radians, into which the scene must fit. At most π, beyond which a
+/// camera's distance from the scene is undefined.
 fn narrower_fov(args: &RenderArgs) -> f64 {
     let (fov, tall) = (args.fov.to_radians(), args.size[1] as f64 / args.size[0] as f64);
     let share = tall.min(1.0);
@@ -306,10 +316,6 @@ fn narrower_fov(args: &RenderArgs) -> f64 {
         Lens::Pinhole => 2.0 * ((0.5 * fov).tan() * share).atan(),
         Lens::Fisheye => (fov * share).min(PI),
     }
-}
-
-fn is_png(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
 }
 
 #[cfg(test)]

@@ -35,18 +35,19 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
         write_live(&params, &args.out, layout, &mut |frame, _| {
             bar.set_message("");
             bar.set_position(frame as u64);
+            // The clock starts with the first written frame, after all are rendered.
             let start = *start.get_or_insert_with(Instant::now);
             // Relative to the start rather than the previous frame, so that delays do not accumulate.
             let due = start + Duration::from_secs_f64((frame + 1) as f64 / fps);
             sleep(due.saturating_duration_since(Instant::now()));
         })?;
         bar.finish_and_clear();
-        output::print_line(format!("recorded {n_frames} frames in {}", args.out.display()));
+        out!("recorded {n_frames} frames in {}", args.out.display());
         return Ok(());
     }
     write(&params, &args.out, layout, &mut |done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
-    output::print_line(format!("wrote {n_frames} frames to {}", args.out.display()));
+    out!("wrote {n_frames} frames to {}", args.out.display());
     Ok(())
 }
 
@@ -54,8 +55,7 @@ fn camera(args: &SynthArgs) -> Result<SyntheticCamera, Failure> {
     match (args.camera, args.scene) {
         (SyntheticCamera::Phone(_), Some(scene)) => Ok(SyntheticCamera::Phone(scene)),
         (SyntheticCamera::Room, Some(_)) => {
-            let message = "--scene: expected --camera phone with it, found --camera room";
-            Err(Failure::Usage(message.to_owned()))
+            Err(usage!("--scene: expected --camera phone with it, found --camera room"))
         }
         (camera, None) => Ok(camera),
     }
@@ -70,9 +70,10 @@ fn layout(args: &SynthArgs) -> Result<SyntheticLayout, Failure> {
     match (layout, bits) {
         (SyntheticLayout::Blender(_), bits) => Ok(SyntheticLayout::Blender(bits)),
         (layout, DepthBits::Sixteen) => Ok(layout),
-        (layout, DepthBits::Eight) => Err(Failure::Usage(format!(
+        // Only the Blender layout can store 8-bit depth.
+        (layout, DepthBits::Eight) => Err(usage!(
             "--depth-bits: expected 16, the only choice for --layout {}, found 8",
             <&str>::from(layout)
-        ))),
+        )),
     }
 }

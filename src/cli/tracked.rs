@@ -21,6 +21,7 @@ pub fn place(
     trajectory: &Trajectory,
     views: Views<'_>,
 ) -> Result<Option<PlacedViews>, Failure> {
+    // Views are aligned with the components of a scene; `paper` has no such alignment.
     let Some(run) = method.scene() else { return Ok(None) };
     let bar = output::bar(views.1.len(), "view");
     let tell = |done| bar.set_position(done as u64);
@@ -33,12 +34,12 @@ pub fn place(
     }
     placed.lost.iter().for_each(|lost| eprintln!("warning: {}", lost.message));
     match placed.lost.first() {
-        Some(first) if placed.frames.is_empty() => Err(Failure::failed(anyhow::anyhow!(
+        Some(first) if placed.frames.is_empty() => Err(failed!(
             "{}: expected the scene to place at least one of {} views, found none; the first: {}",
             dataset.name,
             views.1.len(),
             first.message
-        ))),
+        )),
         _ => Ok(Some(placed)),
     }
 }
@@ -46,6 +47,7 @@ pub fn place(
 /// Formats tracked poses and their uncertainty as one line, with the deviation from recorded poses.
 pub fn summary(trajectory: &Trajectory, error: Option<&TrajectoryError>) -> String {
     let [turn, shift] = trajectory.deviations();
+    // Without recorded poses there is nothing to compare with.
     let error = error.map_or_else(String::new, |error| {
         format!(
             "; {:.2} cm and {:.2} degrees RMS from the recorded poses after rigid alignment, at most {:.2} cm ({} frames)",
@@ -90,6 +92,7 @@ pub fn warning(check: &PoseCheck) -> Option<String> {
         looks.push(format!("the poses match {best}, but {says} specifies {opened}"));
         advice.push(format!("--pose-axes {best}"));
     }
+    // Compared exactly: units come from a fixed list, in which 1 is the unit as read.
     if best.unit != 1.0 {
         looks.push(format!("depth seems to be {} times as long as read", rounded(best.unit)));
         advice.push(format!("a --depth-scale {} times the recording's", rounded(best.unit)));

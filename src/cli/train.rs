@@ -9,7 +9,7 @@ use super::args::{DeviceName, TrainArgs};
 use super::export::warn_of_origin;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
-use super::quality::{RunQuality, is_measured, measure_run, photo_pixels, trajectory};
+use super::quality::{RunQuality, is_measured, measure_run, photo_pixels};
 use super::{failure, output, tracked};
 use indicatif::ProgressBar;
 use std::sync::Arc;
@@ -32,8 +32,10 @@ use vbgs_studio::pipeline::follow::Follow;
 use vbgs_studio::pipeline::memory;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
+use vbgs_studio::pipeline::tracked::Trajectory;
+use vbgs_studio::train::learner::DeviceUse;
 
-/// Trains; the files are also written after an interrupt.
+/// Trains and writes the files, also after an interrupt.
 pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let start = start(args)?;
     let interrupt = Interrupt::listen()?;
@@ -48,6 +50,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let mut autosave = Autosave::new(args.out.join(CHECKPOINT), interval(args), &session);
     let train = |session: &mut Session| {
         train(session, &interrupt, |session, bar| {
+            // Fewer frames do not allow a reliable check.
             if args.follow && trained_frames(session) == ENOUGH_FRAMES {
                 let dataset = session.dataset().clone();
                 // In parallel with training, because frames keep arriving.
@@ -72,7 +75,8 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
         Err(_) if trained_frames(&session) == 0 => return end.map(drop),
         _ => {}
     }
-    print_warnings(&session);
+    let warnings = session.learner().status().warnings;
+    warnings.iter().for_each(|found| eprintln!("warning: {found}"));
     // Saved first, so that the model is safe whatever happens next.
     let files = save_model(&mut session, args)?;
     let measured = match &end {
@@ -87,6 +91,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
         Err(failure) => (RunQuality::default(), Some(failure)),
     };
     save_report(&session, args, files, measured)?;
+    // An interrupt during the evaluation counts too.
     let finished = end? && !interrupt.is_requested();
     match failure {
         Some(failure) => Err(failure),
@@ -95,33 +100,35 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     }
 }
 
-fn print_warnings(session: &Session) {
-    let warnings = session.learner().status().warnings;
-    warnings.iter().for_each(|found| eprintln!("warning: {found}"));
-}
-
-/// Creates the output folder, checks its files and removes temporary files of killed runs.
+/// Creates the output folder, removes temporary files of killed runs and checks the files.
 fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
     output::create_folder(&args.out)?;
     let files = [SCENE, CHECKPOINT, REPORT].map(|name| args.out.join(name));
     files.iter().for_each(|file| remove_leftovers(file));
-    let kept = (interval(args) != AutosaveInterval::default())
+    // Only autosaves keep the previous checkpoint.
+    let previous = (interval(args) != AutosaveInterval::default())
         .then(|| args.out.join(format!("{CHECKPOINT}.bak")));
-    output::check_files(&files.into_iter().chain(kept).collect::<Vec<_>>())
+    output::check_files(&files.into_iter().chain(previous).collect::<Vec<_>>())
 }
 
 fn interval(args: &TrainArgs) -> AutosaveInterval {
     args.settings.run.autosave
 }
 
-/// Creates a session before its first frame. Opening may block on a drive, so it is interruptible.
+/// Creates a session before its first frame. Opening is interruptible, because a drive may block it.
 fn create_session(
     args: &Arc<TrainArgs>,
     start: Start,
     interrupt: &Interrupt,
 ) -> Result<Session, Failure> {
     if args.follow {
-        return follow_session(args, start, interrupt);
+        let session = follow_session(args, start, interrupt)?;
+        print_dataset_notes(session.dataset());
+        let has_no_split = |name: &&String| session.dataset().split_named(name).is_err();
+        if let Some(split) = args.eval.as_ref().filter(has_no_split) {
+            eprintln!("note: the split {split} does not exist yet; it is measured after training");
+        }
+        return Ok(session);
     }
     let args = args.clone();
     interrupt.run_interruptibly(move || open_session(&args, start))?
@@ -129,17 +136,16 @@ fn create_session(
 
 fn open_session(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     let dataset = Arc::new(dataset::open(&args.dataset, &start.load_options(args))?);
+    // A misspelt split must not cost the training.
     if let Some(split) = &args.eval {
         dataset.split_named(split)?;
     }
     print_dataset_notes(&dataset);
     warn_about_poses(&dataset);
-    Ok(match start {
-        Start::New(config) => Session::new(dataset, *config, selection(args))?,
-        Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
-    })
+    Ok(start.session(dataset, args)?)
 }
 
+/// Creates a session on the first complete frames, waiting for them as long as needed.
 fn follow_session(
     args: &Arc<TrainArgs>,
     start: Start,
@@ -149,18 +155,29 @@ fn follow_session(
         Start::New(_) => selection(args),
         Start::Saved(run, _) => run.config.selection.clone(),
     };
-    let (path, load, taken) = (args.dataset.clone(), start.load_options(args), selection.clone());
-    let follow = interrupt.run_interruptibly(move || Follow::new(&path, &load, &taken))??;
-    let is_forced = args.force;
-    let session = begin(follow, interrupt, move |dataset| match &start {
-        Start::New(config) => Ok(Session::new(dataset, (**config).clone(), selection.clone())?),
-        Start::Saved(run, asked) => run.clone().resume(dataset, asked, is_forced),
-    })?;
-    print_dataset_notes(session.dataset());
-    if let Some(split) = args.eval.as_ref().filter(|s| session.dataset().split_named(s).is_err()) {
-        eprintln!("note: the split {split} does not exist yet; it is measured after training");
+    let (path, load) = (args.dataset.clone(), start.load_options(args));
+    let follow = move || Follow::new(&path, &load, &selection);
+    let mut follow = interrupt.run_interruptibly(follow)??;
+    let path = args.dataset.display();
+    eprintln!("note: following {path}, until {END_MARKER} is in it or Ctrl-C");
+    let mut reported = ReportedProblem::default();
+    while !interrupt.is_requested() {
+        if let Some(dataset) = follow.poll_dataset()? {
+            let (start, args) = (start.clone(), args.clone());
+            let session = move || start.session(dataset, &args);
+            // Reading the first frames may block on the drive.
+            match interrupt.run_interruptibly(session)? {
+                Ok(mut session) => {
+                    session.follow(Some(follow));
+                    return Ok(session);
+                }
+                Err(RunError::Session(error)) if follow.may_succeed_later(&error) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        reported.wait_for_frames(&follow, interrupt);
     }
-    Ok(session)
+    Err(Failure::Interrupted)
 }
 
 fn start(args: &TrainArgs) -> Result<Start, Failure> {
@@ -168,6 +185,7 @@ fn start(args: &TrainArgs) -> Result<Start, Failure> {
     let run = SavedRun::read(path)?;
     let preset = args.preset.unwrap_or(run.config.method.preset());
     let asked = resume_request(args, preset)?;
+    // Before the dataset is opened, which may take long.
     check(&run, &asked)?;
     Ok(Start::Saved(Box::new(run), Box::new(asked)))
 }
@@ -186,6 +204,7 @@ fn print_notes(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     }
     let preset = session.config().method.as_any();
     let limit = preset.component_limit();
+    // Evaluation draws whole photographs, which may need more memory than training.
     let memory = match is_measured(session, args) {
         true => with_evaluation(session.memory(), photo_pixels(session, args), limit.components()),
         false => session.memory(),
@@ -206,6 +225,7 @@ fn trained_frames(session: &Session) -> usize {
     session.learner().status().frames as usize
 }
 
+#[derive(Clone)]
 enum Start {
     New(Box<MethodRequest>),
     Saved(Box<SavedRun>, Box<ResumeRequest>),
@@ -216,6 +236,13 @@ impl Start {
         match self {
             Self::New(_) => args.reading.load_options(),
             Self::Saved(run, _) => run.load_options(),
+        }
+    }
+
+    fn session(self, dataset: Arc<Dataset>, args: &TrainArgs) -> Result<Session, RunError> {
+        match self {
+            Self::New(config) => Ok(Session::new(dataset, *config, selection(args))?),
+            Self::Saved(run, asked) => run.resume(dataset, &asked, args.force),
         }
     }
 }
@@ -236,7 +263,7 @@ fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Trains until the last frame (true) or an interrupt (false); `after` is called after each frame.
+/// Trains and calls `after` after each frame. Returns false if interrupted before the last frame.
 pub fn train(
     session: &mut Session,
     interrupt: &Interrupt,
@@ -244,10 +271,12 @@ pub fn train(
 ) -> Result<bool, Failure> {
     let bar = output::bar(session.plan().frames.len(), "frame");
     bar.set_position(session.visited() as u64);
+    // Frames of a resumed run took no time in this process.
     bar.reset_eta();
-    let mut told = ReportedProblem::default();
+    let mut reported = ReportedProblem::default();
     loop {
         if interrupt.is_requested() {
+            // Remains visible and shows where training stopped.
             bar.abandon();
             return Ok(false);
         }
@@ -256,6 +285,7 @@ pub fn train(
         session.take_outlier_warnings().iter().for_each(|doubt| output::warn(&bar, doubt));
         match step {
             Step::Trained(frame) => {
+                // A followed recording grows.
                 bar.set_length(session.plan().frames.len() as u64);
                 bar.set_position(frame.index as u64 + 1);
                 bar.set_message(format!(
@@ -268,7 +298,7 @@ pub fn train(
             Step::Waiting => {
                 bar.set_message("waiting for the next frame,");
                 if let Some(follow) = session.followed() {
-                    told.wait_for_frames(follow, interrupt);
+                    reported.wait_for_frames(follow, interrupt);
                 }
             }
             Step::Finished => break,
@@ -287,7 +317,7 @@ const SCENE: &str = "scene.ply";
 const CHECKPOINT: &str = "checkpoint.vbgs";
 const REPORT: &str = "report.json";
 
-/// Writes `checkpoint.vbgs` and `scene.ply` if any component is used; returns their names for a message.
+/// Writes `checkpoint.vbgs` and `scene.ply` unless no component is used. Returns their names for a message.
 fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, Failure> {
     if session.learner().status().used == 0 {
         return Ok("");
@@ -318,7 +348,7 @@ fn save_report(
     models: &str,
     RunQuality { eval, seen }: RunQuality,
 ) -> Result<(), Failure> {
-    let trajectory = trajectory(session);
+    let trajectory = Trajectory::of(session.frames(), session.skipped());
     let tracking = trajectory.as_ref().and_then(|found| found.error(session.dataset()));
     let report = Report { seen, tracking, ..session.report(None, eval) };
     output::write_json(&args.out.join(REPORT), &report)?;
@@ -333,7 +363,7 @@ fn save_report(
         output::print_line(tracked::summary(found, report.tracking.as_ref()));
     }
     let summary = &report.summary;
-    output::print_line(format!(
+    out!(
         "{} frames, {} skipped, in {:.1} s: median {:.1} ms a frame (95 % below {:.1} ms), {} of {} components used, {} drawn",
         report.frames.len(),
         report.skipped.len(),
@@ -343,7 +373,8 @@ fn save_report(
         summary.used,
         summary.components,
         summary.drawn
-    ));
+    );
+    // The processor is the normal case and needs no line.
     let fits = [&report.passes, &report.points].into_iter().flatten();
     for used in fits.filter(|used| used.device.is_some()) {
         output::print_line(used.summary_line());
@@ -353,7 +384,7 @@ fn save_report(
     }
     report.seen.iter().for_each(|s| output::print_line(output::format_early(s)));
     report.eval.iter().for_each(|e| output::print_line(output::quality(e)));
-    output::print_line(format!("wrote {models}report.json to {}", args.out.display()));
+    out!("wrote {models}report.json to {}", args.out.display());
     Ok(())
 }
 
@@ -375,134 +406,92 @@ pub fn print_dataset_notes(dataset: &Dataset) {
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Task {
-    Passes,
-    /// Seeds and sums of a scene's points.
-    Points,
-    Photographs,
-}
-
-pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
-    let used = session.learner().device_use();
-    let tasks = [
-        (Task::Points, used.points.is_some()),
-        (Task::Passes, used.passes.is_some()),
-        (Task::Photographs, used.photographs.is_some()),
-    ];
-    // Drivers are not loaded if there is no work for them.
-    let needed: Vec<Task> =
-        tasks.into_iter().filter(|(_, is_needed)| *is_needed).map(|(task, _)| task).collect();
+/// Adds the devices chosen on the command line to a session.
+fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
+    let is_without_work = session.learner().device_use() == DeviceUse::default();
     match args.device {
         DeviceName::Cpu => Ok(()),
-        DeviceName::Gpu if needed.is_empty() => {
-            let message = "--device gpu: expected a run with work that a GPU supports, found none in these settings; use --device auto";
-            Err(Failure::Usage(message.to_owned()))
-        }
-        DeviceName::Auto | DeviceName::Gpu => {
-            needed.into_iter().try_for_each(|task| attach_gpu(session, task, args.device))
-        }
+        DeviceName::Gpu if is_without_work => Err(usage!(
+            "--device gpu: expected a run with work that a GPU supports, found none in these settings; use --device auto"
+        )),
+        DeviceName::Auto => attach_gpu(session, false),
+        DeviceName::Gpu => attach_gpu(session, true),
     }
 }
 
 #[cfg(feature = "gui")]
-fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
+fn attach_gpu(session: &mut Session, must: bool) -> Result<(), Failure> {
     use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_have_gpu};
     use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
     use vbgs_studio::train::device_trial::DevicePolicy;
     use vbgs_studio::train::learner::TrainingDevice;
+    type MakeDevice = fn(HeadlessGpu) -> TrainingDevice;
 
-    let must = asked == DeviceName::Gpu;
     if !must && !may_have_gpu() {
         return Ok(());
     }
-    let gpu = match HeadlessGpu::new(&AdapterChoice::Auto) {
-        Err(HeadlessError::NoHardware { .. }) if must => HeadlessGpu::new(&AdapterChoice::Software),
-        other => other,
-    };
-    let error = match gpu {
-        Ok(gpu) => {
-            let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
-            let device = match task {
-                Task::Passes => TrainingDevice::Passes(Box::new(gpu.mixture())),
-                Task::Points => TrainingDevice::Points(Box::new(gpu.points())),
-                Task::Photographs => TrainingDevice::Photographs(Box::new(gpu.comparer())),
-            };
-            let Err(error) = session.add_device(device, policy) else { return Ok(()) };
-            error.to_string()
+    let used = session.learner().device_use();
+    let tasks: [(bool, &str, MakeDevice); 3] = [
+        (used.points.is_some(), "trains", |gpu| TrainingDevice::Points(Box::new(gpu.points()))),
+        (used.passes.is_some(), "trains", |gpu| TrainingDevice::Passes(Box::new(gpu.mixture()))),
+        (used.photographs.is_some(), "compares photographs", |gpu| {
+            TrainingDevice::Photographs(Box::new(gpu.comparer()))
+        }),
+    ];
+    let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
+    // Drivers are not loaded if there is no work for them.
+    for (_, what, device) in tasks.into_iter().filter(|(is_needed, ..)| *is_needed) {
+        let gpu = match HeadlessGpu::new(&AdapterChoice::Auto) {
+            Err(HeadlessError::NoHardware { .. }) if must => {
+                HeadlessGpu::new(&AdapterChoice::Software)
+            }
+            other => other,
+        };
+        let error = match gpu {
+            Ok(gpu) => match session.add_device(device(gpu), policy) {
+                Ok(()) => continue,
+                Err(error) => error.to_string(),
+            },
+            // The usual machine without a GPU deserves no note.
+            Err(HeadlessError::NoHardware { .. }) if !must => continue,
+            Err(error) => error.to_string(),
+        };
+        if must {
+            return Err(failed!("--device gpu: {error}; --device cpu needs none"));
         }
-        Err(HeadlessError::NoHardware { .. }) if !must => return Ok(()),
-        Err(error) => error.to_string(),
-    };
-    if must {
-        let error = anyhow::anyhow!("--device gpu: {error}; --device cpu needs none");
-        return Err(Failure::failed(error));
+        eprintln!("note: {error}: the processor {what}");
     }
-    let what = match task {
-        Task::Passes | Task::Points => "trains",
-        Task::Photographs => "compares photographs",
-    };
-    eprintln!("note: {error}: the processor {what}");
     Ok(())
 }
 
 #[cfg(not(feature = "gui"))]
-fn attach_gpu(_: &mut Session, _: Task, asked: DeviceName) -> Result<(), Failure> {
-    if asked == DeviceName::Auto {
+fn attach_gpu(_: &mut Session, must: bool) -> Result<(), Failure> {
+    if !must {
         return Ok(());
     }
-    Err(Failure::Usage(
+    Err(usage!(
         "--device gpu: expected auto or cpu, since this build has no GPU support; build it with the feature gui"
-            .to_owned(),
     ))
 }
 
-/// A problem is reported after this time; most disappear with the next write.
+/// Time after which a problem is reported. Most disappear with the recorder's next write.
 const LASTING: Duration = Duration::from_secs(2);
 
-/// Creates a session on the first complete frames, waiting for them as long as needed. Reading them may
-/// block on an unresponsive drive, so it remains interruptible.
-pub fn begin(
-    mut follow: Follow,
-    interrupt: &Interrupt,
-    session: impl Fn(Arc<Dataset>) -> Result<Session, RunError> + Send + Sync + 'static,
-) -> Result<Session, Failure> {
-    let path = follow.path().display();
-    eprintln!("note: following {path}, until {END_MARKER} is in it or Ctrl-C");
-    let mut told = ReportedProblem::default();
-    let session = Arc::new(session);
-    while !interrupt.is_requested() {
-        if let Some(dataset) = follow.poll_dataset()? {
-            let session = session.clone();
-            match interrupt.run_interruptibly(move || session(dataset))? {
-                Ok(mut session) => {
-                    session.follow(Some(follow));
-                    return Ok(session);
-                }
-                Err(RunError::Session(error)) if follow.may_succeed_later(&error) => {}
-                Err(error) => return Err(error.into()),
-            }
-        }
-        told.wait_for_frames(&follow, interrupt);
-    }
-    Err(Failure::Interrupted)
-}
-
 #[derive(Default)]
-pub struct ReportedProblem {
+struct ReportedProblem {
     /// The problem, its start, and true if it was reported.
     latest: Option<(String, Instant, bool)>,
 }
 
 impl ReportedProblem {
     /// Waits for more frames or an interrupt; reports a lasting problem once.
-    pub fn wait_for_frames(&mut self, follow: &Follow, interrupt: &Interrupt) {
+    fn wait_for_frames(&mut self, follow: &Follow, interrupt: &Interrupt) {
         match (follow.problem(), &mut self.latest) {
             (None, latest) => *latest = None,
-            (Some(problem), Some((known, since, is_told))) if *known == problem => {
-                if !*is_told && since.elapsed() > LASTING {
+            (Some(problem), Some((known, since, is_reported))) if *known == problem => {
+                if !*is_reported && since.elapsed() > LASTING {
                     eprintln!("note: waiting: {problem}");
-                    *is_told = true;
+                    *is_reported = true;
                 }
             }
             (Some(problem), latest) => *latest = Some((problem.to_owned(), Instant::now(), false)),

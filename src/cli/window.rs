@@ -20,7 +20,7 @@ pub fn run(
     let adapter = adapter.map(AdapterChoice::parse);
     if let Some(choice) = &adapter {
         // Checked before the window opens: a wrong name is a usage error and must not start the demo.
-        let unknown = |e: adapters::UnknownAdapter| Failure::Usage(format!("--{e}"));
+        let unknown = |e: adapters::UnknownAdapter| usage!("--{e}");
         adapters::choose(choice, &adapters::list()).map_err(unknown)?;
     }
     let subject = path.clone().map_or(Subject::Demo, Subject::Path);
@@ -29,7 +29,7 @@ pub fn run(
     end(app::run(subject, calibration, adapter, is_ended, started), path)
 }
 
-/// Converts the window's result to that of the program; `path` is what it was opened on, `None` for the demo.
+/// Converts the window's result to that of the program. `path` is the opened file or folder, `None` for the demo.
 fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Failure> {
     match (ended, path) {
         (Ok(()), _) => Ok(()),
@@ -38,10 +38,10 @@ fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Fail
             Err(Failure::failed(error))
         }
         (Err(error), None) => demo::run(&error.to_string()),
-        (Err(error), Some(path)) => Err(Failure::failed(anyhow::anyhow!(
+        (Err(error), Some(path)) => Err(failed!(
             "{}: {error}, so it cannot be opened in a window; use `train`, `eval`, `render`, `export` or `info`",
             path.display()
-        ))),
+        )),
     }
 }
 

@@ -49,32 +49,6 @@ fn the_papers_protocol_goes_on_where_it_stopped() {
     scratch.run("bench paper --data found").fails(1, &["found: expected folders of scenes"]);
 }
 
-/// `bench real` scores recorded and aligned poses for each frame order and reuses stored results.
-#[test]
-fn recordings_are_judged_from_recorded_and_aligned_poses() {
-    let scratch = Scratch::with_room();
-    std::fs::create_dir(scratch.path("rooms")).unwrap();
-    std::fs::rename(scratch.path("room"), scratch.path("rooms/room")).unwrap();
-    let bench = "bench real --data rooms --quick --max-frames 8 --repeats 2 --out found";
-    let run = scratch.run(bench).succeeds();
-    assert!(run.stdout.contains("energy by octave"), "{}", run.stdout);
-    let json = scratch.json("found/real.json");
-    let (row, orders) = (&json["rows"][0], json["summary"]["orders"].as_array().unwrap());
-    assert_eq!((row["frames"].as_u64(), orders.len()), (Some(8), 2));
-    let of = |row: &serde_json::Value, name: &str| row[name].as_f64().unwrap();
-    for name in ["psnr", "corrected_psnr", "pose_aligned_psnr", "energy_1", "correlation_4"] {
-        let median = 0.5 * (of(&orders[0], name) + of(&orders[1], name));
-        assert!((of(row, name) - median).abs() < 1e-9, "{name}: {json}");
-    }
-    let kept = scratch.path("found/real/room-1.json");
-    let marked =
-        std::fs::read_to_string(&kept).unwrap().replace("\"views\": 3,\n", "\"views\": 7,\n");
-    std::fs::write(&kept, marked).unwrap();
-    scratch.run(bench).succeeds();
-    assert_eq!(scratch.json("found/real.json")["summary"]["orders"][1]["views"], 7, "stored");
-    scratch.run("bench real --data found").fails(1, &["found: expected folders of scenes"]);
-}
-
 /// `bench retention` scores trained frames after training on them and again at the end.
 #[test]
 fn retention_is_of_frames_and_held_out_views() {

@@ -75,7 +75,7 @@ fn kill(n: u32) {
 
 #[test]
 fn a_killed_run_leaves_a_file_that_loads() {
-    kill(6);
+    kill(4);
 }
 
 #[test]

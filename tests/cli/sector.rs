@@ -97,20 +97,3 @@ fn what_leaves_too_few_views_is_refused() {
     let both = "eval out/scene.ply other --split eval --hold-out sector";
     scratch.run(both).fails(2, &["--hold-out", "--split"]);
 }
-
-/// One row per group, stored apart from results of another hold-out rule.
-#[test]
-fn recordings_have_a_row_of_each_group() {
-    let scratch = recording();
-    std::fs::create_dir(scratch.path("rooms")).unwrap();
-    std::fs::rename(scratch.path("room"), scratch.path("rooms/room")).unwrap();
-    let bench = "bench real --data rooms --quick --repeats 1 --out found --hold-out sector";
-    let run = scratch.run(bench).succeeds();
-    assert!(run.stdout.contains("from the side"), "{}", run.stdout);
-    let json = scratch.json("found/real.json");
-    let rows = json["rows"].as_array().unwrap().iter();
-    let rows: Vec<_> = rows.map(|row| (&row["group"], row["views"].as_u64())).collect();
-    let expected = [("new views".into(), Some(2)), ("from the side".into(), Some(4))];
-    assert_eq!(rows, expected.each_ref().map(|(group, views)| (group, *views)));
-    assert!(scratch.path("found/real/room-sector-0.json").exists());
-}

@@ -106,14 +106,8 @@ fn arguments_of_the_other_commands() {
 }
 
 #[test]
-fn help_and_version_are_no_failures() {
-    let scratch = Scratch::empty();
-    let help = scratch.run("--help").succeeds().stdout;
-    for command in ["train", "eval", "render", "export", "synth", "info"] {
-        assert!(help.contains(&format!("\n  {command} ")), "{help}");
-        scratch.run(&format!("{command} --help")).succeeds();
-    }
-    let version = scratch.run("--version").succeeds().stdout;
+fn the_version_is_that_of_the_package() {
+    let version = Scratch::empty().run("--version").succeeds().stdout;
     assert_eq!(version.trim(), concat!("vbgs-studio ", env!("CARGO_PKG_VERSION")));
 }
 

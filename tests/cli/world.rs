@@ -29,7 +29,7 @@ fn move_cameras(scratch: &Scratch, to: impl Fn(usize, [f64; 3]) -> [f64; 3]) {
 }
 
 /// Report and stderr of training, with held-out views, in a world of `metre` units per metre.
-fn measured(metre: f64, options: &str) -> (Value, String) {
+fn measured(metre: f64) -> (Value, String) {
     let scratch = recorded("64x48", 9);
     move_cameras(&scratch, |_, place| place.map(|x| x * metre));
     let depth = match metre == 1.0 {
@@ -41,7 +41,7 @@ fn measured(metre: f64, options: &str) -> (Value, String) {
             4.0 * metre
         ),
     };
-    let train = format!("train room --out run --eval held-out --json {depth} {options}");
+    let train = format!("train room --out run --eval held-out --json {depth}");
     let Run { stdout, stderr, .. } = scratch.run(&train).succeeds();
     let report: Value = serde_json::from_str(&stdout).unwrap();
     (report["eval"][0].clone(), stderr)
@@ -50,30 +50,28 @@ fn measured(metre: f64, options: &str) -> (Value, String) {
 /// Near plane, sensor noise and all thresholds in metres scale with the unit of the world.
 #[test]
 fn figures_do_not_depend_on_the_unit_of_the_world() {
-    for options in ["", "--set refine=false"] {
-        let (one, _) = measured(1.0, options);
-        for metre in [1e-4, 1e4] {
-            let (other, said) = measured(metre, options);
-            assert!(said.contains("world units to the metre"), "{said}");
-            let differ = |path: &str| {
-                let [a, b] = [&one, &other].map(|eval| eval.pointer(path).and_then(Value::as_f64));
-                let (a, b) = (a.unwrap_or_else(|| panic!("{path}: {one}")), b.unwrap());
-                (b - a).abs()
-            };
-            for (path, most) in [
-                ("/psnr_mean", 0.05),
-                ("/psnr_covered_mean", 0.05),
-                ("/psnr_aligned_covered_mean", 0.05),
-                ("/ssim_mean", 0.002),
-                ("/coverage_mean", 0.002),
-                ("/cracks/training_distance/over_01", 0.002),
-            ] {
-                assert!(differ(path) <= most, "{options}, {metre}, {path}: {one} {other}");
-            }
-            let error = |eval: &Value| eval["depth_mae_mean"].as_f64().unwrap();
-            let ratio = error(&other) / error(&one) / metre;
-            assert!((ratio - 1.0).abs() < 0.02, "{options}, {metre}: depth error {ratio}");
+    let (one, _) = measured(1.0);
+    for metre in [1e-4, 1e4] {
+        let (other, said) = measured(metre);
+        assert!(said.contains("world units to the metre"), "{said}");
+        let differ = |path: &str| {
+            let [a, b] = [&one, &other].map(|eval| eval.pointer(path).and_then(Value::as_f64));
+            let (a, b) = (a.unwrap_or_else(|| panic!("{path}: {one}")), b.unwrap());
+            (b - a).abs()
+        };
+        for (path, most) in [
+            ("/psnr_mean", 0.05),
+            ("/psnr_covered_mean", 0.05),
+            ("/psnr_aligned_covered_mean", 0.05),
+            ("/ssim_mean", 0.002),
+            ("/coverage_mean", 0.002),
+            ("/cracks/training_distance/over_01", 0.002),
+        ] {
+            assert!(differ(path) <= most, "{metre}, {path}: {one} {other}");
         }
+        let error = |eval: &Value| eval["depth_mae_mean"].as_f64().unwrap();
+        let ratio = error(&other) / error(&one) / metre;
+        assert!((ratio - 1.0).abs() < 0.02, "{metre}: depth error {ratio}");
     }
 }
 
@@ -105,28 +103,26 @@ fn share_in_both(scratch: [&Scratch; 2], metre: f32) -> f64 {
 /// converted to the unit of the world, so the scene is the same.
 #[test]
 fn the_scene_does_not_depend_on_the_unit_of_depth() {
-    for options in ["", "--set refine=false"] {
-        // Codes of TUM are fifths of a millimetre: here whole ones, which no layout says.
-        let trained = |by: f64, metre: f64, depth: &str| {
-            let scratch = recorded("64x48", 9);
-            recode_depth(&scratch, 0.2);
-            recode_depth(&scratch, by);
-            move_cameras(&scratch, |_, place| place.map(|x| x * metre));
-            let said = scratch.run(&format!("train room --out run {depth} {options}")).succeeds();
-            assert_eq!(said.stderr.contains("to the metre"), metre != 1.0, "{}", said.stderr);
-            scratch
-        };
-        let plain = trained(1.0, 1.0, "--depth-scale 0.001");
-        for (by, metre, depth) in [
-            (10.0, 1.0, "--depth-scale 0.0001"),
-            (1.0, 10.0, "--depth-scale 0.01 --depth-range 3 40"),
-            (5.0, 1.0, ""),
-            (5.0, 10.0, "--depth-scale 0.002 --depth-range 3 40"),
-            (1.0, 1000.0, "--depth-scale 1 --depth-range 300 4000"),
-        ] {
-            let share = share_in_both([&plain, &trained(by, metre, depth)], metre as f32);
-            assert!(share > 0.99, "{options} {depth}: {share} of the scene");
-        }
+    // Codes of TUM are fifths of a millimetre: here whole millimetres, as in no layout.
+    let trained = |by: f64, metre: f64, depth: &str| {
+        let scratch = recorded("64x48", 9);
+        recode_depth(&scratch, 0.2);
+        recode_depth(&scratch, by);
+        move_cameras(&scratch, |_, place| place.map(|x| x * metre));
+        let said = scratch.run(&format!("train room --out run {depth}")).succeeds();
+        assert_eq!(said.stderr.contains("to the metre"), metre != 1.0, "{}", said.stderr);
+        scratch
+    };
+    let plain = trained(1.0, 1.0, "--depth-scale 0.001");
+    for (by, metre, depth) in [
+        (10.0, 1.0, "--depth-scale 0.0001"),
+        (1.0, 10.0, "--depth-scale 0.01 --depth-range 3 40"),
+        (5.0, 1.0, ""),
+        (5.0, 10.0, "--depth-scale 0.002 --depth-range 3 40"),
+        (1.0, 1000.0, "--depth-scale 1 --depth-range 300 4000"),
+    ] {
+        let share = share_in_both([&plain, &trained(by, metre, depth)], metre as f32);
+        assert!(share > 0.99, "{depth}: {share} of the scene");
     }
 }
 

@@ -16,6 +16,7 @@ pub mod scenes;
 pub mod scratch;
 pub mod silent;
 pub mod skip;
+pub mod wavy;
 
 use std::path::PathBuf;
 
@@ -26,4 +27,3 @@ pub fn shared(path: &str) -> Option<PathBuf> {
     let missing = || skip::skip(&format!("../shared/{path} not found"), "put the data there");
     if full.exists() { Some(full) } else { missing() }
 }
-pub mod wavy;

@@ -26,7 +26,7 @@ pub struct AblationPlan {
     pub views: usize,
     pub repeats: usize,
     /// Maximum number of point-component pairs that a dense row scores per frame. Frames are
-    /// thinned to fit.
+    /// thinned to meet it.
     pub dense_pairs: usize,
     pub options: BenchOptions,
 }
@@ -56,6 +56,7 @@ impl AblationPlan {
             reassign: Some(ReassignPolicy::Off),
             ..PaperOverrides::default()
         };
+        // Precision f64 selects the plain engine.
         let plain = PaperOverrides { precision: Some(Precision::F64), ..fused.clone() };
         let dense = PaperOverrides { candidates: Some(Candidates::Dense), ..plain.clone() };
         let moving = |policy| PaperOverrides { reassign: Some(policy), ..fused.clone() };
@@ -91,14 +92,11 @@ pub fn run(
     progress: Progress,
 ) -> Result<Bench, BenchError> {
     let sample = TrainingSample::load(dataset, plan.frames, plan.views)?;
+    // A dense row scores every point with every component.
     let thinned = sample.thinned(plan.dense_pairs / plan.components);
     let steps = plan.steps()?;
-    let (mut done, all) = (0, (plan.repeats.max(1) + 1) * steps.len());
-    let mut step = || {
-        done += 1;
-        progress(done, all);
-    };
-    let rows = time(&steps, &sample, &thinned, plan.repeats, &mut step, |_, _| Ok(None))?;
+    // Errors against the oracle belong to `bench pareto`.
+    let rows = time(&steps, &sample, &thinned, plan.repeats, progress, |_, _| Ok(None))?;
     let title = format!("Ablation: {}, N = {}", sample.dataset.name, plan.components);
     Findings {
         name: "ablation",
@@ -149,6 +147,7 @@ fn notes(plan: &AblationPlan, sample: &TrainingSample, thinned: &[Points<f32>]) 
 fn panels(rows: &[TimedRow]) -> [Panel; 2] {
     let panel = |title: &str, x: Axis, names, of: &dyn Fn(&TimedRow) -> (Spread, String)| {
         let series = |name: &str, is_scaled: bool| {
+            // Scaled times have their own colour, because they were not measured at full size.
             let of_kind =
                 rows.iter().enumerate().filter(|(_, r)| (r.points_share < 1.0) == is_scaled);
             let mark = |(i, row): (usize, &TimedRow)| {
@@ -163,11 +162,9 @@ fn panels(rows: &[TimedRow]) -> [Panel; 2] {
     let names = rows.iter().map(|r| r.configuration.trim().to_owned()).collect();
     // Both panels have the same rows. Repeating the names would leave no room for the marks.
     let blank = vec![String::new(); rows.len()];
-    let [ms, psnr] = ["ms per frame (median, quartiles)", "PSNR, dB"].map(str::to_owned);
+    let (ms, psnr) = (Axis::Log("ms per frame (median, quartiles)"), Axis::Linear("PSNR, dB"));
     [
-        panel("time", Axis::Log(ms), names, &|row| (row.spread(), row.spread().to_string())),
-        panel("quality", Axis::Linear(psnr), blank, &|row| {
-            (Spread::exact(row.psnr), format!("{:.2}", row.psnr))
-        }),
+        panel("time", ms, names, &|row| (row.spread(), row.spread().to_string())),
+        panel("quality", psnr, blank, &|row| (Spread::exact(row.psnr), format!("{:.2}", row.psnr))),
     ]
 }

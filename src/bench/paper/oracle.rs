@@ -7,6 +7,7 @@
 //! almost all prior. Errors of means are relative to the larger of the mean's length and the
 //! component's standard deviation.
 
+use super::sample::push_tile;
 use crate::bench::findings::BenchError;
 use crate::math::measured_pixel::Normalization;
 use crate::math::sym3::Sym3;
@@ -16,7 +17,7 @@ use crate::train::paper::config::{
     Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
 use crate::train::paper::init::InitialDraw;
-use crate::train::paper::learner;
+use crate::train::paper::learner::{self, PaperLearner};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -87,6 +88,7 @@ impl<'a> DenseOracle<'a> {
     }
 
     pub fn errors_of(&self, config: &PaperConfig) -> Result<Errors, BenchError> {
+        // As in the oracle: one component moved differently would exceed all rounding.
         let fixed =
             PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
         let found = Seen::by(&config.clone().with(&fixed)?, &self.draw, self.frames)?;
@@ -123,6 +125,8 @@ impl Seen {
         for tile in frames.last().map_or_else(Vec::new, tiles) {
             let shares = engine.responsibilities(&tile).into_iter();
             responsibilities
+                // Nearly all responsibilities underflow to zero. A dense row would need N entries
+                // per point.
                 .extend(shares.map(|r| r.into_iter().filter(|(_, r)| *r != 0.0).collect()));
         }
         Ok(Self { elbo, responsibilities, posteriors })
@@ -132,11 +136,7 @@ impl Seen {
 fn tiles(points: &Points<f32>) -> Vec<Points<f32>> {
     let tile = |t| {
         let mut tile = Points::new();
-        for i in points.tile(t) {
-            let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
-            tile.push([x, y, z, r, g, b]);
-        }
-        tile.close_tile();
+        push_tile(&mut tile, points, points.tile(t));
         tile
     };
     (0..points.n_tiles()).map(tile).collect()
@@ -154,6 +154,7 @@ pub fn posterior_errors(
     found: &[ComponentPosterior],
     truth: &[ComponentPosterior],
 ) -> PosteriorErrors {
+    // Without points both posteriors equal the prior, so their error says nothing.
     let used = || found.iter().zip(truth).filter(|(_, t)| t.count > 0.0);
     let means = used().map(|(f, t)| (mean_error(f, t), t.count)).collect();
     let covariances = used().map(|(f, t)| (covariance_error(f, t), t.count)).collect();
@@ -176,15 +177,16 @@ fn covariance_error(found: &ComponentPosterior, truth: &ComponentPosterior) -> f
 
 fn frobenius(m: Sym3) -> f64 {
     let diagonal = m.xx * m.xx + m.yy * m.yy + m.zz * m.zz;
+    // Each off-diagonal element occurs twice in a symmetric matrix.
     (diagonal + 2.0 * (m.xy * m.xy + m.xz * m.xz + m.yz * m.yz)).sqrt()
 }
 
 fn number_or_infinity(value: f64) -> f64 {
+    // `f64::max` ignores NaN, which would hide a broken engine.
     if value.is_nan() { f64::INFINITY } else { value }
 }
 
-/// Returns the error below which 99 % of the weight lies, and the largest error. Items are (error,
-/// weight).
+/// Returns the weighted 99 % quantile and the maximum of (error, weight) pairs.
 fn weighted_p99_and_max(mut errors: Vec<(f64, f64)>) -> [f64; 2] {
     errors.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = errors.iter().map(|(_, weight)| weight).sum();
@@ -201,6 +203,7 @@ fn largest(values: &[f64]) -> f64 {
 }
 
 fn mean(values: &[f64]) -> f64 {
+    // Zero rather than NaN for a last frame without points.
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 

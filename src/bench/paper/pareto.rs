@@ -27,7 +27,7 @@ use std::sync::Arc;
 /// Values and sizes of the sweeps. `frames` and `views` are maxima.
 #[derive(Clone, Debug)]
 pub struct ParetoPlan {
-    /// Configuration of which every sweep varies one setting.
+    /// Configuration of row `base`. Each other row changes one of its settings.
     pub base: PaperOverrides,
     pub components: Vec<usize>,
     pub candidates: Vec<usize>,
@@ -76,7 +76,6 @@ impl ParetoPlan {
         }
     }
 
-    /// The base and every configuration of the sweeps.
     fn steps(&self) -> Result<Vec<TimedStep>, BenchError> {
         let all = rayon::current_num_threads();
         let none = PaperOverrides::default;
@@ -113,6 +112,7 @@ impl ParetoPlan {
 
 /// Formats a setting as in settings files.
 fn named(setting: &impl Serialize) -> String {
+    // Settings without data serialise as their name.
     let json = serde_json::to_value(setting).ok();
     json.and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
@@ -124,16 +124,11 @@ pub fn run(
 ) -> Result<Bench, BenchError> {
     let sample = TrainingSample::load(dataset, plan.frames, plan.views)?;
     let steps = plan.steps()?;
-    let (mut done, all) = (0, (plan.repeats.max(1) + 1) * steps.len());
-    let mut step = || {
-        done += 1;
-        progress(done, all);
-    };
     let errors = |step: &TimedStep, runs: &Runs| {
         let errors = || errors(&step.config, runs, &sample, plan.oracle_pairs);
         with_threads(step.threads, errors)?.map(Some)
     };
-    let rows = time(&steps, &sample, &[], plan.repeats, &mut step, errors)?;
+    let rows = time(&steps, &sample, &[], plan.repeats, progress, errors)?;
     let is_front = front(&rows);
     let names = rows.iter().zip(&is_front).filter(|(_, is_front)| **is_front);
     let summary = json!({ "front": names.map(|(row, _)| &row.configuration).collect::<Vec<_>>() });
@@ -165,16 +160,18 @@ fn errors(
     let last = sample.frames.len().saturating_sub(ORACLE_FRAMES);
     let frames: Vec<Points<f32>> = sample.frames[last..]
         .iter()
+        // The oracle scores every point with every component.
         .map(|frame| thin(frame, oracle_pairs / config.components))
         .collect();
     DenseOracle::new(config, &draw, &frames)?.errors_of(config)
 }
 
-/// True for rows on all threads than which no other is both faster and higher in PSNR.
+/// Marks the rows on all threads that no other such row beats in both time and PSNR.
 fn front(rows: &[TimedRow]) -> Vec<bool> {
     // Rows with fewer threads show the speed-up by threads. They are never the best choice.
     let most = rows.iter().map(|row| row.threads).max().unwrap_or(0);
     let on_all = || rows.iter().filter(|row| row.threads == most);
+    // Strict, so that two equal rows are both on the front.
     let is_beaten = |row: &TimedRow| on_all().any(|r| r.ms < row.ms && r.psnr > row.psnr);
     rows.iter().map(|row| row.threads == most && !is_beaten(row)).collect()
 }
@@ -190,6 +187,7 @@ fn base_name(base: &TimedRow) -> String {
 
 fn text(rows: &[TimedRow], is_front: &[bool]) -> String {
     let error = |error: Option<f64>| error.map_or_else(String::new, report::error);
+    // Not by `table`: the front is a property of all rows together.
     let cells = |(row, is_front): (&TimedRow, &bool)| {
         [
             row.configuration.clone(),
@@ -248,14 +246,16 @@ fn panels(rows: &[TimedRow]) -> [Panel; 2] {
             marks: rows.iter().map(mark).collect(),
             connected: false,
         };
-        let x = Axis::Log("ms per frame (median, quartiles)".to_owned());
+        let x = Axis::Log("ms per frame (median, quartiles)");
+        // Rows of one sweep are adjacent, as `steps` lists them.
         let series = rows.chunk_by(|a, b| a.sweep == b.sweep).map(sweep).collect();
         Panel { title: title.to_owned(), x, y, series }
     };
-    let error = Axis::Log("relative error of covariances (99 %)".to_owned());
+    let error = Axis::Log("relative error of covariances (99 %)");
     [
-        panel("quality", Axis::Linear("PSNR, dB".to_owned()), |r| r.psnr),
+        panel("quality", Axis::Linear("PSNR, dB"), |r| r.psnr),
         panel("distance from the dense f64 oracle", error, |r| {
+            // The plot leaves out marks that are not finite.
             r.covariance_error_p99.unwrap_or(f64::NAN)
         }),
     ]

@@ -5,7 +5,7 @@ use super::oracle::{PosteriorErrors, posterior_errors};
 use super::runs;
 use super::runs::{Runs, TimedConfiguration};
 use super::sample::{TrainingSample, count};
-use crate::bench::findings::{BENCH_FORMAT, BenchError, BenchOptions, Progress};
+use crate::bench::findings::{BENCH_FORMAT, BenchError, BenchOptions, Progress, steps};
 use crate::dataset::Dataset;
 use crate::eval::metrics::Spread;
 use crate::eval::report;
@@ -22,7 +22,6 @@ use serde::Serialize;
 use serde_json::json;
 use std::sync::Arc;
 
-/// Sizes and bound of the search.
 #[derive(Clone, Debug)]
 pub struct SearchPlan {
     pub components: usize,
@@ -65,11 +64,11 @@ impl SearchPlan {
             reassign: Some(ReassignPolicy::Off),
             ..PaperOverrides::default()
         };
+        // `or` keeps what `change` sets.
         PaperConfig::paper().with(&change.or(base))
     }
 }
 
-/// Result of the search, ready to print and write.
 #[derive(Debug)]
 pub struct PrecisionSearch {
     pub text: String,
@@ -87,9 +86,7 @@ struct Combination {
     operations: Operations,
     /// Median milliseconds per frame.
     ms: f64,
-    /// First and third quartiles over the runs.
     ms_quartiles: [f64; 2],
-    /// Errors of the posteriors against the f64 oracle.
     error: PosteriorErrors,
     within_bound: bool,
 }
@@ -119,6 +116,7 @@ pub fn run(
 ) -> Result<PrecisionSearch, BenchError> {
     // Nothing is rendered here, so one view is enough.
     let sample = TrainingSample::load(dataset, plan.frames, 1)?;
+    // Few random means ever receive a point; the others would only measure the prior.
     let draw = settled_draw(plan, &sample)?;
     let all = combinations();
     let single = |operations| PaperOverrides { operations: Some(operations), ..Default::default() };
@@ -130,17 +128,14 @@ pub fn run(
         .into_iter()
         .map(|config| TimedConfiguration { config, threads, draw: &draw, frames: &sample.frames })
         .collect();
-    let (mut done, steps) = (0, plan.repeats.max(1) * variants.len());
-    let timed = runs::in_turns(&variants, plan.repeats, &mut || {
-        done += 1;
-        progress(done, steps);
-    })?;
+    let mut done = steps(progress, plan.repeats.max(1) * variants.len());
+    let timed = runs::in_turns(&variants, plan.repeats, &mut done)?;
+    // The oracle is the first named precision, which follows all combinations.
     let truth = timed[all.len()].engine.posteriors();
-    let measured: Vec<Combination> = variants
-        .iter()
-        .zip(&timed)
-        .map(|(variant, runs)| Combination::new(&variant.config, runs, &truth, plan.bound))
-        .collect();
+    let combination = |(v, runs): (&TimedConfiguration, &Runs)| {
+        Combination::new(&v.config, runs, &truth, plan.bound)
+    };
+    let measured: Vec<Combination> = variants.iter().zip(&timed).map(combination).collect();
     let (combinations, named) = measured.split_at(all.len());
     into_search(plan, &sample, combinations, named)
 }
@@ -165,6 +160,7 @@ fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDra
 
 /// All combinations of widths, widest first.
 fn combinations() -> Vec<Operations> {
+    // A zero bit means f64, so that counting up goes from the widest to the narrowest.
     let width = |bits: u32, place: u32| match bits >> place & 1 {
         0 => Width::F64,
         _ => Width::F32,
@@ -232,6 +228,7 @@ fn into_search(
 fn table(combinations: &[Combination], named: &[Combination], chosen: &Combination) -> String {
     let cells = |c: &Combination| {
         let Operations { distance, log_score, normaliser, moments, update } = c.operations;
+        // The oracle first: its operations equal those of the widest combination.
         let verdict = match (c.precision, c.within_bound) {
             (Precision::F64, _) => "oracle",
             _ if c.operations == chosen.operations => "chosen",
@@ -239,6 +236,7 @@ fn table(combinations: &[Combination], named: &[Combination], chosen: &Combinati
             (_, false) => "outside the bound",
         };
         [
+            // Debug names, such as `F32`, are the shortest.
             format!("{distance:?}"),
             format!("{log_score:?}"),
             format!("{normaliser:?}"),

@@ -12,7 +12,6 @@ use crate::train::paper::learner::PaperLearner;
 use crate::train::timing::{PAPER_STAGES, StageMs};
 use rayon::ThreadPoolBuilder;
 
-/// A configuration with its input.
 pub struct TimedConfiguration<'a> {
     pub config: PaperConfig,
     pub threads: usize,
@@ -20,7 +19,6 @@ pub struct TimedConfiguration<'a> {
     pub frames: &'a [Points<f32>],
 }
 
-/// Times of a configuration.
 pub struct Runs {
     /// Median of each stage over the frames of a run, by run.
     pub runs: Vec<StageMs>,

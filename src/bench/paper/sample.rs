@@ -1,6 +1,7 @@
 //! Frames of a dataset in memory, and the held-out views that measure a model trained on them.
 
 use crate::bench::findings::BenchError;
+use crate::bench::frames::{ViewIndices, each_frame, held_out_views, spaced};
 use crate::dataset::Dataset;
 use crate::eval::choices::GroundTruth;
 use crate::eval::views;
@@ -9,11 +10,11 @@ use crate::math::measured_pixel::Normalization;
 use crate::observation::points::Points;
 use crate::pipeline::frame_loop::TypedPreset;
 use crate::pipeline::plan::{Plan, Selection};
-use crate::pipeline::prefetch::Prefetch;
 use crate::pipeline::session::Session;
 use crate::render::{RenderMethod, RenderOptions};
 use crate::train::paper::config::{PaperConfig, PaperOverrides};
 use crate::train::paper::learner::PaperLearner;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Points of evenly spaced training frames, for repeated training.
@@ -21,8 +22,8 @@ pub struct TrainingSample {
     pub dataset: Arc<Dataset>,
     pub normalization: Normalization,
     pub frames: Vec<Points<f32>>,
-    /// Split and frame indices of the held-out views.
-    views: (usize, Vec<usize>),
+    /// Held-out views.
+    views: ViewIndices,
 }
 
 impl TrainingSample {
@@ -42,24 +43,12 @@ impl TrainingSample {
         let preparation = config.preparation(session.config(), normalization);
         drop(session);
         let plan = Plan { split, frames: chosen, held_out: None };
-        let mut prefetch = Prefetch::start(dataset.clone(), &plan, 0, preparation)?;
-        let results = std::iter::from_fn(|| prefetch.next_frame()).map(|frame| frame.result);
-        let mut first_problem = None;
-        let frames: Vec<_> = results
-            .filter_map(|result| match result {
-                Ok(prepared) => Some(prepared.observation),
-                Err(problem) => {
-                    first_problem.get_or_insert(problem);
-                    None
-                }
-            })
-            .collect();
-        if frames.is_empty() {
-            let first = first_problem.unwrap_or_else(|| "no frame is selected".to_owned());
-            return Err(BenchError::NoFrame { dataset: dataset.name.clone(), first });
-        }
-        let held_out = dataset.evaluation(split).new_views;
-        let views = (held_out.split, spaced(&held_out.frames, n_views));
+        let mut frames = Vec::new();
+        each_frame(&dataset, &plan, preparation, |_, _, prepared| {
+            frames.push(std::mem::take(&mut prepared.observation));
+            Ok(())
+        })?;
+        let views = held_out_views(&dataset, split, n_views);
         Ok(Self { dataset, normalization, frames, views })
     }
 
@@ -86,28 +75,28 @@ impl TrainingSample {
     }
 }
 
-/// Returns up to `n` evenly spaced items.
-pub(in crate::bench) fn spaced<T: Copy>(items: &[T], n: usize) -> Vec<T> {
-    let n = n.min(items.len());
-    (0..n).map(|i| items[i * items.len() / n]).collect()
-}
-
 /// Returns evenly spaced whole tiles of a frame with about `n_points` points in total, at least one
 /// tile.
 pub fn thin(points: &Points<f32>, n_points: usize) -> Points<f32> {
     let tiles: Vec<usize> = (0..points.n_tiles()).collect();
+    // `max` for an empty frame, which has no tiles either.
     let n_tiles = n_points * tiles.len() / points.len().max(1);
     let mut thinned = Points::new();
     // Whole tiles, because search and sums work on tiles (`dataset.md`, Tile order). Points picked
     // one by one would be far apart within a tile and slower to process.
     for tile in spaced(&tiles, n_tiles.max(1)) {
-        for i in points.tile(tile) {
-            let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
-            thinned.push([x, y, z, r, g, b]);
-        }
-        thinned.close_tile();
+        push_tile(&mut thinned, points, points.tile(tile));
     }
     thinned
+}
+
+/// Appends points of `from` as one tile.
+pub fn push_tile(to: &mut Points<f32>, from: &Points<f32>, indices: Range<usize>) {
+    for i in indices {
+        let ([x, y, z], [r, g, b]) = (from.position(i), from.color(i));
+        to.push([x, y, z, r, g, b]);
+    }
+    to.close_tile();
 }
 
 pub fn count(frames: &[Points<f32>]) -> usize {
@@ -125,6 +114,5 @@ mod tests {
         assert_eq!((thinned.len(), thinned.n_tiles()), (128, 2));
         assert_eq!([thinned.x[0], thinned.x[64]], [0.0, 320.0]);
         assert_eq!(thin(&Points::from_rows(&rows), 1).len(), 64);
-        assert_eq!(spaced(&[1, 2, 3], 9), [1, 2, 3]);
     }
 }

@@ -4,8 +4,8 @@
 //! deviates from a power law, but the slope still distinguishes linear from quadratic.
 
 use super::runs;
-use super::runs::TimedConfiguration;
-use super::sample::{TrainingSample, thin};
+use super::runs::{Runs, TimedConfiguration};
+use super::sample::{TrainingSample, push_tile, thin};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
 use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::synthetic;
@@ -15,8 +15,9 @@ use crate::observation::points::Points;
 use crate::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 use crate::train::paper::init::InitialDraw;
 use serde::Serialize;
+use serde_json::json;
 use std::sync::Arc;
-use strum::Display;
+use strum::{Display, IntoStaticStr};
 
 #[derive(Clone, Debug)]
 pub struct ScalingPlan {
@@ -34,7 +35,7 @@ pub struct ScalingPlan {
 }
 
 const TIMED_FRAMES: usize = 3;
-/// Number of other frames that means are drawn from.
+/// Number of frames whose points serve as initial means on surfaces.
 const OTHER_FRAMES: usize = 6;
 
 impl ScalingPlan {
@@ -65,17 +66,14 @@ impl ScalingPlan {
         let mut threads: Vec<usize> = self.threads.iter().copied().filter(|&t| t < all).collect();
         // No more threads than the machine has: that would measure its scheduler.
         threads.push(all);
-        let at = |sweep, points, components, threads| ScalingPoint {
-            sweep,
-            points,
-            components,
-            threads,
-        };
-        let (p, n) = (self.base_points, self.base_components);
-        let by_points = self.points.iter().map(|&points| at(Sweep::Points, points, n, all));
-        let by_components = self.components.iter().map(|&n| at(Sweep::Components, p, n, all));
-        let by_threads = threads.into_iter().map(|t| at(Sweep::Threads, p, n, t));
-        by_points.chain(by_components).chain(by_threads).collect()
+        let (points, components) = (self.base_points, self.base_components);
+        let base = |sweep| ScalingPoint { sweep, points, components, threads: all };
+        let with_points = |&points| ScalingPoint { points, ..base(Sweep::Points) };
+        let with_components = |&components| ScalingPoint { components, ..base(Sweep::Components) };
+        let with_threads = |threads| ScalingPoint { threads, ..base(Sweep::Threads) };
+        let by_points = self.points.iter().map(with_points);
+        let by_components = self.components.iter().map(with_components);
+        by_points.chain(by_components).chain(threads.into_iter().map(with_threads)).collect()
     }
 }
 
@@ -86,7 +84,7 @@ struct ScalingPoint {
     threads: usize,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Display)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Display, IntoStaticStr)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sweep {
     #[strum(to_string = "points")]
@@ -99,7 +97,6 @@ pub enum Sweep {
 
 const SWEEPS: [Sweep; 3] = [Sweep::Points, Sweep::Components, Sweep::Threads];
 
-/// Placement of the initial means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MeanPlacement {
@@ -109,7 +106,6 @@ pub enum MeanPlacement {
     Surface,
 }
 
-/// Implementation that processes a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EnginePath {
@@ -122,7 +118,6 @@ pub enum EnginePath {
 /// A line of the plot: means, engine and name.
 type Line = (MeanPlacement, EnginePath, &'static str);
 
-/// Plain lines follow the fast ones in the same order of means.
 const LINES: [Line; 4] = [
     (MeanPlacement::Random, EnginePath::Fast, "random means"),
     (MeanPlacement::Surface, EnginePath::Fast, "means on surfaces"),
@@ -151,7 +146,7 @@ pub struct ScalingRow {
 }
 
 impl ScalingRow {
-    /// Value of the swept size: the position on the x axis.
+    /// Position on the x axis: the swept size.
     fn position(&self) -> f64 {
         let size = match self.sweep {
             Sweep::Points => self.points,
@@ -175,11 +170,6 @@ struct Fit {
     exponent: Option<f64>,
 }
 
-#[derive(Clone, Debug, Serialize)]
-struct ScalingSummary {
-    fits: Vec<Fit>,
-}
-
 pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> {
     let stops = plan.stops();
     let largest = stops.iter().map(|s| s.points).max().unwrap_or(1);
@@ -191,17 +181,17 @@ pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> 
         rows.extend(time_stop(stop, &room, plan)?);
         progress(done + 1, stops.len());
     }
-    let summary = ScalingSummary { fits: fits(&rows) };
+    let fits = fits(&rows);
     Findings {
         name: "scaling",
         dataset: "synthetic room",
         adapter: None,
         options: plan.options,
-        notes: notes(plan, &rows, &summary.fits),
+        notes: notes(plan, &rows, &fits),
         table: text(&rows),
-        plot: plot::draw("Cost per frame: synthetic room, C = 4", &panels(&rows, &summary.fits))?,
+        plot: plot::draw("Cost per frame: synthetic room, C = 4", &panels(&rows, &fits))?,
         rows,
-        summary,
+        summary: json!({ "fits": fits }),
     }
     .into_bench()
 }
@@ -225,6 +215,7 @@ fn time_stop(
             components: Some(stop.components),
             seed: Some(seed),
             reassign: Some(ReassignPolicy::Off),
+            // Precision f64 selects the plain engine.
             precision: (path == EnginePath::Plain).then_some(Precision::F64),
             ..PaperOverrides::default()
         };
@@ -234,11 +225,13 @@ fn time_stop(
     };
     let variants = LINES.into_iter().map(variant).collect::<Result<Vec<_>, _>>()?;
     let timed = runs::in_turns(&variants, plan.repeats, &mut || ())?;
-    let total = |i: usize| timed[i].spread(|ms| ms.train);
+    let total = |runs: &Runs| runs.spread(|ms| ms.train);
     let row = |(i, (means, path, _)): (usize, Line)| {
-        let ms = total(i);
+        let ms = total(&timed[i]);
+        // The last stage is reassignment, which is off.
         let [candidates_ms, e_step_ms, stats_ms, update_ms, _] = timed[i].stages();
-        let plain = total(i % 2 + 2);
+        // The plain lines are the second half of `LINES`, in the same order of means.
+        let plain = total(&timed[i % 2 + 2]);
         ScalingRow {
             sweep: stop.sweep,
             points: frames[0].len(),
@@ -271,6 +264,7 @@ impl RoomFrames {
         // Points are dropped at edges of depth, so render more pixels than requested points.
         let height = (1.2 * n_points as f64 * 0.75).sqrt().ceil().max(8.0);
         let params = SyntheticParams {
+            // The room's images have an aspect of 4 to 3.
             width: (height / 0.75).ceil() as u32,
             height: height as u32,
             n_train: OTHER_FRAMES + 1,
@@ -281,15 +275,12 @@ impl RoomFrames {
         };
         let dataset = Arc::new(synthetic::dataset(&params)?);
         let mut frames = TrainingSample::load(dataset, OTHER_FRAMES + 1, 1)?.frames.into_iter();
+        // Never empty: `load` fails without a usable frame.
         let frame = frames.next().unwrap_or_default();
         let mut others = Points::new();
         for points in frames {
-            for i in 0..points.len() {
-                let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
-                others.push([x, y, z, r, g, b]);
-            }
-            // Tiles are irrelevant here: means are drawn from single points.
-            others.close_tile();
+            // One tile of any size will do: means are drawn from single points.
+            push_tile(&mut others, &points, 0..points.len());
         }
         Ok(Self { frame, others })
     }
@@ -300,10 +291,10 @@ fn line(rows: &[ScalingRow], sweep: Sweep, (means, path, _): Line) -> Vec<&Scali
 }
 
 fn fits(rows: &[ScalingRow]) -> Vec<Fit> {
-    let fit = |sweep, (means, path, name): Line| {
-        let line = line(rows, sweep, (means, path, name));
-        let sizes = line.iter().map(|r| (r.position(), r.ms)).collect::<Vec<_>>();
-        Fit { sweep, means, path, exponent: exponent(&sizes) }
+    let fit = |sweep, of: Line| {
+        let sizes: Vec<_> =
+            line(rows, sweep, of).into_iter().map(|r| (r.position(), r.ms)).collect();
+        Fit { sweep, means: of.0, path: of.1, exponent: exponent(&sizes) }
     };
     SWEEPS.into_iter().flat_map(|sweep| LINES.map(|line| fit(sweep, line))).collect()
 }
@@ -316,6 +307,7 @@ fn exponent(sizes: &[(f64, f64)]) -> Option<f64> {
     let covariance: f64 = logs.iter().map(|(x, y)| (x - mx) * (y - my)).sum();
     let variance: f64 = logs.iter().map(|(x, _)| (x - mx).powi(2)).sum();
     let slope = covariance / variance;
+    // A single size has no variance, and 0 / 0 is NaN.
     slope.is_finite().then_some(slope)
 }
 
@@ -347,11 +339,11 @@ fn notes(plan: &ScalingPlan, rows: &[ScalingRow], fits: &[Fit]) -> Vec<String> {
         let name = name(fit.means, fit.path);
         notes.push(format!("{name}: ms grows as {}^{exponent:.2}", fit.sweep));
     }
-    for (means, path, name) in LINES {
-        let line = line(rows, Sweep::Threads, (means, path, name));
-        let of = |threads| line.iter().find(|r| r.threads == threads).map(|r| r.ms);
-        if let (Some(one), Some(two)) = (of(1), of(2)) {
-            notes.push(format!("{name}: two threads are {:.2} times as fast as one", one / two));
+    for of in LINES {
+        let line = line(rows, Sweep::Threads, of);
+        let ms = |threads| line.iter().find(|r| r.threads == threads).map(|r| r.ms);
+        if let (Some(one), Some(two)) = (ms(1), ms(2)) {
+            notes.push(format!("{}: two threads are {:.2} times as fast as one", of.2, one / two));
         }
     }
     notes
@@ -365,16 +357,17 @@ fn panels(rows: &[ScalingRow], fits: &[Fit]) -> Vec<Panel> {
         },
         marks: line(rows, sweep, of_line)
             .into_iter()
-            .map(|r| Mark { x: Spread::exact(r.position()), y: r.spread(), label: None })
+            .map(|r| Mark::new(Spread::exact(r.position()), r.spread()))
             .collect(),
         connected: true,
     };
     let panel = |(sweep, fits): (Sweep, &[Fit])| Panel {
         title: format!("against {sweep}"),
-        x: Axis::Log(sweep.to_string()),
-        y: Axis::Log("ms per frame".to_owned()),
+        x: Axis::Log(sweep.into()),
+        y: Axis::Log("ms per frame"),
         series: LINES.into_iter().zip(fits).map(|of| series(sweep, of)).collect(),
     };
+    // `fits` lists all lines of one sweep before those of the next.
     SWEEPS.into_iter().zip(fits.chunks(LINES.len())).map(panel).collect()
 }
 

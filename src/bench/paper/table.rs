@@ -4,7 +4,7 @@ use super::oracle::Errors;
 use super::runs;
 use super::runs::{Runs, TimedConfiguration};
 use super::sample::{TrainingSample, count};
-use crate::bench::findings::BenchError;
+use crate::bench::findings::{self, BenchError, Progress};
 use crate::eval::metrics::Spread;
 use crate::observation::points::Points;
 use crate::train::paper::config::{Candidates, PaperConfig, Precision, ReassignPolicy};
@@ -12,7 +12,6 @@ use crate::train::paper::init::InitialDraw;
 use crate::train::timing::{PaperStage, StageMs};
 use serde::Serialize;
 
-/// A configuration to time.
 pub struct TimedStep {
     /// Name of the varied setting.
     pub sweep: &'static str,
@@ -60,14 +59,13 @@ pub struct TimedRow {
     pub covariance_error_max: Option<f64>,
 }
 
-/// Times all steps in turns and passes each with its runs to `errors`. Calls `done` after every run and
-/// every row.
+/// Times all steps in turns and passes each with its runs to `errors`. Progress counts runs and rows.
 pub fn time(
     steps: &[TimedStep],
     sample: &TrainingSample,
     thinned: &[Points<f32>],
     repeats: usize,
-    done: &mut dyn FnMut(),
+    progress: Progress,
     errors: impl Fn(&TimedStep, &Runs) -> Result<Option<Errors>, BenchError>,
 ) -> Result<Vec<TimedRow>, BenchError> {
     let frames = |step: &TimedStep| if step.is_thinned { thinned } else { &sample.frames[..] };
@@ -80,9 +78,11 @@ pub fn time(
             frames: frames(step),
         })
         .collect();
-    let timed = runs::in_turns(&variants, repeats, done)?;
+    let mut done = findings::steps(progress, (repeats.max(1) + 1) * steps.len());
+    let timed = runs::in_turns(&variants, repeats, &mut done)?;
     let mut rows = Vec::with_capacity(steps.len());
     for (step, runs) in steps.iter().zip(&timed) {
+        // Counted, because whole tiles only approximate the requested number of points.
         let share = count(frames(step)) as f64 / count(&sample.frames) as f64;
         rows.push(TimedRow::new(step, runs, sample, share, errors(step, runs)?)?);
         done();
@@ -98,11 +98,10 @@ impl TimedRow {
         points_share: f64,
         errors: Option<Errors>,
     ) -> Result<Self, BenchError> {
-        // Work per component does not grow with the number of points.
+        // Update and reassignment visit components, so they do not grow with the number of points.
         let scaled = |ms: &StageMs| {
-            let per_component =
-                [PaperStage::Update, PaperStage::Reassign].map(|stage| ms.values()[stage as usize]);
-            let per_component: f64 = per_component.iter().sum();
+            let stage = |stage: PaperStage| ms.values()[stage as usize];
+            let per_component = stage(PaperStage::Update) + stage(PaperStage::Reassign);
             (ms.train - per_component) / points_share + per_component
         };
         let ms = runs.spread(scaled);
@@ -120,6 +119,7 @@ impl TimedRow {
             ms: ms.median,
             ms_q1: ms.quartiles[0],
             ms_q3: ms.quartiles[1],
+            // These three stages grow with the number of points, the next two do not.
             candidates_ms: candidates / points_share,
             e_step_ms: e_step / points_share,
             stats_ms: stats / points_share,

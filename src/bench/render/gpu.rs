@@ -3,24 +3,22 @@
 use super::painter::{FramePath, FrameStageMs, TimedPaintError, TimedPainter, ms_since};
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
+use crate::render::RenderOptions;
 use crate::render::gpu::GpuTimes;
 use crate::render::gpu::adapters::AdapterChoice;
 use crate::render::gpu::headless::{HeadlessError, HeadlessGpu};
 use crate::render::gpu::renderer::SplatRenderer;
 use crate::render::gpu::scene::GpuScene;
-use crate::render::{RenderOptions, Renderer};
 use std::time::Instant;
 
 /// Warm-up frames before the first timed one: clocks rise, and tile lists grow to what the scene
 /// needs.
 const WARM_UP: usize = 8;
 
-/// Timed frames of one adapter.
 pub struct TimedGpu {
     gpu: HeadlessGpu,
-    /// One renderer per method, so that each has its own timestamps.
-    projected: TimedMethod,
-    exact: TimedMethod,
+    /// By [`Renderer`], because timestamps of a shared one would mix both.
+    methods: [TimedMethod; 2],
     scene: GpuScene,
 }
 
@@ -36,21 +34,14 @@ impl TimedGpu {
         let method = || -> Result<TimedMethod, HeadlessError> {
             Ok(TimedMethod { renderer: SplatRenderer::new(device, queue)?, is_warm: false })
         };
-        Ok(Self {
-            projected: method()?,
-            exact: method()?,
-            scene: GpuScene::new(device, queue, &[])?,
-            gpu,
-        })
+        // Empty until `load`.
+        Ok(Self { methods: [method()?, method()?], scene: GpuScene::new(device, queue, &[])?, gpu })
     }
 
     /// Draws a frame, waits for it, and returns the milliseconds.
     fn draw(&mut self, camera: &Camera, options: &RenderOptions) -> Result<f64, TimedPaintError> {
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
-        let method = match options.method.renderer() {
-            Renderer::Projected => &mut self.projected,
-            Renderer::Exact => &mut self.exact,
-        };
+        let method = &mut self.methods[options.method.renderer() as usize];
         let frames = if method.is_warm { 1 } else { 1 + WARM_UP };
         let mut total = 0.0;
         for _ in 0..frames {
@@ -85,7 +76,7 @@ impl TimedPainter for TimedGpu {
         self.scene = GpuScene::new(device, queue, &[])?;
         self.scene = GpuScene::new(device, queue, splats)?;
         // Tile lists grow again for every scene.
-        (self.projected.is_warm, self.exact.is_warm) = (false, false);
+        self.methods.iter_mut().for_each(|method| method.is_warm = false);
         // Wait for the upload, which must not count towards the first frame.
         Ok(self.gpu.wait()?)
     }
@@ -98,13 +89,11 @@ impl TimedPainter for TimedGpu {
         options: &RenderOptions,
     ) -> Result<FrameStageMs, TimedPaintError> {
         let total = self.draw(camera, options)?;
-        let times = match options.method.renderer() {
-            Renderer::Projected => self.projected.renderer.gpu_times(),
-            Renderer::Exact => self.exact.renderer.gpu_times(),
-        };
-        let stages = times.map_or([None; 4], |GpuTimes { preprocess, sort, draw }| {
-            [Some(preprocess), Some(sort), None, Some(draw)]
-        });
+        let method = &self.methods[options.method.renderer() as usize];
+        let stages =
+            method.renderer.gpu_times().map_or([None; 4], |GpuTimes { preprocess, sort, draw }| {
+                [Some(preprocess), Some(sort), None, Some(draw)]
+            });
         Ok(FrameStageMs { total, stages })
     }
 }

@@ -12,7 +12,7 @@ mod report;
 mod scene;
 
 use super::plot;
-use crate::bench::findings::{Bench, BenchError, Findings, Progress};
+use crate::bench::findings::{Bench, BenchError, Findings, Progress, steps};
 use crate::eval::metrics::Spread;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
@@ -36,21 +36,23 @@ const ELEVATION: f64 = 0.45;
 pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<Bench, BenchError> {
     let mut missing = Vec::new();
     let mut painters = plan.painters(&mut missing)?;
-    let steps = plan.splats.len() * plan.sizes.len();
-    let (mut rows, mut done) = (Vec::new(), 0);
+    let mut step = steps(progress, plan.splats.len() * plan.sizes.len());
+    let mut rows = Vec::new();
     for &n in &plan.splats {
         let splats = scene.splats(n, plan.options.seed);
-        let mut turns = Turns::new(&mut painters, &splats);
+        let load = |painter: &mut Box<dyn TimedPainter>| painter.load(&splats).err();
+        let refusals: Vec<Option<TimedPaintError>> = painters.iter_mut().map(load).collect();
         for &size in &plan.sizes {
-            rows.extend(turns.time(plan.frames, size, scene.up()));
-            done += 1;
-            progress(done, steps);
+            let targets = targets(&painters, &refusals);
+            rows.extend(time(targets, &mut painters, &splats, plan.frames, size, scene.up()));
+            step();
         }
     }
     let title = format!("Time per frame: {}", scene.name());
     Findings {
         name: "render",
         dataset: scene.name(),
+        // At most one painter has an adapter.
         adapter: painters.iter().find_map(|painter| painter.adapter()),
         options: plan.options,
         notes: [missing, notes(plan, &rows)].concat(),
@@ -62,57 +64,52 @@ pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<
     .into_bench()
 }
 
-struct Turns<'a> {
-    splats: &'a [Splat],
-    painters: &'a mut [Box<dyn TimedPainter>],
-    /// Error of each painter when it loaded the scene.
-    refusals: Vec<Option<TimedPaintError>>,
+/// Lists both renderers of every painter.
+fn targets(
+    painters: &[Box<dyn TimedPainter>],
+    refusals: &[Option<TimedPaintError>],
+) -> Vec<TimedTarget> {
+    let mut targets = Vec::new();
+    for (i, (painter, refusal)) in painters.iter().zip(refusals).enumerate() {
+        targets.extend(RENDERERS.map(|renderer| TimedTarget {
+            painter: i,
+            path: painter.path(),
+            renderer,
+            times: Vec::new(),
+            failure: refusal.as_ref().map(ToString::to_string),
+        }));
+    }
+    targets
 }
 
-impl<'a> Turns<'a> {
-    fn new(painters: &'a mut [Box<dyn TimedPainter>], splats: &'a [Splat]) -> Self {
-        let refusals = painters.iter_mut().map(|painter| painter.load(splats).err()).collect();
-        Self { splats, painters, refusals }
-    }
-
-    /// Times all renderers of all painters in turns, one frame per round, while the camera circles
-    /// the scene. The warm-up round is excluded.
-    fn time(&mut self, frames: usize, size: [u32; 2], up: DVec3) -> Vec<RenderRow> {
-        let mut found: Vec<TimedTarget> = self.targets();
-        let framing =
-            core_sphere(self.splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
-        for round in 0..=frames {
-            // The warm-up view equals the last one, a full turn away, so that timed views cover
-            // every side once.
-            let camera = view(&framing, up, size, round as f64 / frames as f64 * TAU);
-            for target in found.iter_mut().filter(|target| target.failure.is_none()) {
-                let method = target.renderer.into();
-                let options = RenderOptions::viewport(method, [0.0; 3], framing.radius);
-                let painter = &mut self.painters[target.painter];
-                match painter.frame(self.splats, &camera, &options) {
-                    Ok(ms) if round > 0 => target.times.push(ms),
-                    // Warm-up round.
-                    Ok(_) => {}
-                    Err(error) => target.failure = Some(error.to_string()),
-                }
+/// Times all targets in turns, one frame per round, while the camera circles the scene. The warm-up
+/// round is excluded.
+fn time(
+    mut targets: Vec<TimedTarget>,
+    painters: &mut [Box<dyn TimedPainter>],
+    splats: &[Splat],
+    frames: usize,
+    size: [u32; 2],
+    up: DVec3,
+) -> Vec<RenderRow> {
+    // A scene without finite splats draws nothing from any camera.
+    let framing = core_sphere(splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
+    for round in 0..=frames {
+        // The warm-up view equals the last one, a full turn away, so that timed views cover
+        // every side once.
+        let camera = view(&framing, up, size, round as f64 / frames as f64 * TAU);
+        for target in targets.iter_mut().filter(|target| target.failure.is_none()) {
+            let method = target.renderer.into();
+            let options = RenderOptions::viewport(method, [0.0; 3], framing.radius);
+            match painters[target.painter].frame(splats, &camera, &options) {
+                Ok(ms) if round > 0 => target.times.push(ms),
+                // Warm-up round.
+                Ok(_) => {}
+                Err(error) => target.failure = Some(error.to_string()),
             }
         }
-        found.into_iter().map(|target| target.into_row(self.splats.len(), size, frames)).collect()
     }
-
-    fn targets(&self) -> Vec<TimedTarget> {
-        let mut targets = Vec::new();
-        for (i, (painter, refusal)) in self.painters.iter().zip(&self.refusals).enumerate() {
-            targets.extend(RENDERERS.into_iter().map(|renderer| TimedTarget {
-                painter: i,
-                path: painter.path(),
-                renderer,
-                times: Vec::new(),
-                failure: refusal.as_ref().map(ToString::to_string),
-            }));
-        }
-        targets
-    }
+    targets.into_iter().map(|target| target.into_row(splats.len(), size, frames)).collect()
 }
 
 struct TimedTarget {
@@ -128,8 +125,9 @@ impl TimedTarget {
         let is_drawn = self.failure.is_none();
         let ms = is_drawn.then(|| Spread::of(self.times.iter().map(|ms| ms.total).collect()));
         let stage = |i: usize| {
-            let told: Vec<f64> = self.times.iter().filter_map(|ms| ms.stages[i]).collect();
-            (is_drawn && !told.is_empty()).then(|| Spread::of(told).median)
+            // The first frames of a GPU have no timestamps yet.
+            let times: Vec<f64> = self.times.iter().filter_map(|ms| ms.stages[i]).collect();
+            (is_drawn && !times.is_empty()).then(|| Spread::of(times).median)
         };
         RenderRow {
             path: self.path,
@@ -153,6 +151,7 @@ impl TimedTarget {
 /// Camera that fits the whole scene into the image.
 fn view(framing: &Framing, up: DVec3, [width, height]: [u32; 2], azimuth: f64) -> Camera {
     let intrinsics = Intrinsics::from_horizontal_fov(width, height, FOV);
+    // The narrower side decides whether the whole scene is visible.
     let narrower = 2.0 * (0.5 * f64::from(width.min(height)) / intrinsics.fx).atan();
     let distance = framing.distance(narrower);
     let orbit = Orbit { target: framing.centre, up, azimuth, elevation: ELEVATION, distance };

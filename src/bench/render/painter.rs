@@ -83,6 +83,7 @@ impl TimedPainter for TimedCpu {
                 needed_mb: needed.div_ceil(1_000_000),
                 available_mb: available / 1_000_000,
             }),
+            // Some systems do not report their free memory.
             _ => Ok(()),
         }
     }

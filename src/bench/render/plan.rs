@@ -43,9 +43,11 @@ impl RenderPlan {
         let mut sizes = vec![[400, 400], [1280, 720]];
         if !options.quick {
             splats.extend([30_000, 300_000, 4_000_000]);
+            // In the middle, because plots show sizes in this order.
             sizes.insert(1, [800, 600]);
         }
         splats.extend(scene.own_count());
+        // The model's own number may be among these.
         splats.sort_unstable();
         splats.dedup();
         Self {

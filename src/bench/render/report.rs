@@ -85,6 +85,7 @@ pub fn notes(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<String> {
 
 pub fn panels(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<Panel> {
     let mut paths: Vec<FramePath> = rows.iter().map(|row| row.path).collect();
+    // `dedup` removes only adjacent duplicates, and rows are grouped by size.
     paths.sort_by_key(|path| *path as usize);
     paths.dedup();
     let lines = || paths.iter().flat_map(|&path| RENDERERS.map(|renderer| (path, renderer)));
@@ -93,16 +94,16 @@ pub fn panels(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<Panel> {
             let is_mine = |row: &&RenderRow| {
                 (row.path, row.renderer, row.width, row.height) == (path, renderer, width, height)
             };
-            let marks = rows.iter().filter(is_mine).filter_map(|row| {
-                Some(Mark { x: Spread::exact(row.splats as f64), y: row.spread()?, label: None })
-            });
+            let mark =
+                |row: &RenderRow| Some(Mark::new(Spread::exact(row.splats as f64), row.spread()?));
+            let marks = rows.iter().filter(is_mine).filter_map(mark);
             let name = format!("{renderer}, {path}");
             Series { name, marks: marks.collect(), connected: true }
         };
         Panel {
             title: format!("{width}x{height}"),
-            x: Axis::Log("splats".to_owned()),
-            y: Axis::Log("ms per frame".to_owned()),
+            x: Axis::Log("splats"),
+            y: Axis::Log("ms per frame"),
             series: lines().map(series).filter(|line| !line.marks.is_empty()).collect(),
         }
     };

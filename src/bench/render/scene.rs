@@ -17,11 +17,11 @@ pub struct BenchScene {
     model: Vec<Splat>,
 }
 
-/// Radius of the ball and of the disc that it lies on, world units.
+/// Radii of the ball and of the disc below it, world units.
 const BALL: f64 = 0.6;
 const DISC: f64 = 1.2;
-/// Standard deviation of a splat along its surface, relative to the side of its square share of the
-/// area. This constant and the next two were measured on Lego, trained with the `paper` preset.
+/// Standard deviation of a splat along the surface, relative to the square root of the area per splat.
+/// This constant and the next two were measured on Lego, trained with the `paper` preset.
 const SPREAD: f64 = 0.5;
 /// Standard deviation across the surface relative to that along it.
 const FLATNESS: f64 = 0.6;
@@ -37,6 +37,7 @@ impl BenchScene {
 
     /// A model with its name in reports and its up direction. `None` if it has no drawable splat.
     pub fn model(name: String, up: DVec3, mut splats: Vec<Splat>) -> Option<Self> {
+        // Splats that no renderer draws would lower the cost per splat.
         splats.retain(Splat::is_drawable);
         (!splats.is_empty()).then_some(Self { name, up, model: splats })
     }
@@ -57,6 +58,7 @@ impl BenchScene {
     pub fn splats(&self, n: usize, seed: u64) -> Cow<'_, [Splat]> {
         match self.own_count() {
             None => Cow::Owned(synthetic(n, seed)),
+            // Unchanged, so that the cost is that of the model itself.
             Some(own) if own == n => Cow::Borrowed(&self.model),
             Some(_) => Cow::Owned(resampled(&self.model, n, seed)),
         }
@@ -85,7 +87,7 @@ fn resampled(splats: &[Splat], n: usize, seed: u64) -> Vec<Splat> {
     (0..n).map(&mut copy).collect()
 }
 
-/// Flat splats on a ball that lies on a disc.
+/// Flat splats on a ball above a disc.
 fn synthetic(n: usize, seed: u64) -> Vec<Splat> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
     let ball = 4.0 * PI * BALL * BALL;
@@ -93,7 +95,9 @@ fn synthetic(n: usize, seed: u64) -> Vec<Splat> {
     let size = SPREAD * (area / n as f64).sqrt();
     let splat = |_| {
         let on_ball = rng.uniform() < ball / area;
+        // Uniform z gives uniform area on a sphere (Archimedes).
         let (z, angle) = (rng.range(-1.0, 1.0), TAU * rng.uniform());
+        // On the disc, the square root makes points uniform by area.
         let ring = if on_ball { (1.0 - z * z).sqrt() } else { z.abs().sqrt() };
         let around = DVec3::new(ring * angle.cos(), ring * angle.sin(), 0.0);
         let (at, normal) = match on_ball {

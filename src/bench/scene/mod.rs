@@ -7,14 +7,13 @@
 //! the spread over three orders. All rows are evaluated with one camera, regardless of the camera
 //! they were trained with.
 
-pub mod real;
 mod report;
 pub mod retention;
 mod training;
 mod variants;
 
-use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
-use super::paper::sample::spaced;
+use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress, steps};
+use super::frames::{ViewIndices, held_out_views, spaced};
 use super::plot;
 use crate::dataset::Dataset;
 use crate::eval::choices::SEEN_AFTER;
@@ -24,7 +23,7 @@ use crate::eval::report::{EvalReport, SeenReport};
 use crate::eval::views::EvalOptions;
 use crate::eval::{choices, cracks};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::plan::{Plan, Selection};
+use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::photometric::rule::PhotometricMode;
 use serde::Serialize;
@@ -66,10 +65,9 @@ impl AccuracyPlan {
 struct AccuracyRuns {
     dataset: Arc<Dataset>,
     plan: Plan,
-    /// Split and frame indices of the held-out views.
-    views: (usize, Vec<usize>),
-    /// Split and frame indices of the views for crack detection, if any.
-    crack_views: Option<(usize, Vec<usize>)>,
+    /// Held-out views.
+    views: ViewIndices,
+    crack_views: Option<ViewIndices>,
     options: EvalOptions,
 }
 
@@ -92,11 +90,7 @@ pub fn run(
         }
     }
     let n_orders = plan.orders.max(1);
-    let (mut done, steps) = (0, n_orders * (n_sweeps(&runs) + runs.len()) + 1);
-    let mut step = || {
-        done += 1;
-        progress(done, steps);
-    };
+    let mut step = steps(progress, n_orders * (n_sweeps(&runs) + runs.len()) + 1);
     let mut measured: Vec<Vec<Measured>> = runs.iter().map(|_| Vec::new()).collect();
     for order in 0..n_orders {
         let ordered = ordered(&stage.plan, order, plan.options.seed);
@@ -113,6 +107,7 @@ pub fn run(
     let found: Vec<AccuracyRow> = rows
         .iter()
         .filter_map(|row| {
+            // Never `None`: every row contributed its run.
             let at = runs.iter().position(|run| *run == row.run)?;
             Some(AccuracyRow::of(row, &measured[at]))
         })
@@ -129,13 +124,10 @@ pub fn run(
 
 impl AccuracyRuns {
     fn new(plan: &AccuracyPlan, dataset: Arc<Dataset>) -> Result<(Self, SceneRun), BenchError> {
-        let (training, base, options) =
-            prepare(&dataset, &Selection::all_frames(), plan.frames, plan.options.seed)?;
-        let held_out = dataset.evaluation(training.split).new_views;
-        let views = spaced(&held_out.frames, plan.views);
-        let crack_views = cracks::views(&dataset, held_out.split, &views);
+        let (training, base, options) = prepare(&dataset, plan.frames, plan.options.seed)?;
+        let views = held_out_views(&dataset, training.split, plan.views);
+        let crack_views = cracks::views(&dataset, views.0, &views.1);
         let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
-        let views = (held_out.split, views);
         Ok((Self { dataset, plan: training, views, crack_views, options }, base))
     }
 
@@ -159,6 +151,7 @@ impl AccuracyRuns {
     /// Quality on observed surfaces after the first few frames, as listed.
     fn seen(&self, base: &SceneRun) -> Result<Vec<SeenReport>, BenchError> {
         let mut found = Vec::new();
+        // A shorter selection never reaches the later moments.
         for n_frames in SEEN_AFTER.into_iter().filter(|&n| n <= self.plan.frames.len()) {
             let frames = self.plan.frames[..n_frames].to_vec();
             let plan = Plan { frames, ..self.plan.clone() };
@@ -253,6 +246,7 @@ impl AccuracyRow {
             Spread::of(orders.iter().flat_map(|m| times(&m.trained)).copied().collect()).median
         };
         let cracks: Option<&CrackReport> = orders.iter().find_map(|m| m.quality.cracks.as_ref());
+        // No interior pixel may be visible from half the distance.
         let half = cracks.and_then(|c| c.half_distance);
         Self {
             table: variant.table,
@@ -261,12 +255,14 @@ impl AccuracyRow {
             h: variant.run.engine.h,
             drawn: mean(&|m| m.trained.drawn() as f64),
             born: mean(&|m| m.trained.born as f64),
+            // A scene without components has no size per component.
             bytes_per_component: mean(&|m| {
                 m.trained.model_bytes as f64 / m.trained.born.max(1) as f64
             }),
             train_ms: median(&|t| &t.train_ms),
             prepare_ms: median(&|t| &t.prepare_ms),
             psnr: mean(&|m| m.quality.means.psnr_mean),
+            // Extremes rather than quartiles: three orders are too few for these.
             psnr_low: psnr().fold(f64::INFINITY, f64::min),
             psnr_high: psnr().fold(f64::NEG_INFINITY, f64::max),
             psnr_covered: mean_known(&|q| q.means.psnr_covered_mean),

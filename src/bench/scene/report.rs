@@ -18,6 +18,7 @@ pub fn text(rows: &[AccuracyRow]) -> String {
         let rows: Vec<&AccuracyRow> = rows.iter().filter(|r| r.table == which).collect();
         format!("{title}\n{}", findings::table(&rows, columns()))
     };
+    // Scales below the depth noise are left out, so a table may be empty.
     let is_there = |table: &(Table, &str)| rows.iter().any(|row| row.table == table.0);
     let tables: Vec<String> = tables.into_iter().filter(is_there).map(of_table).collect();
     tables.join("\n\n")
@@ -32,6 +33,7 @@ fn columns() -> [Column; 11] {
         ("born", |row| format!("{:.0}", row.born)),
         ("ms/frame", |row| format!("{:.1}", row.train_ms)),
         ("PSNR dB", |row| format!("{:.2}", row.psnr)),
+        // A difference between rows counts only if it exceeds this one.
         ("orders", |row| format!("{:.3}", row.psnr_high - row.psnr_low)),
         ("covered", |row| decibels(row.psnr_covered)),
         ("aligned", |row| decibels(row.psnr_aligned_covered)),
@@ -48,6 +50,7 @@ fn decibels(psnr: Option<f64>) -> String {
 fn shares(over_01: Option<f64>, over_03: Option<f64>) -> String {
     match (over_01, over_03) {
         (Some(a), Some(b)) => format!("{:.2} ({:.2})", 100.0 * a, 100.0 * b),
+        // Without depth there are no interior pixels.
         _ => String::new(),
     }
 }
@@ -89,6 +92,7 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 3] {
         })
     } else {
         ("PSNR of covered pixels, colours aligned, dB", |row| {
+            // The plot leaves out marks that are not finite.
             Spread::exact(row.psnr_aligned_covered.unwrap_or(f64::NAN))
         })
     };
@@ -96,16 +100,13 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 3] {
     let named: Vec<&AccuracyRow> = rows.iter().filter(|r| is_part(r)).collect();
     let of_table = |which: Table, name: &str| {
         let rows = named.iter().enumerate().filter(|(_, row)| row.table == which);
-        let mark = |(i, row): (usize, &&AccuracyRow)| Mark {
-            x: measure(row),
-            y: Spread::exact(i as f64),
-            label: None,
-        };
+        let mark =
+            |(i, row): (usize, &&AccuracyRow)| Mark::new(measure(row), Spread::exact(i as f64));
         Series { name: name.to_owned(), marks: rows.map(mark).collect(), connected: false }
     };
     let parts = Panel {
         title: "parts of the preset".to_owned(),
-        x: Axis::Linear(title.to_owned()),
+        x: Axis::Linear(title),
         y: Axis::Names(named.iter().map(|row| row.configuration.clone()).collect()),
         series: vec![
             of_table(Table::Cumulative, "added one by one"),
@@ -115,12 +116,12 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 3] {
     let against = |name: &str, x: Axis, cost: fn(&AccuracyRow) -> f64| Panel {
         title: format!("{name} against quality"),
         x,
-        y: Axis::Linear(title.to_owned()),
+        y: Axis::Linear(title),
         series: curves(rows, cost, measure),
     };
-    let speed = Axis::Linear("training, ms a frame".to_owned());
+    let speed = Axis::Linear("training, ms a frame");
     let speed = against("time", speed, |row| row.train_ms);
-    let components = Axis::Log("components drawn".to_owned());
+    let components = Axis::Log("components drawn");
     let components = against("components", components, |row| row.drawn);
     [parts, speed, components]
 }
@@ -133,22 +134,16 @@ fn curves(
     let of_table = |which| rows.iter().filter(move |row| row.table == which);
     let scales: Vec<&AccuracyRow> = of_table(Table::Scale).collect();
     let budgets: Vec<&AccuracyRow> = of_table(Table::Budget).collect();
-    let curve = |name: String, rows: &[&AccuracyRow]| Series {
-        name,
-        marks: rows
-            .iter()
-            .map(|row| Mark { x: Spread::exact(cost(row)), y: measure(row), label: None })
-            .collect(),
+    let curve = |name: &str, rows: &[&AccuracyRow]| Series {
+        name: name.to_owned(),
+        marks: rows.iter().map(|row| Mark::new(Spread::exact(cost(row)), measure(row))).collect(),
         connected: true,
     };
+    // Rows of one mode are adjacent, as `scales` lists them.
     let by_mode = scales.chunk_by(|a, b| a.photographs == b.photographs);
-    let by_mode = by_mode.map(|rows| curve(curve_name(rows[0]).to_owned(), rows));
-    by_mode.chain([curve("budgets".to_owned(), &budgets)]).collect()
-}
-
-fn curve_name(row: &AccuracyRow) -> &'static str {
-    match row.photographs {
-        PhotometricMode::Off => "scales, points alone",
-        _ => "scales",
-    }
+    let by_mode = by_mode.map(|rows| match rows[0].photographs {
+        PhotometricMode::Off => curve("scales, points alone", rows),
+        _ => curve("scales", rows),
+    });
+    by_mode.chain([curve("budgets", &budgets)]).collect()
 }

@@ -6,14 +6,13 @@
 
 use super::training::prepare;
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
-use crate::bench::paper::sample::spaced;
+use crate::bench::frames::{ViewIndices, each_frame, held_out_views, spaced};
 use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;
 use crate::eval::metrics::mean_std;
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::model::splat::appearance::SplatSet;
-use crate::pipeline::plan::{Plan, Selection};
-use crate::pipeline::prefetch::Prefetch;
+use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::learner::{Learner, Learns};
 use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
@@ -71,11 +70,10 @@ pub fn run(
 ) -> Result<Bench, BenchError> {
     let (most, looked_at) = if options.quick { (12, 6) } else { (usize::MAX, FRAMES) };
     let most = options.max_frames.unwrap_or(most);
-    let (plan, base, views) = prepare(&dataset, &Selection::all_frames(), most, options.seed)?;
-    let held_out = dataset.evaluation(plan.split).new_views;
+    let (plan, base, views) = prepare(&dataset, most, options.seed)?;
     let positions: Vec<usize> = (0..plan.frames.len()).collect();
     let bench = Retention {
-        held_out: (held_out.split, spaced(&held_out.frames, LOOKS[1])),
+        held_out: held_out_views(&dataset, plan.split, LOOKS[1]),
         looked_at: spaced(&positions, looked_at),
         dataset,
         plan,
@@ -98,8 +96,7 @@ struct Retention {
     plan: Plan,
     /// Positions in the plan whose own views are measured.
     looked_at: Vec<usize>,
-    /// Split and frame indices of the held-out views.
-    held_out: (usize, Vec<usize>),
+    held_out: ViewIndices,
     views: EvalOptions,
 }
 
@@ -113,37 +110,27 @@ impl Retention {
         let mut scene = SceneTrainer::new(&run.engine, surface.origin);
         let (mut rows, mut held_out) = (Vec::new(), Vec::new());
         let n_frames = self.plan.frames.len();
+        // Rounded up, so that there are at most as many evaluations as planned.
         let every = n_frames.div_ceil(LOOKS[0]).max(1);
-        let mut prefetch = Prefetch::start(self.dataset.clone(), &self.plan, 0, surface)?;
-        let mut first_problem = None;
-        while let Some(frame) = prefetch.next_frame() {
-            let prepared = match frame.result {
-                Ok(prepared) => prepared,
-                Err(problem) => {
-                    // An unreadable frame does not end the run unless no frame remains.
-                    first_problem.get_or_insert(problem);
-                    continue;
-                }
-            };
+        each_frame(&self.dataset, &self.plan, surface, |position, frame, prepared| {
             scene.learn(&prepared.observation)?;
-            prefetch.recycle(prepared.observation);
-            let learnt = frame.position + 1;
-            if self.looked_at.contains(&frame.position) {
+            let after_frames = position + 1;
+            if self.looked_at.contains(&position) {
                 scene.settle();
-                let after = self.psnr(&scene.splats(), self.own(frame.position))?;
-                let frame = frame.name;
-                let row =
-                    RetentionRow { configuration, after_frames: learnt, frame, after, at_end: 0.0 };
+                let after = self.psnr(&scene.splats(), self.own(position))?;
+                // `at_end` is known only after the last frame.
+                let row = RetentionRow { configuration, after_frames, frame, after, at_end: 0.0 };
                 rows.push(row);
             }
-            if learnt.is_multiple_of(every) || learnt == n_frames {
+            if after_frames.is_multiple_of(every) || after_frames == n_frames {
                 scene.settle();
                 let views = (self.held_out.0, self.held_out.1.as_slice());
-                held_out.push((learnt, self.psnr(&scene.splats(), views)?));
+                held_out.push((after_frames, self.psnr(&scene.splats(), views)?));
             }
-        }
+            Ok(())
+        })?;
         if rows.is_empty() {
-            let first = first_problem.unwrap_or_else(|| "no frame is selected".to_owned());
+            let first = "none of the frames whose own views are measured".to_owned();
             return Err(BenchError::NoFrame { dataset: self.dataset.name.clone(), first });
         }
         let splats = scene.splats();
@@ -205,6 +192,7 @@ fn summarise(
         |value: fn(&RetentionRow) -> f64| mean_std(&rows.iter().map(value).collect::<Vec<_>>()).0;
     let (mut best, mut held_out_fall) = (f64::NEG_INFINITY, 0.0f64);
     for (_, psnr) in &held_out {
+        // Relative to the best value so far: a slow decline counts as a whole.
         best = best.max(*psnr);
         held_out_fall = held_out_fall.max(best - psnr);
     }
@@ -212,6 +200,7 @@ fn summarise(
         configuration,
         after: mean(|row| row.after),
         at_end: mean(|row| row.at_end),
+        // Negative if every view improves.
         most_lost: rows.iter().map(|row| row.after - row.at_end).fold(f64::NEG_INFINITY, f64::max),
         held_out,
         held_out_fall,
@@ -237,7 +226,7 @@ fn text(summary: &[RetentionSummary]) -> String {
 
 /// Loss of own views and PSNR of held-out views, against frames trained on.
 fn panels(rows: &[RetentionRow], summary: &[RetentionSummary]) -> [Panel; 2] {
-    let mark = |x: usize, y: f64| Mark::new(x as f64, y);
+    let mark = |x: usize, y: f64| Mark::exact(x as f64, y);
     let lost = |kept: &RetentionSummary| {
         let rows = rows.iter().filter(|row| row.configuration == kept.configuration);
         let marks = rows.map(|row| mark(row.after_frames, row.after - row.at_end)).collect();
@@ -247,10 +236,10 @@ fn panels(rows: &[RetentionRow], summary: &[RetentionSummary]) -> [Panel; 2] {
         let marks = kept.held_out.iter().map(|&(learnt, psnr)| mark(learnt, psnr)).collect();
         Series { name: kept.configuration.to_owned(), marks, connected: true }
     };
-    let panel = |title: &str, y: &str, series: Vec<Series>| Panel {
+    let panel = |title: &str, y, series: Vec<Series>| Panel {
         title: title.to_owned(),
-        x: Axis::Linear("frames trained".to_owned()),
-        y: Axis::Linear(y.to_owned()),
+        x: Axis::Linear("frames trained"),
+        y: Axis::Linear(y),
         series,
     };
     [

@@ -5,26 +5,21 @@
 //! Dozens of rows share this work. Without it, three orders of 200 frames would be too expensive.
 
 use crate::bench::findings::BenchError;
-use crate::bench::paper::sample::spaced;
+use crate::bench::frames::{each_frame, spaced};
 use crate::dataset::Dataset;
 use crate::dataset::surface::SurfaceSettings;
 use crate::eval::choices::GroundTruth;
 use crate::eval::views::EvalOptions;
-use crate::math::pose::Pose;
 use crate::math::rng::{Purpose, Rng};
 use crate::model::splat::appearance::SplatSet;
-use crate::model::splat::pose_log::FramePose;
-use crate::observation::surface::Observation;
 use crate::pipeline::any_preset::AnyPreset;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
-use crate::pipeline::prefetch::Prefetch;
 use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
 use crate::render::{RenderMethod, RenderOptions};
 use crate::train::learner::{Learner, Learns};
 use crate::train::scene::config::SceneConfig;
 use crate::train::scene::trainer::SceneTrainer;
-use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
 pub struct Trained {
@@ -37,10 +32,6 @@ pub struct Trained {
 }
 
 impl Trained {
-    pub fn poses(&self) -> &[FramePose] {
-        self.splats.finishing().poses.as_ref().map_or(&[], |log| log.frames())
-    }
-
     pub fn drawn(&self) -> usize {
         self.splats.view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
     }
@@ -50,16 +41,16 @@ impl Trained {
 /// camera.
 pub fn prepare(
     dataset: &Dataset,
-    selection: &Selection,
     max_frames: usize,
     seed: u64,
 ) -> Result<(Plan, SceneRun, EvalOptions), BenchError> {
-    let all = Plan::new(dataset, selection, seed).map_err(SessionError::from)?;
+    let all = Plan::new(dataset, &Selection::all_frames(), seed).map_err(SessionError::from)?;
     let plan = Plan { frames: spaced(&all.frames, max_frames), ..all };
     let base = SceneRun::new(dataset, &plan, &SceneOverrides::default());
     let base = base.map_err(SessionError::from)?;
     let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let plain = EvalOptions::plain(GroundTruth::Composited, render);
+    // One camera for all rows, including those trained without calibration.
     let options = EvalOptions { color_camera: base.color_camera(), ..plain };
     Ok((plan, base, options))
 }
@@ -127,24 +118,13 @@ fn train_alike(
         }
     }
     let mut prepare_ms = Vec::with_capacity(plan.frames.len());
-    let mut first_problem = None;
-    let mut prefetch = Prefetch::start(dataset.clone(), plan, 0, surface)?;
-    while let Some(frame) = prefetch.next_frame() {
-        match frame.result {
-            Ok(prepared) => {
-                prepare_ms.push(prepared.prepare_ms);
-                for course in &mut courses {
-                    course.learn(&prepared.observation)?;
-                }
-                prefetch.recycle(prepared.observation);
-            }
-            Err(problem) => drop(first_problem.get_or_insert(problem)),
+    each_frame(dataset, plan, surface, |_, _, prepared| {
+        prepare_ms.push(prepared.prepare_ms);
+        for course in &mut courses {
+            course.train_ms.push(course.engine.learn(&prepared.observation)?.ms.train);
         }
-    }
-    if prepare_ms.is_empty() {
-        let first = first_problem.unwrap_or_else(|| "no frame is selected".to_owned());
-        return Err(BenchError::NoFrame { dataset: dataset.name.clone(), first });
-    }
+        Ok(())
+    })?;
     let drawn = |run: &&SceneRun| {
         let course = courses.iter_mut().find(|course| course.has_sums_of(run))?;
         // Splat rules do not affect sums, so each rule draws the same model.
@@ -158,6 +138,7 @@ fn train_alike(
             prepare_ms: prepare_ms.clone(),
         })
     };
+    // Never `None`: an engine was created for every run.
     Ok(runs.iter().filter_map(drawn).collect())
 }
 
@@ -171,71 +152,5 @@ impl TrainedSums {
         // Alignment also reads the ridge of the splat rule. No table varies it; one that did would
         // need separate sums.
         SceneConfig { splat_rule: self.config.splat_rule, ..run.engine.clone() } == self.config
-    }
-
-    fn learn(&mut self, frame: &Observation) -> Result<(), BenchError> {
-        self.train_ms.push(self.engine.learn(frame)?.ms.train);
-        Ok(())
-    }
-}
-
-/// One frame in `ONE_OF` is perturbed. The first frame is not, because it anchors the scene.
-const ONE_OF: usize = 10;
-const WHICH: usize = 5;
-/// Distance by which a perturbed camera is moved, metres.
-const SHIFT: f64 = 0.02;
-/// Angle by which it is rotated, radians.
-const TURN: f64 = std::f64::consts::PI / 180.0;
-/// Share of `SHIFT` within which two recorded positions count as equal.
-const SAME: f64 = 1e-6;
-
-/// A recording with deliberately wrong poses.
-pub struct Perturbed {
-    pub dataset: Arc<Dataset>,
-    /// Recorded and perturbed pose of each changed frame.
-    changed: Vec<[Pose; 2]>,
-}
-
-impl Perturbed {
-    /// Moves every tenth frame, in the plan's order, by 2 cm and rotates it by one degree, both in
-    /// random directions.
-    pub fn new(dataset: &Dataset, plan: &Plan, seed: u64) -> Self {
-        let (mut dataset, mut changed) = (dataset.clone(), Vec::new());
-        let shift = SHIFT * dataset.units_per_metre();
-        let mut rng = Rng::new(seed, Purpose::Synthetic, plan.frames.len() as u64);
-        let mut direction = || loop {
-            let within = DVec3::from_array([0; 3].map(|_| rng.range(-1.0, 1.0)));
-            if let Some(unit) = within.try_normalize().filter(|_| within.length() <= 1.0) {
-                return unit;
-            }
-        };
-        let frames = &mut dataset.splits[plan.split].frames;
-        for &frame in plan.frames.iter().skip(WHICH).step_by(ONE_OF) {
-            let [to, axis] = [direction(), direction()];
-            let pose = &mut frames[frame].camera.pose;
-            let wrong = pose.attached_camera(shift * to, DQuat::from_axis_angle(axis, TURN));
-            changed.push([std::mem::replace(pose, wrong), wrong]);
-        }
-        Self { dataset: Arc::new(dataset), changed }
-    }
-
-    /// Shares of shift and rotation that remain: mean distance of the perturbed frames' corrected
-    /// poses from those of a run without perturbation. `None` if no such frame was trained on in
-    /// both runs.
-    pub fn left(&self, without: &[FramePose], with: &[FramePose]) -> Option<[f64; 2]> {
-        let shift = SHIFT * self.dataset.units_per_metre();
-        let real = |log: &[FramePose], recorded: &Pose| {
-            let is_it = |frame: &&FramePose| {
-                recorded.centre().distance(DVec3::from_array(frame.recorded.centre)) < SAME * shift
-            };
-            log.iter().find(is_it).and_then(FramePose::poses).map(|[_, real]| real)
-        };
-        let apart = |[recorded, wrong]: &[Pose; 2]| {
-            let (shifted, turned) = real(without, recorded)?.offset_to(&real(with, wrong)?);
-            Some([shifted.length() / shift, turned.to_scaled_axis().length() / TURN])
-        };
-        let apart: Vec<[f64; 2]> = self.changed.iter().filter_map(apart).collect();
-        let mean = |i: usize| apart.iter().map(|left| left[i]).sum::<f64>() / apart.len() as f64;
-        (!apart.is_empty()).then(|| [mean(0), mean(1)])
     }
 }

@@ -74,6 +74,7 @@ const CHANGES: [PresetChange; 7] = [
     }),
     ("photographs in full", |run| run.engine.photometric = PhotometricMode::Full.rule()),
     ("photographs without coverage", |run| {
+        // Without photographs there is no rule to change.
         run.engine.photometric.iter_mut().for_each(|rule| rule.coverage = 0.0);
     }),
 ];
@@ -104,8 +105,9 @@ fn constant_opacity(run: &mut SceneRun) {
     native.scale = 1.7;
 }
 
-/// Opacity `τ·(1 − exp(−N/300))`. With such a large doubt, the visibility counts have no effect.
+/// Opacity `τ·(1 − exp(−N/300))`, independent of visibility counts.
 fn opacity_of_count(run: &mut SceneRun) {
+    // So large that the visibility counts have no effect.
     const DOUBT: f64 = 1e12;
     let opacity = &mut run.engine.splat_rule.opacity;
     *opacity = DensityOpacity { doubt: DOUBT, rho0: 300.0 / DOUBT, ..*opacity };
@@ -160,6 +162,7 @@ const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
 pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     let of_share = |share: f64| {
         let mut run = base.clone();
+        // A budget of zero is not a valid setting.
         run.engine.max_components = ((born as f64 * share) as usize).max(1);
         let name = format!("budget {}", run.engine.max_components);
         SceneVariant { table: Table::Budget, name, run }
@@ -167,7 +170,8 @@ pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     BUDGETS.map(of_share).to_vec()
 }
 
-/// Rows with the structural scale of `base` times each factor, with and without photographs. Scales below the depth noise are left out.
+/// Rows with the structural scale of `base` times each factor, with and without photographs. Scales
+/// below the depth noise are left out.
 pub fn scales(
     dataset: &Dataset,
     plan: &Plan,

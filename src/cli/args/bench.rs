@@ -6,7 +6,6 @@ use clap::{Args, Subcommand};
 use std::path::PathBuf;
 use vbgs_studio::bench::findings::BenchOptions;
 use vbgs_studio::bench::render::BenchDevice;
-use vbgs_studio::dataset::splits::HoldOut;
 
 #[derive(Args)]
 pub struct BenchArgs {
@@ -24,8 +23,6 @@ pub enum BenchName {
     Paper(FolderBenchArgs),
     /// Speed against error, varying one setting at a time
     Pareto(DatasetBenchArgs),
-    /// All recordings of a folder with default settings: quality, pose correction and alignment, sharpness
-    Real(RealBenchArgs),
     /// Retention: quality of each training view right after its frame and at the end
     Retention(DatasetBenchArgs),
     /// Cost by points, components and threads, on the synthetic room
@@ -57,26 +54,14 @@ pub struct RenderBenchArgs {
 
 #[derive(Args)]
 pub struct FolderBenchArgs {
-    /// Folder of scenes; those without depth are skipped. `paper` uses at most 200 training frames per scene
-    /// by default. `real` holds out every 8th frame of recordings without an evaluation split; its --repeats
-    /// varies the order of frames [default: 3]
+    /// Folder of scenes; those without depth are skipped
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
-    /// Maximum number of training frames per scene
+    /// Maximum number of training frames per scene [default: 200]
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
     #[command(flatten)]
     pub common: CommonArgs,
-}
-
-#[derive(Args)]
-pub struct RealBenchArgs {
-    #[command(flatten)]
-    pub on: FolderBenchArgs,
-    /// Frames to hold out: every 8th if there is no evaluation split, or a sector of the camera path, which
-    /// adds a row for side views
-    #[arg(long, value_name = "RULE", value_parser = choice::<HoldOut>(), default_value = "every-8th")]
-    pub hold_out: HoldOut,
 }
 
 // Equals the maximum number of components of a model.

@@ -47,13 +47,14 @@ impl ReadArgs {
     pub fn recorded_load_options(&self) -> Result<LoadOptions, Failure> {
         match self.poses {
             PosesName::Recorded => Ok(self.load_options()),
-            PosesName::Track => Err(Failure::Usage(
-                "--poses: expected `recorded`, since this command compares frames by their recorded poses, found `track`".to_owned(),
+            PosesName::Track => Err(usage!(
+                "--poses: expected `recorded`, since this command compares frames by their recorded poses, found `track`"
             )),
         }
     }
 
     pub fn load_options(&self) -> LoadOptions {
+        // The conversions never fail: clap checks the number of values.
         let depth_range = self.depth_range.as_deref().and_then(|r| <[f64; 2]>::try_from(r).ok());
         let intrinsics = self.intrinsics.as_deref().and_then(|k| <[f64; 4]>::try_from(k).ok());
         LoadOptions {

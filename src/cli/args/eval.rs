@@ -78,6 +78,7 @@ impl Protocol {
     /// None occur with a pinhole camera.
     pub fn methods(self, renderer: RendererName) -> Result<Vec<RenderMethod>, Failure> {
         let is_published = self == Self::Paper && renderer != RendererName::Projected;
+        // As in the published renderer.
         let (antialias, response) = (Antialias::None, Response::Line);
         let args = RendererArgs {
             renderer,

@@ -57,6 +57,7 @@ pub struct Arguments {
 
 impl Arguments {
     pub fn from_command_line() -> Self {
+        // clap's own exit would ignore a help text that cannot be written.
         let found = Self::complete_command().try_get_matches();
         let found = found.and_then(|found| Self::from_arg_matches(&found));
         let arguments = found.unwrap_or_else(|error| end(&error));
@@ -74,6 +75,7 @@ impl Arguments {
         let reading = ReadArgs::augment_args(clap::Command::new("reading"));
         let train = |train: clap::Command| {
             train
+                // Hidden options remain valid; the last line of the help names them.
                 .mut_arg("confidence", hidden)
                 .mut_arg("geometry_only", hidden)
                 .after_help("For some phones: --confidence and --geometry-only, as in `info`.")
@@ -199,6 +201,7 @@ where
     let values = T::VARIANTS.iter().map(|name| {
         let value = name.parse::<T>().ok();
         let doc = value.and_then(|value| value.get_documentation()).unwrap_or_default();
+        // Help texts do not end with a full stop, documentation does.
         PossibleValue::new(name).help(doc.trim_end_matches('.'))
     });
     PossibleValuesParser::new(values).try_map(|name| name.parse::<T>())
@@ -244,6 +247,7 @@ pub fn parse_seconds(text: &str) -> Result<Duration, String> {
 }
 
 pub fn parse_box(text: &str) -> Result<[DVec3; 2], String> {
+    // A malformed number leaves fewer than six.
     let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
     match numbers[..] {
         [a, b, c, d, e, f] if numbers.iter().all(|n| n.is_finite()) => {

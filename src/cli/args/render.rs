@@ -116,16 +116,18 @@ impl RendererArgs {
     pub fn methods(&self, lens: Lens) -> Result<Vec<RenderMethod>, Failure> {
         let Self { renderer, antialias, response } = *self;
         let of_exact = [("--antialias", antialias.is_some()), ("--response", response.is_some())];
+        // Refused rather than ignored: the picture would not be the requested one.
         if let Some((option, _)) = of_exact.iter().find(|(_, is_said)| *is_said)
             && renderer == RendererName::Projected
         {
-            return Err(Failure::Usage(format!(
+            return Err(usage!(
                 "{option}: applies only to the exact renderer, found the projected one; add --renderer exact or both"
-            )));
+            ));
         }
+        // Projection is linearised on an image plane, which a fisheye does not have.
         if lens == Lens::Fisheye && renderer != RendererName::Exact {
-            return Err(Failure::Usage(
-                "--lens: the projected renderer has no fisheye; add --renderer exact".to_owned(),
+            return Err(usage!(
+                "--lens: the projected renderer has no fisheye; add --renderer exact"
             ));
         }
         let exact = RenderMethod::Exact(ExactOptions {

@@ -86,10 +86,12 @@ impl SettingsArgs {
         let (name, text) = assignment
             .split_once('=')
             .ok_or_else(|| format!("--set {assignment}: expected NAME=VALUE, such as seed=3"))?;
+        // Options contain hyphens, files underscores; both spellings name the same setting.
         let name = name.trim().replace('-', "_");
         if let Some((_, _, set)) = RUN_SETTINGS.iter().find(|(run, ..)| *run == name) {
             return set(&mut self.run, text).map_err(|wrong| format!("--set {name}: {wrong}"));
         }
+        // Both presets may have a setting of this name, with different values.
         let mut wrong = None;
         for about in all_settings().filter(|about| about.field == name) {
             match (about.check_text)(OsStr::new(text)) {
@@ -126,6 +128,7 @@ fn options() -> impl Iterator<Item = (&'static About, &'static str, &'static str
 fn option((about, id, placeholder): (&'static About, &'static str, &'static str)) -> Arg {
     let help = format!("{} [default: {}]", about.help(), about.default);
     let arg = Arg::new(id).long(id).value_name(placeholder).help(help).action(ArgAction::Set);
+    // Listed values appear in the help and in errors.
     let choices = (about.choices)();
     if !choices.is_empty() {
         let values = choices.iter().map(|choice| match choice.help {
@@ -134,6 +137,7 @@ fn option((about, id, placeholder): (&'static About, &'static str, &'static str)
         });
         return arg.value_parser(PossibleValuesParser::new(values).map(OsString::from));
     }
+    // Otherwise clap reports `-5` as an unknown option.
     let arg = arg.allow_negative_numbers(true);
     // Files are read later: a damaged one is not wrong usage and has another exit status.
     if about.is_in_file {
@@ -168,8 +172,10 @@ impl FromArgMatches for SettingsArgs {
             Some((about.field, text.clone()))
         });
         let mut args = Self { given: given.collect(), run: RunSettings::default() };
+        // Behind the options, over which `--set` takes precedence.
         for assignment in matches.get_many::<OsString>("set").into_iter().flatten() {
             args.set(&assignment.to_string_lossy())
+                // A raw error lacks the final newline of clap's other errors.
                 .map_err(|message| clap::Error::raw(ErrorKind::ValueValidation, message + "\n"))?;
         }
         Ok(args)
@@ -215,14 +221,14 @@ pub fn resume_request(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest,
 pub fn method_request(args: &TrainArgs) -> Result<MethodRequest, Failure> {
     let preset = args.preset.unwrap_or(Preset::Scene);
     let given = resume_request(args, preset)?.model;
+    // A setting of the other preset would have no effect.
     let Some((setting, _)) = given.foreign_to(preset) else { return Ok(given.request(preset)?) };
     let other = if preset == Preset::Scene { Preset::Paper } else { Preset::Scene };
-    Err(Failure::Usage(format!(
-        "{setting}: expected `--preset {other}` with it, found the preset {preset}"
-    )))
+    Err(usage!("{setting}: expected `--preset {other}` with it, found the preset {preset}"))
 }
 
 pub fn calibration_file(args: &TrainArgs) -> Option<&Path> {
+    // The error then names the file that contains the calibration.
     let given = args.settings.given("calibration").map(Path::new);
     given.or(args.resume.as_deref()).or(args.config.as_deref())
 }
@@ -234,6 +240,7 @@ fn layer<L: SettingLayer + DeserializeOwned>(
 ) -> Result<L, Failure> {
     let said: L = args.settings.layer()?;
     match &args.config {
+        // The file would not parse as settings of the other preset.
         Some(path) if meant == L::PRESET => Ok(said.or(read_config(path)?)),
         Some(_) | None => Ok(said),
     }
@@ -241,6 +248,7 @@ fn layer<L: SettingLayer + DeserializeOwned>(
 
 /// Reads settings from a file, or the defaults of a preset if there is no such file.
 fn read_config<L: SettingLayer + DeserializeOwned>(path: &Path) -> Result<L, Failure> {
+    // An existing file takes precedence over a preset of the same name.
     let by_name = path.to_str().filter(|_| !path.exists()).and_then(|name| name.parse().ok());
     let text = match by_name {
         Some(preset) => preset_file(preset).to_owned(),
@@ -252,6 +260,7 @@ fn read_config<L: SettingLayer + DeserializeOwned>(path: &Path) -> Result<L, Fai
         })?,
     };
     let options =
+        // Files contain `seed: 7` instead of `seed: Some(7)`.
         ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
     Ok(options.from_str(&text).map_err(|found| {
         anyhow!(

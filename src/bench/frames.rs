@@ -1,0 +1,66 @@
+//! Choice of frames and views, and iteration over the frames of a plan.
+
+use super::findings::BenchError;
+use crate::dataset::Dataset;
+use crate::pipeline::plan::Plan;
+use crate::pipeline::prefetch::{Prefetch, Prepare, PreparedFrame};
+use std::sync::Arc;
+
+/// Split and frame indices of views.
+pub type ViewIndices = (usize, Vec<usize>);
+
+/// Returns up to `n` evenly spaced items.
+pub fn spaced<T: Copy>(items: &[T], n: usize) -> Vec<T> {
+    let n = n.min(items.len());
+    // Multiplied first: an integer division first would drop the items at the end.
+    (0..n).map(|i| items[i * items.len() / n]).collect()
+}
+
+/// Returns up to `n` evenly spaced held-out views of a training split.
+pub fn held_out_views(dataset: &Dataset, training_split: usize, n: usize) -> ViewIndices {
+    let held_out = dataset.evaluation(training_split).new_views;
+    (held_out.split, spaced(&held_out.frames, n))
+}
+
+/// Prepares the frames of a plan in order and passes each with its position and name to `work`. Skips
+/// unusable frames.
+///
+/// # Errors
+/// No frame is usable, or `work` fails.
+pub fn each_frame<P: Prepare>(
+    dataset: &Arc<Dataset>,
+    plan: &Plan,
+    preparation: P,
+    mut work: impl FnMut(usize, String, &mut PreparedFrame<P::Observation>) -> Result<(), BenchError>,
+) -> Result<(), BenchError> {
+    let mut prefetch = Prefetch::start(dataset.clone(), plan, 0, preparation)?;
+    let (mut n_usable, mut first_problem) = (0, None);
+    while let Some(frame) = prefetch.next_frame() {
+        match frame.result {
+            Ok(mut prepared) => {
+                n_usable += 1;
+                work(frame.position, frame.name, &mut prepared)?;
+                // A later frame reuses the memory, as in training.
+                prefetch.recycle(prepared.observation);
+            }
+            // One damaged file must not end a bench of hours.
+            Err(problem) => drop(first_problem.get_or_insert(problem)),
+        }
+    }
+    if n_usable > 0 {
+        return Ok(());
+    }
+    let first = first_problem.unwrap_or_else(|| "no frame is selected".to_owned());
+    Err(BenchError::NoFrame { dataset: dataset.name.clone(), first })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn items_are_evenly_spaced_and_none_is_repeated() {
+        assert_eq!(spaced(&[0, 1, 2, 3, 4, 5], 3), [0, 2, 4]);
+        assert_eq!(spaced(&[1, 2, 3], 9), [1, 2, 3]);
+    }
+}
