@@ -19,7 +19,7 @@ pub fn ui(
 ) -> Option<UiCommand> {
     let mut asked = None;
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
-        let (editor, palette) = view.editor_and_palette();
+        let (editor, palette) = (&mut view.editor, &view.palette);
         editor.needs_attributes = true;
         let counts = editor.counts(palette);
         commands(editor, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo], &mut asked, ui);
@@ -158,7 +158,7 @@ fn hidden_and_deleted(
 /// Draws the controls; `n_unborn` is the number of splats with unknown birth frame.
 fn walk_back(view: &mut SceneView, n_unborn: usize, snapshot: &Snapshot, ui: &mut Ui) {
     let last = snapshot.n_seen();
-    let (editor, palette) = view.editor_and_palette();
+    let (editor, palette) = (&mut view.editor, &view.palette);
     let knows_births = palette.attributes().iter().any(|known| known.birth.is_some());
     let is_kept = !editor.stored_scenes.moments().is_empty();
     if last == 0 || !knows_births && !is_kept {
@@ -222,8 +222,8 @@ fn describe_display(editor: &Editor) -> String {
 }
 
 fn budget(view: &mut SceneView, ui: &mut Ui) {
-    let mut budget = view.settings.past_mb;
-    let past = &view.editor().stored_scenes;
+    let mut budget = view.settings.panels.past_mb;
+    let past = &view.editor.stored_scenes;
     let (n, taken) = (past.moments().len(), past.bytes() as f64 / 1e6);
     ui.horizontal_wrapped(|ui| {
         ui.label(format!("{n} copies stored, {taken:.1} MB of at most"));
@@ -231,9 +231,9 @@ fn budget(view: &mut SceneView, ui: &mut Ui) {
         let value = named(ui.add(value), "Memory for earlier frames");
         value.on_hover_text("Beyond this limit, every other copy is dropped");
     });
-    if budget != view.settings.past_mb {
-        view.settings.past_mb = budget;
-        let bytes = view.settings.past_bytes();
-        view.editor_and_palette().0.stored_scenes.set_budget(bytes);
+    if budget != view.settings.panels.past_mb {
+        view.settings.panels.past_mb = budget;
+        let bytes = view.settings.panels.past_bytes();
+        view.editor.stored_scenes.set_budget(bytes);
     }
 }
