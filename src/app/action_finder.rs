@@ -39,7 +39,7 @@ impl Action {
         }
     }
 
-    /// Label within the menu of its kind, where the prefix of `name` is redundant.
+    /// Label within the menu of its kind; it lacks the prefix of [`Self::name`].
     pub fn menu_label(self) -> &'static str {
         match self {
             Self::Command(command @ (UiCommand::PreviousCamera | UiCommand::NextCamera)) => {
@@ -114,6 +114,7 @@ impl ActionFinder {
     fn search(&mut self, ui: &mut Ui) {
         let field = TextEdit::singleline(&mut self.query).hint_text("Find an action");
         let field = named(ui.add(field.desired_width(f32::INFINITY)), "Find an action");
+        // In every pass: the finder exists only to type and choose.
         field.request_focus();
         if field.changed() {
             self.chosen_index = 0;
@@ -132,6 +133,7 @@ impl ActionFinder {
                 let button = Button::selectable(is_chosen, action.name()).shortcut_text(keys);
                 let row = ui.add_enabled(is_possible, button.min_size(Vec2::new(LIST.x, 0.0)));
                 let row = row.on_hover_text(action.tooltip());
+                // Only then, or the wheel could not scroll away from the chosen row.
                 if is_chosen && has_moved {
                     row.scroll_to_me(Some(Align::Center));
                 }
@@ -144,9 +146,9 @@ impl ActionFinder {
     }
 }
 
-/// Consumes the arrow and Enter keys: steps of the choice, and true if Enter confirms it. Runs before the
-/// text field, which would consume these keys.
+/// Consumes the arrow and Enter keys. Returns the steps of the choice, and true if Enter confirms it.
 fn consume_keys(ui: &Ui) -> (isize, bool) {
+    // Before the text field, which would consume these keys itself.
     ui.input_mut(|i| {
         let down = i.consume_key(Modifiers::NONE, Key::ArrowDown);
         let up = i.consume_key(Modifiers::NONE, Key::ArrowUp);
@@ -155,7 +157,7 @@ fn consume_keys(ui: &Ui) -> (isize, bool) {
     })
 }
 
-/// Matching actions and their availability: available ones first, then by descending score.
+/// Returns the matching actions and whether each is available: available ones first, then by descending score.
 fn matching_actions(typed: &str, is_possible: impl Fn(Action) -> bool) -> Vec<(Action, bool)> {
     let mut found: Vec<_> = Action::all()
         .filter_map(|action| Some((score(&action.name(), typed)?, action, is_possible(action))))

@@ -11,27 +11,28 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewCamera {
-    orbit: Orbit,
+    pub orbit: Orbit,
     /// Vertical field of view of the scene's own camera, radians.
-    own_fov_y: f64,
+    pub own_fov_y: f64,
     lens: Lens,
     /// Vertical field of view, radians. A wider window shows more at the sides.
     fov_y: f64,
     /// Scene radius, world units; bounds the dolly distance.
-    radius: f64,
+    pub radius: f64,
     middle: DVec3,
 }
 
+/// Range of the initial vertical field of view, radians.
 const OWN_FOV_Y: [f64; 2] = [0.5, 1.3];
 /// Largest horizontal or vertical field of view of a pinhole camera, radians (`rendering.md`, Wide views and
 /// fisheye).
 const MAX_PINHOLE_FOV: f64 = 150.0 / 180.0 * PI;
-/// Largest field of view used to compute the framing distance, radians.
+/// Largest and smallest field of view used to compute the framing distance, radians.
+// Without the smallest one, a very narrow window would move the camera far away.
 const MAX_FRAMING_FOV: f64 = 2.0;
-/// Smallest one; without it a very narrow window would move the camera far away.
 const MIN_FRAMING_FOV: f64 = 0.1;
-/// Elevation and azimuth offset of the overview, radians. Seen along the path of the cameras, their
-/// frusta would hide each other.
+/// Elevation and azimuth offset of the overview, radians.
+// Seen along the path of the cameras, their frusta would hide each other.
 const OVERVIEW_ELEVATION: f64 = 0.5;
 const OVERVIEW_TURN: f64 = 0.5;
 /// Scroll distance that halves the distance to the target, points.
@@ -40,7 +41,8 @@ const WHEEL_PER_HALVING: f64 = 240.0;
 const DISTANCE: [f64; 2] = [1e-3, 50.0];
 /// Range of the target's distance from a visited dataset camera, in scene radii.
 const VISIT_DISTANCE: [f64; 2] = [0.2, 2.0];
-/// Largest elevation reached by dragging, radians; avoids the poles.
+/// Largest elevation reached by dragging, radians.
+// At the poles the horizon is undefined.
 const MAX_ELEVATION: f64 = FRAC_PI_2 - 0.01;
 
 impl ViewCamera {
@@ -77,6 +79,7 @@ impl ViewCamera {
 
     /// Orbits about the target. A drag over the viewport's height is half a turn.
     pub fn orbit_by(&mut self, delta_px: [f64; 2], height_px: f64) {
+        // At least 1: a viewport squeezed out by panels has no height.
         let per_pixel = PI / height_px.max(1.0);
         self.orbit.azimuth -= delta_px[0] * per_pixel;
         let elevation = self.orbit.elevation + delta_px[1] * per_pixel;
@@ -109,14 +112,15 @@ impl ViewCamera {
     pub fn set_target(&mut self, point: DVec3) {
         let eye = self.orbit.pose().centre();
         if let Some(pose) = Pose::look_at(eye, point, self.orbit.up) {
+            // An orbit needs a positive distance.
             self.orbit = Orbit::from_pose(&pose, self.orbit.up, eye.distance(point).max(1e-9));
         }
     }
 
     pub fn set_view_direction(&mut self, direction: DVec3) {
         let eye = self.orbit.target - direction * self.orbit.distance;
-        // Straight down, the horizon is undefined. A small offset from the pole keeps the current heading, or
-        // the picture's up direction, pointing up.
+        // Straight down, the horizon is undefined. A small offset from the pole keeps the heading, or the
+        // picture's up direction if the camera already looks down.
         let rotation = self.orbit.pose().rotation();
         let level = [rotation.z_axis, -rotation.y_axis].map(|axis| axis.reject_from(direction));
         let ahead = if level[0].length() > 0.1 { level[0] } else { level[1] }.normalize_or_zero();
@@ -126,14 +130,6 @@ impl ViewCamera {
             let distance = eye.distance(self.orbit.target);
             self.orbit = Orbit::from_pose(&pose, self.orbit.up, distance);
         }
-    }
-
-    pub fn orbit(&self) -> Orbit {
-        self.orbit
-    }
-
-    pub fn up(&self) -> DVec3 {
-        self.orbit.up
     }
 
     /// Sets the up direction and levels the camera without moving it.
@@ -194,20 +190,8 @@ impl ViewCamera {
         }
     }
 
-    pub fn own_fov_y(&self) -> f64 {
-        self.own_fov_y
-    }
-
     pub fn distance_to_middle(&self, camera: &Camera) -> f64 {
         camera.pose.centre().distance(self.middle)
-    }
-
-    pub fn target(&self) -> DVec3 {
-        self.orbit.target
-    }
-
-    pub fn radius(&self) -> f64 {
-        self.radius
     }
 }
 
@@ -238,7 +222,7 @@ mod tests {
         for fov_y in [None, Some(2.5), Some(10.0)] {
             let mut view = start();
             view.set_lens(Lens::Pinhole, fov_y);
-            let target = view.target();
+            let target = view.orbit.target;
             view.pan([40.0, -25.0], [600.0, 400.0]);
             let (pixel, _) = view.camera([600, 400]).project(target);
             assert!((pixel.x - 340.0).abs() < 1e-6 && (pixel.y - 175.0).abs() < 1e-6, "{pixel}");
@@ -317,7 +301,7 @@ mod tests {
             let pose = view.camera([400, 400]).pose;
             // Straight down, the camera stops just before the pole.
             assert!(pose.forward().dot(axis) > 0.999, "{axis}: {}", pose.forward());
-            assert!((view.target() - DVec3::ZERO).length() < 1e-9);
+            assert!((view.orbit.target - DVec3::ZERO).length() < 1e-9);
         }
         view.set_up(DVec3::Y);
         view.set_view_direction(DVec3::X);
@@ -331,12 +315,12 @@ mod tests {
         view.orbit_by([120.0, 500.0], 400.0);
         view.dolly(240.0);
         let camera = view.camera([400, 400]);
-        let (pixel, z) = camera.project(view.target());
+        let (pixel, z) = camera.project(view.orbit.target);
         assert!((pixel.x - 200.0).abs() < 1e-6 && (pixel.y - 200.0).abs() < 1e-6);
         assert!((z - 0.5 * 17f64.sqrt()).abs() < 1e-9);
         for _ in 0..100 {
             view.dolly(1000.0);
         }
-        assert!(view.camera([400, 400]).project(view.target()).1 > 0.0);
+        assert!(view.camera([400, 400]).project(view.orbit.target).1 > 0.0);
     }
 }

@@ -29,12 +29,12 @@ labelled! { ColorMode:
 }
 
 impl ColorMode {
-    /// Paint mode of the renderer, with depths (world units) mapped from `range`. Attributes known only to
-    /// the trainer are baked into the splats' stored colours.
+    /// Paint mode of the renderer; depth colours cover `range`, world units.
     pub fn paint(self, range: [f32; 2]) -> Paint {
         match self {
             ColorMode::Depth => Paint::Depth(range),
             ColorMode::Normal => Paint::Normal,
+            // The palette has replaced the stored colours by those of the attribute.
             ColorMode::Color
             | ColorMode::Evidence
             | ColorMode::Uncertainty
@@ -53,7 +53,7 @@ impl ColorMode {
         }
     }
 
-    /// Reason why the open scene cannot be shown in this mode, if any; `available` lists the attribute modes
+    /// Reason why the open scene cannot be shown in this mode, if any. `available` lists the attribute modes
     /// that the scene supports.
     pub fn unavailable_reason(self, available: &[ColorMode]) -> Option<&'static str> {
         match self {

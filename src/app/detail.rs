@@ -11,7 +11,8 @@ use crate::train::scene::config::SceneConfig;
 use crate::train::scene::units::StructuralScale;
 
 /// Share of the time per frame that is proportional to the number of components; the rest is proportional
-/// to the points. Measured on Lego: twice the components took 7.6 instead of 6.8 ms a frame.
+/// to the points.
+// Measured on Lego: twice the components took 7.6 instead of 6.8 ms a frame.
 const COMPONENT_SHARE: f64 = 0.2;
 pub const COARSEST_PX: f64 = 20.0;
 /// Finest structural scale of the slider, pixels; noise may limit it further.
@@ -45,10 +46,10 @@ pub fn effective_scale(
     EffectiveScale { length: asked.max(least), is_noise_limited: asked < least }
 }
 
-/// Settings of the open run if another run can follow it: a dataset trained by the scene preset. `None` for
-/// a checkpoint, whose own settings would return on a restart.
+/// Settings of the open run if it can be trained again with others: a dataset under the scene preset.
 pub fn retrainable_run(opened: &Opened) -> Option<&SceneRun> {
     let dataset = opened.dataset.as_ref()?;
+    // Not an opened checkpoint, whose own settings would return on a restart.
     opened.scene().filter(|_| dataset.path == opened.path)
 }
 
@@ -77,20 +78,18 @@ pub fn finer(snapshot: &Snapshot) -> Option<StructuralScale> {
     /// The number of components is inversely proportional to the squared scale.
     const FINER: f64 = std::f64::consts::FRAC_1_SQRT_2;
     let run = retrainable_run(snapshot.opened.as_deref()?)?;
+    let in_pixels = match run.scale {
+        StructuralScale::Pixels(n) => Some(StructuralScale::Pixels(FINER * n)),
+        StructuralScale::World(_) => None,
+    };
     let in_world = StructuralScale::World(FINER * run.engine.h);
-    let is_shown =
-        |scale, sample: &FrameSample| !effective_scale(&run.engine, scale, sample).is_noise_limited;
-    match (run.scale, &snapshot.sampling.sample) {
-        (StructuralScale::Pixels(n), None) => Some(StructuralScale::Pixels(FINER * n)),
-        (StructuralScale::Pixels(n), Some(sample))
-            if is_shown(StructuralScale::Pixels(FINER * n), sample) =>
-        {
-            Some(StructuralScale::Pixels(FINER * n))
-        }
-        // If pixels are narrower than the noise, a scale in world units may still be half the noise.
-        (_, Some(sample)) => Some(in_world).filter(|&scale| is_shown(scale, sample)),
-        (StructuralScale::World(_), None) => Some(in_world),
-    }
+    // Without a sampled frame the noise is unknown and limits nothing.
+    let is_shown = |scale: &StructuralScale| {
+        let sample = snapshot.sampling.sample.as_ref();
+        sample.is_none_or(|s| !effective_scale(&run.engine, *scale, s).is_noise_limited)
+    };
+    // If pixels are narrower than the noise, a scale in world units may still be half the noise.
+    in_pixels.into_iter().chain([in_world]).find(is_shown)
 }
 
 #[cfg(test)]

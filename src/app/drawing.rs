@@ -53,7 +53,7 @@ impl DrawSample {
         self.ms[stage as usize]
     }
 
-    /// Adds to the time of a stage; two pictures side by side are summed.
+    /// Adds to the time of a stage: the times of two compared pictures are summed.
     pub fn add(&mut self, stage: DrawStage, ms: Option<f64>) {
         if let Some(ms) = ms {
             *self.ms[stage as usize].get_or_insert(0.0) += ms;
@@ -95,7 +95,7 @@ pub enum Painting {
     Gpu,
 }
 
-/// Slot of the window to wake, which is emptied when this is dropped.
+/// Wakes the open window from other threads; has no effect once it is dropped or the window is closed.
 pub struct WindowWaker {
     place: Arc<Mutex<Option<Context>>>,
     waker: Waker,
@@ -132,12 +132,12 @@ impl WindowWaker {
     fn put(&self, context: Option<Context>) {
         let mut place = self.place.lock().unwrap_or_else(PoisonError::into_inner);
         let before = std::mem::replace(&mut *place, context);
-        // Dropped without the lock, because much may be dropped with the context.
+        // Dropped after the lock is released, because the context may own much that is dropped with it.
         drop(place);
         drop(before);
     }
 
-    /// Waker for threads: wakes the window that is open at that time.
+    /// Callback that repaints the window open at the time of the call.
     pub fn waker(&self) -> &Waker {
         &self.waker
     }
@@ -167,11 +167,6 @@ mod tests {
         assert_eq!(history.samples().len(), MAX_SAMPLES);
         assert_eq!(history.samples().next().map(|s| s.uploaded_bytes), Some(7));
     }
-}
-
-#[cfg(test)]
-mod window_waker_tests {
-    use super::*;
 
     #[test]
     fn a_waker_outlives_its_window_and_holds_nothing_of_it() {

@@ -32,7 +32,7 @@ pub struct TrainedFrame {
 
 impl From<&FrameReport> for TrainedFrame {
     fn from(report: &FrameReport) -> Self {
-        // If the frame's points contradict the scene, the difference is not that of its photograph.
+        // If the frame's points contradict the scene, its difference does not measure the photograph.
         let is_of_photograph = |photo: &PhotographOutcome| {
             matches!(photo.contradiction, None | Some(OutlierReason::Picture))
         };
@@ -51,6 +51,7 @@ pub struct FrameOutcomes {
     serial: u64,
     plan: Option<Arc<Plan>>,
     /// First position in the training order, by index of the frame in the trained split.
+    // Later passes over the data use the same frames again.
     positions: HashMap<usize, usize>,
     outcomes: HashMap<usize, TrainedFrame>,
     recent: Arc<Vec<FrameReport>>,
@@ -85,8 +86,8 @@ impl FrameOutcomes {
         }
     }
 
-    /// A followed recording gains frames and gets a new plan.
     fn update_plan(&mut self, opened: &Opened) {
+        // A followed recording gains frames and gets a new plan.
         let is_known = match (&self.plan, &opened.plan) {
             (Some(known), Some(plan)) => Arc::ptr_eq(known, plan),
             (known, plan) => known.is_none() && plan.is_none(),
@@ -123,7 +124,7 @@ impl FrameOutcomes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::panels::latency::timings_tests::frame;
+    use crate::app::panels::latency::tests::frame;
     use crate::pipeline::plan::{Order, Selection};
     use crate::pipeline::session::Session;
     use crate::pipeline::settings::scene::SceneOverrides;

@@ -1,8 +1,8 @@
 //! Layout of the window's panels, stored between sessions.
 //!
 //! Panels and viewport are tiles of one tree, so panels can be docked on any side. The viewport tile cannot
-//! be dragged or become one of several tabs, so it is always visible. In containers with the viewport,
-//! shares are sizes in points: if the window is resized, panels keep their size and the viewport takes the
+//! be dragged or become one of several tabs, so it is always visible. In containers that hold the viewport,
+//! shares are sizes in points: when the window is resized, panels keep their size and the viewport fills the
 //! rest.
 
 use super::command::labelled;
@@ -20,7 +20,8 @@ const NEW_SHARE: f32 = 0.24;
 /// Largest share of the room for panels on one side of the viewport, and on both sides together.
 const MAX_SHARE: f32 = 0.42;
 const MAX_SHARE_OF_BOTH: f32 = 0.6;
-/// Smaller shares are not sizes in points: they come from a newly created container.
+/// Smaller shares are not sizes in points.
+// egui_tiles gives the children of a new container shares of 1.
 const MIN_POINTS: f32 = 60.0;
 /// Least width of the panels, points, which takes precedence over the largest share.
 const MIN_WIDTH: f32 = 240.0;
@@ -85,7 +86,7 @@ impl WindowLayout {
         self.tree.make_active(|_, tile| is_it(tile));
     }
 
-    /// Resizes the tiles to `size` (points): panels keep their size, the viewport takes the rest.
+    /// Resizes the tiles to `size` (points): panels keep their size, the viewport fills the rest.
     pub fn resize(&mut self, size: Vec2, gap: f32) {
         let Some(mut child) = self.tree.tiles.find_pane(&DockPane::Picture) else { return };
         let mut path = Vec::new();
@@ -109,8 +110,8 @@ impl WindowLayout {
     }
 }
 
-/// Sets the shares of a container in points: `others` keep theirs as far as there is room, `child` gets the
-/// rest, which is returned.
+/// Sets the shares of a container in points: `others` keep theirs as far as there is room, and `child` fills
+/// the rest. Returns the share of `child`.
 fn fit_shares(
     shares: &mut egui_tiles::Shares,
     child: TileId,
@@ -126,6 +127,7 @@ fn fit_shares(
         sum += shares[other];
     }
     let share = if others.len() > 1 { MAX_SHARE_OF_BOTH } else { MAX_SHARE };
+    // In a very narrow window the least width gives way too, so that some viewport remains.
     let most = (share * length).max(MIN_WIDTH.min(0.6 * length)).max(0.0);
     if sum > most {
         others.iter().for_each(|&other| shares[other] *= most / sum);

@@ -12,12 +12,13 @@ pub struct Palette {
     learned: Arc<SplatSet>,
     /// Attribute that colours the splats; `None` for learned colours.
     attribute: Option<Attribute>,
-    /// One for each splat; stored only while they colour the splats or are requested.
+    /// Attributes of each splat; empty unless they colour the splats or are requested.
     attributes: Vec<ComponentAttributes>,
     is_asked: bool,
-    /// This and the following field are set only while `attribute` is.
+    /// Values at the ends of the colour ramp, while `attribute` is set.
     range: Option<Range>,
-    /// Plain splats: a colour that encodes a value varies neither over a splat nor with the view.
+    /// Splats coloured by `attribute`; empty without one.
+    // Without gradients: a colour that encodes a value varies neither over a splat nor with the view.
     shown: Arc<SplatSet>,
 }
 
@@ -31,7 +32,7 @@ impl Palette {
         }
         self.attributes.resize(self.learned.len(), ComponentAttributes::default());
         match &changed {
-            // Sent before the worker received the request for attributes.
+            // The worker sent this update before it received the request for attributes.
             None if attributes.is_empty() => self.attributes.fill(ComponentAttributes::default()),
             None => self.attributes = attributes,
             Some(ids) => {
@@ -53,7 +54,7 @@ impl Palette {
         }
     }
 
-    /// Selects the attribute that colours the splats; returns the change for painters, if any.
+    /// Selects the attribute that colours the splats; returns the resulting change for painters, if any.
     pub fn set_attribute(&mut self, attribute: Option<Attribute>) -> Option<SplatChange> {
         if attribute == self.attribute {
             return None;

@@ -17,14 +17,14 @@ pub struct PassTimes {
     /// CPU time of this thread at the start of the latest pass, and at the end of its layout.
     worked: Option<Duration>,
     laid_out: Option<Duration>,
-    /// CPU milliseconds of passes during training, and the part until the end of the layout: without
-    /// tessellation and the driver.
+    /// CPU milliseconds of each pass during training: all of it, and the part until the end of the layout,
+    /// which excludes tessellation and the driver.
     passes: Vec<[f64; 2]>,
 }
 
 impl PassTimes {
     pub fn begin(&mut self, state: RunState) {
-        // The CPU time is queried only if the log records it.
+        // Reading `schedstat` costs a system call in every pass.
         if !tracing::enabled!(tracing::Level::DEBUG) {
             return;
         }
@@ -68,6 +68,7 @@ impl PassTimes {
     }
 }
 
+/// Median and 99th percentile; `None` without values.
 fn figures(mut ms: Vec<f64>) -> Option<(f64, f64)> {
     ms.sort_by(f64::total_cmp);
     let at = |share: f64| ms.get((share * ms.len() as f64) as usize).or(ms.last()).copied();

@@ -8,7 +8,7 @@
 use super::retention::{Retention, positions};
 use super::splat_updates::SplatChange;
 use super::state::{Opened, RunState, Snapshot};
-use super::view_thread::{Announce, ViewThread};
+use super::view_thread::{Announce, REST, ViewThread, one_thread};
 use super::worker::Waker;
 use crate::dataset::Dataset;
 use crate::dataset::splits::{Evaluation, HoldOut, ViewGroup};
@@ -27,12 +27,12 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+/// Number of views measured repeatedly during training.
 const SAMPLED: usize = 3;
-/// Maximum number of views measured while training is paused, evenly spaced, as in the paper's protocol.
+/// Maximum number of views measured while training is paused, evenly spaced.
+// As in the paper's protocol.
 const MAX_VIEWS: usize = 100;
-/// Pause between two measurements during training, as a multiple of the measuring time: on two cores
-/// training slows down by half of 1/`REST`.
-const REST: u32 = 15;
+/// Minimum pause between two measurements during training.
 const MIN_REST: Duration = Duration::from_millis(500);
 
 /// Mean metrics over the same few views after a number of frames.
@@ -52,15 +52,16 @@ pub struct QualityPoint {
 pub struct QualityMonitor {
     waker: Waker,
     thread: Option<ViewThread<QualityQuery, QualityAnswer>>,
-    /// Serial of the subject, and how it is measured.
+    /// Serial of the subject, and the options of its measurements.
     subject: Option<(u64, EvalOptions)>,
-    evaluation: Option<Evaluation>,
-    history: Vec<QualityPoint>,
+    /// Views that are measured; `None` for models.
+    pub evaluation: Option<Evaluation>,
+    /// Means over the sampled views, oldest first.
+    pub history: Vec<QualityPoint>,
     /// True if pending photographs are part of the newest scene.
     settled: bool,
-    /// Views of the scene after [`Self::measured_at`] frames; those of an older scene remain until they
-    /// are measured again.
-    views: Vec<ViewReport>,
+    /// Latest report of each view, worst first; from an older scene until it is measured again.
+    pub views: Vec<ViewReport>,
     measured_at: Option<usize>,
     n_measured: usize,
     /// Views from the side, of the scene after `side_at` frames.
@@ -68,8 +69,8 @@ pub struct QualityMonitor {
     side_at: Option<usize>,
     /// Number of frames of the scene, if it is at rest.
     at_rest: Option<usize>,
-    problem: Option<String>,
-    retention: Retention,
+    pub problem: Option<String>,
+    pub retention: Retention,
     rest_until: Instant,
 }
 
@@ -94,22 +95,7 @@ impl QualityMonitor {
         }
     }
 
-    /// Views that are measured; `None` for models.
-    pub fn evaluation(&self) -> Option<&Evaluation> {
-        self.evaluation.as_ref()
-    }
-
-    /// Means over the sampled views, oldest first.
-    pub fn history(&self) -> &[QualityPoint] {
-        &self.history
-    }
-
-    /// All measured views, worst first.
-    pub fn views(&self) -> &[ViewReport] {
-        &self.views
-    }
-
-    /// Number of measured views of the current scene, and of those to measure.
+    /// Number of measured views of the current scene, and number of views to measure.
     pub fn progress(&self) -> (usize, usize) {
         (self.n_measured, self.chosen(MAX_VIEWS).len())
     }
@@ -125,7 +111,7 @@ impl QualityMonitor {
             .then(|| mean_quality(&self.views, (at.frames, at.seconds, at.components)))?
     }
 
-    /// Number of views from the side measured after `frames` frames, and of those to measure.
+    /// Number of views from the side measured after `frames` frames, and number of views to measure.
     pub fn side_progress(&self, frames: usize) -> (usize, usize) {
         let n_measured = if self.side_at == Some(frames) { self.side.len() } else { 0 };
         (n_measured, self.chosen_side().len())
@@ -140,22 +126,13 @@ impl QualityMonitor {
         (done == all).then(|| mean_quality(&self.side, at))?
     }
 
-    pub fn retention(&self) -> &Retention {
-        &self.retention
-    }
-
-    pub fn problem(&self) -> Option<&str> {
-        self.problem.as_deref()
-    }
-
     pub fn change(&self, change: &SplatChange) {
         if let Some(thread) = &self.thread {
             thread.change(change.clone());
         }
     }
 
-    /// Starts a measurement that is due; during training one every `every` frames. `splats` are all
-    /// splats.
+    /// Starts a measurement if one is due; during training one every `every` frames.
     pub fn update(
         &mut self,
         context: &Context,
@@ -185,6 +162,7 @@ impl QualityMonitor {
     }
 
     fn set_subject(&mut self, opened: &Opened, method: RenderMethod) {
+        // The default background of `eval`, whose figures these must equal.
         let black = [0.0; 3];
         let render = RenderOptions::evaluation(method, black);
         let options = EvalOptions {
@@ -194,14 +172,14 @@ impl QualityMonitor {
             ..EvalOptions::plain(GroundTruth::Composited, render)
         };
         if self.subject != Some((opened.serial, options)) {
-            // The thread retains its splats; an answer in progress belongs to other settings.
+            // The thread retains its copy of the splats for other options of the same subject.
             let is_same = self.subject.is_some_and(|(serial, _)| serial == opened.serial);
             let thread = self.thread.take().filter(|_| is_same);
             let subject = Some((opened.serial, options));
             *self = Self { thread, subject, ..Self::new(self.waker.clone()) };
         }
         let hold_out = opened.selection.as_ref().map_or_else(HoldOut::default, |s| s.hold_out);
-        // In every pass, which is cheap, because a followed recording gains views. A sector is fixed.
+        // In every pass, because a followed recording gains views; a held-out sector never changes.
         if hold_out == HoldOut::Every8th || self.evaluation.is_none() {
             let of = opened.dataset.as_ref().zip(opened.plan.as_ref());
             let found = of.map(|(dataset, plan)| dataset.evaluation_by(hold_out, plan.split));
@@ -213,7 +191,7 @@ impl QualityMonitor {
         let Some(answer) = self.thread.as_ref().and_then(ViewThread::take) else { return };
         let QualityAnswer { query, scores, took } = answer;
         let is_current = self.subject.is_some_and(|(_, options)| options == query.options);
-        // The answer belongs to other settings or to a scene with other pending photographs.
+        // Otherwise it belongs to other settings, or to a scene without the pending photographs.
         if !is_current || self.settled != query.settled {
             return;
         }
@@ -241,7 +219,7 @@ impl QualityMonitor {
                 if Some(query.at.0) != self.measured_at {
                     (self.measured_at, self.n_measured) = (Some(query.at.0), 0);
                 }
-                // The sampled views come first, so that the history compares the same views.
+                // The sampled views are measured first, so that all points compare the same views.
                 if self.n_measured == 0 {
                     self.history.extend(mean_quality(&scores, query.at));
                 }
@@ -261,6 +239,7 @@ impl QualityMonitor {
         every: Option<usize>,
     ) -> Option<(QualityPurpose, Vec<usize>, Duration)> {
         let frames = snapshot.frames_done;
+        // A measurement that failed would fail again in every pass.
         if frames == 0 || self.problem.is_some() {
             return None;
         }
@@ -305,8 +284,8 @@ impl QualityMonitor {
         due.filter(|(_, views, _)| !views.is_empty())
     }
 
-    /// Trained frames to measure again: once at rest, and during training after every measurement of
-    /// the quality.
+    /// Trained frames to measure again: once at rest, and during training after every measurement of the
+    /// held-out views.
     fn retained(&self, snapshot: &Snapshot) -> Option<Vec<usize>> {
         let plan = snapshot.opened.as_ref()?.plan.as_ref()?;
         let is_due = match snapshot.state {
@@ -378,7 +357,7 @@ impl QualityMonitor {
     }
 }
 
-/// At most `most` views of a group, evenly chosen.
+/// Chooses at most `most` views of a group, evenly spaced.
 fn evenly(group: Option<&ViewGroup>, most: usize) -> Vec<usize> {
     let all = group.map_or(&[][..], |group| &group.frames);
     let n = all.len().min(most);
@@ -407,7 +386,7 @@ fn mean_quality(views: &[ViewReport], at: (usize, f64, usize)) -> Option<Quality
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QualityPurpose {
     HeldOut,
-    /// Quality on views from the side, away from the camera path.
+    /// Views away from the camera path.
     FromTheSide,
     Retention,
 }
@@ -444,8 +423,7 @@ pub struct QualityAnswer {
 
 pub fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer>> {
     // In rayon's global pool measuring would use every core, including those of training.
-    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-    let alone = alone.map_err(std::io::Error::other)?;
+    let alone = one_thread()?;
     ViewThread::start("quality", waker, move |splats: &SplatSet, query: QualityQuery| {
         let started = Instant::now();
         let QualityQuery { dataset, split, views, .. } = &query;
@@ -459,11 +437,11 @@ pub fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAn
     })
 }
 
-/// Returns the metrics, or the reason of a failure. A panic is caught: a metric is no reason to close
-/// the window, and no state of the measurement outlives it.
+/// Returns the metrics, or the reason of a failure, which may be a panic.
 fn catch_measurement(
     measure: impl FnOnce() -> Result<Vec<ViewReport>, String>,
 ) -> Result<Vec<ViewReport>, String> {
+    // Otherwise a panic would close the window. No state of the measurement outlives it.
     catch_unwind(AssertUnwindSafe(measure)).unwrap_or_else(|panic| {
         Err(PanicReport::of(&*panic).failure_notice("measuring the quality"))
     })

@@ -1,34 +1,31 @@
 //! Retention: PSNR of frames that were trained on earlier, measured repeatedly during training.
 
-/// Position of the second tracked frame in training order. Positions double from there, so that a long
-/// run tracks few frames.
+/// Position of the second tracked frame in training order.
+// Positions double from there, so that a long run tracks few frames.
 const STEP: usize = 10;
+// Each is rendered and measured again and again.
 const MAX_FOLLOWED: usize = 8;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct RetainedFrame {
     pub position: usize,
-    /// Numbers of trained frames, and the PSNR after each of them, dB.
+    /// Number of trained frames and PSNR (dB) of each measurement.
     pub psnr: Vec<[f64; 2]>,
 }
 
 #[derive(Clone, Debug, Default)]
 pub struct Retention {
-    frames: Vec<RetainedFrame>,
+    pub frames: Vec<RetainedFrame>,
     measured_at: Option<usize>,
 }
 
 impl Retention {
-    pub fn frames(&self) -> &[RetainedFrame] {
-        &self.frames
-    }
-
     /// True if the latest measurement was made before `frames_done` frames.
     pub fn measured_before(&self, frames_done: usize) -> bool {
         self.measured_at.is_none_or(|at| at < frames_done)
     }
 
-    /// Discards the time of the latest measurement, because the scene has changed.
+    /// Makes a new measurement due, because the scene has changed.
     pub fn invalidate(&mut self) {
         self.measured_at = None;
     }
@@ -79,7 +76,7 @@ mod tests {
         retention.add_measurements(5, [(0, 30.0)]);
         retention.add_measurements(12, [(0, 29.0), (10, 31.0)]);
         assert!(!retention.measured_before(12) && retention.measured_before(13));
-        let [first, second] = retention.frames() else { panic!("two frames") };
+        let [first, second] = &retention.frames[..] else { panic!("two frames") };
         assert_eq!(first.psnr, [[5.0, 30.0], [12.0, 29.0]]);
         assert_eq!((second.position, second.psnr.len()), (10, 1));
     }

@@ -1,8 +1,8 @@
 //! Background thread with its own copy of the splats. It applies changes in order and answers only the
 //! latest request, so that the window never waits.
 //!
-//! A panic of the thread is passed on to the window when it takes the answer. Otherwise the picture
-//! would silently stop changing.
+//! A panic of the thread is rethrown when the window takes the answer. Otherwise the picture would silently
+//! stop changing.
 
 use super::splat_updates::{SplatChange, apply};
 use super::worker::Waker;
@@ -16,7 +16,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Returns a pool of one thread, for work beside training, which needs the other cores.
+/// Returns a pool of one thread for work beside training, which needs the other cores.
 pub fn one_thread() -> std::io::Result<ThreadPool> {
     ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other)
 }
@@ -37,10 +37,12 @@ pub fn take_finished<K, T: Send + 'static>(
     slot.take().map(|(key, _)| (key, done))
 }
 
-/// Rest after a job, as a multiple of its time: on two cores training slows down by half of 1/`REST`.
-const REST: u32 = 15;
+/// Rest after background work beside training, as a multiple of its time.
+// On two cores training slows down by half of 1/15, about 3 %.
+pub const REST: u32 = 15;
 
-/// One background job at a time. Beside training a rest follows, which leaves the cores to training.
+/// Runs one background job at a time. Beside training each is followed by a rest of [`REST`] times its
+/// duration.
 pub struct RestingJob<K, T> {
     running: Option<(K, Job<(T, Duration)>)>,
     rests_until: Option<Instant>,
@@ -78,6 +80,7 @@ impl<K, T: Send + 'static> RestingJob<K, T> {
     pub fn take(&mut self) -> Option<(K, Result<T, PanicReport>)> {
         let (key, done) = take_finished(&mut self.running)?;
         let took = done.as_ref().map_or(Duration::ZERO, |(_, took)| *took);
+        // Also without training, which may start during the rest.
         self.rests_until = Some(Instant::now() + took * REST);
         Some((key, done.map(|(result, _)| result)))
     }
@@ -97,7 +100,7 @@ struct Requests<Q, A> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Announce {
     Wake,
-    /// Do not wake the window, which polls.
+    /// Leaves the window asleep until its next pass.
     Quietly,
 }
 
@@ -167,6 +170,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
 
     pub fn change(&self, change: SplatChange) {
         let mut inbox = self.requests.lock();
+        // Earlier changes have no effect any more; dropping them frees their splats.
         if matches!(change, SplatChange::All(_)) {
             inbox.changes.clear();
         }
@@ -176,7 +180,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         self.requests.wake.notify_one();
     }
 
-    /// Submits a request; replaces one that still waits.
+    /// Submits a request; replaces one that is still waiting.
     pub fn send_request(&self, request: Q, announce: Announce) {
         self.requests.lock().request = Some((request, announce));
         self.requests.wake.notify_one();

@@ -26,10 +26,10 @@ pub fn capabilities(state: &RenderState) -> GpuCaps {
     GpuCaps::new(&state.adapter, &state.device)
 }
 
-/// Requests the adapter's full limits, because the default ones limit bindings to 128 MiB.
 pub fn wgpu_configuration(choice: &AdapterChoice) -> egui_wgpu::WgpuConfiguration {
     let mut configuration = egui_wgpu::WgpuConfiguration::default();
     if let egui_wgpu::WgpuSetup::CreateNew(setup) = &mut configuration.wgpu_setup {
+        // With the adapter's full limits: the default ones limit bindings to 128 MiB.
         setup.device_descriptor = Arc::new(crate::render::gpu::adapters::device_descriptor);
         // Without a selector wgpu ranks the adapters itself, by their support for this surface.
         if *choice != AdapterChoice::Auto {
@@ -58,15 +58,7 @@ pub fn caveat(state: &RenderState) -> Option<String> {
     AdapterInfo::new(&state.adapter).warning()
 }
 
-#[derive(Debug, thiserror::Error)]
-pub enum ViewPaintError {
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error("{0}")]
-    Fault(String),
-}
-
-/// Buffers are released if their capacity exceeds the new scene by this factor.
+/// Factor by which the capacity of buffers may exceed a new scene before they are released.
 const IDLE_ROOM: usize = 4;
 
 pub struct GpuViewPainter {
@@ -84,7 +76,7 @@ pub struct GpuViewPainter {
     /// Slots to upload; `None` if everything must be uploaded.
     pending: Option<Vec<u32>>,
     drawn_view: Option<DrawnView>,
-    /// Further pictures until that of `drawn_view` is complete.
+    /// Number of pictures to render until that of `drawn_view` is complete.
     n_unsettled: usize,
     n_drawn: usize,
 }
@@ -151,35 +143,41 @@ impl GpuViewPainter {
         self.n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
     }
 
-    /// Renders the scene, twice to compare renderers, and queues the picture for painting over `rect`.
-    /// A picture that is complete is composed again without rendering. Returns the timings of a rendered
-    /// one; after an error this painter is unusable.
+    /// Renders the scene, twice to compare renderers, and queues the picture for painting over `rect`. A
+    /// complete picture is only composed again. Returns the timings of a rendering.
+    ///
+    /// # Errors
+    /// Message of the GPU; this painter is then unusable.
     pub fn paint(
         &mut self,
         ui: &Ui,
         rect: Rect,
         request: &PictureRequest,
         splats: &SplatSet,
-    ) -> Result<Option<DrawSample>, ViewPaintError> {
-        // Any fault ends this painter, even one of egui's drawing: both use one device, and a fault
-        // does not state its source.
+    ) -> Result<Option<DrawSample>, String> {
+        // Any fault ends this painter, even one of egui's drawing: both use one device, and a fault does
+        // not state its source.
         if let Some(fault) = self.faults.take_new().into_iter().next() {
-            return Err(ViewPaintError::Fault(fault));
+            return Err(fault);
         }
-        // Not the bytes of the upload, which are none when the last splats go.
+        // Not by the uploaded bytes, which are 0 if the last splats disappear.
         let is_changed = self.pending.as_ref().is_none_or(|ids| !ids.is_empty());
-        let mut sample = DrawSample::new(self.upload(splats)?);
-        self.update_second_model(request)?;
-        let is_complete = self.is_complete(ui, request, is_changed);
-        if !is_complete {
-            self.draw(request, &mut sample)?;
-        }
-        self.compose(request)?;
+        let mut render = || -> Result<Option<DrawSample>, GpuError> {
+            let mut sample = DrawSample::new(self.upload(splats)?);
+            self.update_second_model(request)?;
+            let is_due = self.is_render_due(ui, request, is_changed);
+            if is_due {
+                self.draw(request, &mut sample)?;
+            }
+            self.compose(request)?;
+            Ok(is_due.then_some(sample))
+        };
+        let sample = render().map_err(|error| error.to_string())?;
         // egui runs the callback in the window's pass, where `self` is out of reach: hence the shared
         // compositor.
         let callback = PaintScene(self.compositor.clone());
         ui.painter().add(egui_wgpu::Callback::new_paint_callback(rect, callback));
-        Ok((!is_complete).then_some(sample))
+        Ok(sample)
     }
 
     fn draw(&mut self, request: &PictureRequest, sample: &mut DrawSample) -> Result<(), GpuError> {
@@ -282,24 +280,26 @@ impl GpuViewPainter {
         Ok(())
     }
 
-    /// True if the picture of an unchanged view is complete. Requests further pictures after a change,
-    /// because the first one may leave out the farthest splats and an idle window draws no other.
-    fn is_complete(&mut self, ui: &Ui, request: &PictureRequest, is_changed: bool) -> bool {
+    /// Counts the pictures since the last change of the view; true if one more must be rendered. Requests
+    /// the pass that renders the next one.
+    fn is_render_due(&mut self, ui: &Ui, request: &PictureRequest, is_changed: bool) -> bool {
         let partner = request.second.as_ref().map(|second| &second.partner);
         let partner = partner.filter(|partner| !matches!(partner, Partner::Photo(_)));
         let view = Some((request.camera, request.options, partner.cloned()));
         if is_changed || self.drawn_view != view {
             self.drawn_view = view;
+            // The first picture may lack the farthest splats.
             self.n_unsettled = SETTLING_IMAGES;
         } else if self.n_unsettled == 0 {
-            return true;
+            return false;
         } else {
             self.n_unsettled -= 1;
         }
         if self.n_unsettled > 0 {
+            // An idle window draws no further pass by itself.
             ui.ctx().request_repaint();
         }
-        false
+        true
     }
 }
 
@@ -351,7 +351,8 @@ impl CallbackTrait for PaintWindow {
         pass: &mut wgpu::RenderPass<'static>,
         _: &CallbackResources,
     ) {
-        // egui sets the viewport to the callback's rectangle, but the image covers the window.
+        // egui sets both to the callback's rectangle, rounded from points; the image has exactly the
+        // window's pixels.
         let [width, height] = info.screen_size_px;
         pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(0, 0, width, height);
@@ -370,7 +371,7 @@ pub struct WindowDevice {
 
 impl WindowDevice {
     pub fn new(state: &RenderState) -> Self {
-        // From the start: without a handler wgpu panics.
+        // Before any drawing: without a handler wgpu panics.
         let faults = GpuFaults::default();
         faults.watch(&state.device);
         let there = state.available_adapters.iter().map(AdapterInfo::new).collect();

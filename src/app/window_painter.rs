@@ -3,8 +3,8 @@
 //!
 //! egui passes its shapes and textures after every pass, and receives one callback that draws them all.
 //! The window is stored as an image. Each pass is compared with the last one, and only the regions that
-//! differ are drawn again. Textures stay with egui's painter, so that everything this painter does not
-//! support can be left to egui.
+//! differ are drawn again. egui's painter still owns the textures and draws every pass that this painter does
+//! not support.
 
 use super::viewport;
 use crate::render::gpu::meshes::{
@@ -98,7 +98,7 @@ impl Plugin for WindowPainter {
         let pixels_per_point = output.pixels_per_point;
         let primitives = context.tessellate(shapes, pixels_per_point);
         if !self.bind_textures(&mut window, &primitives) {
-            // The image becomes outdated, so the next pass of this painter draws all of it.
+            // This pass does not reach the image, so the next one that does must draw all of it.
             window.shown = None;
             window.changes.clear();
             output.shapes = primitives.into_iter().map(shape).collect();
@@ -120,7 +120,7 @@ fn shape(ClippedPrimitive { clip_rect, primitive }: ClippedPrimitive) -> Clipped
     ClippedShape::new(clip_rect, shape)
 }
 
-/// Sampling of a texture; `None` if it repeats, which the window does not use.
+/// Sampling of a texture; `None` if it repeats, which no texture of the window does.
 fn sampling(options: TextureOptions) -> Option<MeshSampling> {
     let is_smooth = |filter| filter == TextureFilter::Linear;
     (options.wrap_mode == TextureWrapMode::ClampToEdge).then_some(MeshSampling {
@@ -194,6 +194,7 @@ fn mesh_list(pass: &WindowPass, size: [u32; 2], places: &[PixelRect]) -> MeshLis
         let points = batches.points(place);
         let mut background = Mesh::default();
         background.add_colored_rect(points, pass.background);
+        // First, because the image still shows the last pass there.
         batches.add(&background, points);
         for ClippedPrimitive { clip_rect, primitive } in &pass.primitives {
             if let Primitive::Mesh(mesh) = primitive {
@@ -206,10 +207,12 @@ fn mesh_list(pass: &WindowPass, size: [u32; 2], places: &[PixelRect]) -> MeshLis
 }
 
 /// Maximum number of latest batches that a triangle may join.
+// The search is linear in it, for every triangle.
 const MAX_OPEN: usize = 8;
 
-/// Batches of triangles in one region. A triangle joins an earlier batch of its kind if it overlaps
-/// nothing drawn since: labels and buttons alternate, and every change of the pipeline is expensive.
+/// Batches of triangles in one region. A triangle joins an earlier batch of its kind if it overlaps no
+/// triangle of later batches.
+// Labels and buttons alternate, and every change of the pipeline is expensive.
 struct Batches<'a> {
     list: &'a mut MeshList,
     pass: &'a WindowPass,
@@ -310,7 +313,8 @@ fn clip_space(vertex: Vertex, pixels_per_point: f32, size: [u32; 2]) -> MeshVert
 
 /// Maximum number of separate regions; further ones are merged.
 const MAX_PLACES: usize = 12;
-/// Two regions are merged if that adds at most this area, points².
+/// Maximum area (points²) that merging two regions may add.
+// Every region walks all meshes of the window once more.
 const SLACK: f32 = 4000.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -391,7 +395,7 @@ impl WindowDamage {
                     self.add(gone.chain(new).fold(Rect::NOTHING, Rect::union).intersect(clip));
                 }
             }
-            // Another clip or texture can change every pixel of both.
+            // Another clip or texture may change every pixel of both.
             _ => [before, now].into_iter().for_each(|primitive| self.add_primitive(primitive)),
         }
     }
@@ -409,17 +413,18 @@ impl WindowDamage {
     }
 }
 
-/// Ranges of two lists without what is the same at the beginning and at the end of both. `is_same`
-/// compares an index of the first list with one of the second.
+/// Ranges of two lists without their common beginning and end. `is_same` compares an index of the first list
+/// with one of the second.
 fn changed(lengths: [usize; 2], is_same: impl Fn(usize, usize) -> bool) -> [Range<usize>; 2] {
     let [a, b] = lengths;
     let shorter = a.min(b);
     let head = (0..shorter).take_while(|&i| is_same(i, i)).count();
+    // At most the rest of the shorter list, or an element could count for both.
     let tail = (1..=shorter - head).take_while(|i| is_same(a - i, b - i)).count();
     lengths.map(|length| head..length - tail)
 }
 
-/// Triangles of two meshes without those that are the same at the beginning and at the end of both.
+/// Ranges of the triangles of two meshes without their common beginning and end.
 fn changed_triangles(before: &Mesh, now: &Mesh) -> [Range<usize>; 2] {
     let (a, b) = (&before.vertices, &now.vertices);
     let [gone, new] = changed([a.len(), b.len()], |i, k| a[i] == b[k]);

@@ -117,7 +117,7 @@ fn keep_no_past(window: &mut Window) {
     window.run_steps(2);
     window.key_press(Key::Enter);
     window.run_steps(2);
-    assert_eq!(window.state().view().settings.past_mb, 0);
+    assert_eq!(window.state().view().settings.panels.past_mb, 0);
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

@@ -58,7 +58,7 @@ fn the_camera_follows_the_pointer_and_keys() {
 /// scene touches the border.
 fn seen_whole(window: &Window, splats: SplatView) -> [f64; 2] {
     let view = window.state().view();
-    let [width, height] = view.camera.size_px();
+    let [width, height] = view.camera.size_px;
     let stood = view.camera.keyframe().unwrap();
     let intrinsics = Intrinsics::from_vertical_fov(width, height, stood.fov_y);
     let camera = Camera { intrinsics, pose: stood.pose };

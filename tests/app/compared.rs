@@ -1,8 +1,8 @@
 //! Comparing the scene with a second model: opening, wiping, measuring, removing.
 
 use super::harness::{
-    PATIENCE, Window, click, dataset, enter_path, settled, train, wait, wait_for_label,
-    wait_for_picture, window,
+    Window, click, dataset, enter_path, settled, train, wait, wait_for_label, wait_for_picture,
+    wait_for_text, window,
 };
 use super::viewer::{choose, press};
 use crate::common::adapter::turn;
@@ -10,7 +10,6 @@ use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers};
 use egui_kittest::kittest::{NodeT, Queryable};
 use std::path::Path;
-use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::viewer::toolbar::ViewMode;
@@ -88,13 +87,7 @@ fn a_second_model_is_wiped_to_measured_and_removed() {
         // At the camera of a photograph, both models are measured against it.
         let name = name(&window);
         assert!(name.ends_with("/green.ply"), "{name}");
-        let figure = format!("dB · {name} ");
-        let started = Instant::now();
-        while window.query_by_label_contains(&figure).is_none() {
-            assert!(started.elapsed() < PATIENCE, "no second figure");
-            window.step();
-            std::thread::sleep(Duration::from_millis(10));
-        }
+        wait_for_text(&mut window, &format!("dB · {name} "));
         choose(&mut window, 0, "Model difference");
         wait_for_label(&mut window, &format!("|Scene − {name}| × 8"));
 

@@ -177,47 +177,43 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let room = dataset(folder.path(), 6);
-    for painting in BOTH {
-        let Some(mut window) = window(Some(Subject::Path(room.clone())), painting) else { return };
-        wait(&mut window, "ready", is(RunState::Ready));
-        press(&mut window, Key::T);
-        step_to(&mut window, 1);
-        // Moves the camera, which then no longer follows training.
-        drag_between(&mut window, PointerButton::Primary, BOX[0], BOX[1]);
-        assert!(!window.state().view().camera.is_guided());
-        click(&mut window, "Edit");
-        let first = settled(&mut window);
-        let (splats, drawn) = (window.state().view().learned().clone(), window.state().n_drawn());
-        for frame in 2..=3 {
-            step_to(&mut window, frame);
-        }
-        wait(&mut window, "more splats", move |s| s.n_drawn() > drawn);
-        assert!(settled(&mut window) != first, "the scene has grown");
-        let at = slider(&mut window);
-        drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
-        wait(&mut window, "the past", move |s| s.n_drawn() == drawn);
-        window.get_by_label("Scene after frame 1 of 6 (Edit)");
-        let past = window.state().view().editor().displayed_past().unwrap().clone();
-        assert!(past.n_frames == 1 && *past.splats == *splats, "other splats");
-        assert!(
-            settled(&mut window) == first,
-            "the picture differs from the one shown after frame 1"
-        );
-        step_to(&mut window, 4);
-        assert!(settled(&mut window) == first, "what is trained is not shown");
-        window.get_by_label("Back to now").click_accesskit();
-        wait(&mut window, "the scene of now", move |s| s.n_drawn() > drawn);
-        let at = slider(&mut window);
-        drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
-        wait(&mut window, "the past again", move |s| s.n_drawn() == drawn);
-        press(&mut window, Key::B);
-        let editor = window.state().view().editor();
-        assert!(
-            editor.is_box_selecting && editor.displayed_past().is_none(),
-            "selecting must return to the current scene"
-        );
-        assert_eq!(window.state().view().editor().stored_scenes.moments().len(), 4);
+    let Some(mut window) = window(Some(Subject::Path(room)), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    press(&mut window, Key::T);
+    step_to(&mut window, 1);
+    // Moves the camera, which then no longer follows training.
+    drag_between(&mut window, PointerButton::Primary, BOX[0], BOX[1]);
+    assert!(!window.state().view().camera.is_guided());
+    click(&mut window, "Edit");
+    let first = settled(&mut window);
+    let (splats, drawn) = (window.state().view().learned().clone(), window.state().n_drawn());
+    for frame in 2..=3 {
+        step_to(&mut window, frame);
     }
+    wait(&mut window, "more splats", move |s| s.n_drawn() > drawn);
+    assert!(settled(&mut window) != first, "the scene has grown");
+    click(&mut window, "As it was");
+    let at = slider(&mut window);
+    drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
+    wait(&mut window, "the past", move |s| s.n_drawn() == drawn);
+    window.get_by_label("Scene after frame 1 of 6 (Edit)");
+    let past = window.state().view().editor().displayed_past().unwrap().clone();
+    assert!(past.n_frames == 1 && *past.splats == *splats, "other splats");
+    assert!(settled(&mut window) == first, "the picture differs from the one shown after frame 1");
+    step_to(&mut window, 4);
+    assert!(settled(&mut window) == first, "what is trained is not shown");
+    window.get_by_label("Back to now").click_accesskit();
+    wait(&mut window, "the scene of now", move |s| s.n_drawn() > drawn);
+    let at = slider(&mut window);
+    drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
+    wait(&mut window, "the past again", move |s| s.n_drawn() == drawn);
+    press(&mut window, Key::B);
+    let editor = window.state().view().editor();
+    assert!(
+        editor.is_box_selecting && editor.displayed_past().is_none(),
+        "selecting must return to the current scene"
+    );
+    assert_eq!(window.state().view().editor().stored_scenes.moments().len(), 4);
 }
 
 fn step_to(window: &mut Window, frame: usize) {

@@ -1,6 +1,8 @@
 //! The frame strip below the viewport.
 
-use super::harness::{PATIENCE, Window, dataset, is, train, wait, wait_for_label, window};
+use super::harness::{
+    PATIENCE, Window, dataset, is, train, wait, wait_for_label, wait_for_text, window,
+};
 use super::viewer::{position, press};
 use crate::common::adapter::turn;
 use crate::common::layouts::{TestLayout, write};
@@ -24,16 +26,6 @@ fn point_at(window: &mut Window, at: Pos2, pressed: Option<bool>) {
         let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
         window.event(Event::PointerButton { pos: at, button, pressed, modifiers });
         window.run_steps(2);
-    }
-}
-
-/// Waits for a text that contains `part`, such as a tooltip.
-fn wait_for_text(window: &mut Window, part: &str) {
-    let started = Instant::now();
-    while window.query_all_by_label_contains(part).next().is_none() {
-        assert!(started.elapsed() < PATIENCE, "`{part}` is never shown");
-        window.step();
-        std::thread::sleep(std::time::Duration::from_millis(10));
     }
 }
 
@@ -100,7 +92,7 @@ fn skipped_frames_tell_their_reason_and_trained_ones_how_well() {
     wait_for_text(&mut window, "Trained, number 4 of the run");
     // Frame 1 is the held-out view, which the Quality tab measures.
     wait(&mut window, "quality", |studio| studio.quality().result().is_some());
-    let psnr = window.state().quality().views()[0].psnr;
+    let psnr = window.state().quality().views[0].psnr;
     let at = middle(&window, "Frame 1");
     point_at(&mut window, at, None);
     wait_for_text(&mut window, &format!("{psnr:.1} dB, SSIM"));

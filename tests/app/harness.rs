@@ -186,6 +186,16 @@ pub fn wait_for_label(window: &mut Window, text: &str) {
     }
 }
 
+/// Waits until the window shows a text that contains `part`, such as a tooltip.
+pub fn wait_for_text(window: &mut Window, part: &str) {
+    let started = Instant::now();
+    while window.query_all_by_label_contains(part).next().is_none() {
+        assert!(started.elapsed() < PATIENCE, "`{part}` is never shown");
+        window.step();
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
 /// True if the middle of the viewport shows more than the background.
 fn picture_has_content(window: &mut Window) -> bool {
     let image = window.render().unwrap();

@@ -1,6 +1,6 @@
 //! The menu bar: every command with its name, its keys, and the reason if it is disabled.
 
-use super::harness::{Window, click, dataset, is, train, wait, window};
+use super::harness::{Window, click, dataset, is, train, wait, wait_for_label, window};
 use crate::common::adapter::turn;
 use eframe::egui::{Event, Key};
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -61,7 +61,7 @@ fn menus_do_what_they_say_and_tell_why_they_cannot() {
     assert!(step.accesskit_node().is_disabled());
     let at = step.rect().center();
     window.event(Event::PointerMoved(at));
-    wait_for_reason(&mut window, "All frames are trained");
+    wait_for_label(&mut window, "All frames are trained");
     close(&mut window);
 
     open(&mut window, "View");
@@ -77,13 +77,4 @@ fn menus_do_what_they_say_and_tell_why_they_cannot() {
     window.run_steps(3);
     window.get_by_label_contains("Click a splat");
     wait(&mut window, "rest", is(RunState::Finished));
-}
-
-fn wait_for_reason(window: &mut Window, text: &str) {
-    let started = std::time::Instant::now();
-    while window.query_all_by_label(text).next().is_none() {
-        assert!(started.elapsed() < super::harness::PATIENCE, "`{text}` is never shown");
-        window.step();
-        std::thread::sleep(std::time::Duration::from_millis(10));
-    }
 }

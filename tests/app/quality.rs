@@ -19,6 +19,8 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path(), 3);
+    // Views from the side, with the same picture as the held-out one.
+    fs::copy(path.join("transforms_eval.json"), path.join("transforms_free.json")).unwrap();
     let subject = Some(Subject::Path(path.clone()));
     let Some(mut window) = window(subject, Painting::Auto) else { return };
     // Panels appear while loading, and a tab that moves between press and release is not clicked.
@@ -39,55 +41,38 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
         window.run_steps(2);
     }
     wait_for_label(&mut window, &format!("{:.2} dB", expected.psnr));
+    wait(&mut window, "views from the side", |s| s.quality().side_result().is_some());
+    let side = window.state().quality().side_result().unwrap();
+    assert!((side.psnr - expected.psnr).abs() < 1e-9, "{side:?}");
+    assert_eq!(window.state().quality().side_progress(3), (1, 1));
+    for name in ["New views", "From the side"] {
+        let line = format!("{name}: {:.2} dB, SSIM {:.3} (views: 1)", side.psnr, side.ssim);
+        wait_for_label(&mut window, &line);
+    }
     wait(&mut window, "what is kept", |s| {
-        let kept = s.quality().retention().frames().first();
+        let kept = s.quality().retention.frames.first();
         kept.and_then(|kept| kept.psnr.last()).is_some_and(|[frames, _]| *frames == 3.0)
     });
     let first = (session.plan().split, session.plan().frames[0]);
-    let [kept] = window.state().quality().retention().frames() else { panic!("one frame") };
+    let [kept] = &window.state().quality().retention.frames[..] else { panic!("one frame") };
     let expected = evaluated_on_black(&session, first).psnr;
     let [_, psnr] = *kept.psnr.last().unwrap();
     assert!((psnr - expected).abs() < 0.01, "{psnr} dB, not {expected}");
     window.run_steps(2);
     window.get_by_label("Retention");
     wait(&mut window, "the evidence", |s| {
-        s.view().attributes().iter().any(|k| k.evidence.is_some())
+        s.view().palette.attributes().iter().any(|k| k.evidence.is_some())
     });
     window.run_steps(2);
-    let drawn = window.state().view().attributes().iter().filter(|k| k.evidence.is_some()).count();
+    let drawn =
+        window.state().view().palette.attributes().iter().filter(|k| k.evidence.is_some()).count();
     window.get_by_label_contains(&format!("{drawn} components. The Edit tab"));
-    let name = window.state().quality().views()[0].frame.clone();
+    let name = window.state().quality().views[0].frame.clone();
     // By accessibility action, since the entry may lie below the visible part of the panel.
     window.get_by_label(&name).click_accesskit();
     window.run_steps(2);
     assert_eq!(position(&window), Some(held_out));
     assert!(window.state().view().comparison.mode().has_photo());
-}
-
-/// Ground-truth pictures from free viewpoints are measured when training pauses, beside the held-out views.
-#[test]
-fn views_from_the_side_have_a_line_beside_the_new_ones() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    let path = dataset(folder.path(), 3);
-    fs::copy(path.join("transforms_eval.json"), path.join("transforms_free.json")).unwrap();
-    let subject = Some(Subject::Path(path.clone()));
-    let Some(mut window) = window(subject, Painting::Auto) else { return };
-    wait(&mut window, "ready", is(RunState::Ready));
-    click(&mut window, "Quality");
-    train(&mut window);
-    wait(&mut window, "views from the side", |s| s.quality().side_result().is_some());
-    let session = session(&path, SceneOverrides::default());
-    let free = session.dataset().split_named("free").unwrap();
-    let expected = evaluated_on_black(&session, (free, 0));
-    let side = window.state().quality().side_result().unwrap();
-    assert!((side.psnr - expected.psnr).abs() < 1e-9, "{side:?}");
-    assert_eq!(window.state().quality().side_progress(3), (1, 1));
-    // Both groups contain the same picture, so their figures agree.
-    for name in ["New views", "From the side"] {
-        let line = format!("{name}: {:.2} dB, SSIM {:.3} (views: 1)", side.psnr, side.ssim);
-        wait_for_label(&mut window, &line);
-    }
 }
 
 /// Shifts the poses of a recording by up to 2 cm along x, as an inaccurate tracker does.

@@ -3,7 +3,7 @@
 
 use super::harness::{
     click, close_notice, dataset, drop_on, is, paper_window, train, until, wait, wait_for_label,
-    wait_for_picture, window, write_to,
+    window, write_to,
 };
 use super::viewer::{choose, evaluated, position, press, session};
 use crate::common::adapter::turn;
@@ -25,33 +25,6 @@ use vbgs_studio::export;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
-
-#[test]
-fn components_become_more_in_every_colour() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    let path = dataset(folder.path(), 4);
-    for painting in BOTH {
-        let Some(mut window) = window(Some(Subject::Path(path.clone())), painting) else { return };
-        wait(&mut window, "ready", is(RunState::Ready));
-        let mut components = 0;
-        for (n, color) in
-            [(1, "Evidence"), (2, "Birth frame"), (3, "Per-point ELBO"), (4, "Colour")]
-        {
-            click(&mut window, "Step");
-            wait(&mut window, "a frame", |s| s.snapshot().frames_done == n);
-            wait(&mut window, "splats", |s| s.n_drawn() > 0);
-            let now = window.state().snapshot().model.components;
-            assert!(now > components, "{now} components after {components}");
-            components = now;
-            window.get_by_label(&format!("{components} components"));
-            choose(&mut window, 1, color);
-            wait_for_picture(&mut window);
-        }
-        let run = window.state().snapshot();
-        assert!(run.notices.is_empty(), "{:?}", run.notices);
-    }
-}
 
 #[test]
 fn preparation_is_painted_over_the_photograph() {

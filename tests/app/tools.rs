@@ -101,9 +101,9 @@ fn two_clicks_measure_with_a_standard_deviation() {
     assert!(window.state().view().overlays.is_measuring());
     for (at, n) in [(MIDDLE, 1), (MIDDLE - Vec2::new(80.0, 30.0), 2)] {
         click_at(&mut window, at);
-        wait(&mut window, "a place", |s| s.view().overlays.n_measured() == n);
+        wait(&mut window, "a place", |s| s.view().overlays.measure.n_ends() == n);
     }
-    let measured = window.state().view().overlays.measured().unwrap();
+    let measured = window.state().view().overlays.measure.length().unwrap();
     let deviation = measured.deviation.unwrap();
     assert!(measured.length > 0.0 && deviation > 0.0 && deviation < measured.length);
     window.key_press(Key::M);
@@ -112,43 +112,34 @@ fn two_clicks_measure_with_a_standard_deviation() {
 }
 
 #[test]
-fn timings_are_written_beside_the_dataset_and_never_over_a_file() {
+fn timings_and_pictures_are_written_beside_the_dataset_and_never_over_a_file() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let Some(mut window) = trained(folder.path()) else { return };
+    let wait_for_file = |window: &mut Window, name: String| {
+        let file = folder.path().join(name);
+        wait(window, "the notice", |s| {
+            let words = format!("Wrote {}", file.display());
+            s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Info && n.text == words)
+        });
+        file
+    };
     window.get_by_label_contains("of frames within it");
-    for name in ["room.latency.csv", "room.latency-2.csv"] {
+    let mut pictures = Vec::new();
+    for ending in ["", "-2"] {
         // By accessibility action, since the button may lie below the visible part of the panel.
         window.run_steps(2);
         window.get_by_label("Write CSV").click_accesskit();
-        let file = folder.path().join(name);
-        wait(&mut window, "the notice", |s| {
-            let words = format!("Wrote {}", file.display());
-            s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Info && n.text == words)
-        });
+        let file = wait_for_file(&mut window, format!("room.latency{ending}.csv"));
         let text = std::fs::read_to_string(&file).unwrap();
         assert!(text.starts_with("frame,points,load,prepare,"), "{text}");
         assert!(text.lines().count() > 3, "a line for each of three frames: {text}");
-    }
-}
-
-#[test]
-fn the_picture_of_the_view_is_written_beside_the_dataset_and_never_over_a_file() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    let Some(mut window) = trained(folder.path()) else { return };
-    let mut pictures = Vec::new();
-    for name in ["room.view.png", "room.view-2.png"] {
         click(&mut window, "File");
         click(&mut window, "Save picture");
-        let file = folder.path().join(name);
-        wait(&mut window, "the picture", |s| {
-            let words = format!("Wrote {}", file.display());
-            s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Info && n.text == words)
-        });
+        let file = wait_for_file(&mut window, format!("room.view{ending}.png"));
         pictures.push(image::open(&file).unwrap().into_rgb8());
     }
-    let [width, height] = window.state().view().camera.size_px();
+    let [width, height] = window.state().view().camera.size_px;
     assert_eq!(pictures[0].dimensions(), (width, height));
     assert!(pictures[0] == pictures[1], "the camera has not moved, so both pictures agree");
     let colors: std::collections::BTreeSet<[u8; 3]> = pictures[0].pixels().map(|p| p.0).collect();
@@ -156,10 +147,11 @@ fn the_picture_of_the_view_is_written_beside_the_dataset_and_never_over_a_file()
 }
 
 #[test]
-fn cameras_and_grid_are_drawn_over_the_scene() {
+fn cameras_grid_and_points_of_the_current_frame_are_drawn_over_the_scene() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let Some(mut window) = trained(folder.path()) else { return };
+    clear_view(&mut window);
     for key in [Key::C, Key::X] {
         let before = window.render().unwrap();
         window.key_press(key);
@@ -168,14 +160,6 @@ fn cameras_and_grid_are_drawn_over_the_scene() {
     }
     let settings = &window.state().view().settings;
     assert!(settings.shows_cameras && settings.shows_grid);
-}
-
-#[test]
-fn the_points_of_the_current_frame_are_drawn_and_follow_it() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    let Some(mut window) = trained(folder.path()) else { return };
-    clear_view(&mut window);
     let before = window.render().unwrap();
     assert_eq!(window.state().view().overlays.points_shown(), None);
     window.key_press(Key::P);

@@ -155,7 +155,7 @@ fn only_splats_that_changed_are_uploaded() {
 
 /// Bytes of splats uploaded to the GPU for the latest `n_pictures`.
 fn uploaded(window: &Window, n_pictures: usize) -> u64 {
-    let bytes = window.state().view().painter.drawn().samples().map(|sample| sample.uploaded_bytes);
+    let bytes = window.state().view().painter.drawn.samples().map(|sample| sample.uploaded_bytes);
     let bytes: Vec<u64> = bytes.collect();
     bytes.iter().rev().take(n_pictures).sum()
 }

@@ -12,8 +12,10 @@ use std::ops::RangeInclusive;
 /// Distance from the edges of the viewport and from notices above, points.
 const MARGIN: f32 = 12.0;
 /// Height reserved for the footer, points.
+// egui knows the footer's height only after drawing the contents above it.
 const FOOTER_HEIGHT: f32 = 44.0;
-/// Least height of the contents, points; with less room the card covers the notices.
+/// Least height of the contents, points.
+// With less room the card covers the notices.
 const MIN_HEIGHT: f32 = 40.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,11 +57,12 @@ pub fn show(
     });
 }
 
-/// Space reserved even without a marker, points, so that nothing moves when one appears.
+/// Size of the space for a dot, points.
+// Reserved without a dot too, so that nothing moves when one appears.
 const SIZE: Vec2 = Vec2::splat(12.0);
 
-/// Draws a dot if the setting differs from its default; returns true if a click resets it.
-pub fn ui(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool {
+/// Draws a dot if a setting differs from its default; returns true if the dot is clicked.
+pub fn reset_dot(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool {
     if !differs {
         ui.allocate_exact_size(SIZE, Sense::hover());
         return false;

@@ -16,7 +16,7 @@ pub fn ui(
 ) -> Option<UiCommand> {
     let mut asked = None;
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
-        let (editor, palette) = view.editor_and_palette();
+        let (editor, palette) = (&mut view.editor, &view.palette);
         editor.shows_crop = true;
         let counts = editor.counts(palette);
         commands(editor, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo], &mut asked, ui);
@@ -121,7 +121,7 @@ fn hidden_and_deleted(
 }
 
 fn walk_back(view: &mut SceneView, snapshot: &Snapshot, ui: &mut Ui) {
-    let editor = view.editor_and_palette().0;
+    let editor = &mut view.editor;
     if editor.stored_scenes.moments().is_empty() {
         editor.earlier_frames = None;
         weak(ui, "Available for scenes trained since they were opened.");
@@ -165,8 +165,8 @@ fn describe_display(editor: &Editor) -> String {
 }
 
 fn budget(view: &mut SceneView, ui: &mut Ui) {
-    let mut budget = view.settings.past_mb;
-    let past = &view.editor().stored_scenes;
+    let mut budget = view.settings.panels.past_mb;
+    let past = &view.editor.stored_scenes;
     let (n, taken) = (past.moments().len(), past.bytes() as f64 / 1e6);
     ui.horizontal_wrapped(|ui| {
         ui.label(format!("{n} copies stored, {taken:.1} MB of at most"));
@@ -174,9 +174,9 @@ fn budget(view: &mut SceneView, ui: &mut Ui) {
         let value = named(ui.add(value), "Memory for earlier frames");
         value.on_hover_text("Beyond this limit, every other copy is dropped");
     });
-    if budget != view.settings.past_mb {
-        view.settings.past_mb = budget;
-        let bytes = view.settings.past_bytes();
-        view.editor_and_palette().0.stored_scenes.set_budget(bytes);
+    if budget != view.settings.panels.past_mb {
+        view.settings.panels.past_mb = budget;
+        let bytes = view.settings.panels.past_bytes();
+        view.editor.stored_scenes.set_budget(bytes);
     }
 }

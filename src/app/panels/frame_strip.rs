@@ -8,7 +8,7 @@ use crate::app::frame_outcomes::{FrameOutcomes, FrameState};
 use crate::app::quality::QualityMonitor;
 use crate::app::state::{Opened, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
-use crate::app::viewer::thumbnails::{FramePictures, Thumbnails};
+use crate::app::viewer::thumbnails::{Pictures, Thumbnails};
 use crate::app::wording;
 use crate::eval::report::ViewReport;
 use eframe::egui::scroll_area::{DragScroll, ScrollSource};
@@ -20,7 +20,8 @@ use eframe::egui::{
 /// Least and largest height of the strip with its header, points.
 pub const HEIGHTS: Rangef = Rangef { min: 76.0, max: 320.0 };
 const SIZE: f32 = 11.0;
-/// Least width of a frame, points; leaves room for its number and error.
+/// Least width of a frame, points.
+// Leaves room for its number and error.
 const MIN_WIDTH: f32 = 56.0;
 
 pub struct StripContext<'a> {
@@ -40,11 +41,8 @@ pub enum StripAnswer {
     Preview(FrameRef),
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct StripPosition {
-    /// Serial of the open dataset and index of the frame last scrolled to.
-    scrolled_to: Option<(u64, usize)>,
-}
+/// Serial of the open dataset and number of the frame last scrolled to.
+pub type ScrolledTo = Option<(u64, usize)>;
 
 /// Draws the header: fold button, recording status, skipped frames and training order.
 pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<StripAnswer> {
@@ -93,7 +91,7 @@ fn recording_status(snapshot: &Snapshot) -> Option<(String, String)> {
 
 pub fn ui(
     context: &StripContext<'_>,
-    position: &mut StripPosition,
+    scrolled_to: &mut ScrolledTo,
     mut thumbnails: Option<&mut Thumbnails>,
     ui: &mut Ui,
 ) -> Option<StripAnswer> {
@@ -105,7 +103,7 @@ pub fn ui(
     // Dragging previews cameras, so it must not scroll.
     let source = ScrollSource { drag: DragScroll::Never, ..ScrollSource::default() };
     let mut area = ScrollArea::horizontal().auto_shrink(false).scroll_source(source);
-    if let Some(number) = frame_to_scroll_to(context, position, ui.rect_contains_pointer(view)) {
+    if let Some(number) = frame_to_scroll_to(context, scrolled_to, ui.rect_contains_pointer(view)) {
         let middle = (number as f32 + 0.5) * width;
         let last = (n as f32 * width - view.width()).max(0.0);
         area = area.horizontal_scroll_offset((middle - 0.5 * view.width()).clamp(0.0, last));
@@ -141,14 +139,15 @@ fn width_of(opened: &Opened, height: f32) -> f32 {
         let k = frame.entry().camera.intrinsics;
         k.width as f32 / k.height as f32
     });
-    FrameCell::width(height, aspect).max(MIN_WIDTH)
+    // Photograph and depth are one above the other.
+    ((0.5 * pictures_height(height)).max(1.0) * aspect + 2.0 * MARGIN).max(MIN_WIDTH)
 }
 
-/// Frame to scroll to if the viewport or training moved to another one; `None` while the pointer is over the
-/// strip.
+/// Number of the frame to scroll to, if the viewport or training moved to another one. `is_used` is true
+/// while the pointer is over the strip.
 fn frame_to_scroll_to(
     context: &StripContext<'_>,
-    position: &mut StripPosition,
+    scrolled_to: &mut ScrolledTo,
     is_used: bool,
 ) -> Option<usize> {
     let StripContext { snapshot, opened, outcomes, shown, .. } = context;
@@ -159,10 +158,10 @@ fn frame_to_scroll_to(
     let number = shown.map(FrameRef::number).or_else(|| trained().map(|frame| frame.number()))?;
     let to = Some((opened.serial, number));
     // Frames must not move while the pointer is over them.
-    if is_used || position.scrolled_to == to {
+    if is_used || *scrolled_to == to {
         return None;
     }
-    position.scrolled_to = to;
+    *scrolled_to = to;
     Some(number)
 }
 
@@ -177,10 +176,11 @@ fn draw_frame(
     let entry = frame.entry();
     let state = outcomes.state_of(frame.position(), &entry.name);
     let (split, index) = frame.position();
-    let evaluated = quality.evaluation().filter(|evaluation| evaluation.new_views.split == split);
-    let measured = evaluated.and_then(|_| quality.views().iter().find(|view| view.index == index));
+    let evaluated =
+        quality.evaluation.as_ref().filter(|evaluation| evaluation.new_views.split == split);
+    let measured = evaluated.and_then(|_| quality.views.iter().find(|view| view.index == index));
     // Requested only when drawn, so that decoding follows the visible frames.
-    let pictures = thumbnails.map(|thumbnails| thumbnails.pictures(ui.ctx(), frame));
+    let pictures = thumbnails.and_then(|thumbnails| thumbnails.pictures(ui.ctx(), frame));
     let latest = outcomes.latest_position();
     let is_latest = match state {
         FrameState::Trained(position, _) => latest == Some(position),
@@ -191,7 +191,7 @@ fn draw_frame(
         frame,
         state,
         measured,
-        pictures: pictures.unwrap_or_default(),
+        pictures,
         is_latest,
         is_shown,
         is_first_of_split: index == 0
@@ -215,22 +215,21 @@ const FONT: FontId = FontId::proportional(10.0);
 /// Colour of the last trained frame, as in the viewport.
 const LATEST: Color32 = Color32::from_rgb(255, 170, 60);
 
-pub struct FrameCell<'a> {
-    pub frame: &'a FrameRef,
-    pub state: FrameState,
+struct FrameCell<'a> {
+    frame: &'a FrameRef,
+    state: FrameState,
     /// Error of the frame as a held-out view, if measured.
-    pub measured: Option<&'a ViewReport>,
-    pub pictures: FramePictures<'a>,
-    pub is_latest: bool,
-    pub is_shown: bool,
+    measured: Option<&'a ViewReport>,
+    pictures: Option<&'a Pictures<TextureHandle>>,
+    is_latest: bool,
+    is_shown: bool,
     /// True if the caption includes the split's name.
-    pub is_first_of_split: bool,
+    is_first_of_split: bool,
 }
 
 impl FrameCell<'_> {
-    /// Width of a cell of this height for pictures of this width/height ratio, points.
-    pub fn width(height: f32, aspect: f32) -> f32 {
-        (0.5 * pictures_height(height)).max(1.0) * aspect + 2.0 * MARGIN
+    fn problem(&self) -> Option<&str> {
+        self.pictures?.problem.as_deref()
     }
 
     /// PSNR of the frame, dB: as a held-out view if measured, otherwise before training on it.
@@ -248,7 +247,7 @@ fn pictures_height(height: f32) -> f32 {
 }
 
 /// Paints the frame into the rectangle of `response`.
-pub fn draw(cell: &FrameCell<'_>, response: &Response, ui: &Ui) {
+fn draw(cell: &FrameCell<'_>, response: &Response, ui: &Ui) {
     let (rect, visuals) = (response.rect.shrink2(Vec2::new(1.0, 0.0)), ui.visuals());
     let painter = ui.painter();
     if cell.is_shown || response.hovered() {
@@ -259,7 +258,8 @@ pub fn draw(cell: &FrameCell<'_>, response: &Response, ui: &Ui) {
     painter.rect_filled(bar, 1.0, color(cell, visuals.dark_mode));
     let top = bar.bottom() + MARGIN;
     let half = 0.5 * pictures_height(rect.height());
-    for (i, texture) in [cell.pictures.photo, cell.pictures.depth].into_iter().enumerate() {
+    let known = cell.pictures.map_or([None; 2], |p| [p.photo.as_ref(), p.depth.as_ref()]);
+    for (i, texture) in known.into_iter().enumerate() {
         let corner = pos2(rect.left() + MARGIN, top + i as f32 * (half + MARGIN));
         let room = Rect::from_min_size(corner, Vec2::new(rect.width() - 2.0 * MARGIN, half));
         match texture {
@@ -271,7 +271,7 @@ pub fn draw(cell: &FrameCell<'_>, response: &Response, ui: &Ui) {
         pos2(rect.left() + MARGIN, top),
         pos2(rect.right() - MARGIN, top + 2.0 * half + MARGIN),
     );
-    if matches!(cell.state, FrameState::Skipped(_)) || cell.pictures.problem.is_some() {
+    if matches!(cell.state, FrameState::Skipped(_)) || cell.problem().is_some() {
         let stroke = Stroke::new(2.0, SignalColor::Red.for_theme(visuals.dark_mode));
         painter.line_segment([pictures.left_top(), pictures.right_bottom()], stroke);
         painter.line_segment([pictures.right_top(), pictures.left_bottom()], stroke);
@@ -290,7 +290,7 @@ fn picture(texture: &TextureHandle, room: Rect, ui: &Ui) {
     ui.painter().image(texture.id(), rect, all, Color32::WHITE);
 }
 
-/// Number on the left, with the split's name on its first frame; error on the right.
+/// Draws the number on the left, with the split's name on its first frame, and the error on the right.
 fn caption(cell: &FrameCell<'_>, rect: Rect, ui: &Ui) {
     let (painter, visuals) = (ui.painter(), ui.visuals());
     let middle = rect.bottom() - 0.5 * CAPTION;
@@ -307,6 +307,7 @@ fn caption(cell: &FrameCell<'_>, rect: Rect, ui: &Ui) {
         FONT,
         if cell.is_shown { strong } else { visuals.weak_text_color() },
     );
+    // The split's name needs the room of the error.
     if let Some(psnr) = cell.psnr().filter(|_| !cell.is_first_of_split) {
         let at = pos2(rect.right() - MARGIN, middle);
         painter.text(at, Align2::RIGHT_CENTER, format!("{psnr:.1}"), FONT, strong);
@@ -323,7 +324,7 @@ fn color(cell: &FrameCell<'_>, is_dark: bool) -> Color32 {
     }
 }
 
-pub fn tooltip_text(cell: &FrameCell<'_>) -> String {
+fn tooltip_text(cell: &FrameCell<'_>) -> String {
     let (frame, split) = (cell.frame, &cell.frame.split().name);
     let name = &frame.entry().name;
     let mut lines =
@@ -348,9 +349,8 @@ pub fn tooltip_text(cell: &FrameCell<'_>) -> String {
     if let Some(view) = cell.measured {
         lines.push(format!("{:.1} dB, SSIM {:.3} as a held-out view", view.psnr, view.ssim));
     }
-    if let (Some(problem), false) =
-        (cell.pictures.problem, matches!(cell.state, FrameState::Skipped(_)))
-    {
+    // The reason of a skipped frame already says so.
+    if let (Some(problem), false) = (cell.problem(), matches!(cell.state, FrameState::Skipped(_))) {
         lines.push(format!("Cannot be read: {problem}"));
     }
     lines.push("Click: move to its camera; drag: preview cameras".to_owned());

@@ -73,6 +73,7 @@ fn text(title: &str, sections: &[Section]) -> String {
     for section in sections {
         text.push_str(&format!("\n{}\n", section.title));
         for line in &section.lines {
+            // Rows of a matrix are indented below their label.
             text.push_str(&format!("  {}: {}\n", line.label, line.text.replace('\n', "\n    ")));
         }
     }
@@ -128,6 +129,7 @@ fn posterior_sections(i: &Inspection) -> Vec<Section> {
             Line {
                 label: "Colour",
                 text: numbers(&i.color.to_array()),
+                // The mean of a Gaussian over colours may lie outside the range of a pixel.
                 swatch: Some(color.map(|c| c.clamp(0.0, 1.0))),
             },
         ],
@@ -163,6 +165,7 @@ fn splat_section(title: &'static str, inspected: &Inspected, origin: DVec3) -> S
         let [x, y, z] = (origin + DVec3::from_array(wide(splat.mean))).to_array();
         lines.insert(1, line("World position", format!("{x:.3}  {y:.3}  {z:.3}")));
     }
+    // Plain splats have neither gradient nor directional colour.
     if *appearance != Appearance::default() {
         lines.push(line("Gradient rgb", rows(appearance.gradient.map(wide))));
         lines.push(line("Degree 1 rgb", rows(appearance.directional.map(wide))));
@@ -188,6 +191,7 @@ fn matrix(m: Sym3) -> String {
 }
 
 fn rows(rows: [[f64; 3]; 3]) -> String {
+    // One width for all, so that columns align.
     let short = |v: f64| format!("{v:>9.2e}");
     rows.map(|row| row.map(short).join(" ")).join("\n")
 }

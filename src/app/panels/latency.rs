@@ -12,8 +12,8 @@ use eframe::egui::{
 use egui_plot::{FilledArea, HLine, HoverPosition};
 use std::ops::RangeInclusive;
 
-/// Colours of the stages in order of execution, distinguishable with red-green colour blindness (Okabe and
-/// Ito 2008).
+/// Colours of the stages in order of execution.
+// Distinguishable with red-green colour blindness (Okabe and Ito 2008).
 const COLORS: [Color32; MAX_STAGES] = [
     Color32::from_rgb(86, 180, 233),
     Color32::from_rgb(230, 159, 0),
@@ -27,7 +27,8 @@ const COLORS: [Color32; MAX_STAGES] = [
 
 /// Range of the time budget, milliseconds per frame.
 const BUDGETS_MS: RangeInclusive<f64> = 1.0..=10_000.0;
-/// Width of a number in the table, points; fixed so that columns do not move.
+/// Width of a number in the table, points.
+// Fixed, so that columns do not move.
 const NUMBER_WIDTH: f32 = 54.0;
 const BUDGET: Color32 = Color32::from_rgb(240, 100, 90);
 
@@ -65,7 +66,7 @@ pub fn ui(
         let has_timings = !snapshot.frames.recent.is_empty() || drawn.samples().len() > 0;
         ui.add_enabled_ui(has_timings, |ui| {
             ui.horizontal(|ui| {
-                let all = || timings(&snapshot.frames.recent, drawn);
+                let all = || frames_csv(&snapshot.frames.recent) + &drawing_csv(drawn);
                 let copy = "Copies the timings of these frames and pictures to the clipboard";
                 if ui.button("Copy as CSV").on_hover_text(copy).clicked() {
                     ui.ctx().copy_text(all());
@@ -143,6 +144,7 @@ fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
 
 fn share_within_budget(frames: &[FrameReport], budget_ms: f64) -> f64 {
     let n = frames.iter().filter(|frame| frame.ms.stages.train <= budget_ms).count();
+    // At least 1, because there may be no frame yet.
     n as f64 / frames.len().max(1) as f64
 }
 
@@ -212,15 +214,11 @@ fn number(ui: &mut Ui, text: RichText) {
     });
 }
 
-fn timings(frames: &[FrameReport], drawn: &DrawHistory) -> String {
-    frames_csv(frames) + &drawing_csv(drawn)
-}
-
 fn stages(frames: &[FrameReport]) -> &'static [TrainStage] {
     frames.last().map_or(&[], |frame| frame.ms.stages.names())
 }
 
-/// Time of the stage at index `at` of [`stages`] per frame, milliseconds; 0 for frames with other stages.
+/// Milliseconds per frame of the stage at index `at` of [`stages`]; 0 for frames with other stages.
 fn stage_ms(frames: &[FrameReport], at: usize) -> impl Iterator<Item = f64> {
     let stages = stages(frames);
     frames.iter().map(move |frame| match &frame.ms.stages {
@@ -250,8 +248,8 @@ fn frames_csv(frames: &[FrameReport]) -> String {
     text
 }
 
-/// A block of its own, since pictures do not correspond to frames.
 fn drawing_csv(drawn: &DrawHistory) -> String {
+    // A separate block, since pictures do not correspond to frames.
     let names = DrawStage::ALL.map(|stage| format!("{} ms", stage.label())).join(",");
     let mut text = format!("\npicture,{names},uploaded bytes\n");
     for (i, sample) in drawn.samples().enumerate() {
@@ -263,12 +261,11 @@ fn drawing_csv(drawn: &DrawHistory) -> String {
 }
 
 #[cfg(test)]
-pub mod timings_tests {
+pub mod tests {
     use super::*;
-    use crate::app::drawing::{DrawSample, ViewRenderer};
+    use crate::app::drawing::DrawSample;
     use crate::eval::report::FrameMs;
-    use crate::train::timing::PAPER_STAGES;
-    use crate::train::timing::StageMs;
+    use crate::train::timing::{PAPER_STAGES, StageMs};
 
     /// Report of a frame with `ms` milliseconds of training, all in the first stage.
     pub fn frame(ms: f64) -> FrameReport {
@@ -313,12 +310,6 @@ pub mod timings_tests {
         assert_eq!(lines[1].split(',').count(), lines[2].split(',').count());
         assert_eq!(lines[2], "0,,,0.5000,1.2500,640");
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::timings_tests::frame;
-    use super::*;
 
     #[test]
     fn frames_are_counted_against_the_budget_and_found_under_the_pointer() {

@@ -23,9 +23,9 @@ pub struct MenuContext<'a> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum BarAnswer {
     Action(Action),
-    /// Reopen a recent path.
+    /// Reopens a recent path.
     Open(PathBuf),
-    /// Train on the same frames with the chosen level of detail.
+    /// Trains on the same frames with the chosen level of detail.
     Retrain,
 }
 

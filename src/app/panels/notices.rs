@@ -6,11 +6,12 @@ use eframe::egui::{Align2, Area, Color32, Frame, Id, Label, RichText, ScrollArea
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
+// More would cover the viewport; older ones follow when these are closed.
 const SHOWN: usize = 3;
 const WIDTH: f32 = 620.0;
 const MARGIN: f32 = 10.0;
-/// Share of the viewport's height beyond which notices scroll, and the height (points) they always get.
-/// Cards and viewport below need room in small windows.
+/// Share of the viewport's height beyond which notices scroll, and the height (points) they always have.
+// Cards and viewport below need room in small windows.
 const MAX_SHARE: f32 = 0.35;
 const MIN_HEIGHT: f32 = 60.0;
 const INFO_DURATION: Duration = Duration::from_secs(20);
@@ -58,6 +59,7 @@ impl NoticeBoard {
         });
         self.shown_since.entry(notice.serial).or_insert_with(Instant::now);
         if notice.kind == NoticeKind::Info {
+            // egui does not repaint without input, so the notice would stay.
             ui.ctx().request_repaint_after(INFO_DURATION);
         }
     }
@@ -69,6 +71,7 @@ impl NoticeBoard {
     }
 
     fn remove_old(&mut self, notices: &[Notice]) {
+        // The worker drops old notices; without this the two sets would grow for ever.
         let oldest = notices.first().map_or(u64::MAX, |notice| notice.serial);
         self.closed.retain(|&serial| serial >= oldest);
         self.shown_since.retain(|&serial, _| serial >= oldest);

@@ -13,15 +13,16 @@ const FILM_SIDES: std::ops::RangeInclusive<u32> = 16..=8192;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum PathRequest {
-    /// Save the path (JSON).
+    /// Saves the path, given as JSON.
     Save(String),
     Open(PathBuf),
-    /// Render the path to files.
+    /// Renders the path to files.
     Film,
     CancelFilm,
 }
 
-/// Draws the panel. `file` is the path of the saved file, `film` the rendered share of a running film.
+/// Draws the panel. `file` is the name under which the path is saved, `film` the rendered share of a running
+/// film.
 pub fn ui(
     editor: &mut PathEditor,
     view: &mut SceneView,
@@ -89,6 +90,7 @@ fn keyframes(editor: &mut PathEditor, view: &mut SceneView, ui: &mut Ui) {
         }
         ui.end_row();
     }
+    // After the loop, whose indices it would shift.
     if let Some(i) = removed {
         editor.remove(i);
     }
@@ -100,6 +102,7 @@ fn playback(editor: &mut PathEditor, view: &mut SceneView, ui: &mut Ui) {
         let text = if editor.is_playing { "Stop" } else { "Play" };
         if ui.button(text).clicked() {
             editor.is_playing = !editor.is_playing;
+            // From the end, playing starts over.
             if editor.moment >= path.path.duration() {
                 editor.moment = 0.0;
             }

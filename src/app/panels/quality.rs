@@ -67,35 +67,35 @@ pub fn ui(
     evidence: Option<&EvidenceHistogram>,
     ui: &mut Ui,
 ) -> Option<FrameRef> {
-    let (Some(opened), Some(evaluation)) = (&snapshot.opened, quality.evaluation()) else {
+    let (Some(opened), Some(evaluation)) = (&snapshot.opened, &quality.evaluation) else {
         ui.label("Quality is measured on held-out photographs; no dataset is open.");
         return None;
     };
     let mut asked = None;
-    // Scrolls both ways: longer names must not widen the panel, which would resize the viewport.
-    // Margins: axis names on the left, scroll bar and the last axis label on the right.
+    // Room for axis names on the left, and for scroll bar and last axis label on the right.
     let inner = Frame::new().inner_margin(Margin { left: 4, right: 12, top: 0, bottom: 0 });
+    // Scrolls both ways: longer names must not widen the panel, which would resize the viewport.
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         inner.show(ui, |ui| {
             summary(quality, snapshot, ui);
             groups(quality, snapshot.frames_done, ui);
             weak(ui, &format!("Measured on {}", evaluation.why));
-            if let Some(problem) = quality.problem() {
+            if let Some(problem) = &quality.problem {
                 ui.label(SignalColor::Yellow.text(problem, ui));
             }
-            if !quality.history().is_empty() {
-                curve(quality.history(), plot, ui);
+            if !quality.history.is_empty() {
+                curve(&quality.history, plot, ui);
             }
-            retention(quality.retention().frames(), ui);
+            retention(&quality.retention.frames, ui);
             let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
             histogram(evidence, is_at_rest, ui);
             let help = "Measures a few views on one thread that is idle 15/16 of the time; all views are measured when training pauses";
             let texts = ["While training, every", help, "Measure every", " frames"];
             optional_number(every, DEFAULT_INTERVAL, EVERY, texts, ui);
-            if !quality.views().is_empty() {
+            if !quality.views.is_empty() {
                 section("Views, worst first", ui);
                 let split = evaluation.new_views.split;
-                asked = table(quality.views(), opened, split, thumbnails, ui);
+                asked = table(&quality.views, opened, split, thumbnails, ui);
             }
         })
     });
@@ -108,7 +108,7 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
         1 => "after 1 frame".to_owned(),
         n => format!("after {n} frames"),
     };
-    let (point, what) = match (quality.result(), quality.history().last()) {
+    let (point, what) = match (quality.result(), quality.history.last()) {
         (Some(point), _) => (point, format!("mean of {all} views {}", after(&point))),
         (None, Some(&point)) => {
             let after = after(&point);
@@ -135,7 +135,7 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     ui.label(RichText::new(what).weak());
 }
 
-/// One line per group of views if some views are from the side.
+/// Draws one line per group of views, if some views are from the side.
 fn groups(quality: &QualityMonitor, frames: usize, ui: &mut Ui) {
     let side = quality.side_progress(frames);
     if side.1 == 0 || frames == 0 {
@@ -180,6 +180,7 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
         history.iter().filter_map(|point| Some([x(point), metric.value_of(point)?])).collect();
     let unit = if against_seconds { "seconds of training" } else { "frames" };
     let [label, axis] = metric.label_and_axis();
+    // Own bounds for each pair of axes, because egui stores them by id.
     let id = ("quality", label, against_seconds);
     plot(id, [unit, axis], 180.0).show(ui, |plot| {
         add_curve(plot, label, points, color);
@@ -233,9 +234,10 @@ fn table(
 
 const BAR: Color32 = Color32::from_rgb(86, 180, 233);
 
-/// Draws the histogram while training is paused or finished; counting would slow training down.
+/// Draws the histogram while training is paused or finished.
 fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) {
     section("Evidence of the components", ui);
+    // Counting would slow training down.
     let (true, Some(EvidenceHistogram { first, counts })) = (is_at_rest, histogram) else {
         ui.label(RichText::new("Shown while training is paused or finished.").weak());
         return;
@@ -251,6 +253,7 @@ fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut U
     weak(ui, &format!("{n} components. The Edit tab can select those with low evidence."));
 }
 
+/// Bars per power of ten.
 const PER_DECADE: f64 = 4.0;
 
 /// Components counted by the logarithm of their evidence.
@@ -295,6 +298,7 @@ fn retention(frames: &[RetainedFrame], ui: &mut Ui) {
 }
 
 fn add_curve(plot: &mut PlotUi<'_>, name: &str, points: Vec<[f64; 2]>, color: Color32) {
+    // Points too: a single measurement has no line.
     plot.line(Line::new(name, PlotPoints::from(points.clone())).color(color));
     plot.points(Points::new(name, PlotPoints::from(points)).radius(2.5).color(color));
 }

@@ -15,8 +15,9 @@ use eframe::egui::{
 const WIDTH: f32 = 250.0;
 const PHOTO_HEIGHT: f32 = 190.0;
 /// Height assumed for the text before its first layout, points.
+// The photograph above the text needs the height of the text below it, known only one pass later.
 const TEXT_HEIGHT: f32 = 170.0;
-/// A smaller photograph is omitted, points.
+/// Height below which the photograph is omitted, points.
 const MIN_PHOTO_HEIGHT: f32 = 40.0;
 
 pub fn ui(
@@ -127,7 +128,7 @@ pub fn start(snapshot: &Snapshot, noticed: f32, ui: &mut Ui) -> Option<UiCommand
 
 const BUTTON: Vec2 = Vec2::new(220.0, 32.0);
 
-/// Outlined target for dropped folders; the whole window accepts them.
+/// Draws an outlined target for dropped folders; the whole window accepts them.
 fn target(ui: &mut Ui) {
     let width = (ui.available_width() - 40.0).clamp(100.0, 460.0);
     let line = Stroke::new(1.5, Color32::from_gray(110));
@@ -228,7 +229,7 @@ fn quality_text(quality: &QualityMonitor) -> String {
             format!("{:.2} dB, SSIM {:.3} on {all} {views}", point.psnr, point.ssim)
         }
         (None, 0) => "no views".to_owned(),
-        (None, _) => match quality.problem() {
+        (None, _) => match &quality.problem {
             Some(_) => "could not be measured".to_owned(),
             None => format!("measuring: {done} of {all} views"),
         },
@@ -243,6 +244,7 @@ fn covered(quality: &QualityMonitor) -> String {
 }
 
 fn facts(snapshot: &Snapshot) -> [(&'static str, String); 3] {
+    // At least 1: all frames may have been skipped.
     let per_frame = 1e3 * snapshot.pace.trained_s / snapshot.frames_done.max(1) as f64;
     [
         ("Time", format!("{:.1} s, {per_frame:.0} ms a frame", snapshot.pace.trained_s)),

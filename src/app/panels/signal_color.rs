@@ -7,7 +7,7 @@ use eframe::egui::{
     Align, Align2, Area, Color32, Frame, Id, Layout, Pos2, Rect, RichText, Sense, Ui, Vec2, pos2,
 };
 
-/// Signal colour; its meaning is also stated in words.
+/// Signal colour; text beside it states the same meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SignalColor {
     /// Finished, or information.
@@ -20,6 +20,7 @@ pub enum SignalColor {
 
 impl SignalColor {
     pub fn for_theme(self, is_dark: bool) -> Color32 {
+        // Each has the contrast of 4.5 that small text needs (WCAG 2.1).
         let [on_dark, on_light] = match self {
             Self::Blue => [Color32::from_rgb(110, 170, 240), Color32::from_rgb(20, 90, 190)],
             Self::Green => [Color32::from_rgb(110, 200, 120), Color32::from_rgb(20, 115, 40)],
@@ -100,7 +101,7 @@ fn color(c: [f32; 3]) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-/// Formats a number with at most four decimals; uses an exponent only for very large or small values.
+/// Formats a number with about three digits; very large and very small ones with an exponent.
 pub fn format_number(value: f64) -> String {
     match value.abs() {
         a if a < 1e6 && a.fract() == 0.0 => format!("{value}"),

@@ -62,6 +62,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
             let mut ms: Vec<f64> =
                 snapshot.frames.recent.iter().rev().take(30).map(|f| f.ms.stages.train).collect();
             ms.sort_by(f64::total_cmp);
+            // The median, which single slow frames do not move.
             ui.label(format!("{:.1} ms/frame", quantile(&ms, 0.5)));
         }
         if snapshot.model.components > 0 {
@@ -100,7 +101,7 @@ fn slow_frame_warning(snapshot: &Snapshot, time: Duration, ui: &mut Ui) {
     let name = next.map_or_else(|| "a frame".to_owned(), |frame| frame.entry().name.clone());
     let text = format!("{name}: still reading after {} s", time.as_secs());
     ui.label(SignalColor::Yellow.text(text, ui)).on_hover_text(
-        "The drive may be slow or disconnected: check it. Training continues when it responds; pausing, saving and exporting wait until then. The window can be closed",
+        "The drive may be slow or disconnected: check it. Training continues when it responds. Pausing, saving, exporting and closing do not wait for it",
     );
 }
 
@@ -109,12 +110,12 @@ fn following(n_frames: usize, followed: &Followed) -> String {
     format!("following, {n_frames} frames{waiting}")
 }
 
-/// Component count; unused components exist only in the paper's preset.
 fn components(snapshot: &Snapshot) -> String {
     let Snapshot { model: ModelSize { components, used, .. }, opened, .. } = snapshot;
     let method = opened.as_ref().and_then(|opened| opened.method.as_ref());
     match method.map(|method| method.as_any().component_limit()) {
         None => format!("{components} splats"),
+        // Only the paper's preset has unused components.
         Some(ComponentLimit::Fixed(_)) => format!("{used} of {components} components used"),
         Some(ComponentLimit::Default(_)) => format!("{used} components"),
         Some(ComponentLimit::Asked(most)) => format!("{used} of at most {most} components"),

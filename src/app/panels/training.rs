@@ -15,6 +15,7 @@ use eframe::egui::{
 };
 use std::ops::RangeInclusive;
 
+/// Budget when the user switches it on, components.
 const FIRST_BUDGET: usize = 25_000;
 
 const AUTOSAVES_S: RangeInclusive<u32> = 1..=3600;
@@ -75,13 +76,14 @@ fn budget(scene: &mut SceneOverrides, ui: &mut Ui) {
     });
 }
 
+/// Maximum number of choices shown as buttons; more become a menu.
 const MAX_BUTTONS: usize = 3;
 const FIELD: f32 = 80.0;
 
-/// Setting with a custom control instead of that of its table entry.
+/// Control of a setting that replaces the one of its table entry.
 struct CustomRow<L> {
     field: &'static str,
-    /// Default value as shown by the reset marker.
+    /// Name of the default value in the reset dot's tooltip.
     default: &'static str,
     draw: fn(&mut L, &mut Ui),
 }
@@ -114,6 +116,7 @@ fn differs<L: SettingLayer>(setting: &Setting<L>, layer: &L) -> bool {
 impl<L: SettingLayer + Clone> SettingRows<L> {
     /// Draws the settings with values, then the switches.
     fn ui(&self, layer: &mut L, ui: &mut Ui) {
+        // A setting is a switch or not, whatever the layer contains.
         let is_part = |setting: &&Setting<L>| (setting.flag)(&mut L::default()).is_some();
         let mut problem = None;
         // The id depends on the preset: grids of the same id would share their column widths.
@@ -151,7 +154,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
         let about = &setting.about;
         let default = self.custom_row(setting).map_or(about.default, |own| own.default);
         let is_back =
-            card::ui(about.label.unwrap_or_default(), default, differs(setting, layer), ui);
+            card::reset_dot(about.label.unwrap_or_default(), default, differs(setting, layer), ui);
         if is_back {
             (setting.clear)(layer);
         }
@@ -209,6 +212,7 @@ impl<L: SettingLayer + Clone> SettingRows<L> {
             let checkbox = ui.checkbox(&mut is_on, setting.about.label.unwrap_or_default());
             let is_changed = checkbox.on_hover_text(setting.about.help()).changed();
             if is_changed && let Some(part) = (setting.flag)(layer) {
+                // `true` is the default, which a layer leaves out.
                 *part = (!is_on).then_some(false);
             }
             self.reset_marker(setting, layer, ui);

@@ -1,5 +1,5 @@
-//! Top bar: menus, transport buttons, name, progress and level of detail. One row for all leaves more room
-//! for the viewport.
+//! Top bar: menus, transport buttons, name, progress and level of detail, in one row to leave room for the
+//! viewport.
 
 use super::card::command_button;
 use super::menus;
@@ -67,7 +67,7 @@ const WIDTH: f32 = 90.0;
 
 /// Draws the slider, and a retrain button if the next run would differ from the open one. Returns true if
 /// the button is clicked. `chosen` is the scale of the next run; `None` means that of the open run.
-pub fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui) -> bool {
+fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui) -> bool {
     let Some(run) = snapshot.opened.as_deref().and_then(retrainable_run) else { return false };
     ui.separator();
     let sample = snapshot.sampling.sample.as_ref();
@@ -81,7 +81,7 @@ pub fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mu
         (StructuralScale::World(length), Some(sample)) => length / sample.footprint,
         (StructuralScale::World(_), None) => finest,
     };
-    // Clamped here because the slider would otherwise clamp it and report a change.
+    // Otherwise the slider would clamp it and report a change.
     pixels = pixels.clamp(finest, COARSEST_PX);
     let name = ui.label("Detail");
     ui.spacing_mut().slider_width = WIDTH;
@@ -92,10 +92,12 @@ pub fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mu
     }
     let asked = chosen.unwrap_or(run.scale);
     let next = sample.map(|sample| effective_scale(&run.engine, asked, sample));
+    // Opened by hand, so that keyboard users see the forecast too.
     let mut card = Tooltip::for_widget(&slider);
     card.popup = card.popup.open(slider.hovered() || slider.dragged() || slider.has_focus());
     card.show(|ui| forecast_card(asked, next, snapshot, ui));
-    let is_same = next.map_or(asked == run.scale, |next| is_same_length(next.length, run.engine.h));
+    // Within 0.1 %, because the slider's value is rounded to hundredths of a pixel.
+    let is_same = next.map_or(asked == run.scale, |n| (n.length / run.engine.h - 1.0).abs() < 1e-3);
     let is_trained = snapshot.frames_done > 0 && snapshot.state != RunState::Loading;
     if is_same || !is_trained {
         return false;
@@ -105,10 +107,6 @@ pub fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mu
     ui.button(text)
         .on_hover_text("Train on the same frames again with this level of detail; the view stays")
         .clicked()
-}
-
-fn is_same_length(a: f64, b: f64) -> bool {
-    (a / b - 1.0).abs() < 1e-3
 }
 
 fn forecast_card(

@@ -268,11 +268,11 @@ impl Studio {
     fn ask_export(&mut self, ui: &Ui, waker: &Waker, snapshot: &Snapshot) {
         self.preview_export(snapshot);
         let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
-        let (editor, palette) = self.view.editor_and_palette();
+        let (editor, palette) = (&mut self.view.editor, &self.view.palette);
         let counts = self.dialogs.export.is_open().then(|| editor.counts(palette));
         let report = self.view.comparison.export_preview_report();
         let Dialogs { mapping, export, .. } = &mut self.dialogs;
-        let previews = &mut self.view.settings.previews_export;
+        let previews = &mut self.view.settings.panels.previews_export;
         let choices = |ui: &mut Ui| {
             if is_native {
                 export_options::ui(mapping, ui);
@@ -298,7 +298,7 @@ impl Studio {
     fn preview_export(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         let Dialogs { mapping, export, .. } = &self.dialogs;
-        let is_wanted = export.is_open() && self.view.settings.previews_export;
+        let is_wanted = export.is_open() && self.view.settings.panels.previews_export;
         let format = is_wanted.then(|| ModelFormat::from_path(&export.entered()).ok());
         let choice = format.flatten().map(|format| ExportChoice {
             format,
@@ -308,7 +308,7 @@ impl Studio {
         let started = self.view.preview_export(choice, opened, snapshot.state);
         if !self.is_started("preview the file", started) {
             // Otherwise every pass would report the same error again.
-            self.view.settings.previews_export = false;
+            self.view.settings.panels.previews_export = false;
         }
     }
 
@@ -327,7 +327,7 @@ impl Studio {
         let (Some(opened), Some(paced)) = (&snapshot.opened, path.paced()) else { return };
         let settings = &self.view.settings;
         let method = settings.method(settings.renderer, Lens::Pinhole);
-        let plain = RenderOptions::viewport(method, settings.background.rgb(), opened.home.radius);
+        let plain = RenderOptions::viewport(method, settings.background_rgb(), opened.home.radius);
         let order = FilmRequest {
             path: paced,
             size: path.size,

@@ -2,7 +2,7 @@
 
 use crate::app::frame_outcomes::FrameOutcomes;
 use crate::app::panels::frame_strip;
-use crate::app::panels::frame_strip::{StripAnswer, StripContext, StripPosition};
+use crate::app::panels::frame_strip::{ScrolledTo, StripAnswer, StripContext};
 use crate::app::quality::QualityMonitor;
 use crate::app::state::{RunState, Snapshot};
 use crate::app::viewer::SceneView;
@@ -16,7 +16,7 @@ const MAX_SHARE: f32 = 0.4;
 #[derive(Default)]
 pub(super) struct FrameStripState {
     outcomes: FrameOutcomes,
-    position: StripPosition,
+    scrolled_to: ScrolledTo,
     /// Serial of the open dataset and view before a preview began.
     before: Option<(u64, Place)>,
 }
@@ -49,7 +49,7 @@ impl FrameStripState {
             quality,
             shown: shown.as_ref(),
         };
-        let position = &mut self.position;
+        let scrolled_to = &mut self.scrolled_to;
         let asked = if *is_open {
             let room = ui.max_rect().height();
             let heights = frame_strip::HEIGHTS;
@@ -60,7 +60,7 @@ impl FrameStripState {
                 .default_size((SHARE * room).clamp(heights.min, highest));
             panel.show(ui, |ui| {
                 let folded = frame_strip::header(&context, *is_open, ui);
-                frame_strip::ui(&context, position, thumbnails, ui).or(folded)
+                frame_strip::ui(&context, scrolled_to, thumbnails, ui).or(folded)
             })
         } else {
             // Another name, because egui stores the size of the open strip by its name.

@@ -212,7 +212,7 @@ impl Studio {
             ui.ctx().request_repaint_after(Duration::from_secs(1));
         }
         let surroundings = status::StatusContext {
-            adapter: &self.shell.renderer(self.view.painter.gpu_failed()),
+            adapter: &self.shell.renderer(self.view.painter.gpu_failed),
             n_drawn: self.view.painter.n_drawn(),
             file_progress: self.worker.file_progress(),
             slow_frame: self.worker.slow_frame(),
@@ -280,7 +280,7 @@ impl Studio {
         let settings = &self.view.settings;
         // Quality is measured at dataset cameras, which are pinhole cameras.
         let method = settings.method(settings.renderer, Lens::Pinhole);
-        let (every, splats) = (settings.quality_every, self.view.learned());
+        let (every, splats) = (settings.panels.quality_every, self.view.learned());
         self.quality.update(ui.ctx(), snapshot, method, every, splats);
         self.cards(ui, snapshot, noticed);
         self.request_attributes();

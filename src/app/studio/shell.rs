@@ -45,7 +45,7 @@ impl Shell {
             if viewport::capabilities(state).is_software() {
                 WindowPainter::install(&self.egui, state);
             } else {
-                view.painter.note_gpu_failure();
+                view.painter.gpu_failed = true;
             }
         }
         view

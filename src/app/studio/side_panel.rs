@@ -35,23 +35,23 @@ impl Studio {
     }
 
     fn latency_tab(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        let mut budget_ms = self.view.settings.frame_budget_ms;
-        let csv = latency::ui(snapshot, self.view.painter.drawn(), &mut budget_ms, ui);
-        self.view.settings.frame_budget_ms = budget_ms;
+        let mut budget_ms = self.view.settings.panels.frame_budget_ms;
+        let csv = latency::ui(snapshot, &self.view.painter.drawn, &mut budget_ms, ui);
+        self.view.settings.panels.frame_budget_ms = budget_ms;
         if let (Some(csv), Some(opened)) = (csv, &snapshot.opened) {
             self.worker.send(WorkerOrder::WriteText(opened.files.path("latency.csv"), csv));
         }
     }
 
     fn quality_tab(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        let mut every = self.view.settings.quality_every;
+        let mut every = self.view.settings.panels.quality_every;
         let opened = snapshot.opened.as_deref();
         let evidence = self.evidence(snapshot);
         let thumbnails = opened.and_then(|opened| self.view.thumbnails(opened));
         let (known, plot) = (&self.quality, &mut self.panels.quality_plot);
         let asked =
             quality::ui(known, snapshot, thumbnails, plot, &mut every, evidence.as_ref(), ui);
-        self.view.settings.quality_every = every;
+        self.view.settings.panels.quality_every = every;
         if let (Some(frame), Some(opened)) = (asked, opened) {
             self.view.compare_at(frame, opened);
         }
@@ -66,19 +66,15 @@ impl Studio {
     }
 
     fn settings(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        let own_fov_deg = self.view.camera.own_fov_deg();
-        let around = settings::SettingsContext {
-            adapter: &self.shell.renderer(self.view.painter.gpu_failed()),
-            own_fov_deg,
+        let gpu_failed = self.view.painter.gpu_failed;
+        let graphics = settings::Graphics {
+            renderer: &self.shell.renderer(gpu_failed),
+            device: self.shell.device.as_ref(),
+            gpu_failed,
         };
-        let adapters = self.shell.device.as_ref().map(|device| settings::Adapters {
-            there: &device.there,
-            current: &device.adapter,
-            gpu_failed: self.view.painter.gpu_failed(),
-        });
         let before = self.training.clone();
         let (view, training) = (&mut self.view.settings, &mut self.training);
-        let asked = settings::ui(view, training, &around, adapters.as_ref(), ui);
+        let asked = settings::ui(view, training, &graphics, ui);
         if self.training != before {
             self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
         }
@@ -112,7 +108,7 @@ impl Studio {
 
     /// Reports errors of drawing the window. While the GPU draws the scene, its painter reports them.
     pub(super) fn report_faults(&self) {
-        let is_on_cpu = self.view.painter.drawn().drawer == ViewRenderer::Cpu;
+        let is_on_cpu = self.view.painter.drawn.drawer == ViewRenderer::Cpu;
         let Some(device) = self.shell.device.as_ref().filter(|_| is_on_cpu) else { return };
         for fault in device.faults.take_new() {
             let text = format!(
@@ -208,7 +204,7 @@ impl Studio {
     /// Histogram of the components' evidence while training is paused; collecting it costs the trainer time.
     pub(super) fn evidence(&mut self, snapshot: &Snapshot) -> Option<EvidenceHistogram> {
         let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
-        let (editor, palette) = self.view.editor_and_palette();
+        let (editor, palette) = (&mut self.view.editor, &self.view.palette);
         is_at_rest.then(|| editor.evidence(palette)).flatten()
     }
 

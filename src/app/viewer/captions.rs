@@ -23,7 +23,7 @@ impl SceneView {
             let at = |share: [f32; 2]| rect.lerp_inside(Vec2::from(share));
             let compared = Rect::from_min_max(at(second.area.min), at(second.area.max));
             if let Combination::Wipe(_) = second.how
-                && self.comparison.drag_divider(ui, rect, compared)
+                && divider(ui, rect, compared, &mut self.comparison.divider)
             {
                 // The CPU renders at low resolution until the divider rests.
                 self.camera.note_movement();
@@ -31,11 +31,12 @@ impl SceneView {
             self.captions(ui, inner.intersect(compared.shrink(MARGIN)), second);
         }
         let known = photo.and_then(|photo| photo.as_ref().ok());
+        // Legend and PSNR share a corner: a photograph with painted pixels is not measured.
         if let Some(pixel_counts) = known.and_then(|photo| photo.pixel_counts) {
             measure::legend(&pixel_counts, inner.right_bottom(), ui);
         }
         if let Some(psnr) = known.and_then(|photo| photo.psnr) {
-            let [r, g, b] = self.settings.background.rgb8();
+            let [r, g, b] = self.settings.background;
             let tooltip = format!(
                 "Whole photograph at its native size, as measured by `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x}`"
             );
@@ -66,6 +67,7 @@ impl SceneView {
             Partner::Photo(_) => (own, "Photograph"),
         };
         if is_difference {
+            // Rounded as in the toolbar.
             let gain = self.settings.difference_gain.round();
             let text = format!("|{left} − {right}| × {gain}");
             plate(ui, inner.left_top(), Align2::LEFT_TOP, &text, "");
@@ -76,6 +78,7 @@ impl SceneView {
     }
 
     fn hint_now(&self, ui: &Ui, photo: Option<&Result<PhotoResult, String>>) -> Option<String> {
+        // First, because this error also explains why no comparison is drawn.
         if let Some(Err(problem)) = photo {
             return Some(problem.clone());
         }
@@ -100,15 +103,16 @@ impl SceneView {
 }
 
 /// Width of the divider's grab area, points.
+// Wider than the line, which would be hard to hit.
 const GRIP: f32 = 14.0;
 /// Step of an arrow key, as a share of the viewport's width.
 const STEP: f32 = 0.02;
 /// Distance of captions from the edge of the viewport, points.
 const MARGIN: f32 = 10.0;
 
-/// Draws a draggable divider over the compared part of the viewport. `divider` is a share of the whole
-/// viewport's width. Returns true while it is dragged.
-pub(super) fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bool {
+/// Draws a draggable divider over the compared part of the viewport; returns true while it is dragged.
+/// `divider` is its position as a share of the whole viewport's width.
+fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bool {
     let x_of = |share: f32| viewport.left() + share * viewport.width();
     // Clamped where it is drawn, not where it is stored: a narrow photograph must not move the divider
     // permanently.
@@ -138,16 +142,18 @@ pub(super) fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32
     // Computed again after the drag, or the line would lag one pass behind the pointer.
     let x = x_of(*divider).clamp(compared.left(), compared.right());
     let painter = ui.painter();
+    // A dark rim keeps the white line visible on bright pictures.
     painter.vline(x, compared.y_range(), Stroke::new(3.0, Color32::from_black_alpha(140)));
     painter.vline(x, compared.y_range(), Stroke::new(1.0, Color32::WHITE));
     let knob = Pos2::new(x, compared.center().y);
+    // With focus too: then the arrow keys move it.
     let is_hot = response.hovered() || response.dragged() || response.has_focus();
     let fill = if is_hot { Color32::WHITE } else { Color32::from_gray(210) };
     painter.circle(knob, 7.0, fill, Stroke::new(1.0, Color32::from_black_alpha(160)));
     response.dragged()
 }
 
-/// Draws a line of text on a dark plate anchored at `at`; with a tooltip unless that is empty.
+/// Draws a line of text on a dark plate anchored at `at`; an empty tooltip is not shown.
 fn plate(ui: &mut Ui, at: Pos2, anchor: Align2, text: &str, tooltip: &str) {
     let font = FontId::proportional(13.0);
     let size = ui.painter().layout_no_wrap(text.to_owned(), font.clone(), Color32::WHITE).size();

@@ -21,7 +21,7 @@ use crate::model::splat::framing::framing;
 use crate::pipeline::job::Job;
 use crate::render::compare::{Area, Combination};
 use crate::render::{Exposing, Lens, Paint, RenderOptions, Renderer};
-use eframe::egui::{Rect, Ui};
+use eframe::egui::Ui;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -29,7 +29,7 @@ use std::sync::Arc;
 pub struct Comparison {
     mode: ViewMode,
     /// Position of the wipe divider, as a share of the viewport's width.
-    divider: f32,
+    pub divider: f32,
     model: Option<Arc<ComparedModel>>,
     reading: Option<(PathBuf, Job<ReadModel>)>,
     /// Replaces `model` while an export is previewed.
@@ -62,16 +62,12 @@ impl Comparison {
         self.mode = mode;
     }
 
-    pub fn divider(&self) -> f32 {
-        self.divider
-    }
-
     /// Second model, if any; while an export is previewed, the exported model.
     pub fn model(&self) -> Option<&Arc<ComparedModel>> {
         self.preview.model().or(self.model.as_ref())
     }
 
-    /// Starts reading a checkpoint or splat file to compare with; replaces a read in progress.
+    /// Starts reading a checkpoint or splat file as the second model; replaces a read in progress.
     pub(super) fn read(&mut self, path: PathBuf, waker: &Waker) -> std::io::Result<()> {
         let file = path.clone();
         let job = Job::start_waking("second model", waker.clone(), move || read(&file))?;
@@ -91,13 +87,15 @@ impl Comparison {
         (self.model, self.reading) = (None, None);
     }
 
-    /// Shows a second model that was read since the last call, relative to the scene's local origin
-    /// `origin`, which may change with the dataset. Returns its notices; after an error the previous model
-    /// stays.
+    /// Shows a second model if its file has been read. Returns its notices; after an error the previous
+    /// model stays.
+    ///
+    /// Also moves the model to `origin`, the scene's local origin, which differs between datasets.
     pub(super) fn take_read(&mut self, origin: DVec3) -> Option<Vec<Notice>> {
         let taken = take_finished(&mut self.reading).map(|(path, read)| match read {
             Ok(Ok((model, notices))) => {
                 self.model = Some(Arc::new(model));
+                // The difference of two models stays on; any other mode would not show the new one.
                 if !self.mode.has_model() {
                     self.mode = ViewMode::ModelWipe;
                 }
@@ -115,15 +113,15 @@ impl Comparison {
         taken
     }
 
-    /// Passes on a change of the scene in learned colours: the PSNR must not depend on the displayed ones.
     pub(super) fn change(&mut self, change: SplatChange) {
+        // In learned colours: the PSNR must not depend on the displayed ones.
         self.photos.iter_mut().for_each(|photos| photos.change(change.clone()));
-        self.preview.outdate();
+        self.preview.is_stale = true;
     }
 
-    /// Camera that took the photographs, if it is not the depth camera. Preparation uses the depth
-    /// camera's pixels.
+    /// Camera that took the photographs, if it is not the depth camera.
     pub(super) fn color_camera(&self, opened: &Opened) -> Option<ColorCamera> {
+        // Preparation registers colours to the depth camera's pixels.
         opened.color_camera().filter(|_| self.mode != ViewMode::Preparation)
     }
 
@@ -191,6 +189,7 @@ impl Comparison {
             false => Combination::Wipe(self.divider),
         };
         let second = partner.map(|partner| {
+            // A render fills the viewport, a photograph only the area that its shape allows.
             let area = if matches!(partner, Partner::Photo(_)) { area } else { Area::FULL };
             ComparedPicture { partner, area, how }
         });
@@ -205,16 +204,11 @@ impl Comparison {
         PictureRequest { camera, options, second }
     }
 
-    /// Draws the divider of a wipe in the compared part of the viewport; true while it is dragged.
-    pub(super) fn drag_divider(&mut self, ui: &Ui, rect: Rect, compared: Rect) -> bool {
-        super::captions::divider(ui, rect, compared, &mut self.divider)
-    }
-
     pub fn export_preview_report(&self) -> Option<PreviewReport> {
         self.preview.report()
     }
 
-    /// Takes a finished conversion, and switches the mode to the first one.
+    /// Takes a finished conversion; the first one switches to the model wipe.
     pub(super) fn take_preview(&mut self) {
         if self.preview.take_finished_jobs() && self.mode_before_preview.is_none() {
             self.mode_before_preview = Some(self.mode);
@@ -225,6 +219,7 @@ impl Comparison {
     /// Ends the preview and restores the previous mode.
     pub(super) fn end_preview(&mut self) {
         self.preview = ExportPreview::default();
+        // A mode chosen during the preview stays, unless it needs the model that is gone.
         if let Some(before) = self.mode_before_preview.take().filter(|_| self.mode.has_model()) {
             self.mode = before;
         }
@@ -239,8 +234,8 @@ impl Comparison {
     }
 }
 
-/// Maximum length of a name in a caption, characters: the viewport of a small window is about 450
-/// points wide.
+/// Maximum length of a name in a caption, characters.
+// The viewport of a small window is about 450 points wide.
 const MAX_NAME: usize = 30;
 
 #[derive(Clone, Debug)]
@@ -248,7 +243,7 @@ pub struct ComparedModel {
     /// File name with its folder, shortened for a caption.
     pub name: String,
     pub path: PathBuf,
-    /// Splats, with positions relative to `local_origin`.
+    /// Splats; positions relative to `local_origin`.
     pub splats: SplatSet,
     pub local_origin: DVec3,
     /// Radius of the model, world units; it determines the near plane.
@@ -258,6 +253,7 @@ pub struct ComparedModel {
 impl ComparedModel {
     fn move_origin(&mut self, origin: DVec3) {
         let moved = self.local_origin - origin;
+        // In f64, because both origins may be map coordinates of millions of metres.
         for splat in self.splats.splats_mut() {
             splat.mean = (DVec3::from_array(splat.mean.map(f64::from)) + moved).as_vec3().into();
         }
@@ -271,7 +267,8 @@ type ReadModel = Result<(ComparedModel, Vec<Notice>), String>;
 
 fn read(path: &Path) -> ReadModel {
     let read = read_splats(path).map_err(|error: OpenError| error.to_string())?;
-    let BareSplats { splats, local_origin, notices: told, .. } = read;
+    let BareSplats { splats, local_origin, notices, .. } = read;
+    // Without splats there is no radius for the near plane.
     let Some(framing) = framing(splats.iter()) else {
         return Err(format!(
             "{}: expected at least one splat, found none; compare with another file",
@@ -285,12 +282,12 @@ fn read(path: &Path) -> ReadModel {
         local_origin,
         radius: framing.radius,
     };
-    Ok((model, told))
+    Ok((model, notices))
 }
 
-/// Returns the file name with its folder, because the files of all runs have the same name. Only the
-/// end of a long name is retained.
+/// Returns the file name with its folder; a long name loses its beginning.
 fn name_of(path: &Path) -> String {
+    // With the folder, because the files of all runs have the same name.
     let file = path.file_name().unwrap_or_default().to_string_lossy();
     let folder = path.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
     let name = if folder.is_empty() { file.into_owned() } else { format!("{folder}/{file}") };

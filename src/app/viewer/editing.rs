@@ -22,6 +22,8 @@ enum EditDrag {
 #[derive(Default)]
 pub(super) struct EditTool {
     drag: Option<EditDrag>,
+    /// Selection rectangle of the last pass.
+    // egui clears the start of a drag in the pass that ends it.
     latest_box: Option<Rect>,
 }
 
@@ -30,7 +32,7 @@ impl EditTool {
         self.drag.is_some()
     }
 
-    /// Starts an edit if a drag begins; handles of the crop box take precedence. `world` is that of the
+    /// Starts an edit if a drag begins; handles of the crop box take precedence. `world` belongs to the
     /// latest picture.
     pub(super) fn begin(
         &mut self,
@@ -50,8 +52,8 @@ impl EditTool {
         self.drag = face.map(EditDrag::Face).or(selects);
     }
 
-    /// Draws the crop box and the selection rectangle, and applies the drag. There is no `world` with a
-    /// fisheye, which bends straight lines.
+    /// Draws the crop box and the selection rectangle, and applies the drag. A fisheye has no `world`,
+    /// because it bends straight lines.
     pub(super) fn update(
         &mut self,
         ui: &Ui,
@@ -79,6 +81,7 @@ impl EditTool {
             }
         }
         if !response.dragged_by(PointerButton::Primary) {
+            // The whole drag becomes one undo step.
             editor.log.end_drag();
             self.drag = None;
         }
@@ -106,6 +109,7 @@ fn select(
     editor: &mut Editor,
     palette: &Palette,
 ) {
+    // The camera counts pixels, egui points.
     let corners = [frame.min, frame.max].map(|at| {
         let at = (at - response.rect.min) * ui.ctx().pixels_per_point();
         DVec2::new(at.x.into(), at.y.into())
@@ -127,6 +131,7 @@ fn crop_shown(editor: &Editor) -> Option<[DVec3; 2]> {
 
 const EDGE: Color32 = Color32::from_rgb(120, 220, 255);
 /// Radius of a handle and of its grab area, points.
+// The grab area is larger, so that a handle is easy to hit.
 const HANDLE: f32 = 6.0;
 const GRIP: f32 = 12.0;
 
@@ -148,7 +153,7 @@ fn draw(world: &WorldPainter, crop: [DVec3; 2]) {
         }
     }
     for at in face_centres(crop).into_iter().filter_map(|centre| world.position(centre)) {
-        world.painter().circle(at, HANDLE, EDGE, Stroke::new(1.5, Color32::BLACK));
+        world.painter.circle(at, HANDLE, EDGE, Stroke::new(1.5, Color32::BLACK));
     }
 }
 
@@ -165,7 +170,8 @@ fn face_at(world: &WorldPainter, crop: [DVec3; 2], at: Pos2) -> Option<usize> {
 /// face.
 fn drag_face(world: &WorldPainter, crop: [DVec3; 2], face: usize, by: Vec2) -> [DVec3; 2] {
     let (axis, at) = (face / 2, face_centres(crop)[face]);
-    // A small step along the axis gives its direction and scale on screen.
+    // A small step along the axis gives its direction and scale on screen. A box without extent still
+    // needs a positive one.
     let step = 1e-3 * (crop[1] - crop[0]).max_element().max(f64::MIN_POSITIVE);
     let ends = [at, at + step * DVec3::AXES[axis]].map(|end| world.position(end));
     let [Some(from), Some(to)] = ends else { return crop };

@@ -17,18 +17,18 @@ use crate::export::{Fault, ModelFormat, WriteOptions, WriteProgress, read_back};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::framing;
-use crate::pipeline::job::Job;
+use crate::pipeline::job::{Job, Progress};
 use crate::render::cpu::CpuRenderer;
 use crate::render::{DisplayStyle, Paint, RenderOptions};
 use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Width of the renders that are compared, pixels; small, so that it takes little time.
+/// Maximum width of the compared renders, pixels.
+// Small, because both are rendered on the CPU whenever the view rests.
 const MEASURED_WIDTH: u32 = 480;
-/// Minimum time between two conversions of a changing scene.
+/// Minimum time between two conversions while the scene is trained.
 const INTERVAL: Duration = Duration::from_secs(3);
 
 #[derive(Clone, Debug, PartialEq)]
@@ -60,27 +60,14 @@ struct Converted {
     losses: Vec<String>,
 }
 
-/// Conversion in progress; dropping it cancels the work.
-struct Converting {
-    job: Job<Result<Converted, String>>,
-    is_wanted: Arc<AtomicBool>,
-}
-
-impl Drop for Converting {
-    fn drop(&mut self) {
-        // Relaxed: no other memory depends on the flag.
-        self.is_wanted.store(false, Ordering::Relaxed);
-    }
-}
-
 type Measure = (Arc<ComparedModel>, Camera, RenderOptions);
 
 #[derive(Default)]
 pub(super) struct ExportPreview {
     choice: Option<ExportChoice>,
-    converting: Option<Converting>,
+    converting: Option<Job<Result<Converted, String>>>,
     converted: Option<Result<Converted, String>>,
-    is_stale: bool,
+    pub is_stale: bool,
     begun_at: Option<Instant>,
     measuring: Option<(Measure, Job<f64>)>,
     measured: Option<(Measure, f64)>,
@@ -90,10 +77,6 @@ impl ExportPreview {
     /// Splats of the file, once converted.
     pub fn model(&self) -> Option<&Arc<ComparedModel>> {
         self.converted.as_ref()?.as_ref().ok().map(|converted| &converted.model)
-    }
-
-    pub fn outdate(&mut self) {
-        self.is_stale = true;
     }
 
     pub fn report(&self) -> Option<PreviewReport> {
@@ -122,24 +105,24 @@ impl ExportPreview {
     ) -> std::io::Result<()> {
         let is_new = self.choice.as_ref() != Some(&choice);
         if is_new {
+            // Dropping a job cancels it: its file would be of another format or mapping.
             (self.choice, self.converting) = (Some(choice.clone()), None);
             self.is_stale = true;
         }
-        // Conversions take cores from training, so that they are spaced only then.
+        // Only then do conversions take cores from training.
         let is_early = self.begun_at.is_some_and(|begun| begun.elapsed() < INTERVAL);
         let waits = self.converting.is_some() || is_training && is_early;
         if !self.is_stale || waits && !is_new {
             return Ok(());
         }
-        let is_wanted = Arc::new(AtomicBool::new(true));
         let aside = is_training.then(one_thread).transpose()?;
-        let (flag, scene) = (is_wanted.clone(), scene.clone());
-        let convert = move || {
-            let converted = run_in(aside.as_ref(), || convert(scene, &choice, frame, &flag));
+        let scene = scene.clone();
+        let convert = move |progress: &Progress| {
+            let converted = run_in(aside.as_ref(), || convert(scene, &choice, frame, progress));
             converted.map_err(|fault| fault.to_string())
         };
-        let job = Job::start_waking("export preview", waker.clone(), convert)?;
-        self.converting = Some(Converting { job, is_wanted });
+        let job = Job::start_reporting("export preview", waker.clone(), convert)?;
+        self.converting = Some(job);
         (self.is_stale, self.begun_at) = (false, Some(Instant::now()));
         Ok(())
     }
@@ -151,18 +134,13 @@ impl ExportPreview {
 
     /// Takes finished conversions and measurements; true if a file is shown for the first time.
     pub fn take_finished_jobs(&mut self) -> bool {
-        let answer = self.converting.as_ref().and_then(|converting| converting.job.poll());
-        let is_first = match answer {
-            None => false,
-            Some(answer) => {
-                self.converting = None;
-                let converted =
-                    answer.unwrap_or_else(|panic| Err(panic.failure_notice("the preview")));
-                let is_first = self.model().is_none() && converted.is_ok();
-                self.converted = Some(converted);
-                is_first
-            }
-        };
+        let mut is_first = false;
+        if let Some(answer) = self.converting.as_ref().and_then(Job::poll) {
+            self.converting = None;
+            let converted = answer.unwrap_or_else(|panic| Err(panic.failure_notice("the preview")));
+            is_first = self.model().is_none() && converted.is_ok();
+            self.converted = Some(converted);
+        }
         if let Some((measure, figure)) = take_finished(&mut self.measuring) {
             // NaN after a panic, which is logged, so that the measurement is not repeated.
             self.measured = Some((measure, figure.unwrap_or(f64::NAN)));
@@ -217,22 +195,22 @@ fn convert(
     scene: Arc<SplatSet>,
     choice: &ExportChoice,
     (up, local_origin): (DVec3, DVec3),
-    is_wanted: &AtomicBool,
+    progress: &Progress,
 ) -> Result<Converted, Fault> {
     let scene = choice.left_out.remaining(scene);
-    // Relaxed: no other memory depends on the flag.
-    let told = |_| is_wanted.load(Ordering::Relaxed);
+    let is_wanted = |_| progress.is_wanted();
     let options = WriteOptions {
         up,
         local_origin,
         mapping: choice.mapping,
-        progress: WriteProgress::new(&told),
+        progress: WriteProgress::new(&is_wanted),
         ..WriteOptions::new(choice.format)
     };
     let file = read_back(scene.view(), &options)?;
     let model = ComparedModel {
         name: format!("As .{} file", choice.format.extension()),
         path: PathBuf::new(),
+        // A file without splats has no extent, and any near plane draws it.
         radius: framing(file.splats.iter()).map_or(1.0, |framing| framing.radius),
         splats: file.splats,
         local_origin,

@@ -13,7 +13,8 @@ use crate::math::pose::Pose;
 use eframe::egui::Color32;
 use glam::DVec3;
 
-/// Maximum number of points drawn, evenly subsampled; more would overlap.
+/// Maximum number of points drawn, evenly subsampled.
+// More would overlap.
 const MAX_POINTS: usize = 12_000;
 
 /// Points in world coordinates with their colours, or the reason why there are none.
@@ -67,6 +68,7 @@ fn points_of(frame: &FrameRef, pose: Pose, color_camera: Option<&ColorCamera>) -
     let camera = Camera { pose, ..loaded.camera };
     let photo = frame.entry().photo_camera_at(pose, color_camera);
     let (width, height) = depth.size();
+    // Per axis, hence the root.
     let stride = ((width * height) as f64 / MAX_POINTS as f64).sqrt().ceil().max(1.0) as usize;
     let mut points = Vec::with_capacity(MAX_POINTS);
     for row in (stride / 2..height).step_by(stride) {
@@ -86,6 +88,7 @@ fn points_of(frame: &FrameRef, pose: Pose, color_camera: Option<&ColorCamera>) -
                 true => *loaded.color.at(x, y),
                 false => [128, 128, 128, 255],
             };
+            // Mostly transparent pixels are the background of a rendered dataset.
             if color[3] > 127 {
                 points.push((point, Color32::from_rgb(color[0], color[1], color[2])));
             }

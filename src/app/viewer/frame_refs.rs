@@ -39,7 +39,7 @@ impl FrameRef {
         Self::numbered(dataset, 0)
     }
 
-    /// Frame at a position in training order; `None` for a model.
+    /// Frame at a position of the training order; `None` for a model or past the end.
     pub fn trained(opened: &Opened, position: usize) -> Option<Self> {
         let plan = opened.plan.as_ref()?;
         Self::at(opened.dataset.as_ref()?, plan.split, *plan.frames.get(position)?)
@@ -62,7 +62,7 @@ impl FrameRef {
         None
     }
 
-    /// Same frame of `dataset` if that is a newer state of the same recording, else itself.
+    /// Same frame in `dataset` if that is a newer state of the same recording; otherwise this frame.
     pub fn in_current_dataset(&self, dataset: Option<&Arc<Dataset>>) -> Self {
         let (split, index) = self.position();
         let is_there = |dataset: &&Arc<Dataset>| {
@@ -73,11 +73,12 @@ impl FrameRef {
         Self { dataset, split, index }
     }
 
-    /// Next or previous frame; continues across splits and wraps around.
+    /// Next or previous frame, across splits and around the ends.
     pub fn neighbour(&self, direction: Direction) -> Self {
         let n = self.n_frames();
         let number = match direction {
             Direction::Forth => (self.number() + 1) % n,
+            // `n` is added first, because unsigned numbers cannot go below 0.
             Direction::Back => (self.number() + n - 1) % n,
         };
         // `number` is below the number of frames, so this frame always exists.

@@ -1,8 +1,8 @@
 //! Measuring tool: distance between two clicked points and its posterior standard deviation.
 //!
 //! A click finds the visible splat and the intersection of the pixel's ray with the splat's plane. The
-//! mean of a component given the points has the covariance `E[Σ]/κ` (`model.md`, Posterior); along the
-//! line between two points the variances of both ends add up.
+//! mean of a component has the posterior covariance `E[Σ]/κ` (`model.md`, Posterior). The variance of a
+//! distance is the sum of both ends' variances along the connecting line.
 
 use super::world_painter::WorldPainter;
 use crate::app::panels::signal_color::format_number;
@@ -48,7 +48,8 @@ pub struct MeasureTool {
     pub is_on: bool,
     ends: Vec<MeasuredPoint>,
     /// Clicked splat and point, until the trainer has inspected the splat.
-    waiting: Option<(u32, DVec3)>,
+    // Only the trainer knows the posterior of a component.
+    pub(super) waiting: Option<(u32, DVec3)>,
 }
 
 impl MeasureTool {
@@ -56,11 +57,7 @@ impl MeasureTool {
         *self = Self { is_on: !self.is_on, ..Self::default() };
     }
 
-    pub fn set_pending_point(&mut self, splat: u32, point: DVec3) {
-        self.waiting = Some((splat, point));
-    }
-
-    /// Adds the stored point once its splat is inspected; a third point starts a new measurement.
+    /// Adds the clicked point once its splat is inspected; a third point starts a new measurement.
     pub fn add_inspected_point(&mut self, inspected: Option<&Inspected>) {
         let (Some((id, point)), Some(inspected)) = (self.waiting, inspected) else { return };
         // The snapshot may still inspect the splat clicked before.
@@ -107,13 +104,13 @@ impl MeasureTool {
     pub fn draw(&self, world: &WorldPainter) {
         for end in &self.ends {
             if let Some(at) = world.position(end.point) {
-                world.painter().circle_filled(at, 4.0, LINE);
+                world.painter.circle_filled(at, 4.0, LINE);
             }
         }
         let (&[a, b], Some(length)) = (self.ends.as_slice(), self.length()) else { return };
         world.line([a.point, b.point], Stroke::new(2.0, LINE));
         if let Some(at) = world.position(0.5 * (a.point + b.point)) {
-            let (painter, font) = (world.painter(), FontId::proportional(15.0));
+            let (painter, font) = (&world.painter, FontId::proportional(15.0));
             let galley = painter.layout_no_wrap(format_length(length), font, Color32::WHITE);
             let size = galley.size() + Vec2::new(12.0, 6.0);
             let plate = Align2::CENTER_BOTTOM.anchor_size(at - Vec2::new(0.0, 8.0), size);
@@ -123,7 +120,7 @@ impl MeasureTool {
     }
 }
 
-pub fn format_length(MeasuredLength { length, deviation }: MeasuredLength) -> String {
+fn format_length(MeasuredLength { length, deviation }: MeasuredLength) -> String {
     match deviation {
         Some(deviation) => {
             format!("{} ± {} world units", format_number(length), format_number(deviation))
@@ -132,8 +129,8 @@ pub fn format_length(MeasuredLength { length, deviation }: MeasuredLength) -> St
     }
 }
 
-/// Intersection of a pixel's ray with the plane of the visible splat; the splat's centre if they meet
-/// too far from it or not at all.
+/// Intersection of a pixel's ray with the plane of the visible splat; the splat's centre if the
+/// intersection is too far from it or does not exist.
 pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
     let mean = DVec3::from_array(splat.mean.map(f64::from));
     let [w, x, y, z] = splat.rotation.map(f64::from);
@@ -155,6 +152,7 @@ pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
 }
 
 /// Opacity of a status colour over a dropped pixel.
+// Below 1, so that the photograph shows through.
 const OVERLAY: f32 = 0.7;
 
 /// Reason why a pixel was dropped: its status, colour and label, and the count of such pixels. The colours are
@@ -162,6 +160,7 @@ const OVERLAY: f32 = 0.7;
 type Reason = (PixelStatus, [f32; 3], &'static str, fn(&SurfaceCounts) -> usize);
 
 /// Every reason, in the order of the checks.
+// A pixel has the status of the first check that it fails.
 const REASONS: [Reason; 7] = [
     (PixelStatus::Hole, [0.25; 3], "no depth", |c| c.holes),
     (PixelStatus::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
@@ -221,6 +220,7 @@ pub fn legend(counts: &SurfaceCounts, corner: Pos2, ui: &Ui) {
             ui.label(RichText::new("Preparation").strong());
             Grid::new("pixel status").num_columns(3).show(ui, |ui| {
                 let n_pixels = counts.kept + counts.holes + counts.dropped();
+                // At least 1: an image without pixels has no shares.
                 let share = |n: usize| n as f64 / n_pixels.max(1) as f64;
                 row(ui, None, "used", share(counts.kept));
                 for (_, color, label, count) in REASONS {

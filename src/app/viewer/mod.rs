@@ -1,4 +1,4 @@
-//! Central view of the scene: what is seen from where, compared with what, and painted by GPU or CPU.
+//! Central view of the scene: camera, comparison, overlays, and painting by GPU or CPU.
 
 mod captions;
 pub mod comparison;
@@ -27,7 +27,6 @@ use super::state::{NoticeKind, Opened, RunState, Snapshot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::camera_path::Keyframe;
-use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::framing;
 use crate::render::attributes::Attribute;
@@ -60,9 +59,10 @@ pub struct SceneView {
     pub comparison: Comparison,
     pub overlays: Overlays,
     pub painter: Painter,
-    /// Splats with displayed colours: for framing, for the painter, and for its replacement if the GPU fails.
-    palette: Palette,
-    editor: Editor,
+    /// Splats in learned and in displayed colours.
+    // Kept beside the painter, because its replacement after a GPU failure needs all of them.
+    pub palette: Palette,
+    pub editor: Editor,
     n_frames: usize,
     /// Serial of the subject for which the view was set up.
     serial: u64,
@@ -86,6 +86,7 @@ impl SceneView {
     }
 
     pub fn apply_update(&mut self, update: SplatUpdate) {
+        // Before the palette, which consumes the update and recolours it.
         self.comparison.change(update.change.clone());
         let n_frames = update.n_frames;
         self.editor.stored_scenes.install_finished_copies();
@@ -93,7 +94,7 @@ impl SceneView {
         self.editor.stored_scenes.record(
             n_frames,
             self.palette.learned(),
-            self.settings.past_bytes(),
+            self.settings.panels.past_bytes(),
         );
         self.pass_change_to_painter(change);
     }
@@ -106,7 +107,7 @@ impl SceneView {
         self.painter.change(SplatChange::All(splats.clone()), splats);
     }
 
-    /// Splats in learned colours, whatever colours are displayed.
+    /// Splats in learned colours, independent of the displayed ones.
     pub fn learned(&self) -> &Arc<SplatSet> {
         self.palette.learned()
     }
@@ -125,13 +126,13 @@ impl SceneView {
         if size[0] == 0 || size[1] == 0 {
             return None; // minimised, or squeezed out by the panels
         }
-        self.camera.set_size(size);
+        self.camera.size_px = size;
         self.n_frames = snapshot.n_frames;
         let is_training = snapshot.state == RunState::Training;
         self.camera.follow_guide(opened, snapshot, || framing(self.palette.splats().iter()));
         self.overlays.measure.add_inspected_point(snapshot.inspected.as_deref());
         // Handles are hit where the latest picture shows them.
-        let latest = self.camera.latest().and_then(|camera| self.world(ui, rect, &camera, opened));
+        let latest = self.camera.latest.and_then(|camera| self.world(ui, rect, &camera, opened));
         self.overlays.edit.begin(ui, &response, &self.editor, latest);
         let edits = self.overlays.edit.is_active();
         if edits {
@@ -245,7 +246,7 @@ impl SceneView {
         Some(match ViewPainter::software(&self.waker) {
             Ok(painter) => {
                 self.set_painter(painter);
-                self.painter.note_gpu_failure();
+                self.painter.gpu_failed = true;
                 format!(
                     "the GPU can no longer draw the scene ({reason}); the CPU renderer is used instead; retry the GPU in Settings"
                 )
@@ -271,14 +272,6 @@ impl SceneView {
 impl SceneView {
     pub fn editor(&self) -> &Editor {
         &self.editor
-    }
-
-    pub fn attributes(&self) -> &[ComponentAttributes] {
-        self.palette.attributes()
-    }
-
-    pub fn editor_and_palette(&mut self) -> (&mut Editor, &Palette) {
-        (&mut self.editor, &self.palette)
     }
 
     /// Attribute that the worker delivers with components: the displayed one, else evidence if a panel
@@ -315,9 +308,8 @@ impl SceneView {
 
 /// Subjects, commands and clicks.
 impl SceneView {
-    /// Resets the view if another subject is open. Call it with every snapshot before anything is drawn
-    /// from it or any key is handled, so that no camera, comparison or pending pick of the previous
-    /// subject remains.
+    /// Resets the view if another subject is open, so that no camera, comparison or pending pick of the
+    /// previous one remains. Call it with every snapshot, before drawing from it or handling keys.
     pub fn reset_for_subject(&mut self, opened: &Opened) {
         if self.serial == opened.serial {
             return;
@@ -399,8 +391,8 @@ impl SceneView {
         self.comparison.read(path, &self.waker)
     }
 
-    /// Shows a second model that was read since the last call, relative to the scene's local origin
-    /// `origin`. Returns its notices.
+    /// Shows a second model if its file has been read, relative to the scene's local origin `origin`.
+    /// Returns its notices.
     pub fn take_compared(&mut self, origin: DVec3) -> Vec<(NoticeKind, String)> {
         let read = self.comparison.take_read(origin);
         if read.is_some() {
@@ -409,7 +401,7 @@ impl SceneView {
         read.unwrap_or_default()
     }
 
-    /// Previews an export beside the scene; `None` ends the preview.
+    /// Previews an export beside the scene, or ends the preview.
     pub fn preview_export(
         &mut self,
         choice: Option<ExportChoice>,
@@ -428,7 +420,7 @@ impl SceneView {
 
     /// Returns the current picture for a file: the scene alone, without comparison and overlays.
     pub fn still(&self) -> Option<Still> {
-        let camera = self.camera.latest()?;
+        let camera = self.camera.latest?;
         let shown = (camera, Area::FULL);
         // Without a photograph, and over the whole viewport: a file shows the scene alone.
         let request = self.comparison.picture_request(&self.settings, &self.camera, shown, None);
@@ -457,7 +449,7 @@ impl SceneView {
         let splat = self.editor.pickable_splats(&self.palette).get(picked.splat? as usize)?;
         let point = surface_point(splat, &picked.camera, picked.pixel);
         if picked.purpose == PickPurpose::Measure {
-            self.overlays.measure.set_pending_point(picked.splat?, point);
+            self.overlays.measure.waiting = Some((picked.splat?, point));
             return Some(picked.splat);
         }
         self.camera.set_target(point, &picked.camera);

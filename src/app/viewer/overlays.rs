@@ -3,7 +3,7 @@
 use super::editing::EditTool;
 use super::frame_points::FramePoints;
 use super::frame_refs::FrameRef;
-use super::measure::{MeasureTool, MeasuredLength};
+use super::measure::MeasureTool;
 use super::thumbnails::Thumbnails;
 use super::world_painter::WorldPainter;
 use crate::app::selection::SplatSelection;
@@ -15,7 +15,8 @@ use eframe::egui::{Color32, Stroke, Ui};
 use glam::DVec3;
 use std::time::{Duration, Instant};
 
-/// Maximum number of cameras drawn, evenly subsampled; more would hide each other.
+/// Maximum number of cameras drawn, evenly subsampled.
+// More would hide each other.
 const MAX_CAMERAS: usize = 60;
 /// Length of a frustum, in scene radii.
 const LENGTH: f64 = 0.25;
@@ -27,7 +28,7 @@ const HINT: Duration = Duration::from_secs(5);
 
 #[derive(Default)]
 pub struct Overlays {
-    pub(super) measure: MeasureTool,
+    pub measure: MeasureTool,
     pub(super) selection: SplatSelection,
     pub(super) edit: EditTool,
     points: FramePoints,
@@ -38,6 +39,7 @@ pub struct Overlays {
 
 impl Overlays {
     pub(super) fn reset_for_subject(&mut self) {
+        // Points and splat numbers of the previous subject mean nothing in the next one.
         self.measure = MeasureTool::default();
         self.selection = SplatSelection::default();
         self.points = FramePoints::default();
@@ -45,14 +47,6 @@ impl Overlays {
 
     pub fn is_measuring(&self) -> bool {
         self.measure.is_on
-    }
-
-    pub fn n_measured(&self) -> usize {
-        self.measure.n_ends()
-    }
-
-    pub fn measured(&self) -> Option<MeasuredLength> {
-        self.measure.length()
     }
 
     pub(super) fn show_hint(&mut self, text: impl Into<String>) {
@@ -97,6 +91,7 @@ impl Overlays {
         let length = LENGTH * opened.home.radius;
         // During training the cores are needed for training, not for thumbnails.
         let may_decode = snapshot.state != RunState::Training;
+        // The latest frame again at the end, so that its frustum covers the others.
         for position in (0..n).step_by(stride).chain(latest) {
             let Some(frame) = FrameRef::trained(opened, position) else { continue };
             let color = match latest {
@@ -119,8 +114,8 @@ impl Overlays {
         self.points = FramePoints::default();
     }
 
-    /// Draws the points of the frame in view, else of the one trained last, else of the first; until they
-    /// are decoded, those of the previous one. The scene corrects their pose.
+    /// Draws the points of a frame at its corrected pose: of the frame in view, else of the one trained
+    /// last, else of the first one. The previous points remain until the new ones are decoded.
     pub(super) fn draw_points(
         &mut self,
         world: &WorldPainter,

@@ -6,7 +6,7 @@ use crate::app::drawing::{DrawHistory, DrawSample, DrawStage, Painting, ViewRend
 use crate::app::splat_updates::SplatChange;
 use crate::app::view_thread::{Announce, ViewThread, one_thread, run_in};
 use crate::app::viewport;
-use crate::app::viewport::{GpuViewPainter, ViewPaintError, WindowDevice};
+use crate::app::viewport::{GpuViewPainter, WindowDevice};
 use crate::app::worker::Waker;
 use crate::math::image::{RgbImage, unit_to_byte};
 use crate::model::splat::appearance::SplatSet;
@@ -19,29 +19,18 @@ const GPU_INTERVAL: Duration = Duration::from_millis(33);
 
 pub struct Painter {
     painter: ViewPainter,
-    drawn: DrawHistory,
-    gpu_failed: bool,
+    pub drawn: DrawHistory,
+    /// True if the CPU draws although a GPU exists.
+    pub gpu_failed: bool,
     /// Start of the last pass of the window.
     passed_at: Instant,
 }
 
 impl Painter {
     pub(super) fn new(painter: ViewPainter) -> Self {
+        // A fresh history: timings of another renderer are not comparable.
         let drawn = DrawHistory::new(painter.drawer());
         Self { painter, drawn, gpu_failed: false, passed_at: Instant::now() }
-    }
-
-    /// True if the CPU draws although a GPU exists.
-    pub fn gpu_failed(&self) -> bool {
-        self.gpu_failed
-    }
-
-    pub fn note_gpu_failure(&mut self) {
-        self.gpu_failed = true;
-    }
-
-    pub fn drawn(&self) -> &DrawHistory {
-        &self.drawn
     }
 
     pub fn n_drawn(&self) -> usize {
@@ -67,7 +56,7 @@ impl Painter {
         request: &PictureRequest,
         effort: Effort,
         splats: &SplatSet,
-    ) -> Result<(), ViewPaintError> {
+    ) -> Result<(), String> {
         let sample = match &mut self.painter {
             ViewPainter::Gpu(painter) => painter.paint(ui, rect, request, splats)?,
             ViewPainter::Software(painter) => painter.paint(ui, rect, request, effort),
@@ -85,13 +74,15 @@ impl Painter {
         }
     }
 
-    /// Starts a pass of the window; returns the time to wait before it. egui redraws the whole window
-    /// on every pointer movement, much more often than the scene is rendered. `merges` these movements
-    /// while the camera moves during training.
+    /// Starts a pass of the window; returns the time to wait before it. `merges` is true while the camera
+    /// moves during training; pointer movements during the wait then share one pass.
     pub(super) fn begin_pass(&mut self, merges: bool) -> Duration {
+        // egui redraws the whole window on every pointer movement, much more often than the scene is
+        // rendered. Only passes drawn by the CPU take cores from training.
         let is_paced = merges && matches!(self.painter, ViewPainter::Software(_));
         let apart = if is_paced { pass_interval() } else { Duration::ZERO };
         let pause = apart.saturating_sub(self.passed_at.elapsed());
+        // The caller sleeps for the pause before the pass.
         self.passed_at = Instant::now() + pause;
         pause
     }
@@ -146,12 +137,12 @@ impl ViewPainter {
 /// Minimum time between two pictures that follow training.
 const FOLLOW_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Minimum time between two passes of the window while the camera moves during training: 200 ms of
-/// one core, shared by all cores.
+/// Minimum time between two passes of the window while the camera moves during training.
 ///
-/// This is the whole rule that protects training, together with [`Effort::BesideTraining`]. A pass
-/// takes about 20 ms of a core and a picture twice that, so drawing takes a fifth of the cores.
+/// Together with [`Effort::BesideTraining`] it is all that protects training from drawing.
 fn pass_interval() -> Duration {
+    // 200 ms of one core, shared by all. A pass takes about 20 ms of a core and a picture twice that, so
+    // drawing takes a fifth of the cores.
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
     Duration::from_millis(200) / cores
 }
@@ -176,7 +167,7 @@ impl Effort {
 
 struct Picture {
     image: ColorImage,
-    /// Number of splats at that time, without empty slots.
+    /// Number of splats in the picture, without empty slots.
     n_drawn: usize,
     took: Duration,
 }
@@ -201,6 +192,7 @@ impl SoftwarePainter {
             let pool = (effort == Effort::BesideTraining).then_some(&alone);
             let picture = run_in(pool, || picture(&mut renderer, splats, &request, effort.scale()));
             let took = started.elapsed();
+            // Empty slots have opacity 0.
             let n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
             Picture { image: texels(&picture), n_drawn, took }
         };
@@ -220,8 +212,8 @@ impl SoftwarePainter {
         self.is_stale = true;
     }
 
-    /// Paints the newest picture over the viewport and requests the next one if needed; until then the
-    /// last picture remains. Returns the timing of a new picture.
+    /// Paints the newest picture over the viewport and requests the next one if needed; the last picture
+    /// remains in the meantime. Returns the timing of a new picture.
     fn paint(
         &mut self,
         ui: &Ui,
@@ -266,6 +258,7 @@ impl SoftwarePainter {
         }
         let mut announce = Announce::Wake;
         if effort == Effort::BesideTraining {
+            // The rest of twice its time begins when the picture is finished.
             let mut apart = 3 * self.took;
             // A moved camera and the first picture do not wait for training.
             if !moved && self.n_drawn > 0 {
@@ -283,6 +276,7 @@ impl SoftwarePainter {
         self.thread.send_request((request.clone(), effort), announce);
         self.asked = Some((request.clone(), effort));
         self.asked_at = Instant::now();
+        // Before the answer: a change during the rendering makes it stale again.
         self.is_stale = false;
     }
 }
@@ -303,6 +297,7 @@ fn picture(
         let other = match partner {
             Partner::Splats(options) => &render(splats, options),
             Partner::Model(model, options) => &render(&model.splats, options),
+            // At its own size, which `combine` samples.
             Partner::Photo(photo) => &**photo,
         };
         combine(&mut first, other, *area, *how);

@@ -23,6 +23,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Minimum time between two measurements while the scene changes.
+// A measurement renders the whole photograph on the CPU.
 const INTERVAL: Duration = Duration::from_millis(500);
 
 #[derive(Clone, Debug)]
@@ -69,7 +70,7 @@ pub struct PhotoResult {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PhotoTask {
-    /// Only the photograph, which is available at once.
+    /// Photograph without metrics, which is available at once.
     Show,
     /// PSNR, with one thread because training needs the others.
     MeasureAside,
@@ -127,6 +128,7 @@ impl PhotoRequests {
                     }
                 }
             }
+            // Another photograph must not be shown under this camera.
             _ => {
                 self.result = None;
                 self.is_stale = true;
@@ -175,11 +177,12 @@ impl PhotoRequests {
 
 struct PhotoWorker {
     renderer: CpuRenderer,
+    /// Pool of one thread, for use beside training.
     alone: rayon::ThreadPool,
     painter: PixelStatusPainter,
     /// Photograph decoded last, without metrics.
     latest: Option<(PhotoQuery, PhotoResult)>,
-    /// PSNR of the second model, which does not change with the scene.
+    /// PSNR of the second model.
     latest_compared: Option<(PhotoQuery, f64)>,
 }
 
@@ -205,6 +208,7 @@ impl PhotoWorker {
             return Ok(photo);
         }
         let known = self.latest_compared.take();
+        // The second model does not change, so its figure stays valid for these settings.
         let known = known.filter(|(measured, _)| measured.is_same_measurement(query));
         let renderer = &mut self.renderer;
         let mut measure = |splats: &SplatSet| {
@@ -279,7 +283,7 @@ pub enum Partner {
 }
 
 impl PartialEq for Partner {
-    /// Compares photographs and models by address, never by content.
+    // By address: comparing millions of pixels or splats in every pass would be slow.
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Splats(a), Self::Splats(b)) => a == b,

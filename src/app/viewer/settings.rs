@@ -12,37 +12,13 @@ use std::ops::RangeInclusive;
 
 pub const SCALES: RangeInclusive<f32> = 0.1..=3.0;
 pub const GAINS: RangeInclusive<f32> = 1.0..=64.0;
+// A pinhole is accurate up to about 150° (`rendering.md`, Wide views and fisheye).
 pub const PINHOLE_FOV_DEG: RangeInclusive<f32> = 10.0..=150.0;
 pub const FISHEYE_FOV_DEG: RangeInclusive<f32> = 60.0..=360.0;
 
 pub const MAX_PAST_MB: u32 = 4096;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Background {
-    Dark,
-    Grey,
-    White,
-    Black,
-    Custom([u8; 3]),
-}
-
-impl Background {
-    pub fn rgb8(self) -> [u8; 3] {
-        match self {
-            Background::Dark => [23, 25, 31],
-            Background::Grey => [128; 3],
-            Background::White => [255; 3],
-            Background::Black => [0; 3],
-            Background::Custom(rgb) => rgb,
-        }
-    }
-
-    /// As sRGB values from 0 to 1.
-    pub fn rgb(self) -> [f32; 3] {
-        self.rgb8().map(|v| f32::from(v) / 255.0)
-    }
-}
+pub const DARK: [u8; 3] = [23, 25, 31];
 
 /// Default latency budget of a frame: the interval of a camera with 30 frames per second.
 const FRAME_BUDGET_MS: f64 = 33.3;
@@ -50,7 +26,7 @@ const FRAME_BUDGET_MS: f64 = 33.3;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ViewSettings {
-    /// Renderer; always the exact one with a fisheye.
+    /// Always the exact renderer with a fisheye.
     pub renderer: Renderer,
     pub antialias: Antialias,
     pub lens: Lens,
@@ -60,7 +36,8 @@ pub struct ViewSettings {
     pub scale: f32,
     /// Minimum opacity of splats that are drawn.
     pub opacity_cut: f32,
-    pub background: Background,
+    /// sRGB.
+    pub background: [u8; 3],
     /// Exposure of scenes whose cameras used automatic exposure. Beside a photograph the recorded
     /// exposure is always used.
     pub exposing: Exposing,
@@ -69,6 +46,16 @@ pub struct ViewSettings {
     pub shows_cameras: bool,
     pub shows_points: bool,
     pub shows_grid: bool,
+    pub panels: PanelSettings,
+    // Not stored, because the next scene may not support it.
+    #[serde(skip)]
+    pub color_mode: ColorMode,
+}
+
+/// Settings of panels and dialogs around the viewport.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct PanelSettings {
     pub previews_export: bool,
     /// Frames between two measurements of held-out views during training; `None` measures at rest only.
     pub quality_every: Option<usize>,
@@ -76,9 +63,36 @@ pub struct ViewSettings {
     pub frame_budget_ms: f64,
     /// Memory for earlier states of a scene in training, MB.
     pub past_mb: u32,
-    /// Colour mode. Not stored, because the next scene may not support it.
-    #[serde(skip)]
-    pub color_mode: ColorMode,
+}
+
+impl Default for PanelSettings {
+    fn default() -> Self {
+        Self {
+            previews_export: true,
+            quality_every: Some(DEFAULT_INTERVAL),
+            frame_budget_ms: FRAME_BUDGET_MS,
+            past_mb: 128,
+        }
+    }
+}
+
+impl PanelSettings {
+    fn in_range(self) -> Self {
+        Self {
+            // 0 would measure in every pass.
+            quality_every: self.quality_every.map(|every| every.max(1)),
+            frame_budget_ms: match self.frame_budget_ms {
+                ms if ms.is_finite() && ms > 0.0 => ms,
+                _ => FRAME_BUDGET_MS,
+            },
+            past_mb: self.past_mb.min(MAX_PAST_MB),
+            ..self
+        }
+    }
+
+    pub fn past_bytes(&self) -> usize {
+        self.past_mb as usize * 1_000_000
+    }
 }
 
 impl Default for ViewSettings {
@@ -91,16 +105,13 @@ impl Default for ViewSettings {
             fisheye_fov_deg: 180.0,
             scale: 1.0,
             opacity_cut: 0.0,
-            background: Background::Dark,
+            background: DARK,
             exposing: Exposing::Neutral,
             difference_gain: 8.0,
             shows_cameras: false,
             shows_points: false,
             shows_grid: false,
-            previews_export: true,
-            quality_every: Some(DEFAULT_INTERVAL),
-            frame_budget_ms: FRAME_BUDGET_MS,
-            past_mb: 128,
+            panels: PanelSettings::default(),
             color_mode: ColorMode::Color,
         }
     }
@@ -119,7 +130,7 @@ impl ViewSettings {
             if value.is_finite() { value.clamp(*range.start(), *range.end()) } else { otherwise }
         };
         let pinhole = self.pinhole_fov_deg.filter(|fov| fov.is_finite());
-        // Enforced here too: the text may be edited by hand, without `set_lens`.
+        // Enforced here too, because the text may have been edited by hand.
         let renderer = if self.lens == Lens::Fisheye { Renderer::Exact } else { self.renderer };
         Self {
             renderer,
@@ -127,25 +138,20 @@ impl ViewSettings {
             fisheye_fov_deg: within(self.fisheye_fov_deg, FISHEYE_FOV_DEG, start.fisheye_fov_deg),
             scale: within(self.scale, SCALES, start.scale),
             opacity_cut: within(self.opacity_cut, 0.0..=1.0, start.opacity_cut),
-            quality_every: self.quality_every.map(|every| every.max(1)),
-            frame_budget_ms: match self.frame_budget_ms {
-                ms if ms.is_finite() && ms > 0.0 => ms,
-                _ => FRAME_BUDGET_MS,
-            },
-            past_mb: self.past_mb.min(MAX_PAST_MB),
+            panels: self.panels.in_range(),
             difference_gain: within(self.difference_gain, GAINS, start.difference_gain),
             ..self
         }
     }
 
-    pub fn past_bytes(&self) -> usize {
-        self.past_mb as usize * 1_000_000
+    /// Background, sRGB values from 0 to 1.
+    pub fn background_rgb(&self) -> [f32; 3] {
+        self.background.map(|v| f32::from(v) / 255.0)
     }
 
-    /// Sets the lens; a fisheye also selects the exact renderer, as the projected one does not support
-    /// it.
     pub fn set_lens(&mut self, lens: Lens) {
         self.lens = lens;
+        // The projected renderer does not support a fisheye.
         if lens == Lens::Fisheye {
             self.renderer = Renderer::Exact;
         }
@@ -162,9 +168,10 @@ impl ViewSettings {
         }
     }
 
-    /// Render options with a method. `radius` is the scene's and `distance` the camera's from the
-    /// scene's centre, world units.
+    /// Render options with a method. `radius` is the scene's radius, `distance` that of the camera from
+    /// the scene's centre, world units.
     pub fn options(&self, method: RenderMethod, radius: f64, distance: f64) -> RenderOptions {
+        // The scene's bounding sphere along the view, so that the depth colours use their whole range.
         let range = [(distance - radius).max(0.0), distance + radius].map(|d| d as f32);
         let look = DisplayStyle {
             scale: self.scale,
@@ -176,14 +183,14 @@ impl ViewSettings {
             ColorMode::Color => self.exposing,
             _ => Exposing::Neutral,
         };
-        let plain = RenderOptions::viewport(method, self.background.rgb(), radius);
+        let plain = RenderOptions::viewport(method, self.background_rgb(), radius);
         RenderOptions { style: look, exposure_mode: exposing, ..plain }
     }
 
     /// Options with which `eval` measures the chosen renderer at a dataset camera.
     pub fn measured(&self) -> RenderOptions {
         let method = self.method(self.renderer, Lens::Pinhole);
-        RenderOptions::evaluation(method, self.background.rgb())
+        RenderOptions::evaluation(method, self.background_rgb())
     }
 }
 
@@ -198,7 +205,7 @@ mod tests {
             exposing: Exposing::Recorded,
             pinhole_fov_deg: Some(90.0),
             scale: 0.5,
-            background: Background::Custom([1, 2, 3]),
+            background: [1, 2, 3],
             color_mode: ColorMode::Depth,
             ..ViewSettings::default()
         };
@@ -214,9 +221,9 @@ mod tests {
             assert_eq!(read, ViewSettings::default(), "{text}");
             assert!(notice.unwrap().contains("the defaults are used"), "{text}");
         }
-        let text = "(scale: 99.0, opacity_cut: NaN, past_mb: 99999, pinhole_fov_deg: Some(500.0), lens: fisheye)";
+        let text = "(scale: 99.0, opacity_cut: NaN, panels: (past_mb: 99999), pinhole_fov_deg: Some(500.0), lens: fisheye)";
         let (read, notice) = ViewSettings::from_text(text);
-        assert_eq!((read.scale, read.opacity_cut, read.past_mb), (3.0, 0.0, MAX_PAST_MB));
+        assert_eq!((read.scale, read.opacity_cut, read.panels.past_mb), (3.0, 0.0, MAX_PAST_MB));
         assert_eq!((read.pinhole_fov_deg, read.renderer), (Some(150.0), Renderer::Exact));
         assert_eq!(notice, None);
     }

@@ -1,8 +1,8 @@
 //! Thumbnails of photographs and depth, decoded lazily in the background and stored as textures.
 //!
-//! Their number is bounded, so that memory does not grow with the dataset: the least recently used is
-//! dropped, but never one on screen. During training decoding rests, and it does not wake the window,
-//! which takes finished thumbnails when it repaints anyway.
+//! Their number is bounded, so that memory does not grow with the dataset: the least recently used one
+//! that is not on screen is dropped. During training decoding rests between frames and does not wake the
+//! window, which repaints anyway.
 
 use super::frame_refs::FrameRef;
 use crate::app::view_thread::{RestingJob, one_thread};
@@ -18,23 +18,25 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Longest side of a thumbnail, pixels.
 const MAX_SIDE: usize = 192;
-/// Maximum number of stored frames, about 220 kB each: enough for the cameras in the viewport, a strip
-/// across a wide screen and a table of views.
+/// Maximum number of stored frames, about 220 kB each.
+// Enough for the cameras in the viewport, a strip across a wide screen and a table of views.
 const MAX_KEPT: usize = 256;
 /// Colour of depth pixels without a measurement.
 const HOLE: Color32 = Color32::from_gray(18);
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Parts of a frame to decode; each contains the previous one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Photo,
     PhotoAndDepth,
 }
 
 /// Pictures of a frame, or the reason why some are missing.
-struct Pictures<T> {
-    photo: Option<T>,
-    depth: Option<T>,
-    problem: Option<String>,
+pub struct Pictures<T> {
+    pub photo: Option<T>,
+    /// Depth over its own range, from violet (near) to yellow (far).
+    pub depth: Option<T>,
+    pub problem: Option<String>,
 }
 
 struct StoredThumbnails {
@@ -44,14 +46,6 @@ struct StoredThumbnails {
     used_in: u64,
     /// `None` until decoded.
     pictures: Option<Pictures<TextureHandle>>,
-}
-
-#[derive(Clone, Copy, Default)]
-pub struct FramePictures<'a> {
-    pub photo: Option<&'a TextureHandle>,
-    /// Depth over its own range, from violet (near) to yellow (far).
-    pub depth: Option<&'a TextureHandle>,
-    pub problem: Option<&'a str>,
 }
 
 pub struct Thumbnails {
@@ -82,9 +76,9 @@ impl Thumbnails {
         })
     }
 
-    pub fn set_yields_cores(&self, stands_back: bool) {
+    pub fn set_yields_cores(&self, yields: bool) {
         // Relaxed: no other memory depends on the flag.
-        self.yields_cores.store(stands_back, Ordering::Relaxed);
+        self.yields_cores.store(yields, Ordering::Relaxed);
     }
 
     /// Returns the thumbnail of a photograph if it is decoded; else requests it if `may_decode`.
@@ -94,10 +88,14 @@ impl Thumbnails {
         frame: &FrameRef,
         may_decode: bool,
     ) -> Option<&TextureHandle> {
-        self.look_up(context, frame, may_decode.then_some(Part::Photo)).photo
+        self.look_up(context, frame, may_decode.then_some(Part::Photo))?.photo.as_ref()
     }
 
-    pub fn pictures(&mut self, context: &Context, frame: &FrameRef) -> FramePictures<'_> {
+    pub fn pictures(
+        &mut self,
+        context: &Context,
+        frame: &FrameRef,
+    ) -> Option<&Pictures<TextureHandle>> {
         self.look_up(context, frame, Some(Part::PhotoAndDepth))
     }
 
@@ -106,27 +104,22 @@ impl Thumbnails {
         context: &Context,
         frame: &FrameRef,
         wanted: Option<Part>,
-    ) -> FramePictures<'_> {
+    ) -> Option<&Pictures<TextureHandle>> {
         self.take(context);
         let (position, pass) = (frame.position(), context.cumulative_pass_nr());
         let known = self.kept.get(&position).map(|kept| kept.part);
-        if let Some(part) = wanted
-            && known.is_none_or(|known| known == Part::Photo && part == Part::PhotoAndDepth)
-        {
+        if let Some(part) = wanted.filter(|_| known < wanted) {
             self.request(frame, part, pass);
         }
-        let Some(kept) = self.kept.get_mut(&position) else { return FramePictures::default() };
+        let kept = self.kept.get_mut(&position)?;
         kept.used_in = pass;
-        kept.pictures.as_ref().map_or_else(FramePictures::default, |pictures| FramePictures {
-            photo: pictures.photo.as_ref(),
-            depth: pictures.depth.as_ref(),
-            problem: pictures.problem.as_deref(),
-        })
+        kept.pictures.as_ref()
     }
 
     fn request(&mut self, frame: &FrameRef, part: Part, pass: u64) {
         let position = frame.position();
         let is_new = !self.kept.contains_key(&position);
+        // Relaxed: no other memory depends on the flag.
         let is_ready = self.decoder.is_ready(self.yields_cores.load(Ordering::Relaxed));
         if !is_ready || is_new && !self.make_room(pass) {
             return;
@@ -134,6 +127,7 @@ impl Thumbnails {
         let (alone, asked) = (self.alone.clone(), frame.clone());
         let decode = move || alone.install(|| decode(&asked, part));
         if self.decoder.start("thumbnails", position, self.waker.clone(), decode).is_ok() {
+            // The part at the request, so that a frame that fails is not decoded again in every pass.
             let new = StoredThumbnails { part, used_in: pass, pictures: None };
             self.kept.entry(position).or_insert(new).part = part;
         }
@@ -241,9 +235,9 @@ fn shrink([width, height]: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) 
     ColorImage::new(size, pixels)
 }
 
-/// Maps depth to colours, over its range without the nearest and farthest 2 %. Samples one pixel per
-/// block: a mean across an edge would be a surface that does not exist.
+/// Maps depth to colours, over its range without the nearest and farthest 2 %.
 fn depth_picture(depth: &Depth) -> ColorImage {
+    // One pixel per block: a mean across an edge would be a surface that does not exist.
     let (width, height) = depth.size();
     let (factor, size) = reduced([width, height]);
     let middle = |i: usize, side: usize| (i * factor + factor / 2).min(side - 1);
@@ -253,6 +247,7 @@ fn depth_picture(depth: &Depth) -> ColorImage {
     let mut known: Vec<f64> = values.iter().flatten().copied().collect();
     known.sort_by(f64::total_cmp);
     let [near, far] = [0.02, 0.98].map(|q| quantile(&known, q));
+    // Positive: a wall seen head-on has a single depth.
     let span = (far - near).max(f64::MIN_POSITIVE);
     let color = |value: f64| {
         let [r, g, b] = ramp(((value - near) / span) as f32).map(|c| (255.0 * c).round() as u8);

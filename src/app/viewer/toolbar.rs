@@ -2,16 +2,17 @@
 
 use super::SceneView;
 use super::comparison::ComparedModel;
-use super::settings::GAINS;
+use super::settings::{FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, ViewSettings};
 use crate::app::color_mode::ColorMode;
 use crate::app::command::{UiCommand, labelled};
-use crate::app::panels::card::{command_button, entry, named};
-use crate::app::panels::settings::lens;
+use crate::app::panels::card::{choices, command_button, entry, named};
 use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
-use eframe::egui::{ComboBox, DragValue, Label, RichText, Ui};
+use eframe::egui::{Button, ComboBox, DragValue, Label, RichText, Slider, Ui};
+use std::ops::RangeInclusive;
 
-/// Maximum height of the comparison menu, points; it fits without scrolling.
+/// Maximum height of the comparison menu, points.
+// egui's default of 200 would need scrolling.
 const MENU: f32 = 400.0;
 
 /// Draws the toolbar; returns a command that the view does not execute itself.
@@ -129,6 +130,44 @@ fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
         .on_hover_text("Colour mode");
 }
 
+fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
+    let lenses = [
+        (Lens::Pinhole, "Pinhole", "Straight lines stay straight"),
+        (Lens::Fisheye, "Fisheye", "Equidistant, up to 360°; drawn by the exact renderer"),
+    ];
+    let mut lens = settings.lens;
+    if ui.horizontal(|ui| choices(&mut lens, &lenses, ui)).inner {
+        settings.set_lens(lens);
+    }
+    ui.horizontal(|ui| {
+        let reset = match settings.lens {
+            Lens::Pinhole => {
+                // Rounded like the slider's value, which would otherwise count as changed.
+                let mut fov = settings.pinhole_fov_deg.unwrap_or(own_fov_deg).round();
+                if named(ui.add(degrees(&mut fov, PINHOLE_FOV_DEG)), FOV).changed() {
+                    settings.pinhole_fov_deg = Some(fov);
+                }
+                settings.pinhole_fov_deg.is_some()
+            }
+            Lens::Fisheye => {
+                named(ui.add(degrees(&mut settings.fisheye_fov_deg, FISHEYE_FOV_DEG)), FOV);
+                false
+            }
+        };
+        let undo = ui.add_enabled(reset, Button::new("Reset"));
+        if undo.on_hover_text("Resets to the scene's own camera").clicked() {
+            settings.pinhole_fov_deg = None;
+        }
+    });
+    ui.label(RichText::new(FOV).weak());
+}
+
+const FOV: &str = "Vertical field of view";
+
+fn degrees(fov: &mut f32, range: RangeInclusive<f32>) -> Slider<'_> {
+    Slider::new(fov, range).suffix("°").max_decimals(0)
+}
+
 fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = toggle(UiCommand::PreviousCamera, false, snapshot, ui);
     match view.camera.frame_ref() {
@@ -204,9 +243,9 @@ impl ViewMode {
             _ if self.has_model() && compared.is_none() => {
                 Some("No second model is open: choose “Compare with a model…” first")
             }
-            ViewMode::Wipe | ViewMode::Difference if lens == Lens::Fisheye => {
-                Some("Only the exact renderer supports a fisheye; choose the pinhole in Settings")
-            }
+            ViewMode::Wipe | ViewMode::Difference if lens == Lens::Fisheye => Some(
+                "Only the exact renderer supports a fisheye; choose the pinhole above the viewport",
+            ),
             _ if self.needs_frame() && opened.dataset.is_none() => {
                 Some("A model has no photographs")
             }

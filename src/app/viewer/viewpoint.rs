@@ -3,8 +3,8 @@
 //!
 //! A guided camera shows all dataset cameras before training, the camera of the latest frame during
 //! training, and the whole scene at the end. Steering by the user ends it, the Ride along command starts it
-//! again. It moves with the snapshots, without animation: pictures in between would take CPU time from
-//! training if no GPU draws.
+//! again. It jumps with the snapshots, without animation: without a GPU, further pictures would take CPU time
+//! from training.
 
 use super::frame_refs::{Direction, FrameRef, fit};
 use super::settings::ViewSettings;
@@ -61,9 +61,9 @@ pub struct Viewpoint {
     is_flying: bool,
     /// Files of the subject whose camera is retained if it is opened again.
     retained_for: Option<FileProposal>,
-    size: [u32; 2],
+    pub size_px: [u32; 2],
     /// Camera of the latest picture.
-    latest: Option<Camera>,
+    pub(super) latest: Option<Camera>,
     moved_at: Instant,
 }
 
@@ -75,7 +75,7 @@ impl Default for Viewpoint {
             place: Place { position: ViewPosition::Free, guide, latest_frame: None },
             is_flying: false,
             retained_for: None,
-            size: [1, 1],
+            size_px: [1, 1],
             latest: None,
             moved_at: Instant::now(),
         }
@@ -126,48 +126,36 @@ impl Viewpoint {
         self.moved_at.elapsed() < SETTLE
     }
 
-    /// Counts a change of the picture as a movement.
+    /// Restarts the time until the picture is refined.
     pub(super) fn note_movement(&mut self) {
         self.moved_at = Instant::now();
     }
 
-    pub fn size_px(&self) -> [u32; 2] {
-        self.size
-    }
-
-    pub(super) fn set_size(&mut self, size: [u32; 2]) {
-        self.size = size;
-    }
-
     /// Centre of the steered camera, world units; `None` while nothing is open.
     pub fn eye(&self) -> Option<DVec3> {
-        self.steered.map(|camera| camera.camera(self.size).pose.centre())
+        self.steered.map(|camera| camera.camera(self.size_px).pose.centre())
     }
 
     /// Orbit centre of the camera, world units; `None` while nothing is open.
     pub fn target(&self) -> Option<DVec3> {
-        self.steered.map(|camera| camera.target())
+        self.steered.map(|camera| camera.orbit.target)
     }
 
     pub fn up(&self) -> DVec3 {
-        self.steered.map_or(DVec3::Z, |camera| camera.up())
+        self.steered.map_or(DVec3::Z, |camera| camera.orbit.up)
     }
 
     pub(super) fn rotation_from_world(&self) -> Option<DMat3> {
-        self.steered.map(|camera| camera.camera(self.size).pose.inverse().0)
+        self.steered.map(|camera| camera.camera(self.size_px).pose.inverse().0)
     }
 
     pub fn own_fov_deg(&self) -> f32 {
-        self.steered.map_or(45.0, |camera| camera.own_fov_y().to_degrees() as f32)
+        self.steered.map_or(45.0, |camera| camera.own_fov_y.to_degrees() as f32)
     }
 
     /// Scene radius, and distance of a camera from the scene's centre, world units.
     pub(super) fn extent(&self, camera: &Camera) -> (f64, f64) {
-        self.steered.map_or((1.0, 1.0), |view| (view.radius(), view.distance_to_middle(camera)))
-    }
-
-    pub(super) fn latest(&self) -> Option<Camera> {
-        self.latest
+        self.steered.map_or((1.0, 1.0), |view| (view.radius, view.distance_to_middle(camera)))
     }
 
     pub fn keyframe(&self) -> Option<Keyframe> {
@@ -178,7 +166,7 @@ impl Viewpoint {
     /// Path of one revolution about the orbit centre, from the current camera.
     pub fn turntable(&self) -> Option<CameraPath> {
         let fov_y = self.keyframe()?.fov_y;
-        Some(CameraPath::turntable(&self.steered?.orbit(), fov_y, TURNTABLE_S))
+        Some(CameraPath::turntable(&self.steered?.orbit, fov_y, TURNTABLE_S))
     }
 
     /// Returns the camera of the whole viewport, and the area that a photograph would fill.
@@ -187,7 +175,7 @@ impl Viewpoint {
         settings: &ViewSettings,
         photo_camera: PhotoCamera<'_>,
     ) -> Option<(Camera, Area)> {
-        let (steered, size) = (self.steered.as_mut()?, self.size);
+        let (steered, size) = (self.steered.as_mut()?, self.size_px);
         let fov_deg = match settings.lens {
             Lens::Pinhole => settings.pinhole_fov_deg,
             Lens::Fisheye => Some(settings.fisheye_fov_deg),
@@ -205,8 +193,8 @@ impl Viewpoint {
         Some(shown)
     }
 
-    /// Moves the camera by user input; at a dataset camera it starts from that pose. `turns` is false while
-    /// a drag edits.
+    /// Moves the camera by user input, from the pose of the dataset camera if it is at one. `turns` is false
+    /// while a drag edits.
     pub(super) fn steer(
         &mut self,
         ui: &Ui,
@@ -220,6 +208,7 @@ impl Viewpoint {
             return;
         }
         self.place.guide = None;
+        // Before the position becomes free, or the view would jump to the last steered pose.
         let from = self.camera_now(settings, photo_camera).filter(|_| !self.is_free());
         let Some(camera) = &mut self.steered else { return };
         if let Some((from, _)) = from {
@@ -252,7 +241,7 @@ impl Viewpoint {
     pub(super) fn fit_scene(&mut self, scene: Option<Framing>) {
         self.set_free();
         if let (Some(camera), Some(scene)) = (&mut self.steered, scene) {
-            camera.fit_scene(&scene, self.size);
+            camera.fit_scene(&scene, self.size_px);
         }
     }
 
@@ -260,6 +249,7 @@ impl Viewpoint {
     pub(super) fn set_target(&mut self, point: DVec3, seen_by: &Camera) {
         let is_free = self.is_free();
         let Some(camera) = &mut self.steered else { return };
+        // At a dataset camera the steered one is somewhere else.
         if !is_free {
             camera.move_to_camera(seen_by);
         }
@@ -352,7 +342,7 @@ impl Viewpoint {
             GuideStage::Start => {}
             GuideStage::Overview => {
                 if let Some(around) = framing_of_cameras(opened) {
-                    camera.fit_scene_from_above(&around, self.size);
+                    camera.fit_scene_from_above(&around, self.size_px);
                     self.note_movement();
                 }
             }
@@ -367,7 +357,7 @@ impl Viewpoint {
                 // be visible.
                 match scene() {
                     Some(scene) if !(is_dataset && are_inside(&camera_centres(opened), &scene)) => {
-                        camera.fit_scene(&scene, self.size);
+                        camera.fit_scene(&scene, self.size_px);
                     }
                     _ => *camera = ViewCamera::home(&opened.home),
                 }
@@ -387,6 +377,7 @@ fn camera_centres(opened: &Opened) -> Vec<DVec3> {
 /// Sphere around all cameras and the point halfway between them and the scene.
 fn framing_of_cameras(opened: &Opened) -> Option<Framing> {
     let centres = camera_centres(opened);
+    // At least 1, because the list may be empty; the result is then unused.
     let mean = centres.iter().copied().sum::<DVec3>() / centres.len().max(1) as f64;
     let centre = 0.5 * (mean + opened.home.target);
     let farthest = centres.iter().map(|c| c.distance(centre)).fold(0.0, f64::max);
@@ -422,7 +413,8 @@ const FLYING: [(Key, [f64; 3]); 6] = [
 const SPEED: f64 = 0.5;
 const FAST: f64 = 10.0;
 const SLOW: f64 = 0.1;
-/// Longest time step of a flight, seconds, so that a slow pass causes no large jump.
+/// Longest time step of a flight, seconds.
+// A slow pass must not cause a large jump.
 const MAX_STEP_S: f32 = 0.1;
 
 impl Gesture {
@@ -441,6 +433,7 @@ impl Gesture {
             0.0
         };
         Self {
+            // The delta belongs to all held buttons together, so only one gesture may use it.
             turn: if is_turn { delta } else { [0.0; 2] },
             pan: if is_pan && !is_turn { delta } else { [0.0; 2] },
             dolly,
@@ -455,7 +448,7 @@ impl Gesture {
 
 /// Flight by the held keys in this pass.
 fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
-    // Keys then enter text.
+    // The keys then enter text.
     if ui.ctx().text_edit_focused() {
         *is_flying = false;
         return [0.0; 3];

@@ -1,7 +1,7 @@
 //! Lines and pictures in world coordinates, drawn over the picture of the scene.
 //!
-//! egui draws them, not the renderers: they are few, they must be crisp, and the renderers must remain
-//! what `eval` measures. Splats do not occlude them.
+//! egui draws them instead of the renderers: they are few and must be crisp, and `eval` measures the
+//! renderers without overlays. Splats do not occlude them.
 
 use super::viewpoint::Viewpoint;
 use crate::math::camera::Camera;
@@ -14,11 +14,12 @@ use glam::{DMat3, DVec3};
 /// Near plane, as a share of the scene's radius.
 const NEAR: f64 = 1e-3;
 const POINT: f32 = 2.0;
-/// Subdivisions of a picture along each side, because egui's triangles lack perspective correction.
+/// Subdivisions of a picture along each side.
+// egui's triangles lack perspective correction.
 const PIECES: usize = 4;
 
 pub struct WorldPainter {
-    painter: Painter,
+    pub(super) painter: Painter,
     rotation: DMat3,
     translation: DVec3,
     focal: [f64; 2],
@@ -44,10 +45,6 @@ impl WorldPainter {
             points_per_pixel: 1.0 / ui.ctx().pixels_per_point(),
             near: NEAR * radius,
         }
-    }
-
-    pub fn painter(&self) -> &Painter {
-        &self.painter
     }
 
     /// Projects a world point to window points; `None` behind the near plane.
@@ -110,8 +107,8 @@ impl WorldPainter {
         self.painter.add(Shape::mesh(mesh));
     }
 
-    /// Draws the ground grid through the origin, and the axes. The cell size is a power of ten near 0.2
-    /// `radius`; `radius` is the scene's, world units.
+    /// Draws the ground grid through the origin, and the axes. The cell size is a power of ten near a fifth
+    /// of the scene's `radius` (world units).
     pub fn grid(&self, up: DVec3, radius: f64) {
         let cell = 10f64.powf((0.2 * radius).log10().round());
         let across = up.any_orthonormal_vector();
@@ -120,6 +117,7 @@ impl WorldPainter {
         for i in -CELLS..=CELLS {
             let offset = f64::from(i) * cell;
             for (a, b) in [(across, along), (along, across)] {
+                // Every fifth line is stronger, so that cells can be counted.
                 let stroke = Stroke::new(if i % 5 == 0 { 1.0 } else { 0.5 }, GRID);
                 self.line([a * offset - b * reach, a * offset + b * reach], stroke);
             }
@@ -177,6 +175,7 @@ impl Viewpoint {
             arm(ui, [centre, at], name, color, response.hovered());
             let sign = if name.is_empty() { "-" } else { "" };
             let letter = AXES.iter().find(|(a, ..)| a.abs() == axis.abs()).map_or("", |a| a.1);
+            // Not 1: the up direction of a dataset need not be an axis.
             let note = if axis.dot(up) > 0.9 { " (up)" } else { "" };
             let name = format!("View from {sign}{letter}");
             response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &name));

@@ -17,7 +17,7 @@ use crate::train::paper::config::{
     Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
 use crate::train::paper::init::InitialDraw;
-use crate::train::paper::learner::{self, PaperLearner};
+use crate::train::paper::learner;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
