@@ -10,7 +10,6 @@ mod shell;
 mod side_panel;
 
 use super::drawing::{Painting, WindowWaker};
-use super::exit::{Exit, ExitReason, Handover};
 use super::layout::{SideTab, WindowLayout};
 use super::panels::menus::{BarAnswer, MenuContext};
 use super::panels::notices::NoticeBoard;
@@ -25,6 +24,7 @@ use super::user_folders::RecentPaths;
 use super::viewer::SceneView;
 use super::viewer::painter::ViewPainter;
 use super::viewport::WindowDevice;
+use super::window::{Exit, ExitReason, Handover};
 use super::worker::{Worker, WorkerOrder};
 use super::{persistence, viewport};
 use crate::render::Lens;
@@ -340,6 +340,7 @@ impl eframe::App for Studio {
         let snapshot = self.worker.snapshot();
         std::thread::sleep(self.view.begin_pass(snapshot.state));
         self.timing.passes.begin(snapshot.state);
+        // Another renderer may have taken over since the last pass.
         self.worker.set_interval(self.view.painter.snapshot_interval());
         self.unsaved.handle_close_request(ctx, &snapshot);
     }

@@ -106,6 +106,7 @@ impl Following {
                 }
                 Ok(Some(begun))
             }
+            // The frames so far may be unusable, unlike later ones.
             Err(OpenError::Session(error)) if follow.may_succeed_later(&error) => Ok(None),
             Err(error) => Err(error.to_string()),
         }
