@@ -1,6 +1,6 @@
 //! Picking, the Inspector, colour modes, adapters, and a lost device.
 
-use super::harness::{PATIENCE, Window, clear_view, dataset, train, wait, window};
+use super::harness::{PATIENCE, Window, clear_view, dataset, studio, train, wait, window};
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
@@ -31,7 +31,7 @@ fn window_and_device(subject: Subject, painting: Painting) -> Option<(Window, wg
         .wgpu()
         .build_eframe(move |cc| {
             *found.lock().unwrap() = cc.wgpu_render_state.as_ref().map(|s| s.device.clone());
-            Studio::new(cc, Some(subject), painting, Instant::now()).unwrap()
+            studio(cc, Some(subject), painting)
         });
     let device = device.lock().unwrap().take().unwrap();
     Some((harness, device))

@@ -18,7 +18,7 @@ use super::panels::{ready, status, transport};
 use super::pass_times::PassTimes;
 use super::persistence::StoredSettings;
 use super::quality::QualityMonitor;
-use super::state::{NoticeKind, Opened, RunState, Snapshot, Subject};
+use super::state::{NoticeKind, Opened, RunState, Snapshot};
 use super::training::TrainSettings;
 use super::user_folders::RecentPaths;
 use super::viewer::SceneView;
@@ -76,19 +76,6 @@ struct Timing {
 }
 
 impl Studio {
-    /// Creates the application with a new worker and opens `subject`, if given.
-    pub fn new(
-        context: &eframe::CreationContext<'_>,
-        subject: Option<Subject>,
-        painting: Painting,
-        started: Instant,
-    ) -> std::io::Result<Self> {
-        let window = context.egui_ctx.clone();
-        let worker = Arc::new(Worker::start(Arc::new(move || window.request_repaint()))?);
-        let first = subject.map_or(WorkerOrder::Deliver, WorkerOrder::Open);
-        Self::attach(context, worker, vec![first], Exit::default(), painting, started)
-    }
-
     /// Creates the application for a worker that may already be training, and sends the `first` orders. The
     /// reason why the window ends is recorded in `exit`.
     pub fn attach(
