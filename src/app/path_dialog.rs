@@ -4,13 +4,13 @@
 //! replacement of a file itself; this module does so for the field. The path is checked on a separate thread,
 //! because a drive that does not respond must not block the window.
 
-use super::opening::FileProposal;
+use super::opening::{FileProposal, absolute_or_same};
 use super::panels::card::named;
 use super::worker::Waker;
 use crate::export::format::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use crate::pipeline::job::Job;
 use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
-use std::path::{Path, PathBuf, absolute};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Offset of a dialog beside the picture from the upper right corner of the window, points.
@@ -188,7 +188,7 @@ impl PathDialog {
     /// Entered path, made absolute.
     pub fn entered(&self) -> PathBuf {
         let path = at_home(Path::new(self.path.trim()), std::env::home_dir());
-        absolute(&path).unwrap_or(path)
+        absolute_or_same(&path)
     }
 
     /// Accepts the path; one that is to be written is checked first.

@@ -63,6 +63,7 @@ impl PathEditor {
     pub fn remove(&mut self, i: usize) {
         let gap = match self.keyframes.get(i + 1) {
             Some(next) => next.time - self.keyframes[i].time,
+            // No keyframe follows that would have to move.
             None => 0.0,
         };
         self.keyframes.remove(i);

@@ -251,18 +251,4 @@ mod tests {
         assert_eq!(std::fs::read_dir(&slots).unwrap().count(), 0);
         assert_eq!(find_newest(&[state], None), None);
     }
-
-    #[test]
-    fn a_crash_states_what_happened_and_where_the_scene_is() {
-        let panic = PanicReport { message: "boom".into(), place: Some("a.rs:1:2".into()) };
-        let stored = Rescue::Stored { path: "/x/room.vbgs".into(), frames: 3 };
-        let crash = Crash { thread: CrashedThread::Window, panic: panic.clone(), rescue: stored };
-        assert_eq!(
-            crash.to_string(),
-            "the window crashed: boom (a.rs:1:2); the scene with its 3 unsaved frames is in /x/room.vbgs: the next start offers to continue it"
-        );
-        let lost = Rescue::Lost { frames: 1, problems: vec!["full".into(), "gone".into()] };
-        let crash = Crash { thread: CrashedThread::Training, panic, rescue: lost };
-        assert!(crash.to_string().ends_with("could not be saved: full; gone"), "{crash}");
-    }
 }

@@ -94,6 +94,7 @@ fn options_at(request: &PictureRequest, pixel: DVec2) -> RenderOptions {
     match &request.second {
         Some(second) => match (&second.partner, second.how) {
             (Partner::Splats(options), Combination::Wipe(divider))
+                // The second picture is right of the divider.
                 if pixel.x >= f64::from(divider) * width =>
             {
                 *options

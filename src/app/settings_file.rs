@@ -59,9 +59,7 @@ impl SettingsFile {
             Ok(parts) => (Some(parts), None),
             Err(unusable) => self.replace(&unusable),
         };
-        let Some(parts) = parts else {
-            return FoundSettings { adapter: None, problems: problem.into_iter().collect() };
-        };
+        let parts = parts.unwrap_or_default();
         let adapter = parts.get(ADAPTER).map(|name| AdapterChoice::parse(name));
         let problems = problem.into_iter().chain(self.back_up_unreadable_parts(&parts)).collect();
         FoundSettings { adapter, problems }

@@ -1,10 +1,43 @@
-//! Mailbox of changed splats from the trainer to the viewport. Neither side waits: the trainer
-//! adds updates only after the last one was taken, and the viewport takes what is available.
+//! Values passed from one thread to another: the latest value, and changed splats for the viewport.
+//!
+//! Neither side waits for the other: the trainer adds splats only after the last ones were taken, and the
+//! viewport takes what is available.
 
-use super::mailbox::Mailbox;
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Latest value. Every access under its lock is short, so that neither a panic nor a slow reader on one side
+/// affects the other.
+#[derive(Debug, Default)]
+pub struct Mailbox<T>(Mutex<T>);
+
+impl<T> Mailbox<T> {
+    pub fn set(&self, value: T) {
+        self.with(|held| *held = value);
+    }
+
+    pub fn get(&self) -> T
+    where
+        T: Clone,
+    {
+        self.with(|held| held.clone())
+    }
+
+    /// Takes the value and leaves the default.
+    pub fn take(&self) -> T
+    where
+        T: Default,
+    {
+        self.with(std::mem::take)
+    }
+
+    /// Applies `access` to the value under the lock. It must leave a valid value even if it panics.
+    pub fn with<R>(&self, access: impl FnOnce(&mut T) -> R) -> R {
+        // Every access leaves a valid value, so a poisoned lock is no reason to lose it.
+        access(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
 
 /// Change of splats. Threads of the window share it without copying it.
 #[derive(Clone, Debug)]

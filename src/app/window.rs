@@ -2,12 +2,13 @@
 //! the same run.
 
 use super::drawing::{Painting, WindowWaker};
-use super::exit::{Exit, ExitReason};
-use super::mailbox::Mailbox;
+use super::path_editor::PathEditor;
 use super::rescue::{Crash, CrashedThread, Rescue};
 use super::settings_file::SettingsFile;
+use super::splat_updates::Mailbox;
 use super::state::{NoticeKind, Subject};
 use super::studio::Studio;
+use super::viewer::KeptView;
 use super::worker::{Worker, WorkerOrder};
 use super::{persistence, viewport};
 use crate::pipeline::panic_report::PanicReport;
@@ -20,6 +21,37 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum ExitReason {
+    #[default]
+    Closed,
+    DeviceLost,
+    /// The user chose another graphics adapter.
+    Adapter(AdapterChoice),
+}
+
+/// User state passed to a reopened window.
+pub struct Handover {
+    pub view: KeptView,
+    pub path: PathEditor,
+}
+
+/// Reason why a window ends, and the state for the next one. Shared, because a panic destroys the window's
+/// own state.
+#[derive(Clone, Default)]
+pub struct Exit {
+    pub reason: Arc<Mailbox<ExitReason>>,
+    pub handover: Arc<Mailbox<Option<Handover>>>,
+}
+
+impl Exit {
+    /// Creates the record of the next window with the stored state and no reason.
+    pub fn for_next_window(&self) -> Self {
+        // Shared, not moved: a window that fails to open has not taken the state.
+        Self { reason: Arc::default(), handover: self.handover.clone() }
+    }
+}
 
 /// Number of consecutive losses after which another adapter is tried.
 const MAX_LOSSES: usize = 3;
@@ -202,6 +234,7 @@ fn native_options(
         viewport: ViewportBuilder::default()
             .with_title("VBGS Studio")
             .with_app_id("vbgs-studio")
+            // Without a readable icon the window opens all the same.
             .with_icon(eframe::icon_data::from_png_bytes(ICON).unwrap_or_default())
             .with_inner_size(Vec2::new(1280.0, 800.0))
             .with_min_inner_size(Vec2::new(640.0, 400.0))

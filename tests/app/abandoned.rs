@@ -162,34 +162,32 @@ fn a_damaged_save_is_passed_over_for_the_one_before() {
     until("the run", || next.snapshot().frames_done == 2);
 }
 
-/// The program is terminated from outside, with autosave on and off: the window closes without a question,
-/// and the next one offers to continue.
+/// The program is terminated from outside, with autosave off: the window closes without a question, and the
+/// next one offers to continue.
 #[test]
 fn a_run_that_is_ended_from_outside_is_kept_and_offered() {
     let _turn = turn();
-    for autosave_s in [Some(3600), None] {
-        let folder = tempfile::tempdir().unwrap();
-        let (room, state) = (dataset(folder.path(), FRAMES), folder.path().join("state"));
-        let Some((mut window, worker)) = next_window(&room, &state) else { return };
-        let settings = TrainSettings { autosave_s, ..TrainSettings::default() };
-        worker.send(WorkerOrder::TrainBy(Box::new(settings)));
-        wait(&mut window, "ready", is(RunState::Ready));
-        click(&mut window, "Step");
-        wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
-        let Rescue::Stored { path, frames } = worker.store() else { panic!("not kept") };
-        assert_eq!(frames, 1);
-        window.step();
-        let commands = &window.output().viewport_output[&ViewportId::ROOT].commands;
-        assert!(commands.contains(&ViewportCommand::Close), "{commands:?}");
-        window.step();
-        assert!(window.query_by_label("Discard the trained scene?").is_none());
-        drop(window);
-        drop(worker);
-        assert_eq!(saved(&state), [path], "closing the window removed the stored run");
+    let folder = tempfile::tempdir().unwrap();
+    let (room, state) = (dataset(folder.path(), FRAMES), folder.path().join("state"));
+    let Some((mut window, worker)) = next_window(&room, &state) else { return };
+    let settings = TrainSettings { autosave_s: None, ..TrainSettings::default() };
+    worker.send(WorkerOrder::TrainBy(Box::new(settings)));
+    wait(&mut window, "ready", is(RunState::Ready));
+    click(&mut window, "Step");
+    wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
+    let Rescue::Stored { path, frames } = worker.store() else { panic!("not kept") };
+    assert_eq!(frames, 1);
+    window.step();
+    let commands = &window.output().viewport_output[&ViewportId::ROOT].commands;
+    assert!(commands.contains(&ViewportCommand::Close), "{commands:?}");
+    window.step();
+    assert!(window.query_by_label("Discard the trained scene?").is_none());
+    drop(window);
+    drop(worker);
+    assert_eq!(saved(&state), [path], "closing the window removed the stored run");
 
-        let Some((mut window, _worker)) = next_window(&room, &state) else { return };
-        wait(&mut window, "ready", is(RunState::Ready));
-        click(&mut window, "Continue");
-        wait(&mut window, "the run", |s| s.snapshot().frames_done == 1);
-    }
+    let Some((mut window, _worker)) = next_window(&room, &state) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    click(&mut window, "Continue");
+    wait(&mut window, "the run", |s| s.snapshot().frames_done == 1);
 }

@@ -1,6 +1,6 @@
 //! If the CPU draws the window, the result matches egui's own painter.
 
-use super::harness::{Window, click, dataset, device, train};
+use super::harness::{Window, click, dataset, device, studio, train};
 use crate::common::adapter::turn;
 use eframe::egui::epaint::ClippedShape;
 use eframe::egui::epaint::textures::TexturesDelta;
@@ -12,9 +12,8 @@ use egui_kittest::wgpu::WgpuTestRenderer;
 use egui_kittest::{Harness, TestRenderer};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::Subject;
-use vbgs_studio::app::{Painting, Studio};
 
 /// Records egui's shapes and textures before the window's painter replaces them.
 #[derive(Clone, Default)]
@@ -59,7 +58,7 @@ impl Pair {
             .build_eframe(move |cc| {
                 // Added before the window's painter, which replaces all shapes.
                 cc.egui_ctx.add_plugin(first);
-                Studio::new(cc, subject, Painting::Auto, Instant::now()).unwrap()
+                studio(cc, subject, Painting::Auto)
             });
         Some(Self { window, witness, egui: WgpuTestRenderer::from_setup(device()?) })
     }

@@ -1,6 +1,7 @@
 //! The application window without a display, and helpers that drive it.
 
 use crate::common::adapter::vulkan;
+use eframe::CreationContext;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
     Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, OutputCommand, PointerButton, Pos2,
@@ -11,10 +12,11 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use egui_kittest::wgpu::{create_render_state, default_wgpu_setup};
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 use vbgs_studio::app::state::{RunState, Subject};
-use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::app::worker::{Worker, WorkerOrder};
+use vbgs_studio::app::{Exit, Painting, Studio};
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
 
@@ -37,13 +39,22 @@ pub fn device() -> Option<WgpuSetup> {
     DEVICE.get().cloned().map(WgpuSetup::Existing)
 }
 
+/// Creates the application with a worker of its own, and opens the subject.
+pub fn studio(cc: &CreationContext<'_>, subject: Option<Subject>, painting: Painting) -> Studio {
+    let window = cc.egui_ctx.clone();
+    let worker = Worker::start(Arc::new(move || window.request_repaint())).unwrap();
+    let first = subject.map_or(WorkerOrder::Deliver, WorkerOrder::Open);
+    let (worker, exit) = (Arc::new(worker), Exit::default());
+    Studio::attach(cc, worker, vec![first], exit, painting, Instant::now()).unwrap()
+}
+
 /// Opens the window; `None` without a Vulkan adapter outside strict mode.
 pub fn window(subject: Option<Subject>, painting: Painting) -> Option<Window> {
     let harness = Harness::builder()
         .with_size(Vec2::new(1000.0, 640.0))
         .with_max_steps(8)
         .wgpu_setup(device()?)
-        .build_eframe(move |cc| Studio::new(cc, subject, painting, Instant::now()).unwrap());
+        .build_eframe(move |cc| studio(cc, subject, painting));
     Some(harness)
 }
 
@@ -67,7 +78,7 @@ pub fn drop_on(window: &mut Window, path: &Path) {
 /// Drops several files or folders at once.
 pub fn drop_all_on(window: &mut Window, paths: &[&Path]) {
     for path in paths {
-        window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path.to_path_buf())));
+        window.input_mut().dropped_files.push(Arc::new(Dropped(path.to_path_buf())));
     }
     window.step();
 }

@@ -1,7 +1,7 @@
 //! Picking, the Inspector, colour modes, adapters, and a lost device.
 
 use super::harness::{
-    PATIENCE, Window, clear_view, dataset, settled, train, wait, wait_for_label, window,
+    PATIENCE, Window, clear_view, dataset, settled, studio, train, wait, wait_for_label, window,
 };
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::accesskit::Role;
@@ -33,7 +33,7 @@ fn window_and_device(subject: Subject, painting: Painting) -> Option<(Window, wg
         .wgpu()
         .build_eframe(move |cc| {
             *found.lock().unwrap() = cc.wgpu_render_state.as_ref().map(|s| s.device.clone());
-            Studio::new(cc, Some(subject), painting, Instant::now()).unwrap()
+            studio(cc, Some(subject), painting)
         });
     let device = device.lock().unwrap().take().unwrap();
     Some((harness, device))

@@ -1,8 +1,6 @@
 //! Every state of a run, as shown in the window.
 
-use super::harness::{
-    PATIENCE, click, dataset, is, wait, wait_for_label, wait_for_picture, window,
-};
+use super::harness::{PATIENCE, click, dataset, is, wait, wait_for_label, window};
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Key, Vec2};
@@ -10,19 +8,6 @@ use egui_kittest::kittest::Queryable;
 use std::time::Instant;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Source, Subject};
-
-#[test]
-fn the_demo_trains_at_start_and_is_seen() {
-    let _turn = turn();
-    let Some(mut window) = window(Some(Subject::Demo), Painting::Auto) else { return };
-    wait(&mut window, "training", is(RunState::Training));
-    wait(&mut window, "splats", |s| s.n_drawn() > 100);
-    wait_for_picture(&mut window);
-    click(&mut window, "Pause");
-    wait(&mut window, "pause", is(RunState::Paused));
-    assert!(window.state().snapshot().frames_done > 0);
-    window.get_by_label("Assignment");
-}
 
 #[test]
 fn a_dataset_goes_through_every_state() {

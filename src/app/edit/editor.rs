@@ -38,23 +38,22 @@ pub struct Editor {
     pub needs_attributes: bool,
     /// True if the viewport shows the crop box and its handles; set in every pass that draws their panel.
     pub shows_crop: bool,
-    /// Incremented by every change of splats or edits; invalidates cached results.
-    revision: u64,
-    counted: Option<(u64, EditCounts)>,
-    evidence: Option<(u64, Option<EvidenceHistogram>)>,
+    /// Counts of the current splats and edits, once they are needed.
+    counts: Option<EditCounts>,
+    /// Histogram of the current splats, once it is needed.
+    evidence: Option<Option<EvidenceHistogram>>,
 }
 
 impl Editor {
     /// Discards all edits, for a newly opened scene.
     pub fn reset(&mut self) {
-        let Self { visible, revision, .. } = std::mem::take(self);
         // `visible` is retained so that the next pass sends painters the difference.
-        *self = Self { visible, revision: revision + 1, ..Self::default() };
+        *self = Self { visible: std::mem::take(&mut self.visible), ..Self::default() };
     }
 
     /// Keeps edits and tools for a view that has no splats yet.
     pub fn without_scene(self) -> Self {
-        Self { visible: VisibleSplats::default(), revision: self.revision + 1, ..self }
+        Self { visible: VisibleSplats::default(), counts: None, evidence: None, ..self }
     }
 
     pub fn edits(&self) -> &Edits {
@@ -63,7 +62,7 @@ impl Editor {
 
     /// Applies a splat change that `palette` already contains; returns the change for painters, if any.
     pub fn apply_change(&mut self, change: SplatChange, palette: &Palette) -> Option<SplatChange> {
-        self.revision += 1;
+        (self.counts, self.evidence) = (None, None);
         self.visible.apply_change(change, palette.splats())
     }
 
@@ -83,7 +82,9 @@ impl Editor {
         let rules =
             VisibilityRules { edits: self.edits().clone(), past: self.displayed_past().cloned() };
         let change = self.visible.set_rules(rules, palette.splats());
-        self.revision += u64::from(change.is_some());
+        if change.is_some() {
+            (self.counts, self.evidence) = (None, None);
+        }
         change
     }
 
@@ -180,19 +181,15 @@ impl Editor {
 
     /// Counts splats by editing state; cached until splats or edits change.
     pub fn counts(&mut self, palette: &Palette) -> EditCounts {
-        match self.counted {
-            Some((revision, counts)) if revision == self.revision => counts,
-            _ => self.counted.insert((self.revision, self.count(palette))).1,
-        }
+        let counts = self.counts.unwrap_or_else(|| self.count(palette));
+        *self.counts.insert(counts)
     }
 
     /// Histogram of the components' evidence, once the worker has delivered it.
     pub fn evidence(&mut self, palette: &Palette) -> Option<EvidenceHistogram> {
         self.needs_attributes = true;
-        if self.evidence.as_ref().is_none_or(|(revision, _)| *revision != self.revision) {
-            self.evidence = Some((self.revision, EvidenceHistogram::count(palette.attributes())));
-        }
-        self.evidence.as_ref().and_then(|(_, histogram)| histogram.clone())
+        let count = || EvidenceHistogram::count(palette.attributes());
+        self.evidence.get_or_insert_with(count).clone()
     }
 
     fn count(&self, palette: &Palette) -> EditCounts {

@@ -56,6 +56,7 @@ impl PartialEq for Edits {
 
 impl Edits {
     fn with_marks(&self, marked: HashMap<u32, MarkedSplat>) -> Self {
+        // Counted here, because buttons need the counts in every pass.
         let mut counts = [0; 3];
         marked.values().for_each(|splat| counts[splat.mark as usize] += 1);
         Self { marked: Arc::new(marked), counts, crop: self.crop }
@@ -150,6 +151,7 @@ pub struct EditLog {
 
 impl Default for EditLog {
     fn default() -> Self {
+        // Never empty, so that there is a current state.
         Self { states: vec![Edits::default()], at: 0, is_dragging: false }
     }
 }

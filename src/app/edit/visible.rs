@@ -145,7 +145,7 @@ pub fn slots_within<'a>(
     let (rotation, translation) = camera.pose.inverse();
     let is_within = move |splat: &Splat| {
         let point = rotation * DVec3::from_array(splat.mean.map(f64::from)) + translation;
-        // A fisheye lens also sees points beside and behind the image plane.
+        // A fisheye lens also sees points with z below 0.
         let ahead = match lens {
             Lens::Pinhole => point.z,
             Lens::Fisheye => point.length(),

@@ -1,10 +1,11 @@
 //! The command line that trains the open dataset with the settings of the window.
 
+use crate::app::opening::absolute_or_same;
 use crate::app::state::Opened;
 use crate::app::training::TrainSettings;
 use crate::train::setting::Preset;
 use crate::train::setting::table::{SettingLayer, Spelling};
-use std::path::{Path, PathBuf, absolute};
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoCommandLine {
@@ -68,7 +69,7 @@ fn layer_options<L: SettingLayer>(layer: &L) -> Vec<String> {
 
 /// Absolute path, since the shell's current folder may differ from the window's.
 fn path(path: &Path) -> Result<String, NoCommandLine> {
-    let full = absolute(path).unwrap_or_else(|_| path.to_owned());
+    let full = absolute_or_same(path);
     full.to_str().map(str::to_owned).ok_or(NoCommandLine::Path(full))
 }
 

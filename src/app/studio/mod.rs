@@ -10,7 +10,6 @@ mod shell;
 mod side_panel;
 
 use super::drawing::{Painting, WindowWaker};
-use super::exit::{Exit, ExitReason, Handover};
 use super::layout::{SideTab, WindowLayout};
 use super::panels::menus::{BarAnswer, MenuContext};
 use super::panels::notices::NoticeBoard;
@@ -19,12 +18,13 @@ use super::panels::{ready, status, transport};
 use super::pass_times::PassTimes;
 use super::persistence::StoredSettings;
 use super::quality::QualityMonitor;
-use super::state::{NoticeKind, Opened, RunState, Snapshot, Subject};
+use super::state::{NoticeKind, Opened, RunState, Snapshot};
 use super::training::TrainSettings;
 use super::user_folders::RecentPaths;
 use super::viewer::SceneView;
 use super::viewer::painter::ViewPainter;
 use super::viewport::WindowDevice;
+use super::window::{Exit, ExitReason, Handover};
 use super::worker::{Worker, WorkerOrder};
 use super::{persistence, viewport};
 use crate::render::Lens;
@@ -76,19 +76,6 @@ struct Timing {
 }
 
 impl Studio {
-    /// Creates the application with a new worker and opens `subject`, if given.
-    pub fn new(
-        context: &eframe::CreationContext<'_>,
-        subject: Option<Subject>,
-        painting: Painting,
-        started: Instant,
-    ) -> std::io::Result<Self> {
-        let window = context.egui_ctx.clone();
-        let worker = Arc::new(Worker::start(Arc::new(move || window.request_repaint()))?);
-        let first = subject.map_or(WorkerOrder::Deliver, WorkerOrder::Open);
-        Self::attach(context, worker, vec![first], Exit::default(), painting, started)
-    }
-
     /// Creates the application for a worker that may already be training, and sends the `first` orders. The
     /// reason why the window ends is recorded in `exit`.
     pub fn attach(
@@ -340,6 +327,7 @@ impl eframe::App for Studio {
         let snapshot = self.worker.snapshot();
         std::thread::sleep(self.view.begin_pass(snapshot.state));
         self.timing.passes.begin(snapshot.state);
+        // Another renderer may have taken over since the last pass.
         self.worker.set_interval(self.view.painter.snapshot_interval());
         self.unsaved.handle_close_request(ctx, &snapshot);
     }

@@ -1,7 +1,6 @@
 //! The window around the studio: device, renderer, title, and why it ends.
 
 use crate::app::drawing::{ViewRenderer, WindowWaker};
-use crate::app::exit::{Exit, ExitReason};
 use crate::app::panels::signal_color::SignalColor;
 use crate::app::state::Snapshot;
 use crate::app::viewer::SceneView;
@@ -9,6 +8,7 @@ use crate::app::viewer::painter::ViewPainter;
 use crate::app::viewer::settings::ViewSettings;
 use crate::app::viewport;
 use crate::app::viewport::WindowDevice;
+use crate::app::window::{Exit, ExitReason};
 use crate::app::window_painter::WindowPainter;
 use crate::app::worker::Waker;
 use eframe::egui::{Align2, Color32, Context, FontId, Id, LayerId, Order, Theme, ViewportCommand};

@@ -106,6 +106,7 @@ impl Following {
                 }
                 Ok(Some(begun))
             }
+            // The frames so far may be unusable, unlike later ones.
             Err(OpenError::Session(error)) if follow.may_succeed_later(&error) => Ok(None),
             Err(error) => Err(error.to_string()),
         }
@@ -150,7 +151,7 @@ impl Following {
 
     fn update_cameras(&mut self, run: &Run, out: &mut Outbox) {
         let (Some(session), Some(opened)) = (run.session(), &out.snapshot.opened) else { return };
-        // The session replaces its dataset when frames arrive.
+        // A growing dataset is copied, because the snapshot shares it.
         let is_published =
             opened.dataset.as_ref().is_some_and(|dataset| Arc::ptr_eq(dataset, session.dataset()));
         if !is_published {

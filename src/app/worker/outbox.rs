@@ -1,7 +1,7 @@
 //! Publishes the run to the window: snapshots with notices, and changed splats.
 
+use super::Shared;
 use super::run::Run;
-use super::shared::Shared;
 use crate::app::splat_updates::{SplatChange, SplatUpdate};
 use crate::app::state::{
     FileState, FollowState, HISTORY, Notice, NoticeKind, NoticeTopic, RunState, Snapshot,

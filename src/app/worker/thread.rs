@@ -2,12 +2,12 @@
 //!
 //! The loop survives panics: the open subject stays open and can be saved.
 
+use super::Shared;
 use super::autosave::Files;
 use super::files::{Export, begin_write, write_text};
 use super::following::Following;
 use super::outbox::Outbox;
 use super::run::Run;
-use super::shared::Shared;
 use crate::app::edit::marks::LeftOut;
 use crate::app::rescue::{Crash, CrashedThread, Rescue};
 use crate::app::state::{NoticeKind, NoticeTopic, RunState, Subject};
