@@ -164,6 +164,7 @@ impl<'a> Evidence<'a> {
         let first = self.matches.start_of(component);
         let run = self.matches.points_of(component);
         let weight = |k: usize| move |i: usize| f64::from(self.weights[k][first + i]);
+        // Weights enter here already: residuals are relative to a weighted mean.
         plane_residuals(&self.matches, run, at.1, weight(0), &mut buffers.planes);
         color_residuals(&self.matches, &self.photos(), run, at, &mut buffers.colors);
     }
@@ -290,6 +291,7 @@ pub(super) fn plane_residuals(
     weight: impl Fn(usize) -> f64,
     out: &mut Vec<PlaneResidual>,
 ) {
+    // Reused for all components, to avoid an allocation for each.
     out.clear();
     let n = run.len() as f64;
     let normal: DVec3 = run.iter().map(|s| s.point.normal_vector()).sum();

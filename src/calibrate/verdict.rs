@@ -219,6 +219,7 @@ impl<'a> CrossValidation<'a> {
         if DEPTH.contains(&i) {
             return None;
         }
+        // Certainty alone does not suffice: errors common to all views are not in it.
         let rises = self.loss_increases(&[i], free);
         insignificance(rises, "colour variance")
     }
@@ -334,6 +335,7 @@ pub(super) fn search<'a>(
     let mut evidence = views.match_views(input, &best, free, LEVELS - 1)?;
     refine(&mut evidence, prior, &mut best, free);
     tick();
+    // Matches change with depth, so each level matches anew.
     for level in ORDER {
         evidence = views.match_views(input, &best, free, level)?;
         refine(&mut evidence, prior, &mut best, free);

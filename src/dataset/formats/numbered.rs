@@ -1,15 +1,16 @@
 //! Files matched to frames by the number in their names.
 
+use super::recording::{Cameras, frame_entry};
 use super::stated::majority;
 use crate::dataset::decode;
 use crate::dataset::decode::DepthEncoding;
 use crate::dataset::distortion::Distortion;
-use crate::dataset::entry::{DatasetSplit, DepthSource, FrameEntry, FrameFiles, FrameSource};
+use crate::dataset::entry::{DatasetSplit, DepthSource};
 use crate::dataset::error::FrameProblem;
 use crate::dataset::folder::{Folder, FolderListing};
 use crate::dataset::formats::ParsedFolder;
 use crate::dataset::options::ByteSource;
-use crate::math::camera::{Camera, Intrinsics};
+use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -149,6 +150,7 @@ impl ListedSplit {
     ) -> DatasetSplit {
         // One frame with depth makes this a split with depth, whose other frames lack a file.
         let has_depth = self.has_depth();
+        let cameras = Cameras { depth: intrinsics, color: None, lens: Distortion::default() };
         let mut frames = Vec::with_capacity(self.frames.len());
         for ListedFrame { name, pose, color, depth } in self.frames {
             let depth = match depth {
@@ -159,10 +161,7 @@ impl ListedSplit {
                 }
                 Err(_) => None,
             };
-            let lens = Distortion::default();
-            let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens }));
-            let camera = Camera { intrinsics, pose };
-            frames.push(FrameEntry { name, camera, color_camera: None, time: None, source });
+            frames.push(frame_entry(name, pose, cameras, color, depth));
         }
         DatasetSplit { name: self.name, frames, has_depth }
     }

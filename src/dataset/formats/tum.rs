@@ -13,7 +13,9 @@
 //! The recordings do not contain intrinsics. The manufacturer's default projects their depth better than
 //! the calibration published for each colour camera.
 
-use super::recording::{Cameras, RecordedFrame, Recording, STRUCTURED_LIGHT_RANGE, metadata_error};
+use super::recording::{
+    Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error,
+};
 use super::rig::{Clock, ImagePair, Mount, Rig};
 use super::stated::PRIMESENSE;
 use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines, not_in_time, sort_by_time};
@@ -21,7 +23,7 @@ use super::{rig, stated};
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
-use crate::dataset::entry::DepthSource;
+use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -54,6 +56,7 @@ const DEPTH_UNIT: f64 = 1.0 / 5000.0;
 
 fn recognise(folder: &Folder) -> Option<String> {
     let lists_images = |name: &str| {
+        // The start of a list suffices; long recordings have thousands of lines.
         let text = folder.peek(name);
         folder.listing.has_file(name) && lines(&text).any(|(_, line)| image(line).is_some())
     };
@@ -79,7 +82,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         return Ok(recording.finish());
     };
     let unit = CodeKind::Linear16(DEPTH_UNIT);
-    let encoding = recording.encoding(unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
+    let encoding = encoding(options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     let is_growing = folder.is_growing();
     let poses = trajectory.as_ref().map(|trajectory| Poses {
         trajectory,
@@ -328,7 +331,7 @@ fn frame(
     poses: Option<Poses<'_>>,
     cameras: Cameras,
     encoding: DepthEncoding,
-) -> Result<RecordedFrame, FrameProblem> {
+) -> Result<FrameEntry, FrameProblem> {
     let rig = poses.map_or(Rig::EXPECTED, |poses| poses.rig);
     let measured = depth.time + rig.depth_delay;
     let pose = match poses {
@@ -340,16 +343,11 @@ fn frame(
     let times = [measured, color.time + rig.color_delay];
     let lens = poses.map_or(Distortion::default(), |poses| poses.lens(times));
     let cameras = poses.map_or(cameras, |poses| poses.cameras_at_times(cameras, size, times));
-    let file = ByteSource::File(depth.path.clone());
-    Ok(RecordedFrame {
-        name: frame_name(&depth.name).into(),
-        time: Some(depth.time),
-        pose,
-        cameras,
-        color: ByteSource::File(color.path.clone()),
-        depth: Some(DepthSource::new(file, encoding)),
-        lens,
-    })
+    let depth_source = Some(DepthSource::new(ByteSource::File(depth.path.clone()), encoding));
+    let name = frame_name(&depth.name).to_owned();
+    let cameras = Cameras { lens, ..cameras };
+    let frame = frame_entry(name, pose, cameras, color.path.clone().into(), depth_source);
+    Ok(FrameEntry { time: Some(depth.time), ..frame })
 }
 
 fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<ImagePair> {
