@@ -109,7 +109,7 @@ impl<'a> FrameLine<'a> {
         keys.iter().find_map(|key| self.json.get(key).and_then(Value::as_str))
     }
 
-    /// The outer error concerns the whole package, the inner one this frame.
+    /// Makes the frame of this line. The outer error ends the opening, the inner one skips the frame.
     fn recorded(
         &self,
         name: &str,

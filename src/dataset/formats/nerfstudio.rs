@@ -143,7 +143,7 @@ impl FrameList<'_> {
         Ok(encoding(recording.options, CodeKind::ByContent(unit), Sensor::Lidar, ANY_RANGE))
     }
 
-    /// The outer error concerns the whole list, the inner one this frame.
+    /// Makes the frame of an entry. The outer error ends the opening, the inner one skips the frame.
     fn recorded(
         &self,
         frame: &Value,

@@ -16,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Extensions of photographs; the first one found is used where a list leaves it out.
+/// Extensions of photographs, in the order in which they are tried where a list omits them.
 pub(super) const PHOTOGRAPHS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 pub(super) struct NumberedFiles {
@@ -123,7 +123,6 @@ pub(super) struct ListedSplit {
 }
 
 impl ListedSplit {
-    /// True if at least one frame has a depth image.
     pub fn has_depth(&self) -> bool {
         self.frames.iter().any(|c| c.depth.is_ok())
     }
@@ -166,8 +165,7 @@ impl ListedSplit {
         DatasetSplit { name: self.name, frames, has_depth }
     }
 
-    /// Skips all frames because no header can be read and camera or encoding is unknown; each gets a
-    /// warning.
+    /// Skips all frames with a warning each: without a readable header, camera or encoding is unknown.
     pub fn skip_unreadable(self, parsed: &mut ParsedFolder) {
         for ListedFrame { name, color, depth, .. } in self.frames {
             let (file, problem) = match (decode::header(&color), depth) {

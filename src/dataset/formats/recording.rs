@@ -96,7 +96,7 @@ impl<'a> Recording<'a> {
         self.skip(&format!("line {line}"), file.to_owned(), problem);
     }
 
-    /// Adds a frame, or the warning that it is skipped because of `file`.
+    /// Adds a frame; on an error, skips it with a warning about `file`.
     pub fn add(&mut self, name: &str, file: &Path, frame: Result<FrameEntry, FrameProblem>) {
         match frame {
             Ok(frame) => self.frames.push(frame),
@@ -142,7 +142,6 @@ impl<'a> Recording<'a> {
         self.folder.has_folder(name).then(|| self.list(name, "", extensions)).transpose()
     }
 
-    /// Notes that the times of a list had to be sorted.
     pub fn note_unordered(&mut self, list: &str, n: usize) {
         if n > 0 {
             self.note(format!("{list}: {n} times are out of order; sorted"));

@@ -39,11 +39,11 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const COLORS: &str = "rgb";
 const DEPTHS: &str = "depth";
 const CALIBRATIONS: &str = "calib";
-/// Marks a file with the camera's own poses by its name.
+/// Part of the name of a file with the camera's own poses.
 const OF_CAMERA: &str = "camera";
 /// Metres.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 5.0];
-/// Largest difference between the time in a name, which is rounded, and that of its pose, seconds.
+/// Maximum difference between the rounded time in a name and the time of its pose, seconds.
 const TIME_ROUNDING: f64 = 2e-3;
 
 fn recognise(folder: &Folder) -> Option<String> {
@@ -210,7 +210,6 @@ impl<'a> Images<'a> {
         equal.find(|(other, _)| other == stem).map(|(_, name)| name.as_str())
     }
 
-    /// The image with this stem.
     fn required(
         &self,
         stem: &str,

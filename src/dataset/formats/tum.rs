@@ -47,9 +47,10 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const COLOR_LIST: &str = "rgb.txt";
 const DEPTH_LIST: &str = "depth.txt";
 const POSES: &str = "groundtruth.txt";
-/// Largest time between a depth image and a photograph that count as simultaneous, seconds.
+/// Maximum time between a depth image and a photograph that count as simultaneous, seconds.
 const SIMULTANEOUS: f64 = 1e-3;
-/// Largest relative deviation of a PrimeSense camera's focal length after calibration; 2 % in TUM's.
+/// Maximum relative deviation of a calibrated PrimeSense camera's focal length from the manufacturer's; 2 %
+/// in TUM's calibrations.
 const CALIBRATED: f64 = 0.03;
 /// Metres per code.
 const DEPTH_UNIT: f64 = 1.0 / 5000.0;
@@ -117,8 +118,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-/// True if everything that a frame of this depth image needs is written. Poses and photographs are ordered
-/// by time, and the next one may be the nearer.
+/// True if all data for the frame of this depth image is written. Poses and photographs arrive in order of
+/// time, and the next one may be nearer.
 fn has_all_data(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedImage]) -> bool {
     let has = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
     // A Kinect needs poses until the last row is read.
@@ -197,8 +198,8 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
     Ok(trajectory)
 }
 
-/// Cameras from an option, a file or the known intrinsics; true if it is a Kinect. `None` if no image can
-/// be read.
+/// Cameras from an option, a file or the known intrinsics, and whether they are a Kinect's. `None` if no
+/// image can be read.
 fn cameras(
     recording: &mut Recording,
     colors: &[TimedImage],

@@ -15,10 +15,11 @@ const CLEARANCE: f64 = 0.25;
 const GRID: usize = 9;
 /// Share of a picture covered by training frames at which the search stops.
 const ENOUGH_COVERED: f64 = 0.97;
-/// A viewpoint with a smaller covered share is never used.
+/// Minimum covered share of a viewpoint.
 const LEAST_SEEN: f64 = 0.5;
-/// Candidates drawn per viewpoint, and valid candidates after which the best one is taken.
+/// Maximum number of candidates per viewpoint.
 const TRIES: usize = 20_000;
+/// Number of valid candidates after which the best one is used.
 const BETTER: usize = 24;
 /// Cosine of the incidence angle above which a surface counts as seen (80°).
 const FACING: f64 = 0.17;

@@ -231,7 +231,7 @@ pub(super) fn train(n_frames: usize, seed: u64) -> Vec<Pose> {
     (0..n_frames).filter_map(|i| pose(phase + turns * i as f64 / n_frames as f64, turns)).collect()
 }
 
-/// Poses of the evaluation frames, at a different radius and height profile than the training frames.
+/// Poses of the evaluation frames. Their radius and heights differ from those of the training frames.
 pub(super) fn eval(n_frames: usize, seed: u64) -> Vec<Pose> {
     // The offset avoids training viewpoints at the usual frame counts.
     let phase = phase(seed) + 0.37 / FRAMES_PER_TURN;
@@ -248,7 +248,7 @@ fn phase(seed: u64) -> f64 {
     if seed == 0 { 0.89 } else { Rng::new(seed, Purpose::Synthetic, PHASE).uniform() }
 }
 
-/// Never `None`: the path avoids the vertical through the target.
+/// Pose on the path; never `None`, because the path avoids the vertical through the target.
 fn pose(turn: f64, turns: f64) -> Option<Pose> {
     // One more swing than turns: heights differ between turns, and the path still closes.
     let swing = (TAU * turn * (1.0 + 1.0 / turns)).sin();

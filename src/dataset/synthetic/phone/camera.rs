@@ -20,8 +20,9 @@ const VIGNETTING: f64 = 0.06;
 const BLURRED: [f64; 2] = [1.2, 4.0];
 /// Depth at which motion blur is estimated, metres.
 const TYPICAL_DEPTH: f64 = 1.5;
-/// Maximum side of the depth image in pixels, and minimum ratio of photograph to depth resolution.
+/// Maximum side of the depth image, pixels.
 const DEPTH_SIDE: f64 = 256.0;
+/// Minimum ratio of photograph to depth resolution.
 const LEAST_FACTOR: f64 = 2.0;
 
 /// Photograph and depth image as a phone stores them.

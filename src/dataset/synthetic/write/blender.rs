@@ -25,7 +25,6 @@ pub enum DepthBits {
     Sixteen,
 }
 
-/// Writes the wanted splits of a plan.
 pub(super) fn write(
     plan: &ViewPlan,
     is_wanted: fn(&PlannedSplit) -> bool,

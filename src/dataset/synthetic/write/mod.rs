@@ -15,8 +15,8 @@ pub use blender::DepthBits;
 pub use files::WriteError;
 pub use live::LiveFiles;
 
-/// Sub-folder, in layouts without splits, for the remaining splits: in the Blender layout with 16-bit
-/// depth, with true poses in the world frame of the recording.
+/// Sub-folder for the remaining splits in layouts without splits. It has the Blender layout with 16-bit
+/// depth, and true poses in the world frame of the recording.
 pub const FREE_FOLDER: &str = "free";
 
 /// Renders all frames of `params` into the new or empty folder `out`, with depth and poses in every split.
