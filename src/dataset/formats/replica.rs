@@ -49,7 +49,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    // Both kinds of images are in one folder; prefixes tell them apart.
+    // Both kinds of images are in one folder; prefixes distinguish them.
     let colors = recording.list(IMAGES, "frame", &PHOTOGRAPHS)?;
     let depths = recording.list(IMAGES, "depth", &["png"])?;
     let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));

@@ -38,7 +38,7 @@ const POSES: &str = "pose";
 const INTRINSICS: &str = "intrinsic";
 
 fn recognise(folder: &Folder) -> Option<String> {
-    // Numbered poses tell this layout from images without poses.
+    // Numbered poses distinguish this layout from images without poses.
     let has = [COLORS, DEPTHS].iter().all(|name| folder.has_folder(name));
     let is_ours = has && NumberedFiles::any(folder, POSES, "", &["txt"]);
     is_ours.then(|| format!("numbered poses in {POSES}/, with {COLORS}/ and {DEPTHS}/"))
