@@ -11,7 +11,7 @@ use super::stated;
 use super::stated::{first_of, flat_numbers, side};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
-use crate::dataset::entry::{DepthSource, FrameEntry};
+use crate::dataset::entry::FrameEntry;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -137,9 +137,7 @@ impl<'a> FrameLine<'a> {
         let is_image = depth.as_ref().is_some_and(|file| decode::depth_size(file).is_ok());
         let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(MILLIMETRE));
         let encoding = if is_image { DepthEncoding { codes, ..encoding } } else { encoding };
-        let least = recording.least_confidence();
-        let confidence = confidence.map(|map| (map, least));
-        let depth = depth.map(|file| DepthSource { file, encoding, confidence });
+        let depth = depth.map(|file| recording.depth_with_confidence(file, encoding, confidence));
         Ok(Ok(FrameEntry {
             time: first_of(self.json, &TIME_KEYS).and_then(Value::as_f64),
             ..frame_entry(name.to_owned(), pose, cameras, color, depth)

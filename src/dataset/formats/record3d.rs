@@ -14,7 +14,7 @@ use super::trajectory::TimedPose;
 use super::{recording, stated};
 use crate::dataset::archive::Archive;
 use crate::dataset::decode::CodeKind;
-use crate::dataset::entry::{DepthSource, FrameEntry};
+use crate::dataset::entry::FrameEntry;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, relative_path};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -71,7 +71,6 @@ impl Metadata {
                 .note(format!("expected a pose for each of {found} frames, found {listed} poses"));
         }
         let encoding = encoding(recording.options, codes, Sensor::Lidar, LIDAR_RANGE);
-        let least = recording.least_confidence();
         for (&number, frame) in frames {
             // A number beyond any index has no pose, so its frame is skipped.
             let index = usize::try_from(number).unwrap_or(usize::MAX);
@@ -84,10 +83,8 @@ impl Metadata {
                 }
             };
             let cameras = self.cameras(recording, index, &k, depth_size)?;
-            let depth = frame.depth.clone().map(|file| DepthSource {
-                file,
-                encoding,
-                confidence: frame.confidence.clone().map(|map| (map, least)),
+            let depth = frame.depth.clone().map(|file| {
+                recording.depth_with_confidence(file, encoding, frame.confidence.clone())
             });
             let recorded = frame_entry(name, pose, cameras, frame.color.clone(), depth);
             recording.frames.push(FrameEntry { time: self.time(index), ..recorded });

@@ -190,9 +190,15 @@ impl<'a> Recording<'a> {
         self.parsed
     }
 
-    pub fn least_confidence(&self) -> u8 {
+    pub fn depth_with_confidence(
+        &self,
+        file: ByteSource,
+        encoding: DepthEncoding,
+        confidence: Option<ByteSource>,
+    ) -> DepthSource {
         // Of 0 to 2; at 0 the sensor itself does not trust its value.
-        self.options.confidence.unwrap_or(1)
+        let least = self.options.confidence.unwrap_or(1);
+        DepthSource { file, encoding, confidence: confidence.map(|map| (map, least)) }
     }
 
     /// Cameras with one lens, from the intrinsics `stated` by `file` for images of any size.

@@ -3,7 +3,7 @@
 
 use super::free_views;
 use super::free_views::FreeRules;
-use super::params::{ParamsError, PhoneScene, SyntheticCamera, SyntheticParams};
+use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
 use super::phone::camera::{Capture, PhoneCamera, depth_camera};
 use super::phone::walk::{Walk, with_drift};
 use super::scene::SyntheticScene;
@@ -105,7 +105,8 @@ impl ViewPlan {
             0 => Vec::new(),
             n => {
                 let trained = Camera { intrinsics: scene.intrinsics(), pose: Pose::IDENTITY };
-                free_views::choose(n, scene.room(), trained, &train.poses, &rules(params))?
+                let rules = FreeRules::new(params.camera, params.seed);
+                free_views::choose(n, scene.room(), trained, &train.poses, &rules)?
             }
         };
         let mut splits = vec![train, eval, PlannedSplit::exact("free", free)];
@@ -201,15 +202,6 @@ impl RecordedFrame<'_> {
     pub fn view_by(&self, depth: Intrinsics) -> SyntheticView {
         let of_depth = self.plan.view_by(self.split, self.in_split, depth);
         SyntheticView { color: self.view().color, ..of_depth }
-    }
-}
-
-fn rules(params: &SyntheticParams) -> FreeRules {
-    match params.camera {
-        SyntheticCamera::Phone(PhoneScene::Door) => FreeRules::oblique(params.seed),
-        SyntheticCamera::Phone(PhoneScene::Room) | SyntheticCamera::Room => {
-            FreeRules::anywhere(params.seed)
-        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Frames as the phone stores them: photograph, lidar depth and confidence.
 
-use super::lidar::{LidarImage, measure};
+use super::lidar::measure;
 use super::walk::Walk;
 use crate::dataset::synthetic::scene::SyntheticScene;
 use crate::dataset::synthetic::view::ToneCurve;
@@ -54,7 +54,7 @@ impl PhoneCamera {
     pub fn capture(&self, scene: &SyntheticScene, frame: usize, depth: Intrinsics) -> Capture {
         let mut rng = Rng::new(self.seed, Purpose::Synthetic, LIDAR + frame as u64);
         let camera = Camera { intrinsics: depth, pose: self.pose(frame) };
-        let LidarImage { depth_z, confidence } = measure(scene.room(), &camera, &mut rng);
+        let (depth_z, confidence) = measure(scene.room(), &camera, &mut rng);
         Capture { color: self.photograph(scene, frame), depth_z, confidence }
     }
 
