@@ -95,6 +95,7 @@ impl Scatter {
         let of = |view: &NormalEquations<M>| free.iter().map(|&i| view.gradient[i]).collect();
         let mut gradients: Vec<Vec<f64>> = views.iter().map(of).collect();
         for place in 0..free.len() {
+            // Scatter is about the mean, which the fit leaves near zero.
             let mean = gradients.iter().map(|g| g[place]).sum::<f64>() / n;
             gradients.iter_mut().for_each(|g| g[place] -= mean);
         }

@@ -44,11 +44,11 @@ pub(super) struct Evidence<'a> {
     images: &'a [Pyramid],
     level: usize,
     pub gains: Vec<[f64; 3]>,
-    /// Per kind: weight of each point; 1 until weighted.
+    /// Per kind: weight of each point; 1 before the first update.
     weights: [Vec<f32>; 2],
     /// Per kind: information (inverse variance) of a squared residual.
     information: [f64; 2],
-    /// Per kind: sum of weights at weighting time. Points leave the images as cameras move.
+    /// Per kind: sum of weights at the last update. Later, points leave the images as cameras move.
     points: [f64; 2],
     /// Per kind: squared residual at which a point has weight ½.
     pub(super) half_weight_squares: [f64; 2],
@@ -164,6 +164,7 @@ impl<'a> Evidence<'a> {
         let first = self.matches.start_of(component);
         let run = self.matches.points_of(component);
         let weight = |k: usize| move |i: usize| f64::from(self.weights[k][first + i]);
+        // Weights enter here already: residuals are relative to a weighted mean.
         plane_residuals(&self.matches, run, at.1, weight(0), &mut buffers.planes);
         color_residuals(&self.matches, &self.photos(), run, at, &mut buffers.colors);
     }
@@ -256,8 +257,8 @@ impl<'a> Evidence<'a> {
         self.information = self.information.map(|information| information / times);
     }
 
-    /// Smallest changes of depth offset and scale that views can reveal. Quantisation hides smaller ones: its
-    /// error is the same for all points of a surface.
+    /// Minimum changes of depth offset and scale that views can reveal. Quantisation hides smaller ones,
+    /// because its error is the same for all points of a surface.
     pub(super) fn quantisation_floor(&self) -> [f64; 2] {
         let samples = self.matches.samples();
         let n = samples.len().max(1) as f64;
@@ -290,6 +291,7 @@ pub(super) fn plane_residuals(
     weight: impl Fn(usize) -> f64,
     out: &mut Vec<PlaneResidual>,
 ) {
+    // Reused for all components, to avoid an allocation for each.
     out.clear();
     let n = run.len() as f64;
     let normal: DVec3 = run.iter().map(|s| s.point.normal_vector()).sum();
@@ -321,7 +323,8 @@ pub(super) fn plane_residuals(
     centre_on_mean(out, weight);
 }
 
-/// Centres residuals and derivatives on their weighted means: a displaced component is as thin.
+/// Centres residuals and derivatives on their weighted means: moving a component as a whole does not make
+/// it thicker.
 fn centre_on_mean(points: &mut [PlaneResidual], weight: impl Fn(usize) -> f64) {
     let (mut sum, mut mean) = (0.0, [0.0; 3]);
     for (i, point) in points.iter().enumerate() {

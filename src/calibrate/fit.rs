@@ -65,8 +65,8 @@ impl Evidence<'_> {
         next
     }
 
-    /// Mean Cauchy loss of a kind of residuals, after fitting gains and poses to the given unknowns. The
-    /// loss, unlike the weights, does not favour the hypothesis they were computed for.
+    /// Mean Cauchy loss of a kind of residuals, after fitting gains and poses to the given unknowns. Unlike
+    /// weights, the loss does not favour the unknowns at which the weights were computed.
     pub fn loss(&mut self, prior: &SensorPrior, unknowns: &Unknowns, kind: ResidualKind) -> f64 {
         let mut at = Estimate::as_recorded(*unknowns, self.matches.poses.len());
         for _ in 0..LOSS_ROUNDS {

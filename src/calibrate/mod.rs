@@ -103,6 +103,7 @@ pub fn run(
         progress(done, steps);
     };
     let (mut input, skipped) = survey(dataset, &all, plan, &mut tick)?;
+    // Made once: all fits, of all frames and of both halves, share them.
     let images: Vec<Pyramid> =
         input.frames.iter().map(|f| Pyramid::new(f.color.as_ref().clone(), LEVELS)).collect();
     let before = agreement(&input, &images)?;
@@ -111,6 +112,7 @@ pub fn run(
     let metre = dataset.units_per_metre();
     let (calibration, values, note) = cameras(&input, &images, (known, metre), &mut tick)?;
     tick();
+    // An absurd result is an error rather than a file that `train` refuses.
     calibration.check()?;
     input.calibration = calibration;
     let after = agreement(&input, &images)?;
@@ -143,6 +145,7 @@ fn cameras(
     let start = Unknowns::of(&input.calibration, given.unwrap_or(as_registered));
     let known = known.or(given).unwrap_or(as_registered);
     let prior = SensorPrior::new(known, &start, metre);
+    // All at once, because depth and camera compensate for one another.
     let free: Vec<usize> = (0..N).collect();
     let mut fit = |free: &[usize]| -> Result<_, FrameError> {
         let (mut best, mut evidence) = search(input, views, &prior, &start, free, &mut tick)?;

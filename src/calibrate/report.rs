@@ -89,6 +89,7 @@ fn row(value: &CalibratedValue) -> [String; 6] {
 fn digits(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
+        // Focal lengths and principal points, in pixels.
         size if size >= 100.0 => format!("{value:.2}"),
         size if size >= 0.001 => format!("{value:.4}"),
         _ => format!("{value:.1e}"),

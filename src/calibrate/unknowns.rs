@@ -186,7 +186,7 @@ impl CalibratedValue {
         self.reason = Some(reason);
     }
 
-    /// Takes the best although it is not determined by itself, because other values depend on it.
+    /// Accepts the best value although it is not determined by itself, because other values depend on it.
     pub(super) fn accept_as_correlated(&mut self, reason: String) {
         self.determined = false;
         self.reason = Some(format!("{reason}; taken with the others, which depend on it"));

@@ -28,9 +28,9 @@ const MIN_RISE: f64 = 0.02;
 /// Minimum difference from the initial value in standard errors. Poses are often fitted to the same depth
 /// and share its errors, which is invisible in the views.
 const SIGNIFICANT: f64 = 4.0;
-/// Image shift, pixels, up to which a value counts as confirmed rather than changed.
+/// Maximum image shift, pixels, at which a value counts as confirmed rather than changed.
 const SAME: f64 = 1.0;
-/// Shift of another value, in standard errors, up to which a value may revert alone.
+/// Maximum shift of all other values, in standard errors, at which a value may revert alone.
 const LEANING: f64 = 1.0;
 
 struct Half<'a> {
@@ -143,8 +143,8 @@ impl<'a> CrossValidation<'a> {
         rest
     }
 
-    /// Accepts those of the `free` unknowns that the data determines, depth first. Returns the result for
-    /// every value.
+    /// Accepts the `free` unknowns that the data determines, depth first. Returns the result for every
+    /// value.
     pub fn accept_values(
         &mut self,
         evidence: &mut Evidence,
@@ -219,6 +219,7 @@ impl<'a> CrossValidation<'a> {
         if DEPTH.contains(&i) {
             return None;
         }
+        // Certainty alone does not suffice: errors common to all views are not in it.
         let rises = self.loss_increases(&[i], free);
         insignificance(rises, "colour variance")
     }
@@ -334,6 +335,7 @@ pub(super) fn search<'a>(
     let mut evidence = views.match_views(input, &best, free, LEVELS - 1)?;
     refine(&mut evidence, prior, &mut best, free);
     tick();
+    // Matches change with depth, so each level matches anew.
     for level in ORDER {
         evidence = views.match_views(input, &best, free, level)?;
         refine(&mut evidence, prior, &mut best, free);

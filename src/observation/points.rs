@@ -41,6 +41,7 @@ pub struct Points<R> {
 impl<R: Real> Points<R> {
     /// Creates an empty list.
     pub fn new() -> Self {
+        // Bounds of tiles include the start of the first.
         Self { tiles: vec![0], ..Self::default() }
     }
 

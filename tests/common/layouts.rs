@@ -20,7 +20,8 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 /// Every layout that is read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::EnumString)]
+#[strum(serialize_all = "kebab-case")]
 pub enum TestLayout {
     Blender(DepthBits),
     SevenScenes,
@@ -64,21 +65,7 @@ impl TestLayout {
 
     /// The layout with this name in reports; Blender with 16-bit depth.
     pub fn named(name: &str) -> Self {
-        match name {
-            "blender" => Self::Blender(DepthBits::Sixteen),
-            "seven-scenes" => Self::SevenScenes,
-            "tum" => Self::Tum,
-            "open3d" => Self::Open3d,
-            "replica" => Self::Replica,
-            "scannet" => Self::Scannet,
-            "nerfstudio" => Self::Nerfstudio,
-            "record3d" => Self::Record3d,
-            "record3d-archive" => Self::Record3dArchive,
-            "stray-scanner" => Self::StrayScanner,
-            "arkit" => Self::Arkit,
-            "rtab-map" => Self::RtabMap,
-            _ => panic!("no layout {name}"),
-        }
+        name.parse().unwrap_or_else(|_| panic!("no layout {name}"))
     }
 
     fn of_library(self) -> Option<SyntheticLayout> {

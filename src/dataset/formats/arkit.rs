@@ -6,12 +6,12 @@
 //! matrix with the last row `0 0 0 1` is stored by rows, one with that last column by columns, as in
 //! Apple's own arrays.
 
-use super::recording::{LIDAR_RANGE, RecordedFrame, Recording, same_size};
+use super::recording::{LIDAR_RANGE, Recording, encoding, frame_entry, same_size};
 use super::stated;
 use super::stated::{first_of, flat_numbers, side};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
-use crate::dataset::entry::DepthSource;
+use crate::dataset::entry::FrameEntry;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -65,7 +65,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let mut recording = Recording::new(folder, options);
     // The default is used only if the file was removed since recognition; reading it then fails.
     let (file, text) = folder.lines(frame_lines(folder).unwrap_or("frames.jsonl"))?;
-    let encoding = recording.encoding(CodeKind::BareFloats, Sensor::Lidar, LIDAR_RANGE);
+    let encoding = encoding(options, CodeKind::BareFloats, Sensor::Lidar, LIDAR_RANGE);
     let (mut seen, mut times) = (BTreeSet::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
         let json: Value = match serde_json::from_str(line) {
@@ -109,13 +109,13 @@ impl<'a> FrameLine<'a> {
         keys.iter().find_map(|key| self.json.get(key).and_then(Value::as_str))
     }
 
-    /// The outer error concerns the whole package, the inner one this frame.
+    /// Makes the frame of this line. The outer error ends the opening, the inner one skips the frame.
     fn recorded(
         &self,
         name: &str,
         recording: &Recording,
         encoding: DepthEncoding,
-    ) -> Result<Result<RecordedFrame, FrameProblem>, DatasetError> {
+    ) -> Result<Result<FrameEntry, FrameProblem>, DatasetError> {
         let (pose, color, depth, confidence, size) = match self.read(recording.folder) {
             Ok(found) => found,
             Err(problem) => return Ok(Err(problem)),
@@ -137,12 +137,10 @@ impl<'a> FrameLine<'a> {
         let is_image = depth.as_ref().is_some_and(|file| decode::depth_size(file).is_ok());
         let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(MILLIMETRE));
         let encoding = if is_image { DepthEncoding { codes, ..encoding } } else { encoding };
-        let least = recording.least_confidence();
-        let confidence = confidence.map(|map| (map, least));
-        let depth = depth.map(|file| DepthSource { file, encoding, confidence });
-        Ok(Ok(RecordedFrame {
+        let depth = depth.map(|file| recording.depth_with_confidence(file, encoding, confidence));
+        Ok(Ok(FrameEntry {
             time: first_of(self.json, &TIME_KEYS).and_then(Value::as_f64),
-            ..RecordedFrame::new(name.to_owned(), pose, cameras, color, depth)
+            ..frame_entry(name.to_owned(), pose, cameras, color, depth)
         }))
     }
 
@@ -199,6 +197,7 @@ impl<'a> FrameLine<'a> {
         {
             return Ok(stated);
         }
+        // An image states its size itself; bare floats do not.
         if let Ok(size) = decode::depth_size(file) {
             return Ok(size);
         }

@@ -62,6 +62,7 @@ fn is_list(folder: &Folder, name: &str) -> bool {
     let posed = |f: &Value| f.get("file_path").is_some() && f.get("transform_matrix").is_some();
     let frames = json.get("frames").and_then(Value::as_array);
     let has_frames = frames.is_some_and(|frames| frames.iter().any(posed));
+    // Both layouts name their lists alike, so the content decides.
     (has_frames || name.starts_with(LIST_PREFIX)) && !nerfstudio::is_list(&json)
 }
 

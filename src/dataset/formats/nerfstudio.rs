@@ -6,12 +6,14 @@
 //! `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), by default .001.
 
 use super::numbered::PHOTOGRAPHS;
-use super::recording::{ANY_RANGE, RecordedFrame, Recording, metadata_error, same_size};
+use super::recording::{
+    ANY_RANGE, Cameras, Recording, encoding, frame_entry, metadata_error, same_size,
+};
 use super::stated::{FrameCamera, array, check_model, entry_name, first_of, majority};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
-use crate::dataset::entry::DepthSource;
+use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, is_file};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -138,10 +140,10 @@ impl FrameList<'_> {
             }
         }
         // World units are arbitrary, so no length is beyond the sensor.
-        Ok(recording.encoding(CodeKind::ByContent(unit), Sensor::Lidar, ANY_RANGE))
+        Ok(encoding(recording.options, CodeKind::ByContent(unit), Sensor::Lidar, ANY_RANGE))
     }
 
-    /// The outer error concerns the whole list, the inner one this frame.
+    /// Makes the frame of an entry. The outer error ends the opening, the inner one skips the frame.
     fn recorded(
         &self,
         frame: &Value,
@@ -149,7 +151,7 @@ impl FrameList<'_> {
         recording: &Recording,
         encoding: DepthEncoding,
         [most_color, most_depth]: Sizes,
-    ) -> Result<Result<RecordedFrame, FrameProblem>, DatasetError> {
+    ) -> Result<Result<FrameEntry, FrameProblem>, DatasetError> {
         let read = || {
             let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
             let color = photograph(recording.folder, name)?;
@@ -185,8 +187,9 @@ impl FrameList<'_> {
             Some(_) => camera.number("timestamp")?,
             None => None,
         };
-        let frame = RecordedFrame::new(name.to_owned(), pose, cameras, color, depth);
-        Ok(Ok(RecordedFrame { time, lens, ..frame }))
+        let cameras = Cameras { lens, ..cameras };
+        let frame = frame_entry(name.to_owned(), pose, cameras, color, depth);
+        Ok(Ok(FrameEntry { time, ..frame }))
     }
 }
 

@@ -1,21 +1,22 @@
 //! Files matched to frames by the number in their names.
 
+use super::recording::{Cameras, frame_entry};
 use super::stated::majority;
 use crate::dataset::decode;
 use crate::dataset::decode::DepthEncoding;
 use crate::dataset::distortion::Distortion;
-use crate::dataset::entry::{DatasetSplit, DepthSource, FrameEntry, FrameFiles, FrameSource};
+use crate::dataset::entry::{DatasetSplit, DepthSource};
 use crate::dataset::error::FrameProblem;
 use crate::dataset::folder::{Folder, FolderListing};
 use crate::dataset::formats::ParsedFolder;
 use crate::dataset::options::ByteSource;
-use crate::math::camera::{Camera, Intrinsics};
+use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Extensions of photographs; the first one found is used where a list leaves it out.
+/// Extensions of photographs, in the order in which they are tried where a list omits them.
 pub(super) const PHOTOGRAPHS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 pub(super) struct NumberedFiles {
@@ -122,7 +123,6 @@ pub(super) struct ListedSplit {
 }
 
 impl ListedSplit {
-    /// True if at least one frame has a depth image.
     pub fn has_depth(&self) -> bool {
         self.frames.iter().any(|c| c.depth.is_ok())
     }
@@ -149,6 +149,7 @@ impl ListedSplit {
     ) -> DatasetSplit {
         // One frame with depth makes this a split with depth, whose other frames lack a file.
         let has_depth = self.has_depth();
+        let cameras = Cameras { depth: intrinsics, color: None, lens: Distortion::default() };
         let mut frames = Vec::with_capacity(self.frames.len());
         for ListedFrame { name, pose, color, depth } in self.frames {
             let depth = match depth {
@@ -159,16 +160,12 @@ impl ListedSplit {
                 }
                 Err(_) => None,
             };
-            let lens = Distortion::default();
-            let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens }));
-            let camera = Camera { intrinsics, pose };
-            frames.push(FrameEntry { name, camera, color_camera: None, time: None, source });
+            frames.push(frame_entry(name, pose, cameras, color, depth));
         }
         DatasetSplit { name: self.name, frames, has_depth }
     }
 
-    /// Skips all frames because no header can be read and camera or encoding is unknown; each gets a
-    /// warning.
+    /// Skips all frames with a warning each: without a readable header, camera or encoding is unknown.
     pub fn skip_unreadable(self, parsed: &mut ParsedFolder) {
         for ListedFrame { name, color, depth, .. } in self.frames {
             let (file, problem) = match (decode::header(&color), depth) {

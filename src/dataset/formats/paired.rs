@@ -3,7 +3,7 @@
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
-    Cameras, RecordedFrame, Recording, STRUCTURED_LIGHT_RANGE, metadata_error, same_size,
+    Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error, same_size,
 };
 use super::stated;
 use super::stated::PRIMESENSE;
@@ -32,7 +32,7 @@ fn color_folder(folder: &Folder) -> Option<&'static str> {
     COLOR_FOLDERS.into_iter().find(|name| folder.has_folder(name))
 }
 
-type PairedImages = (BTreeMap<u64, Pair>, Cameras);
+type PairedImages = (BTreeMap<u64, Pair>, Cameras, DepthEncoding);
 
 fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError> {
     let folder = recording.folder;
@@ -42,11 +42,9 @@ fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError>
     let depths = recording.list(DEPTH_FOLDER, "", &["png"])?;
     let pairs = pairs(recording, &colors, &depths, color_name);
     let cameras = cameras(recording, &pairs)?;
-    Ok(cameras.map(|cameras| (pairs, cameras)))
-}
-
-fn encoding(recording: &Recording) -> DepthEncoding {
-    recording.encoding(CodeKind::Linear16(MILLIMETRE), Sensor::Kinect, STRUCTURED_LIGHT_RANGE)
+    let unit = CodeKind::Linear16(MILLIMETRE);
+    let encoding = encoding(recording.options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
+    Ok(cameras.map(|cameras| (pairs, cameras, encoding)))
 }
 
 struct Pair {
@@ -139,10 +137,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         return Err(metadata_error(&folder.path, "poses of the frames", found, hint));
     }
     let mut recording = Recording::new(folder, options);
-    let Some((pairs, cameras)) = read(&mut recording)? else {
+    let Some((pairs, cameras, encoding)) = read(&mut recording)? else {
         return Ok(recording.finish());
     };
-    let encoding = encoding(&recording);
     for (number, pair) in &pairs {
         if folder.was_taken(&pair.name) {
             continue;
@@ -150,7 +147,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         let missing = || FrameProblem::MissingColor(format!("number {number}"));
         let frame = pair.color.clone().ok_or_else(missing).and_then(|color| {
             let depth = Some(DepthSource::new(pair.depth()?, encoding));
-            Ok(RecordedFrame::new(pair.name.clone(), Pose::IDENTITY, cameras, color, depth))
+            Ok(frame_entry(pair.name.clone(), Pose::IDENTITY, cameras, color, depth))
         });
         // While the recording grows, the other file of the pair may still be written.
         if frame.is_ok() || !folder.is_growing() {
@@ -196,10 +193,9 @@ fn head(line: &str) -> Option<[u64; 3]> {
 
 fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    let Some((pairs, cameras)) = read(&mut recording)? else {
+    let Some((pairs, cameras, encoding)) = read(&mut recording)? else {
         return Ok(recording.finish());
     };
-    let encoding = encoding(&recording);
     let (log, blocks) = blocks(&mut recording)?;
     let numbers: Vec<u64> = pairs.keys().copied().collect();
     let is_complete = numbers.len() == blocks.len();
@@ -224,7 +220,7 @@ fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
         };
         let frame = pose.and_then(|pose| {
             let depth = Some(DepthSource::new(pair.depth()?, encoding));
-            Ok(RecordedFrame::new(pair.name.clone(), pose, cameras, color, depth))
+            Ok(frame_entry(pair.name.clone(), pose, cameras, color, depth))
         });
         recording.add(&pair.name, &log, frame);
     }

@@ -7,12 +7,14 @@
 //! intrinsics of each frame, which autofocus changes.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{Cameras, LIDAR_RANGE, RecordedFrame, Recording, metadata_error, same_size};
+use super::recording::{
+    Cameras, LIDAR_RANGE, Recording, encoding, frame_entry, metadata_error, same_size,
+};
 use super::trajectory::TimedPose;
 use super::{recording, stated};
 use crate::dataset::archive::Archive;
 use crate::dataset::decode::CodeKind;
-use crate::dataset::entry::DepthSource;
+use crate::dataset::entry::FrameEntry;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, relative_path};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -68,8 +70,7 @@ impl Metadata {
             recording
                 .note(format!("expected a pose for each of {found} frames, found {listed} poses"));
         }
-        let encoding = recording.encoding(codes, Sensor::Lidar, LIDAR_RANGE);
-        let least = recording.least_confidence();
+        let encoding = encoding(recording.options, codes, Sensor::Lidar, LIDAR_RANGE);
         for (&number, frame) in frames {
             // A number beyond any index has no pose, so its frame is skipped.
             let index = usize::try_from(number).unwrap_or(usize::MAX);
@@ -82,13 +83,11 @@ impl Metadata {
                 }
             };
             let cameras = self.cameras(recording, index, &k, depth_size)?;
-            let depth = frame.depth.clone().map(|file| DepthSource {
-                file,
-                encoding,
-                confidence: frame.confidence.clone().map(|map| (map, least)),
+            let depth = frame.depth.clone().map(|file| {
+                recording.depth_with_confidence(file, encoding, frame.confidence.clone())
             });
-            let recorded = RecordedFrame::new(name, pose, cameras, frame.color.clone(), depth);
-            recording.push(RecordedFrame { time: self.time(index), ..recorded });
+            let recorded = frame_entry(name, pose, cameras, frame.color.clone(), depth);
+            recording.frames.push(FrameEntry { time: self.time(index), ..recorded });
         }
         Ok(())
     }
@@ -222,6 +221,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     };
     let archive = Archive::open(&path).map_err(damaged)?;
     let archive = Arc::new(archive);
+    // Sorted, because an archive lists its members in any order.
     let names: BTreeSet<String> = archive.names().into_iter().collect();
     for name in names.iter().filter(|name| relative_path(name).is_err()) {
         recording.skip(name, path.clone(), FrameProblem::OutsideFolder(name.clone()));

@@ -37,17 +37,7 @@ pub(super) struct Recording<'a> {
     pub folder: &'a Folder,
     pub options: &'a LoadOptions,
     pub parsed: ParsedFolder,
-    frames: Vec<FrameEntry>,
-}
-
-pub(super) struct RecordedFrame {
-    pub name: String,
-    pub time: Option<f64>,
-    pub pose: Pose,
-    pub cameras: Cameras,
-    pub color: ByteSource,
-    pub depth: Option<DepthSource>,
-    pub lens: Distortion,
+    pub frames: Vec<FrameEntry>,
 }
 
 /// The depth camera, and the photograph's camera if it differs.
@@ -55,19 +45,39 @@ pub(super) struct RecordedFrame {
 pub(super) struct Cameras {
     pub depth: Intrinsics,
     pub color: Option<ColorCamera>,
+    pub lens: Distortion,
 }
 
-impl RecordedFrame {
-    /// A frame without time, by a camera without distortion.
-    pub fn new(
-        name: String,
-        pose: Pose,
-        cameras: Cameras,
-        color: ByteSource,
-        depth: Option<DepthSource>,
-    ) -> Self {
-        Self { name, time: None, pose, cameras, color, depth, lens: Distortion::default() }
-    }
+/// Makes a frame without time from its files.
+pub(super) fn frame_entry(
+    name: String,
+    pose: Pose,
+    cameras: Cameras,
+    color: ByteSource,
+    depth: Option<DepthSource>,
+) -> FrameEntry {
+    let Cameras { depth: intrinsics, color: color_camera, lens } = cameras;
+    let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens }));
+    FrameEntry { name, camera: Camera { intrinsics, pose }, color_camera, time: None, source }
+}
+
+/// Encoding of depth along the optical axis. The user's depth scale overrides the unit of `codes`.
+pub(super) fn encoding(
+    options: &LoadOptions,
+    codes: CodeKind,
+    sensor: Sensor,
+    trusted: [f64; 2],
+) -> DepthEncoding {
+    let scaled = |unit: f64| options.depth_scale.unwrap_or(unit);
+    let (unit, codes) = match codes {
+        CodeKind::Linear16(unit) => (unit, CodeKind::Linear16(scaled(unit))),
+        CodeKind::ByContent(unit) => (unit, CodeKind::ByContent(scaled(unit))),
+        // These have no unit that a user could correct.
+        CodeKind::Inverse8 | CodeKind::BareFloats => (1.0, codes),
+    };
+    let units_per_metre = options.units_per_metre(unit);
+    let trusted = options.depth_range.unwrap_or(trusted);
+    DepthEncoding { codes, kind: DepthKind::Z, trusted, units_per_metre, sensor }
 }
 
 impl<'a> Recording<'a> {
@@ -86,10 +96,10 @@ impl<'a> Recording<'a> {
         self.skip(&format!("line {line}"), file.to_owned(), problem);
     }
 
-    /// Adds a frame, or the warning that it is skipped because of `file`.
-    pub fn add(&mut self, name: &str, file: &Path, frame: Result<RecordedFrame, FrameProblem>) {
+    /// Adds a frame; on an error, skips it with a warning about `file`.
+    pub fn add(&mut self, name: &str, file: &Path, frame: Result<FrameEntry, FrameProblem>) {
         match frame {
-            Ok(frame) => self.push(frame),
+            Ok(frame) => self.frames.push(frame),
             Err(problem) => self.skip(name, file.to_owned(), problem),
         }
     }
@@ -132,7 +142,6 @@ impl<'a> Recording<'a> {
         self.folder.has_folder(name).then(|| self.list(name, "", extensions)).transpose()
     }
 
-    /// Notes that the times of a list had to be sorted.
     pub fn note_unordered(&mut self, list: &str, n: usize) {
         if n > 0 {
             self.note(format!("{list}: {n} times are out of order; sorted"));
@@ -146,19 +155,13 @@ impl<'a> Recording<'a> {
         colors: impl IntoIterator<Item = impl Borrow<ByteSource>>,
         depths: impl IntoIterator<Item = impl Borrow<ByteSource>>,
     ) -> Option<((u32, u32), (u32, u32))> {
+        // A majority, because one odd file must cost only its own frame.
         let color = self.warn_unreadable(photograph_size(colors))?;
         Some((color, self.warn_unreadable(depth_size(depths))?))
     }
 
     pub fn note(&mut self, note: impl Into<String>) {
         self.parsed.notes.push(note.into());
-    }
-
-    pub fn push(&mut self, frame: RecordedFrame) {
-        let RecordedFrame { name, time, pose, cameras, color, depth, lens } = frame;
-        let camera = Camera { intrinsics: cameras.depth, pose };
-        let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens }));
-        self.frames.push(FrameEntry { name, camera, color_camera: cameras.color, time, source });
     }
 
     /// Makes one split of all frames. If any frame has depth, frames without depth are skipped.
@@ -187,28 +190,15 @@ impl<'a> Recording<'a> {
         self.parsed
     }
 
-    /// Encoding of depth along the optical axis. The user's depth scale overrides the unit of `codes`.
-    pub fn encoding(&self, codes: CodeKind, sensor: Sensor, trusted: [f64; 2]) -> DepthEncoding {
-        let scaled = |unit: f64| self.options.depth_scale.unwrap_or(unit);
-        let metre = match codes {
-            CodeKind::Linear16(unit) | CodeKind::ByContent(unit) => {
-                self.options.units_per_metre(unit)
-            }
-            CodeKind::Inverse8 | CodeKind::BareFloats => self.options.units_per_metre(1.0),
-        };
-        let codes = match codes {
-            CodeKind::Linear16(unit) => CodeKind::Linear16(scaled(unit)),
-            CodeKind::ByContent(unit) => CodeKind::ByContent(scaled(unit)),
-            // These have no unit that a user could correct.
-            other => other,
-        };
-        let trusted = self.options.depth_range.unwrap_or(trusted);
-        DepthEncoding { codes, kind: DepthKind::Z, trusted, units_per_metre: metre, sensor }
-    }
-
-    pub fn least_confidence(&self) -> u8 {
+    pub fn depth_with_confidence(
+        &self,
+        file: ByteSource,
+        encoding: DepthEncoding,
+        confidence: Option<ByteSource>,
+    ) -> DepthSource {
         // Of 0 to 2; at 0 the sensor itself does not trust its value.
-        self.options.confidence.unwrap_or(1)
+        let least = self.options.confidence.unwrap_or(1);
+        DepthSource { file, encoding, confidence: confidence.map(|map| (map, least)) }
     }
 
     /// Cameras with one lens, from the intrinsics `stated` by `file` for images of any size.
@@ -221,12 +211,14 @@ impl<'a> Recording<'a> {
     ) -> Result<Cameras, DatasetError> {
         let of_depth = match self.options.intrinsics {
             Some(numbers) => from_user(numbers, depth)?,
+            // One lens: intrinsics of another resolution scale with the image.
             None => stated.resized(depth.0, depth.1),
         };
         check_intrinsics(&of_depth, file)?;
         let resampled = || ColorCamera::from_depth_intrinsics(&of_depth, [color.0, color.1]);
         // Without a colour camera, photographs have the camera of depth.
-        Ok(Cameras { depth: of_depth, color: (color != depth).then(resampled) })
+        let color = (color != depth).then(resampled);
+        Ok(Cameras { depth: of_depth, color, lens: Distortion::default() })
     }
 }
 

@@ -5,7 +5,7 @@
 //! Depth is rendered, in steps of 1/6553.5 m, and registered.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{ANY_RANGE, RecordedFrame, Recording, metadata_error, same_size};
+use super::recording::{ANY_RANGE, Recording, encoding, frame_entry, metadata_error, same_size};
 use super::stated::{KnownCamera, side};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::DepthSource;
@@ -49,7 +49,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    // Both kinds of images are in one folder; prefixes tell them apart.
+    // Both kinds of images are in one folder; prefixes distinguish them.
     let colors = recording.list(IMAGES, "frame", &PHOTOGRAPHS)?;
     let depths = recording.list(IMAGES, "depth", &["png"])?;
     let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
@@ -57,7 +57,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let (file, k, per_metre) = camera(&mut recording, size)?;
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     let unit = CodeKind::Linear16(1.0 / per_metre);
-    let encoding = recording.encoding(unit, Sensor::Exact { noise: 0.0 }, ANY_RANGE);
+    let encoding = encoding(options, unit, Sensor::Exact { noise: 0.0 }, ANY_RANGE);
     let (traj, text) = folder.lines(POSES)?;
     let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
     for number in NumberedFiles::union(&[&colors, &depths]) {
@@ -75,7 +75,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
                 let color = colors.required(folder, number, missing)?;
                 let missing = FrameProblem::MissingDepth(format!("depth{number:06}.png"));
                 let depth = DepthSource::new(depths.required(folder, number, missing)?, encoding);
-                Ok(RecordedFrame::new(name.clone(), pose, cameras, color, Some(depth)))
+                Ok(frame_entry(name.clone(), pose, cameras, color, Some(depth)))
             });
         recording.add(&name, &traj, found);
     }

@@ -7,11 +7,13 @@
 //! the robot's (`--poses`). They are the camera's if their file name contains `camera`, as in
 //! `…_camera_poses.txt` (`--poses_camera`).
 
-use super::recording::{RecordedFrame, Recording, check_intrinsics, metadata_error, same_size};
+use super::recording::{
+    Recording, check_intrinsics, encoding, frame_entry, metadata_error, same_size,
+};
 use super::stated;
 use super::trajectory::{TimedPose, lines};
 use crate::dataset::decode::CodeKind;
-use crate::dataset::entry::DepthSource;
+use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -37,11 +39,11 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const COLORS: &str = "rgb";
 const DEPTHS: &str = "depth";
 const CALIBRATIONS: &str = "calib";
-/// Marks a file with the camera's own poses by its name.
+/// Part of the name of a file with the camera's own poses.
 const OF_CAMERA: &str = "camera";
 /// Metres.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 5.0];
-/// Largest difference between the time in a name, which is rounded, and that of its pose, seconds.
+/// Maximum difference between the rounded time in a name and the time of its pose, seconds.
 const TIME_ROUNDING: f64 = 2e-3;
 
 fn recognise(folder: &Folder) -> Option<String> {
@@ -122,7 +124,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let cameras = recording.cameras_of_lens(&stated, size, depth_size, &calibration_file)?;
     // A phone's lidar has a lower resolution than its photographs; depth cameras do not.
     let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
-    let encoding = recording.encoding(CodeKind::ByContent(MILLIMETRE), sensor, TRUSTED_DEPTH);
+    let encoding = encoding(options, CodeKind::ByContent(MILLIMETRE), sensor, TRUSTED_DEPTH);
     // The default is used only if the file was removed since recognition; reading it then fails.
     let pose_name = pose_file(folder).unwrap_or("poses.txt");
     let (file, text) = folder.lines(pose_name)?;
@@ -137,6 +139,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             calibration_file.display()
         ));
     }
+    // Places in the list count only if every image has a pose.
     let total = lines(&text).count();
     let mut seen = BTreeSet::new();
     for (i, (line, content)) in lines(&text).enumerate() {
@@ -149,8 +152,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             let color = colors.required(&stem, FrameProblem::MissingColor)?;
             let depth = depths.required(&stem, FrameProblem::MissingDepth)?;
             let depth = Some(DepthSource::new(depth, encoding));
-            let frame = RecordedFrame::new(stem, pose, cameras, color, depth);
-            Ok(Some(RecordedFrame { time: p.time, ..frame }))
+            let frame = frame_entry(stem, pose, cameras, color, depth);
+            Ok(Some(FrameEntry { time: p.time, ..frame }))
         });
         match found {
             Ok(None) => {}
@@ -158,7 +161,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
                 let problem = FrameProblem::Duplicate(format!("another pose in line {line}"));
                 recording.skip(&frame.name, file.clone(), problem);
             }
-            Ok(Some(frame)) => recording.push(frame),
+            Ok(Some(frame)) => recording.frames.push(frame),
             Err(problem) => recording.skip(&format!("line {line}"), file.clone(), problem),
         }
     }
@@ -207,7 +210,6 @@ impl<'a> Images<'a> {
         equal.find(|(other, _)| other == stem).map(|(_, name)| name.as_str())
     }
 
-    /// The image with this stem.
     fn required(
         &self,
         stem: &str,
@@ -247,6 +249,7 @@ fn value(stem: &str) -> f64 {
 /// Reads the camera from OpenCV's YAML, which is not valid YAML: it begins with `%YAML:1.0` and tags
 /// matrices.
 fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
+    // Only these lines are read, so no YAML parser is needed.
     let number = |key: &str| {
         let line = text.lines().find_map(|line| line.trim().strip_prefix(key))?;
         line.strip_prefix(':')?.trim().parse::<u32>().ok()

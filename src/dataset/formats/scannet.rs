@@ -6,11 +6,13 @@
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
-    Cameras, RecordedFrame, Recording, STRUCTURED_LIGHT_RANGE, check_intrinsics, metadata_error,
+    Cameras, Recording, STRUCTURED_LIGHT_RANGE, check_intrinsics, encoding, frame_entry,
+    metadata_error,
 };
 use super::stated;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::CodeKind;
+use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, is_file, read_small_text};
@@ -36,6 +38,7 @@ const POSES: &str = "pose";
 const INTRINSICS: &str = "intrinsic";
 
 fn recognise(folder: &Folder) -> Option<String> {
+    // Numbered poses distinguish this layout from images without poses.
     let has = [COLORS, DEPTHS].iter().all(|name| folder.has_folder(name));
     let is_ours = has && NumberedFiles::any(folder, POSES, "", &["txt"]);
     is_ours.then(|| format!("numbered poses in {POSES}/, with {COLORS}/ and {DEPTHS}/"))
@@ -50,7 +53,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let Some((color, depth)) = sizes else { return Ok(recording.finish()) };
     let cameras = cameras(&recording, color, depth)?;
     let unit = CodeKind::Linear16(MILLIMETRE);
-    let encoding = recording.encoding(unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
+    let encoding = encoding(options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     for number in NumberedFiles::union(&[&colors, &depths, &poses]) {
         if folder.was_taken(&number.to_string()) {
             continue;
@@ -60,7 +63,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             let color = colors.required(folder, number, missing)?;
             let missing = FrameProblem::MissingDepth(format!("{DEPTHS}/{number}.png"));
             let depth = DepthSource::new(depths.required(folder, number, missing)?, encoding);
-            Ok(RecordedFrame::new(number.to_string(), pose, cameras, color, Some(depth)))
+            Ok(frame_entry(number.to_string(), pose, cameras, color, Some(depth)))
         });
         let file = folder.path.join(POSES).join(format!("{number}.txt"));
         recording.add(&number.to_string(), &file, found);
@@ -99,7 +102,8 @@ fn cameras(
             };
             check_intrinsics(&of_color, &color_file)?;
             let is_one = of_color == of_depth;
-            Ok(Cameras { depth: of_depth, color: (!is_one).then_some(camera) })
+            let (color, lens) = ((!is_one).then_some(camera), Distortion::default());
+            Ok(Cameras { depth: of_depth, color, lens })
         }
         // Only one lens is known, so both images are taken to be through it.
         (_, Some((file, stated))) | (Some((file, stated)), None) => {

@@ -10,12 +10,13 @@
 //! the published ones.
 
 use super::numbered::{ListedFrame, ListedSplit};
-use super::recording::{STRUCTURED_LIGHT_RANGE, check_intrinsics, metadata_error, photograph_size};
+use super::recording::{
+    STRUCTURED_LIGHT_RANGE, check_intrinsics, encoding, metadata_error, photograph_size,
+};
 use super::stated::{KnownCamera, from_matrix};
 use crate::dataset::calibrated_size::from_user;
 use crate::dataset::calibration::{Calibration, ColorCamera};
-use crate::dataset::decode::{CodeKind, DepthEncoding};
-use crate::dataset::depth::DepthKind;
+use crate::dataset::decode::CodeKind;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing, read_small_text};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -47,12 +48,14 @@ const PUBLISHED: KnownCamera = KnownCamera {
 
 /// The published Kinect's colour images are not registered to its depth.
 pub(super) fn known_calibration(depth_camera: &Intrinsics) -> Option<Calibration> {
+    // Exactly equal: a folder with its own intrinsics is another camera.
     let is_kinect = *depth_camera == PUBLISHED.intrinsics;
     is_kinect
         .then_some(Calibration { color_camera: Some(ColorCamera::KINECT), ..Calibration::NONE })
 }
 
 fn recognise(folder: &Folder) -> Option<String> {
+    // Frames in the root count first: one sequence may be opened alone.
     let n_root = folder.listing.files().filter(|n| color_stem(n).is_some()).count();
     if n_root > 0 {
         return Some(format!("{n_root} `*.color.*` files in the folder"));
@@ -103,13 +106,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         Some(numbers) => from_user(numbers, size)?,
         None => intrinsics(folder, size, &mut parsed.notes)?,
     };
-    let encoding = DepthEncoding {
-        codes: CodeKind::Linear16(options.depth_scale.unwrap_or(MILLIMETRE)),
-        kind: DepthKind::Z,
-        trusted: options.depth_range.unwrap_or(STRUCTURED_LIGHT_RANGE),
-        units_per_metre: options.units_per_metre(MILLIMETRE),
-        sensor: Sensor::Kinect,
-    };
+    let unit = CodeKind::Linear16(MILLIMETRE);
+    let encoding = encoding(options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     for listed in splits {
         let split = listed.into_split(intrinsics, encoding, &mut parsed);
         parsed.splits.push(split);

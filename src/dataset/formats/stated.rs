@@ -24,7 +24,8 @@ pub(super) struct KnownCamera {
 }
 
 impl KnownCamera {
-    /// Intrinsics for photographs of a size, with a note. `file` should state them, in the form `expected`.
+    /// Returns these intrinsics for photographs of `size`, and notes that they are used. Errors name the
+    /// missing `file` and its `expected` content.
     pub fn assume(
         &self,
         recording: &mut Recording,
@@ -39,7 +40,10 @@ impl KnownCamera {
         Ok((file, self.intrinsics))
     }
 
-    /// The notice that this camera is used; an error if photographs have another size.
+    /// Returns the notice that this camera is used.
+    ///
+    /// # Errors
+    /// Photographs of another size.
     pub fn note(
         &self,
         size: (u32, u32),
@@ -243,7 +247,7 @@ impl FrameCamera<'_> {
     }
 }
 
-/// Models with the terms `k1`, `k2`, `k3`, `p1` and `p2`, or none.
+/// Camera models whose distortion is `k1`, `k2`, `k3`, `p1` and `p2`, or less.
 const KNOWN_MODELS: [&str; 7] = [
     "OPENCV",
     "PINHOLE",

@@ -8,12 +8,12 @@
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
-    LIDAR_RANGE, RecordedFrame, Recording, depth_size, metadata_error, photograph_size,
+    LIDAR_RANGE, Recording, depth_size, encoding, frame_entry, metadata_error, photograph_size,
 };
 use super::stated;
 use super::trajectory::{TimedPose, sort_by_time};
 use crate::dataset::decode::CodeKind;
-use crate::dataset::entry::DepthSource;
+use crate::dataset::entry::FrameEntry;
 use crate::dataset::error::{DatasetError, FrameProblem, VIDEO_BY_HAND};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -107,8 +107,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let file = folder.path.join(CAMERA);
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     let unit = CodeKind::ByContent(MILLIMETRE);
-    let encoding = recording.encoding(unit, Sensor::Lidar, LIDAR_RANGE);
-    let least = recording.least_confidence();
+    let encoding = encoding(options, unit, Sensor::Lidar, LIDAR_RANGE);
     for line in odometry(&mut recording)? {
         let name = format!("{:06}", line.frame);
         if folder.was_taken(&name) {
@@ -120,12 +119,13 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             let color = files.color(folder, frame).transpose()?.ok_or_else(missing)?;
             let missing = FrameProblem::MissingDepth(format!("{DEPTHS}/{name}.png"));
             let file = files.depths.required(folder, frame, missing)?;
-            let confidence = files.confidence(folder, frame)?.map(|map| (map, least));
-            let depth = Some(DepthSource { file, encoding, confidence });
-            let recorded = RecordedFrame::new(name.clone(), pose, cameras, color, depth);
-            Ok(RecordedFrame { time: Some(line.pose.time), ..recorded })
+            let confidence = files.confidence(folder, frame)?;
+            let depth = Some(recording.depth_with_confidence(file, encoding, confidence));
+            let recorded = frame_entry(name.clone(), pose, cameras, color, depth);
+            Ok(FrameEntry { time: Some(line.pose.time), ..recorded })
         };
-        recording.add(&name, &folder.path.join(POSES), read(line.frame));
+        let frame = read(line.frame);
+        recording.add(&name, &folder.path.join(POSES), frame);
     }
     Ok(recording.finish())
 }

@@ -4,8 +4,8 @@ use crate::dataset::error::FrameProblem;
 use crate::math::pose::Pose;
 use glam::{DMat4, DQuat, DVec3};
 
-/// Largest time difference of a frame to its pose or photograph, seconds; half a frame interval at 30 Hz is
-/// 17 ms.
+/// Maximum time between a frame and its pose or photograph, seconds; half a frame interval at 30 Hz is 17
+/// ms.
 pub(super) const TOLERANCE: f64 = 0.020;
 
 #[derive(Clone, Copy, Debug)]
@@ -16,7 +16,8 @@ pub(super) struct TimedPose {
 }
 
 impl TimedPose {
-    /// From `t tx ty tz qx qy qz qw`; `None` unless all are finite and the quaternion's length is near 1.
+    /// Makes a pose from `t tx ty tz qx qy qz qw`; `None` unless all are finite and the quaternion's length
+    /// is near 1.
     pub fn new([time, x, y, z, qx, qy, qz, qw]: [f64; 8]) -> Option<Self> {
         let (position, turn) = (DVec3::new(x, y, z), DQuat::from_xyzw(qx, qy, qz, qw));
         // Rounded text stays far closer to length 1; other numbers are no quaternion.
@@ -46,7 +47,8 @@ pub(super) fn sort_by_time<T>(items: &mut [T], time: impl Fn(&T) -> f64) -> usiz
     n
 }
 
-/// The error that nothing was recorded within [`TOLERANCE`] of a time; `nearest` is in seconds.
+/// Error for a time without a recording within [`TOLERANCE`]; `nearest` is the distance to the nearest one,
+/// seconds.
 pub(super) fn not_in_time(what: &'static str, time: f64, nearest: Option<f64>) -> FrameProblem {
     let found = nearest.map(|nearest| format!("the nearest {:.0} ms away", 1e3 * nearest));
     let found = found.unwrap_or_else(|| "none".to_owned());

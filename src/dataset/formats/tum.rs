@@ -13,7 +13,9 @@
 //! The recordings do not contain intrinsics. The manufacturer's default projects their depth better than
 //! the calibration published for each colour camera.
 
-use super::recording::{Cameras, RecordedFrame, Recording, STRUCTURED_LIGHT_RANGE, metadata_error};
+use super::recording::{
+    Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error,
+};
 use super::rig::{Clock, ImagePair, Mount, Rig};
 use super::stated::PRIMESENSE;
 use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines, not_in_time, sort_by_time};
@@ -21,7 +23,7 @@ use super::{rig, stated};
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
-use crate::dataset::entry::DepthSource;
+use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -45,15 +47,17 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const COLOR_LIST: &str = "rgb.txt";
 const DEPTH_LIST: &str = "depth.txt";
 const POSES: &str = "groundtruth.txt";
-/// Largest time between a depth image and a photograph that count as simultaneous, seconds.
+/// Maximum time between a depth image and a photograph that count as simultaneous, seconds.
 const SIMULTANEOUS: f64 = 1e-3;
-/// Largest relative deviation of a PrimeSense camera's focal length after calibration; 2 % in TUM's.
+/// Maximum relative deviation of a calibrated PrimeSense camera's focal length from the manufacturer's; 2 %
+/// in TUM's calibrations.
 const CALIBRATED: f64 = 0.03;
 /// Metres per code.
 const DEPTH_UNIT: f64 = 1.0 / 5000.0;
 
 fn recognise(folder: &Folder) -> Option<String> {
     let lists_images = |name: &str| {
+        // The start of a list suffices; long recordings have thousands of lines.
         let text = folder.peek(name);
         folder.listing.has_file(name) && lines(&text).any(|(_, line)| image(line).is_some())
     };
@@ -79,7 +83,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         return Ok(recording.finish());
     };
     let unit = CodeKind::Linear16(DEPTH_UNIT);
-    let encoding = recording.encoding(unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
+    let encoding = encoding(options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     let is_growing = folder.is_growing();
     let poses = trajectory.as_ref().map(|trajectory| Poses {
         trajectory,
@@ -114,8 +118,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-/// True if everything that a frame of this depth image needs is written. Poses and photographs are ordered
-/// by time, and the next one may be the nearer.
+/// True if all data for the frame of this depth image is written. Poses and photographs arrive in order of
+/// time, and the next one may be nearer.
 fn has_all_data(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedImage]) -> bool {
     let has = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
     // A Kinect needs poses until the last row is read.
@@ -194,8 +198,8 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
     Ok(trajectory)
 }
 
-/// Cameras from an option, a file or the known intrinsics; true if it is a Kinect. `None` if no image can
-/// be read.
+/// Cameras from an option, a file or the known intrinsics, and whether they are a Kinect's. `None` if no
+/// image can be read.
 fn cameras(
     recording: &mut Recording,
     colors: &[TimedImage],
@@ -328,7 +332,7 @@ fn frame(
     poses: Option<Poses<'_>>,
     cameras: Cameras,
     encoding: DepthEncoding,
-) -> Result<RecordedFrame, FrameProblem> {
+) -> Result<FrameEntry, FrameProblem> {
     let rig = poses.map_or(Rig::EXPECTED, |poses| poses.rig);
     let measured = depth.time + rig.depth_delay;
     let pose = match poses {
@@ -340,16 +344,11 @@ fn frame(
     let times = [measured, color.time + rig.color_delay];
     let lens = poses.map_or(Distortion::default(), |poses| poses.lens(times));
     let cameras = poses.map_or(cameras, |poses| poses.cameras_at_times(cameras, size, times));
-    let file = ByteSource::File(depth.path.clone());
-    Ok(RecordedFrame {
-        name: frame_name(&depth.name).into(),
-        time: Some(depth.time),
-        pose,
-        cameras,
-        color: ByteSource::File(color.path.clone()),
-        depth: Some(DepthSource::new(file, encoding)),
-        lens,
-    })
+    let depth_source = Some(DepthSource::new(ByteSource::File(depth.path.clone()), encoding));
+    let name = frame_name(&depth.name).to_owned();
+    let cameras = Cameras { lens, ..cameras };
+    let frame = frame_entry(name, pose, cameras, color.path.clone().into(), depth_source);
+    Ok(FrameEntry { time: Some(depth.time), ..frame })
 }
 
 fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<ImagePair> {

@@ -1,6 +1,6 @@
 //! Evaluation viewpoints off the camera trajectory that show surfaces the training frames have seen.
 
-use super::params::ParamsError;
+use super::params::{ParamsError, PhoneScene, SyntheticCamera};
 use super::room::FurnishedRoom;
 use super::solid::{Hit, Ray};
 use crate::math::camera::{Camera, Intrinsics};
@@ -15,10 +15,11 @@ const CLEARANCE: f64 = 0.25;
 const GRID: usize = 9;
 /// Share of a picture covered by training frames at which the search stops.
 const ENOUGH_COVERED: f64 = 0.97;
-/// A viewpoint with a smaller covered share is never used.
+/// Minimum covered share of a viewpoint.
 const LEAST_SEEN: f64 = 0.5;
-/// Candidates drawn per viewpoint, and valid candidates after which the best one is taken.
+/// Maximum number of candidates per viewpoint.
 const TRIES: usize = 20_000;
+/// Number of valid candidates after which the best one is used.
 const BETTER: usize = 24;
 /// Cosine of the incidence angle above which a surface counts as seen (80°).
 const FACING: f64 = 0.17;
@@ -34,13 +35,14 @@ pub(super) struct FreeRules {
 }
 
 impl FreeRules {
-    pub fn anywhere(seed: u64) -> Self {
-        Self { seed, distance: [0.4, 4.5], view_angle_degrees: [0.0, 180.0] }
-    }
-
-    /// Requires 20° to 60° between the view and the nearest training view.
-    pub fn oblique(seed: u64) -> Self {
-        Self { seed, distance: [0.45, 1.6], view_angle_degrees: [20.0, 60.0] }
+    pub fn new(camera: SyntheticCamera, seed: u64) -> Self {
+        let (distance, view_angle_degrees) = match camera {
+            SyntheticCamera::Phone(PhoneScene::Door) => ([0.45, 1.6], [20.0, 60.0]),
+            SyntheticCamera::Phone(PhoneScene::Room) | SyntheticCamera::Room => {
+                ([0.4, 4.5], [0.0, 180.0])
+            }
+        };
+        Self { seed, distance, view_angle_degrees }
     }
 }
 
@@ -184,16 +186,14 @@ impl TrainingViews<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::params::PhoneScene;
     use super::super::phone::contents::furnish;
     use super::super::phone::walk::Walk;
     use super::*;
 
     #[test]
     fn views_are_free_and_show_what_was_seen() {
-        let scenes =
-            [(PhoneScene::Room, FreeRules::anywhere(2)), (PhoneScene::Door, FreeRules::oblique(2))];
-        for (scene, rules) in scenes {
+        for scene in [PhoneScene::Room, PhoneScene::Door] {
+            let rules = FreeRules::new(SyntheticCamera::Phone(scene), 2);
             let (room, walk) = (furnish(scene, 2), Walk::new(scene, 2));
             let poses: Vec<Pose> = (0..30).map(|i| walk.steady(f64::from(i) / 30.0)).collect();
             let k = Intrinsics::from_horizontal_fov(72, 96, 0.873);

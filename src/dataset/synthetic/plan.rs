@@ -3,7 +3,7 @@
 
 use super::free_views;
 use super::free_views::FreeRules;
-use super::params::{ParamsError, PhoneScene, SyntheticCamera, SyntheticParams};
+use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
 use super::phone::camera::{Capture, PhoneCamera, depth_camera};
 use super::phone::walk::{Walk, with_drift};
 use super::scene::SyntheticScene;
@@ -105,7 +105,8 @@ impl ViewPlan {
             0 => Vec::new(),
             n => {
                 let trained = Camera { intrinsics: scene.intrinsics(), pose: Pose::IDENTITY };
-                free_views::choose(n, scene.room(), trained, &train.poses, &rules(params))?
+                let rules = FreeRules::new(params.camera, params.seed);
+                free_views::choose(n, scene.room(), trained, &train.poses, &rules)?
             }
         };
         let mut splits = vec![train, eval, PlannedSplit::exact("free", free)];
@@ -204,15 +205,6 @@ impl RecordedFrame<'_> {
     }
 }
 
-fn rules(params: &SyntheticParams) -> FreeRules {
-    match params.camera {
-        SyntheticCamera::Phone(PhoneScene::Door) => FreeRules::oblique(params.seed),
-        SyntheticCamera::Phone(PhoneScene::Room) | SyntheticCamera::Room => {
-            FreeRules::anywhere(params.seed)
-        }
-    }
-}
-
 /// Frames per turn around the room; longer trajectories make more turns at varying heights.
 const FRAMES_PER_TURN: f64 = 48.0;
 /// Semi-axes of the elliptic path, metres.
@@ -231,7 +223,7 @@ pub(super) fn train(n_frames: usize, seed: u64) -> Vec<Pose> {
     (0..n_frames).filter_map(|i| pose(phase + turns * i as f64 / n_frames as f64, turns)).collect()
 }
 
-/// Poses of the evaluation frames, at a different radius and height profile than the training frames.
+/// Poses of the evaluation frames. Their radius and heights differ from those of the training frames.
 pub(super) fn eval(n_frames: usize, seed: u64) -> Vec<Pose> {
     // The offset avoids training viewpoints at the usual frame counts.
     let phase = phase(seed) + 0.37 / FRAMES_PER_TURN;
@@ -248,7 +240,7 @@ fn phase(seed: u64) -> f64 {
     if seed == 0 { 0.89 } else { Rng::new(seed, Purpose::Synthetic, PHASE).uniform() }
 }
 
-/// Never `None`: the path avoids the vertical through the target.
+/// Pose on the path; never `None`, because the path avoids the vertical through the target.
 fn pose(turn: f64, turns: f64) -> Option<Pose> {
     // One more swing than turns: heights differ between turns, and the path still closes.
     let swing = (TAU * turn * (1.0 + 1.0 / turns)).sin();

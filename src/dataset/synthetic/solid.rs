@@ -227,7 +227,8 @@ fn axis_normal(face: usize) -> DVec3 {
     sign * [DVec3::X, DVec3::Y, DVec3::Z][face / 2]
 }
 
-/// Slab test: entry and exit of a ray through a box, and the axis of the entry (or exit) plane.
+/// Slab test: entry and exit of a ray through a box, and the axis of the entry plane, or of the exit plane
+/// unless `want_entry`.
 #[inline]
 fn slabs(ray: &Ray, lo: DVec3, hi: DVec3, want_entry: bool) -> (f64, f64, usize) {
     // An axis that the ray does not move along gives ±∞, which bounds neither entry nor exit.

@@ -17,7 +17,7 @@ pub(in super::super) struct ImagePair {
 }
 
 impl ImagePair {
-    /// Reads one of its files. Retries once, because a passing disk error would change the estimate
+    /// Reads a file of the pair. Retries once, because a passing disk error would change the estimate
     /// silently.
     pub fn read<T>(&self, read: impl Fn() -> Result<T, FrameProblem>) -> Option<T> {
         let told = |problem| {
@@ -43,7 +43,6 @@ pub(in super::super) struct Clock<'a> {
 }
 
 impl Clock<'_> {
-    /// World pose of the camera at a time.
     pub fn at(&self, time: f64) -> Option<Pose> {
         let tracked = (self.tracked)(time)?;
         Some(self.mount.map_or(tracked, |mount| mount.camera_pose(&tracked)))
@@ -59,9 +58,9 @@ impl Clock<'_> {
     }
 }
 
-/// Least number of image pairs.
+/// Minimum number of image pairs.
 const FEWEST: usize = 6;
-/// Step between the delays that are tried, seconds, and number of steps to either side.
+/// Step between the tested delays, seconds, and number of steps to either side.
 const STEP: f64 = 0.005;
 const N_STEPS: usize = 8;
 /// Minimum relative decrease of the mean distance.
@@ -71,7 +70,7 @@ const AGREED: f64 = 0.008;
 /// Minimum delay that is reported, seconds.
 const LEAST: f64 = 0.004;
 
-/// Delay with the least mean `distance` over all pairs; `None` if it is undetermined or negligible.
+/// Delay with the smallest mean `distance` over all pairs; `None` if undetermined or negligible.
 pub(super) fn estimate_delay<P: Sync>(
     pairs: &[P],
     distance: impl Fn(&P, f64) -> f64 + Sync,
@@ -122,12 +121,12 @@ fn lowest(distances: &Distances) -> Option<(f64, f64)> {
 }
 
 const PAIRS: usize = 16;
-/// Images after the first of a pair that are candidates for the second.
+/// Number of images after the first of a pair that are candidates for the second.
 const REACH: usize = 48;
-/// Largest rotation within a pair, radians: both images must show the same surfaces.
+/// Maximum rotation within a pair, radians: both images must show the same surfaces.
 const MOST_SHAKEN: f64 = 0.35;
 const MOST_TURNED: f64 = 0.6;
-/// Least difference of rotation rates, radians per second: 1.5 pixels of a Kinect in 10 ms.
+/// Minimum difference of rotation rates, radians per second: 1.5 pixels of a Kinect in 10 ms.
 const LEAST_CHANGE: f64 = 0.3;
 /// Minimum rotation within a pair, radians: of an error common to both poses, a twentieth remains as a
 /// difference between them.
@@ -144,7 +143,7 @@ pub(super) fn pairs_by_rate_change<'a>(
     chosen(shots, clock, MOST_SHAKEN, change, LEAST_CHANGE)
 }
 
-/// Evenly spaced images, each paired with the one that is rotated most.
+/// Evenly spaced images, each paired with the one that is rotated most relative to it.
 pub(super) fn pairs_by_rotation<'a>(
     shots: &'a [ImagePair],
     clock: &Clock<'_>,
@@ -152,7 +151,8 @@ pub(super) fn pairs_by_rotation<'a>(
     chosen(shots, clock, MOST_TURNED, RotatingImage::angle, LEAST_TURN)
 }
 
-/// Pairs with a rotation below `most_turn`, each with the highest score, which must reach `least`.
+/// Pairs of evenly spaced images with their partners of the highest score, at least `least`. The rotation
+/// within a pair is below `most_turn`, radians.
 fn chosen<'a>(
     shots: &'a [ImagePair],
     clock: &Clock<'_>,

@@ -18,7 +18,8 @@ pub(super) struct Pair<'a> {
 }
 
 impl<'a> Pair<'a> {
-    /// Loads both images; `None` if one cannot be read or is measured along rays, as no Kinect does.
+    /// Loads both images; `None` if one cannot be read, or if depth is along rays, which no Kinect
+    /// measures.
     pub fn load(shots: [&'a ImagePair; 2], clock: &Clock<'_>) -> Option<Self> {
         let [a, b] = shots;
         Some(Self { shots, depths: [load(a, &clock.intrinsics)?, load(b, &clock.intrinsics)?] })
@@ -45,8 +46,8 @@ impl<'a> Pair<'a> {
         self.measured(clock, delay, near).into_iter().flatten().flatten().collect()
     }
 
-    /// For each sample of the first image, `make` of its world point and the relative depth difference in
-    /// the second image; `None` if one has no depth.
+    /// Calls `make` for each sample of the first image, with its world point and the relative depth
+    /// difference of the second image; `None` if one of them has no depth.
     fn measured<T>(
         &self,
         clock: &Clock<'_>,

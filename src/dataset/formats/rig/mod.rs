@@ -24,7 +24,7 @@ pub(super) use mount_search::Mount;
 pub(super) struct Rig {
     /// True if rows are read one after the other; false if depth agrees better without a rolling shutter.
     pub reads_rows: bool,
-    /// Delay of depth after its timestamps, seconds; negative if it is earlier, 0 if undetermined.
+    /// Delay of depth after its timestamps, seconds; negative if depth is earlier, 0 if undetermined.
     pub depth_delay: f64,
     pub color_delay: f64,
     pub mount: Mount,

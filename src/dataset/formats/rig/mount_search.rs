@@ -13,14 +13,14 @@ use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Least number of image pairs.
+/// Minimum number of image pairs.
 const FEWEST: usize = 6;
-/// Least relative decrease of the distance of pairs that were not used for the fit.
+/// Minimum relative decrease of the distance of pairs that were not used for the fit.
 const FALL: f64 = 0.05;
 const ROUNDS: usize = 12;
-/// Bound of the number of times a step is doubled.
+/// Maximum number of lengths of a step that are tested, each twice the one before.
 const DOUBLINGS: u32 = 5;
-/// Least relative decrease of the distance for another round.
+/// Minimum relative decrease of the distance for another round.
 const SETTLED: f64 = 0.002;
 /// Half-widths of the finite differences, radians and metres: about ten pixels, over which depth noise
 /// averages out.
@@ -91,8 +91,8 @@ impl Search<'_> {
         mount_of(best)
     }
 
-    /// Point with the smallest distance along a step, and that distance. Noise makes the slopes too large and
-    /// steps too short, so a step is doubled as long as the distance falls.
+    /// Point with the smallest distance along a step, and that distance. Noise makes the slopes too large
+    /// and the steps too short, so a step is doubled while the distance falls.
     fn lowest_along(&self, pairs: &[&Pair<'_>], from: Vector, step: &Vector) -> (Vector, f64) {
         let at = |times: f64| {
             let mut place = from;

@@ -1,6 +1,6 @@
 //! Frames as the phone stores them: photograph, lidar depth and confidence.
 
-use super::lidar::{LidarImage, measure};
+use super::lidar::measure;
 use super::walk::Walk;
 use crate::dataset::synthetic::scene::SyntheticScene;
 use crate::dataset::synthetic::view::ToneCurve;
@@ -20,8 +20,9 @@ const VIGNETTING: f64 = 0.06;
 const BLURRED: [f64; 2] = [1.2, 4.0];
 /// Depth at which motion blur is estimated, metres.
 const TYPICAL_DEPTH: f64 = 1.5;
-/// Maximum side of the depth image in pixels, and minimum ratio of photograph to depth resolution.
+/// Maximum side of the depth image, pixels.
 const DEPTH_SIDE: f64 = 256.0;
+/// Minimum ratio of photograph to depth resolution.
 const LEAST_FACTOR: f64 = 2.0;
 
 /// Photograph and depth image as a phone stores them.
@@ -53,7 +54,7 @@ impl PhoneCamera {
     pub fn capture(&self, scene: &SyntheticScene, frame: usize, depth: Intrinsics) -> Capture {
         let mut rng = Rng::new(self.seed, Purpose::Synthetic, LIDAR + frame as u64);
         let camera = Camera { intrinsics: depth, pose: self.pose(frame) };
-        let LidarImage { depth_z, confidence } = measure(scene.room(), &camera, &mut rng);
+        let (depth_z, confidence) = measure(scene.room(), &camera, &mut rng);
         Capture { color: self.photograph(scene, frame), depth_z, confidence }
     }
 

@@ -25,13 +25,12 @@ struct RayReturn {
     is_poor: bool,
 }
 
-/// Depth along the optical axis (metres, 0 in holes) and confidence.
-pub(super) struct LidarImage {
-    pub depth_z: Image<f64>,
-    pub confidence: Image<u8>,
-}
-
-pub(super) fn measure(room: &FurnishedRoom, camera: &Camera, rng: &mut Rng) -> LidarImage {
+/// Measures depth along the optical axis (metres, 0 in holes) and confidence.
+pub(super) fn measure(
+    room: &FurnishedRoom,
+    camera: &Camera,
+    rng: &mut Rng,
+) -> (Image<f64>, Image<u8>) {
     let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
     let pixels = pixel_returns(&echoes(room, camera), width, height);
     // At edges, foreground objects grow in some places and shrink in others.
@@ -48,10 +47,8 @@ pub(super) fn measure(room: &FurnishedRoom, camera: &Camera, rng: &mut Rng) -> L
     let smooth = separable_filter(&Image::from_vec(width, height, mixed.collect()), &LOW_PASS);
     let [fine, coarse] = [1.5, 8.0].map(|sigma| correlated_noise(width, height, sigma, rng));
     let dropout = correlated_noise(width, height, 5.0, rng);
-    let mut measured = LidarImage {
-        depth_z: Image::filled(width, height, 0.0),
-        confidence: Image::filled(width, height, 0),
-    };
+    let mut depth_z = Image::filled(width, height, 0.0);
+    let mut confidences = Image::filled(width, height, 0);
     for (i, pixel) in pixels.data.iter().enumerate() {
         let z = smooth.data[i];
         // 3 to 5 mm within the range.
@@ -62,10 +59,10 @@ pub(super) fn measure(room: &FurnishedRoom, camera: &Camera, rng: &mut Rng) -> L
         if is_lost || pixel.cosine < GRAZING[0] || !(0.1..RANGE).contains(&(z + noise)) {
             continue;
         }
-        measured.depth_z.data[i] = f64::from(z + noise);
-        measured.confidence.data[i] = confidence(pixel, z, spans.data[i]);
+        depth_z.data[i] = f64::from(z + noise);
+        confidences.data[i] = confidence(pixel, z, spans.data[i]);
     }
-    measured
+    (depth_z, confidences)
 }
 
 fn confidence(pixel: &LidarPixel, z: f32, span: f32) -> u8 {

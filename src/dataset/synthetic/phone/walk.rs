@@ -97,7 +97,7 @@ const LARGEST_OFFSET: [f64; 2] = [0.002, 0.003];
 /// Maximum rotation error of a recording, degrees.
 const LARGEST_TURN: f64 = 0.2;
 
-/// Poses with drift, as a recording states them for frames taken at `poses`; the first is exact.
+/// Adds drift to true poses, as tracking by a phone would; the first pose stays exact.
 pub fn with_drift(poses: &[Pose], seed: u64) -> Vec<Pose> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, STREAM);
     let [low, high] = LARGEST_OFFSET;

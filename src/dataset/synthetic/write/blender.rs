@@ -25,7 +25,6 @@ pub enum DepthBits {
     Sixteen,
 }
 
-/// Writes the wanted splits of a plan.
 pub(super) fn write(
     plan: &ViewPlan,
     is_wanted: fn(&PlannedSplit) -> bool,
@@ -56,7 +55,7 @@ pub(super) fn write(
         }
         // Written last: after an interruption no list names missing images.
         let list = out.join(format!("transforms_{}.json", split.name));
-        write_file(&list, &frame_list(&plan.scene, split, bits))?;
+        write_file(&list, frame_list(&plan.scene, split, bits))?;
     }
     Ok(())
 }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// Files and lists of a layout that grow by one frame at a time; all other files are there from the start.
 #[derive(Clone, Copy, Debug)]
 pub struct LiveFiles {
-    /// One file per frame: the folders that hold such files, in order, and a part of their names.
+    /// Kinds of files with one file per frame: their folders, in order, and a part of their names.
     pub files: &'static [(&'static [&'static str], &'static str)],
     /// Lists: file, number of header lines, lines per frame.
     pub lists: &'static [(&'static str, usize, usize)],

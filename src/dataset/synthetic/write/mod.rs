@@ -15,8 +15,8 @@ pub use blender::DepthBits;
 pub use files::WriteError;
 pub use live::LiveFiles;
 
-/// Sub-folder, in layouts without splits, for the remaining splits: in the Blender layout with 16-bit
-/// depth, with true poses in the world frame of the recording.
+/// Sub-folder for the remaining splits in layouts without splits. It has the Blender layout with 16-bit
+/// depth, and true poses in the world frame of the recording.
 pub const FREE_FOLDER: &str = "free";
 
 /// Renders all frames of `params` into the new or empty folder `out`, with depth and poses in every split.
@@ -31,7 +31,11 @@ pub fn write(
     layout: SyntheticLayout,
     on_frame: &mut dyn FnMut(usize, usize),
 ) -> Result<(), WriteError> {
-    check_camera(params, layout)?;
+    if params.camera != SyntheticCamera::Room && layout != SyntheticLayout::Record3d {
+        let found = <&str>::from(layout).to_owned();
+        let expected = "record3d for the phone";
+        return Err(ParamsError { setting: "layout", expected, found }.into());
+    }
     let plan = ViewPlan::new(params)?;
     // Before rendering, so that recordings are never mixed.
     create_empty_folder(out)?;
@@ -47,23 +51,13 @@ pub fn write(
         SyntheticLayout::Tum => sequences::write_tum(&plan, out, &mut count),
         SyntheticLayout::Record3d => sequences::write_record3d(&plan, out, &mut count),
     }?;
-    if layout.has_splits() || !plan.has_unrecorded_splits() {
+    let has_splits = matches!(layout, SyntheticLayout::Blender(_) | SyntheticLayout::SevenScenes);
+    if has_splits || !plan.has_unrecorded_splits() {
         return Ok(());
     }
     // 16 bits, because these views serve as ground truth.
     let (beside, bits) = (out.join(FREE_FOLDER), DepthBits::Sixteen);
     blender::write(&plan, |split| !split.is_recorded, &beside, bits, &mut count)
-}
-
-fn check_camera(params: &SyntheticParams, layout: SyntheticLayout) -> Result<(), ParamsError> {
-    if params.camera == SyntheticCamera::Room || layout == SyntheticLayout::Record3d {
-        return Ok(());
-    }
-    Err(ParamsError {
-        setting: "layout",
-        expected: "record3d for the phone",
-        found: <&str>::from(layout).to_owned(),
-    })
 }
 
 /// Writes the dataset of [`write()`] as a growing recording. Images are written in two parts, list lines
@@ -105,10 +99,4 @@ pub enum SyntheticLayout {
     Tum,
     /// Record3D's exported folder: JPEG, depth as half-float EXR at a quarter of the resolution, metres.
     Record3d,
-}
-
-impl SyntheticLayout {
-    fn has_splits(self) -> bool {
-        matches!(self, Self::Blender(_) | Self::SevenScenes)
-    }
 }

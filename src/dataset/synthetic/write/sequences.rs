@@ -39,7 +39,7 @@ pub(super) fn write_seven_scenes(
             let file = |suffix: &str| folder.join(format!("frame-{i:06}.{suffix}"));
             write_png(&file("color.png"), &color, Rgba8)?;
             write_png(&file("depth.png"), &quantise(&depth_z, SEVEN_SCENES_UNIT), L16)?;
-            write_file(&file("pose.txt"), &matrix::to_text(&pose.to_opencv()))?;
+            write_file(&file("pose.txt"), matrix::to_text(&pose.to_opencv()))?;
             on_frame();
         }
     }
@@ -112,7 +112,7 @@ pub(super) fn write_record3d(
         "K": [k.fx, 0.0, 0.0, 0.0, k.fy, 0.0, k.cx, k.cy, 1.0],
         "poses": plan.recorded_frames().map(pose).collect::<Vec<_>>(),
     });
-    write_file(&out.join("metadata.json"), &metadata.to_string())
+    write_file(&out.join("metadata.json"), metadata.to_string())
 }
 
 fn write_exr(path: &Path, depth_z: &Image<f64>) -> Result<(), WriteError> {
