@@ -285,17 +285,13 @@ fn summarise(
         RenderMethod::Projected(_) => None,
         RenderMethod::Exact(exact) => Some(exact),
     };
-    let ground_truth = match options.ground_truth {
-        GroundTruth::Composited => "composited",
-        GroundTruth::Rgb => "rgb",
-    };
     let seen: Vec<SeenQuality> = scores.iter().filter_map(|s| s.seen).collect();
     let aligned: Vec<AlignedView> = scores.iter().filter_map(|s| s.pose_aligned).collect();
     let protocol = EvalProtocol {
         renderer: options.render.method.renderer(),
         antialias: exact.map(|e| e.antialias),
         response: exact.map(|e| e.response),
-        ground_truth: ground_truth.to_owned(),
+        ground_truth: options.ground_truth,
         exposure: options.render.exposure_mode,
         poses: options.poses,
         color_camera: options.color_camera,
