@@ -60,8 +60,7 @@ impl Fingerprint {
         Self::of_first_frames(dataset, split, usize::MAX)
     }
 
-    /// Computes the fingerprint of the first `n` frames: that of the split before later frames were
-    /// appended.
+    /// Computes the fingerprint of the first `n` frames, which the split had before later frames were appended.
     #[expect(clippy::indexing_slicing, reason = "a split of the dataset, with at least one frame")]
     pub fn of_first_frames(dataset: &Dataset, split: usize, n: usize) -> Self {
         let split = &dataset.splits[split];

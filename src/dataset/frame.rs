@@ -120,8 +120,7 @@ impl Frame {
         Ok(Self { name: name.to_owned(), camera, color_camera: None, color, depth })
     }
 
-    /// Camera of the colours: the calibrated one, else that of the files; `None` if colours are registered
-    /// to depth.
+    /// Camera of the colours, calibrated or else from the files; `None` if colours are registered to depth.
     pub fn photographed_by(&self, calibrated: Option<&ColorCamera>) -> Option<ColorCamera> {
         let size = [self.color.width, self.color.height].map(|n| n as u32);
         photographed_by(self.color_camera, calibrated, size)
@@ -244,7 +243,7 @@ fn check_length(
     }
 }
 
-/// Camera of a photograph of this size; the calibrated one takes precedence over that of the files.
+/// Camera of a photograph of this size; a calibrated camera takes precedence over the recorded one.
 pub(super) fn photographed_by(
     recorded: Option<ColorCamera>,
     calibrated: Option<&ColorCamera>,

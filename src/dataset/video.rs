@@ -15,7 +15,7 @@ use tempfile::TempDir;
 
 #[derive(Debug)]
 pub(super) struct Video {
-    path: PathBuf,
+    pub path: PathBuf,
     frames: OnceLock<Result<TempDir, String>>,
 }
 
@@ -27,10 +27,6 @@ impl Video {
     pub fn is_ffmpeg_available() -> bool {
         let version = Command::new("ffmpeg").arg("-version").stdin(Stdio::null()).output();
         version.is_ok_and(|output| output.status.success())
-    }
-
-    pub fn path(&self) -> &Path {
-        &self.path
     }
 
     pub fn frame(&self, index: usize) -> Result<PathBuf, FrameProblem> {

@@ -89,7 +89,7 @@ pub fn seen(
     options: &EvalOptions,
 ) -> Result<Option<SeenReport>, EvalError> {
     let (report, _) = evaluate(splats, dataset, split, frames, options, |_| ())?;
-    // The number of scored views equals that of trained frames: unusable files count as neither.
+    // As many views are scored as frames were trained: unusable files count as neither.
     let EvalReport { views: after_frames, protocol, means, .. } = report;
     let renderer = protocol.renderer;
     Ok(means.seen_mean.map(|seen| SeenReport { after_frames, renderer, seen }))

@@ -121,7 +121,7 @@ fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     let mut edges = z.map(|&z| z <= 0.0);
     let mut mark = |a: usize, b: usize| {
         if is_jump(z.data[a], z.data[b], jump) {
-            // Both sides: depth alone does not tell which of the two surfaces ends here.
+            // Both sides: depth alone does not show which of the two surfaces ends here.
             edges.data[a] = true;
             edges.data[b] = true;
         }
