@@ -67,7 +67,7 @@ fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
 }
 
 pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem> {
-    // Pictures need only their header; other depth files are read whole below.
+    // Images need only their header; other depth files are read whole below.
     if let ByteSource::File(path) = source {
         let mut magic = [0; 4];
         if open_file(path)?.read_exact(&mut magic).is_ok() && !lengths::is_known(&magic) {

@@ -96,7 +96,6 @@ impl Distortion {
         value: impl Fn(DVec2, f64) -> T + Sync,
     ) -> Option<Image<T>> {
         let is_still = shutter.is_negligible(k);
-        // Not resampled at all: bilinear interpolation would soften the photograph.
         if is_still && self.is_pinhole() {
             return None;
         }
