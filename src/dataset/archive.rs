@@ -15,7 +15,7 @@ const MAGIC: [u8; 4] = *b"PK\x03\x04";
 
 #[derive(Debug)]
 pub(super) struct Archive {
-    path: PathBuf,
+    pub path: PathBuf,
     // Reading moves the shared file position, hence the lock; decoding happens outside it.
     zip: Mutex<ZipArchive<BufReader<RetryingFile>>>,
 }
@@ -41,10 +41,6 @@ impl Archive {
         Ok(Self { path: path.to_owned(), zip: Mutex::new(zip) })
     }
 
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
     pub fn names(&self) -> Vec<String> {
         // Metadata cannot name a member whose name is not text, so such members are left out.
         self.lock().file_names().filter_map(Result::ok).map(Cow::into_owned).collect()
@@ -57,7 +53,7 @@ impl Archive {
         if stated > MAX_IMAGE_BYTES || stated / MAX_FACTOR > packed {
             return Err(FrameProblem::ZipBomb { packed, unpacked: stated });
         }
-        // Grows with the data instead of being reserved: the stated size may still be a lie.
+        // Grows with the data instead of being reserved: the stated size may still be wrong.
         let mut bytes = Vec::new();
         // One byte more than the stated size detects a longer member.
         member.by_ref().take(stated + 1).read_to_end(&mut bytes)?;

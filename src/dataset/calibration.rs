@@ -71,34 +71,18 @@ pub struct FrameGain {
 }
 
 /// Why a calibration cannot be used.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
     /// The file cannot be read.
     #[error("{}: expected a calibration file, found: {source}; check the path and its permissions", path.display())]
-    Read {
-        /// The calibration file, as given.
-        path: PathBuf,
-        /// Error of the system.
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// The file is not a calibration.
     #[error("{}: expected a calibration (RON, such as (depth_offset: 0.004)), found: {source}; correct this place", path.display())]
-    Parse {
-        /// The calibration file, as given.
-        path: PathBuf,
-        /// Where parsing stopped and why.
-        source: Box<ron::error::SpannedError>,
-    },
+    Parse { path: PathBuf, source: Box<ron::error::SpannedError> },
     /// A number outside its range.
     #[error("calibration: `{setting}`: expected {expected}, found {found}; correct it")]
-    Value {
-        /// Name of the field.
-        setting: String,
-        /// Allowed values of the field, with their unit.
-        expected: &'static str,
-        /// The value that was read or passed.
-        found: String,
-    },
+    Value { setting: String, expected: &'static str, found: String },
     /// A calibration that cannot be written as RON.
     #[error(transparent)]
     Ron(#[from] ron::Error),

@@ -20,7 +20,7 @@ const REACH: usize = 3;
 /// Fewest neighbours with a measured sharpness for a comparison.
 const MIN_NEIGHBOURS: usize = 3;
 /// Sharpness below this share of the neighbours' median is blur. Among 400 photographs of Lego, a chair and
-/// two Kinect offices, one lies below, and it shows camera shake.
+/// two Kinect offices, one is below, and it shows camera shake.
 const BLURRED: f64 = 0.5;
 /// A brightness step is a jump if it exceeds this factor and this multiple of the median step.
 const JUMP: f64 = 1.15;
@@ -59,7 +59,7 @@ pub struct BlurredFrame {
 pub struct BrightnessJump {
     /// Name within the split.
     pub frame: String,
-    /// Ratio of its brightness to that of the frame before.
+    /// Brightness of the frame over the brightness of the frame before.
     pub factor: f64,
 }
 
@@ -130,7 +130,7 @@ fn find_blurred(run: &[MeasuredFrame]) -> Vec<BlurredFrame> {
         let others = near.filter(|(j, _)| *j != i).filter_map(|(_, look)| look.measure.sharpness);
         let others: Vec<f64> = others.collect();
         let is_enough = others.len() >= MIN_NEIGHBOURS;
-        // Relative to the median: one shaken neighbour does not make its own neighbours look sharp.
+        // Relative to the median: one shaken neighbour does not hide the blur of the frame.
         let share = sharpness / median(others).filter(|_| is_enough)?;
         (share < BLURRED).then(|| BlurredFrame { frame: look.name.to_owned(), share })
     };

@@ -67,7 +67,7 @@ fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
 }
 
 pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem> {
-    // Pictures need only their header; other depth files are read whole below.
+    // Images need only their header; other depth files are read whole below.
     if let ByteSource::File(path) = source {
         let mut magic = [0; 4];
         if open_file(path)?.read_exact(&mut magic).is_ok() && !lengths::is_known(&magic) {
@@ -196,7 +196,7 @@ fn catch_decoder_panic<T>(
 }
 
 /// True if an end-of-image marker follows the first scan of a JPEG. Inside a scan every 0xFF byte is
-/// stuffed, so `FF D9` there cannot be data; thumbnails lie in segments before it.
+/// stuffed, so `FF D9` there cannot be data; thumbnails are in segments before it.
 pub(super) fn has_jpeg_end(bytes: &[u8]) -> bool {
     const START_OF_SCAN: u8 = 0xDA;
     // After the start-of-image marker, which has no length field.

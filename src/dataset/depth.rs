@@ -81,7 +81,7 @@ impl Depth {
         }
     }
 
-    /// True if a length lies in the trusted interval.
+    /// True if a length is in the trusted interval.
     pub fn is_trusted(&self, value: f64) -> bool {
         value > self.trusted[0] && value < self.trusted[1]
     }

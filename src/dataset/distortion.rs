@@ -1,7 +1,7 @@
 //! Undistorts images when a frame is loaded: lens distortion and rolling shutter.
 //!
 //! Everything after loading assumes a pinhole camera. The image is resampled to the pinhole of the same
-//! intrinsics: colours bilinearly, depth by nearest neighbour, since the mean of two surfaces lies on
+//! intrinsics: colours bilinearly, depth by nearest neighbour, since the mean of two surfaces is on
 //! neither. Radial and tangential terms follow Brown and Conrady in OpenCV's form: `r² = x² + y²`,
 //! `x' = x(1 + k₁r² + k₂r⁴ + k₃r⁶) + 2p₁xy + p₂(r² + 2x²)`.
 
@@ -51,7 +51,7 @@ impl Distortion {
         let beyond = !self.color.is_negligible(k) && self.is_pinhole();
         self.resample(k, (self.color, beyond), image, [0; 4], |at, _| {
             let last = DVec2::new(image.width as f64 - 1.0, image.height as f64 - 1.0);
-            // Pixel centres lie at +½; beyond the outer centres the edge is repeated.
+            // Pixel centres are at +½; beyond the outer centres the edge is repeated.
             let corner = (at - 0.5).clamp(DVec2::ZERO, last);
             let (x, y) = (corner.x as usize, corner.y as usize);
             let t = (corner - corner.floor()).as_vec2();
@@ -71,8 +71,8 @@ impl Distortion {
     }
 
     /// Resamples depth to the pinhole `k` by nearest neighbour; `None` if nothing changes. Pixels outside
-    /// the image become `hole`. `along_axis(value, factor)` converts depth along the optical axis of the
-    /// pixel's own row to that of the middle row.
+    /// the image become `hole`. `along_axis(value, factor)` converts depth from the optical axis of the pixel's
+    /// row to the axis of the middle row.
     pub fn undistort_depth<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
@@ -96,7 +96,6 @@ impl Distortion {
         value: impl Fn(DVec2, f64) -> T + Sync,
     ) -> Option<Image<T>> {
         let is_still = shutter.is_negligible(k);
-        // Not resampled at all: bilinear interpolation would soften the photograph.
         if is_still && self.is_pinhole() {
             return None;
         }

@@ -95,7 +95,7 @@ impl FrameEntry {
             }
             FrameSource::Files(files) => {
                 let (color, depth) = match &files.color {
-                    // The grey stand-in has the depth's size, checked when the depth is decoded.
+                    // The grey placeholder has the depth's size, checked when the depth is decoded.
                     ByteSource::Grey(_) => {
                         let depth = self.depth(files)?;
                         (self.grey_image(), depth)

@@ -60,8 +60,7 @@ impl Fingerprint {
         Self::of_first_frames(dataset, split, usize::MAX)
     }
 
-    /// Computes the fingerprint of the first `n` frames: that of the split before later frames were
-    /// appended.
+    /// Computes the fingerprint of the first `n` frames, which the split had before later frames were appended.
     #[expect(clippy::indexing_slicing, reason = "a split of the dataset, with at least one frame")]
     pub fn of_first_frames(dataset: &Dataset, split: usize, n: usize) -> Self {
         let split = &dataset.splits[split];
@@ -149,9 +148,12 @@ impl Crc {
     }
 }
 
-fn crc(frames: &[FrameEntry], mut add: impl FnMut(&mut Crc, &FrameEntry)) -> u32 {
+fn crc<'a>(
+    frames: impl IntoIterator<Item = &'a FrameEntry>,
+    mut add: impl FnMut(&mut Crc, &FrameEntry),
+) -> u32 {
     let mut crc = Crc(crc32fast::Hasher::new());
-    frames.iter().for_each(|frame| add(&mut crc, frame));
+    frames.into_iter().for_each(|frame| add(&mut crc, frame));
     crc.0.finalize()
 }
 
@@ -185,9 +187,8 @@ fn file_size(path: &Path) -> Option<u64> {
 
 fn content(frames: &[FrameEntry]) -> u32 {
     let n = frames.len().min(SAMPLED_FRAMES);
-    let sampled: Vec<FrameEntry> =
-        (0..n).filter_map(|i| frames.get(i * frames.len() / n)).cloned().collect();
-    crc(&sampled, |crc, frame| {
+    let sampled = (0..n).filter_map(|i| frames.get(i * frames.len() / n));
+    crc(sampled, |crc, frame| {
         frame.files().for_each(|file| {
             // An unreadable file has no content; its size is recorded as unknown.
             let _ = add_samples(file, &mut crc.0);

@@ -1,7 +1,7 @@
 //! Reads a dataset's folder without ever leaving it.
 //!
-//! Datasets are untrusted, and their frame lists contain paths. Such a path is read only if it lies inside
-//! the folder: parents and absolute paths are refused by their text, links by their target. Each folder is
+//! Datasets are untrusted, and their frame lists contain paths. Such a path is read only if it is inside the
+//! folder: parents and absolute paths are refused by their text, links by their target. Each folder is
 //! listed once; later queries use the listing.
 //!
 //! A recording may still grow. Then only terminated lines count, and frames that were taken before are
@@ -405,7 +405,7 @@ impl Seek for RetryingFile {
 pub(super) fn read_bytes(path: &Path, most: u64) -> IoResult<Vec<u8>> {
     let mut file = open_file(path)?;
     let size = file.metadata()?.len();
-    // Checked before the allocation, which takes the stated size.
+    // Checked before allocating the stated size.
     if size > most {
         let (found, most) = (size.div_ceil(1 << 20), most >> 20);
         return Err(Error::other(format!("{found} MiB, above the limit of {most} MiB")));

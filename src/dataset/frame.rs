@@ -95,33 +95,27 @@ impl Frame {
         color: ColorBuffer,
         depth: Option<DepthBuffer>,
     ) -> Result<Self, FrameError> {
-        Self::try_from_memory(name, intrinsics, world_from_camera, color, depth).map_err(
-            |problem| FrameError { file: "memory".into(), frame: name.to_owned(), problem },
-        )
+        let checked = || -> Result<Self, FrameProblem> {
+            // The camera first: the buffers are compared with its size.
+            calibrated_size::check(&intrinsics).map_err(|defect| {
+                let IntrinsicsDefect { expected, found, hint } = defect;
+                FrameProblem::Intrinsics { expected, found, hint }
+            })?;
+            let pose = Pose::from_opencv(world_from_camera)?;
+            let size = (intrinsics.width, intrinsics.height);
+            let color = color.image(size)?.into();
+            let depth = depth.map(|buffer| buffer.depth(size)).transpose()?;
+            let camera = Camera { intrinsics, pose };
+            Ok(Self { name: name.to_owned(), camera, color_camera: None, color, depth })
+        };
+        checked().map_err(|problem| FrameError {
+            file: "memory".into(),
+            frame: name.to_owned(),
+            problem,
+        })
     }
 
-    fn try_from_memory(
-        name: &str,
-        intrinsics: Intrinsics,
-        world_from_camera: DMat4,
-        color: ColorBuffer,
-        depth: Option<DepthBuffer>,
-    ) -> Result<Self, FrameProblem> {
-        // The camera first: the buffers are compared with its size.
-        calibrated_size::check(&intrinsics).map_err(|defect| {
-            let IntrinsicsDefect { expected, found, hint } = defect;
-            FrameProblem::Intrinsics { expected, found, hint }
-        })?;
-        let pose = Pose::from_opencv(world_from_camera)?;
-        let size = (intrinsics.width, intrinsics.height);
-        let color = color.image(size)?.into();
-        let depth = depth.map(|buffer| buffer.depth(size)).transpose()?;
-        let camera = Camera { intrinsics, pose };
-        Ok(Self { name: name.to_owned(), camera, color_camera: None, color, depth })
-    }
-
-    /// Camera of the colours: the calibrated one, else that of the files; `None` if colours are registered
-    /// to depth.
+    /// Camera of the colours, calibrated or else from the files; `None` if colours are registered to depth.
     pub fn photographed_by(&self, calibrated: Option<&ColorCamera>) -> Option<ColorCamera> {
         let size = [self.color.width, self.color.height].map(|n| n as u32);
         photographed_by(self.color_camera, calibrated, size)
@@ -244,7 +238,7 @@ fn check_length(
     }
 }
 
-/// Camera of a photograph of this size; the calibrated one takes precedence over that of the files.
+/// Camera of a photograph of this size; a calibrated camera takes precedence over the recorded one.
 pub(super) fn photographed_by(
     recorded: Option<ColorCamera>,
     calibrated: Option<&ColorCamera>,

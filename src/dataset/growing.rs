@@ -46,7 +46,7 @@ pub struct GrowingRecording {
 }
 
 impl GrowingRecording {
-    /// Starts a recording of which no frame was taken. Takes the frames of `split`, by default the split
+    /// Starts following a recording from its first frame. Polls return frames of `split`, by default the split
     /// with depth. The folder need not exist yet.
     ///
     /// # Errors
@@ -64,7 +64,7 @@ impl GrowingRecording {
         Ok(Self::begin(path, *options, split))
     }
 
-    /// Continues the recording that a dataset was opened from; all its frames in `split` count as taken.
+    /// Continues with the recording of an opened dataset; all its frames in `split` count as taken.
     /// `None` if the frames come from no folder. Does not access the drive, which may no longer respond.
     pub fn of(dataset: &Dataset, split: usize) -> Option<Self> {
         let path = dataset.path.as_ref().filter(|_| dataset.is_folder)?;
@@ -226,7 +226,7 @@ impl GrowingRecording {
         dataset
     }
 
-    /// The complete frames, up to the first incomplete one that still delays the others.
+    /// Selects the complete frames, up to the first incomplete one that still delays the frames after it.
     fn complete_frames(&mut self, frames: Vec<FrameEntry>, now_s: f64) -> Vec<FrameEntry> {
         let is_first = self.taken.is_empty();
         let mut whole = Vec::new();
@@ -326,7 +326,7 @@ impl FileMark {
 fn is_whole(color: &ByteSource) -> bool {
     match color {
         ByteSource::File(path) => has_image_end(path).unwrap_or(false),
-        // The stand-in for a missing photograph needs no file.
+        // The placeholder of a missing photograph needs no file.
         ByteSource::Grey(_) => true,
         // Videos and archives are read only once the recording has ended.
         ByteSource::VideoFrame { .. } | ByteSource::Member { .. } => false,

@@ -165,7 +165,7 @@ fn check_options_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<
     Ok(())
 }
 
-/// True if a file is an archive that [`open`] accepts in place of a folder, judged by its content.
+/// True if the content of a file is an archive, which [`open`] accepts in place of a folder.
 pub fn is_archive(path: &Path) -> bool {
     // The next reader of the file reports a disk error.
     Archive::is_zip_archive(path).unwrap_or(false)

@@ -127,13 +127,13 @@ pub(super) enum ByteSource {
         video: Arc<Video>,
         index: usize,
     },
-    /// Grey stand-in for a photograph that was not recorded; the file is the depth file.
+    /// Grey placeholder of a photograph that was not recorded; the path is the depth file's.
     Grey(PathBuf),
 }
 
 impl ByteSource {
     pub fn member(archive: &Arc<Archive>, name: &str) -> Self {
-        let shown = archive.path().join(name);
+        let shown = archive.path.join(name);
         Self::Member { archive: Arc::clone(archive), name: name.to_owned(), shown }
     }
 
@@ -141,13 +141,13 @@ impl ByteSource {
         match self {
             Self::File(path) | Self::Grey(path) => path,
             Self::Member { shown, .. } => shown,
-            Self::VideoFrame { video, .. } => video.path(),
+            Self::VideoFrame { video, .. } => &video.path,
         }
     }
 
     pub fn disk_path(&self) -> &Path {
         match self {
-            Self::Member { archive, .. } => archive.path(),
+            Self::Member { archive, .. } => &archive.path,
             Self::File(_) | Self::Grey(_) | Self::VideoFrame { .. } => self.path(),
         }
     }

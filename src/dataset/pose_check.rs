@@ -2,7 +2,7 @@
 //! neighbouring frame, must match the neighbour's depth.
 //!
 //! A wrong convention loads without an error and yields a useless model. So other conventions and depth
-//! units are tried on the same pairs of frames; one that fits far better is suggested. The camera must have
+//! units are tried on the same pairs of frames, and a far better one is suggested. The camera must have
 //! moved within a pair: without motion every reading fits, and with pure rotation every unit does.
 
 use super::entry::{DatasetSplit, FrameEntry};
@@ -271,7 +271,7 @@ impl PoseConvention {
         matches!(self, Self::OpencvWorldToCamera | Self::OpenglWorldToCamera)
     }
 
-    /// Transform from OpenCV camera axes to those of this convention.
+    /// Transform from OpenCV camera axes to the axes of this convention.
     fn axes(self) -> DMat4 {
         match self {
             Self::Opencv | Self::OpencvWorldToCamera => DMat4::IDENTITY,

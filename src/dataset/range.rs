@@ -56,6 +56,7 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
 }
 
 /// Reason why no range can be estimated.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum RangeError {
     /// No sampled frame loads.
@@ -63,9 +64,7 @@ pub enum RangeError {
         "expected at least one usable frame, found none among {n_sampled} sampled; the last one's problem: {last}"
     )]
     Frames {
-        /// Number of frames tried.
         n_sampled: usize,
-        /// Problem of the last one.
         #[source]
         last: Box<FrameError>,
     },

@@ -48,11 +48,11 @@ impl Dataset {
     fn sector(&self, training_split: usize) -> Result<Evaluation, DatasetError> {
         let poses = self.poses(training_split);
         let ring = CameraRing::around(&poses, self.up(training_split));
-        let ViewSector { training, new_views, side, why } = match &ring {
+        let ViewSector { split, training, new_views, side, why } = match &ring {
             Some(ring) => self.object(training_split, &poses, ring),
             None => recording(training_split, poses.len()),
         };
-        if training.len() < MIN_TRAINING || new_views.frames.is_empty() || side.frames.is_empty() {
+        if training.len() < MIN_TRAINING || new_views.is_empty() || side.is_empty() {
             let (kind, hint) = match ring {
                 Some(_) => ("an object", "add views at up to 110 degrees from the first frame"),
                 None => ("a recording", "use a longer recording"),
@@ -62,13 +62,15 @@ impl Dataset {
                 kind,
                 frames: poses.len(),
                 training: training.len(),
-                new_views: new_views.frames.len(),
-                from_the_side: side.frames.len(),
+                new_views: new_views.len(),
+                from_the_side: side.len(),
                 hint,
             });
         }
-        let mut from_the_side = vec![side];
+        let group = |name, frames| ViewGroup { name: Some(name), split, frames };
+        let mut from_the_side = vec![group(ViewGroupName::FromTheSide, side)];
         from_the_side.extend(self.free_views(training_split));
+        let new_views = group(ViewGroupName::NewViews, new_views);
         Ok(Evaluation { new_views, from_the_side, training: Some(training), why })
     }
 
@@ -108,28 +110,17 @@ impl Dataset {
             new_views.len(),
             side.len(),
         );
-        ViewSector::new(split, training, (new_views, side), why)
+        ViewSector { split, training, new_views, side, why }
     }
 }
 
+/// Frames to train, and views of `split` to measure.
 struct ViewSector {
+    split: usize,
     training: Vec<usize>,
-    new_views: ViewGroup,
-    side: ViewGroup,
+    new_views: Vec<usize>,
+    side: Vec<usize>,
     why: String,
-}
-
-impl ViewSector {
-    fn new(
-        split: usize,
-        training: Vec<usize>,
-        (new_views, side): (Vec<usize>, Vec<usize>),
-        why: String,
-    ) -> Self {
-        let group = |name, frames| ViewGroup { name: Some(name), split, frames };
-        let new_views = group(ViewGroupName::NewViews, new_views);
-        Self { training, new_views, side: group(ViewGroupName::FromTheSide, side), why }
-    }
 }
 
 /// Trains on the start of a camera path and measures its end.
@@ -143,7 +134,7 @@ fn recording(split: usize, n_frames: usize) -> ViewSector {
         new_views.len(),
         side.len(),
     );
-    ViewSector::new(split, training, (new_views, side), why)
+    ViewSector { split, training, new_views, side, why }
 }
 
 fn hold_out_eighth(frames: Vec<usize>) -> (Vec<usize>, Vec<usize>) {

@@ -128,7 +128,7 @@ impl Dataset {
             if let Some(split) = self.find(|s| s.has_depth && s.name == name) {
                 return Ok(split);
             }
-            // The next name may be that of the split for evaluation.
+            // The next name may be the evaluation split's.
             if let Some((first, n_listed)) = self.unusable_split(name) {
                 let found = format!("none in {n_listed} listed; the first problem: {first}");
                 return refuse(name, found);

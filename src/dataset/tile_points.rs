@@ -135,7 +135,7 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Kernel for Emission<'_, C, L> {
 }
 
 impl<C: Copy + Default, L: Fn(C) -> f64> Emission<'_, C, L> {
-    /// Converts one row of a quad, of which at least one pixel is kept.
+    /// Converts one row of a quad with at least one kept pixel.
     #[inline(always)]
     fn emit_four(&self, column: usize, row: usize, kept: [bool; QUAD], tile: &mut TileBuffer) {
         let at = row * self.width + column;

@@ -41,7 +41,7 @@ pub enum CameraConvention {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EdgeFilter {
-    /// Every pixel with depth becomes a point, whatever its alpha.
+    /// Every pixel with depth becomes a point, opaque or not.
     Off,
     /// Drops pixels of partial alpha and pixels between two surfaces (`dataset.md`, Edge filter).
     DropMixed,
@@ -60,7 +60,7 @@ pub struct PointCounts {
     pub dropped_edge: usize,
     /// Measured pixels outside the trusted depth.
     pub dropped_range: usize,
-    /// Measured pixels whose point is not finite or lies beyond [`MAX_COORDINATE`].
+    /// Measured pixels whose point is not finite or is beyond [`MAX_COORDINATE`].
     pub dropped_far: usize,
 }
 
@@ -118,7 +118,7 @@ struct RayRule<'a> {
 impl<'a> RayRule<'a> {
     fn new(k: &'a Intrinsics, convention: CameraConvention) -> Self {
         match convention {
-            // Pixel centres lie at half integers.
+            // Pixel centres are at half integers.
             CameraConvention::Exact => Self { k, shift: 0.5, small_angle: None },
             CameraConvention::Paper => {
                 // The published formula uses the width for both axes, and half of it minus one pixel.

@@ -15,7 +15,7 @@ use tempfile::TempDir;
 
 #[derive(Debug)]
 pub(super) struct Video {
-    path: PathBuf,
+    pub path: PathBuf,
     frames: OnceLock<Result<TempDir, String>>,
 }
 
@@ -27,10 +27,6 @@ impl Video {
     pub fn is_ffmpeg_available() -> bool {
         let version = Command::new("ffmpeg").arg("-version").stdin(Stdio::null()).output();
         version.is_ok_and(|output| output.status.success())
-    }
-
-    pub fn path(&self) -> &Path {
-        &self.path
     }
 
     pub fn frame(&self, index: usize) -> Result<PathBuf, FrameProblem> {
@@ -68,7 +64,7 @@ fn run(video: &Path, folder: &Path, every_frame: &str) -> Result<Output, String>
     let mut ffmpeg = Command::new("ffmpeg");
     // Without rotation metadata: the camera matrix refers to the sensor's orientation.
     ffmpeg.args(["-nostdin", "-v", "error", "-noautorotate", "-i"]).arg(video);
-    // `-q:v 2` is ffmpeg's best quality of JPEG; numbers start at 0 like those of frames.
+    // `-q:v 2` is the best JPEG quality within ffmpeg's default limits; numbers start at 0, as frames do.
     ffmpeg.args([every_frame, "passthrough", "-q:v", "2", "-start_number", "0"]);
     let output = ffmpeg.arg(folder.join("%06d.jpg")).output();
     output.map_err(|e| format!("ffmpeg cannot be run ({e})"))

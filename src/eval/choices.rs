@@ -9,8 +9,9 @@ use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
 /// Reference of a comparison.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum GroundTruth {
     /// Photograph composited with straight alpha over the render's background: the fair comparison.
     Composited,
@@ -88,7 +89,7 @@ pub fn seen(
     options: &EvalOptions,
 ) -> Result<Option<SeenReport>, EvalError> {
     let (report, _) = evaluate(splats, dataset, split, frames, options, |_| ())?;
-    // The number of scored views equals that of trained frames: unusable files count as neither.
+    // As many views are scored as frames were trained: unusable files count as neither.
     let EvalReport { views: after_frames, protocol, means, .. } = report;
     let renderer = protocol.renderer;
     Ok(means.seen_mean.map(|seen| SeenReport { after_frames, renderer, seen }))

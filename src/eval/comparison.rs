@@ -196,8 +196,8 @@ impl Sums {
     }
 }
 
-/// Variance of a channel (values in `[0, 1]`) below which no gain can be determined: that of a channel with
-/// one byte value.
+/// Variance of a channel (values in `[0, 1]`) below which no gain can be determined, because the channel has a
+/// single byte value.
 pub(super) const MIN_VARIANCE: f64 = 1e-8;
 
 impl Moments {

@@ -62,20 +62,9 @@ fn file_bytes(path: &str, field: &str) -> Option<u64> {
     Some(kilobytes * 1024)
 }
 
-/// File names of a cgroup version: limit, usage, and the field of `memory.stat` with reclaimable memory.
-struct Names {
-    limit: &'static str,
-    used: &'static str,
-    reclaimable: &'static str,
-}
-
-const V1: Names = Names {
-    limit: "memory.limit_in_bytes",
-    used: "memory.usage_in_bytes",
-    reclaimable: "total_inactive_file",
-};
-const V2: Names =
-    Names { limit: "memory.max", used: "memory.current", reclaimable: "inactive_file" };
+/// Files of a cgroup version with limit and usage, and the field of `memory.stat` with reclaimable memory.
+const V1: [&str; 3] = ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"];
+const V2: [&str; 3] = ["memory.max", "memory.current", "inactive_file"];
 
 /// Bytes available under the tightest of the process's groups, for cgroup v1 and v2; `None` without a
 /// limit. `groups` is the content of `/proc/self/cgroup`, `root` the cgroup mount point.
@@ -93,17 +82,17 @@ fn available_in_groups(groups: &str, root: &Path) -> Option<u64> {
         // Limits of all ancestor groups apply as well; in a container the path may not exist at all.
         let below = top.join(group);
         let all = below.ancestors().take_while(|path| path.starts_with(&top));
-        all.filter_map(|path| available_in_group(path, &names)).min()
+        all.filter_map(|path| available_in_group(path, names)).min()
     };
     groups.lines().filter_map(of_line).min()
 }
 
-fn available_in_group(group: &Path, names: &Names) -> Option<u64> {
+fn available_in_group(group: &Path, [limit, used, reclaimable]: [&str; 3]) -> Option<u64> {
     let number = |name: &str| fs::read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
     // `max` does not parse: no limit.
-    let (limit, used) = (number(names.limit)?, number(names.used)?);
+    let (limit, used) = (number(limit)?, number(used)?);
     let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
-    let field = |line: &str| line.strip_prefix(names.reclaimable)?.trim().parse::<u64>().ok();
+    let field = |line: &str| line.strip_prefix(reclaimable)?.trim().parse::<u64>().ok();
     // The kernel frees pages of the file cache before it refuses memory, so they count as available.
     let reclaimable = stat.lines().find_map(field).unwrap_or(0);
     // Usage and limit are read one after the other, so usage may be the larger.

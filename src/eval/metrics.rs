@@ -122,6 +122,7 @@ pub(super) fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
 pub(super) const SSIM_WINDOW: usize = 11;
 
 /// Error of an image comparison.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MetricError {
     /// The planes differ in size.
@@ -129,14 +130,7 @@ pub enum MetricError {
         "{what}: expected {}x{} like the prediction, found {}x{}; render at the size of the ground truth",
         expected[0], expected[1], found[0], found[1]
     )]
-    SizeMismatch {
-        /// The plane of wrong size.
-        what: &'static str,
-        /// Width and height of the prediction, pixels.
-        expected: [usize; 2],
-        /// Width and height found, pixels.
-        found: [usize; 2],
-    },
+    SizeMismatch { what: &'static str, expected: [usize; 2], found: [usize; 2] },
     /// No pixel, or none under the mask.
     #[error(
         "expected at least one pixel to compare, found none; check the mask or the ground truth"
@@ -146,12 +140,7 @@ pub enum MetricError {
     #[error(
         "SSIM: expected at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, found {width}x{height}; use larger images"
     )]
-    TooSmall {
-        /// Width found, pixels.
-        width: usize,
-        /// Height found, pixels.
-        height: usize,
-    },
+    TooSmall { width: usize, height: usize },
 }
 
 /// Checks that two planes have equal size; `what` names the second.

@@ -15,7 +15,7 @@ const NEARER: f64 = 0.02;
 /// Rule for the near plane of evaluated views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NearRule {
-    /// [`near_plane_for`] of the depth beyond which nearly all splats in view lie.
+    /// [`near_plane_for`] a depth that nearly all splats in view exceed.
     Following,
     /// [`EVALUATION_NEAR`] as published. If half of the splats in view are so near that the world unit
     /// cannot be metres, [`near_plane_for`] of their median depth.
@@ -41,7 +41,7 @@ pub fn near_plane(splats: SplatView<'_>, cameras: &[Camera], rule: NearRule) -> 
     for camera in cameras.iter().step_by(every(cameras.len(), VIEWS)) {
         let (rotation, translation) = camera.pose.inverse();
         let k = &camera.intrinsics;
-        // Unused components are stored as splats of opacity 0 and lie anywhere.
+        // Splats of opacity 0 are empty slots, and their positions have no meaning.
         let drawn = splats.iter().filter(|splat| splat.opacity > 0.0);
         for splat in drawn.step_by(every(splats.len(), SPLATS)) {
             let at = rotation * DVec3::from_array(splat.mean.map(f64::from)) + translation;

@@ -3,7 +3,7 @@
 //! Reports are read by other programs, so field names never change. Missing values are `Option`, because JSON
 //! cannot represent NaN.
 
-use super::choices::ViewPoses;
+use super::choices::{GroundTruth, ViewPoses};
 use super::cracks::CrackReport;
 use super::scale::EvalScale;
 use super::seen::SeenQuality;
@@ -251,8 +251,8 @@ pub struct EvalProtocol {
     /// Part of the pixel line on which the exact renderer searches for the largest response; `None` for the
     /// other renderer.
     pub response: Option<Response>,
-    /// Reference of the comparison: `composited` or `rgb`.
-    pub ground_truth: String,
+    /// Reference of the comparison.
+    pub ground_truth: GroundTruth,
     /// Exposure of the renders.
     pub exposure: Exposing,
     /// Poses of the views.

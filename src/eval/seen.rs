@@ -23,8 +23,8 @@ pub struct SeenQuality {
 }
 
 impl SeenQuality {
-    /// Compares a render with its photograph; `surfaces` are those of the view in the same image. `None` if
-    /// no pixel has depth.
+    /// Compares a render with its photograph; `surfaces` are the view's, in the same image. `None` if no pixel
+    /// has depth.
     pub(super) fn compare(
         render: &RgbImage,
         coverage: &Image<f32>,
@@ -59,7 +59,7 @@ fn covered_share(coverage: &Image<f32>, mask: &Image<bool>) -> Option<f64> {
     (n_masked > 0).then(|| n_covered as f64 / n_masked as f64)
 }
 
-/// Counts the `views` that are among the frames trained on, `learnt`.
+/// Counts the `views` that are among the training frames, `learnt`.
 pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> usize {
     let marks = |(split, frames): Views<'_>| -> Vec<(String, Option<&Path>)> {
         let all = dataset.splits.get(split).map_or(&[][..], |split| &split.frames);

@@ -29,8 +29,8 @@ const ROUNDING: f64 = 1e-12;
 /// Comparison of one octave band.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SharpnessBand {
-    /// Energy of the render over that of the photograph: 1 if equally sharp, less if blurred, more for
-    /// spurious detail.
+    /// Ratio of the render's energy to the photograph's: 1 if equally sharp, less if blurred, more for spurious
+    /// detail.
     pub energy_ratio: f64,
     /// Correlation of the two bands, −1 to 1: whether detail is in the right places.
     pub correlation: f64,

@@ -111,8 +111,7 @@ fn is_jump(a: f32, b: f32, jump: [f32; 2]) -> bool {
 }
 
 fn interior(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
-    let near_edge = dilate(&edges(z, jump));
-    near_edge.map(|&near| !near)
+    dilate(&edges(z, jump)).map(|&is_near_edge| !is_near_edge)
 }
 
 /// Holes, and pixels on both sides of a jump.
@@ -121,7 +120,7 @@ fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     let mut edges = z.map(|&z| z <= 0.0);
     let mut mark = |a: usize, b: usize| {
         if is_jump(z.data[a], z.data[b], jump) {
-            // Both sides: depth alone does not tell which of the two surfaces ends here.
+            // Both sides: depth alone does not show which of the two surfaces ends here.
             edges.data[a] = true;
             edges.data[b] = true;
         }
@@ -144,6 +143,7 @@ fn dilate(marks: &Image<bool>) -> Image<bool> {
     let (width, height) = (marks.width, marks.height);
     let mut along = Image::filled(width, height, false);
     let mut square = along.clone();
+    // Chunks of length 0 would panic.
     if width == 0 || height == 0 {
         return square;
     }

@@ -96,7 +96,7 @@ fn rendered_points(
     let Rendered { color, coverage, depth, .. } = &view.rendered;
     let (width, height) = (k.width as usize, k.height as usize);
     let small = area_averaged(color, [width, height]);
-    // Depth and coverage are not averaged: a mean of two surfaces lies on neither.
+    // Depth and coverage are not averaged: a mean of two surfaces is on neither.
     let under = |column: usize, row: usize| {
         // The full-size pixel under the centre of the smaller one.
         [(2 * column + 1) * color.width / (2 * width), (2 * row + 1) * color.height / (2 * height)]
@@ -208,7 +208,7 @@ fn sample_photograph(
     p: DVec3,
     point: &RenderedPoint,
 ) -> Option<PhotographedPoint> {
-    // Relative to pixel centres, which lie at +½, for the bilinear weights below.
+    // Relative to pixel centres, which are at +½, for the bilinear weights below.
     let [x, y] = [k.fx * p.x / p.z + k.cx - 0.5, k.fy * p.y / p.z + k.cy - 0.5];
     let (width, height) = (photograph.width, photograph.height);
     let is_inside =

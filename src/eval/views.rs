@@ -60,40 +60,22 @@ impl EvalOptions {
 }
 
 /// Error of an evaluation.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum EvalError {
     /// Render and photograph cannot be compared.
     #[error("{frame}: {source}")]
-    Metric {
-        /// Name of the view.
-        frame: String,
-        /// Cause.
-        source: MetricError,
-    },
+    Metric { frame: String, source: MetricError },
     /// The split has no views.
     #[error(
         "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another one (`--split`)"
     )]
-    NoViews {
-        /// Name of the dataset.
-        dataset: String,
-        /// Name of the split.
-        split: String,
-    },
+    NoViews { dataset: String, split: String },
     /// Every view was skipped.
     #[error(
         "{dataset}: expected at least one usable view in the split `{split}`, found none ({skipped} skipped; the first: {first})"
     )]
-    NoUsableView {
-        /// Name of the dataset.
-        dataset: String,
-        /// Name of the split.
-        split: String,
-        /// Number of views that could not be loaded.
-        skipped: usize,
-        /// Error message of the first one.
-        first: String,
-    },
+    NoUsableView { dataset: String, split: String, skipped: usize, first: String },
 }
 
 /// Scores the given views of a split; `progress` receives the number of views done. Views with unusable
@@ -285,17 +267,13 @@ fn summarise(
         RenderMethod::Projected => None,
         RenderMethod::Exact(exact) => Some(exact),
     };
-    let ground_truth = match options.ground_truth {
-        GroundTruth::Composited => "composited",
-        GroundTruth::Rgb => "rgb",
-    };
     let seen: Vec<SeenQuality> = scores.iter().filter_map(|s| s.seen).collect();
     let aligned: Vec<AlignedView> = scores.iter().filter_map(|s| s.pose_aligned).collect();
     let protocol = EvalProtocol {
         renderer: options.render.method.renderer(),
         antialias: exact.map(|e| e.antialias),
         response: exact.map(|e| e.response),
-        ground_truth: ground_truth.to_owned(),
+        ground_truth: options.ground_truth,
         exposure: options.render.exposure_mode,
         poses: options.poses,
         color_camera: options.color_camera,

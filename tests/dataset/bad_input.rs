@@ -15,6 +15,8 @@ use vbgs_studio::dataset::unproject::{
 use vbgs_studio::observation::points::Points;
 
 const LIST: &str = "transforms_train.json";
+/// Frames of the tiny Blender dataset.
+const FRAMES: [&str; 4] = ["train/r_0", "train/r_1", "train/r_2", "eval/r_0"];
 
 #[track_caller]
 fn assert_says(message: &str, parts: &[&str]) {
@@ -91,13 +93,8 @@ fn missing_colour_file() {
 #[test]
 fn no_depth_anywhere() {
     let folder = tiny_blender();
-    for split in ["train", "eval"] {
-        for i in 0..3 {
-            let file = folder.path().join(format!("{split}/r_{i}_depth_0001.png"));
-            if file.exists() {
-                fs::remove_file(file).unwrap();
-            }
-        }
+    for frame in FRAMES {
+        fs::remove_file(folder.path().join(format!("{frame}_depth_0001.png"))).unwrap();
     }
     let dataset = open_plain(folder.path()).unwrap();
     let error = dataset.training_split().unwrap_err().to_string();
@@ -154,13 +151,8 @@ fn truncated_image() {
 #[test]
 fn images_that_are_all_damaged() {
     let folder = tiny_blender();
-    for split in ["train", "eval"] {
-        for i in 0..3 {
-            let file = folder.path().join(format!("{split}/r_{i}.png"));
-            if file.exists() {
-                fs::write(file, "no image").unwrap();
-            }
-        }
+    for frame in FRAMES {
+        fs::write(folder.path().join(format!("{frame}.png")), "no image").unwrap();
     }
     refuses(
         folder.path(),

@@ -287,7 +287,7 @@ pub enum PixelStatus {
     Alpha,
     /// Outside the trusted depth, or behind the camera after correction.
     Range,
-    /// No accepted plane: too few inliers, too large residuals, or the pixel lies off the plane.
+    /// No accepted plane: too few inliers, too large residuals, or the pixel is off the plane.
     Flying,
     /// Seen at a slant: the normal deviates too far from the direction to the camera.
     Slant,

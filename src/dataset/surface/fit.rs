@@ -77,7 +77,7 @@ impl FitRows<'_> {
         for (line, row) in rows.enumerate().step_by(sampling.step()) {
             for block in 0..blocks {
                 let at = planes.at(block * LANES * STEP, row);
-                // NOTHING is the largest f32; half of it lies above every valid depth.
+                // NOTHING is the largest f32; every valid depth is below half of it.
                 let usable = load::<V, STEP>(&planes.z[at..]).at_most(V::splat(0.5 * NOTHING));
                 let to = line * blocks + block;
                 out.usable[to] = usable as u8;
@@ -124,7 +124,7 @@ fn fit_block<V: Vector, const STEP: usize>(
     let inverse = load::<V, STEP>(&planes.inverse[at..]);
     let residuals = window::<V, STEP>(planes, at, noise, limits.steepness);
     let gated = [V::splat(0.0); 3];
-    // The common case inside a surface: all sums except those of depths are known.
+    // The common case inside a surface: only the sums of depths are unknown.
     let mut is_whole = usable & !within(&residuals, gated, V::splat(ANY)) == 0;
     let mut sums = match is_whole {
         true => whole(&residuals),
@@ -134,7 +134,7 @@ fn fit_block<V: Vector, const STEP: usize>(
     let mut sound = usable & sums.are_enough();
     let mut plane = sums.solve();
     for _ in 1..ROUNDS {
-        // All neighbours are inliers: the sums are those of the whole window again.
+        // All neighbours are inliers: the sums would be the same as over the whole window.
         if is_whole && usable & !within(&residuals, plane, limits.inlier) == 0 {
             break;
         }
@@ -184,7 +184,7 @@ fn window<V: Vector, const STEP: usize>(
     }
     let mut residuals = [far; WINDOW];
     for row in 0..SIDE {
-        let start = at + row * planes.stride() - RADIUS * planes.stride() - RADIUS;
+        let start = at + row * planes.stride - RADIUS * planes.stride - RADIUS;
         let depths = &planes.z[start..start + SIDE - 1 + STEP * LANES];
         let inverses = &planes.inverse[start..start + SIDE - 1 + STEP * LANES];
         for column in 0..SIDE {
@@ -219,7 +219,7 @@ fn expected<V: Vector>([middle, step, step_down]: [V; 3], offset: V) -> [V; SIDE
     [centre - double_step, centre - step, centre, centre + step, centre + double_step]
 }
 
-/// Lanes whose whole window lies within `limit` of `plane`.
+/// Lanes whose whole window is within `limit` of `plane`.
 #[inline(always)]
 fn within<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> u32 {
     let mut inside = V::splat(SET_LANE);

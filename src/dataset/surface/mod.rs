@@ -1,5 +1,5 @@
 //! Converts frames to observations (`dataset.md`, Plane fit). A robust plane is fitted around every pixel
-//! in inverse depth; pixels without an accepted plane are dropped, the others take its depth and normal.
+//! in inverse depth; pixels without an accepted plane are dropped, the others get its depth and normal.
 //!
 //! | stage | file |
 //! |---|---|
@@ -8,7 +8,7 @@
 //! | depth, normal and colour of kept pixels | `emit`, `color_lookup`, `seen` |
 //!
 //! Inverse depth of a plane is affine in pixel coordinates, so the fit is linear and exact; depth itself is
-//! not affine. The fit also filters flying pixels: a mixture of two surfaces lies on neither plane.
+//! not affine. The fit also filters flying pixels: a mixture of two surfaces is on neither plane.
 
 pub mod sample;
 pub mod sensor;

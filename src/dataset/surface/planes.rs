@@ -33,8 +33,9 @@ pub(super) struct Planes {
     /// Ray slopes of the columns, zero-padded to whole vectors.
     pub slope_x: Vec<f32>,
     pub slope_y: Vec<f32>,
+    /// Values from one row to the next.
+    pub stride: usize,
     size: [usize; 2],
-    stride: usize,
     table: Table,
     lengths: Vec<f32>,
     /// An opaque row, for photographs of another camera, which have no mask of the depth image.
@@ -88,11 +89,6 @@ impl Planes {
     #[inline(always)]
     pub fn at(&self, column: usize, row: usize) -> usize {
         (row + RADIUS) * self.stride + RADIUS + column
-    }
-
-    #[inline(always)]
-    pub fn stride(&self) -> usize {
-        self.stride
     }
 
     /// Number of vectors that cover a row of pixels if every `step`-th is used.

@@ -18,7 +18,7 @@ const CELL: usize = 2;
 
 /// Depth of the nearest surface in the colour image: per pixel (optional), and per cell of pixels.
 ///
-/// A cell holds only depth pixels whose centres lie in it, so occluders are not wider than measured.
+/// A cell holds only depth pixels whose centres are in it, so occluders are not wider than measured.
 #[derive(Clone, Debug)]
 pub(super) struct ReprojectedDepths {
     /// Depth along the colour camera's axis, world units; [`NOTHING`] where no surface was measured.
@@ -33,11 +33,11 @@ impl Default for ReprojectedDepths {
 }
 
 impl ReprojectedDepths {
-    /// True if a point lies more than `margin` behind another surface at its pixel coordinates.
+    /// True if a point is more than `margin` behind another surface at its pixel coordinates.
     #[inline(always)]
     pub fn occludes(&self, [u, v]: [f32; 2], depth: f32, margin: f32) -> bool {
         // Without this test, .7 % of the Kinect's points took the colour of an occluder, and their colours
-        // varied 2.5 times as much as those of the rest.
+        // varied 2.5 times as much as the other points' colours.
         let Image { width, height, data } = &self.cells;
         let [x, y] = [u / CELL as f32, v / CELL as f32];
         let is_inside = x >= 0.0 && y >= 0.0 && x < *width as f32 && y < *height as f32;
@@ -83,7 +83,7 @@ impl Kernel for SeeFrame<'_> {
                 let [u, v] = camera.project_lanes(turned);
                 // Squares of neighbours touch; squares smaller than a pixel fall into one pixel.
                 let covered = V::splat(footprint) * z / turned[2];
-                // A pixel is covered if its centre, at +½, lies in the square: its first column is the ceiling
+                // A pixel is covered if its centre, at +½, is in the square: its first column is the ceiling
                 // of `u − reach`, computed by adding one and truncating.
                 let reach = half * covered.max(one).min(V::splat(MOST_COVERED)) + half;
                 // Clamped to 0 first, because truncation rounds towards 0.

@@ -148,8 +148,8 @@ impl Sensor {
     }
 }
 
-/// Profile of computed depth: rounding of a code, added noise, and the curvature of surfaces. Margins are
-/// those of the Kinect in units of its noise, plus the depth span of a slanted surface within a pixel.
+/// Profile of computed depth: rounding of a code, added noise, and the curvature of surfaces. Margins are the
+/// Kinect's in units of its noise, plus the depth span of a slanted surface within a pixel.
 fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
     let unit = match depth.codes {
         DepthCodes::Inverse8(_) => INVERSE8_LEVEL,
