@@ -4,7 +4,7 @@
 //! photometric estimates refer to the same parameters. Components born since have no counterpart: they are
 //! matched against existing seeds, as points are, so that no surface is covered twice.
 
-use super::component_sums::ComponentSums;
+use super::component_sums::{ComponentSums, whole_quanta};
 use super::config::SceneConfig;
 use super::gauge::moved;
 use super::grid::SeedGrid;
@@ -16,7 +16,7 @@ use crate::math::cholesky::{Cholesky, at};
 use crate::model::scene::photometric::{
     N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION, PhotometricState,
 };
-use crate::model::scene::state::{QUANTUM, SceneState, VisibilityCounts, WHOLE};
+use crate::model::scene::state::{SceneState, VisibilityCounts, WHOLE};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::pose_log::FramePose;
@@ -98,8 +98,8 @@ fn fuse_at_one_scale(
     }
     state.photometric = state.photometric.filter(|_| config.photometric.is_some());
     if let Some(photometric) = &mut state.photometric {
-        let taught = scenes.iter().filter_map(|scene| scene.photometric.as_ref());
-        average_residuals(photometric, taught);
+        let of_scenes = scenes.iter().filter_map(|scene| scene.photometric.as_ref());
+        average_residuals(photometric, of_scenes);
     }
     Some(state)
 }
@@ -171,8 +171,10 @@ impl Component {
         let has_more = |now: &&&Self| now.sums[0] > self.sums[0];
         // A splat restarts from its points while they are few or no photograph has trained it: such an
         // estimate contains nothing of the start.
-        let is_taught = |rule: &_| self.estimate.is_none_or(|estimate| estimate.is_taught(rule));
-        let begins = |rule: &PhotometricRule| self.sums[0] < rule.young || !is_taught(rule);
+        let is_estimate_trained =
+            |rule: &_| self.estimate.is_none_or(|estimate| estimate.is_trained(rule));
+        let begins =
+            |rule: &PhotometricRule| self.sums[0] < rule.young || !is_estimate_trained(rule);
         let is_anew = rule.is_some_and(begins) && later.iter().any(|now| has_more(&now));
         let mut estimates = Vec::with_capacity(later.len());
         for now in later {
@@ -200,7 +202,7 @@ impl Component {
         let moved = SceneSums::new(&other.sums, 1.0).about_shifted_seed(way).to_array();
         for (sum, moved) in self.sums.iter_mut().zip(moved) {
             // Shifting leaves fractions of quanta, which would make later additions inexact.
-            *sum += (moved / QUANTUM).round_ties_even() * QUANTUM;
+            *sum += whole_quanta(moved);
         }
         self.visibility = self.visibility.plus(other.visibility);
     }
@@ -316,7 +318,7 @@ impl Estimate {
     }
 
     /// True if a photograph has increased its precision.
-    fn is_taught(&self, rule: &PhotometricRule) -> bool {
+    fn is_trained(&self, rule: &PhotometricRule) -> bool {
         is_trained(&self.color, &rule.prior)
     }
 

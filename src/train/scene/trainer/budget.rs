@@ -1,6 +1,6 @@
 //! Births within the budget, which may require merging components or coarsening the scale.
 
-use super::{SceneTrainer, StageClock};
+use super::{FrameClock, SceneTrainer};
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::births::FrameBirths;
@@ -32,7 +32,7 @@ impl SceneTrainer {
     pub(super) fn create_within_budget(
         &mut self,
         points: &[SurfacePoint],
-        clock: &mut StageClock,
+        clock: &mut FrameClock,
     ) -> FrameComponents {
         let coarsened = self.scene.coarsened;
         let mut births = self.scene.create_components(points, &mut self.points.owners);
