@@ -163,8 +163,8 @@ fn components(state: &SceneState) -> Option<Vec<Component>> {
 }
 
 impl Component {
-    /// Adds what all `later` versions of this component have gained. Sums are whole quanta, so the order of
-    /// `later` is irrelevant to them.
+    /// Adds the gains of all `later` versions over this component. Sums are whole quanta, so the order of
+    /// `later` has no effect on them.
     fn with_gains_of(&self, later: &[&Self], rule: Option<&PhotometricRule>) -> Self {
         let (mut sums, mut visibility) = (self.sums, self.visibility);
         let before = self.visibility;
@@ -388,8 +388,8 @@ impl Estimate {
     }
 }
 
-/// Combines everything that `later` gained since `start`; without a start all estimates count equally. `None`
-/// if there are none.
+/// Combines the gains of all `later` estimates over `start`; without a start they count equally. `None` without
+/// estimates.
 fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Option<Estimate> {
     let base = start.or(later.first().map(|later| later.estimate))?;
     let (form_prior, color_prior) = prior_precision(&base.splat, &rule.prior);
@@ -432,7 +432,7 @@ impl<const N: usize, const M: usize> Joint<N, M> {
         Self { precision: vec![0.0; N * N], information, remembered: 1.0 }
     }
 
-    /// Adds what an estimate has gained since the start; `steps` is its distance from the start.
+    /// Adds the gain of an estimate over the start; `steps` are its differences from the start.
     fn add(
         &mut self,
         own: &[f32],

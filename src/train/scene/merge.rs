@@ -108,7 +108,7 @@ fn summary(component_sums: &ComponentSums, seeds: &Seeds, h: f64, id: usize) -> 
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
 }
 
-/// Returns a component's neighbour of lowest merging cost, and that cost.
+/// Returns the cheapest merger of a component with a neighbour: its cost, the older and the younger component.
 fn best_partner(
     summaries: &[Summary],
     Seeds { grid, components }: &Seeds,

@@ -11,7 +11,7 @@ mod tasks;
 
 use super::config::{Candidates, Operations, PaperConfig, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
-use super::index::{Index, PaperScalar, SortedMeans};
+use super::index::{Index, PaperScalar, SortedMeans, narrow};
 use super::plain::{PlainInputs, PlainMemory};
 use crate::math::simd::Isa;
 use crate::model::conjugate::statistics::TileRecord;
@@ -289,10 +289,10 @@ impl<'a, R: PaperScalar> PassInputs<'a, R> {
         let SortedMeans { grid, appearance, .. } = self.mixture.sorted();
         Some(FusedInputs {
             rank,
-            points: R::narrow_points(points)?,
+            points: narrow(points)?,
             grid,
             appearance,
-            max_weight: R::narrow_model(model)?.max_weight,
+            max_weight: narrow::<_, InitialModel<f32>>(model)?.max_weight,
             scoring,
             shard_bits: statistics.shard_bits(),
         })

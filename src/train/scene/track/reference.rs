@@ -110,6 +110,7 @@ impl ReferenceLevel {
                 .map(|(dx, dy)| *self.texels.at(column + dx, row + dy));
             // Depths of two surfaces would average to a place where there is none.
             let nearest = four.iter().map(|texel| texel[1]).filter(|z| *z > 0.0);
+            // The nearest surface, which hides the others.
             let nearest = nearest.fold(f64::INFINITY, f64::min);
             let same = four.iter().filter(|t| t[1] > 0.0 && t[1] <= nearest * (1.0 + EDGE));
             let (sum, n) = same.fold(([0.0; 2], 0.0), |(sum, n), texel| {

@@ -109,10 +109,10 @@ impl SceneTrainer {
         self.scene.merge_down(target, worthwhile);
         // Estimates of two splats do not describe their union, which is reinitialised.
         for (id, before) in before.into_iter().enumerate() {
-            if self.scene.sums.sums(id)[0] != before {
-                if let Some(splat) = self.photographs.learner.state.splats.get_mut(id) {
-                    *splat = Splat::default();
-                }
+            if self.scene.sums.sums(id)[0] != before
+                && let Some(splat) = self.photographs.learner.state.splats.get_mut(id)
+            {
+                *splat = Splat::default();
             }
         }
         used - self.scene.seeds.components.used()

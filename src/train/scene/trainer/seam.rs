@@ -169,5 +169,6 @@ impl SceneTrainer {
 
 /// Rounds to four significant digits.
 fn round(value: f64) -> f64 {
+    // Through text, which rounds in decimal.
     format!("{value:.3e}").parse().unwrap_or(value)
 }
