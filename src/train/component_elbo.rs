@@ -3,7 +3,7 @@
 
 use super::estep::Scoring;
 
-/// Owner of a point that is left out because its score is NaN.
+/// Marks a point without an owner: its score is NaN.
 pub(super) const NO_OWNER: u32 = u32::MAX;
 
 /// Returns the component of largest responsibility, the first of equals; [`NO_OWNER`] if all are zero.

@@ -17,7 +17,7 @@ pub enum DevicePolicy {
 /// Reason for a fallback when the device's results differ from the CPU's.
 pub(super) const DIFFERING: &str = "its arithmetic differs from the processor's";
 
-/// Median milliseconds of the same work on both.
+/// Median milliseconds of the same work on the CPU and on a device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceMs {
     /// On the CPU.

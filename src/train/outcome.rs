@@ -49,7 +49,7 @@ pub struct ComparedPhotograph {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotographOutcome {
     /// RMS difference from the rendering over the channels of covered pixels, colour units. For a frame
-    /// rejected by its points: RMS of their colours, or the share of surfaces that it saw through.
+    /// rejected by its points: RMS difference of their colours, or share of surfaces measured through.
     pub difference: f64,
     /// Running average of `difference` over earlier frames.
     pub usual: f64,

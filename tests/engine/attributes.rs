@@ -1,9 +1,7 @@
 //! Attributes of components in a session: evidence, uncertainty, ELBO of the current frame and birth.
 
+use super::checkpoint::room_of;
 use glam::DVec3;
-use std::sync::Arc;
-use vbgs_studio::dataset::Dataset;
-use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
@@ -15,23 +13,10 @@ use vbgs_studio::train::setting::table::SettingLayer;
 
 const COMPONENTS: usize = 3000;
 
-fn room() -> Arc<Dataset> {
-    let params = SyntheticParams {
-        width: 64,
-        height: 48,
-        n_train: 6,
-        n_eval: 1,
-        seed: 4,
-        depth_noise: 0.0,
-        ..SyntheticParams::demo()
-    };
-    Arc::new(dataset(&params).unwrap())
-}
-
 fn session(overrides: PaperOverrides) -> Session {
     let base = PaperOverrides { components: Some(COMPONENTS), ..PaperOverrides::default() };
     let config = PaperConfig::paper().with(&overrides.or(base)).unwrap();
-    Session::new(room(), config, Selection::all_frames()).unwrap()
+    Session::new(room_of(6, 4), config, Selection::all_frames()).unwrap()
 }
 
 fn all() -> Vec<u32> {
@@ -136,7 +121,7 @@ fn births_before_a_stop_are_not_known() {
     session.save(&file).unwrap();
     let first = session.learner().status().used;
     let run = SavedRun::read(&file).unwrap();
-    let mut resumed = run.resume(room(), &ResumeRequest::default(), false).unwrap();
+    let mut resumed = run.resume(room_of(6, 4), &ResumeRequest::default(), false).unwrap();
     while !matches!(resumed.step().unwrap(), Step::Finished) {}
     let attributes = resumed.attributes_of(&all());
     let unknown = attributes.iter().filter(|a| a.evidence.is_some() && a.birth.is_none());

@@ -1,9 +1,9 @@
 //! The preset files and the reference of settings are generated from the settings tables of the code.
 
+use super::checkpoint::room_of;
 use serde::de::DeserializeOwned;
 use std::fs;
 use std::path::{Path, PathBuf};
-use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::pipeline::plan::{Plan, Selection};
 use vbgs_studio::pipeline::settings::preset_file;
 use vbgs_studio::pipeline::settings::scene::{SceneOverrides, SceneRun};
@@ -70,7 +70,7 @@ fn embedded<L: DeserializeOwned>(preset: Preset) -> L {
 fn embedded_presets_change_nothing() {
     let paper: PaperOverrides = embedded(Preset::Paper);
     assert_eq!(PaperConfig::paper().with(&paper), Ok(PaperConfig::paper()));
-    let room = dataset(&ROOM).unwrap();
+    let room = room_of(2, 4);
     let plan = Plan::new(&room, &Selection::all_frames(), 0).unwrap();
     let scene: SceneOverrides = embedded(Preset::Scene);
     let plain = SceneRun::new(&room, &plan, &SceneOverrides::default()).unwrap();
@@ -79,19 +79,9 @@ fn embedded_presets_change_nothing() {
     assert_eq!(SceneRun { budget: None, ..asked }, plain);
 }
 
-const ROOM: SyntheticParams = SyntheticParams {
-    width: 64,
-    height: 48,
-    n_train: 2,
-    n_eval: 1,
-    seed: 4,
-    depth_noise: 0.0,
-    ..SyntheticParams::demo()
-};
-
 #[test]
 fn the_tables_say_a_scenes_defaults() {
-    let room = dataset(&ROOM).unwrap();
+    let room = room_of(2, 4);
     let plan = Plan::new(&room, &Selection::all_frames(), 0).unwrap();
     let run = SceneRun::new(&room, &plan, &SceneOverrides::default()).unwrap();
     for setting in SceneOverrides::TABLE.iter().filter(|s| s.about.is_default_fixed) {

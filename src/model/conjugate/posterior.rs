@@ -77,7 +77,7 @@ impl ComponentPosterior {
             nu_space: hyper.nu0 + n,
             kappa_color,
             mean_space,
-            // f32 sums of few points can yield less than the prior: see `definite`.
+            // f32 sums of few points can yield less than the prior: see `make_positive_definite`.
             inverse_scale: make_positive_definite(inverse_scale, 1.0 / hyper.u0_space),
             mean_color: moments.color / kappa_color,
         }

@@ -184,6 +184,7 @@ impl<T: TotalScalar> TotalShard<T> {
         }
         if let Some(limbs) = T::add(&mut self.rows[place].sums, &sums) {
             let carry = self.carries.entry(record.id).or_insert([0; N_SUMS]);
+            // A limb is 2⁶⁴ quanta: only broken coordinates reach the end of its range.
             carry.iter_mut().zip(limbs).for_each(|(c, l)| *c = c.saturating_add(l));
         }
     }

@@ -28,12 +28,14 @@ pub struct PhotometricState {
     pub form: Vec<[f32; N_FORM_PRECISION]>,
     /// Precision of the colour coefficients, shared by all channels.
     pub color: Vec<[f32; N_COLOR_PRECISION]>,
-    /// Running mean square, per channel, of the residual between photographs and the pictures drawn before
-    /// training on them; and its weight.
+    /// Running mean square residual per channel between photographs and the scene rendered before training on
+    /// them, and its weight in frames.
     pub noise: [f64; 2],
-    /// The same for colours of points against the means of their components, before training on them.
+    /// Running mean square difference of the colours of points from the mean colours of their components,
+    /// before training on them, and its weight in frames.
     pub points: [f64; 2],
-    /// Running mean share of visible surfaces that frames measured through; and its weight.
+    /// Running mean of the share of components in view that a frame measured through, and its weight in
+    /// frames.
     pub seen_through: [f64; 2],
     /// Buffered photographs for later photometric steps, in no particular order.
     pub buffered: Vec<BufferedPhotograph>,

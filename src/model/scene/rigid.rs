@@ -27,7 +27,9 @@ impl PhotometricState {
         color
             .par_iter_mut()
             .for_each(|lower| rotate_precision::<N_COLOR>(lower, &COLOR_VECTORS, turn));
-        self.buffered.iter_mut().for_each(|waiting| waiting.view = waiting.view.moved(motion));
+        self.buffered
+            .iter_mut()
+            .for_each(|photograph| photograph.view = photograph.view.moved(motion));
     }
 }
 

@@ -32,7 +32,7 @@ impl SplatKind {
 /// Parameters of the conversion from sums to a splat.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SplatRule {
-    /// Opacity from returns.
+    /// Opacity by the share of returned points.
     pub opacity: DensityOpacity,
     /// Minimum number of points of a component that is drawn.
     pub least_points: f64,
@@ -106,6 +106,7 @@ impl SplatRule {
             if self.flat_top { (opacity, 1.0) } else { plain_of_equal_area(opacity) };
         let scale =
             (scale * (self.scale * widened)).max(DVec3::splat(self.least_scale * context.h));
+        // Not clamped: the constant term of a directional colour may lie outside [0, 1].
         let mut color = sums.color / sums.count;
         let mut appearance = Appearance::default();
         if self.gradient {
@@ -200,8 +201,8 @@ pub struct DensityOpacity {
     pub tau: f64,
     /// Density at which the opacity reaches `1 − 1/e` of `tau`, returns per expected return.
     pub rho0: f64,
-    /// Constant `c₀` added to the expected number of returns, by which the points are divided: components of a
-    /// few stray points stay transparent.
+    /// Constant `c₀` added to the expected number of returns. Components of a few stray points stay
+    /// transparent.
     pub doubt: f64,
     /// Components of lower opacity are not drawn.
     pub least: f64,

@@ -38,7 +38,7 @@ pub struct SceneState {
     /// Seeds, world units, in the order of their birth.
     pub seeds: Vec<[f32; 3]>,
     /// Per seed, the maximum distance of its points as a share of the structural scale, in units of
-    /// 1/[`WHOLE`]; `None` if all have the whole.
+    /// 1/[`WHOLE`]; `None` if all shares are [`WHOLE`].
     pub shares: Option<Vec<u8>>,
     /// Per seed, its component, if seeds share components; `None` while seed `k` belongs to component `k`.
     pub components: Option<Vec<u32>>,
@@ -124,6 +124,7 @@ impl TrackedPose {
     /// Creates a pose with the standard deviations of its rotation (radians) and centre (world units).
     pub fn new(pose: &Pose, deviations: [f64; 2], overlap: f64, agreement: f64) -> Self {
         let [turn_deviation, shift_deviation] = deviations;
+        // Normalised, since reading refuses quaternions of another length.
         let rotation = DQuat::from_mat3(&pose.rotation()).normalize().to_array();
         let centre = pose.centre().to_array();
         Self { centre, rotation, turn_deviation, shift_deviation, overlap, agreement }

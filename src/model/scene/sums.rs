@@ -295,9 +295,9 @@ pub const RELATIVE_SLACK: f64 = 1e-6;
 /// Tolerance for rounding per point: every term is rounded to half a quantum.
 pub const SLACK_PER_POINT: f64 = 3.0 * QUANTUM;
 
-/// Returns the index of the first mixed moment whose magnitude exceeds half the sum of its axes' second
-/// moments, and the largest value allowed, `√(ab)`. The missing second moment of view directions is the count
-/// less the other two.
+/// Returns the index of the first mixed moment that no set of points can have, and its largest valid
+/// magnitude. With second moments `a` and `b` of its axes, that is `√(ab)`; moments are refused from `(a +
+/// b)/2` on. The missing second moment of view directions is the count less the other two.
 pub fn first_violated_moment(row: &[f64; N_SUMS]) -> Option<(usize, f64)> {
     let [xx, yy, zz] = [row[4], row[7], row[9]];
     let [view_xx, view_yy] = [row[28], row[31]];
@@ -319,8 +319,8 @@ pub fn first_violated_moment(row: &[f64; N_SUMS]) -> Option<(usize, f64)> {
     Some((i, (a.max(0.0) * b.max(0.0)).sqrt()))
 }
 
-/// Clamps moments that moving left out of bounds to the nearest whole quantum inside; returns true if any
-/// changed. Sums within bounds stay unchanged to the bit.
+/// Clamps moments that no set of points can have to the nearest whole quantum within their bounds, after sums
+/// moved to another seed. Returns true if any changed. Sums within bounds stay unchanged to the bit.
 pub fn clamp_moments(row: &mut [f64; N_SUMS]) -> bool {
     let mut changed = false;
     // Rounding after a move can leave a square a quantum below 0.

@@ -77,7 +77,7 @@ pub struct SplatSet {
     finishing: Finishing,
 }
 
-/// Finishing of composited pixels, and logs of the frames of the scene.
+/// Finishing of composited pixels, and logs of the training frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finishing {
     /// Coverage from which a pixel counts as fully covered, in `(0, 1]`; 1 for plain splats.
@@ -127,8 +127,8 @@ impl SplatSet {
         self.put(self.splats.len(), splat, appearance);
     }
 
-    /// Writes the splats of `new` into the listed slots, in order, and takes over its finishing. Missing
-    /// slots are added; those in between stay empty.
+    /// Writes the splats of `new` into the listed slots, in order, and copies its finishing. Missing slots are
+    /// added; slots between them stay empty.
     pub fn replace(&mut self, slots: &[u32], new: &SplatSet) {
         self.finishing.clone_from(&new.finishing);
         for (i, (&slot, splat)) in slots.iter().zip(&new.splats).enumerate() {

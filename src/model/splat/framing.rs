@@ -90,6 +90,7 @@ fn end_of_scene(reaches: &[f64], core: f64) -> f64 {
 }
 
 fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
+    // A share of 1 would name the value after the last.
     let n = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
     Some(*values.select_nth_unstable_by(n, f64::total_cmp).1)
 }

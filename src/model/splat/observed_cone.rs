@@ -53,8 +53,8 @@ impl ObservedCone {
         self.mean() + offset / squared.max(1.0).sqrt()
     }
 
-    /// Returns the linear map `M` for which `M (d − m)` best fits `nearest(d) − m`, per axis of the cone and
-    /// over differences up to `reach`: the factor on an unclamped slope.
+    /// Returns the linear map `M` for which `M (d − m)` best fits `clamp_direction(d) − m`, per axis of the
+    /// cone and over differences up to `reach`: the factor on an unclamped slope.
     pub fn linear_fit(&self, reach: f64) -> DMat3 {
         let eigen = self.inverse().eigen();
         // Rounding to f32 can make an eigenvalue negative.

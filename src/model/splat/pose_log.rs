@@ -90,12 +90,12 @@ impl PoseLog {
 /// and applied in the camera's own axes; the recorded pose without frames. `reach` is the distance between
 /// cameras at which corrections correlate by one half, world units.
 pub fn corrected(frames: &[FramePose], reach: f64, pose: &Pose) -> Pose {
-    let said = |frame: &FramePose| {
+    let entry = |frame: &FramePose| {
         let [a, b, c] = frame.turn;
         let [x, y, z] = frame.shift;
         (frame.recorded, [a, b, c, x, y, z])
     };
-    match interpolate(frames, pose, reach, said) {
+    match interpolate(frames, pose, reach, entry) {
         None => *pose,
         Some([a, b, c, x, y, z]) => {
             let turn = DQuat::from_scaled_axis(DVec3::new(a, b, c));
@@ -155,8 +155,8 @@ impl ExposureLog {
     /// frames, interpolated between them ([`interpolate`]); 1 without frames.
     pub fn at(&self, pose: &Pose) -> [f32; 3] {
         // Logarithms, since gains are factors: half and twice as bright average to 1.
-        let said = |frame: &FrameExposure| (frame.viewpoint, frame.gain.map(|gain| -gain.ln()));
-        let logs = interpolate(&self.frames, pose, self.reach, said);
+        let entry = |frame: &FrameExposure| (frame.viewpoint, frame.gain.map(|gain| -gain.ln()));
+        let logs = interpolate(&self.frames, pose, self.reach, entry);
         logs.map_or([1.0; 3], |logs| logs.map(|log| log.exp() as f32))
     }
 }

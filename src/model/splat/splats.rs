@@ -89,6 +89,7 @@ impl Splat {
     /// True if renderers can handle every field: finite, a unit rotation, no negative scale, at least one
     /// positive scale, nothing beyond [`MAX_LENGTH`].
     pub fn is_valid(&self) -> bool {
+        // One scale may be 0, a disc, but not all.
         let largest = self.scale.iter().fold(0.0f32, |a, &s| a.max(s));
         let norm2: f32 = self.rotation.iter().map(|q| q * q).sum();
         self.opacity.is_finite()

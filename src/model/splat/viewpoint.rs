@@ -54,7 +54,7 @@ pub fn reach(h: f64) -> f64 {
     DISTANCE * h
 }
 
-/// Interpolates per-frame values at `pose`; `None` without frames. `said` returns viewpoint and values of a
+/// Interpolates per-frame values at `pose`; `None` without frames. `entry` returns viewpoint and values of a
 /// frame; `reach` is the distance between cameras at which values correlate by one half, world units.
 ///
 /// This is the best linear unbiased prediction from the nearest frames under a Matérn covariance of
@@ -65,15 +65,15 @@ pub fn interpolate<T, const N: usize>(
     frames: &[T],
     pose: &Pose,
     reach: f64,
-    said: impl Fn(&T) -> (Viewpoint, [f64; N]),
+    entry: impl Fn(&T) -> (Viewpoint, [f64; N]),
 ) -> Option<[f64; N]> {
     let here = Viewpoint::new(pose);
-    let away = |(i, frame)| (here.distance(&said(frame).0, reach), i);
+    let away = |(i, frame)| (here.distance(&entry(frame).0, reach), i);
     let mut nearest: Vec<(f64, usize)> = frames.iter().enumerate().map(away).collect();
     // Ties keep the order of frames, so that every machine selects the same ones.
     nearest.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     nearest.truncate(MOST);
-    let (views, values): (Vec<_>, Vec<_>) = nearest.iter().map(|&(_, i)| said(&frames[i])).unzip();
+    let (views, values): (Vec<_>, Vec<_>) = nearest.iter().map(|&(_, i)| entry(&frames[i])).unzip();
     let n = views.len();
     let among = |k: usize| {
         let (i, j) = (k / n, k % n);
@@ -109,8 +109,8 @@ mod tests {
     }
 
     fn at(frames: &[(f64, f64)], x: f64) -> f64 {
-        let said = |&(x, value): &(f64, f64)| (Viewpoint::new(&looking_ahead(x)), [value]);
-        let [value] = interpolate(frames, &looking_ahead(x), 0.3, said).unwrap();
+        let entry = |&(x, value): &(f64, f64)| (Viewpoint::new(&looking_ahead(x)), [value]);
+        let [value] = interpolate(frames, &looking_ahead(x), 0.3, entry).unwrap();
         value
     }
 
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn far_from_all_frames_their_mean_is_said() {
+    fn far_from_all_frames_their_mean_holds() {
         let far = at(&[(0.0, 1.0), (5.0, 3.0)], 1000.0);
         assert!((far - 2.0).abs() < 1e-9, "{far}");
         assert!((at(&[(0.0, 7.0)], 3.0) - 7.0).abs() < 1e-12);

@@ -82,7 +82,7 @@ impl Extent {
     }
 }
 
-/// Query: a tile's points with their radii, and the places to test.
+/// Tests whether any place lies within the radius of a point of a tile.
 pub(in crate::train) struct AnyWithin<'a> {
     pub places: &'a MeanGrid,
     /// Scratch memory for the places near the tile.

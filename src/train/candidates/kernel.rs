@@ -173,9 +173,9 @@ fn lane_max(v: [f32; LANES]) -> f32 {
 pub(super) struct Neighbours<const KEYS: usize> {
     /// Keys by rank, then point: squared distance with the entry in its low bits.
     pub keys: [[f32; CHUNK]; KEYS],
-    /// Points whose last two keys agree except for the entry: which one is nearer is unknown.
+    /// Bits of the points whose last two keys agree except for the entry: either may be the nearer one.
     pub set_uncertain: u32,
-    /// Points with any two adjacent keys that agree except for the entry.
+    /// Bits of the points with any two adjacent keys that agree except for the entry.
     pub order_uncertain: u32,
 }
 

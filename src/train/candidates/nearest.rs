@@ -233,6 +233,7 @@ impl CandidateSearch {
         self.pending.push(0..tile[0].len());
         while let Some(group) = self.pending.pop() {
             let extent = Extent::of_points::<V>(&self.tile.points, group.clone());
+            // A group of one chunk gains nothing from being split.
             let middle = if group.len() > CHUNK && extent.length() > MAX_GROUP_CELLS * grid.cell() {
                 self.tile.split(group.clone(), &extent)
             } else {

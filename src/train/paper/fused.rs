@@ -40,8 +40,8 @@ pub(super) struct FusedInputs<'a> {
 
 impl FusedInputs<'_> {
     /// Squared distance beyond which no component affects a point of effective distance `q`, including
-    /// rounding. Uses twice the hard gap: components between may be among the nearest or not, but receive
-    /// nothing in either case.
+    /// rounding. Uses twice the hard gap: a component between one gap and two receives nothing, whether or not
+    /// it is a candidate.
     pub fn influence_radius2(&self, q: f64) -> f32 {
         let gap = 2.0 * self.scoring.hard_gap() as f32;
         // The factor covers the rounding of the sum and of the distances compared with it.
@@ -242,6 +242,7 @@ impl VisitChunk for OwnerAssigner<'_> {
             let slot = self.slot(nearest.entry);
             let q = self.distance(slot, space, color);
             if self.is_sole_owner(slot, space, q, nearest.second2) {
+                // A share of 1 needs no entry in the list of shares.
                 self.memory.owners[place] = slot as u32;
                 self.q[place] = q.into();
             } else {
@@ -317,6 +318,7 @@ impl OwnerAssigner<'_> {
         // Taken out of `self` because `slot` borrows it mutably; put back at the end.
         let mut candidates = std::mem::take(&mut self.memory.candidates);
         candidates.clear();
+        // The low half of a key is the component.
         candidates.extend(found.iter().map(|&(key, entry)| (key as u32, entry)));
         // Sorted by component, not by distance, so that sums and ties do not depend on the order of the
         // index.

@@ -9,6 +9,7 @@ use crate::model::paper::state::{InitialMeans, InitialModel};
 use crate::observation::points::Points;
 use crate::train::candidates::{IndexError, MeanGrid, grid_shape};
 use rayon::prelude::*;
+use std::any::Any;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 const PART: usize = 1 << 12;
@@ -97,6 +98,7 @@ impl Index {
     ) -> Result<GridShape, IndexError> {
         let Self { sample, spare, .. } = self;
         let spare = spare.get_mut().unwrap_or_else(PoisonError::into_inner);
+        // The grid is in f32 in either precision: margins of the search cover the rounding.
         grid_shape(R::narrow_rows(&model.space, &mut spare.narrowed), sample)
     }
 
@@ -139,7 +141,7 @@ impl SortedMeans {
         let Self { grid, appearance, narrowed, .. } = self;
         grid.fill(shape, R::narrow_rows(&model.space, narrowed));
         // Only the fused kernels, which are in f32, read the appearance.
-        let Some(model) = R::narrow_model(model) else { return };
+        let Some(model) = narrow::<_, InitialModel<f32>>(model) else { return };
         appearance.resize(model.len(), [0.0; 4]);
         let parts = appearance.par_chunks_mut(PART).zip(grid.ids().par_chunks(PART));
         parts.for_each(|(appearance, ids)| {
@@ -152,7 +154,7 @@ impl SortedMeans {
     fn shift<R: PaperScalar>(&mut self, moved: &[u32], model: &InitialModel<R>) {
         let Self { grid, appearance, narrowed, shifted } = self;
         grid.move_means(moved, R::narrow_rows(&model.space, narrowed));
-        let Some(model) = R::narrow_model(model) else { return };
+        let Some(model) = narrow::<_, InitialModel<f32>>(model) else { return };
         shifted.resize(model.len(), [0.0; 4]);
         grid.edits().apply(appearance, shifted, |id| appearance_of(model, id));
         std::mem::swap(appearance, shifted);
@@ -164,16 +166,15 @@ fn appearance_of(model: &InitialModel<f32>, id: u32) -> [f32; 4] {
     [r, g, b, weight]
 }
 
+/// Returns a value of generic precision in its f32 form, if that is its type.
+pub(super) fn narrow<A: Any, B: Any>(value: &A) -> Option<&B> {
+    (value as &dyn Any).downcast_ref()
+}
+
 /// `f32`, required by the fused kernels, or `f64`, the reference.
 pub trait PaperScalar: Real {
-    /// Returns the points if stored in f32.
-    fn narrow_points(points: &Points<Self>) -> Option<&Points<f32>>;
-
     /// Returns a frame's points in this precision, converted into `memory` if needed.
     fn points<'a>(points: &'a Points<f32>, memory: &'a mut Points<Self>) -> &'a Points<Self>;
-
-    /// Returns the model if stored in f32.
-    fn narrow_model(model: &InitialModel<Self>) -> Option<&InitialModel<f32>>;
 
     /// Returns rows rounded to f32, copied into `memory` if needed.
     fn narrow_rows<'a>(rows: &'a [[Self; 3]], memory: &'a mut Vec<[f32; 3]>) -> &'a [[f32; 3]];
@@ -183,16 +184,8 @@ pub trait PaperScalar: Real {
 }
 
 impl PaperScalar for f32 {
-    fn narrow_points(points: &Points<f32>) -> Option<&Points<f32>> {
-        Some(points)
-    }
-
     fn points<'a>(points: &'a Points<f32>, _: &'a mut Points<f32>) -> &'a Points<f32> {
         points
-    }
-
-    fn narrow_model(model: &InitialModel<f32>) -> Option<&InitialModel<f32>> {
-        Some(model)
     }
 
     fn narrow_rows<'a>(rows: &'a [[f32; 3]], _: &'a mut Vec<[f32; 3]>) -> &'a [[f32; 3]] {
@@ -205,17 +198,9 @@ impl PaperScalar for f32 {
 }
 
 impl PaperScalar for f64 {
-    fn narrow_points(_: &Points<f64>) -> Option<&Points<f32>> {
-        None
-    }
-
     fn points<'a>(points: &'a Points<f32>, memory: &'a mut Points<f64>) -> &'a Points<f64> {
         points.cast_into(memory);
         memory
-    }
-
-    fn narrow_model(_: &InitialModel<f64>) -> Option<&InitialModel<f32>> {
-        None
     }
 
     fn narrow_rows<'a>(rows: &'a [[f64; 3]], memory: &'a mut Vec<[f32; 3]>) -> &'a [[f32; 3]] {

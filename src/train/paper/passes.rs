@@ -6,7 +6,7 @@
 //! applies if its arithmetic differs: both fit the first frame and the results are compared.
 
 use super::config::UpdateWidth;
-use super::index::{Index, PaperScalar};
+use super::index::{Index, PaperScalar, narrow};
 use super::pass::{Mixture, Output, Pass, PassInputs};
 use crate::model::conjugate::statistics::{N_SUMS, RECORD_WORDS, TileRecord};
 use crate::model::inspection::DeviceError;
@@ -64,10 +64,11 @@ impl Passes {
         policy: DevicePolicy,
         Mixture { model, index, .. }: &Mixture<R>,
     ) -> Result<(), DeviceError> {
-        let Some(model) = R::narrow_model(model) else { return Ok(()) };
+        let Some(model) = narrow(model) else { return Ok(()) };
         // Before the device counts as added: without room for the means it is not used.
         device.set_means(&index.means_for_device(model, None))?;
         self.used = PassUse { device: Some(device.name()), ..PassUse::default() };
+        // The share of open tiles is that of the new device.
         (self.tiles, self.open_tiles) = (0, 0);
         self.device = Some(PassDevice {
             device,
@@ -268,7 +269,7 @@ fn device_inputs<'a, R: PaperScalar>(
     let Mixture { config, model, .. } = inputs.mixture;
     let is_fixed = config.operations.update == UpdateWidth::Fixed64;
     let candidates = inputs.fused_rank().filter(|&n| is_fixed && n <= MAX_DEVICE_CANDIDATES)?;
-    let (model, points) = (R::narrow_model(model)?, R::narrow_points(points)?);
+    let (model, points) = (narrow(model)?, narrow(points)?);
     Some(DeviceInputs { model, points, candidates })
 }
 

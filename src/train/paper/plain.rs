@@ -6,7 +6,7 @@
 
 use super::config::{Candidates, Operations, Width};
 use super::fused::Slots;
-use super::index::PaperScalar;
+use super::index::{PaperScalar, narrow};
 use super::pass::{Mixture, PassInputs};
 use crate::math::real::Real;
 use crate::math::simd::Isa;
@@ -57,7 +57,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         };
         let Some(n) = NonZero::new(n) else { return };
         let (grid, search) = (&mixture.sorted().grid, &mut memory.search);
-        match R::narrow_points(points) {
+        match narrow::<_, Points<f32>>(points) {
             // Distances in f32 require points and means stored in f32.
             Some(points) if self.operations().distance == Width::F32 => {
                 let tile = [&points.x[range.clone()], &points.y[range.clone()], &points.z[range]];

@@ -120,6 +120,7 @@ fn draw_by_race<'a>(
     n: usize,
     stream: &Rng,
 ) -> &'a [Ranked] {
+    // The candidate of highest ELBO has probability zero.
     let last = candidates.iter().map(|candidate| candidate.order()).max();
     let best = last.map_or(f64::INFINITY, distance);
     draws.find(candidates.len(), n, DRAWS, |i, bound| {

@@ -62,7 +62,6 @@ impl<R: PaperScalar> PaperTrainer<R> {
     ) -> Result<Self, IndexError> {
         let model = InitialModel::new(hyper, &draw.means, &draw.alpha);
         let scoring = Scoring::new(&hyper);
-        let is_padded = config.reassign == ReassignPolicy::Padded;
         Ok(Self {
             mixture: Mixture {
                 config: config.clone(),
@@ -76,7 +75,10 @@ impl<R: PaperScalar> PaperTrainer<R> {
             q: Vec::new(),
             q_sums: Vec::new(),
             component_elbo: ComponentElbo::new(scoring),
-            chooser: is_padded.then(|| DestinationChooser::reserved(config)).unwrap_or_default(),
+            chooser: match config.reassign {
+                ReassignPolicy::Padded => DestinationChooser::reserved(config),
+                _ => DestinationChooser::default(),
+            },
             moves: Vec::new(),
             displaced: Vec::new(),
             places: Vec::new(),

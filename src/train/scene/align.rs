@@ -26,7 +26,7 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 // Approximate number of points used per frame: neighbours are redundant.
-const LOOKED_AT: usize = 8192;
+const MAX_USED: usize = 8192;
 /// One of this many groups of neighbours is used until the pose has nearly converged (`scene.md`, Pose
 /// alignment).
 pub const GROUP_STRIDE: usize = 4;
@@ -89,7 +89,7 @@ struct FrameMatches<'p> {
 
 /// Returns the frame with an evenly spaced subset of its points for alignment.
 pub fn alignment_subset(frame: &Observation) -> Observation {
-    let every = (frame.points.len() / LOOKED_AT).max(1);
+    let every = (frame.points.len() / MAX_USED).max(1);
     // Parallel: the points are far apart in memory and were just written by another core.
     let chosen = (0..frame.points.len().div_ceil(every)).into_par_iter().with_min_len(512);
     with_points(frame, chosen.map(|i| frame.points[i * every]).collect())

@@ -45,6 +45,7 @@ pub fn create_components(
                 births.out_of_reach += 1;
                 NONE
             }
+            // Seeds have a limit of their own, since merged components retain theirs.
             None if seeds.components.used() < limits.components
                 && seeds.grid.len() < limits.seeds =>
             {

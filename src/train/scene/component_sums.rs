@@ -72,24 +72,6 @@ impl SumRow {
     }
 }
 
-#[derive(Clone, Copy)]
-pub struct WideRows<'a>(&'a WideSums);
-
-impl<'a> WideRows<'a> {
-    /// Returns `N`, `Σ d` and `Σ n` of a component.
-    #[inline(always)]
-    pub fn plane(self, id: usize, row: &SumRow) -> (f64, [f64; 3], [f64; 3]) {
-        let sum = self.reader(id, row);
-        (sum(0), [sum(1), sum(2), sum(3)], [sum(22), sum(23), sum(24)])
-    }
-
-    #[inline(always)]
-    fn reader(self, id: usize, row: &'a SumRow) -> impl Fn(usize) -> f64 + 'a {
-        let wide = self.0.get(id as u32);
-        move |i| value(row.sums[i]) + wide.map_or(0.0, |wide| wide[i])
-    }
-}
-
 /// Rows of all components; rows that could overflow spill into wide ones.
 #[derive(Default)]
 pub struct ComponentSums {
@@ -129,7 +111,7 @@ impl ComponentSums {
     /// Returns `N`, `Σ d` and `Σ n` of a component.
     #[inline(always)]
     pub fn plane_sums(&self, id: usize) -> (f64, [f64; 3], [f64; 3]) {
-        WideRows(&self.wide).plane(id, &self.rows[id])
+        self.wide.plane(id, &self.rows[id])
     }
 
     /// Returns the mean colour of a component; `None` with few points, or if it is born in this frame.
@@ -137,7 +119,7 @@ impl ComponentSums {
     pub fn known_color(&self, id: u32) -> Option<[f64; 3]> {
         // `NONE` exceeds the number of rows too.
         let row = self.rows.get(id as usize)?;
-        let sum = WideRows(&self.wide).reader(id as usize, row);
+        let sum = self.wide.reader(id as usize, row);
         let n = sum(0);
         (n >= KNOWN_POINTS).then(|| [sum(10) / n, sum(11) / n, sum(12) / n])
     }
@@ -177,7 +159,7 @@ impl ComponentSums {
     pub fn for_each_part(
         &mut self,
         parts: usize,
-        f: impl Fn(usize, &mut [SumRow], WideRows<'_>) + Sync,
+        f: impl Fn(usize, &mut [SumRow], &WideSums) + Sync,
     ) {
         let n = self.rows.len().div_ceil(parts).max(1);
         self.for_each_run(&Vec::from_iter((0..self.rows.len()).step_by(n)), f);
@@ -188,13 +170,13 @@ impl ComponentSums {
     pub fn for_each_run(
         &mut self,
         firsts: &[usize],
-        f: impl Fn(usize, &mut [SumRow], WideRows<'_>) + Sync,
+        f: impl Fn(usize, &mut [SumRow], &WideSums) + Sync,
     ) {
         let ends = firsts.iter().skip(1).copied().chain([self.rows.len()]);
         let sizes = ends.zip(firsts).map(|(end, first)| end.saturating_sub(*first));
         let runs =
             split_by_sizes(&mut self.rows, sizes).into_par_iter().zip(firsts).with_max_len(1);
-        runs.for_each(|(rows, &first)| f(first, rows, WideRows(&self.wide)));
+        runs.for_each(|(rows, &first)| f(first, rows, &self.wide));
     }
 
     /// Adds sums of whole quanta to the given components (ascending), in parts of equal numbers of them.
@@ -248,8 +230,7 @@ impl ComponentSums {
             row.sums.iter_mut().zip(sums).for_each(|(sum, other)| *sum = sum.wrapping_add(other));
         } else {
             // Shifting leaves fractions, but wide rows stay exact only in whole quanta.
-            let sums = sums.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM);
-            self.add_wide(kept as u32, sums);
+            self.add_wide(kept as u32, sums.map(whole_quanta));
         }
         let mut union = self.sums(kept);
         let is_restrained = clamp_moments(&mut union);
@@ -289,7 +270,7 @@ impl ComponentSums {
         });
         // Wide rows hold whole quanta, so that later additions stay exact.
         for (id, sums) in all {
-            self.replace(id, &sums.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM));
+            self.replace(id, &sums.map(whole_quanta));
         }
     }
 
@@ -327,6 +308,11 @@ fn sum_quanta(sum: f64) -> i32 {
     (sum / QUANTUM).round_ties_even() as i32
 }
 
+/// Rounds a sum to a whole multiple of [`QUANTUM`].
+pub fn whole_quanta(sum: f64) -> f64 {
+    (sum / QUANTUM).round_ties_even() * QUANTUM
+}
+
 #[inline(always)]
 pub fn value(quanta: i32) -> f64 {
     f64::from(quanta) * QUANTUM
@@ -361,6 +347,19 @@ impl WideSums {
         let place = *self.places.get(id as usize)?;
         // `NONE` lies beyond all rows, so it needs no test of its own.
         self.rows.get(place as usize).map(|(_, sums)| sums)
+    }
+
+    /// Returns `N`, `Σ d` and `Σ n` of a component, given its row.
+    #[inline(always)]
+    pub fn plane(&self, id: usize, row: &SumRow) -> (f64, [f64; 3], [f64; 3]) {
+        let sum = self.reader(id, row);
+        (sum(0), [sum(1), sum(2), sum(3)], [sum(22), sum(23), sum(24)])
+    }
+
+    #[inline(always)]
+    fn reader<'a>(&'a self, id: usize, row: &'a SumRow) -> impl Fn(usize) -> f64 + 'a {
+        let wide = self.get(id as u32);
+        move |i| value(row.sums[i]) + wide.map_or(0.0, |wide| wide[i])
     }
 
     pub fn get_mut(&mut self, id: u32) -> Option<&mut [f64; N_SUMS]> {

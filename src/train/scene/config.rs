@@ -121,6 +121,7 @@ impl SceneConfig {
 
     /// Returns the photometric rule for the configured kind of splats.
     pub fn photometric_rule(&self) -> Option<PhotometricRule> {
+        // A plain splat has no gradient that could be trained.
         self.photometric.map(|rule| rule.of_splats(&self.splat_rule))
     }
 

@@ -58,6 +58,7 @@ impl Explainer<'_> {
         let (mut last, mut seed, mut plane) = (NONE, [0.0; 3], None);
         for (((point, &owner), q), shift) in points.iter().zip(owners).zip(q).zip(shifts) {
             if owner == NONE {
+                // NaN leaves the point out of the mean ELBO.
                 (*q, *shift) = (f64::NAN, 0.0);
                 continue;
             }

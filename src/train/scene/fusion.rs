@@ -4,7 +4,7 @@
 //! photometric estimates refer to the same parameters. Components born since have no counterpart: they are
 //! matched against existing seeds, as points are, so that no surface is covered twice.
 
-use super::component_sums::ComponentSums;
+use super::component_sums::{ComponentSums, whole_quanta};
 use super::config::SceneConfig;
 use super::gauge::moved;
 use super::grid::SeedGrid;
@@ -16,7 +16,7 @@ use crate::math::cholesky::{Cholesky, at};
 use crate::model::scene::photometric::{
     N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION, PhotometricState,
 };
-use crate::model::scene::state::{QUANTUM, SceneState, VisibilityCounts, WHOLE};
+use crate::model::scene::state::{SceneState, VisibilityCounts, WHOLE};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::pose_log::FramePose;
@@ -98,8 +98,8 @@ fn fuse_at_one_scale(
     }
     state.photometric = state.photometric.filter(|_| config.photometric.is_some());
     if let Some(photometric) = &mut state.photometric {
-        let taught = scenes.iter().filter_map(|scene| scene.photometric.as_ref());
-        average_residuals(photometric, taught);
+        let of_scenes = scenes.iter().filter_map(|scene| scene.photometric.as_ref());
+        average_residuals(photometric, of_scenes);
     }
     Some(state)
 }
@@ -163,16 +163,18 @@ fn components(state: &SceneState) -> Option<Vec<Component>> {
 }
 
 impl Component {
-    /// Adds what all `later` versions of this component have gained. Sums are whole quanta, so the order of
-    /// `later` is irrelevant to them.
+    /// Adds the gains of all `later` versions over this component. Sums are whole quanta, so the order of
+    /// `later` has no effect on them.
     fn with_gains_of(&self, later: &[&Self], rule: Option<&PhotometricRule>) -> Self {
         let (mut sums, mut visibility) = (self.sums, self.visibility);
         let before = self.visibility;
         let has_more = |now: &&&Self| now.sums[0] > self.sums[0];
         // A splat restarts from its points while they are few or no photograph has trained it: such an
         // estimate contains nothing of the start.
-        let is_taught = |rule: &_| self.estimate.is_none_or(|estimate| estimate.is_taught(rule));
-        let begins = |rule: &PhotometricRule| self.sums[0] < rule.young || !is_taught(rule);
+        let is_estimate_trained =
+            |rule: &_| self.estimate.is_none_or(|estimate| estimate.is_trained(rule));
+        let begins =
+            |rule: &PhotometricRule| self.sums[0] < rule.young || !is_estimate_trained(rule);
         let is_anew = rule.is_some_and(begins) && later.iter().any(|now| has_more(&now));
         let mut estimates = Vec::with_capacity(later.len());
         for now in later {
@@ -200,7 +202,7 @@ impl Component {
         let moved = SceneSums::new(&other.sums, 1.0).about_shifted_seed(way).to_array();
         for (sum, moved) in self.sums.iter_mut().zip(moved) {
             // Shifting leaves fractions of quanta, which would make later additions inexact.
-            *sum += (moved / QUANTUM).round_ties_even() * QUANTUM;
+            *sum += whole_quanta(moved);
         }
         self.visibility = self.visibility.plus(other.visibility);
     }
@@ -316,7 +318,7 @@ impl Estimate {
     }
 
     /// True if a photograph has increased its precision.
-    fn is_taught(&self, rule: &PhotometricRule) -> bool {
+    fn is_trained(&self, rule: &PhotometricRule) -> bool {
         is_trained(&self.color, &rule.prior)
     }
 
@@ -386,8 +388,8 @@ impl Estimate {
     }
 }
 
-/// Combines everything that `later` gained since `start`; without a start all estimates count equally. `None`
-/// if there are none.
+/// Combines the gains of all `later` estimates over `start`; without a start they count equally. `None` without
+/// estimates.
 fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Option<Estimate> {
     let base = start.or(later.first().map(|later| later.estimate))?;
     let (form_prior, color_prior) = prior_precision(&base.splat, &rule.prior);
@@ -430,7 +432,7 @@ impl<const N: usize, const M: usize> Joint<N, M> {
         Self { precision: vec![0.0; N * N], information, remembered: 1.0 }
     }
 
-    /// Adds what an estimate has gained since the start; `steps` is its distance from the start.
+    /// Adds the gain of an estimate over the start; `steps` are its differences from the start.
     fn add(
         &mut self,
         own: &[f32],

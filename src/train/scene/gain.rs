@@ -16,6 +16,7 @@ const CHUNK: usize = 512;
 
 /// Returns the number of a frame's points that must be known to determine its gain, at most `most`.
 pub fn fewest_matches(points: usize, most: f64) -> f64 {
+    // The upper limit last: frames of few, heavy points need fewer matches.
     (MIN_SHARE * points as f64).max(FEWEST_MATCHES).min(most)
 }
 

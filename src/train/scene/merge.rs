@@ -8,13 +8,13 @@
 
 use super::assign::assign;
 use super::births::{Limits, create_components};
-use super::component_sums::ComponentSums;
+use super::component_sums::{ComponentSums, whole_quanta};
 use super::components::Seeds;
 use super::config::DEFAULT_MAX_COMPONENTS;
 use super::grid::NONE;
 use super::seed_groups::Reach;
 use crate::math::sym3::Sym3;
-use crate::model::scene::state::{MAX_COARSENING_STEPS, QUANTUM, SceneState, WHOLE};
+use crate::model::scene::state::{MAX_COARSENING_STEPS, SceneState, WHOLE};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
 use crate::observation::surface::SurfacePoint;
 use glam::DVec3;
@@ -108,7 +108,7 @@ fn summary(component_sums: &ComponentSums, seeds: &Seeds, h: f64, id: usize) -> 
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
 }
 
-/// Returns a component's neighbour of lowest merging cost, and that cost.
+/// Returns the cheapest merger of a component with a neighbour: its cost, the older and the younger component.
 fn best_partner(
     summaries: &[Summary],
     Seeds { grid, components }: &Seeds,
@@ -247,7 +247,7 @@ fn in_units(mut sums: [f64; N_SUMS], by: f64) -> [f64; N_SUMS] {
     let lengths = [(1..4, by), (4..10, by * by), (13..22, by)];
     for (range, by) in lengths {
         for sum in &mut sums[range] {
-            *sum = (*sum / by / QUANTUM).round_ties_even() * QUANTUM;
+            *sum = whole_quanta(*sum / by);
         }
     }
     sums
@@ -309,7 +309,7 @@ mod tests {
 #[cfg(test)]
 mod coarsening_tests {
     use super::*;
-    use crate::model::scene::state::VisibilityCounts;
+    use crate::model::scene::state::{QUANTUM, VisibilityCounts};
     use crate::model::scene::sums::{SceneSums, terms};
 
     /// Points of a wall about two seeds.
@@ -323,7 +323,7 @@ mod coarsening_tests {
                 let point = terms([x, y, slope * x], color, [0.0, 0.0, -1.0], [0.6, 0.0, 0.8]);
                 of_points.iter_mut().zip(point).for_each(|(sum, term)| *sum += term);
             }
-            let whole = of_points.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM);
+            let whole = of_points.map(whole_quanta);
             sums.push(&whole, VisibilityCounts { expected: 64, hits: 3, misses: 0 });
         }
         let (sums, visibility) = sums.state();

@@ -276,6 +276,7 @@ impl PointSlots {
         self.seeds.clear();
         let mut any_left = false;
         for (id, slot) in self.of_components.iter_mut().enumerate() {
+            // The count becomes the slot in place, which saves a second table of all components.
             let pixels = std::mem::replace(slot.get_mut(), NONE);
             // The mark is the highest bit, above any number of pixels.
             if pixels >= LEFT || f64::from(pixels) > FULL {

@@ -77,6 +77,7 @@ impl RigidEquations {
                 (axis + 3, motion.shift[axis], shift_deviation),
             ] {
                 normal.rows[i][i] = deviation.powi(-2);
+                // The prior is about no motion, so the residual is the motion so far.
                 normal.rows[i][6] = value * deviation.powi(-2);
             }
         }

@@ -43,6 +43,7 @@ impl SeedGroups {
         let near = points.iter().copied().filter(|point| grid.may_reach_seed(*point, radius));
         if let Some(corners) = corners(near, radius) {
             if grid.cells_between(corners).n_cells() > MAX_CELLS && points.len() > 1 {
+                // Points come in the order of the image, so halves are closer together.
                 let (first, second) = points.split_at(points.len() / 2);
                 self.gather_halves(grid, radius, first);
                 self.gather_halves(grid, radius, second);
@@ -186,7 +187,7 @@ impl<'a> NearSeeds<'a> {
     }
 
     /// Replaces `owners` by the component of each point moved by `place`, that of the nearest seed; [`NONE`]
-    /// if no seed is near enough. The points must be the same in every call. Returns the results of `look`
+    /// if no seed is near enough. The points must be the same in every call. Returns the results of `of_chunk`
     /// for each [`CHUNK`] of points and owners, in order.
     pub fn assign<T: Send>(
         &mut self,
@@ -194,7 +195,7 @@ impl<'a> NearSeeds<'a> {
         points: &[SurfacePoint],
         place: impl Fn(&SurfacePoint) -> [f32; 3] + Sync,
         owners: &mut Vec<u32>,
-        look: impl Fn(&[SurfacePoint], &[u32]) -> T + Sync,
+        of_chunk: impl Fn(&[SurfacePoint], &[u32]) -> T + Sync,
     ) -> Vec<T> {
         owners.clear();
         owners.resize(points.len(), NONE);
@@ -210,7 +211,7 @@ impl<'a> NearSeeds<'a> {
             for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
                 *owner = components.of_seed(*owner);
             }
-            look(points, owners)
+            of_chunk(points, owners)
         });
         parts.collect()
     }

@@ -22,7 +22,7 @@ use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, 
 
 const FRAMES: usize = 40;
 
-fn room_of(n_train: usize, seed: u64) -> Arc<Dataset> {
+pub fn room_of(n_train: usize, seed: u64) -> Arc<Dataset> {
     let params = SyntheticParams {
         width: 64,
         height: 48,

@@ -11,7 +11,7 @@ mod tasks;
 
 use super::config::{Candidates, Operations, PaperConfig, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
-use super::index::{Index, PaperScalar, SortedMeans};
+use super::index::{Index, PaperScalar, SortedMeans, narrow};
 use super::plain::{PlainInputs, PlainMemory};
 use crate::math::simd::Isa;
 use crate::model::conjugate::statistics::TileRecord;
@@ -24,7 +24,7 @@ use crate::train::timing::{PaperStage, StageClock};
 use rayon::prelude::*;
 use reached::{ReachMemory, RerunTiles};
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-use tasks::{Columns, for_each_part, for_each_task, for_each_tile};
+use tasks::{Columns, for_each_part, for_each_task};
 
 /// Requested results of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -152,35 +152,29 @@ impl Pass {
     }
 
     fn run_plain<R: PaperScalar>(&self, inputs: PlainInputs<R>, output: Output, columns: Columns) {
-        let all = 0..inputs.points.n_tiles();
-        for_each_task(inputs.points, all, columns, &|tiles, columns| {
+        let all: Vec<u32> = (0..inputs.points.n_tiles() as u32).collect();
+        for_each_part(inputs.points, &all, 0, columns, &|tile, columns| {
             let mut worker = self.worker();
             let Worker { plain, ids, scores, narrow, wide, clock, .. } = &mut *worker;
-            for_each_tile(inputs.points, tiles, columns, |tile, columns| {
-                let range = inputs.points.tile(tile);
-                // Stages are slow in this implementation, so every tile can be timed.
-                clock.begin_tile(true);
-                inputs.find(plain, range.clone(), ids);
-                clock.lap(PaperStage::Candidates);
-                scores.resize(ids.len(), 0.0);
-                inputs.score(range, ids, scores);
-                inputs.normalise(scores, columns.q);
-                inputs.find_owners(ids, scores, columns.owners);
-                clock.lap(PaperStage::EStep);
-                if output == Output::ElboAndSums {
-                    let pairs = (&ids[..], &scores[..]);
-                    let PlainMemory { slots, ids_by_slot, narrow_sums, wide_sums, .. } = plain;
-                    match inputs.operations().moments {
-                        Width::F32 => {
-                            inputs.sum(slots, ids_by_slot, narrow_sums, tile, pairs, narrow);
-                        }
-                        Width::F64 => {
-                            inputs.sum(slots, ids_by_slot, wide_sums, tile, pairs, wide);
-                        }
-                    }
-                    clock.lap(PaperStage::Stats);
+            let range = inputs.points.tile(tile);
+            // Stages are slow in this implementation, so every tile can be timed.
+            clock.begin_tile(true);
+            inputs.find(plain, range.clone(), ids);
+            clock.lap(PaperStage::Candidates);
+            scores.resize(ids.len(), 0.0);
+            inputs.score(range, ids, scores);
+            inputs.normalise(scores, columns.q);
+            inputs.find_owners(ids, scores, columns.owners);
+            clock.lap(PaperStage::EStep);
+            if output == Output::ElboAndSums {
+                let pairs = (&ids[..], &scores[..]);
+                let PlainMemory { slots, ids_by_slot, narrow_sums, wide_sums, .. } = plain;
+                match inputs.operations().moments {
+                    Width::F32 => inputs.sum(slots, ids_by_slot, narrow_sums, tile, pairs, narrow),
+                    Width::F64 => inputs.sum(slots, ids_by_slot, wide_sums, tile, pairs, wide),
                 }
-            });
+                clock.lap(PaperStage::Stats);
+            }
         });
     }
 
@@ -295,10 +289,10 @@ impl<'a, R: PaperScalar> PassInputs<'a, R> {
         let SortedMeans { grid, appearance, .. } = self.mixture.sorted();
         Some(FusedInputs {
             rank,
-            points: R::narrow_points(points)?,
+            points: narrow(points)?,
             grid,
             appearance,
-            max_weight: R::narrow_model(model)?.max_weight,
+            max_weight: narrow::<_, InitialModel<f32>>(model)?.max_weight,
             scoring,
             shard_bits: statistics.shard_bits(),
         })

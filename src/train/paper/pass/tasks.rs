@@ -64,20 +64,6 @@ pub(super) fn for_each_part<R: PaperScalar>(
     }
 }
 
-/// Runs a function for each tile, with its columns.
-pub(super) fn for_each_tile<R: PaperScalar>(
-    points: &Points<R>,
-    tiles: Range<usize>,
-    mut columns: Columns,
-    mut run: impl FnMut(usize, Columns),
-) {
-    for tile in tiles {
-        let (own, rest) = columns.split(points.tile(tile).len());
-        columns = rest;
-        run(tile, own);
-    }
-}
-
 impl<'a> Columns<'a> {
     fn split(self, n_points: usize) -> (Columns<'a>, Columns<'a>) {
         let (q, later_q) = self.q.split_at_mut(n_points);

@@ -29,7 +29,7 @@ pub struct FrameAgreement {
     pub points: f64,
     /// Number of components in view that the frame measured or measured through.
     pub in_view: f64,
-    /// Number of those that it measured through.
+    /// Number of these that the frame measured through.
     pub seen_through: f64,
 }
 

@@ -36,8 +36,8 @@ pub struct Comparers {
     device: Option<Device>,
     /// Counts of photographs trained on; milliseconds are sums.
     counts: ComparerUse,
-    /// The same without the photographs that were trained on only for the final picture.
-    before_rest: Option<ComparerUse>,
+    /// Counts before [`Self::begin_settling`]; `None` unless settling.
+    before_settling: Option<ComparerUse>,
     /// Latest comparison, which may not have been followed by a step.
     latest: LatestComparison,
 }
@@ -57,7 +57,7 @@ struct Device {
 impl Comparers {
     pub fn add(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
         self.counts = ComparerUse { device: Some(comparer.name()), ..ComparerUse::default() };
-        self.before_rest = None;
+        self.before_settling = None;
         self.device = Some(Device { comparer, trial: DeviceTrial::new(policy) });
     }
 
@@ -80,15 +80,15 @@ impl Comparers {
         counts.ms.step += step_ms;
     }
 
-    /// Starts training that is only for the final picture and repeated once training resumes.
+    /// Begins steps for the final picture, which are discarded and repeated when training resumes.
     pub fn begin_settling(&mut self) {
         self.end_settling();
-        self.before_rest = Some(self.counts.clone());
+        self.before_settling = Some(self.counts.clone());
     }
 
     /// Discards the counts since [`Self::begin_settling`].
     pub fn end_settling(&mut self) {
-        if let Some(before) = self.before_rest.take() {
+        if let Some(before) = self.before_settling.take() {
             // Except those of the device, which may have failed meanwhile.
             let (trial, given_up) = (self.counts.trial, self.counts.given_up.take());
             self.counts = ComparerUse { trial, given_up, ..before };
@@ -99,11 +99,11 @@ impl Comparers {
     pub fn compare(
         &mut self,
         splats: SplatView<'_>,
-        learnt: &TrainingView,
+        training_view: &TrainingView,
         photograph: &Image<MeasuredPixel>,
         rule: PixelRule,
     ) -> PhotometricSums<'_> {
-        let TrainingView { camera, near, rows, .. } = *learnt;
+        let TrainingView { camera, near, rows, .. } = *training_view;
         // Dropped one call late, since the result of `compare` still borrows the device.
         if self.counts.given_up.is_some() {
             self.device = None;

@@ -80,8 +80,9 @@ impl PhotometricLearner {
         Self { state, comparers: Comparers::default(), image, repaired: 0 }
     }
 
-    /// Initialises splats from the points for touched components without one, with few points, or not yet
-    /// trained by a photograph, if that splat can be drawn. `points` and `splat` return those of a component.
+    /// Initialises the splats of touched components from their points: those without a splat, with few points,
+    /// or not yet trained by a photograph. Splats that cannot be drawn are skipped. `points` returns the number
+    /// of a component's points, `splat` the splat made of them.
     pub fn initialise_splats(
         &mut self,
         n_components: usize,
@@ -188,8 +189,8 @@ impl PhotometricLearner {
         let Some(splats) = SplatView::new(&state.splats, &state.appearance) else { return };
         let mut differences = Vec::new();
         for few in 0..waiting::SETTLED as usize {
-            let waiting = &state.buffered[few * n / waiting::SETTLED as usize];
-            let Some(view) = waiting::unpacked(waiting, image) else { continue };
+            let photograph = &state.buffered[few * n / waiting::SETTLED as usize];
+            let Some(view) = waiting::unpacked(photograph, image) else { continue };
             let compared = comparers.compare(splats, &view, image, pixels);
             differences.extend(waiting::difference(compared.squared_error, compared.pixels));
         }

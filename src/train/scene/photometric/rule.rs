@@ -3,9 +3,8 @@
 use crate::model::scene::splat_rule::SplatRule;
 use crate::model::splat::appearance::OPAQUE;
 use crate::render::cpu::photometric::RowSubset;
-use crate::train::setting::value::{Choice, SettingValue, ValueError};
+use crate::train::setting::value::named_values;
 use serde::{Deserialize, Serialize};
-use std::ffi::OsStr;
 use strum::{Display, EnumString, VariantNames};
 
 /// Largest shuffle buffer a user may set, in photographs.
@@ -193,31 +192,11 @@ impl PhotometricMode {
     }
 }
 
-impl SettingValue for PhotometricMode {
-    fn choices() -> Vec<Choice> {
-        vec![
-            Choice { name: "off", label: "Off", help: "Splats from points only" },
-            Choice {
-                name: "light",
-                label: "Light",
-                help: "Also trains on some rows of every photograph: sharper, still real time",
-            },
-            Choice {
-                name: "full",
-                label: "Full",
-                help: "Also trains on every photograph in full: sharper, several times slower",
-            },
-        ]
-    }
-
-    fn parse(text: &OsStr) -> Result<Self, ValueError> {
-        let found = text.display();
-        let mode = text.to_str().and_then(|text| text.parse().ok());
-        mode.ok_or_else(|| {
-            ValueError::Text(format!("expected off, light or full, found `{found}`"))
-        })
-    }
-}
+named_values!(by name PhotometricMode {
+    "off" "Off" "Splats from points only";
+    "light" "Light" "Also trains on some rows of every photograph: sharper, still real time";
+    "full" "Full" "Also trains on every photograph in full: sharper, several times slower";
+});
 
 #[cfg(test)]
 mod tests {

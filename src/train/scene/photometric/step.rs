@@ -176,6 +176,7 @@ fn update_precision<V: Vector, const N: usize, const P: usize>(
     let remembered = V::splat((1.0 - rule.forgotten) as f32);
     for i in 0..N {
         for j in 0..=i {
+            // The prior has no correlations.
             let prior = if i == j { V::load(&prior[i]) } else { V::splat(0.0) };
             let back = V::splat(rule.forgotten as f32) * prior;
             let kept = &mut kept[at(i, j)];

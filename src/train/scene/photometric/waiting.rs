@@ -53,16 +53,16 @@ pub fn packed(
 /// Unpacks a photograph in the scene's exposure into `image`; rows that were not stored keep their content.
 /// `None` for an invalid pose, which file loading rejects.
 pub fn unpacked(
-    waiting: &BufferedPhotograph,
+    photograph: &BufferedPhotograph,
     image: &mut Image<MeasuredPixel>,
 ) -> Option<TrainingView> {
     // Rebuilt from its numbers even if never written to a file, so that the bits are the same.
-    let camera = waiting.view.camera().ok()?;
+    let camera = photograph.view.camera().ok()?;
     let [width, height] = [camera.intrinsics.width, camera.intrinsics.height].map(|n| n as usize);
     if (image.width, image.height) != (width, height) {
         *image = Image::filled(width, height, MeasuredPixel::UNKNOWN);
     }
-    let gain = waiting.view.gain.map(|gain| gain as f32);
+    let gain = photograph.view.gain.map(|gain| gain as f32);
     let pixel = |&[r, g, b, covered]: &[u8; 4]| {
         let exposed = |x: u8, gain: f32| f32::from(x) / COLOR_LEVELS * gain;
         let known = f32::from(covered) / COVERAGE_LEVELS;
@@ -70,27 +70,28 @@ pub fn unpacked(
         let [r, g, b] = [exposed(r, gain[0]), exposed(g, gain[1]), exposed(b, gain[2])];
         MeasuredPixel::without_depth([r, g, b, covered])
     };
-    let [every, first] = waiting.view.rows.map(|n| n as usize);
+    let [every, first] = photograph.view.rows.map(|n| n as usize);
     let line = width.max(1);
     let rows = image.data.par_chunks_mut(line).skip(first).step_by(every.max(1)).enumerate();
-    rows.zip(waiting.pixels.par_chunks_exact(line)).for_each(|((row, pixels), kept)| {
-        pixels.iter_mut().zip(kept).for_each(|(out, kept)| *out = pixel(kept));
-        let Some(BufferedDepths { scale, steps }) = &waiting.depths else { return };
+    rows.zip(photograph.pixels.par_chunks_exact(line)).for_each(|((row, pixels), stored)| {
+        pixels.iter_mut().zip(stored).for_each(|(out, stored)| *out = pixel(stored));
+        let Some(BufferedDepths { scale, steps }) = &photograph.depths else { return };
         let margin = scale.margin.map(|length| length as f32);
         let steps = steps.get(row * line..).unwrap_or_default();
+        // Steps of 0 are unknown depths.
         let known = pixels.iter_mut().zip(steps).filter(|(_, steps)| **steps > 0);
         known.for_each(|(out, &steps)| *out = out.with_depth(scale.depth(steps), margin));
     });
     let rows = RowSubset::new(every as u32, first as u64);
-    let (near, contradicts_from) = (waiting.view.near, DRAWN_CONTRADICTION);
-    let per_depth_pixel = waiting.view.per_depth_pixel;
-    Some(TrainingView { camera, near, rows, outlier_factor: contradicts_from, per_depth_pixel })
+    let PhotographView { near, per_depth_pixel, .. } = photograph.view;
+    let outlier_factor = DRAWN_CONTRADICTION;
+    Some(TrainingView { camera, near, rows, outlier_factor, per_depth_pixel })
 }
 
 /// Returns the random numbers for drawing from the buffer. They depend on the newest photograph only, so that
 /// a resumed run draws the same.
-pub fn buffer_rng(waiting: &[BufferedPhotograph]) -> Rng {
-    let newest = waiting.iter().map(|waiting| waiting.view.frame as u64).max();
+pub fn buffer_rng(buffered: &[BufferedPhotograph]) -> Rng {
+    let newest = buffered.iter().map(|photograph| photograph.view.frame as u64).max();
     Rng::new(0, Purpose::ShuffleBuffer, newest.unwrap_or(0))
 }
 

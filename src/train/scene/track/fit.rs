@@ -123,6 +123,7 @@ fn pose_deviations(
     alike: f64,
     deviations: [f64; 2],
 ) -> Option<[f64; 2]> {
+    // Linearised at the pose found, from which no motion is left.
     let still = Motion { turn: DQuat::IDENTITY, shift: DVec3::ZERO };
     let mut equations = RigidEquations::prior(&still, deviations);
     let contrast = shared_contrast(residuals, gain);

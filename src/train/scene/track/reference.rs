@@ -110,6 +110,7 @@ impl ReferenceLevel {
                 .map(|(dx, dy)| *self.texels.at(column + dx, row + dy));
             // Depths of two surfaces would average to a place where there is none.
             let nearest = four.iter().map(|texel| texel[1]).filter(|z| *z > 0.0);
+            // The nearest surface, which hides the others.
             let nearest = nearest.fold(f64::INFINITY, f64::min);
             let same = four.iter().filter(|t| t[1] > 0.0 && t[1] <= nearest * (1.0 + EDGE));
             let (sum, n) = same.fold(([0.0; 2], 0.0), |(sum, n), texel| {
@@ -135,15 +136,22 @@ impl ReferenceLevel {
         1.0 / self.intrinsics.fx
     }
 
+    /// Projects a point in camera axes; `None` within `rim` pixels of the picture's border or outside it. The
+    /// origin is `rim` pixels from the corner.
+    fn project(&self, point: DVec3, rim: f64) -> Option<(f64, f64)> {
+        let k = &self.intrinsics;
+        let (u, v) = (k.fx * point.x / point.z + k.cx - rim, k.fy * point.y / point.z + k.cy - rim);
+        let is_inside = point.z > 0.0
+            && (0.0..f64::from(k.width) - 2.0 * rim).contains(&u)
+            && (0.0..f64::from(k.height) - 2.0 * rim).contains(&v);
+        is_inside.then_some((u, v))
+    }
+
     /// Returns brightness and depth of the pixel nearest to a point in camera axes; depth 0 where the scene
     /// is empty, `None` outside.
     pub fn nearest(&self, point: DVec3) -> Option<[f64; 2]> {
-        let k = &self.intrinsics;
-        let (u, v) = (k.fx * point.x / point.z + k.cx, k.fy * point.y / point.z + k.cy);
-        let is_inside = point.z > 0.0
-            && (0.0..f64::from(k.width)).contains(&u)
-            && (0.0..f64::from(k.height)).contains(&v);
-        is_inside.then(|| *self.texels.at(u as usize, v as usize))
+        let (u, v) = self.project(point, 0.0)?;
+        Some(*self.texels.at(u as usize, v as usize))
     }
 
     /// Interpolates bilinearly at a point in camera axes; `None` outside, next to empty pixels, and at depth
@@ -151,13 +159,7 @@ impl ReferenceLevel {
     pub fn at(&self, point: DVec3) -> Option<Texel> {
         let k = &self.intrinsics;
         // Texels are centred half a pixel from their corners.
-        let (u, v) = (k.fx * point.x / point.z + k.cx - 0.5, k.fy * point.y / point.z + k.cy - 0.5);
-        let is_inside = point.z > 0.0
-            && (0.0..f64::from(k.width) - 1.0).contains(&u)
-            && (0.0..f64::from(k.height) - 1.0).contains(&v);
-        if !is_inside {
-            return None;
-        }
+        let (u, v) = self.project(point, 0.5)?;
         let (column, row) = (u as usize, v as usize);
         let (a, b) = (u - column as f64, v - row as f64);
         let four =

@@ -28,6 +28,7 @@ pub fn search(
     most: usize,
 ) -> Vec<Pose> {
     let step = STEP.map(|pixels| pixels * level.pixel_angle());
+    // Every rotation of the grid compares all samples, so few must do.
     let every = (samples.len() / SAMPLES).max(1);
     let samples: Vec<Sample> = samples.iter().step_by(every).copied().collect();
     let counts = [0, 1, 2].map(|axis| (REACH[axis] / step[axis]).floor() as i32);

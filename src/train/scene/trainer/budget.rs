@@ -1,6 +1,6 @@
 //! Births within the budget, which may require merging components or coarsening the scale.
 
-use super::{SceneTrainer, StageClock};
+use super::{FrameClock, SceneTrainer};
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::births::FrameBirths;
@@ -32,7 +32,7 @@ impl SceneTrainer {
     pub(super) fn create_within_budget(
         &mut self,
         points: &[SurfacePoint],
-        clock: &mut StageClock,
+        clock: &mut FrameClock,
     ) -> FrameComponents {
         let coarsened = self.scene.coarsened;
         let mut births = self.scene.create_components(points, &mut self.points.owners);
@@ -109,10 +109,10 @@ impl SceneTrainer {
         self.scene.merge_down(target, worthwhile);
         // Estimates of two splats do not describe their union, which is reinitialised.
         for (id, before) in before.into_iter().enumerate() {
-            if self.scene.sums.sums(id)[0] != before {
-                if let Some(splat) = self.photographs.learner.state.splats.get_mut(id) {
-                    *splat = Splat::default();
-                }
+            if self.scene.sums.sums(id)[0] != before
+                && let Some(splat) = self.photographs.learner.state.splats.get_mut(id)
+            {
+                *splat = Splat::default();
             }
         }
         used - self.scene.seeds.components.used()

@@ -133,13 +133,13 @@ impl SceneTrainer {
 
     /// Trains on one frame; cannot fail.
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
-        let mut clock = StageClock::start();
+        let mut clock = FrameClock::start();
         self.changes.restart(self.photographs.resume());
         let outcome = self.learn_frame(frame, &mut clock);
         FrameOutcome { ms: clock.finish(), ..outcome }
     }
 
-    fn learn_frame(&mut self, frame: &Observation, clock: &mut StageClock) -> FrameOutcome {
+    fn learn_frame(&mut self, frame: &Observation, clock: &mut FrameClock) -> FrameOutcome {
         let placed = self.place(frame);
         clock.lap(SceneStage::Pose);
         let (placed, tracking) = match placed {
@@ -306,13 +306,13 @@ impl Changes {
 }
 
 /// Times the stages of one frame.
-struct StageClock {
+struct FrameClock {
     wall: Stopwatch,
     stage: Stopwatch,
     ms: StageMs,
 }
 
-impl StageClock {
+impl FrameClock {
     fn start() -> Self {
         let ms = StageMs::new(&SCENE_STAGES);
         Self { wall: Stopwatch::start(), stage: Stopwatch::start(), ms }

@@ -26,6 +26,7 @@ const NEARER: f64 = 0.02;
 /// Distance that nearly all points of a frame exceed, world units; 0 without points.
 fn nearest(points: &[SurfacePoint]) -> f64 {
     let mut ranges: Vec<f32> = points.iter().step_by(NEAREST_OF).map(|p| p.range).collect();
+    // A quantile instead of the minimum, which a single stray point would set.
     let at = (ranges.len() as f64 * NEARER) as usize;
     match ranges.is_empty() {
         true => 0.0,
@@ -154,9 +155,9 @@ impl Photographs {
         }
         let rows = [rows.stride(), rows.first()];
         let view = PhotographView::new(scene.frames, &camera, gain, near, rows);
-        let waiting = packed(PhotographView { per_depth_pixel, ..view }, photograph, margin);
-        let most = rule.most_waiting(waiting.bytes());
-        self.learner.state.buffered.push(waiting);
+        let buffered = packed(PhotographView { per_depth_pixel, ..view }, photograph, margin);
+        let most = rule.most_waiting(buffered.bytes());
+        self.learner.state.buffered.push(buffered);
         self.learner.train_on_buffered_beyond(most, &step)
     }
 

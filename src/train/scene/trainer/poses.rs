@@ -216,6 +216,7 @@ impl<'a> Alignment<'a> {
         let few = first_groups(part);
         let fewest = fewest_matches(part.points.len(), MIN_EXPOSED);
         let near = self.iterate_rounds(&few, fewest / GROUP_STRIDE as f64, ROUNDS, likely, owners);
+        // Without a result of the subset all points start from the prediction.
         let (start, rounds) = near.map_or((likely, ROUNDS), |near| (near, 1));
         self.iterate_rounds(part, fewest, rounds, start, owners)
     }

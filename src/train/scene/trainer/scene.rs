@@ -15,7 +15,7 @@ use crate::train::scene::merge::merge_down;
 use crate::train::scene::seed_groups::Reach;
 use glam::DVec3;
 
-/// Components with everything that a splat derives from points.
+/// Components of a scene, with everything that splats made of points derive from.
 pub(in crate::train::scene) struct Scene {
     /// Configuration, with the current structural scale, which may have grown.
     pub config: SceneConfig,
@@ -68,7 +68,6 @@ impl Scene {
         self.config.splat_rule.splat(&self.sums_of(id), &self.splat_context(id))
     }
 
-    /// Mean and extent of a component's points.
     pub fn extent(&self, id: usize) -> Option<PointExtent> {
         self.config.splat_rule.extent(&self.sums_of(id), &self.splat_context(id))
     }

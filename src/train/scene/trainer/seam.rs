@@ -2,7 +2,7 @@
 
 use super::budget::UnassignedPoints;
 use super::scene::Scene;
-use super::{SceneTrainer, StageClock};
+use super::{FrameClock, SceneTrainer};
 use crate::model::attributes::StoredModel;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::inspection::DeviceError;
@@ -28,7 +28,7 @@ impl Learns<Observation> for SceneTrainer {
     }
 
     fn revisit_photograph(&mut self, frame: &Observation) -> FrameOutcome {
-        let mut clock = StageClock::start();
+        let mut clock = FrameClock::start();
         self.changes.restart(self.photographs.resume());
         let placed = self.poses.align(&self.scene, frame, &mut self.points.owners);
         clock.lap(SceneStage::Pose);
@@ -169,5 +169,6 @@ impl SceneTrainer {
 
 /// Rounds to four significant digits.
 fn round(value: f64) -> f64 {
+    // Through text, which rounds in decimal.
     format!("{value:.3e}").parse().unwrap_or(value)
 }
