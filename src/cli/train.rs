@@ -409,6 +409,9 @@ pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
 fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
     use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_have_gpu};
     use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
+    use vbgs_studio::render::gpu::mixture::GpuMixture;
+    use vbgs_studio::render::gpu::photometric::GpuComparer;
+    use vbgs_studio::render::gpu::points::GpuPoints;
     use vbgs_studio::train::device_trial::DevicePolicy;
     use vbgs_studio::train::learner::TrainingDevice;
 
@@ -424,9 +427,9 @@ fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<()
         Ok(gpu) => {
             let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
             let device = match task {
-                Task::Passes => TrainingDevice::Passes(Box::new(gpu.mixture())),
-                Task::Points => TrainingDevice::Points(Box::new(gpu.points())),
-                Task::Photographs => TrainingDevice::Photographs(Box::new(gpu.comparer())),
+                Task::Passes => TrainingDevice::Passes(Box::new(GpuMixture::new(gpu))),
+                Task::Points => TrainingDevice::Points(Box::new(GpuPoints::new(gpu))),
+                Task::Photographs => TrainingDevice::Photographs(Box::new(GpuComparer::new(gpu))),
             };
             let Err(error) = session.add_device(device, policy) else { return Ok(()) };
             error.to_string()
