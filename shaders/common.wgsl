@@ -10,7 +10,6 @@ struct Splat {
     flags: u32,                 // bit 0: live
     rotation: vec4<f32>,        // unit quaternion x y z w
     scale: vec3<f32>,           // standard deviations, world units
-    birth: u32,                 // birth frame; 0 if unknown
 }
 
 // Record and its index; 80 bytes.

@@ -41,7 +41,7 @@ struct Outcome {
 @group(0) @binding(7) var<storage, read_write> records: array<u32>;
 @group(0) @binding(8) var<storage, read_write> outcome: Outcome;
 
-const NOBODY: u32 = 0xffffffffu;
+const NO_COMPONENT: u32 = 0xffffffffu;
 // Larger than any squared distance between values that pass `is_number`.
 const FAR: f32 = 3e38;
 // Bits of 2¹⁶, the largest coordinate whose squares cannot overflow.
@@ -129,7 +129,7 @@ fn insert(near: ptr<function, Near>, distance2: f32, id: u32, entry: u32) {
 // Finds the nearest means in the cells that intersect a box of half edge `radius`. Returns the number of
 // means and rows visited.
 fn gather(position: vec3<f32>, radius: f32, near: ptr<function, Near>) -> u32 {
-    *near = Near(vec4<f32>(FAR), vec4<u32>(NOBODY), vec4<u32>(0u));
+    *near = Near(vec4<f32>(FAR), vec4<u32>(NO_COMPONENT), vec4<u32>(0u));
     let first = cell_of(position - vec3<f32>(radius));
     let last = cell_of(position + vec3<f32>(radius));
     var looks = 0u;
@@ -196,7 +196,7 @@ fn score(near: Near, color: vec3<f32>, place: u32) -> f32 {
 // Components that share a point; only equal scores share. Scores within the gap but not equal leave the tile
 // to the CPU, and larger ones receive nothing.
 fn assign(position: vec3<f32>, color: vec3<f32>) -> Answer {
-    var answer = Answer(vec4<u32>(NOBODY), vec4<u32>(0u), 0.0, 0.0, true);
+    var answer = Answer(vec4<u32>(NO_COMPONENT), vec4<u32>(0u), 0.0, 0.0, true);
     var near: Near;
     if !is_number(position) || !is_number(color) || !search(position, &near) {
         return answer;
@@ -215,7 +215,7 @@ fn assign(position: vec3<f32>, color: vec3<f32>) -> Answer {
     }
     let counted = select(vec4<u32>(0u), vec4<u32>(1u), is_least);
     let others = counted.x + counted.y + counted.z + counted.w - 1u;
-    answer.owners = select(vec4<u32>(NOBODY), near.id, is_least);
+    answer.owners = select(vec4<u32>(NO_COMPONENT), near.id, is_least);
     answer.entries = near.entry;
     answer.share = frame.equal_share[others];
     answer.q = least - frame.equal_gain[others];
@@ -294,7 +294,7 @@ fn run(
         atomicStore(&is_open, 0u);
     }
     workgroupBarrier();
-    var answer = Answer(vec4<u32>(NOBODY), vec4<u32>(0u), 0.0, 0.0, false);
+    var answer = Answer(vec4<u32>(NO_COMPONENT), vec4<u32>(0u), 0.0, 0.0, false);
     if lane < n {
         let at = first + lane;
         let size = frame.n_points;
@@ -325,7 +325,7 @@ fn run(
     }
     for (var place = 0u; place < frame.candidates; place++) {
         let id = answer.owners[place];
-        if id != NOBODY && !is_known(id, lane) {
+        if id != NO_COMPONENT && !is_known(id, lane) {
             let mean = bitcast<vec3<f32>>(means[answer.entries[place]].xyz);
             write_record(id, tile, summed(id, mean, lane, n));
         }

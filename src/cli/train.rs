@@ -423,6 +423,9 @@ fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
 fn attach_gpu(session: &mut Session, must: bool) -> Result<(), Failure> {
     use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_have_gpu};
     use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
+    use vbgs_studio::render::gpu::mixture::GpuMixture;
+    use vbgs_studio::render::gpu::photometric::GpuComparer;
+    use vbgs_studio::render::gpu::points::GpuPoints;
     use vbgs_studio::train::device_trial::DevicePolicy;
     use vbgs_studio::train::learner::TrainingDevice;
     type MakeDevice = fn(HeadlessGpu) -> TrainingDevice;
@@ -432,10 +435,10 @@ fn attach_gpu(session: &mut Session, must: bool) -> Result<(), Failure> {
     }
     let used = session.learner().device_use();
     let tasks: [(bool, &str, MakeDevice); 3] = [
-        (used.points.is_some(), "trains", |gpu| TrainingDevice::Points(Box::new(gpu.points()))),
-        (used.passes.is_some(), "trains", |gpu| TrainingDevice::Passes(Box::new(gpu.mixture()))),
+        (used.points.is_some(), "trains", |gpu| TrainingDevice::Points(Box::new(GpuPoints::new(gpu)))),
+        (used.passes.is_some(), "trains", |gpu| TrainingDevice::Passes(Box::new(GpuMixture::new(gpu)))),
         (used.photographs.is_some(), "compares photographs", |gpu| {
-            TrainingDevice::Photographs(Box::new(gpu.comparer()))
+            TrainingDevice::Photographs(Box::new(GpuComparer::new(gpu)))
         }),
     ];
     let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };

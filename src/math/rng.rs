@@ -43,6 +43,7 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
+// SplitMix64's increment: 2⁶⁴ divided by the golden ratio, made odd.
 const GOLDEN_GAMMA: u64 = 0x9E37_79B9_7F4A_7C15;
 
 impl Rng {

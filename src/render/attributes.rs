@@ -23,12 +23,12 @@ pub enum Attribute {
 /// Colour of splats without a known value.
 pub const UNKNOWN: [f32; 3] = [0.35; 3];
 
-/// Fraction of the values that the range excludes at either end, so that outliers do not compress it.
+// Fraction of the values that the range excludes at either end, so that outliers do not compress it.
 const TAIL: f64 = 0.02;
-/// Maximum number of evenly spaced samples for a range. Its ends are then accurate to half a percent of
-/// the values, in 0.1 ms.
+// Maximum number of evenly spaced samples for a range. Its ends are then accurate to half a percent of
+// the values, in 0.1 ms.
 const MAX_SAMPLES: usize = 1 << 14;
-/// Tolerance for reusing a range, as a fraction of its width. Every change recolours all splats.
+// Tolerance for reusing a range, as a fraction of its width. Every change recolours all splats.
 const RANGE_TOLERANCE: f64 = 0.1;
 
 impl Attribute {
@@ -39,6 +39,7 @@ impl Attribute {
             Self::Evidence => of.evidence,
             Self::Uncertainty => of.uncertainty,
             Self::Elbo => of.elbo,
+            // Exact up to 2²⁴ frames.
             Self::Birth => of.birth.map(|frame| frame as f32),
         };
         let value = value.map(f64::from).filter(|v| v.is_finite())?;
@@ -87,6 +88,7 @@ impl Range {
                 .collect();
         }
         let last = known.len().checked_sub(1)?;
+        // Selection is linear; only two ranks are needed, not a sorted list.
         let mut quantile = |share: f64| {
             let rank = (share * last as f64).round() as usize;
             *known.select_nth_unstable_by(rank, f64::total_cmp).1

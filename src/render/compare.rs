@@ -63,6 +63,7 @@ pub fn combine(first: &mut RgbImage, second: &RgbImage, area: Area, how: Combina
     }
     first.data.par_chunks_mut(width).enumerate().for_each(|(row, pixels)| {
         for (column, pixel) in pixels.iter_mut().enumerate() {
+            // Pixel centres, as the rasteriser of a GPU interpolates them.
             let p = [(column as f32 + 0.5) / width as f32, (row as f32 + 0.5) / height as f32];
             *pixel = combine_pixel(*pixel, second, p, area, how);
         }

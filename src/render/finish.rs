@@ -69,6 +69,7 @@ pub fn ramp(share: f32) -> [f32; 3] {
     let t = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) };
     std::array::from_fn(|channel| {
         let sum = RAMP.iter().rev().fold(0.0, |sum, row| sum * t + row[channel]);
+        // The fit errs by up to 0.01 and may leave the range of colours.
         sum.clamp(0.0, 1.0)
     })
 }

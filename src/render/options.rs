@@ -210,6 +210,7 @@ impl RenderOptions {
     /// Settings of an interactive view: neutral exposure, and a near plane that shrinks with
     /// `scene_radius` (world units).
     pub fn viewport(method: RenderMethod, background: [f32; 3], scene_radius: f64) -> Self {
+        // A small scene would lie before the fixed near plane and be black.
         let near = EVALUATION_NEAR.min(VIEWPORT_NEAR_SHARE * scene_radius);
         // No exposure is known away from the photographs, and brightness must not change with motion.
         let exposing = Exposing::Neutral;
@@ -278,6 +279,7 @@ pub fn scale_floor(largest: f64) -> f64 {
 /// is [`EVALUATION_NEAR`] itself.
 pub fn near_plane_for(nearest: f64) -> f64 {
     let decades = (0.5 * nearest / EVALUATION_NEAR).log10().floor();
+    // `log10` is not finite for 0 and NaN for negative distances.
     let is_usable = nearest > 0.0 && decades.abs() < 30.0;
     EVALUATION_NEAR * if is_usable { 10f64.powi(decades as i32) } else { 1.0 }
 }

@@ -102,7 +102,7 @@ fn ray_distance_squared(placed: &CameraSplat, ray: DVec3, response: Response) ->
     }
 }
 
-/// Corners of the silhouette. At 1,000 pixels across, the polygon deviates by less than a pixel.
+// Corners of the silhouette. At 1,000 pixels across, the polygon deviates by less than a pixel.
 const N_CORNERS: usize = 96;
 
 /// Line segments, in pixels, of the silhouette of the ellipsoid at `radius` standard deviations. It
@@ -160,6 +160,11 @@ mod tests {
         Splat { mean: [x, 0.0, z], opacity, color: [1.0; 3], scale: [0.2; 3], ..Splat::default() }
     }
 
+    fn turned() -> [f32; 4] {
+        let q = DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -0.7, 1.1);
+        [q.w, q.x, q.y, q.z].map(|v| v as f32)
+    }
+
     fn exact(lens: Lens, antialias: Antialias) -> RenderMethod {
         RenderMethod::Exact(ExactOptions { response: Response::Ray, antialias, lens })
     }
@@ -189,9 +194,8 @@ mod tests {
     /// With a single splat, its weight equals the coverage of the image.
     #[test]
     fn weights_are_what_the_renderer_blends() {
-        let q = DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -0.7, 1.1);
-        let rotation = [q.w, q.x, q.y, q.z].map(|v| v as f32);
-        let splat = Splat { scale: [0.5, 0.1, 0.02], rotation, ..ball(0.7, 2.0, 0.8) };
+        let scale = [0.5, 0.1, 0.02];
+        let splat = Splat { scale, rotation: turned(), ..ball(0.7, 2.0, 0.8) };
         let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let image = CpuRenderer::new().render(&[splat], &camera(), &options);
         for (x, y) in [(50, 24), (56, 20), (44, 28), (54, 26)] {
@@ -217,50 +221,31 @@ mod tests {
             assert_eq!(pick(&hidden, &camera(), DVec2::new(32.0, 24.0), &options), None);
         }
     }
-}
 
-#[cfg(test)]
-mod outline_tests {
-    use super::*;
-    use crate::math::camera::Intrinsics;
-    use crate::math::pose::Pose;
-    use crate::render::cpu::CpuRenderer;
-    use crate::render::options::{Antialias, ExactOptions, Lens, RenderOptions, Response};
-
-    fn camera() -> Camera {
+    fn outside() -> Camera {
         let intrinsics = Intrinsics::from_horizontal_fov(200, 160, 1.2);
-        Camera {
-            intrinsics,
-            pose: Pose::look_at(DVec3::new(0.0, -4.0, 1.0), DVec3::ZERO, DVec3::Z).unwrap(),
-        }
+        let pose = Pose::look_at(DVec3::new(0.0, -4.0, 1.0), DVec3::ZERO, DVec3::Z).unwrap();
+        Camera { intrinsics, pose }
     }
 
-    fn splat() -> Splat {
-        let q = DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -0.7, 1.1);
-        Splat {
-            mean: [0.6, 0.2, -0.3],
-            opacity: 0.9,
-            color: [1.0; 3],
-            scale: [0.5, 0.2, 0.05],
-            rotation: [q.w, q.x, q.y, q.z].map(|v| v as f32),
-        }
+    fn pancake() -> Splat {
+        let mean = [0.6, 0.2, -0.3];
+        Splat { mean, scale: [0.5, 0.2, 0.05], rotation: turned(), ..ball(0.0, 0.0, 0.9) }
     }
 
     /// On the silhouette at k standard deviations, the nearest ray has a Mahalanobis distance of k. The exact
     /// renderer's response there is `o·exp(−k²/2)`.
     #[test]
     fn the_rim_is_where_the_exact_response_says() {
-        let (camera, splat) = (camera(), splat());
+        let (camera, splat) = (outside(), pancake());
         for lens in [Lens::Pinhole, Lens::Fisheye] {
-            let settings =
-                ExactOptions { response: Response::Ray, antialias: Antialias::None, lens };
-            let method = RenderMethod::Exact(settings);
+            let method = exact(lens, Antialias::None);
             for radius in [1.0, 2.0] {
                 let rim = outline(&splat, &camera, method, &DisplayStyle::PLAIN, radius);
                 assert_eq!(rim.len(), N_CORNERS);
                 for [corner, _] in rim {
                     let options = RenderOptions::evaluation(method, [0.0; 3]);
-                    let picked = super::super::pick::pick(&[splat], &camera, corner, &options);
+                    let picked = pick(&[splat], &camera, corner, &options);
                     let expected = 0.9f32 as f64 * (-0.5 * radius * radius).exp();
                     let weight = picked.unwrap().weight;
                     assert!((weight - expected).abs() < 1e-6, "{lens} {radius}: {weight}");
@@ -280,18 +265,13 @@ mod outline_tests {
 
     #[test]
     fn what_cannot_be_outlined_is_left_out() {
-        let around = Splat { mean: [0.0, -4.0, 1.0], ..splat() };
-        assert!(
-            outline(&around, &camera(), RenderMethod::EXACT, &DisplayStyle::PLAIN, 1.0).is_empty()
-        );
-        let broken = Splat { mean: [f32::NAN; 3], ..splat() };
-        assert!(
-            outline(&broken, &camera(), RenderMethod::EXACT, &DisplayStyle::PLAIN, 1.0).is_empty()
-        );
-        let behind = Splat { mean: [0.0, -40.0, 1.0], ..splat() };
-        assert!(
-            outline(&behind, &camera(), RenderMethod::PROJECTED, &DisplayStyle::PLAIN, 1.0)
-                .is_empty()
-        );
+        let around = ([0.0, -4.0, 1.0], RenderMethod::EXACT);
+        let broken = ([f32::NAN; 3], RenderMethod::EXACT);
+        let behind = ([0.0, -40.0, 1.0], RenderMethod::PROJECTED);
+        for (mean, method) in [around, broken, behind] {
+            let splat = Splat { mean, ..pancake() };
+            let rim = outline(&splat, &outside(), method, &DisplayStyle::PLAIN, 1.0);
+            assert!(rim.is_empty(), "{mean:?}");
+        }
     }
 }

@@ -2,7 +2,6 @@
 
 use super::fixture::Fixture;
 use super::readback;
-use std::ops::Deref;
 use vbgs_studio::math::image::{Image, RgbImage};
 use vbgs_studio::render::compare::{Area, Combination, combine};
 use vbgs_studio::render::finish::Finish;
@@ -10,51 +9,33 @@ use vbgs_studio::render::gpu::composite::PhotoTexture;
 use vbgs_studio::render::gpu::composite::{Compositor, SecondImage};
 use vbgs_studio::render::gpu::renderer::SplatTarget;
 
-struct Gpu(Fixture);
-
-impl Deref for Gpu {
-    type Target = Fixture;
-
-    fn deref(&self) -> &Fixture {
-        &self.0
-    }
+/// Composes a splat image of this size from `first` and `second`.
+fn composed(
+    gpu: &Fixture,
+    size: [u32; 2],
+    first: &SplatTarget,
+    background: [f32; 3],
+    second: Option<SecondImage<'_>>,
+) -> SplatTarget {
+    let window = SplatTarget::new(&gpu.device, size[0], size[1]).unwrap();
+    let mut compositor = Compositor::new(&gpu.device, wgpu::TextureFormat::Rgba16Float);
+    compositor.prepare(&gpu.device, &gpu.queue, first, background, second);
+    readback::draw(&gpu.device, &gpu.queue, window.view(), |pass| compositor.draw(pass));
+    window
 }
 
-impl Gpu {
-    fn new() -> Option<Self> {
-        Fixture::shared().map(Self)
-    }
+/// A splat image that shows a picture with full coverage.
+fn target(gpu: &Fixture, picture: &RgbImage) -> SplatTarget {
+    let size = [picture.width as u32, picture.height as u32];
+    let photo = PhotoTexture::new(&gpu.device, &gpu.queue, picture).unwrap();
+    let empty = SplatTarget::new(&gpu.device, size[0], size[1]).unwrap();
+    let how = Combination::Wipe(0.0);
+    let second = SecondImage { view: photo.view(), finish: Finish::NONE, area: Area::FULL, how };
+    composed(gpu, size, &empty, [0.0; 3], Some(second))
+}
 
-    /// Composes a splat image of this size from `first` and `second`.
-    fn composed(
-        &self,
-        size: [u32; 2],
-        first: &SplatTarget,
-        background: [f32; 3],
-        second: Option<SecondImage<'_>>,
-    ) -> SplatTarget {
-        let window = SplatTarget::new(&self.device, size[0], size[1]).unwrap();
-        let mut compositor = Compositor::new(&self.device, wgpu::TextureFormat::Rgba16Float);
-        compositor.prepare(&self.device, &self.queue, first, background, second);
-        let draw = |pass: &mut wgpu::RenderPass<'_>| compositor.draw(pass);
-        readback::draw(&self.device, &self.queue, window.view(), draw);
-        window
-    }
-
-    /// A splat image that shows a picture with full coverage.
-    fn target(&self, picture: &RgbImage) -> SplatTarget {
-        let size = [picture.width as u32, picture.height as u32];
-        let photo = PhotoTexture::new(&self.device, &self.queue, picture).unwrap();
-        let empty = SplatTarget::new(&self.device, size[0], size[1]).unwrap();
-        let how = Combination::Wipe(0.0);
-        let second =
-            SecondImage { view: photo.view(), finish: Finish::NONE, area: Area::FULL, how };
-        self.composed(size, &empty, [0.0; 3], Some(second))
-    }
-
-    fn shown(&self, image: &SplatTarget) -> RgbImage {
-        readback::premultiplied(&self.device, &self.queue, image).map(|&[r, g, b, _]| [r, g, b])
-    }
+fn rgb_of(gpu: &Fixture, image: &SplatTarget) -> RgbImage {
+    readback::premultiplied(&gpu.device, &gpu.queue, image).map(|&[r, g, b, _]| [r, g, b])
 }
 
 /// A picture of bytes in which neighbouring pixels differ.
@@ -83,13 +64,13 @@ const HALF_FLOAT: f32 = 1e-3;
 
 #[test]
 fn two_splat_images_are_combined_as_on_the_cpu() {
-    let Some(gpu) = Gpu::new() else { return };
-    let (first, second) = (gpu.target(&picture(24, 16, 5)), gpu.target(&picture(24, 16, 77)));
-    let (first_shown, second_shown) = (gpu.shown(&first), gpu.shown(&second));
+    let Some(gpu) = Fixture::shared() else { return };
+    let (first, second) = (target(&gpu, &picture(24, 16, 5)), target(&gpu, &picture(24, 16, 77)));
+    let (first_shown, second_shown) = (rgb_of(&gpu, &first), rgb_of(&gpu, &second));
     assert!(largest_difference(&first_shown, &picture(24, 16, 5)) < HALF_FLOAT);
     for how in COMBINATIONS {
         let pair = SecondImage { view: second.view(), finish: Finish::NONE, area: Area::FULL, how };
-        let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
+        let found = rgb_of(&gpu, &composed(&gpu, [24, 16], &first, [0.0; 3], Some(pair)));
         let mut expected = first_shown.clone();
         combine(&mut expected, &second_shown, Area::FULL, how);
         assert!(largest_difference(&found, &expected) < HALF_FLOAT, "{how:?}");
@@ -98,15 +79,15 @@ fn two_splat_images_are_combined_as_on_the_cpu() {
 
 #[test]
 fn a_photograph_fills_its_area_as_on_the_cpu() {
-    let Some(gpu) = Gpu::new() else { return };
-    let first = gpu.target(&picture(24, 16, 5));
-    let first_shown = gpu.shown(&first);
+    let Some(gpu) = Fixture::shared() else { return };
+    let first = target(&gpu, &picture(24, 16, 5));
+    let first_shown = rgb_of(&gpu, &first);
     let photo = picture(7, 5, 200);
     let texture = PhotoTexture::new(&gpu.device, &gpu.queue, &photo).unwrap();
     let area = Area { min: [0.2, 0.1], max: [0.7, 0.9] };
     for how in COMBINATIONS {
         let pair = SecondImage { view: texture.view(), finish: Finish::NONE, area, how };
-        let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
+        let found = rgb_of(&gpu, &composed(&gpu, [24, 16], &first, [0.0; 3], Some(pair)));
         let mut expected = first_shown.clone();
         combine(&mut expected, &photo, area, how);
         // Sampler weights have eight bits, in both directions.
@@ -118,13 +99,13 @@ fn a_photograph_fills_its_area_as_on_the_cpu() {
 
 #[test]
 fn both_pictures_lie_over_the_same_background() {
-    let Some(gpu) = Gpu::new() else { return };
+    let Some(gpu) = Fixture::shared() else { return };
     let empty = SplatTarget::new(&gpu.device, 4, 4).unwrap();
     let other = SplatTarget::new(&gpu.device, 4, 4).unwrap();
     let background = [0.25, 0.5, 0.75];
     let shown = |how| {
         let pair = SecondImage { view: other.view(), finish: Finish::NONE, area: Area::FULL, how };
-        gpu.shown(&gpu.composed([4, 4], &empty, background, Some(pair)))
+        rgb_of(&gpu, &composed(&gpu, [4, 4], &empty, background, Some(pair)))
     };
     let wiped = shown(Combination::Wipe(0.5));
     assert!(wiped.data.iter().all(|p| *p == background), "{wiped:?}");
@@ -134,18 +115,18 @@ fn both_pictures_lie_over_the_same_background() {
 
 #[test]
 fn each_picture_is_finished_by_itself() {
-    let Some(gpu) = Gpu::new() else { return };
+    let Some(gpu) = Fixture::shared() else { return };
     // A picture keeps its colour at full coverage if nothing is drawn over it.
-    let (first, second) = (gpu.target(&picture(24, 16, 5)), gpu.target(&picture(24, 16, 77)));
+    let (first, second) = (target(&gpu, &picture(24, 16, 5)), target(&gpu, &picture(24, 16, 77)));
     let finish = Finish { exposure: [0.5, 0.25, 1.0], ..Finish::NONE };
     let how = Combination::Wipe(0.0);
     let pair = SecondImage { view: second.view(), finish, area: Area::FULL, how };
-    let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
-    let [plain, other] = [&second, &first].map(|target| gpu.shown(target));
+    let found = rgb_of(&gpu, &composed(&gpu, [24, 16], &first, [0.0; 3], Some(pair)));
+    let [plain, other] = [&second, &first].map(|image| rgb_of(&gpu, image));
     let dimmed = plain.map(|&[r, g, b]| [0.5 * r, 0.25 * g, b]);
     assert!(largest_difference(&found, &dimmed) < HALF_FLOAT);
     let pair =
         SecondImage { view: second.view(), finish, area: Area::FULL, how: Combination::Wipe(1.0) };
-    let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
+    let found = rgb_of(&gpu, &composed(&gpu, [24, 16], &first, [0.0; 3], Some(pair)));
     assert!(largest_difference(&found, &other) < HALF_FLOAT);
 }

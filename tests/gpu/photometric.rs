@@ -84,12 +84,16 @@ impl Kernel for Lift<'_> {
     }
 }
 
-fn found(comparer: &mut dyn PhotometricComparer, scene: &Scene) -> Found {
+/// Compares on the device, or on the CPU without one.
+fn found(device: Option<&mut GpuComparer>, scene: &Scene) -> Found {
     let Scene { splats, appearance, camera, photograph, rule, rows } = scene;
-    let mut buffers = ViewBuffers::default();
+    let (mut buffers, mut processor) = (ViewBuffers::default(), PhotometricWalk::default());
     let view = SplatView::new(splats, appearance).unwrap();
     let view = buffers.prepare(view, camera, EVALUATION_NEAR, photograph.height);
-    let compared = comparer.compare(&view, photograph, *rule, *rows).unwrap();
+    let compared = match device {
+        Some(device) => device.compare(&view, photograph, *rule, *rows).unwrap(),
+        None => processor.compare(&view, photograph, *rule, *rows),
+    };
     let lift = |seen: VisibleSplat| {
         let id = seen.id as usize;
         let look = appearance.get(id).copied().unwrap_or_default();
@@ -137,8 +141,8 @@ fn sums_are_the_processors() {
         (8, 900, (50, 50), RowSubset::ALL),
     ] {
         let scene = scene(seed, n, size, rows);
-        let expected = found(&mut PhotometricWalk::default(), &scene);
-        let difference = difference(&expected, &found(&mut comparer, &scene));
+        let expected = found(None, &scene);
+        let difference = difference(&expected, &found(Some(&mut comparer), &scene));
         println!("{n} splats, {size:?}, {rows:?}: {difference:.1e}");
         worst = worst.max(difference);
     }
@@ -150,8 +154,8 @@ fn sums_are_the_processors() {
 fn plain_splats_need_no_appearance() {
     let Some(gpu) = Gpu::new() else { return };
     let scene = Scene { appearance: Vec::new(), ..scene(2, 200, (50, 37), RowSubset::ALL) };
-    let expected = found(&mut PhotometricWalk::default(), &scene);
-    let difference = difference(&expected, &found(&mut comparer(&gpu), &scene));
+    let expected = found(None, &scene);
+    let difference = difference(&expected, &found(Some(&mut comparer(&gpu)), &scene));
     assert!(difference < 1e-3, "{difference:e}");
 }
 
@@ -160,10 +164,11 @@ fn every_run_gives_the_same_bits() {
     let Some(gpu) = Gpu::new() else { return };
     let scenes = [RowSubset::ALL, RowSubset::new(4, 1)].map(|rows| scene(5, 400, (61, 47), rows));
     let mut first = comparer(&gpu);
-    let once: Vec<Found> = scenes.iter().map(|scene| found(&mut first, scene)).collect();
+    let once: Vec<Found> = scenes.iter().map(|scene| found(Some(&mut first), scene)).collect();
     // Buffers that held another view must give the same bits as fresh ones.
-    let again = found(&mut first, &scenes[0]);
-    let fresh: Vec<Found> = scenes.iter().map(|scene| found(&mut comparer(&gpu), scene)).collect();
+    let again = found(Some(&mut first), &scenes[0]);
+    let fresh: Vec<Found> =
+        scenes.iter().map(|scene| found(Some(&mut comparer(&gpu)), scene)).collect();
     assert_eq!(once, fresh);
     assert_eq!(once[0], again);
 }
@@ -180,7 +185,7 @@ fn nothing_in_view_says_nothing() {
     let full = scene(1, 50, (20, 20), RowSubset::ALL);
     for _ in 0..2 {
         let nothing = Found { squared_error: 0.0, pixels: 0.0, splats: Vec::new() };
-        assert_eq!(found(&mut comparer, &empty), nothing);
-        assert!(!found(&mut comparer, &full).splats.is_empty());
+        assert_eq!(found(Some(&mut comparer), &empty), nothing);
+        assert!(!found(Some(&mut comparer), &full).splats.is_empty());
     }
 }

@@ -148,7 +148,7 @@ macro_rules! rust_layout {
 #[test]
 fn shared_structs_agree_with_rust() {
     let ours = [
-        rust_layout!("Splat", GpuSplat, mean, opacity, color, flags, rotation, scale, birth),
+        rust_layout!("Splat", GpuSplat, mean, opacity, color, flags, rotation, scale),
         rust_layout!("SparseSplat", SparseSplat, splat, index),
         rust_layout!(
             "View",

@@ -234,7 +234,7 @@ fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, Sa
     let view = SplatView::new(splats, appearance).unwrap();
     let (mut buffers, mut walk) = (ViewBuffers::default(), PhotometricWalk::default());
     let view = buffers.prepare(view, &camera(), EVALUATION_NEAR, SIZE as usize);
-    let compared = walk.compare_view(&view, &photograph(), rule(full), RowSubset::ALL);
+    let compared = walk.compare(&view, &photograph(), rule(full), RowSubset::ALL);
     let lift = |seen: VisibleSplat| {
         let id = seen.id as usize;
         (seen.id, Isa::best().run(Lift(&compared, seen, splats[id], appearance[id])))
@@ -302,7 +302,7 @@ fn rows_add_up_to_the_whole() {
     let (mut buffers, mut walk) = (ViewBuffers::default(), PhotometricWalk::default());
     let view = buffers.prepare(view, &camera(), EVALUATION_NEAR, SIZE as usize);
     let mut compared = |rows: RowSubset| {
-        let found = walk.compare_view(&view, &photograph(), rule(0.6), rows);
+        let found = walk.compare(&view, &photograph(), rule(0.6), rows);
         (found.squared_error, found.pixels, found.visible_splats(0.0).len())
     };
     let (error, pixels, n_seen) = compared(RowSubset::ALL);

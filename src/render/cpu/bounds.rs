@@ -43,8 +43,10 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
     // Both roots by division: a difference would cancel for one of them.
     let (a, b) = (q / t22, t00 / q);
     let (r0, r1) = (a.min(b), a.max(b));
+    // Entirely in front of the camera's plane: both tangents bound it.
     if t22 < 0.0 {
         (r0, r1)
+    // It crosses that plane, so the range is open on one side.
     } else if x - xz / zz * z > 0.0 {
         (r1, f64::INFINITY)
     } else {

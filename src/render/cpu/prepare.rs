@@ -10,8 +10,8 @@ use crate::model::splat::splats::Splat;
 use crate::render::options::{Lens, Paint, RenderMethod};
 use rayon::prelude::*;
 
-/// Splats per parallel task: small enough to balance 10⁴ splats, large enough to hide scheduling
-/// overhead.
+// Splats per parallel task: small enough to balance 10⁴ splats, large enough to hide scheduling
+// overhead.
 pub(super) const CHUNK: usize = 512;
 
 /// Counts of a chunk. Its visible records are packed at the front of its part of the lists.
@@ -67,6 +67,8 @@ pub(super) fn prepare(
 }
 
 fn grow<T: Clone + Default>(list: &mut Vec<T>, n: usize) {
+    // An empty list marks a view without these values.
+    // A longer one never shrinks: later views may need it, and counts limit what is read.
     if n == 0 {
         list.clear();
     } else if list.len() < n {

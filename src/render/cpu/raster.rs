@@ -9,8 +9,8 @@ use crate::render::finish::Finish;
 use crate::render::options::{Lens, RenderMethod, Response, TILE};
 use wide::bytemuck::cast_slice;
 
-/// Splats binned to tiles at a time. Limits a row's lists to this many entries per tile, whatever
-/// the splats cover.
+// Splats binned to tiles at a time. Limits a row's lists to this many entries per tile, whatever
+// the splats cover.
 pub(super) const BATCH: usize = 4096;
 
 /// Tiles of a row and their lists; reused between images.
@@ -141,6 +141,7 @@ impl RowCanvas {
                     let (open, pixel) = (1.0 - t.abs(), row * width + left + column);
                     let [r, g, b, covered] = sheet.finish.apply([r, g, b, open]);
                     let t = 1.0 - covered;
+                    // Stored colours may exceed 1.
                     color[pixel] = [
                         (r + t * sheet.background[0]).clamp(0.0, 1.0),
                         (g + t * sheet.background[1]).clamp(0.0, 1.0),

@@ -44,6 +44,7 @@ pub(super) fn color(
             Some(appearance) => directional_color(view, splat, placed, appearance),
             None => splat.color.map(|channel| channel.max(0.0)),
         },
+        // A marked splat must be recognisable under every paint.
         Paint::Depth(_) | Paint::Normal if splat.color == MARKER_COLOR => MARKER_COLOR,
         Paint::Depth([near, far]) => ramp((placed.m.length() as f32 - near) / (far - near)),
         Paint::Normal => normal_color(view, placed),

@@ -16,7 +16,7 @@ use std::ops::Range;
 
 pub(super) const GROUPS: usize = TILE / LANES;
 
-/// Avoids `0/0` in the direction opposite to a splat's centre.
+// Avoids `0/0` in the direction opposite to a splat's centre.
 const MIN_NUMERATOR: f32 = 1e-20;
 
 /// Projection of the records, as a constant: the compiler generates one loop for each.
@@ -44,6 +44,7 @@ pub(super) struct Tile {
     /// Sum of weight × depth; for an exact pinhole, of weight × `t` on the ray `(x, y, 1)·t`.
     depth: Plane,
     /// Unit ray of every pixel in camera axes; only for a fisheye.
+    // Boxed, because most views have none and the planes of a tile share L1.
     rays: Option<Box<[Plane; 3]>>,
     /// One bit per row with an unfinished pixel.
     open_rows: u32,
@@ -254,6 +255,7 @@ pub(super) fn cap_alpha<V: Vector>(free: V) -> V {
 /// True if no pixel of the row accepts more splats.
 pub(super) fn row_is_finished(transmittance: &Plane, row: usize) -> bool {
     let groups = &transmittance[row * GROUPS..(row + 1) * GROUPS];
+    // The same bound as in `attenuate`, so both agree on which pixels are open.
     groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
 }
 
@@ -382,16 +384,16 @@ fn apply_color_change<V: Vector>(color: f32, change: V) -> V {
 pub(super) const LANE_COLUMNS: [[f32; LANES]; GROUPS] =
     [[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0]];
 
-/// 1.5·2²³: adding it rounds to the nearest integer, which then occupies the low mantissa bits; subtracting it
-/// gives that integer.
+// 1.5·2²³: adding it rounds to the nearest integer, which then occupies the low mantissa bits; subtracting it
+// gives that integer.
 const ROUND: f32 = 12_582_912.0;
 
-/// Minimax polynomial of `2^f` on `[−½, ½]`, constant first. Maximum relative error in f32: 2.3e-7
-/// (`rendering.md`, CPU renderer).
+// Minimax polynomial of `2^f` on `[−½, ½]`, constant first. Maximum relative error in f32: 2.3e-7
+// (`rendering.md`, CPU renderer).
 const EXP2: [f32; 6] =
     [1.000_000_1, 0.693_146_97, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
 
-/// Smallest exponent of a normal `f32`.
+// Smallest exponent of a normal `f32`.
 pub(super) const EXP2_MIN: f32 = -126.0;
 
 /// `2^x` for `x` from [`EXP2_MIN`] to 126. Other lanes are undefined and must be masked by the caller.

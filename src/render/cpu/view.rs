@@ -80,6 +80,7 @@ impl CpuView {
 
     /// Clips to the image; `None` if nothing remains. Casts saturate: infinite bounds give the whole image.
     pub(super) fn clip(&self, lo: DVec2, hi: DVec2) -> Option<Rect> {
+        // Records hold 16 bits per side.
         let limit =
             |value: f64, size: usize| (value as u16).min(size.min(usize::from(u16::MAX)) as u16);
         let rect = Rect {

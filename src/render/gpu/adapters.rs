@@ -115,6 +115,7 @@ pub fn may_have_gpu() -> bool {
 
 /// True if a device folder lists a graphics card of any vendor, or cannot be read.
 fn has_gpu_device_file(devices: &Path) -> bool {
+    // DRM, NVIDIA, WSL, Qualcomm, Arm, Imagination, and AMD for computing alone.
     const CARDS: [&str; 7] = ["dri", "nvidia", "dxg", "kgsl", "mali", "pvr", "kfd"];
     let Ok(entries) = std::fs::read_dir(devices) else { return true };
     let is_card = |name: &str| CARDS.iter().any(|card| name.starts_with(card));
@@ -187,14 +188,10 @@ pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'sta
 /// Capabilities of a device and its description for the user.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GpuCaps {
-    /// Name of the adapter.
-    pub adapter: String,
-    /// Graphics API: Vulkan, Metal, Dx12 or Gl.
-    pub backend: wgpu::Backend,
+    /// The adapter.
+    pub info: AdapterInfo,
     /// Driver and version as reported by the driver; may be empty.
-    pub driver: String,
-    /// Discrete, integrated, virtual or software.
-    pub device_type: wgpu::DeviceType,
+    driver: String,
     /// True if passes can be timed on the GPU.
     pub has_timestamps: bool,
     missing: Option<&'static str>,
@@ -209,18 +206,18 @@ impl GpuCaps {
         let missing = [
             // Downlevel adapters (OpenGL ES, WebGL) may lack them; limits do not show that.
             (flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS), "compute shaders"),
+            // The preprocessing kernel binds 8.
             (limits.max_storage_buffers_per_shader_stage >= 8, "8 storage buffers in a shader"),
             (limits.max_storage_textures_per_shader_stage >= 1, "storage textures"),
             (limits.max_compute_invocations_per_workgroup >= GROUP, "workgroups of 256"),
+            // The raster and walk kernels use 15 KiB.
             (limits.max_compute_workgroup_storage_size >= 1 << 14, "16 KiB of workgroup memory"),
         ]
         .into_iter()
         .find_map(|(is_there, what)| (!is_there).then_some(what));
         Self {
-            adapter: info.name,
-            backend: info.backend,
+            info: AdapterInfo::new(adapter),
             driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
-            device_type: info.device_type,
             has_timestamps: device.features().contains(wgpu::Features::TIMESTAMP_QUERY),
             missing,
         }
@@ -229,22 +226,24 @@ impl GpuCaps {
     /// True if the adapter runs on the CPU (llvmpipe, WARP), where the CPU renderer is many times
     /// faster (`rendering.md`, Software adapters).
     pub fn is_software(&self) -> bool {
-        self.device_type == wgpu::DeviceType::Cpu
+        self.info.device_type == wgpu::DeviceType::Cpu
     }
 
     /// Fails if the adapter cannot run the shaders.
     pub fn check(&self) -> Result<(), GpuError> {
         match self.missing {
-            Some(missing) => Err(GpuError::Unsupported { adapter: self.adapter.clone(), missing }),
+            Some(missing) => {
+                Err(GpuError::Unsupported { adapter: self.info.name.clone(), missing })
+            }
             None => Ok(()),
         }
     }
 }
 
-impl std::fmt::Display for GpuCaps {
+impl fmt::Display for GpuCaps {
     /// Formats name, backend and driver as one line for the status bar.
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} ({}", self.adapter, self.backend)?;
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({}", self.info.name, self.info.backend)?;
         if !self.driver.is_empty() {
             write!(f, ", {}", self.driver)?;
         }

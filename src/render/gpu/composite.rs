@@ -73,7 +73,27 @@ impl Compositor {
         background: [f32; 3],
         second: Option<SecondImage<'_>>,
     ) {
-        let uniforms = uniforms(background, image.finish(), second);
+        let (mode, amount) = match second.map(|second| second.how) {
+            None => (COMPARE_NOTHING, 0.0),
+            Some(Combination::Wipe(divider)) => (COMPARE_WIPE, divider),
+            Some(Combination::Difference(gain)) => (COMPARE_DIFFERENCE, gain),
+        };
+        let area = second.map_or(Area::FULL, |second| second.area);
+        let (first, second_finish) =
+            (image.finish(), second.map_or(Finish::NONE, |second| second.finish));
+        let uniforms = Composite {
+            background,
+            mode,
+            area_min: area.min,
+            area_max: area.max,
+            amount,
+            second_full_coverage: second_finish.full_coverage,
+            padding: [0; 2],
+            exposure: first.exposure,
+            full_coverage: first.full_coverage,
+            second_exposure: second_finish.exposure,
+            end: 0,
+        };
         queue.write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
         // A binding cannot be empty: without a second image the first is bound but unused.
         let second_view = second.map_or(image.view(), |second| second.view);
@@ -95,29 +115,6 @@ impl Compositor {
             pass.set_bind_group(0, bindings, &[]);
             pass.draw(0..3, 0..1);
         }
-    }
-}
-
-fn uniforms(background: [f32; 3], finish: Finish, second: Option<SecondImage<'_>>) -> Composite {
-    let area = second.map_or(Area::FULL, |second| second.area);
-    let (mode, amount) = match second.map(|second| second.how) {
-        None => (COMPARE_NOTHING, 0.0),
-        Some(Combination::Wipe(divider)) => (COMPARE_WIPE, divider),
-        Some(Combination::Difference(gain)) => (COMPARE_DIFFERENCE, gain),
-    };
-    let second_finish = second.map_or(Finish::NONE, |second| second.finish);
-    Composite {
-        background,
-        mode,
-        area_min: area.min,
-        area_max: area.max,
-        amount,
-        second_full_coverage: second_finish.full_coverage,
-        padding: [0; 2],
-        exposure: finish.exposure,
-        full_coverage: finish.full_coverage,
-        second_exposure: second_finish.exposure,
-        end: 0,
     }
 }
 

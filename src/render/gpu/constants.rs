@@ -28,39 +28,35 @@ pub(super) use wgsl;
 /// [`super::layout::GpuSplat::flags`]: the slot holds a drawable splat.
 pub const FLAG_LIVE: u32 = 1;
 
-/// [`super::layout::GpuView::renderer`]: projected renderer.
-pub const RENDERER_PROJECTED: u32 = 0;
-/// [`super::layout::GpuView::renderer`]: exact renderer.
-pub const RENDERER_EXACT: u32 = 1;
+// Values of `GpuView::renderer`.
+pub(super) const RENDERER_PROJECTED: u32 = 0;
+pub(super) const RENDERER_EXACT: u32 = 1;
 
-/// [`super::layout::GpuView::paint`]: stored colours.
-pub const PAINT_STORED: u32 = 0;
-/// [`super::layout::GpuView::paint`]: distance from the camera.
-pub const PAINT_DEPTH: u32 = 1;
+// Values of `GpuView::paint`.
+pub(super) const PAINT_STORED: u32 = 0;
+pub(super) const PAINT_DEPTH: u32 = 1;
 /// [`super::layout::GpuView::paint`]: direction of the shortest axis.
 pub const PAINT_NORMAL: u32 = 2;
 
-/// [`super::layout::Composite::mode`]: only the first image.
-pub const COMPARE_NOTHING: u32 = 0;
-/// [`super::layout::Composite::mode`]: first image left and second image right of a divider.
-pub const COMPARE_WIPE: u32 = 1;
-/// [`super::layout::Composite::mode`]: difference of the images.
-pub const COMPARE_DIFFERENCE: u32 = 2;
+// Values of `Composite::mode`.
+pub(super) const COMPARE_NOTHING: u32 = 0;
+pub(super) const COMPARE_WIPE: u32 = 1;
+pub(super) const COMPARE_DIFFERENCE: u32 = 2;
 
-/// Workgroup size of [`super::tiles`]: one lane per pixel of a tile and per value of a digit.
+// Workgroup size of `tiles`: one lane per pixel of a tile and per value of a digit.
 pub(super) const GROUP: u32 = 256;
 // The prefix sum of a workgroup takes one step per bit. An even number ends in the half where it started.
 const _: () = assert!(GROUP.is_power_of_two() && GROUP.ilog2().is_multiple_of(2));
 pub(super) const SCATTER_GROUP: u32 = 64;
-/// Points per workgroup when summing terms of [`super::points`], and its size: one lane per sum.
+// Points per workgroup when `points` sums terms, and its size: one lane per sum.
 pub(super) const SUM_GROUP: u32 = 64;
 const _: () = assert!(SUM_GROUP as usize >= N_SUMS);
-/// Grid cells per workgroup in the prefix sum over means, divided among its lanes.
+// Grid cells per workgroup in the prefix sum over means, divided among its lanes.
 pub(super) const STRIP_CELLS: u32 = 16 * GROUP;
-/// Workgroups of the radix sort passes that read all keys.
+// Workgroups of the radix sort passes that read all keys; fixed, because only the GPU knows their number.
 pub(super) const N_STRIPS: u32 = 1024;
 
-/// Number of `vec4` values that hold a splat's sums in one tile in [`super::photometric`].
+// Number of `vec4` values that hold a splat's sums in one tile in `photometric`.
 pub(super) const N_QUARTERS: u32 = (N_IMAGE_SUMS as u32).div_ceil(4);
 
 /// Slots of the counter buffer of [`super::tiles`], which is not read back within a frame.

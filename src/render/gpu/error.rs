@@ -101,7 +101,7 @@ pub enum GpuError {
     },
 }
 
-/// Maximum number of distinct messages; a broken driver can report the same fault in endless variants.
+// Maximum number of distinct messages; a broken driver can report the same fault in endless variants.
 const MAX_FAULTS: usize = 32;
 
 /// Collects device faults from any wgpu thread, to be polled by the application. A fault that repeats every

@@ -6,13 +6,13 @@ use rayon::prelude::*;
 use wgpu::{BufferUsages as Usage, WriteOnly};
 
 pub(super) const MIB: u64 = 1 << 20;
-/// Initial size in bytes; a binding cannot be empty.
+// Initial size in bytes; a binding cannot be empty.
 const INITIAL_BYTES: u64 = 256;
 
 /// Buffer of a task, as large as the largest size requested so far.
 #[derive(Debug)]
 pub(super) struct GrowingBuffer {
-    buffer: wgpu::Buffer,
+    pub(super) buffer: wgpu::Buffer,
     label: &'static str,
     usage: Usage,
 }
@@ -21,10 +21,6 @@ impl GrowingBuffer {
     /// Creates a small buffer. With `MAP_WRITE` it starts mapped and must be mapped again after each upload.
     pub(super) fn new(device: &wgpu::Device, label: &'static str, usage: Usage) -> Self {
         Self { buffer: create_buffer(device, label, usage, INITIAL_BYTES), label, usage }
-    }
-
-    pub(super) fn buffer(&self) -> &wgpu::Buffer {
-        &self.buffer
     }
 
     /// Ensures a size of at least `needed` bytes. Returns true if the buffer was replaced, which loses its
@@ -81,7 +77,7 @@ pub(super) fn allocate<T>(
 
 const PIECE_BYTES: usize = 1 << 14;
 
-/// Minimum number of pieces per task: waking a thread takes about as long as copying a few.
+// Minimum number of pieces per task: waking a thread takes about as long as copying a few.
 const TASK: usize = 8;
 
 /// Copies the pieces consecutively into the first `bytes` bytes of a mapped buffer, on all threads.

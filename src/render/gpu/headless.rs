@@ -5,9 +5,6 @@ use super::adapters::{
     AdapterChoice, AdapterInfo, GpuCaps, UnknownAdapter, device_descriptor, poll_once,
 };
 use super::error::{GpuError, GpuFaults};
-use super::mixture::GpuMixture;
-use super::photometric::GpuComparer;
-use super::points::GpuPoints;
 use super::task::WAIT_TIMEOUT;
 
 /// Failure to open or use a headless device.
@@ -24,22 +21,12 @@ pub enum HeadlessError {
     /// No adapter matches the choice.
     #[error("--{0}")]
     NotFound(#[from] UnknownAdapter),
-    /// The driver did not create a device.
-    #[error(
-        "{adapter}: the driver could not create a device ({reason}); choose another adapter with --adapter"
-    )]
-    Refused {
-        /// Name of the adapter.
-        adapter: String,
-        /// Message from the driver.
-        reason: String,
-    },
-    /// The device failed or does not respond.
+    /// The device could not be created, failed or does not respond.
     #[error("{adapter}: {reason}")]
     Failed {
         /// Name of the adapter.
         adapter: String,
-        /// Message from wgpu.
+        /// Message from wgpu or the driver.
         reason: String,
     },
     /// The adapter does not support the operation.
@@ -65,7 +52,12 @@ impl HeadlessGpu {
     pub fn new(choice: &AdapterChoice) -> Result<Self, HeadlessError> {
         let adapter = choose(choice)?;
         let name = adapter.get_info().name;
-        let refused = |reason: String| HeadlessError::Refused { adapter: name.clone(), reason };
+        let refused = |reason: String| HeadlessError::Failed {
+            adapter: name.clone(),
+            reason: format!(
+                "the driver could not create a device ({reason}); choose another adapter with --adapter"
+            ),
+        };
         let (device, queue) = poll_once(adapter.request_device(&device_descriptor(&adapter)))
             .ok_or_else(|| refused("no response".to_owned()))?
             .map_err(|e| refused(e.to_string()))?;
@@ -76,28 +68,13 @@ impl HeadlessGpu {
         Ok(Self { device, queue, caps, faults })
     }
 
-    /// Creates a comparer of photographs on this device.
-    pub fn comparer(self) -> GpuComparer {
-        GpuComparer::new(self)
-    }
-
-    /// Creates a runner of mixture passes over frames on this device.
-    pub fn mixture(self) -> GpuMixture {
-        GpuMixture::new(self)
-    }
-
-    /// Creates a finder of seeds and summation of points on this device.
-    pub fn points(self) -> GpuPoints {
-        GpuPoints::new(self)
-    }
-
     /// Waits until all submitted work is done.
     ///
     /// # Errors
     /// [`HeadlessError::Failed`] if the wait times out or a fault was reported.
     pub fn wait(&self) -> Result<(), HeadlessError> {
         let failed =
-            |reason: String| HeadlessError::Failed { adapter: self.caps.adapter.clone(), reason };
+            |reason: String| HeadlessError::Failed { adapter: self.caps.info.name.clone(), reason };
         // A lost or hung device never responds; a benchmark must then end with a message.
         let patiently =
             wgpu::PollType::Wait { submission_index: None, timeout: Some(WAIT_TIMEOUT) };

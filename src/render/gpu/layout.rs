@@ -45,8 +45,8 @@ pub struct GpuSplat {
     pub rotation: [f32; 4],
     /// Standard deviations, world units.
     pub scale: [f32; 3],
-    /// Birth frame; 0 if unknown.
-    pub birth: u32,
+    /// WGSL rounds the size up to 64.
+    pub padding: u32,
 }
 
 impl GpuSplat {
@@ -57,6 +57,7 @@ impl GpuSplat {
         if !splat.is_drawable() {
             return bytemuck::Zeroable::zeroed();
         }
+        // In f64, where the square of any f32 neither overflows nor vanishes.
         let norm = splat.rotation.iter().map(|&q| f64::from(q).powi(2)).sum::<f64>().sqrt();
         let [w, x, y, z] = splat.rotation.map(|q| (f64::from(q) / norm) as f32);
         Self {
@@ -66,7 +67,7 @@ impl GpuSplat {
             flags: FLAG_LIVE,
             rotation: [x, y, z, w],
             scale: splat.scale,
-            birth: 0,
+            padding: 0,
         }
     }
 }

@@ -83,19 +83,14 @@ pub struct MeshPainter {
     textured: wgpu::RenderPipeline,
     whole: wgpu::RenderPipeline,
     textures: HashMap<u64, BoundTexture>,
-    picture: Option<Picture>,
+    /// The persistent image, and what presents it.
+    picture: Option<(wgpu::Texture, wgpu::BindGroup)>,
 }
 
 #[derive(Debug)]
 struct BoundTexture {
     texture: wgpu::Texture,
     sampling: MeshSampling,
-    bindings: wgpu::BindGroup,
-}
-
-#[derive(Debug)]
-struct Picture {
-    texture: wgpu::Texture,
     bindings: wgpu::BindGroup,
 }
 
@@ -164,7 +159,7 @@ impl MeshPainter {
 
     /// Width and height of the persistent image; `None` before the first [`Self::draw`].
     pub fn size(&self) -> Option<[u32; 2]> {
-        self.picture.as_ref().map(|picture| [picture.texture.width(), picture.texture.height()])
+        self.picture.as_ref().map(|(texture, _)| [texture.width(), texture.height()])
     }
 
     /// Draws a list over the persistent image. If `size` (width and height, not 0) differs from the last
@@ -179,16 +174,17 @@ impl MeshPainter {
         if self.size() != Some(size) {
             self.picture = Some(self.new_picture(device, size));
         }
-        let Some(picture) = self.picture.as_ref().filter(|_| !list.batches.is_empty()) else {
+        let Some((picture, _)) = self.picture.as_ref().filter(|_| !list.batches.is_empty()) else {
             return;
         };
-        let view = picture.texture.create_view(&Default::default());
+        let view = picture.create_view(&Default::default());
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("meshes"),
             color_attachments: &[Some(wgpu::RenderPassColorAttachment {
                 view: &view,
                 depth_slice: None,
                 resolve_target: None,
+                // The image persists: only changed areas are drawn again.
                 ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
             })],
             ..Default::default()
@@ -224,14 +220,18 @@ impl MeshPainter {
     /// must have one colour attachment of this painter's format and no depth attachment. Does nothing before
     /// the first [`Self::draw`].
     pub fn show(&self, pass: &mut wgpu::RenderPass<'_>) {
-        if let Some(picture) = &self.picture {
+        if let Some((_, bindings)) = &self.picture {
             pass.set_pipeline(&self.whole);
-            pass.set_bind_group(0, &picture.bindings, &[]);
+            pass.set_bind_group(0, bindings, &[]);
             pass.draw(0..3, 0..1);
         }
     }
 
-    fn new_picture(&self, device: &wgpu::Device, [width, height]: [u32; 2]) -> Picture {
+    fn new_picture(
+        &self,
+        device: &wgpu::Device,
+        [width, height]: [u32; 2],
+    ) -> (wgpu::Texture, wgpu::BindGroup) {
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("window"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
@@ -247,6 +247,6 @@ impl MeshPainter {
         let view = texture.create_view(&Default::default());
         let resources = [(0, wgpu::BindingResource::TextureView(&view))];
         let bindings = bind_group(device, &self.whole.get_bind_group_layout(0), &resources);
-        Picture { texture, bindings }
+        (texture, bindings)
     }
 }

@@ -78,12 +78,12 @@ impl SplatRenderer {
 
     /// Measurement from a few frames ago; `None` without timestamps or before the first result.
     pub fn gpu_times(&self) -> Option<GpuTimes> {
-        self.timer.as_ref().and_then(StageTimer::latest)
+        self.timer.as_ref().and_then(|timer| timer.latest)
     }
 
     /// Shortage that leaves out the farthest splats, if it is permanent.
     pub fn shortage(&self) -> Option<&GpuError> {
-        self.tiles.shortage()
+        self.tiles.demand.shortage.as_ref()
     }
 }
 
@@ -91,7 +91,7 @@ impl SplatRenderer {
 /// read back, and one drawn with the capacity for them.
 pub const SETTLING_IMAGES: usize = N_SLOTS;
 
-/// Half floats, because blending in bytes would cause banding.
+// Half floats, because blending in bytes would cause banding.
 pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
 /// Premultiplied, sRGB-encoded splat colour and coverage before finishing, without background.

@@ -14,8 +14,8 @@ use super::pipeline::{ComputeKernel, Grid};
 use super::task::IN;
 use crate::model::splat::appearance::{Finishing, SplatView};
 
-/// Fraction of changed splats above which the whole scene is uploaded. A sparse record costs 80 bytes
-/// and a second pass over memory; a streamed one costs 64 bytes (`rendering.md`, Uploads).
+// Fraction of changed splats above which the whole scene is uploaded. A sparse record costs 80 bytes
+// and a second pass over memory; a streamed one costs 64 bytes (`rendering.md`, Uploads).
 const WHOLE_UPLOAD_SHARE: f64 = 0.15;
 
 /// Splat records in GPU memory.

@@ -1,6 +1,6 @@
 //! Work of training on a device of its own: buffers, uploads, dispatches and results of one kind of task.
 //!
-//! A task names its parts (buffers), the kernels with the parts they bind, and how many bytes a part needs.
+//! A task declares its parts (buffers with their sizes) and its kernels with the parts that they bind.
 //! Buffers grow on demand, and kernels stay bound until a buffer is replaced. Uploads pass through mapped
 //! memory, filled by all threads. One readback returns the results. After an error the device is no longer
 //! used, so no attempt is made to restore the state before it.
@@ -14,14 +14,13 @@ use std::sync::mpsc;
 use std::time::Duration;
 use wgpu::BufferUsages as Usage;
 
-/// Timeout after which the GPU counts as lost.
+// Timeout after which the GPU counts as lost.
 pub(super) const WAIT_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Shader input, filled by copies.
 pub(super) const IN: Usage = Usage::STORAGE.union(Usage::COPY_DST);
 /// Shader output, source of copies.
 pub(super) const OUT: Usage = Usage::STORAGE.union(Usage::COPY_SRC);
-/// Settings of a kernel.
 pub(super) const SETTINGS: Usage = Usage::UNIFORM.union(Usage::COPY_DST);
 
 pub(super) const WORD: u64 = size_of::<u32>() as u64;
@@ -54,17 +53,16 @@ pub(super) const fn bytes_of<T>() -> u64 {
 pub(super) type Bindings<P> = &'static [(u32, P)];
 
 pub(super) struct GpuTask<P: TaskPart> {
-    device: wgpu::Device,
+    pub(super) device: wgpu::Device,
     queue: wgpu::Queue,
     faults: GpuFaults,
-    name: String,
+    pub(super) name: String,
     /// Sizes that buffers are allocated, cleared and read back for.
     pub(super) sizes: P::Sizes,
     parts: Vec<GrowingBuffer>,
     uploads: Vec<Upload<P>>,
     readback: GrowingBuffer,
     kernels: Vec<TaskKernel<P>>,
-    /// Mapped result of the last run.
     result: Option<wgpu::BufferView>,
 }
 
@@ -89,7 +87,6 @@ struct PartCopy<P> {
 }
 
 impl<P: TaskPart> GpuTask<P> {
-    /// Creates small buffers.
     pub(super) fn new(gpu: HeadlessGpu) -> Self {
         debug_assert!(P::ALL.iter().zip(0..).all(|((part, ..), at)| part.index() == at));
         let HeadlessGpu { device, queue, caps, faults } = gpu;
@@ -110,14 +107,6 @@ impl<P: TaskPart> GpuTask<P> {
             kernels: Vec::new(),
             result: None,
         }
-    }
-
-    pub(super) fn name(&self) -> &str {
-        &self.name
-    }
-
-    pub(super) fn device(&self) -> &wgpu::Device {
-        &self.device
     }
 
     /// Error of this device: the task failed for a reason given by wgpu or the driver.
@@ -185,7 +174,7 @@ impl<P: TaskPart> GpuTask<P> {
         }
         let staging = &mut self.uploads[upload].staging;
         let grown = staging.ensure_capacity(&self.device, from_byte);
-        let copied = grown.map(|_| copy_pieces(staging.buffer(), from_byte, slices));
+        let copied = grown.map(|_| copy_pieces(&staging.buffer, from_byte, slices));
         copied.map_err(|error| self.refused(&error))?.map_err(|reason| self.failed(reason))?;
         self.uploads[upload].copies = copies;
         Ok(())
@@ -196,9 +185,8 @@ impl<P: TaskPart> GpuTask<P> {
         !self.uploads[upload].copies.is_empty()
     }
 
-    /// Sets the contents of a part for the next run.
     pub(super) fn write(&self, part: P, contents: &impl bytemuck::NoUninit) {
-        self.queue.write_buffer(self.buffer(part), 0, bytemuck::bytes_of(contents));
+        self.queue.write_buffer(&self.parts[part.index()].buffer, 0, bytemuck::bytes_of(contents));
     }
 
     /// Copies uploads, clears parts, runs kernels by number, and maps the parts to read as the result, one
@@ -211,7 +199,7 @@ impl<P: TaskPart> GpuTask<P> {
     ) -> Result<(), DeviceError> {
         // The view is dropped first, because a buffer with a live view cannot be unmapped.
         if self.result.take().is_some() {
-            self.readback.buffer().unmap();
+            self.readback.buffer.unmap();
         }
         let bytes = read.iter().map(|part| part.bytes(&self.sizes)).sum();
         let grown = self.readback.ensure_capacity(&self.device, bytes);
@@ -221,13 +209,13 @@ impl<P: TaskPart> GpuTask<P> {
             .uploads
             .iter()
             .filter(|upload| !upload.copies.is_empty())
-            .map(|upload| upload.staging.buffer())
+            .map(|upload| &upload.staging.buffer)
             .collect();
         // wgpu rejects submissions that use a mapped buffer.
         staged.iter().for_each(|buffer| buffer.unmap());
         let submission = self.queue.submit([commands]);
         // Staging buffers are mapped again here, so that the next upload need not wait.
-        let mut maps = vec![(self.readback.buffer(), wgpu::MapMode::Read, bytes)];
+        let mut maps = vec![(&self.readback.buffer, wgpu::MapMode::Read, bytes)];
         maps.extend(staged.into_iter().map(|buffer| (buffer, wgpu::MapMode::Write, buffer.size())));
         wait_mapped(&self.device, submission, &maps).map_err(|reason| self.failed(reason))?;
         // wgpu reports errors of the device to a callback, not to the failing call.
@@ -235,7 +223,7 @@ impl<P: TaskPart> GpuTask<P> {
             return Err(self.failed(fault));
         }
         // The buffer only grows, so it may be larger than the result.
-        let result = self.readback.buffer().get_mapped_range(..bytes);
+        let result = self.readback.buffer.get_mapped_range(..bytes);
         self.result = Some(result.map_err(|error| self.failed(error))?);
         self.uploads.iter_mut().for_each(|upload| upload.copies.clear());
         Ok(())
@@ -256,12 +244,12 @@ impl<P: TaskPart> GpuTask<P> {
         let mut encoder = device.create_command_encoder(&Default::default());
         for Upload { staging, copies } in &self.uploads {
             for &PartCopy { part, from_byte, to_byte, bytes } in copies {
-                let to = parts[part.index()].buffer();
-                encoder.copy_buffer_to_buffer(staging.buffer(), from_byte, to, to_byte, bytes);
+                let to = &parts[part.index()].buffer;
+                encoder.copy_buffer_to_buffer(&staging.buffer, from_byte, to, to_byte, bytes);
             }
         }
         for &part in clears {
-            encoder.clear_buffer(parts[part.index()].buffer(), 0, Some(part.bytes(sizes)));
+            encoder.clear_buffer(&parts[part.index()].buffer, 0, Some(part.bytes(sizes)));
         }
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(P::LABEL),
@@ -270,7 +258,7 @@ impl<P: TaskPart> GpuTask<P> {
         for &(at, grid) in dispatches {
             let TaskKernel { kernel, bindings, bound } = &mut kernels[at];
             let bound = bound.get_or_insert_with(|| {
-                let buffer = |&(at, part): &(u32, P)| (at, parts[part.index()].buffer());
+                let buffer = |&(at, part): &(u32, P)| (at, &parts[part.index()].buffer);
                 kernel.bind_buffers(device, &bindings.iter().map(buffer).collect::<Vec<_>>())
             });
             bound.dispatch(&mut pass, grid);
@@ -279,15 +267,11 @@ impl<P: TaskPart> GpuTask<P> {
         drop(pass);
         let mut to_byte = 0;
         for part in read {
-            let (from, bytes) = (parts[part.index()].buffer(), part.bytes(sizes));
-            encoder.copy_buffer_to_buffer(from, 0, self.readback.buffer(), to_byte, bytes);
+            let (from, bytes) = (&parts[part.index()].buffer, part.bytes(sizes));
+            encoder.copy_buffer_to_buffer(from, 0, &self.readback.buffer, to_byte, bytes);
             to_byte += bytes;
         }
         encoder.finish()
-    }
-
-    fn buffer(&self, part: P) -> &wgpu::Buffer {
-        self.parts[part.index()].buffer()
     }
 }
 

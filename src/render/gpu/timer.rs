@@ -33,7 +33,7 @@ pub(super) enum GpuStage {
 }
 
 const N_STAGES: u32 = 3;
-/// Each stage is one pass with a timestamp at its start and end.
+// Each stage is one pass with a timestamp at its start and end.
 const IMAGE_BYTES: u64 = 2 * N_STAGES as u64 * wgpu::QUERY_SIZE as u64;
 
 #[derive(Debug)]
@@ -42,7 +42,7 @@ pub(super) struct StageTimer {
     resolved: wgpu::Buffer,
     ring: ReadbackRing,
     milliseconds_per_tick: f64,
-    latest: Option<GpuTimes>,
+    pub(super) latest: Option<GpuTimes>,
 }
 
 impl StageTimer {
@@ -79,7 +79,6 @@ impl StageTimer {
         })
     }
 
-    /// Timestamp writes for the compute pass of a stage.
     pub(super) fn of_compute(
         &self,
         slot: usize,
@@ -100,10 +99,6 @@ impl StageTimer {
         encoder.resolve_query_set(&self.queries, first..end, &self.resolved, 0);
         self.ring.send(encoder, slot, &self.resolved, IMAGE_BYTES);
     }
-
-    pub(super) fn latest(&self) -> Option<GpuTimes> {
-        self.latest
-    }
 }
 
 fn first_query(slot: usize, stage: GpuStage) -> u32 {
@@ -122,7 +117,7 @@ fn times(bytes: &[u8], milliseconds_per_tick: f64) -> Option<GpuTimes> {
     Some(GpuTimes { preprocess, sort, draw })
 }
 
-/// Results in flight. They are read two frames late, so the third slot is free.
+// Results in flight. They are read two frames late, so the third slot is free.
 pub(super) const N_SLOTS: usize = 3;
 
 /// Buffers that the GPU fills and the CPU reads in turn.
@@ -159,6 +154,7 @@ impl ReadbackRing {
         for age in 0..N_SLOTS {
             let slot = (self.next + age) % N_SLOTS;
             let Slot { buffer, mapped } = &self.slots[slot];
+            // Acquires what the callback released: the buffer is mapped before it is read.
             if mapped.swap(false, Ordering::Acquire) {
                 if let Ok(bytes) = buffer.get_mapped_range(..) {
                     read(&bytes);
@@ -188,6 +184,7 @@ impl ReadbackRing {
         encoder.copy_buffer_to_buffer(source, 0, buffer, 0, bytes);
         let mapped = Arc::clone(mapped);
         encoder.map_buffer_on_submit(buffer, wgpu::MapMode::Read, .., move |result| {
+            // A failed mapping leaves the slot free.
             mapped.store(result.is_ok(), Ordering::Release);
         });
     }

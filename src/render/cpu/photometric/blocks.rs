@@ -234,6 +234,7 @@ impl<'a> PhotometricSums<'a> {
             (rank, run)
         };
         let runs: Vec<_> = lists.visible_runs().map(ranked).collect();
+        // A run has at most one chunk of records, too few for a task of its own.
         let runs = runs.into_par_iter().with_min_len(4);
         runs.flat_map_iter(|(rank, run)| (rank..).zip(run).filter_map(seen)).collect()
     }

@@ -31,8 +31,8 @@ pub(super) struct VisibleSplat {
 /// Rendered tile. One instance is reused for all tiles of a row.
 #[derive(Default)]
 pub(super) struct DrawnTile {
-    left: usize,
-    top: usize,
+    pub left: usize,
+    pub top: usize,
     /// Negative if the pixel is finished or outside the image.
     pub transmittance: Plane,
     pub color: [Plane; 3],
@@ -59,11 +59,6 @@ impl DrawnTile {
                 self.depth_error[group] = [0.0; LANES];
             }
         }
-    }
-
-    /// Upper left pixel in the image.
-    pub(super) fn corner(&self) -> [usize; 2] {
-        [self.left, self.top]
     }
 
     /// Draws the listed splats, nearest first, and their depth errors relative to the target. `first` is the

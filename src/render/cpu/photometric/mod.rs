@@ -49,25 +49,9 @@ pub struct PhotometricWalk {
     totals: Vec<ImageSums>,
 }
 
-impl PhotometricComparer for PhotometricWalk {
-    fn name(&self) -> String {
-        "processor".to_owned()
-    }
-
-    fn compare<'a>(
-        &'a mut self,
-        view: &PreparedView<'a>,
-        photograph: &Image<MeasuredPixel>,
-        rule: PixelRule,
-        rows: RowSubset,
-    ) -> Result<PhotometricSums<'a>, DeviceError> {
-        Ok(self.compare_view(view, photograph, rule, rows))
-    }
-}
-
 impl PhotometricWalk {
-    /// Infallible form of [`PhotometricComparer::compare`].
-    pub fn compare_view<'a>(
+    /// Like [`PhotometricComparer::compare`], but cannot fail.
+    pub fn compare<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
         photograph: &Image<MeasuredPixel>,
@@ -166,6 +150,7 @@ impl RowSubset {
     /// Chooses every `every`-th row, rounded down to a power of two of at most 16. `turn` cycles through
     /// the possible first rows.
     pub fn new(every: u32, turn: u64) -> Self {
+        // A power of two divides a tile, so every tile has equally many rows.
         let every = 1 << every.clamp(1, Self::MAX_STRIDE).ilog2();
         Self { every, first: (turn % u64::from(every)) as u32 }
     }
@@ -220,7 +205,9 @@ impl Kernel for WalkRow<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Self { records, list, row, photograph, rule, rows, canvas } = self;
-        canvas.reset(list.len());
+        canvas.sums.clear();
+        canvas.sums.resize(list.len(), [0.0; N_IMAGE_SUMS]);
+        (canvas.squared_error, canvas.pixels) = (0.0, 0.0);
         let (width, height, top) = (photograph.width, photograph.height, row * TILE);
         let mask = rows.mask() & ((1 << TILE.min(height - top)) - 1);
         canvas.batches.resize_with(list.len().div_ceil(BATCH), Batch::default);
@@ -239,18 +226,10 @@ impl Kernel for WalkRow<'_> {
                 drawn.draw::<V>(batch.by_tile.get(index), &batch.records, first, target);
             }
             walk.start_tile::<V>(drawn, target, rule, mask);
-            let (error, pixels) = walk.error();
             walk.walk::<V>(drawn, batches, target, sums);
+            let (error, pixels) = walk.error;
             canvas.squared_error += error;
             canvas.pixels += pixels;
         }
-    }
-}
-
-impl WalkCanvas {
-    fn reset(&mut self, n_records: usize) {
-        self.sums.clear();
-        self.sums.resize(n_records, [0.0; N_IMAGE_SUMS]);
-        (self.squared_error, self.pixels) = (0.0, 0.0);
     }
 }

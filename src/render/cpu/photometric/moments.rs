@@ -140,17 +140,3 @@ pub(super) const fn moment(i: usize, j: usize) -> usize {
     let order = i + j;
     order * (order + 1) / 2 + j
 }
-
-#[cfg(test)]
-mod sums_tests {
-    use super::*;
-
-    #[test]
-    fn moments_have_places_of_their_own() {
-        let mut places: Vec<usize> =
-            (0..5).flat_map(|order| (0..=order).map(move |j| moment(order - j, j))).collect();
-        assert_eq!(places[..6], [0, 1, 2, 3, 4, 5]);
-        places.sort_unstable();
-        assert_eq!(places, (0..N_QUARTIC).collect::<Vec<_>>());
-    }
-}

@@ -123,6 +123,7 @@ fn pack_splats(
         .into_par_iter()
         .zip(split_by_sizes(places, sizes()))
         .zip(runs);
+    // Runs differ in their number of visible splats.
     tasks.with_max_len(1).for_each(|((splats, places), run)| {
         let mut first = run.first;
         for ((i, splat), place) in run.records.clone().zip(splats).zip(places) {
@@ -147,6 +148,7 @@ fn pack_lists(runs: &[Run], rows: &[Buckets], starts: &mut Vec<u32>, entries: &m
     let of_rows = split_by_sizes(entries, rows.iter().map(|row| row.lists().1.len()));
     of_rows.into_par_iter().zip(rows).with_max_len(1).for_each(|(entries, row)| {
         for (entry, &record) in entries.iter_mut().zip(row.lists().1) {
+            // Each chunk has one run, which starts at the chunk's first index.
             let run = &runs[record as usize / CHUNK];
             *entry = (run.rank + record as usize - run.records.start) as u32;
         }

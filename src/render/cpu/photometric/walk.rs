@@ -19,10 +19,10 @@ use super::target::{TargetTile, set_bits};
 use crate::math::simd::{LANES, SET_LANE, Vector};
 use crate::render::options::{ALPHA_CAP, TILE};
 
-/// Lower bound of the weight that a pixel's curvature share is divided by.
+// Lower bound of the weight that a pixel's curvature share is divided by.
 pub(in crate::render) const MIN_WEIGHT: f32 = 1e-8;
 
-/// Coverage from which a pixel's difference counts as noise and contributes to the error.
+// Coverage from which a pixel's difference counts as noise and contributes to the error.
 pub(in crate::render) const MIN_COUNTED_COVERAGE: f32 = 0.5;
 
 /// Weighting of pixels.
@@ -63,8 +63,8 @@ pub(super) struct SecondWalk {
     /// Weights, see [`PixelRule`].
     coverage: f32,
     depth: f32,
-    /// Sum of squared differences over covered pixels, and their number.
-    error: (f64, f64),
+    /// Sum of squared differences over the channels of covered pixels, and the number of these pixels.
+    pub error: (f64, f64),
 }
 
 impl SecondWalk {
@@ -77,7 +77,7 @@ impl SecondWalk {
         rule: PixelRule,
         mask: u32,
     ) {
-        [self.left, self.top] = tile.corner();
+        (self.left, self.top) = (tile.left, tile.top);
         (self.coverage, self.depth, self.error) = (rule.coverage, rule.depth, (0.0, 0.0));
         for row in set_bits(mask) {
             for group in row * GROUPS..(row + 1) * GROUPS {
@@ -135,6 +135,7 @@ impl SecondWalk {
             (rho * V::splat(rule.depth) * wrong).store(&mut self.weighted_depth_error[group]);
         }
         fill.store(&mut self.fill[group]);
+        // `A^¾` by roots, which every instruction set rounds alike.
         (rho * covered.sqrt() * covered.sqrt().sqrt()).store(&mut self.curvature_weight[group]);
         self.transmittance[group] = [1.0; LANES];
     }
@@ -148,12 +149,6 @@ impl SecondWalk {
             self.error.0 += f64::from(squared);
             self.error.1 += 1.0;
         }
-    }
-
-    /// Sum of squared differences between photograph and rendering over the channels of counted pixels, and
-    /// the number of these pixels.
-    pub(super) fn error(&self) -> (f64, f64) {
-        self.error
     }
 
     /// Adds the contributions of the tile's splats, nearest first, to the sums of the row's list.

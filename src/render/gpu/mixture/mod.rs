@@ -42,8 +42,8 @@ impl GpuMixture {
     /// Creates the kernels on a device.
     pub fn new(gpu: HeadlessGpu) -> Self {
         let mut task = GpuTask::new(gpu);
-        let pass = module(task.device(), "pass over a frame", layout::PASS);
-        let index = module(task.device(), "index over means", layout::INDEX);
+        let pass = module(&task.device, "pass over a frame", layout::PASS);
+        let index = module(&task.device, "index over means", layout::INDEX);
         let sort =
             [("renew", RENEW), ("count", COUNT), ("add", ADD), ("scan", ADD), ("place", PLACE)];
         Self {
@@ -106,7 +106,7 @@ impl GpuMixture {
 
 impl MixtureDevice for GpuMixture {
     fn name(&self) -> String {
-        self.task.name().to_owned()
+        self.task.name.clone()
     }
 
     fn set_means(&mut self, means: &MeanCells<'_>) -> Result<(), DeviceError> {

@@ -43,7 +43,7 @@ impl GpuComparer {
         let mut task = GpuTask::new(gpu);
         let [draw, walk, add] =
             [("draw", layout::DRAW), ("walk", layout::WALK), ("add", layout::ADD)]
-                .map(|(label, shader)| module(task.device(), label, shader));
+                .map(|(label, shader)| module(&task.device, label, shader));
         let add = task.add_kernel(&add, "add", &[], ADDED);
         Self { task, draw, walk, add, walks: Vec::new(), packed: PackedView::default() }
     }
@@ -77,7 +77,7 @@ impl GpuComparer {
 
 impl PhotometricComparer for GpuComparer {
     fn name(&self) -> String {
-        self.task.name().to_owned()
+        self.task.name.clone()
     }
 
     fn compare<'a>(

@@ -7,7 +7,7 @@ use crate::render::gpu::task::{Bindings, IN, OUT, PartRow, SETTINGS, TaskPart, W
 use bytemuck::{Pod, Zeroable};
 use wgpu::BufferUsages as Usage;
 
-/// Factor by which the search radius exceeds the structural scale, to allow for rounding of distances.
+// Factor by which the search radius exceeds the structural scale, to allow for rounding of distances.
 const MARGIN: f32 = 1.0 + 1e-5;
 
 /// `Settings` of `settings.wgsl`.
@@ -70,7 +70,7 @@ pub const FIND: &str = wgsl!("points/settings", "points/cells", "points/find");
 /// `points/sum.wgsl`: sums of the points of every slot.
 pub const SUM: &str = wgsl!("points/settings", "points/sum");
 
-/// Bytes per seed: position and chain link, or position and padding.
+// Bytes per seed: position and chain link, or position and padding.
 pub(super) const SEED_BYTES: u64 = 16;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -35,7 +35,7 @@ impl GpuPoints {
     pub fn new(gpu: HeadlessGpu) -> Self {
         let mut task = GpuTask::new(gpu);
         let mut kernel = |entry, shader, parts| {
-            let module = module(task.device(), "fit of points", shader);
+            let module = module(&task.device, "fit of points", shader);
             task.add_kernel(&module, entry, &[], parts)
         };
         Self {
@@ -51,7 +51,7 @@ impl GpuPoints {
 
 impl PointsDevice for GpuPoints {
     fn name(&self) -> String {
-        self.task.name().to_owned()
+        self.task.name.clone()
     }
 
     fn set_seeds(&mut self, seeds: &Seeds<'_>) -> Result<(), DeviceError> {

@@ -8,7 +8,7 @@ use crate::render::gpu::layout::GpuAppearance;
 use crate::render::gpu::pipeline::storage;
 use crate::render::gpu::task::WORD;
 
-const PAIR: u64 = 2 * WORD;
+pub(super) const PAIR: u64 = 2 * WORD;
 /// Struct sizes in `packed.wgsl` and `footprint.wgsl`.
 const RECORD_BYTES: u64 = 64;
 const GRADIENT_BYTES: u64 = 48;
@@ -104,21 +104,7 @@ pub(super) fn tile_grid((width, height): (u32, u32)) -> (u32, u32) {
     (width.div_ceil(TILE_PIXELS), height.div_ceil(TILE_PIXELS))
 }
 
-/// Creates the buffer of entry ranges per tile: first entry, and one past the last.
-pub(super) fn create_tile_ranges(
-    device: &wgpu::Device,
-    (columns, rows): (u32, u32),
-) -> wgpu::Buffer {
-    device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("ends of tiles"),
-        size: u64::from(columns) * u64::from(rows) * PAIR,
-        // Cleared before every image.
-        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    })
-}
-
-pub(super) const TILE_PIXELS: u32 = crate::render::TILE as u32;
+const TILE_PIXELS: u32 = crate::render::TILE as u32;
 
 /// `tiles/sort.wgsl`: stable radix sort, used by depth and by tile.
 pub const SORT: &str = wgsl!("tiles/stages", "tiles/sort");

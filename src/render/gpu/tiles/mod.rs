@@ -35,7 +35,7 @@ pub(super) struct TileFrame<'a> {
 pub(super) struct TilePath {
     kernels: Kernels,
     counts: wgpu::Buffer,
-    demand: EntryDemand,
+    pub(super) demand: EntryDemand,
     splats: SplatBuffers,
     entries: EntryBuffers,
     plan: Option<TilePlan>,
@@ -55,6 +55,7 @@ impl TilePath {
             }),
             demand: EntryDemand::new(device),
             splats: SplatBuffers::new(device, 0, false)?,
+            // Grown by the first frame, which knows the number of splats.
             entries: EntryBuffers::new(device, 1, 0)?,
             plan: None,
         })
@@ -71,7 +72,7 @@ impl TilePath {
         self.ensure_capacity(device, scene)?;
         let inputs = Inputs::new(view, scene, image);
         // After a resize or growth the bound resources no longer exist.
-        if self.plan.as_ref().is_none_or(|plan| *plan.inputs() != inputs) {
+        if self.plan.as_ref().is_none_or(|plan| plan.inputs != inputs) {
             // A plan binds specific buffers: any replacement makes it stale.
             self.plan = None;
         }
@@ -99,14 +100,10 @@ impl TilePath {
         Ok(())
     }
 
-    /// Shortage that leaves out the farthest splats, if it is permanent.
-    pub(in crate::render::gpu) fn shortage(&self) -> Option<&GpuError> {
-        self.demand.shortage()
-    }
-
     fn ensure_capacity(&mut self, device: &wgpu::Device, scene: &GpuScene) -> Result<(), GpuError> {
         let has_appearance = scene.buffers.appearance.is_some();
         if scene.capacity() > self.splats.capacity || has_appearance != self.splats.has_appearance {
+            // As many as the scene's own buffers hold: growing scenes rarely rebuild the plan.
             self.splats = SplatBuffers::new(device, scene.capacity(), has_appearance)?;
             self.plan = None;
         }

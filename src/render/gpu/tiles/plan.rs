@@ -5,20 +5,21 @@
 //! of passes, so it is bound here.
 
 use super::buffers;
-use super::buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, create_tile_ranges, tile_grid};
+use super::buffers::{COUNTS_BYTES, EntryBuffers, PAIR, SplatBuffers, tile_grid};
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
 use crate::render::gpu::constants::{module, slot};
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::pipeline::{BoundKernel, ComputeKernel, Grid};
 use crate::render::gpu::renderer::SplatTarget;
 use crate::render::gpu::scene::GpuScene;
+use crate::render::gpu::task::IN;
 use crate::render::gpu::timer::{GpuStage, ReadbackRing};
 
 /// Workgroups of the pass over all entries that finds the range of each tile.
 const RANGE_GROUPS: u32 = 1024;
-/// Bits of the depth range between the nearest and the farthest splat. Keys are the bits of positive floats,
-/// with 2²³ values per doubling. No bit is lost up to a depth ratio of 4, one bit up to 16, and two up to
-/// 256. 24 bits save one sort pass; splats closer than the lost bits are closer than f32 can place them.
+// Bits of the depth range between the nearest and the farthest splat. Keys are the bits of positive floats,
+// with 2²³ values per doubling. No bit is lost up to a depth ratio of 4, one bit up to 16, and two up to
+// 256. 24 bits save one sort pass; splats closer than the lost bits are closer than f32 can place them.
 const DEPTH_BITS: u32 = 24;
 
 #[derive(Debug)]
@@ -77,10 +78,9 @@ impl Inputs {
     }
 }
 
-/// Bound kernels, to be recorded every frame.
 #[derive(Debug)]
 pub(super) struct TilePlan {
-    inputs: Inputs,
+    pub(super) inputs: Inputs,
     preprocess: BoundKernel,
     by_depth: SortPlan,
     count: BoundKernel,
@@ -92,7 +92,6 @@ pub(super) struct TilePlan {
     tile_ranges: wgpu::Buffer,
 }
 
-/// Buffers shared by the kernels of the tile path.
 #[derive(Clone, Copy)]
 pub(super) struct TileMemory<'a> {
     /// Counters of splats and entries, indexed by [`slot`].
@@ -163,7 +162,14 @@ impl TilePlan {
         let keys = Keys::Valued { source: slot::N_ENTRIES };
         let by_tile = kernels.sort.plan(device, queue, pairs, bits_of(columns * rows), keys);
         let sorted = &entries.pairs[by_tile.result()];
-        let tile_ranges = create_tile_ranges(device, (columns, rows));
+        // First entry of each tile, and one past its last.
+        let tile_ranges = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("ends of tiles"),
+            size: u64::from(columns) * u64::from(rows) * PAIR,
+            // Cleared before every image.
+            usage: IN,
+            mapped_at_creation: false,
+        });
         let raster = [
             (0, inputs.view.as_entire_binding()),
             (1, tile_ranges.as_entire_binding()),
@@ -190,10 +196,6 @@ impl TilePlan {
     /// Clears the entry ranges before an image, because only tiles with entries are written.
     pub(super) fn clear(&self, encoder: &mut wgpu::CommandEncoder) {
         encoder.clear_buffer(&self.tile_ranges, 0, None);
-    }
-
-    pub(super) fn inputs(&self) -> &Inputs {
-        &self.inputs
     }
 
     /// Records one stage of an image of `n_splats` splats; `tiles` is the number of tile columns and rows.
@@ -228,19 +230,19 @@ fn bits_of(n: u32) -> u32 {
     u32::BITS - n.saturating_sub(1).leading_zeros()
 }
 
-/// Initial estimate of entries per splat.
+// Initial estimate of entries per splat: most cover at most 2×2 tiles.
 const PER_SPLAT: u64 = 4;
 const MIN_ENTRIES: u64 = 1 << 16;
 
-/// Tracks the entries that images need.
 #[derive(Debug)]
-pub(super) struct EntryDemand {
+pub(in crate::render::gpu) struct EntryDemand {
     ring: ReadbackRing,
     /// Maximum number of entries needed since the last [`Self::capacity`].
     needed: u64,
     /// Smallest capacity for which allocation failed.
     refused: u64,
-    shortage: Option<GpuError>,
+    /// Shortage that leaves out the farthest splats, if it is permanent.
+    pub(in crate::render::gpu) shortage: Option<GpuError>,
 }
 
 impl EntryDemand {
@@ -271,11 +273,6 @@ impl EntryDemand {
     pub(super) fn record_failure(&mut self, capacity: u64, error: GpuError) {
         self.refused = capacity;
         self.shortage = Some(error);
-    }
-
-    /// Shortage that leaves out the farthest splats, if it is permanent.
-    pub(super) fn shortage(&self) -> Option<&GpuError> {
-        self.shortage.as_ref()
     }
 
     /// Sends the counters of the image to the CPU. Must follow the image in the same encoder.

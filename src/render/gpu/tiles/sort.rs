@@ -9,7 +9,7 @@ use super::buffers;
 use crate::render::gpu::constants::{N_STRIPS, module};
 use crate::render::gpu::pipeline::{BoundKernel, ComputeKernel, Grid, storage};
 
-/// Maximum bits per digit: one lane of a workgroup per value.
+// Maximum bits per digit: one lane of a workgroup per value.
 const DIGIT_BITS: u32 = 8;
 
 /// Pipelines and temporary digit counts, shared by all sorts.
@@ -172,25 +172,4 @@ fn digits(bits: u32, keys: Keys<'_>) -> Vec<Digit> {
             Digit { shift, n_values, source, is_first, sink, least, largest, n_bits: bits }
         })
         .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn digits_cover_every_bit_once() {
-        for bits in 0..=32 {
-            let digits = digits(bits, Keys::Valued { source: 0 });
-            let widths = digits.iter().map(|d| d.n_values.trailing_zeros());
-            assert_eq!(widths.sum::<u32>(), bits);
-            assert_eq!(digits.len() as u32, bits.div_ceil(8));
-            for pair in digits.windows(2) {
-                assert_eq!(pair[0].shift + pair[0].n_values.trailing_zeros(), pair[1].shift);
-            }
-        }
-        // Number of tiles of 1280×720.
-        let tiles = digits(12, Keys::Valued { source: 0 });
-        assert_eq!(tiles.iter().map(|d| d.n_values).collect::<Vec<_>>(), [64, 64]);
-    }
 }

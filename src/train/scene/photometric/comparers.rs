@@ -120,7 +120,7 @@ impl Comparers {
                 // The device first, so that the processor's result is the one returned.
                 let answer = comparer.compare(&view, photograph, rule, rows);
                 let (is_there, ms) = (note(answer, counts).is_some(), clock.lap_ms());
-                let compared = processor.compare_view(&view, photograph, rule, rows);
+                let compared = processor.compare(&view, photograph, rule, rows);
                 let processor_ms = clock.lap_ms();
                 let ms_of_both = ComparerMs { prepare, compare: ms + processor_ms, step: 0.0 };
                 *latest = LatestComparison { is_by_device: false, ms: ms_of_both };
@@ -137,7 +137,7 @@ impl Comparers {
         };
         let is_by_device = by_device.is_some();
         let compared =
-            by_device.unwrap_or_else(|| processor.compare_view(&view, photograph, rule, rows));
+            by_device.unwrap_or_else(|| processor.compare(&view, photograph, rule, rows));
         let ms = ComparerMs { prepare, compare: clock.lap_ms(), step: 0.0 };
         *latest = LatestComparison { is_by_device, ms };
         compared
@@ -187,7 +187,7 @@ mod tests {
         ) -> Result<PhotometricSums<'a>, DeviceError> {
             let error = DeviceError { device: self.name(), reason: "gone".to_owned() };
             self.left = self.left.checked_sub(1).ok_or(error)?;
-            self.walk.compare(view, photograph, rule, rows)
+            Ok(self.walk.compare(view, photograph, rule, rows))
         }
     }
 
