@@ -110,6 +110,7 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
         defects.extend(outlier_poses(&dataset.splits[split]).iter().map(ToString::to_string));
     }
     let evaluation =
+        // Without a training split, its error explains why nothing is evaluated.
         dataset.training_split().map_or_else(|e| e.to_string(), |t| dataset.evaluation(t).why);
     DatasetInfo {
         path: args.path.display().to_string(),
@@ -138,6 +139,7 @@ fn poses_info(dataset: &Dataset) -> PosesInfo {
         // JSON cannot represent an infinite error.
         median_error: opened.map(|trial| trial.error).filter(|error| error.is_finite()),
         pairs: check.as_ref().map_or(0, |check| check.pairs),
+        // Tracked poses have no recorded convention to check.
         summary: match is_tracked {
             true => Some("found by tracking".to_owned()),
             false => check.as_ref().map(tracked::pose_summary),
