@@ -1,8 +1,7 @@
 //! `bench`: measures speed, error and size; writes tables, files and plots.
 
 use super::args::{
-    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, PrecisionSearchArgs, ReadArgs,
-    RenderBenchArgs,
+    BenchName, CommonArgs, DatasetBenchArgs, PrecisionSearchArgs, ReadArgs, RenderBenchArgs,
 };
 use super::failure::Failure;
 use super::train::print_dataset_notes;
@@ -28,8 +27,8 @@ use vbgs_studio::dataset::Dataset;
 use vbgs_studio::export::video::write_png;
 use vbgs_studio::pipeline::start;
 
-pub fn run(args: &BenchArgs) -> Result<(), Failure> {
-    match &args.bench {
+pub fn run(bench: &BenchName) -> Result<(), Failure> {
+    match bench {
         BenchName::Ablation(args) => on_dataset(args, |dataset, progress| {
             let plan = AblationPlan::new(args.common.options(args.max_frames));
             ablation::run(&plan, dataset, progress)

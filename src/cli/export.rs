@@ -174,6 +174,7 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
 
 fn y_up_axes(args: &ExportArgs, format: &dyn std::fmt::Display) -> Result<(), Failure> {
     match args.axes {
+        // `as-is` is the default, so it includes commands without the option.
         Axes::AsIs | Axes::YUp => Ok(()),
         Axes::Viewer | Axes::ZUp => Err(usage!(
             "--axes: expected y-up, which the format {format} prescribes, found other axes; leave the option out or write a PLY"

@@ -7,6 +7,7 @@ use glam::DVec3;
 use serde::Serialize;
 use std::path::PathBuf;
 use vbgs_studio::dataset::capture_check::CaptureCheck;
+use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::fingerprint::Fingerprint;
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind};
 use vbgs_studio::dataset::pose_check::PoseCheck;
@@ -110,6 +111,7 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
         defects.extend(outlier_poses(&dataset.splits[split]).iter().map(ToString::to_string));
     }
     let evaluation =
+        // Without a training split, its error explains why nothing is evaluated.
         dataset.training_split().map_or_else(|e| e.to_string(), |t| dataset.evaluation(t).why);
     DatasetInfo {
         path: args.path.display().to_string(),
@@ -138,6 +140,7 @@ fn poses_info(dataset: &Dataset) -> PosesInfo {
         // JSON cannot represent an infinite error.
         median_error: opened.map(|trial| trial.error).filter(|error| error.is_finite()),
         pairs: check.as_ref().map_or(0, |check| check.pairs),
+        // Tracked poses have no recorded convention to check.
         summary: match is_tracked {
             true => Some("found by tracking".to_owned()),
             false => check.as_ref().map(tracked::pose_summary),
@@ -260,7 +263,7 @@ fn print_split(s: &SplitInfo) {
         let ([width, height], [fx, fy]) = (s.photo_size, s.photo_focal_px);
         out!("    photographs: {width}x{height}, focal {fx:.1} {fy:.1} px");
     }
-    let capture = s.capture.iter().flat_map(lines);
+    let capture = s.capture.iter().flat_map(capture_lines);
     capture.for_each(|line| out!("    {line}"));
 }
 
@@ -307,7 +310,7 @@ fn print_model(info: &ModelInfo) -> Result<(), Failure> {
 /// Maximum number of frames listed per kind; the others are counted.
 const NAMED: usize = 6;
 
-pub fn lines(check: &CaptureCheck) -> Vec<String> {
+fn capture_lines(check: &CaptureCheck) -> Vec<String> {
     let CaptureCheck { looked_at, frames, blurred, brightness_jumps, usual_step_s, gaps } = check;
     let mut lines = vec![format!(
         "images: {looked_at} of {frames} frames checked, {} blurred, {} jumps of brightness",
@@ -371,8 +374,16 @@ fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
     let learner = run.revive()?.learner;
     let Status { used, components, .. } = learner.status();
     let drawn = learner.splats().iter().filter(|splat| splat.is_drawable()).count();
-    let tracking = run.trajectory()?.map(|trajectory| tracking(trajectory, &run));
-    let defects = dataset_defect(&run).into_iter().chain(run.numerics_differ()).collect();
+    // Once for both: opening lists every frame.
+    let opened = run.meta.dataset.as_ref().map(|path| dataset::open(path, &run.load_options()));
+    let tracking = run.trajectory()?.map(|trajectory| {
+        let dataset = opened.as_ref().and_then(|opened| opened.as_ref().ok());
+        let error = dataset.and_then(|dataset| trajectory.error(dataset));
+        let summary = tracked::summary(&trajectory, error.as_ref());
+        TrackingInfo { trajectory, error, summary }
+    });
+    let defect = opened.and_then(|opened| dataset_defect(&run, opened));
+    let defects = defect.into_iter().chain(run.numerics_differ()).collect();
     let SavedRun { version, bytes, config, meta, content, .. } = run;
     let cursor = &content.cursor;
     let info = CheckpointInfo {
@@ -398,19 +409,9 @@ fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
     if args.json { output::print_json(&info) } else { print_checkpoint(&info) }
 }
 
-fn tracking(trajectory: Trajectory, run: &SavedRun) -> TrackingInfo {
-    let path = run.meta.dataset.as_ref();
-    // Ignores the error: `dataset_defect` reports it.
-    let dataset = path.and_then(|path| dataset::open(path, &run.load_options()).ok());
-    let error = dataset.and_then(|dataset| trajectory.error(&dataset));
-    let summary = tracked::summary(&trajectory, error.as_ref());
-    TrackingInfo { trajectory, error, summary }
-}
-
 /// Describes the defect of a run's dataset that prevents resuming, if any.
-fn dataset_defect(run: &SavedRun) -> Option<String> {
-    let path = run.meta.dataset.as_ref()?;
-    let dataset = match dataset::open(path, &run.load_options()) {
+fn dataset_defect(run: &SavedRun, opened: Result<Dataset, DatasetError>) -> Option<String> {
+    let dataset = match opened {
         Ok(dataset) => dataset,
         Err(error) => return Some(format!("its dataset cannot be opened: {error}")),
     };
@@ -423,7 +424,8 @@ fn dataset_defect(run: &SavedRun) -> Option<String> {
         Ok(split) => run.meta.fingerprint.difference(&Fingerprint::of(&dataset, split))?,
         Err(error) => error.to_string(),
     };
-    Some(format!("its dataset {} has changed: {difference}", path.display()))
+    let path = run.meta.dataset.as_deref()?.display();
+    Some(format!("its dataset {path} has changed: {difference}"))
 }
 
 fn print_checkpoint(info: &CheckpointInfo) -> Result<(), Failure> {
@@ -481,6 +483,6 @@ mod capture_check_tests {
             "times: 25.0 frames a second, 1 gaps",
             "gaps (seconds since the frame before): f7 (1.25 s)",
         ];
-        assert_eq!(lines(&check), expected);
+        assert_eq!(capture_lines(&check), expected);
     }
 }

@@ -78,8 +78,10 @@ impl Interrupt {
     ) -> Result<T, Failure> {
         let work = Job::start("opening", work)?;
         let mut asked: Option<Instant> = None;
+        // Without a stop request, the work may take any time.
         while asked.is_none_or(|since| since.elapsed() < GRACE) {
             if let Some(ended) = work.wait(LOOK) {
+                // A panic of the work becomes one of the command.
                 return Ok(ended.unwrap_or_else(|panic| resume_unwind(Box::new(panic.message))));
             }
             asked = asked.or_else(|| self.is_requested().then(Instant::now));

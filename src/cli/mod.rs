@@ -75,7 +75,7 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Calibrate(args)) => calibrate::run(&args),
         #[cfg(feature = "bench")]
-        Some(Command::Bench(args)) => bench::run(&args),
+        Some(Command::Bench(bench)) => bench::run(&bench),
         #[cfg(feature = "bench")]
         Some(Command::PrecisionSearch(args)) => bench::run_precision_search(&args),
     }

@@ -116,6 +116,7 @@ pub fn quality(eval: &EvalReport) -> String {
         }
         None => "nothing covered".to_owned(),
     };
+    // The projected renderer has neither.
     let settings = match (eval.protocol.antialias, eval.protocol.response) {
         (Some(antialias), Some(response)) => format!(" (antialias {antialias}, {response})"),
         _ => String::new(),

@@ -175,6 +175,7 @@ fn render_view(
         let plain = RenderOptions::evaluation(method, args.background);
         RenderOptions { exposure_mode: args.exposure.unwrap_or(plain.exposure_mode), near, ..plain }
     };
+    // As `eval` does: a held-out pose has the error that training corrected in its neighbours.
     let pose = painter.splats.finishing().corrected_pose(&entry.camera.pose);
     let camera = entry.photo_camera_at(pose, photographed.as_ref());
     let names = painter.draw(&camera, &options, &args.output)?;
@@ -311,6 +312,7 @@ fn orbit(framing: &Framing, up: DVec3, args: &RenderArgs) -> Orbit {
 /// camera's distance from the scene is undefined.
 fn narrower_fov(args: &RenderArgs) -> f64 {
     let (fov, tall) = (args.fov.to_radians(), args.size[1] as f64 / args.size[0] as f64);
+    // A pinhole maps tangents of angles linearly, a fisheye the angles.
     let share = tall.min(1.0);
     match args.lens {
         Lens::Pinhole => 2.0 * ((0.5 * fov).tan() * share).atan(),

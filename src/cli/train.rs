@@ -155,6 +155,7 @@ fn follow_session(
         Start::New(_) => selection(args),
         Start::Saved(run, _) => run.config.selection.clone(),
     };
+    // Owned, because opening runs on another thread.
     let (path, load) = (args.dataset.clone(), start.load_options(args));
     let follow = move || Follow::new(&path, &load, &selection);
     let mut follow = interrupt.run_interruptibly(follow)??;

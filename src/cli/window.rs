@@ -74,15 +74,4 @@ mod tests {
         let lost = Err(WindowError::DeviceLost(4));
         assert_eq!(status(lost, Some("room".into())), format!("{:?}", ExitCode::FAILURE));
     }
-
-    #[test]
-    fn the_message_of_a_crash_is_its_own() {
-        let Err(Failure::Failed(error)) = end(crash(CrashedThread::Window), None) else {
-            panic!("a failure");
-        };
-        assert_eq!(
-            error.to_string(),
-            "the window crashed: boom (a.rs:1:1); no training was unsaved"
-        );
-    }
 }

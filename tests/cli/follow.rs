@@ -1,46 +1,18 @@
 //! `train --follow` beside a recorder (`synth --live`).
 
-use super::runner::{Run, Scratch};
+use super::runner::{Scratch, end, signal};
 use crate::common::layouts::TestLayout;
 use crate::common::silent::{SilentFile, image_of_holes};
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Longest time a program may take to end after a signal; far shorter than a drive's timeout.
 const AT_ONCE: Duration = Duration::from_secs(10);
 
-const PATIENCE: Duration = Duration::from_secs(120);
-
 const TRAIN: &str = "train room --out out --preset paper --set components=500";
-
-fn start(scratch: &Scratch, arguments: &str) -> Child {
-    let arguments: Vec<&str> = arguments.split_whitespace().collect();
-    let mut command = scratch.command(&arguments);
-    command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
-fn end(child: Child) -> Run {
-    Run::from(child.wait_with_output().unwrap())
-}
-
-fn wait_for(path: &Path) {
-    let started = Instant::now();
-    while !path.exists() {
-        assert!(started.elapsed() < PATIENCE, "{} was not written in time", path.display());
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
-
-#[cfg(unix)]
-fn interrupt(child: &Child) {
-    // `kill` is a builtin of every shell, but not every system has it as a program.
-    let kill = format!("kill -INT {}", child.id());
-    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-}
 
 fn names(report: &Value) -> Vec<&str> {
     let frames = report["frames"].as_array().unwrap();
@@ -63,7 +35,7 @@ fn move_frames(from: &Path, to: &Path, first: usize) {
 fn a_recording_is_learnt_while_it_is_written() {
     let scratch = Scratch::empty();
     // Starts before the folder exists.
-    let train = start(&scratch, &format!("{TRAIN} --follow --eval held-out"));
+    let train = scratch.start(&format!("{TRAIN} --follow --eval held-out"));
     let size = "--size 48x36 --frames 20 --eval-frames 0";
     let synth = scratch.run(&format!("synth room --layout tum --live 30 {size}")).succeeds();
     assert!(synth.stdout.contains("recorded 20 frames"), "{}", synth.stdout);
@@ -97,9 +69,9 @@ fn ctrl_c_ends_it_and_a_later_run_goes_on() {
     scratch.run(&format!("synth room --layout seven-scenes {size}")).succeeds();
     let (frames, later) = (scratch.path("room/train"), scratch.path("later"));
     move_frames(&frames, &later, 7);
-    let train = start(&scratch, &format!("{TRAIN} --follow --set autosave=6"));
-    wait_for(&scratch.path("out/checkpoint.vbgs"));
-    interrupt(&train);
+    let train = scratch.start(&format!("{TRAIN} --follow --set autosave=6"));
+    scratch.wait_for("out/checkpoint.vbgs");
+    signal("INT", &train);
     let run = end(train);
     assert_eq!(run.code, 130, "{}", run.stderr);
     let report = scratch.json("out/report.json");
@@ -136,21 +108,21 @@ fn ctrl_c_ends_what_waits_for_a_drive_that_does_not_answer() {
     move_frames(&frames, &later, 2);
     let hole = frames.join("frame-000001.depth.png");
     fs::write(&hole, image_of_holes(48, 36)).unwrap();
-    let mut followed = start(&scratch, "train room --out out --follow");
+    let mut followed = scratch.start("train room --out out --follow");
     let mut said = BufReader::new(followed.stderr.take().unwrap()).lines();
     let is_waiting = said.any(|line| line.unwrap().starts_with("note: waiting: "));
     assert!(is_waiting, "no note about a frame without depth");
     let Some(_silent) = SilentFile::hold(&scratch.path("."), &hole) else {
-        interrupt(&followed);
+        signal("INT", &followed);
         end(followed);
         return;
     };
     move_frames(&later, &frames, 0);
-    let opened = start(&scratch, "train room --out out");
+    let opened = scratch.start("train room --out out");
     std::thread::sleep(Duration::from_secs(2));
     for mut child in [followed, opened] {
         assert!(child.try_wait().unwrap().is_none(), "it ended too early");
-        interrupt(&child);
+        signal("INT", &child);
         let asked = Instant::now();
         let run = end(child);
         assert!(asked.elapsed() < AT_ONCE, "{:?}: {}", asked.elapsed(), run.stderr);
@@ -182,7 +154,7 @@ fn frames_without_a_surface_are_waited_over() {
     for i in 0..4 {
         fs::write(frames.join(format!("frame-{i:06}.depth.png")), &hole).unwrap();
     }
-    let train = start(&scratch, "train room --out out --follow");
+    let train = scratch.start("train room --out out --follow");
     std::thread::sleep(Duration::from_millis(300));
     move_frames(&later, &frames, 0);
     fs::write(scratch.path("room/recording.done"), "").unwrap();
@@ -221,7 +193,7 @@ fn figures_of_thirty_frames_a_second() {
     let n = 150_usize;
     for layout in ["tum", "seven-scenes"] {
         let scratch = Scratch::empty();
-        let train = start(&scratch, "train room --out out --follow --threads 2");
+        let train = scratch.start("train room --out out --follow --threads 2");
         let size = format!("--size 640x480 --frames {n} --eval-frames 0");
         scratch.run(&format!("synth room --layout {layout} --live 30 {size}")).succeeds();
         end(train).succeeds();

@@ -1,10 +1,6 @@
 //! Ctrl-C during training finishes the frame, writes the files and ends with status 130.
 
-use super::runner::{Run, Scratch};
-use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
-
-const PATIENCE: Duration = Duration::from_secs(120);
+use super::runner::{Run, Scratch, end, signal};
 
 #[test]
 fn ctrl_c_keeps_the_scene() {
@@ -34,17 +30,8 @@ fn ctrl_c_keeps_the_scene() {
 /// The first autosave shows that a frame is trained and that the signal handler is installed.
 fn interrupted_after_the_first_frame(scratch: &Scratch) -> Run {
     let train = "train room --out out --preset paper --set components=20000 --set candidates=dense";
-    let arguments = format!("{train} --eval eval --set autosave=1");
-    let arguments: Vec<&str> = arguments.split_whitespace().collect();
-    let mut command = scratch.command(&arguments);
-    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let started = Instant::now();
-    while !scratch.path("out/checkpoint.vbgs").exists() {
-        assert!(started.elapsed() < PATIENCE, "no frame was trained");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    // `kill` is a builtin of every shell, but not every system has it as a program.
-    let kill = format!("kill -INT {}", child.id());
-    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-    Run::from(child.wait_with_output().unwrap())
+    let child = scratch.start(&format!("{train} --eval eval --set autosave=1"));
+    scratch.wait_for("out/checkpoint.vbgs");
+    signal("INT", &child);
+    end(child)
 }

@@ -1,19 +1,17 @@
 //! No data loss and no silent errors: signals, full disks, unusual file types and changed folders.
 #![cfg(unix)]
 
-use super::runner::{Run, Scratch};
+use super::runner::{PATIENCE, Run, Scratch, end, signal};
 use crate::common::layouts::TestLayout;
 use serde_json::json;
 use std::ffi::OsStr;
 use std::fs;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
-use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::process::Command;
+use std::time::Instant;
 
 const PAPER: &str = "--preset paper --set components=300";
-/// Longest wait for a run to have begun or to end.
-const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Runs with stdout on `/dev/full`, a device without free space.
 fn to_full(scratch: &Scratch, arguments: &str) -> Run {
@@ -133,26 +131,6 @@ fn folders_in_the_place_of_files_are_found_before_training() {
     }
 }
 
-/// `kill` is a builtin of every shell, but not every system has it as a program.
-fn kill(signal: &str, process: u32) {
-    let kill = format!("kill -{signal} {process}");
-    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-}
-
-/// Runs a training command and sends a signal once the `awaited` file exists.
-fn signalled(scratch: &Scratch, signal: &str, arguments: &str, awaited: &str) -> Run {
-    let arguments: Vec<&str> = arguments.split_whitespace().collect();
-    let mut command = scratch.command(&arguments);
-    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let started = Instant::now();
-    while !scratch.path(awaited).exists() {
-        assert!(started.elapsed() < PATIENCE, "nothing was trained");
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    kill(signal, child.id());
-    Run::from(child.wait_with_output().unwrap())
-}
-
 #[test]
 fn sigterm_and_sighup_are_as_ctrl_c() {
     let scratch = Scratch::empty();
@@ -161,17 +139,15 @@ fn sigterm_and_sighup_are_as_ctrl_c() {
         "train room --preset paper --set components=8000 --set candidates=dense --set autosave=1";
     // Whoever runs the tests by `nohup` asked for runs that outlive their terminal.
     let is_hangup_ignored = signals("self", "SigIgn:") & 1 == 1;
-    for signal in ["TERM", "HUP"].into_iter().filter(|s| *s == "TERM" || !is_hangup_ignored) {
-        let run = signalled(
-            &scratch,
-            signal,
-            &format!("{train} --out {signal}"),
-            &format!("{signal}/checkpoint.vbgs"),
-        );
-        assert_eq!(run.code, 130, "{signal}: {}", run.stderr);
-        let report = scratch.json(&format!("{signal}/report.json"));
+    for name in ["TERM", "HUP"].into_iter().filter(|s| *s == "TERM" || !is_hangup_ignored) {
+        let child = scratch.start(&format!("{train} --out {name}"));
+        scratch.wait_for(&format!("{name}/checkpoint.vbgs"));
+        signal(name, &child);
+        let run = end(child);
+        assert_eq!(run.code, 130, "{name}: {}", run.stderr);
+        let report = scratch.json(&format!("{name}/report.json"));
         assert!(!report["frames"].as_array().unwrap().is_empty());
-        scratch.run(&format!("info {signal}/checkpoint.vbgs")).succeeds();
+        scratch.run(&format!("info {name}/checkpoint.vbgs")).succeeds();
     }
 }
 
@@ -194,17 +170,15 @@ fn files_of_an_earlier_run_stay_until_there_are_newer_ones() {
         fs::write(scratch.path("out").join(left), "half").unwrap();
     }
     let train = "train room --out out --preset paper --set components=20000 --set candidates=dense";
-    let arguments: Vec<&str> = train.split_whitespace().collect();
-    let mut command = scratch.command(&arguments);
-    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let child = scratch.start(train);
     // The signal handler is installed before any file is opened; 14 is the bit of SIGTERM.
     let (started, process) = (Instant::now(), child.id().to_string());
     while signals(&process, "SigCgt:") >> 14 & 1 == 0 {
         assert!(started.elapsed() < PATIENCE, "the signal handler was not installed");
         std::thread::yield_now();
     }
-    kill("TERM", child.id());
-    assert_eq!(Run::from(child.wait_with_output().unwrap()).code, 130);
+    signal("TERM", &child);
+    assert_eq!(end(child).code, 130);
     assert!(names.map(|name| scratch.bytes(&format!("out/{name}"))) == before);
     scratch.run(&format!("train room --out out {PAPER}")).succeeds();
     assert_eq!(fs::read_dir(scratch.path("out")).unwrap().count(), 3, "leftovers are gone");

@@ -2,11 +2,9 @@
 #![cfg(unix)]
 
 use super::runner::Scratch;
-use std::process::Stdio;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 
-const PATIENCE: Duration = Duration::from_secs(120);
 /// Step between the times of successive kills. A save takes several steps, and not a whole number of them.
 const STEP: Duration = Duration::from_micros(4_700);
 /// Saves of some megabytes one after the other, for some seconds.
@@ -20,15 +18,8 @@ fn room() -> Scratch {
 
 /// Trains into `out` and sends SIGKILL this long after the first save, so no cleanup code runs.
 fn killed(scratch: &Scratch, out: &str, after: Duration) {
-    let arguments = format!("{TRAIN} --out {out}");
-    let arguments: Vec<&str> = arguments.split_whitespace().collect();
-    let mut command = scratch.command(&arguments);
-    let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    let started = Instant::now();
-    while !scratch.path(out).join("checkpoint.vbgs").exists() {
-        assert!(started.elapsed() < PATIENCE, "nothing was saved");
-        std::thread::sleep(Duration::from_millis(1));
-    }
+    let mut child = scratch.start(&format!("{TRAIN} --out {out}"));
+    scratch.wait_for(&format!("{out}/checkpoint.vbgs"));
     std::thread::sleep(after);
     assert!(child.try_wait().unwrap().is_none(), "it ended before it was killed");
     child.kill().unwrap();

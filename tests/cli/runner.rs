@@ -5,11 +5,15 @@ use crate::common::scratch::Files;
 use serde_json::Value;
 use std::fs;
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::export::Imported;
+
+/// Longest wait for a program to begin or to end.
+pub const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A temporary folder, removed after the test.
 pub struct Scratch(TempDir);
@@ -80,7 +84,7 @@ impl Scratch {
     /// Command of the binary in this folder.
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_vbgs-studio"));
-        command.args(arguments).current_dir(self.0.path()).stdin(std::process::Stdio::null());
+        command.args(arguments).current_dir(self.0.path()).stdin(Stdio::null());
         command
     }
 
@@ -89,9 +93,37 @@ impl Scratch {
         self.run_args(&arguments.split_whitespace().collect::<Vec<_>>())
     }
 
+    /// Starts the binary with arguments that contain no spaces, and captures its output.
+    pub fn start(&self, arguments: &str) -> Child {
+        let arguments: Vec<&str> = arguments.split_whitespace().collect();
+        let mut command = self.command(&arguments);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    }
+
+    /// Waits until a started program has written a file.
+    pub fn wait_for(&self, relative: &str) {
+        let started = Instant::now();
+        while !self.path(relative).exists() {
+            assert!(started.elapsed() < PATIENCE, "{relative} was not written in time");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
     pub fn run_args(&self, arguments: &[&str]) -> Run {
         Run::from(self.command(arguments).output().unwrap())
     }
+}
+
+/// Sends a signal such as `INT`.
+pub fn signal(name: &str, child: &Child) {
+    // `kill` is a builtin of every shell, but not every system has it as a program.
+    let kill = format!("kill -{name} {}", child.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+}
+
+/// Waits for the end of a started program.
+pub fn end(child: Child) -> Run {
+    Run::from(child.wait_with_output().unwrap())
 }
 
 impl From<Output> for Run {

@@ -274,6 +274,7 @@ impl RoomFrames {
             ..SyntheticParams::demo()
         };
         let dataset = Arc::new(synthetic::dataset(&params)?);
+        // Nothing is rendered here, so one view is enough.
         let mut frames = TrainingSample::load(dataset, OTHER_FRAMES + 1, 1)?.frames.into_iter();
         // Never empty: `load` fails without a usable frame.
         let frame = frames.next().unwrap_or_default();

@@ -96,6 +96,7 @@ pub fn panels(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<Panel> {
             };
             let mark =
                 |row: &RenderRow| Some(Mark::new(Spread::exact(row.splats as f64), row.spread()?));
+            // A combination that was not drawn has no mark.
             let marks = rows.iter().filter(is_mine).filter_map(mark);
             let name = format!("{renderer}, {path}");
             Series { name, marks: marks.collect(), connected: true }

@@ -7,12 +7,6 @@ use std::path::PathBuf;
 use vbgs_studio::bench::findings::BenchOptions;
 use vbgs_studio::bench::render::BenchDevice;
 
-#[derive(Args)]
-pub struct BenchArgs {
-    #[command(subcommand)]
-    pub bench: BenchName,
-}
-
 #[derive(Subcommand)]
 pub enum BenchName {
     /// Cost and benefit of each step from the dense E-step to forwarded reassignment

@@ -77,6 +77,7 @@ impl Protocol {
     /// # Errors
     /// None occur with a pinhole camera.
     pub fn methods(self, renderer: RendererName) -> Result<Vec<RenderMethod>, Failure> {
+        // The projected renderer has no such options.
         let is_published = self == Self::Paper && renderer != RendererName::Projected;
         // As in the published renderer.
         let (antialias, response) = (Antialias::None, Response::Line);

@@ -13,7 +13,7 @@ mod train;
 #[cfg(feature = "bench")]
 pub use bench::PrecisionSearchArgs;
 #[cfg(feature = "bench")]
-pub use bench::{BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, RenderBenchArgs};
+pub use bench::{BenchName, CommonArgs, DatasetBenchArgs, RenderBenchArgs};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -126,7 +126,8 @@ pub enum Command {
     Calibrate(CalibrateArgs),
     #[cfg(feature = "bench")]
     /// Measure speed against error; writes a table, JSON, CSV and a plot
-    Bench(BenchArgs),
+    #[command(subcommand)]
+    Bench(BenchName),
     #[cfg(feature = "bench")]
     /// Find the cheapest precision of every operation within an error bound
     PrecisionSearch(PrecisionSearchArgs),
