@@ -36,7 +36,7 @@ const MIN_FRAMING_FOV: f64 = 0.1;
 const OVERVIEW_ELEVATION: f64 = 0.5;
 const OVERVIEW_TURN: f64 = 0.5;
 /// Scroll distance that halves the distance to the target, points.
-const WHEEL_PER_HALVING: f64 = 240.0;
+pub const WHEEL_PER_HALVING: f64 = 240.0;
 /// Nearest and farthest distance from the target, in scene radii.
 const DISTANCE: [f64; 2] = [1e-3, 50.0];
 /// Range of the target's distance from a visited dataset camera, in scene radii.

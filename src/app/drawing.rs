@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn two_pictures_add_up_and_old_ones_are_forgotten() {
-        let mut sample = DrawSample::new(0);
+        let mut sample = DrawSample::default();
         sample.add(DrawStage::Draw, Some(2.0));
         sample.add(DrawStage::Draw, Some(3.0));
         sample.add(DrawStage::Sort, None);

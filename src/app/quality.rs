@@ -155,9 +155,8 @@ impl QualityMonitor {
         self.take_answer();
         let rests = matches!(snapshot.state, RunState::Paused | RunState::Finished);
         self.at_rest = rests.then_some(snapshot.frames_done);
-        if let Some((purpose, views, rest)) = self.next_measurement(context, snapshot, every) {
+        if let Some((purpose, views)) = self.next_measurement(context, snapshot, every) {
             self.request_measurement(opened, snapshot, (purpose, views), splats);
-            self.rest_until = Instant::now() + rest;
         }
     }
 
@@ -189,13 +188,14 @@ impl QualityMonitor {
 
     fn take_answer(&mut self) {
         let Some(answer) = self.thread.as_ref().and_then(ViewThread::take) else { return };
-        let QualityAnswer { query, scores, took } = answer;
+        let (query, scores, took) = answer;
+        // An answer that is discarded took cores from training too.
+        self.rest_until = Instant::now() + (took * REST).max(MIN_REST);
         let is_current = self.subject.is_some_and(|(_, options)| options == query.options);
         // Otherwise it belongs to other settings, or to a scene without the pending photographs.
         if !is_current || self.settled != query.settled {
             return;
         }
-        self.rest_until = Instant::now() + (took * REST).max(MIN_REST);
         let scores = match scores {
             Ok(scores) => scores,
             Err(problem) => return self.problem = Some(problem),
@@ -231,13 +231,13 @@ impl QualityMonitor {
         }
     }
 
-    /// Views to measure now, and the minimum time until the next measurement.
+    /// Views to measure now, if a measurement is due.
     fn next_measurement(
         &self,
         context: &Context,
         snapshot: &Snapshot,
         every: Option<usize>,
-    ) -> Option<(QualityPurpose, Vec<usize>, Duration)> {
+    ) -> Option<(QualityPurpose, Vec<usize>)> {
         let frames = snapshot.frames_done;
         // A measurement that failed would fail again in every pass.
         if frames == 0 || self.problem.is_some() {
@@ -263,10 +263,10 @@ impl QualityMonitor {
                 if next.is_some() && !rest.is_zero() {
                     context.request_repaint_after(rest);
                 }
-                next.filter(|_| rest.is_zero()).map(|(purpose, views)| (purpose, views, MIN_REST))
+                next.filter(|_| rest.is_zero())
             }
             RunState::Paused | RunState::Finished if is_new => {
-                Some((QualityPurpose::HeldOut, sample, MIN_REST))
+                Some((QualityPurpose::HeldOut, sample))
             }
             RunState::Paused | RunState::Finished => {
                 let mut others = self.chosen(MAX_VIEWS).into_iter().filter(|v| !sample.contains(v));
@@ -276,12 +276,11 @@ impl QualityMonitor {
                 let (n_measured, _) = self.side_progress(frames);
                 let side = || Some(vec![*self.chosen_side().get(n_measured)?]);
                 let side = || side().map(|views| (QualityPurpose::FromTheSide, views));
-                let next = next.or_else(side).or_else(retained);
-                next.map(|(purpose, views)| (purpose, views, Duration::ZERO))
+                next.or_else(side).or_else(retained)
             }
             _ => None,
         };
-        due.filter(|(_, views, _)| !views.is_empty())
+        due.filter(|(_, views)| !views.is_empty())
     }
 
     /// Trained frames to measure again: once at rest, and during training after every measurement of the
@@ -384,7 +383,7 @@ fn mean_quality(views: &[ViewReport], at: (usize, f64, usize)) -> Option<Quality
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum QualityPurpose {
+enum QualityPurpose {
     HeldOut,
     /// Views away from the camera path.
     FromTheSide,
@@ -392,18 +391,18 @@ pub enum QualityPurpose {
 }
 
 #[derive(Clone)]
-pub struct QualityQuery {
-    pub purpose: QualityPurpose,
-    pub dataset: Arc<Dataset>,
-    pub split: usize,
-    pub views: Vec<usize>,
+struct QualityQuery {
+    purpose: QualityPurpose,
+    dataset: Arc<Dataset>,
+    split: usize,
+    views: Vec<usize>,
     /// All views of the series of measurements, which share one near plane.
-    pub all: Vec<usize>,
-    pub options: EvalOptions,
-    pub near_rule: NearRule,
+    all: Vec<usize>,
+    options: EvalOptions,
+    near_rule: NearRule,
     /// Frames, seconds and components at the time of the query.
-    pub at: (usize, f64, usize),
-    pub settled: bool,
+    at: (usize, f64, usize),
+    settled: bool,
 }
 
 impl QualityQuery {
@@ -415,13 +414,10 @@ impl QualityQuery {
     }
 }
 
-pub struct QualityAnswer {
-    pub query: QualityQuery,
-    pub scores: Result<Vec<ViewReport>, String>,
-    pub took: Duration,
-}
+/// Query, its metrics or the reason of a failure, and the measuring time.
+type QualityAnswer = (QualityQuery, Result<Vec<ViewReport>, String>, Duration);
 
-pub fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer>> {
+fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer>> {
     // In rayon's global pool measuring would use every core, including those of training.
     let alone = one_thread()?;
     ViewThread::start("quality", waker, move |splats: &SplatSet, query: QualityQuery| {
@@ -433,7 +429,7 @@ pub fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAn
             let (_, scores) = alone.install(measure).map_err(|error| error.to_string())?;
             Ok(scores)
         });
-        QualityAnswer { scores, took: started.elapsed(), query }
+        (query, scores, started.elapsed())
     })
 }
 

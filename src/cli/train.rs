@@ -436,8 +436,12 @@ fn attach_gpu(session: &mut Session, must: bool) -> Result<(), Failure> {
     }
     let used = session.learner().device_use();
     let tasks: [(bool, &str, MakeDevice); 3] = [
-        (used.points.is_some(), "trains", |gpu| TrainingDevice::Points(Box::new(GpuPoints::new(gpu)))),
-        (used.passes.is_some(), "trains", |gpu| TrainingDevice::Passes(Box::new(GpuMixture::new(gpu)))),
+        (used.points.is_some(), "trains", |gpu| {
+            TrainingDevice::Points(Box::new(GpuPoints::new(gpu)))
+        }),
+        (used.passes.is_some(), "trains", |gpu| {
+            TrainingDevice::Passes(Box::new(GpuMixture::new(gpu)))
+        }),
         (used.photographs.is_some(), "compares photographs", |gpu| {
             TrainingDevice::Photographs(Box::new(GpuComparer::new(gpu)))
         }),

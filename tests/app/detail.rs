@@ -101,7 +101,7 @@ fn changed_settings_are_marked_and_copied_as_a_command_that_trains_so() {
     assert!(report.to_string().contains("\"cosine\":false"), "trained by these settings");
 }
 
-fn type_into(window: &mut Window, label: &str, text: &str) {
+pub fn type_into(window: &mut Window, label: &str, text: &str) {
     window.get_by_role_and_label(Role::TextInput, label).focus();
     window.run_steps(2);
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);

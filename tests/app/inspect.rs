@@ -182,22 +182,6 @@ fn choose_color(window: &mut Window, mode: ColorMode) {
 }
 
 #[test]
-fn a_lost_device_ends_the_window_and_not_the_training() {
-    let _turn = turn();
-    for painting in [Painting::Auto, Painting::Gpu] {
-        let Some((mut window, device)) = window_and_device(Subject::Demo, painting) else { return };
-        wait(&mut window, "frames", |s| s.snapshot().frames_done >= 2);
-        device.destroy();
-        wait(&mut window, "a report of the loss", |s| {
-            s.exit().reason.get() == ExitReason::DeviceLost
-        });
-        let done = window.state().snapshot().frames_done;
-        wait(&mut window, "more frames", |s| s.snapshot().frames_done > done);
-        assert_eq!(window.state().snapshot().state, RunState::Training);
-    }
-}
-
-#[test]
 fn after_a_fault_the_cpu_draws_until_the_gpu_is_tried_again() {
     let _turn = turn();
     let Some((mut window, device)) = window_and_device(Subject::Demo, Painting::Gpu) else {

@@ -80,15 +80,23 @@ pub const SLIDER: f32 = 200.0;
 
 /// Draws the button of a command, disabled with the reason `why_not` if there is one; true if it is clicked.
 pub fn command_button(command: UiCommand, is_on: bool, why_not: Option<&str>, ui: &mut Ui) -> bool {
-    let button = ui.add_enabled(why_not.is_none(), Button::new(command.label()).selected(is_on));
-    let button = button.on_hover_text(command.hint(ui.ctx()));
-    button.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
+    let button = Button::new(command.label()).selected(is_on);
+    button_or_reason(button, &command.hint(ui.ctx()), why_not, ui)
 }
 
 /// Draws an entry of a menu, disabled with the reason `why_not` if there is one; true if it is clicked.
 pub fn entry(is_on: bool, [label, tooltip]: [&str; 2], why_not: Option<&str>, ui: &mut Ui) -> bool {
-    let button = ui.add_enabled(why_not.is_none(), Button::selectable(is_on, label));
-    let button = button.on_hover_text(tooltip);
+    button_or_reason(Button::selectable(is_on, label), tooltip, why_not, ui)
+}
+
+/// Draws a button, disabled with the reason `why_not` if there is one; true if it is clicked.
+pub fn button_or_reason(
+    button: Button<'_>,
+    tooltip: &str,
+    why_not: Option<&str>,
+    ui: &mut Ui,
+) -> bool {
+    let button = ui.add_enabled(why_not.is_none(), button).on_hover_text(tooltip);
     button.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
 }
 

@@ -44,7 +44,7 @@ pub enum StripAnswer {
 /// Serial of the open dataset and number of the frame last scrolled to.
 pub type ScrolledTo = Option<(u64, usize)>;
 
-/// Draws the header: fold button, recording status, skipped frames and training order.
+/// Draws the header: fold button, recording status and training order.
 pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<StripAnswer> {
     let StripContext { snapshot, opened, .. } = context;
     let mut asked = None;
@@ -57,11 +57,6 @@ pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<
         let live = recording_status(snapshot);
         if let Some((text, hint)) = &live {
             ui.label(SignalColor::Green.text(text, ui).size(SIZE)).on_hover_text(hint);
-        }
-        if !snapshot.frames.skipped.is_empty() {
-            let text = format!("{} skipped", snapshot.frames.skipped.len());
-            let hint = "Unusable frames are crossed out; hover over one for the reason";
-            ui.label(SignalColor::Red.text(text, ui).size(SIZE)).on_hover_text(hint);
         }
         if let (Some(plan), Some(selection)) = (&opened.plan, &opened.selection) {
             let order = RichText::new(wording::run_order(selection, plan)).size(SIZE).weak();

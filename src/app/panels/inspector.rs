@@ -1,16 +1,15 @@
 //! Inspector of the selected splat: posterior and drawing parameters.
 
 use super::card::section;
-use super::signal_color::{SignalColor, format_number};
+use super::signal_color::{SignalColor, format_number, swatch, to_color32};
 use crate::app::state::{Inspected, Snapshot};
 use crate::app::wording;
 use crate::dataset::pose_check::PoseCheck;
-use crate::math::image::unit_to_byte;
 use crate::math::sym3::Sym3;
 use crate::model::inspection::Inspection;
 use crate::model::scene::photometric::PhotometricDeviations;
 use crate::model::splat::appearance::Appearance;
-use eframe::egui::{Color32, Grid, Label, RichText, ScrollArea, Sense, Ui, Vec2};
+use eframe::egui::{Grid, Label, RichText, ScrollArea, Ui};
 use glam::DVec3;
 
 struct Section {
@@ -59,9 +58,7 @@ fn row(line: &Line, ui: &mut Ui) {
     match line.swatch {
         None => drop(ui.add(text)),
         Some(color) => drop(ui.horizontal(|ui| {
-            let (rect, _) = ui.allocate_exact_size(Vec2::splat(12.0), Sense::hover());
-            let [r, g, b] = color.map(unit_to_byte);
-            ui.painter().rect_filled(rect, 2.0, Color32::from_rgb(r, g, b));
+            swatch(Some(to_color32(color)), ui);
             ui.add(text);
         })),
     }

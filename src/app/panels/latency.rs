@@ -2,12 +2,13 @@
 
 use super::card::named;
 use super::plot_axes;
+use super::signal_color::swatch;
 use crate::app::drawing::{DrawHistory, DrawStage, ViewRenderer};
 use crate::app::state::Snapshot;
 use crate::eval::report::{FrameReport, Summary, quantile};
 use crate::train::timing::{MAX_STAGES, TrainStage};
 use eframe::egui::{
-    Align, Color32, DragValue, Grid, Layout, Response, RichText, ScrollArea, Sense, Ui, Vec2,
+    Align, Color32, DragValue, Grid, Layout, Response, RichText, ScrollArea, Ui, Vec2,
 };
 use egui_plot::{FilledArea, HLine, HoverPosition};
 use std::ops::RangeInclusive;
@@ -25,7 +26,6 @@ const COLORS: [Color32; MAX_STAGES] = [
     Color32::from_rgb(153, 153, 153),
 ];
 
-/// Range of the time budget, milliseconds per frame.
 const BUDGETS_MS: RangeInclusive<f64> = 1.0..=10_000.0;
 /// Width of a number in the table, points.
 // Fixed, so that columns do not move.
@@ -65,17 +65,10 @@ pub fn ui(
         ui.add_space(6.0);
         let has_timings = !snapshot.frames.recent.is_empty() || drawn.samples().len() > 0;
         ui.add_enabled_ui(has_timings, |ui| {
-            ui.horizontal(|ui| {
-                let all = || frames_csv(&snapshot.frames.recent) + &drawing_csv(drawn);
-                let copy = "Copies the timings of these frames and pictures to the clipboard";
-                if ui.button("Copy as CSV").on_hover_text(copy).clicked() {
-                    ui.ctx().copy_text(all());
-                }
-                let save = "Writes the timings of these frames and pictures to a file next to the open dataset or model";
-                if ui.button("Write CSV").on_hover_text(save).clicked() {
-                    to_write = Some(all());
-                }
-            });
+            let save = "Writes the timings of these frames and pictures to a file next to the open dataset or model";
+            if ui.button("Write CSV").on_hover_text(save).clicked() {
+                to_write = Some(frames_csv(&snapshot.frames.recent) + &drawing_csv(drawn));
+            }
         });
     });
     to_write
@@ -193,10 +186,7 @@ fn row(
 ) -> Response {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
-    let (swatch, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
-    if let Some(color) = color {
-        ui.painter().rect_filled(swatch, 2.0, color);
-    }
+    swatch(color, ui);
     let named = ui.label(label);
     for q in [0.5, 0.95, 1.0] {
         number(ui, RichText::new(format!("{:.1}", quantile(&values, q))).monospace());

@@ -1,5 +1,6 @@
 //! Menu bar: every command with its shortcut, and the reason if it is unavailable.
 
+use super::card::button_or_reason;
 use crate::app::action_finder::Action;
 use crate::app::command::{Menu, UiCommand};
 use eframe::egui::{Button, Ui};
@@ -82,9 +83,7 @@ fn item(context: &MenuContext<'_>, action: Action, ui: &mut Ui) -> Option<BarAns
     let keys = action.shortcut_text(ui.ctx());
     // Screen readers would announce an empty shortcut as part of the name.
     let button = if keys.is_empty() { button } else { button.shortcut_text(keys) };
-    let response = ui.add_enabled(why_not.is_none(), button);
-    let response = response.on_hover_text(action.tooltip());
-    let is_chosen = response.on_disabled_hover_text(why_not.unwrap_or_default()).clicked();
+    let is_chosen = button_or_reason(button, action.tooltip(), why_not, ui);
     if is_chosen {
         ui.close();
     }

@@ -2,14 +2,13 @@
 
 use super::card::{optional_number, section, weak};
 use super::plot_axes::plot;
-use super::signal_color::{SignalColor, format_number};
+use super::signal_color::{SignalColor, format_number, to_color32};
 use crate::app::quality::{QualityMonitor, QualityPoint};
 use crate::app::retention::RetainedFrame;
 use crate::app::state::{Opened, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::thumbnails::Thumbnails;
 use crate::eval::report::ViewReport;
-use crate::math::image::unit_to_byte;
 use crate::model::attributes::ComponentAttributes;
 use crate::render::finish::ramp;
 use eframe::egui::{Button, Color32, Frame, Grid, Image, Margin, RichText, ScrollArea, Ui, Vec2};
@@ -290,9 +289,9 @@ fn retention(frames: &[RetainedFrame], ui: &mut Ui) {
     let axes = ["frames trained", "PSNR, dB"];
     plot("retention", axes, 180.0).legend(Legend::default()).show(ui, |plot| {
         for (i, frame) in frames.iter().enumerate() {
-            let [r, g, b] = ramp(0.15 + 0.8 * i as f32 / frames.len() as f32).map(unit_to_byte);
+            let color = to_color32(ramp(0.15 + 0.8 * i as f32 / frames.len() as f32));
             let name = format!("frame {}", frame.position);
-            add_curve(plot, &name, frame.psnr.clone(), Color32::from_rgb(r, g, b));
+            add_curve(plot, &name, frame.psnr.clone(), color);
         }
     });
 }

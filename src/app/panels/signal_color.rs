@@ -1,6 +1,7 @@
 //! Signal colours of text, readable on dark and light panels.
 
 use crate::app::color_mode::ColorMode;
+use crate::math::image::unit_to_byte;
 use crate::render::attributes::{Attribute, Range, UNKNOWN};
 use crate::render::finish::ramp;
 use eframe::egui::{
@@ -53,8 +54,7 @@ pub fn ui(attribute: Attribute, range: Option<&Range>, corner: Pos2, ui: &Ui) {
                 }
             }
             ui.horizontal(|ui| {
-                let (swatch, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
-                ui.painter().rect_filled(swatch, 2.0, color(UNKNOWN));
+                swatch(Some(to_color32(UNKNOWN)), ui);
                 ui.label(RichText::new("unknown").weak());
             });
         });
@@ -87,7 +87,7 @@ fn bar(range: &Range, ui: &mut Ui) {
         let strip_rect =
             Rect::from_min_max(pos2(left, rect.top()), pos2(left + step, rect.bottom()));
         let share = (strip as f32 + 0.5) / STRIPS as f32;
-        ui.painter().rect_filled(strip_rect, 0.0, color(ramp(share)));
+        ui.painter().rect_filled(strip_rect, 0.0, to_color32(ramp(share)));
     }
     let [lo, hi] = range.ends();
     ui.horizontal(|ui| {
@@ -96,9 +96,17 @@ fn bar(range: &Range, ui: &mut Ui) {
     });
 }
 
-fn color(c: [f32; 3]) -> Color32 {
-    let [r, g, b] = c.map(crate::math::image::unit_to_byte);
+pub fn to_color32(color: [f32; 3]) -> Color32 {
+    let [r, g, b] = color.map(unit_to_byte);
     Color32::from_rgb(r, g, b)
+}
+
+/// Draws a small square in a colour, or leaves its place empty.
+pub fn swatch(color: Option<Color32>, ui: &mut Ui) {
+    let (rect, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
+    if let Some(color) = color {
+        ui.painter().rect_filled(rect, 2.0, color);
+    }
 }
 
 /// Formats a number with about three digits; very large and very small ones with an exponent.

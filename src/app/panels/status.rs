@@ -93,7 +93,10 @@ fn skipped(snapshot: &Snapshot, ui: &mut Ui) {
     ui.separator();
     let text = format!("{} frames skipped", snapshot.frames.skipped.len());
     let label = ui.label(SignalColor::Yellow.text(text, ui));
-    label.on_hover_text(format!("First reason: {}", first.message));
+    label.on_hover_text(format!(
+        "First reason: {}\nThe frame strip crosses these frames out; hover over one for its reason",
+        first.message
+    ));
 }
 
 fn slow_frame_warning(snapshot: &Snapshot, time: Duration, ui: &mut Ui) {

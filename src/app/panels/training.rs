@@ -1,37 +1,16 @@
 //! Training settings for the next opened or reset run.
 
 use super::card;
-use super::card::{choices, named, optional_number};
+use super::card::{choices, optional_number};
 use super::signal_color::SignalColor;
 use crate::app::training::{AUTOSAVE_S, TrainSettings};
-use crate::pipeline::settings::scene::SceneOverrides;
 use crate::train::paper::config::{PaperConfig, PaperOverrides};
-use crate::train::scene::config::DEFAULT_MAX_COMPONENTS;
-use crate::train::scene::units::Budget;
 use crate::train::setting::Preset;
 use crate::train::setting::table::{Setting, SettingLayer};
-use eframe::egui::{
-    CollapsingHeader, ComboBox, DragValue, Grid, Label, Response, RichText, TextEdit, Ui,
-};
+use eframe::egui::{CollapsingHeader, ComboBox, Grid, Label, Response, RichText, TextEdit, Ui};
 use std::ops::RangeInclusive;
 
-/// Budget when the user switches it on, components.
-const FIRST_BUDGET: usize = 25_000;
-
 const AUTOSAVES_S: RangeInclusive<u32> = 1..=3600;
-
-/// Rows of the scene preset; the types of its settings validate their ranges.
-const SCENE: SettingRows<SceneOverrides> = SettingRows {
-    custom: &[CustomRow { field: "budget", default: "no budget", draw: budget }],
-    check: |_| Ok(()),
-};
-
-const PAPER: SettingRows<PaperOverrides> = SettingRows {
-    custom: &[],
-    check: |paper| {
-        PaperConfig::paper().with(paper).map(drop).map_err(|refused| refused.to_string())
-    },
-};
 
 pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
     const PAPER_HELP: &str =
@@ -42,9 +21,13 @@ pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
     ];
     ui.horizontal(|ui| choices(&mut settings.preset, &presets, ui));
     if settings.preset == Preset::Scene {
-        details(&SCENE, &mut settings.scene, ui);
+        // The types of these settings check their ranges.
+        details(&mut settings.scene, |_| Ok(()), ui);
     } else {
-        details(&PAPER, &mut settings.paper, ui);
+        let check = |paper: &PaperOverrides| {
+            PaperConfig::paper().with(paper).map(drop).map_err(|refused| refused.to_string())
+        };
+        details(&mut settings.paper, check, ui);
     }
     ui.label(RichText::new("Applies to the next opened dataset, and after Reset").weak());
     let help = "Saves during training; after a crash, the next start offers to resume";
@@ -52,57 +35,27 @@ pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
     optional_number(&mut settings.autosave_s, AUTOSAVE_S, AUTOSAVES_S, texts, ui);
 }
 
-fn details<L: SettingLayer + Clone>(rows: &SettingRows<L>, layer: &mut L, ui: &mut Ui) {
-    let n = n_changed(layer);
+/// Draws the settings of a preset. `check` validates them; its error is a message for the user.
+fn details<L: SettingLayer + Clone>(
+    layer: &mut L,
+    check: impl Fn(&L) -> Result<(), String>,
+    ui: &mut Ui,
+) {
+    let n = listed::<L>().filter(|setting| differs(setting, layer)).count();
     let title = if n == 0 { "Details".to_owned() } else { format!("Details: {n} changed") };
     let details = CollapsingHeader::new(title).id_salt("details");
-    details.show(ui, |ui| rows.ui(layer, ui));
-}
-
-fn budget(scene: &mut SceneOverrides, ui: &mut Ui) {
-    ui.horizontal(|ui| {
-        let mut is_set = scene.budget.is_some();
-        if ui.checkbox(&mut is_set, "At most").changed() {
-            scene.budget = is_set.then_some(Budget::Components(FIRST_BUDGET));
-        }
-        if let Some(budget) = scene.budget {
-            let mut components = budget.components();
-            let value =
-                DragValue::new(&mut components).range(1..=DEFAULT_MAX_COMPONENTS).speed(100.0);
-            if named(ui.add(value.suffix(" components")), "At most").changed() {
-                scene.budget = Some(Budget::Components(components));
-            }
-        }
-    });
+    details.show(ui, |ui| rows(layer, check, ui));
 }
 
 /// Maximum number of choices shown as buttons; more become a menu.
 const MAX_BUTTONS: usize = 3;
 const FIELD: f32 = 80.0;
 
-/// Control of a setting that replaces the one of its table entry.
-struct CustomRow<L> {
-    field: &'static str,
-    /// Name of the default value in the reset dot's tooltip.
-    default: &'static str,
-    draw: fn(&mut L, &mut Ui),
-}
-
-struct SettingRows<L: 'static> {
-    custom: &'static [CustomRow<L>],
-    /// Validates the settings; the error is a message for the user.
-    check: fn(&L) -> Result<(), String>,
-}
-
 #[derive(Clone)]
 struct Typed {
     text: String,
     /// Value before editing; `None` if the default applied.
     before: Option<String>,
-}
-
-fn n_changed<L: SettingLayer>(layer: &L) -> usize {
-    listed::<L>().filter(|setting| differs(setting, layer)).count()
 }
 
 fn listed<L: SettingLayer>() -> impl Iterator<Item = &'static Setting<L>> {
@@ -113,111 +66,108 @@ fn differs<L: SettingLayer>(setting: &Setting<L>, layer: &L) -> bool {
     (setting.given)(layer).is_some_and(|value| value != setting.about.default)
 }
 
-impl<L: SettingLayer + Clone> SettingRows<L> {
-    /// Draws the settings with values, then the switches.
-    fn ui(&self, layer: &mut L, ui: &mut Ui) {
-        // A setting is a switch or not, whatever the layer contains.
-        let is_part = |setting: &&Setting<L>| (setting.flag)(&mut L::default()).is_some();
-        let mut problem = None;
-        // The id depends on the preset: grids of the same id would share their column widths.
-        Grid::new(L::EXAMPLE).num_columns(3).min_col_width(0.0).show(ui, |ui| {
-            for setting in listed::<L>().filter(|setting| !is_part(setting)) {
-                self.reset_marker(setting, layer, ui);
-                let name = ui.label(setting.about.label.unwrap_or_default());
-                let name = name.on_hover_text(setting.about.help());
-                match self.custom_row(setting) {
-                    Some(own) => (own.draw)(layer, ui),
-                    None if (setting.about.choices)().is_empty() => {
-                        problem = self.typed(setting, layer, &name, ui).or(problem.take());
-                    }
-                    None => choice(setting, layer, &name, ui),
-                }
-                ui.end_row();
+/// Draws the settings with values, then the switches.
+fn rows<L: SettingLayer + Clone>(
+    layer: &mut L,
+    check: impl Fn(&L) -> Result<(), String>,
+    ui: &mut Ui,
+) {
+    // A setting is a switch or not, whatever the layer contains.
+    let is_part = |setting: &&Setting<L>| (setting.flag)(&mut L::default()).is_some();
+    let mut problem = None;
+    // The id depends on the preset: grids of the same id would share their column widths.
+    Grid::new(L::EXAMPLE).num_columns(3).min_col_width(0.0).show(ui, |ui| {
+        for setting in listed::<L>().filter(|setting| !is_part(setting)) {
+            reset_marker(setting, layer, ui);
+            let name = ui.label(setting.about.label.unwrap_or_default());
+            let name = name.on_hover_text(setting.about.help());
+            if (setting.about.choices)().is_empty() {
+                problem = typed(setting, layer, &check, &name, ui).or(problem.take());
+            } else {
+                choice(setting, layer, &name, ui);
             }
-        });
-        // Below the grid, where a long message wraps; inside, it would widen the panel.
-        if let Some(problem) = problem {
-            ui.add(Label::new(SignalColor::Red.text(problem, ui)).wrap());
+            ui.end_row();
         }
-        if listed::<L>().any(|setting| is_part(&setting)) {
-            ui.label("Preparation of frames")
-                .on_hover_text("The view mode “Preparation” shows the result for every pixel");
+    });
+    // Below the grid, where a long message wraps; inside, it would widen the panel.
+    if let Some(problem) = problem {
+        ui.add(Label::new(SignalColor::Red.text(problem, ui)).wrap());
+    }
+    if listed::<L>().any(|setting| is_part(&setting)) {
+        ui.label("Preparation of frames")
+            .on_hover_text("The view mode “Preparation” shows the result for every pixel");
+    }
+    listed::<L>().filter(is_part).for_each(|setting| part(setting, layer, ui));
+}
+
+fn reset_marker<L: SettingLayer>(setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
+    let about = &setting.about;
+    let is_back = card::reset_dot(
+        about.label.unwrap_or_default(),
+        about.default,
+        differs(setting, layer),
+        ui,
+    );
+    if is_back {
+        (setting.clear)(layer);
+    }
+}
+
+/// Draws a text field with the syntax of the command line; returns the message if the text is invalid.
+fn typed<L: SettingLayer + Clone>(
+    setting: &Setting<L>,
+    layer: &mut L,
+    check: impl Fn(&L) -> Result<(), String>,
+    name: &Response,
+    ui: &mut Ui,
+) -> Option<String> {
+    let about = &setting.about;
+    let id = ui.make_persistent_id((about.field, "as typed"));
+    let given = (setting.given)(layer);
+    // The text is retained while the field has focus, since an incomplete number must not be overwritten.
+    let typed: Option<Typed> = ui.data(|data| data.get_temp(id));
+    let mut typed = typed.unwrap_or_else(|| Typed {
+        text: given.clone().unwrap_or_else(|| about.default.to_owned()),
+        before: given,
+    });
+    let range = about.range.map_or_else(String::new, |range| format!(": {}", range()));
+    let field = ui
+        .add(TextEdit::singleline(&mut typed.text).desired_width(FIELD))
+        .labelled_by(name.id)
+        .on_hover_text(format!("{}{range}", about.help()));
+    let mut changed = layer.clone();
+    let parsed = (setting.parse)(&mut changed, typed.text.trim().as_ref())
+        .map_err(|error| error.to_string())
+        .and_then(|()| check(&changed))
+        .map(|()| changed);
+    if field.changed() {
+        match (&parsed, &typed.before) {
+            (Ok(parsed), _) => layer.clone_from(parsed),
+            // Restores the previous value, not the one parsed from the first digits of an invalid number.
+            (Err(_), Some(before)) => drop((setting.parse)(layer, before.as_ref())),
+            (Err(_), None) => (setting.clear)(layer),
         }
-        listed::<L>().filter(is_part).for_each(|setting| self.part(setting, layer, ui));
+        ui.data_mut(|data| data.insert_temp(id, typed));
     }
-
-    fn custom_row(&self, setting: &Setting<L>) -> Option<&CustomRow<L>> {
-        self.custom.iter().find(|own| own.field == setting.about.field)
+    if !field.has_focus() {
+        ui.data_mut(|data| data.remove::<Typed>(id));
+        return None;
     }
+    parsed.err()
+}
 
-    fn reset_marker(&self, setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
-        let about = &setting.about;
-        let default = self.custom_row(setting).map_or(about.default, |own| own.default);
-        let is_back =
-            card::reset_dot(about.label.unwrap_or_default(), default, differs(setting, layer), ui);
-        if is_back {
-            (setting.clear)(layer);
+fn part<L: SettingLayer>(setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
+    let Some(&mut part) = (setting.flag)(layer) else { return };
+    let mut is_on = part.unwrap_or(true);
+    ui.horizontal(|ui| {
+        let checkbox = ui.checkbox(&mut is_on, setting.about.label.unwrap_or_default());
+        let is_changed = checkbox.on_hover_text(setting.about.help()).changed();
+        if is_changed && let Some(part) = (setting.flag)(layer) {
+            // `true` is the default, which a layer leaves out.
+            *part = (!is_on).then_some(false);
         }
-    }
-
-    /// Draws a text field with the syntax of the command line; returns the message if the text is invalid.
-    fn typed(
-        &self,
-        setting: &Setting<L>,
-        layer: &mut L,
-        name: &Response,
-        ui: &mut Ui,
-    ) -> Option<String> {
-        let about = &setting.about;
-        let id = ui.make_persistent_id((about.field, "as typed"));
-        let given = (setting.given)(layer);
-        // The text is retained while the field has focus, since an incomplete number must not be overwritten.
-        let typed: Option<Typed> = ui.data(|data| data.get_temp(id));
-        let mut typed = typed.unwrap_or_else(|| Typed {
-            text: given.clone().unwrap_or_else(|| about.default.to_owned()),
-            before: given,
-        });
-        let range = about.range.map_or_else(String::new, |range| format!(": {}", range()));
-        let field = ui
-            .add(TextEdit::singleline(&mut typed.text).desired_width(FIELD))
-            .labelled_by(name.id)
-            .on_hover_text(format!("{}{range}", about.help()));
-        let parsed = self.with_parsed(setting, layer, &typed.text);
-        if field.changed() {
-            match (&parsed, &typed.before) {
-                (Ok(parsed), _) => layer.clone_from(parsed),
-                // Restores the previous value, not the one parsed from the first digits of an invalid number.
-                (Err(_), Some(before)) => drop((setting.parse)(layer, before.as_ref())),
-                (Err(_), None) => (setting.clear)(layer),
-            }
-            ui.data_mut(|data| data.insert_temp(id, typed));
-        }
-        if !field.has_focus() {
-            ui.data_mut(|data| data.remove::<Typed>(id));
-            return None;
-        }
-        parsed.err()
-    }
-
-    fn with_parsed(&self, setting: &Setting<L>, layer: &L, text: &str) -> Result<L, String> {
-        let mut changed = layer.clone();
-        (setting.parse)(&mut changed, text.trim().as_ref()).map_err(|error| error.to_string())?;
-        (self.check)(&changed).map(|()| changed)
-    }
-
-    fn part(&self, setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
-        let Some(&mut part) = (setting.flag)(layer) else { return };
-        let mut is_on = part.unwrap_or(true);
-        ui.horizontal(|ui| {
-            let checkbox = ui.checkbox(&mut is_on, setting.about.label.unwrap_or_default());
-            let is_changed = checkbox.on_hover_text(setting.about.help()).changed();
-            if is_changed && let Some(part) = (setting.flag)(layer) {
-                // `true` is the default, which a layer leaves out.
-                *part = (!is_on).then_some(false);
-            }
-            self.reset_marker(setting, layer, ui);
-        });
-    }
+        reset_marker(setting, layer, ui);
+    });
 }
 
 /// Draws the buttons or menu of a setting with named values; choosing the default clears the setting.

@@ -96,7 +96,6 @@ fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui
     let mut card = Tooltip::for_widget(&slider);
     card.popup = card.popup.open(slider.hovered() || slider.dragged() || slider.has_focus());
     card.show(|ui| forecast_card(asked, next, snapshot, ui));
-    // Within 0.1 %, because the slider's value is rounded to hundredths of a pixel.
     let is_same = next.map_or(asked == run.scale, |n| (n.length / run.engine.h - 1.0).abs() < 1e-3);
     let is_trained = snapshot.frames_done > 0 && snapshot.state != RunState::Loading;
     if is_same || !is_trained {

@@ -5,7 +5,7 @@
 //! distance is the sum of both ends' variances along the connecting line.
 
 use super::world_painter::WorldPainter;
-use crate::app::panels::signal_color::format_number;
+use crate::app::panels::signal_color::{format_number, swatch, to_color32};
 use crate::app::state::Inspected;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
@@ -13,13 +13,12 @@ use crate::dataset::surface::{PixelStatus, Preparer, SurfaceCounts, SurfaceSetti
 use crate::eval::choices::GroundTruth;
 use crate::eval::views::ground_truth;
 use crate::math::camera::Camera;
-use crate::math::image::{RgbImage, unit_to_byte};
+use crate::math::image::RgbImage;
 use crate::math::sym3::Sym3;
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::Observation;
 use eframe::egui::{
-    Align2, Area, Color32, FontId, Frame as Plate, Grid, Id, Pos2, RichText, Sense, Stroke, Ui,
-    Vec2,
+    Align2, Area, Color32, FontId, Frame as Plate, Grid, Id, Pos2, RichText, Stroke, Ui, Vec2,
 };
 use glam::{DQuat, DVec2, DVec3};
 
@@ -234,11 +233,7 @@ pub fn legend(counts: &SurfaceCounts, corner: Pos2, ui: &Ui) {
 }
 
 fn row(ui: &mut Ui, color: Option<[f32; 3]>, label: &str, share: f64) {
-    let (swatch, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
-    if let Some(color) = color {
-        let [r, g, b] = color.map(unit_to_byte);
-        ui.painter().rect_filled(swatch, 2.0, Color32::from_rgb(r, g, b));
-    }
+    swatch(color.map(to_color32), ui);
     ui.label(label);
     ui.label(RichText::new(format!("{:.1} %", 100.0 * share)).monospace());
     ui.end_row();

@@ -107,7 +107,6 @@ impl SceneView {
         self.painter.change(SplatChange::All(splats.clone()), splats);
     }
 
-    /// Splats in learned colours, independent of the displayed ones.
     pub fn learned(&self) -> &Arc<SplatSet> {
         self.palette.learned()
     }
@@ -266,10 +265,7 @@ impl SceneView {
     pub fn thumbnails(&mut self, opened: &Opened) -> Option<&mut Thumbnails> {
         self.overlays.thumbnails(opened, &self.waker)
     }
-}
 
-/// Colours and edits.
-impl SceneView {
     pub fn editor(&self) -> &Editor {
         &self.editor
     }
@@ -304,10 +300,7 @@ impl SceneView {
             self.painter.change(change, self.editor.displayed_splats(&self.palette));
         }
     }
-}
 
-/// Subjects, commands and clicks.
-impl SceneView {
     /// Resets the view if another subject is open, so that no camera, comparison or pending pick of the
     /// previous one remains. Call it with every snapshot, before drawing from it or handling keys.
     pub fn reset_for_subject(&mut self, opened: &Opened) {

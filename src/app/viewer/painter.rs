@@ -3,12 +3,13 @@
 
 use super::photo::{ComparedPicture, Partner, PictureRequest};
 use crate::app::drawing::{DrawHistory, DrawSample, DrawStage, Painting, ViewRenderer};
+use crate::app::panels::signal_color::to_color32;
 use crate::app::splat_updates::SplatChange;
 use crate::app::view_thread::{Announce, ViewThread, one_thread, run_in};
 use crate::app::viewport;
 use crate::app::viewport::{GpuViewPainter, WindowDevice};
 use crate::app::worker::Waker;
-use crate::math::image::{RgbImage, unit_to_byte};
+use crate::math::image::RgbImage;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::compare::combine;
 use crate::render::cpu::CpuRenderer;
@@ -234,7 +235,7 @@ impl SoftwarePainter {
             let ms = 1e3 * took.as_secs_f64();
             // Counted by the performance test of orbiting (`tests/app/window.rs`).
             tracing::debug!("picture: {ms:.1} ms");
-            let mut sample = DrawSample::new(0);
+            let mut sample = DrawSample::default();
             sample.add(DrawStage::Picture, Some(ms));
             sample
         });
@@ -306,9 +307,6 @@ fn picture(
 }
 
 fn texels(picture: &RgbImage) -> ColorImage {
-    let pixels = picture.data.iter().map(|&p| {
-        let [r, g, b] = p.map(unit_to_byte);
-        Color32::from_rgb(r, g, b)
-    });
-    ColorImage::new([picture.width, picture.height], pixels.collect())
+    let pixels = picture.data.iter().map(|&pixel| to_color32(pixel)).collect();
+    ColorImage::new([picture.width, picture.height], pixels)
 }

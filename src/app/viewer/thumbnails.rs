@@ -5,6 +5,7 @@
 //! window, which repaints anyway.
 
 use super::frame_refs::FrameRef;
+use crate::app::panels::signal_color::to_color32;
 use crate::app::view_thread::{RestingJob, one_thread};
 use crate::app::worker::Waker;
 use crate::dataset::depth::Depth;
@@ -249,10 +250,7 @@ fn depth_picture(depth: &Depth) -> ColorImage {
     let [near, far] = [0.02, 0.98].map(|q| quantile(&known, q));
     // Positive: a wall seen head-on has a single depth.
     let span = (far - near).max(f64::MIN_POSITIVE);
-    let color = |value: f64| {
-        let [r, g, b] = ramp(((value - near) / span) as f32).map(|c| (255.0 * c).round() as u8);
-        Color32::from_rgb(r, g, b)
-    };
+    let color = |value: f64| to_color32(ramp(((value - near) / span) as f32));
     ColorImage::new(size, values.into_iter().map(|value| value.map_or(HOLE, color)).collect())
 }
 

@@ -8,7 +8,7 @@
 
 use super::frame_refs::{Direction, FrameRef, fit};
 use super::settings::ViewSettings;
-use crate::app::camera::ViewCamera;
+use crate::app::camera::{ViewCamera, WHEEL_PER_HALVING};
 use crate::app::opening::FileProposal;
 use crate::app::state::{Opened, RunState, Snapshot, Source};
 use crate::math::camera::{Camera, Intrinsics};
@@ -203,8 +203,24 @@ impl Viewpoint {
         settings: &ViewSettings,
         photo_camera: PhotoCamera<'_>,
     ) {
-        let gesture = Gesture::read(ui, response, &mut self.is_flying, turns);
-        if gesture.is_nothing() {
+        let delta = response.drag_delta();
+        let delta = [f64::from(delta.x), f64::from(delta.y)];
+        let is_turn = turns && response.dragged_by(PointerButton::Primary);
+        let is_pan = response.dragged_by(PointerButton::Secondary)
+            || response.dragged_by(PointerButton::Middle);
+        // The delta belongs to all held buttons together, so only one gesture may use it.
+        let turn = if is_turn { delta } else { [0.0; 2] };
+        let pan = if is_pan && !is_turn { delta } else { [0.0; 2] };
+        // Over a panel the wheel scrolls the panel.
+        let dolly = if response.hovered() {
+            let (wheel, zoom) = ui.input(|i| (i.smooth_scroll_delta.y, i.zoom_delta()));
+            // A pinch divides the distance by its factor.
+            f64::from(wheel) + WHEEL_PER_HALVING * f64::from(zoom).log2()
+        } else {
+            0.0
+        };
+        let fly = flight(ui, &mut self.is_flying);
+        if turn == [0.0; 2] && pan == [0.0; 2] && dolly == 0.0 && fly == [0.0; 3] {
             return;
         }
         self.place.guide = None;
@@ -217,10 +233,10 @@ impl Viewpoint {
         }
         let size = response.rect.size();
         let size = [f64::from(size.x), f64::from(size.y)];
-        camera.orbit_by(gesture.turn, size[1]);
-        camera.pan(gesture.pan, size);
-        camera.dolly(gesture.dolly);
-        camera.fly(gesture.fly);
+        camera.orbit_by(turn, size[1]);
+        camera.pan(pan, size);
+        camera.dolly(dolly);
+        camera.fly(fly);
         self.note_movement();
     }
 
@@ -392,14 +408,6 @@ fn are_inside(cameras: &[DVec3], scene: &Framing) -> bool {
     2 * n > cameras.len()
 }
 
-/// User input of one pass; drags in points, flights in scene radii.
-struct Gesture {
-    turn: [f64; 2],
-    pan: [f64; 2],
-    dolly: f64,
-    fly: [f64; 3],
-}
-
 /// Flying keys and their directions: right, down, ahead.
 const FLYING: [(Key, [f64; 3]); 6] = [
     (Key::W, [0.0, 0.0, 1.0]),
@@ -417,36 +425,7 @@ const SLOW: f64 = 0.1;
 // A slow pass must not cause a large jump.
 const MAX_STEP_S: f32 = 0.1;
 
-impl Gesture {
-    fn read(ui: &Ui, response: &Response, is_flying: &mut bool, turns: bool) -> Self {
-        let delta = response.drag_delta();
-        let delta = [f64::from(delta.x), f64::from(delta.y)];
-        let is_turn = turns && response.dragged_by(PointerButton::Primary);
-        let is_pan = response.dragged_by(PointerButton::Secondary)
-            || response.dragged_by(PointerButton::Middle);
-        // Over a panel the wheel scrolls the panel.
-        let dolly = if response.hovered() {
-            let (wheel, zoom) = ui.input(|i| (i.smooth_scroll_delta.y, i.zoom_delta()));
-            // A pinch divides the distance by its factor; the wheel halves it every 240 points.
-            f64::from(wheel) + 240.0 * f64::from(zoom).log2()
-        } else {
-            0.0
-        };
-        Self {
-            // The delta belongs to all held buttons together, so only one gesture may use it.
-            turn: if is_turn { delta } else { [0.0; 2] },
-            pan: if is_pan && !is_turn { delta } else { [0.0; 2] },
-            dolly,
-            fly: flight(ui, is_flying),
-        }
-    }
-
-    fn is_nothing(&self) -> bool {
-        self.turn == [0.0; 2] && self.pan == [0.0; 2] && self.dolly == 0.0 && self.fly == [0.0; 3]
-    }
-}
-
-/// Flight by the held keys in this pass.
+/// Flight by the held keys in this pass: right, down and ahead, in scene radii.
 fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
     // The keys then enter text.
     if ui.ctx().text_edit_focused() {

@@ -4,7 +4,7 @@
 //! renderers without overlays. Splats do not occlude them.
 
 use super::viewpoint::Viewpoint;
-use crate::math::camera::Camera;
+use crate::math::camera::{Camera, Intrinsics};
 use eframe::egui::{
     Align2, Color32, FontId, Id, Mesh, Painter, Pos2, Rect, Role, Sense, Shape, Stroke, TextureId,
     Ui, Vec2, WidgetInfo,
@@ -22,8 +22,7 @@ pub struct WorldPainter {
     pub(super) painter: Painter,
     rotation: DMat3,
     translation: DVec3,
-    focal: [f64; 2],
-    centre: [f64; 2],
+    intrinsics: Intrinsics,
     origin: Pos2,
     points_per_pixel: f32,
     near: f64,
@@ -34,13 +33,11 @@ impl WorldPainter {
     /// is the scene's, world units.
     pub fn new(ui: &Ui, rect: Rect, camera: &Camera, radius: f64) -> Self {
         let (rotation, translation) = camera.pose.inverse();
-        let k = &camera.intrinsics;
         Self {
             painter: ui.painter().with_clip_rect(rect),
             rotation,
             translation,
-            focal: [k.fx, k.fy],
-            centre: [k.cx, k.cy],
+            intrinsics: camera.intrinsics,
             origin: rect.min,
             points_per_pixel: 1.0 / ui.ctx().pixels_per_point(),
             near: NEAR * radius,
@@ -132,9 +129,8 @@ impl WorldPainter {
     }
 
     fn on_screen(&self, p: DVec3) -> Pos2 {
-        let [fx, fy] = self.focal;
-        let [cx, cy] = self.centre;
-        let pixel = Pos2::new((fx * p.x / p.z + cx) as f32, (fy * p.y / p.z + cy) as f32);
+        let k = &self.intrinsics;
+        let pixel = Pos2::new((k.fx * p.x / p.z + k.cx) as f32, (k.fy * p.y / p.z + k.cy) as f32);
         (pixel.to_vec2() * self.points_per_pixel).to_pos2() + self.origin.to_vec2()
     }
 }
