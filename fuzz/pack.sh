@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Builds every target as one binary and packs it with its corpora for another machine, where
-# parallel.sh of the folder runs it: fuzz/pack.sh FOLDER (inputs of fuzz/corpus go along)
+# Builds one binary of all targets and packs it with the inputs of fuzz/corpus and fuzz/found for another
+# machine, where parallel.sh in the folder runs it: fuzz/pack.sh FOLDER
 set -euo pipefail
 [ $# -eq 1 ] || { echo "usage: fuzz/pack.sh FOLDER" >&2; exit 2; }
 mkdir -p "$1"
@@ -8,7 +8,7 @@ folder="$(realpath "$1")"
 cd "$(dirname "$0")"
 
 host="$(rustc -vV | sed -n 's/^host: //p')"
-# What `cargo fuzz build` asks for, but optimised: this build is run for much longer than it takes.
+# Flags of `cargo fuzz build`, with optimisation, because this build runs for much longer than it takes.
 flags=(--cfg fuzzing -Zsanitizer=address -Cdebug-assertions -Cpasses=sancov-module)
 for flag in coverage-level=4 coverage-inline-8bit-counters coverage-pc-table \
     coverage-trace-compares coverage-stack-depth; do

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Fuzzes every target at once, two processes each, with what fuzz/pack.sh packed beside this file:
+# Fuzzes all targets at once, two processes each, from the archive that fuzz/pack.sh wrote beside this file:
 # parallel.sh SECONDS RESULTS [TARGET...]
-# In RESULTS: stats.txt, crashes.tar.gz (artifacts and what was said), corpus.tar.gz (minimised).
+# In RESULTS: stats.txt, crashes.tar.gz (artifacts and logs), corpus.tar.gz (minimised).
 set -euo pipefail
 [ $# -ge 2 ] || { echo "usage: parallel.sh SECONDS RESULTS [TARGET...]" >&2; exit 2; }
 seconds="$1"
@@ -10,7 +10,7 @@ results="$(realpath "$2")"
 shift 2
 here="$(realpath "$(dirname "$0")")"
 
-# Folders of inputs in memory where there is room for them: thousands are made a second.
+# Inputs in memory if there is room: the fuzzer creates thousands of files a second.
 shm="$(df -m --output=avail /dev/shm 2>/dev/null | tail -1 || echo 0)"
 if [ "$shm" -ge 1000 ]; then base=/dev/shm; else base="${TMPDIR:-/tmp}"; fi
 work="$(mktemp -d -p "$base" fuzz.XXXXXX)"
@@ -19,7 +19,7 @@ tar -C "$work" -xzf "$here/fuzz.tar.gz"
 cd "$work"
 mkdir -p temporary logs minimised
 export TMPDIR="$work/temporary"
-# One thread a process, so that an input does the same every time.
+# One thread per process, so that runs of an input are alike.
 export RAYON_NUM_THREADS=1 ASAN_OPTIONS=detect_odr_violation=0:detect_leaks=0
 
 targets=("$@")
@@ -27,7 +27,7 @@ targets=("$@")
 limits=(-max_len=16384 -timeout=20 -rss_limit_mb=4096 -malloc_limit_mb=1024)
 end=$(($(date +%s) + seconds))
 
-# One process after the other until the time is over: libFuzzer ends where an input breaks something.
+# One process after the other until the time is over, because libFuzzer ends at the first crash.
 fuzz() {
     local target="$1" process="$2" run=0 left
     mkdir -p "artifacts/$target" "found/$target"
@@ -44,7 +44,7 @@ for target in "${targets[@]}"; do
 done
 wait
 
-# The fewest inputs that reach as much.
+# The smallest set of inputs with the same coverage.
 for target in "${targets[@]}"; do
     mkdir -p "minimised/$target"
     VBGS_FUZZ_TARGET="$target" timeout 40 ./all -merge=1 "minimised/$target" "corpus/$target" \
@@ -53,7 +53,7 @@ done
 wait
 
 for target in "${targets[@]}"; do
-    # Of a process that ended without its sums, the executions that it last spoke of.
+    # For a process that ended without final statistics, the last reported number of executions.
     executed="$(for log in logs/"$target"-[12]-*; do
         sed -n 's/^stat::number_of_executed_units: *//p' "$log" | grep . ||
             sed -n 's/^#\([0-9]*\)\t.*/\1/p' "$log" | tail -1

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Fuzzes every target for 300 seconds, or those named: fuzz/run.sh [SECONDS [TARGET...]]
+# Fuzzes every target, or the given ones, for 300 seconds each: fuzz/run.sh [SECONDS [TARGET...]]
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -8,9 +8,9 @@ shift || true
 targets=("$@")
 [ ${#targets[@]} -gt 0 ] || mapfile -t targets < <(cargo +nightly fuzz list | grep -vx seeds)
 
-# Folders of inputs in memory where there is such a place: thousands are made a second.
+# Inputs in memory where possible: the fuzzer creates thousands of files a second.
 [ -d /dev/shm ] && export TMPDIR="${TMPDIR:-/dev/shm}"
-# One thread, so that an input does the same every time.
+# One thread, so that runs of an input are alike.
 export RAYON_NUM_THREADS=1
 
 cargo +nightly fuzz build

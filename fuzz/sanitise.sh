@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# What memory tools say of the engine: fuzz/sanitise.sh
+# Checks the engine with memory tools: fuzz/sanitise.sh
 # 1. The module with `unsafe` under AddressSanitizer (a nightly compiler).
-# 2. Training, saving and going on under valgrind: as much is left at the end of few frames as of many.
+# 2. Training, saving and resuming under valgrind: the memory left at the end must not depend on the frames.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -33,7 +33,7 @@ for run in train resume; do
         lost="$(sed -n 's/.*definitely lost: \([0-9,]* bytes in [0-9,]* blocks\)/\1/p' "$run$n")"
         sums+=("$(sed -n 's/.*still reachable: \([0-9,]* bytes in [0-9,]* blocks\)/\1/p' "$run$n")")
         echo "$run, $n frames: lost $lost, kept to the end ${sums[-1]}"
-        # Without leaks the summary may be left out altogether.
+        # Without leaks, valgrind may omit the summary.
         [[ "$lost" =~ ^(0 .*)?$ ]] || { cat "$run$n" >&2; exit 1; }
     done
     [ "${sums[0]}" = "${sums[1]}" ] || { echo "error: what is kept grows with frames" >&2; exit 1; }

@@ -1,9 +1,9 @@
-//! Arbitrary bytes as the numbers that programs are handed.
+//! Conversion of arbitrary bytes to numbers.
 
-/// What is left of the input; behind its end there are zeros.
+/// Remaining bytes of an input, followed by zeros.
 pub struct Bytes<'a>(pub &'a [u8]);
 
-/// Numbers that break what was only thought of for others.
+/// Numbers that often break code, such as NaN and subnormals.
 const ODD: [f32; 12] = [
     f32::NAN,
     f32::INFINITY,
@@ -20,24 +20,24 @@ const ODD: [f32; 12] = [
 ];
 
 impl Bytes<'_> {
-    /// Whether nothing is left.
+    /// True at the end of the input.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// The next byte.
+    /// Takes the next byte.
     pub fn byte(&mut self) -> u8 {
         let Some((first, rest)) = self.0.split_first() else { return 0 };
         self.0 = rest;
         *first
     }
 
-    /// Whether the next byte is odd.
+    /// Takes the next byte; true if it is odd.
     pub fn flag(&mut self) -> bool {
         self.byte() & 1 == 1
     }
 
-    /// A number: most are everyday ones, sixteenths from 0 to 12, some odd, some any that there are.
+    /// Takes a number: mostly sixteenths from 0 to 12, some of [`ODD`], some with arbitrary bits.
     pub fn number(&mut self) -> f32 {
         match self.byte() {
             code @ 0..200 => f32::from(code) / 16.0,

@@ -1,4 +1,4 @@
-//! Checkpoints whose checksums are right whatever they hold.
+//! Checkpoints with correct checksums and arbitrary content.
 
 use vbgs_studio::export::checkpoint::{parse, to_bytes};
 use vbgs_studio::pipeline::checkpoint::SavedRun;
@@ -6,12 +6,12 @@ use vbgs_studio::pipeline::checkpoint::SavedRun;
 const HEADER: usize = 24;
 const ENTRY: usize = 32;
 
-/// Parsed, written again, read as a run, drawn.
+/// Parses a checkpoint, writes it again, reads it as a run and renders it.
 pub fn checkpoint(data: &[u8]) {
     let data = sealed(data);
     let Ok(loaded) = parse(&data) else { return };
     let again = parse(&to_bytes(&loaded.checkpoint)).expect("what is written can be read");
-    // By their bytes: numbers that are none are not equal to themselves.
+    // By their bytes, because NaN is not equal to itself.
     assert_eq!(to_bytes(&again.checkpoint), to_bytes(&loaded.checkpoint));
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("checkpoint.vbgs");
@@ -25,7 +25,7 @@ pub fn checkpoint(data: &[u8]) {
     }
 }
 
-/// The file with the checksums of what it holds, as far as its table says where that is.
+/// Returns the file with correct checksums, as far as its table gives the places of the sections.
 pub fn sealed(data: &[u8]) -> Vec<u8> {
     let mut data = data.to_vec();
     let at = |data: &[u8], place: usize| {

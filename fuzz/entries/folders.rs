@@ -1,4 +1,4 @@
-//! Recordings: whole folders, and single files of folders that are sound otherwise.
+//! Recordings: whole folders, and single files of otherwise valid folders.
 
 use crate::common::layouts::{TestLayout, write};
 use crate::common::scratch::Files;
@@ -13,7 +13,7 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 
-/// What begins a file of a folder in one text, before its path.
+/// Mark before the path of each file, for a folder in one text.
 pub const MARK: &[u8] = b"\n=== ";
 const MAX_FILES: usize = 24;
 const MAX_FRAMES: usize = 3;
@@ -40,7 +40,7 @@ pub const POSE_FILES: [(TestLayout, &str); 18] = [
     (TestLayout::RtabMap, "calib/1.yaml"),
 ];
 
-/// Photographs, depth and confidence.
+/// Image files of photographs, depth and confidence, with the layout that has them.
 pub const IMAGE_FILES: [(TestLayout, &str); 6] = [
     (TestLayout::Blender(DepthBits::Eight), "train/r_0.png"),
     (TestLayout::Blender(DepthBits::Eight), "train/r_0_depth_0001.png"),
@@ -50,7 +50,7 @@ pub const IMAGE_FILES: [(TestLayout, &str); 6] = [
     (TestLayout::Arkit, "depth/000000.bin"),
 ];
 
-/// A folder in one text: [`MARK`], a path, a new line, the file's bytes, and so on.
+/// Reads a folder in one text: for each file [`MARK`], a path, a line break and the content.
 pub fn layout(data: &[u8]) {
     let folder = tempfile::tempdir().expect("a folder");
     let mut rest = data;
@@ -67,13 +67,13 @@ pub fn layout(data: &[u8]) {
     exercise(folder.path());
 }
 
-/// Puts a file below a folder, if there can be one.
+/// Writes a file below a folder, if its name permits.
 fn put(folder: &Path, name: &Path, bytes: &[u8]) {
     if !name.components().all(|part| matches!(part, Component::Normal(_))) {
         return;
     }
     let path = folder.join(name);
-    // A name that is too long, or below a file: then it is not there.
+    // Fails for a name that is too long or below a file; the file is then missing.
     let _ = path.parent().map(std::fs::create_dir_all);
     let _ = std::fs::write(path, bytes);
 }
@@ -82,27 +82,27 @@ fn position(data: &[u8], wanted: &[u8]) -> Option<usize> {
     data.windows(wanted.len()).position(|window| window == wanted)
 }
 
-/// The first byte chooses which file of poses the others are.
+/// Reads a recording with a mutated file of poses. The first byte selects the file.
 pub fn poses(data: &[u8]) {
     chosen(&POSE_FILES, data);
 }
 
-/// The first byte chooses which image the others are.
+/// Reads a recording with a mutated image. The first byte selects the file.
 pub fn images(data: &[u8]) {
     chosen(&IMAGE_FILES, data);
 }
 
-/// Depth of Record3D.
+/// Reads a depth file of Record3D.
 pub fn exr(data: &[u8]) {
     in_place(TestLayout::Record3d, "depth/0.exr", data);
 }
 
-/// Depth of nerfstudio as arrays of NumPy, or TIFF: the content says which.
+/// Reads a depth file of nerfstudio: NumPy array or TIFF, detected from the content.
 pub fn npy(data: &[u8]) {
     in_place(TestLayout::Nerfstudio, "depths/frame_00001.png", data);
 }
 
-/// An archive of Record3D.
+/// Reads an archive of Record3D.
 pub fn r3d(data: &[u8]) {
     in_place(TestLayout::Record3dArchive, "recording.r3d", data);
 }
@@ -113,7 +113,7 @@ fn chosen(files: &[(TestLayout, &str)], data: &[u8]) {
     in_place(layout, file, rest);
 }
 
-/// A sound folder in which one file holds other bytes.
+/// Reads a valid folder in which one file has other content.
 fn in_place(layout: TestLayout, file: &str, data: &[u8]) {
     let folder = tempfile::tempdir().expect("a folder");
     sound(layout).write(folder.path());
@@ -123,7 +123,7 @@ fn in_place(layout: TestLayout, file: &str, data: &[u8]) {
     exercise(folder.path());
 }
 
-/// The smallest recording of a layout.
+/// Returns the smallest recording of a layout.
 pub fn sound(layout: TestLayout) -> &'static Files {
     static KEPT: [OnceLock<Files>; TestLayout::ALL.len()] =
         [const { OnceLock::new() }; TestLayout::ALL.len()];
@@ -144,8 +144,7 @@ pub fn sound(layout: TestLayout) -> &'static Files {
     })
 }
 
-/// Opens a folder with its poses and without, looks at all that is looked at before training, and
-/// learns some frames.
+/// Opens a folder with and without its poses, runs all checks before training, and trains on some frames.
 fn exercise(folder: &Path) {
     let blind = LoadOptions { track: true, geometry_only: true, ..LoadOptions::default() };
     for options in [LoadOptions::default(), blind] {
@@ -184,7 +183,7 @@ fn examine(dataset: Arc<Dataset>) {
     drawn.for_each(|splat| assert!(splat.is_valid(), "{splat:?}"));
 }
 
-/// No file may fill a screen with itself.
+/// Checks that a message does not quote too much of a file.
 fn short(message: &str) {
     assert!(message.len() < 2000, "a message of {} bytes: {message:.200}", message.len());
 }

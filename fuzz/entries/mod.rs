@@ -1,6 +1,5 @@
-//! What is fed with arbitrary bytes: one function for every target of `cargo fuzz` and for the test
-//! that replays what was found. Each panics where the product does, or where it says something that
-//! cannot be right.
+//! Functions that take arbitrary bytes, one for every target of `cargo fuzz`. A test replays the inputs that
+//! fuzzing found. Each function panics if the product panics or returns an impossible result.
 
 mod bytes;
 pub mod checkpoint;
@@ -10,17 +9,17 @@ mod seeds;
 mod settings;
 mod training;
 
-/// A place where bytes from outside come in.
+/// Function that processes bytes from outside.
 pub struct Target {
-    /// As the command line of `cargo fuzz`, the folder of its seeds and its binary call it.
+    /// Name of its binary, of the folder of its seeds, and on the command line of `cargo fuzz`.
     pub name: &'static str,
-    /// What it is fed to.
+    /// Processes an input.
     pub run: fn(&[u8]),
-    /// Sound inputs to begin with, made by the library's own writers.
+    /// Valid inputs, made by the library's own writers.
     pub seeds: fn() -> Vec<Vec<u8>>,
 }
 
-/// All of them.
+/// All targets.
 pub const TARGETS: [Target; 14] = [
     Target { name: "layouts", run: folders::layout, seeds: seeds::layouts },
     Target { name: "poses", run: folders::poses, seeds: seeds::poses },
@@ -38,10 +37,10 @@ pub const TARGETS: [Target; 14] = [
     Target { name: "training", run: training::training, seeds: seeds::training },
 ];
 
-/// Feeds a target.
+/// Runs a target on an input.
 ///
 /// # Panics
-/// Where the product does, and for a name that is no target's.
+/// If the product panics, or for the name of no target.
 #[allow(dead_code, reason = "the test goes through the list")]
 pub fn run(name: &str, data: &[u8]) {
     let target = TARGETS.iter().find(|target| target.name == name);

@@ -1,30 +1,31 @@
-//! Models of other programs, and what is written of them again.
+//! Reading of model files, and writing of the result.
 
 use vbgs_studio::export::{ModelFormat, WriteOptions, read, read_up_to, write};
 
-/// More rows than these are not worth the time of one input.
+/// Maximum number of rows.
+// More are not worth the time of one input.
 const MAX_ROWS: usize = 2000;
 
-/// PLY: splats, points, or packed as PlayCanvas does.
+/// Reads a PLY: splats, points, or the compressed form of PlayCanvas.
 pub fn ply(data: &[u8]) {
     if data.starts_with(b"ply") {
         model(data);
     }
 }
 
-/// SPZ without its gzip, which hides everything behind a checksum.
+/// Reads an SPZ, usually without gzip, whose checksum would reject mutations.
 pub fn spz(data: &[u8]) {
     if data.starts_with(b"NGSP") || data.starts_with(&[0x1F, 0x8B]) {
         model(data);
     }
 }
 
-/// `.splat`, which nothing marks.
+/// Reads a `.splat`, which has no magic bytes.
 pub fn splat(data: &[u8]) {
     model(&data[..data.len() / 32 * 32]);
 }
 
-/// GLB with its lengths put right, or glTF.
+/// Reads a GLB with corrected length, or a glTF.
 pub fn glb(data: &[u8]) {
     let mut data = data.to_vec();
     if data.starts_with(b"glTF") && data.len() >= 12 {
@@ -34,7 +35,7 @@ pub fn glb(data: &[u8]) {
     model(&data);
 }
 
-/// Whatever is read is sound, and can be written in every format and read again.
+/// Checks that a model that is read is valid, and can be written in every format and read again.
 fn model(data: &[u8]) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("model");

@@ -1,5 +1,5 @@
-//! Sound inputs that fuzzing begins with and the replay keeps alive: an entry that refuses them all
-//! finds nothing.
+//! Valid inputs from which fuzzing starts. Tests replay them, because an entry that refuses all of them would
+//! find nothing.
 
 use super::folders::{IMAGE_FILES, MARK, POSE_FILES, sound};
 use super::training::{FIRST_OF_PAPER, steps_wider};
@@ -17,7 +17,7 @@ use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};
 use vbgs_studio::train::setting::Preset;
 
-/// A folder of every layout in one text.
+/// Folders of every layout, each as one text.
 pub fn layouts() -> Vec<Vec<u8>> {
     let text = |layout: &TestLayout| {
         let files = sound(*layout).iter();
@@ -29,12 +29,12 @@ pub fn layouts() -> Vec<Vec<u8>> {
     TestLayout::ALL.iter().map(text).collect()
 }
 
-/// Every file of poses behind its number.
+/// Every file of poses after the byte of its number.
 pub fn poses() -> Vec<Vec<u8>> {
     numbered(&POSE_FILES)
 }
 
-/// Every image behind its number.
+/// Every image after the byte of its number.
 pub fn images() -> Vec<Vec<u8>> {
     numbered(&IMAGE_FILES)
 }
@@ -52,12 +52,12 @@ fn file_of(layout: TestLayout, file: &str) -> Vec<u8> {
     bytes.to_vec()
 }
 
-/// A file as Record3D has it.
+/// Depth file of Record3D.
 pub fn exr() -> Vec<Vec<u8>> {
     vec![file_of(TestLayout::Record3d, "depth/0.exr")]
 }
 
-/// Arrays of the types that are read, and a TIFF of 16 bits.
+/// Arrays of all readable types, and a TIFF of 16 bits.
 pub fn npy() -> Vec<Vec<u8>> {
     let array = |kind: &str, bytes: usize| {
         let header =
@@ -78,7 +78,7 @@ pub fn npy() -> Vec<Vec<u8>> {
     kinds.into_iter().map(|(kind, bytes)| array(kind, bytes)).chain([tiff]).collect()
 }
 
-/// A recording.
+/// Archives of a recording.
 pub fn r3d() -> Vec<Vec<u8>> {
     vec![file_of(TestLayout::Record3dArchive, "recording.r3d")]
 }
@@ -101,7 +101,7 @@ fn written(options: &WriteOptions) -> Vec<u8> {
     std::fs::read(path).expect("the model")
 }
 
-/// Splats with harmonics, points, and points as text.
+/// Splats with harmonics, points, and points in ASCII.
 pub fn ply() -> Vec<Vec<u8>> {
     let padded = WriteOptions { sh3_padding: true, ..WriteOptions::new(ModelFormat::Ply) };
     let text = "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int i\nelement vertex 2\n\
@@ -112,7 +112,7 @@ pub fn ply() -> Vec<Vec<u8>> {
     vec![written(&padded), written(&points), text.into()]
 }
 
-/// Two splats of one chunk, all bits zero but those of sizes.
+/// Two splats of one chunk, with zero bits except in sizes.
 pub fn compressed_ply() -> Vec<Vec<u8>> {
     let bounds = ["x", "y", "z", "scale_x", "scale_y", "scale_z"];
     let mut text = "ply\nformat binary_little_endian 1.0\nelement chunk 1\n".to_owned();
@@ -132,7 +132,7 @@ pub fn compressed_ply() -> Vec<Vec<u8>> {
     vec![plain, more]
 }
 
-/// As the program writes it, and the older versions without their gzip.
+/// A written file, and files of older versions without their gzip.
 pub fn spz() -> Vec<Vec<u8>> {
     let legacy = |version: u8, row: usize| {
         let mut bytes = b"NGSP".to_vec();
@@ -144,7 +144,7 @@ pub fn spz() -> Vec<Vec<u8>> {
     older.into_iter().chain([written(&WriteOptions::new(ModelFormat::Spz))]).collect()
 }
 
-/// Two rows.
+/// Two splats.
 pub fn splat() -> Vec<Vec<u8>> {
     let mut bytes = Vec::new();
     for splat in splats() {
@@ -155,7 +155,7 @@ pub fn splat() -> Vec<Vec<u8>> {
     vec![bytes]
 }
 
-/// As the program writes it, and a glTF with its buffer inside.
+/// A written file, and a glTF with an embedded buffer.
 pub fn glb() -> Vec<Vec<u8>> {
     let glb = written(&WriteOptions::new(ModelFormat::Glb));
     let json_end = 20 + u32::from_le_bytes([glb[12], glb[13], glb[14], glb[15]]) as usize;
@@ -167,7 +167,7 @@ pub fn glb() -> Vec<Vec<u8>> {
     vec![glb, json.to_string().into()]
 }
 
-/// A room of a handful of components of each preset.
+/// A room with few components, by each preset.
 pub fn checkpoint() -> Vec<Vec<u8>> {
     let paper = PaperOverrides { components: Some(4), ..PaperOverrides::default() };
     let paper = PaperConfig::paper().with(&paper).expect("settings");
@@ -188,7 +188,7 @@ fn trained(asked: MethodRequest) -> Vec<u8> {
     to_bytes(&session.checkpoint().expect("a checkpoint"))
 }
 
-/// The presets' own files, and a calibration.
+/// Files of both presets, and a calibration.
 pub fn ron() -> Vec<Vec<u8>> {
     let calibration = "(color_camera: Some((focal: (522.0, 522.0), principal: (320.0, 238.5), \
                        offset: (0.02, 0.0, 0.0), rotation: (0.0, 0.0, 0.0))), depth_offset: 0.0, \
@@ -198,25 +198,25 @@ pub fn ron() -> Vec<Vec<u8>> {
     texts.into_iter().map(Into::into).collect()
 }
 
-/// Settings and frames of a plane, then everything once: for each kind of scene, and for each policy
-///  of reassignment and precision.
+/// Settings and frames of a plane, then every command once: for each kind of scene, and for each policy of
+/// reassignment and precision.
 pub fn training() -> Vec<Vec<u8>> {
     let commands = [
         0, 15, 11, 0, 1, 0, 0, 0, 0, 24, 1, 24, 3, 0, 90, 1, // a frame
-        0, 15, 11, 0, 2, 0, 1, 0, 0, 24, 1, 24, 3, 0, 90, 1, // from beside
+        0, 15, 11, 0, 2, 0, 1, 0, 0, 24, 1, 24, 3, 0, 90, 1, // from the side
         4, 5, 6, 3, 7, 1, 3, 5,
     ];
     let scene = |kind: u8, flags: u8| {
         let config = [kind, 4, flags, 20, kind, 0];
         [&config[..], &commands].concat()
     };
-    // Eight components of three candidates, an eighth of which may move; a room of 12 units.
+    // Eight components with three candidates, of which an eighth may move, in a room of 12 units.
     let paper = |kind: u8, flags: u8, precision: u8| {
         let config = [FIRST_OF_PAPER + kind, 8, 3, flags, 1, 2, precision, 0, 0, 0, 16];
         [&config[..], &commands].concat()
     };
     let scenes = (0..3).flat_map(|kind| [scene(kind, 0), scene(kind, 0b1001_0111)]);
-    // A budget far too small for a fine scale, by what features there are; fused with itself.
+    // A budget far too small for a fine scale, with each set of features, fused with itself.
     let narrow = (0..3).flat_map(|kind| {
         let config = |flags| [kind, 1, flags, 2, kind, 0];
         [0, 0b1101_0111].map(|flags| [&config(flags)[..], &commands, &[6]].concat())

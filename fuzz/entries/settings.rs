@@ -1,4 +1,4 @@
-//! Settings files as people edit them.
+//! Settings files.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -14,7 +14,7 @@ use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::paper::config::PaperOverrides;
 use vbgs_studio::train::setting::Preset;
 
-/// A text as settings of either preset and as a calibration; a scene with them learns a frame.
+/// Reads a text as settings of either preset and as a calibration, and trains a scene with them on a frame.
 pub fn ron(data: &[u8]) {
     if let Ok(text) = std::str::from_utf8(data) {
         if let Some(paper) = layer::<PaperOverrides>(text) {
@@ -28,7 +28,7 @@ pub fn ron(data: &[u8]) {
     calibration(&folder.path().join("calibration.ron"), data);
 }
 
-/// Settings that are read come back from what is written of them.
+/// Checks that settings survive writing and reading.
 fn layer<L: DeserializeOwned + Serialize>(text: &str) -> Option<L> {
     let options =
         ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);

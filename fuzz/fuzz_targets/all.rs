@@ -1,4 +1,4 @@
-//! Every target in one binary, so that a machine elsewhere is handed one: `VBGS_FUZZ_TARGET` names it.
+//! All targets in one binary for another machine. `VBGS_FUZZ_TARGET` selects one.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! What tests share, as far as targets need it.
+//! Helpers of the tests that the targets need as well.
 
 #[path = "../../tests/common/layouts.rs"]
 pub mod layouts;

@@ -6,8 +6,8 @@ pub mod entries;
 
 pub use libfuzzer_sys::fuzz_target;
 
-/// Ends the process at every panic of the product itself. Those of decoders that are other people's
-/// code may be caught where the product guards against them; if they are not, libFuzzer sees them.
+/// Aborts the process at every panic of the product. Panics of external decoders are only printed: the product
+/// catches some of them, and libFuzzer detects the others.
 pub fn watch_panics() {
     let print = std::panic::take_hook();
     // The fuzzer's own hook would end the process for guarded panics too.
@@ -23,7 +23,7 @@ pub fn watch_panics() {
     }));
 }
 
-/// The binary of a target.
+/// Defines the binary of a target.
 #[macro_export]
 macro_rules! target {
     ($name:literal) => {

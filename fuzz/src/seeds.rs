@@ -1,4 +1,4 @@
-//! Writes the sound inputs of every target below the folder named on the command line.
+//! Writes the valid inputs of every target into the folder given on the command line.
 
 fn main() -> std::io::Result<()> {
     let folder = std::env::args_os().nth(1).expect("usage: seeds CORPUS");

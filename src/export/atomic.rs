@@ -292,8 +292,7 @@ struct Temporary<'a, T> {
 }
 
 impl<'a, T> Temporary<'a, T> {
-    /// Creates `.NAME.PROCESS.RANDOM<suffix>` with `make`, in the target's folder: across file systems a
-    /// rename is a copy, which can be interrupted.
+    /// Creates `.NAME.PROCESS.RANDOM<suffix>` with `make`, in the target's folder.
     fn create(
         check: SaveCheck<'a>,
         target: &Path,
@@ -303,6 +302,7 @@ impl<'a, T> Temporary<'a, T> {
         let mut prefix = OsString::from(".");
         prefix.push(target.file_name().unwrap_or_default());
         prefix.push(format!(".{}.", std::process::id()));
+        // Not in another folder: across file systems a rename is a copy, which can be interrupted.
         let entry =
             Builder::new().prefix(&prefix).suffix(suffix).make_in(folder_of(target), make)?;
         Ok(Self { check, entry })

@@ -9,9 +9,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 const VERSION: u32 = 1;
-/// Maximum number of pictures in a path: one hour at 30 fps.
+/// Maximum number of pictures in a path.
+// One hour at 30 fps.
 const MAX_PICTURES: f64 = 108_000.0;
-/// Maximum file size; 10,000 keyframes take 2 MB.
+// 10,000 keyframes take 2 MB.
 const MAX_BYTES: u64 = 16 << 20;
 /// Vertical field of view of keyframes without `fov_y`, in degrees.
 const DEFAULT_FOV: f64 = 50.0;
@@ -167,7 +168,8 @@ impl FileText {
             return refuse("keyframes", "two or more", n.to_string());
         };
         let (apart, turn) = first.offset_to(&last);
-        // No rotation means |w| = 1: a quaternion and its negative are the same rotation.
+        // Relative, because coordinates far from zero are rounded more. No rotation means |w| = 1: a
+        // quaternion and its negative are the same rotation.
         if self.is_loop
             && (apart.length() > 1e-6 * (1.0 + first.centre().length())
                 || turn.w.abs() < 1.0 - 1e-9)

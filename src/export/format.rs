@@ -147,6 +147,7 @@ pub struct WriteSelection<'a> {
 impl WriteSelection<'_> {
     /// True if splat `i` is selected. `evidence` and the lists of the selection have one entry per splat.
     pub fn selects(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
+        // The corners may come in any order.
         let is_inside =
             self.crop.is_none_or(|[a, b]| mean.cmpge(a.min(b)).all() && mean.cmple(a.max(b)).all());
         // A splat without an entry passes every limit.
@@ -174,8 +175,7 @@ pub struct WriteOptions<'a> {
     /// Comment lines in printable ASCII, such as `vbgs legacy-cov`: PLY comments, or `asset.extras.comments`
     /// of a GLB.
     pub comments: &'a [String],
-    /// World positions of the training cameras. If given, a point cloud gets normals that face the nearest
-    /// camera.
+    /// World positions of the training cameras. A point cloud then has normals that face the nearest camera.
     pub camera_centres: &'a [DVec3],
     /// Number of points `N_k` of each given splat, stored with the points of a point cloud.
     pub confidence: Option<&'a [f64]>,

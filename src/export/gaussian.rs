@@ -11,14 +11,15 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 /// Smallest scale written, so that its logarithm is finite (`files.md`, From splat to file).
 pub(super) const SCALE_FLOOR: f64 = 1e-7;
-/// Smallest scale written relative to the splat's largest, for worlds whose unit makes splats tiny.
+/// Smallest scale written, relative to the splat's largest.
+// In a world of large units all scales may be below the absolute minimum.
 const FLATTEST: f64 = 1e-4;
 /// Margin between opacities and 0 or 1 where a logit is written (`files.md`, From splat to file).
 // Limits logits to ±13.8.
 const LOGIT_MARGIN: f64 = 1e-6;
-/// Shorter quaternions count as zero.
+/// Length below which a quaternion counts as zero.
 const MIN_QUATERNION: f64 = 1e-12;
-/// Clamping a colour by more than this is reported; less is rounding.
+/// Largest change of a colour by clamping that counts as rounding.
 const COLOR_SLACK: f64 = 1e-4;
 
 /// Splat in f64; fields as in [`Splat`] and [`Appearance`], with a unit quaternion as rotation.
@@ -32,8 +33,9 @@ pub(super) struct Gaussian {
     pub directional: DMat3,
 }
 
-/// Range of view directions around the mean observed one in which the exported colour should match the native
-/// one, as a length of the difference of unit vectors: 60° to either side.
+/// Range of view directions around the mean observed one within which the exported colour should match the
+/// native one: length of the difference of unit vectors.
+// 60° to either side.
 const VIEW_RANGE: f64 = 1.0;
 
 pub(super) fn drawable(view: SplatView) -> impl Iterator<Item = (usize, Gaussian)> + Clone {
@@ -57,7 +59,7 @@ impl Gaussian {
         directional: DMat3::ZERO,
     };
 
-    /// Converts a drawable splat and applies the lower bounds of all formats. The colour gradient is dropped.
+    /// Converts a drawable splat without its colour gradient and applies the lower bounds of all formats.
     pub fn from_splat(splat: &Splat, appearance: &Appearance) -> Self {
         let wide = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
         let [w, x, y, z] = splat.rotation.map(f64::from);
@@ -91,8 +93,9 @@ impl Gaussian {
         Self { mean: factor * self.mean, scale: factor * self.scale, ..self }
     }
 
-    /// Chooses the quaternion with `w ≥ 0` of the two that represent the rotation, as formats require.
+    /// Negates the quaternion if `w < 0`; the rotation is the same.
     pub fn with_positive_w(self) -> Self {
+        // Formats require `w ≥ 0` of the two quaternions that represent a rotation.
         let rotation = if self.rotation.w < 0.0 { -self.rotation } else { self.rotation };
         Self { rotation, ..self }
     }
@@ -101,8 +104,8 @@ impl Gaussian {
         self.color + self.directional * (self.mean - eye).normalize_or_zero()
     }
 
-    /// Converts to model records; `None` if a field is not finite in f32. Opacities are clamped to `[0, 1]`,
-    /// and so are colours without view dependence.
+    /// Converts to the records of a model; `None` if a field is not finite in f32. Clamps opacities, and
+    /// colours without view dependence, to `[0, 1]`.
     pub fn to_splat(self) -> Option<(Splat, Appearance)> {
         let narrow = |v: DVec3| v.as_vec3().to_array();
         let splat = Splat {
@@ -124,20 +127,22 @@ impl Gaussian {
         self.directional == DMat3::ZERO
     }
 
-    /// Clamps the colour to `[0, 1]`, unless it is only the constant term of a view-dependent colour.
+    /// Colour within `[0, 1]` if it does not depend on the view direction, otherwise unchanged.
     fn bounded_color(&self) -> DVec3 {
         match self.is_diffuse() {
             true => self.color.map(|c| c.clamp(0.0, 1.0)),
+            // Only the constant term: the other terms may bring the colour back into the range.
             false => self.color,
         }
     }
 
-    /// True if clamping changed the colour by more than rounding.
+    /// True if clamping changes the colour by more than rounding.
     pub fn is_color_out_of_range(&self) -> bool {
         (self.color - self.bounded_color()).abs().max_element() > COLOR_SLACK
     }
 }
 
+/// Smallest scale written for a splat with these scales.
 pub(super) fn scale_floor(scales: DVec3) -> f64 {
     let largest = scales.max_element();
     if largest > 0.0 { SCALE_FLOOR.min(FLATTEST * largest) } else { SCALE_FLOOR }
@@ -159,8 +164,8 @@ pub(super) fn from_rows(rows: [[f32; 3]; 3]) -> DMat3 {
     DMat3::from_cols_array_2d(&rows.map(|row| row.map(f64::from))).transpose()
 }
 
-/// Computes `ln(o / (1 − o))` with `o` limited to stay away from 0 and 1.
 pub(super) fn logit(opacity: f64) -> f64 {
+    // Away from 0 and 1, where the logarithm is not finite.
     let o = opacity.clamp(LOGIT_MARGIN, 1.0 - LOGIT_MARGIN);
     (o / (1.0 - o)).ln()
 }
@@ -178,7 +183,7 @@ pub(super) fn linear_to_srgb(linear: f64) -> f64 {
     if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Rotation between coordinate axes. Between world axes it only permutes and negates coordinates, so
+/// Rotation between coordinate systems. Between world axes it only permutes and negates coordinates, so
 /// positions stay exact.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AxisRotation {
@@ -281,12 +286,5 @@ mod tests {
             let v = f64::from(i) / 1000.0;
             assert!((linear_to_srgb(srgb_to_linear(v)) - v).abs() < 1e-7, "{v}");
         }
-    }
-
-    #[test]
-    fn a_quaternion_without_direction_is_none_and_nan_is_kept() {
-        assert!(unit_quaternion([0.0; 4]).is_none());
-        assert!(unit_quaternion([f64::NAN, 0.0, 0.0, 0.0]).unwrap().is_nan());
-        assert_eq!(unit_quaternion([2.0, 0.0, 0.0, 0.0]).unwrap(), DQuat::IDENTITY);
     }
 }

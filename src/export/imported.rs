@@ -14,7 +14,7 @@ use glam::{DQuat, DVec3};
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imported {
     /// Finite splats in file order, in the file's axes (PLY, `.splat`) or rotated to z-up (glTF, SPZ). Points
-    /// become opaque spheres with half the point spacing as radius. Colour by direction has degree 1 at most.
+    /// become opaque spheres with half the point spacing as radius. View-dependent colour has degree 1 at most.
     pub splats: SplatSet,
     /// Kind of the rows.
     pub kind: ModelKind,
@@ -32,7 +32,7 @@ pub struct Imported {
     pub bytes: u64,
 }
 
-/// Start of the PLY comment with the up direction, which brush reads too.
+// brush reads this comment as well.
 pub(super) const VERTICAL_AXIS: &str = "Vertical axis:";
 
 impl Imported {
@@ -57,27 +57,19 @@ pub enum ModelKind {
 }
 
 /// Notice about a successful import.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
 pub enum Note {
     /// Spherical harmonics above degree 1 were ignored; also those of degree 1, if incomplete or in linear
     /// colour.
     #[strum(to_string = "view-dependent colour ignored ({n_coefficients} coefficients per splat)")]
-    ViewDependentColorIgnored {
-        /// Number of ignored coefficients per splat, over all channels.
-        n_coefficients: usize,
-    },
+    ViewDependentColorIgnored { n_coefficients: usize },
     /// Zero quaternions were read as the identity.
     #[strum(to_string = "{n_splats} splats had a rotation of length zero, read as no rotation")]
-    ZeroRotation {
-        /// Number of affected splats.
-        n_splats: usize,
-    },
+    ZeroRotation { n_splats: usize },
     /// Colours outside `[0, 1]` were clamped.
     #[strum(to_string = "{n_splats} splats had a colour outside 0..1, clamped")]
-    ColorClamped {
-        /// Number of affected splats.
-        n_splats: usize,
-    },
+    ColorClamped { n_splats: usize },
     /// The third scale is missing, so splats are flat.
     #[strum(to_string = "scale_2 is missing: splats read as flat")]
     FlatSplats,
@@ -101,10 +93,7 @@ pub enum Note {
     ExtensionsIgnored,
     /// Primitives of a glTF were skipped, such as meshes.
     #[strum(to_string = "{n_primitives} other primitives of the file (meshes, points) skipped")]
-    PrimitivesSkipped {
-        /// Number of skipped primitives.
-        n_primitives: usize,
-    },
+    PrimitivesSkipped { n_primitives: usize },
 }
 
 pub(super) struct Rows {
@@ -130,7 +119,7 @@ impl Rows {
 
     /// Adds a row, or counts it as skipped if it is not finite.
     pub fn push(&mut self, row: Gaussian) {
-        // A rotation of the axes may have produced the quaternion with negative w.
+        // A rotation of the axes may have made w negative.
         match row.with_positive_w().to_splat() {
             // Only rows that are retained count as clamped.
             Some((splat, appearance)) => {
@@ -165,18 +154,21 @@ impl Rows {
             splats,
             kind,
             local_origin: local_origin::from_comments(&comments),
+            // Readers of y-up formats replace this value.
             is_z_up: false,
             skipped,
             notes,
             comments,
+            // `read_up_to` sets the size.
             bytes: 0,
         })
     }
 }
 
-/// Sets the standard deviation to half the point spacing, estimated as if the points covered a surface as
-/// large as their bounding box. Neighbours then touch in any unit of length.
+/// Sets the standard deviations to half the point spacing.
 fn set_point_scales(points: &mut [Splat]) {
+    // Estimated as if the points covered a surface as large as their bounding box. Neighbours then touch in
+    // any unit of length.
     let diagonal = bounds(points).map_or(0.0, |(lo, hi)| (hi - lo).length());
     let spacing = diagonal / (points.len() as f64).sqrt();
     // A single point, or coincident ones, have no spacing; 1 mm (in metres) is at least visible.

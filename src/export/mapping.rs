@@ -103,13 +103,14 @@ impl Mapping {
         Self { opacity, split }
     }
 
-    /// Factor on standard deviations. Clipped splats without a split measure best at 1.5 times the deviation
-    /// of the points, where native ones use 1.2. Crack filling also widens splats, by the fourth root of its
-    /// opacity factor, because neighbours overlap.
+    /// Factor on standard deviations.
     fn scale(self, full_coverage: f64) -> f64 {
+        // Crack filling also widens splats, by the fourth root of its opacity factor, because neighbours
+        // overlap.
         let narrower = full_coverage.powf(0.25);
         match (self.split, self.opacity) {
             (GradientSplit::One, OpacityMapping::EqualArea) => PLAIN_WIDTH * narrower,
+            // Measures best at 1.5 times the deviation of the points, where native splats use 1.2.
             (GradientSplit::One, OpacityMapping::Clip) => 1.5 / 1.2,
             (GradientSplit::Two | GradientSplit::Four, _) => narrower,
         }
@@ -117,7 +118,7 @@ impl Mapping {
 }
 
 impl GradientSplit {
-    /// Number of axes along which a splat is split, the longest first.
+    /// Number of axes along which a splat is split.
     fn n_axes(self) -> usize {
         match self {
             GradientSplit::One => 0,
@@ -143,9 +144,8 @@ pub fn is_plain(view: SplatView) -> bool {
         && drawable(view).all(|(i, g)| g.opacity <= 1.0 && gradient(view, i) == DMat3::ZERO)
 }
 
-/// Converts splats for a plain file; `None` if they are plain already (see [`is_plain`]). A single native
-/// splat makes the scene native, and all splats are then mapped. Colour of degree 1 is unchanged; undrawable
-/// splats are left out.
+/// Converts splats for a plain file; `None` if they are plain already (see [`is_plain`]). If any splat is
+/// native, all are mapped. View-dependent colour of degree 1 is unchanged. Undrawable splats are left out.
 pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     if is_plain(view) {
         return None;
@@ -161,7 +161,7 @@ pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     Some(plain)
 }
 
-/// Piece `k` of splat `i`, which is `native`; `None` if it is not finite in f32.
+/// Piece `k` of splat `i`, converted to plain; `None` if it is not finite in f32.
 pub(super) fn plain_piece(
     view: SplatView,
     i: usize,
@@ -182,9 +182,9 @@ fn gradient(view: SplatView, i: usize) -> DMat3 {
     view.appearance().get(i).map_or(DMat3::ZERO, |appearance| from_rows(appearance.gradient))
 }
 
-/// Axes along which a splat is split. The longest come first, because the gradient changes the colour most
-/// along them.
+/// Axes along which a splat is split, the longest first.
 fn split_axes(native: &Gaussian, split: GradientSplit) -> impl DoubleEndedIterator<Item = usize> {
+    // Along the longest axes the gradient changes the colour most.
     let scale = native.scale;
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| scale[b].total_cmp(&scale[a]));
@@ -205,6 +205,7 @@ fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> 
         // The spread of the centres adds variance, so each piece gets correspondingly less.
         scale[axis] *= (1.0 - split.piece_distance().powi(2)).sqrt();
     }
+    // Renderers limit the change of a native splat's colour likewise.
     let limit = DVec3::splat(GRADIENT_LIMIT);
     Gaussian {
         mean: native.mean + offset,

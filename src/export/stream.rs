@@ -9,8 +9,11 @@ use rayon::prelude::*;
 use std::io::Write;
 use std::{fmt, io};
 
-/// Rows encoded before they are written and progress is reported: at most 16 MB of the widest format.
+/// Number of rows that are encoded before they are written and progress is reported.
+// At most 16 MB of the widest format.
 const BLOCK_ROWS: usize = 1 << 16;
+/// Number of rows that one thread encodes at a time.
+// 16 parts per block share the work among threads.
 const PART_ROWS: usize = 1 << 12;
 
 /// Splats in the axes and units of a file, computed on demand.
@@ -62,14 +65,14 @@ impl<'a> WriteProgress<'a> {
 
     /// Reports progress to the callback; if it returns `false`, writing ends with
     /// [`super::Fault::Cancelled`].
-    pub fn new(told: &'a dyn Fn(f64) -> bool) -> Self {
-        Self(Some(told))
+    pub fn new(callback: &'a dyn Fn(f64) -> bool) -> Self {
+        Self(Some(callback))
     }
 }
 
 impl fmt::Debug for WriteProgress<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(if self.0.is_some() { "WriteProgress(told)" } else { "WriteProgress(none)" })
+        f.write_str(if self.0.is_some() { "WriteProgress(some)" } else { "WriteProgress(none)" })
     }
 }
 
@@ -90,7 +93,7 @@ impl<'a> ProgressCounter<'a> {
         // A count of zero rows must not divide by zero.
         let share = self.done as f64 / self.total.max(1) as f64;
         match self.progress.0 {
-            Some(told) if !told(share.min(1.0)) => Err(io::Error::other(Cancelled)),
+            Some(callback) if !callback(share.min(1.0)) => Err(io::Error::other(Cancelled)),
             _ => Ok(()),
         }
     }

@@ -12,18 +12,22 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use tempfile::TempDir;
 
-/// Error of writing a video.
+/// Error of writing a film.
+#[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
-#[error("{}: expected ffmpeg to write this video, found: {found}; install ffmpeg, or write pictures to a folder", path.display())]
-pub struct VideoError {
-    /// Path of the video.
-    pub path: PathBuf,
-    /// Message of ffmpeg or of the system.
-    pub found: String,
+pub enum FilmError {
+    /// The folder could not be created.
+    #[error("{}: expected a folder to write to, but it could not be created ({error}); choose another", path.display())]
+    Folder { path: PathBuf, error: io::Error },
+    /// A picture could not be written.
+    #[error(transparent)]
+    Picture(#[from] ExportError),
+    /// The video could not be written, as ffmpeg or the system reported.
+    #[error("{}: expected ffmpeg to write this video, found: {found}; install ffmpeg, or write pictures to a folder", path.display())]
+    Video { path: PathBuf, found: String },
 }
 
-/// Writer of a video, whose file appears once it is complete.
-pub struct VideoWriter {
+struct VideoWriter {
     path: PathBuf,
     ffmpeg: Child,
     // A folder instead of a temporary file, so that ffmpeg creates the video with default permissions. Beside
@@ -57,12 +61,8 @@ fn part_name(path: &Path) -> PathBuf {
 }
 
 impl VideoWriter {
-    /// Starts a video of `fps` frames per second, with `width` × `height` pixels.
-    ///
-    /// # Errors
-    /// An extension of no video format ([`is_video`]), a folder that is not writable, or no ffmpeg.
-    pub fn new(path: &Path, [width, height]: [u32; 2], fps: f64) -> Result<Self, VideoError> {
-        let failed = |found: String| VideoError { path: path.to_owned(), found };
+    fn new(path: &Path, [width, height]: [u32; 2], fps: f64) -> Result<Self, FilmError> {
+        let failed = |found: String| FilmError::Video { path: path.to_owned(), found };
         let encoding = encoding(path)
             .ok_or_else(|| failed("a name that does not end in .mp4, .webm or .webp".into()))?;
         let folder = folder_of(path);
@@ -82,34 +82,26 @@ impl VideoWriter {
         Ok(Self { path: path.to_owned(), ffmpeg, folder: growing })
     }
 
-    /// Appends a picture.
-    ///
-    /// # Errors
-    /// ffmpeg accepts no more data; [`Self::finish`] returns the cause.
-    pub fn push(&mut self, image: &RgbImage) -> io::Result<()> {
+    fn push(&mut self, image: &RgbImage) -> io::Result<()> {
         match &mut self.ffmpeg.stdin {
             Some(stdin) => stdin.write_all(&image.to_rgb8()),
             None => Err(io::ErrorKind::BrokenPipe.into()),
         }
     }
 
-    /// Aborts the video and removes all its files.
-    pub fn abort(mut self) {
+    fn abort(mut self) {
         // Fails if ffmpeg has already exited.
         let _ = self.ffmpeg.kill();
         let _ = self.ffmpeg.wait();
     }
 
-    /// Completes the video and moves it to its final name.
-    ///
-    /// # Errors
-    /// The first line of ffmpeg's error output, or a system error.
-    pub fn finish(self) -> Result<(), VideoError> {
+    fn finish(self) -> Result<(), FilmError> {
         let Self { path, ffmpeg, folder } = self;
-        let failed = |found: String| VideoError { path: path.clone(), found };
+        let failed = |found: String| FilmError::Video { path: path.clone(), found };
         let output = ffmpeg.wait_with_output().map_err(|error| failed(error.to_string()))?;
         if !output.status.success() {
             let said = String::from_utf8_lossy(&output.stderr);
+            // The first line states the cause, further ones its consequences.
             return Err(failed(said.lines().next().unwrap_or("a failure of ffmpeg").to_owned()));
         }
         let part = folder.path().join(part_name(&path));
@@ -117,33 +109,17 @@ impl VideoWriter {
     }
 }
 
-/// Error of writing a film.
-#[allow(missing_docs, reason = "every message names its fields")]
-#[derive(Debug, thiserror::Error)]
-pub enum FilmError {
-    /// The folder could not be created.
-    #[error("{}: expected a folder to write to, but it could not be created ({error}); choose another", path.display())]
-    Folder { path: PathBuf, error: io::Error },
-    /// A picture could not be written.
-    #[error(transparent)]
-    Picture(#[from] ExportError),
-    /// The video could not be written.
-    #[error(transparent)]
-    Video(#[from] VideoError),
-}
+/// Writer of a picture sequence, or of a video whose file appears once it is complete.
+pub struct FilmWriter(Output);
 
-/// Writer of a picture sequence or a video.
-pub enum FilmWriter {
+enum Output {
     /// Numbered PNG files, each written immediately.
     Pictures {
-        /// Output folder.
         folder: PathBuf,
-        /// Suffix of the names, after the number.
+        /// End of the names, after the number.
         suffix: String,
-        /// Number of pictures written.
         n: usize,
     },
-    /// A video, whose file appears once it is complete.
     Video(VideoWriter),
 }
 
@@ -151,10 +127,10 @@ impl FilmWriter {
     /// Creates a video if `output` has a video extension ([`is_video`]), else a folder of pictures.
     ///
     /// # Errors
-    /// Those of [`VideoWriter::new`], or [`FilmError::Folder`].
+    /// [`FilmError::Folder`], or [`FilmError::Video`] for a folder that is not writable, or without ffmpeg.
     pub fn new(output: &Path, size: [u32; 2], fps: f64) -> Result<Self, FilmError> {
         match is_video(output) {
-            true => Ok(Self::Video(VideoWriter::new(output, size, fps)?)),
+            true => Ok(Self(Output::Video(VideoWriter::new(output, size, fps)?))),
             false => Self::pictures(output, ""),
         }
     }
@@ -166,7 +142,8 @@ impl FilmWriter {
     pub fn pictures(folder: &Path, suffix: &str) -> Result<Self, FilmError> {
         let failed = |error| FilmError::Folder { path: folder.to_owned(), error };
         std::fs::create_dir_all(folder).map_err(failed)?;
-        Ok(Self::Pictures { folder: folder.to_owned(), suffix: suffix.to_owned(), n: 0 })
+        let (folder, suffix) = (folder.to_owned(), suffix.to_owned());
+        Ok(Self(Output::Pictures { folder, suffix, n: 0 }))
     }
 
     /// Appends a picture. Returns false if a video accepts no more; [`Self::finish`] then returns the cause.
@@ -174,30 +151,30 @@ impl FilmWriter {
     /// # Errors
     /// [`FilmError::Picture`].
     pub fn push(&mut self, picture: &RgbImage) -> Result<bool, FilmError> {
-        match self {
-            Self::Pictures { folder, suffix, n } => {
+        match &mut self.0 {
+            Output::Pictures { folder, suffix, n } => {
                 write_png(&folder.join(format!("{n:05}{suffix}.png")), picture)?;
                 *n += 1;
                 Ok(true)
             }
-            Self::Video(video) => Ok(video.push(picture).is_ok()),
+            Output::Video(video) => Ok(video.push(picture).is_ok()),
         }
     }
 
     /// Completes the output.
     ///
     /// # Errors
-    /// Those of [`VideoWriter::finish`].
+    /// [`FilmError::Video`] with the first line of ffmpeg's error output, or a system error.
     pub fn finish(self) -> Result<(), FilmError> {
-        match self {
-            Self::Pictures { .. } => Ok(()),
-            Self::Video(video) => Ok(video.finish()?),
+        match self.0 {
+            Output::Pictures { .. } => Ok(()),
+            Output::Video(video) => video.finish(),
         }
     }
 
     /// Aborts: pictures already written stay, an unfinished video is removed.
     pub fn abort(self) {
-        if let Self::Video(video) = self {
+        if let Output::Video(video) = self.0 {
             video.abort();
         }
     }

@@ -167,8 +167,8 @@ impl Autosave {
 }
 
 impl Drop for Autosave {
-    /// Waits, so that no file changes after the end of the run.
     fn drop(&mut self) {
+        // No file may change after the end of the run.
         drop(self.wait());
     }
 }

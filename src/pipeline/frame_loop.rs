@@ -82,6 +82,7 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
                         FrameStatus::Lost(loss)
                     }
                     Ok(outcome) => {
+                        // Boxed, because the other variants are much smaller.
                         let outcome = Box::new(outcome);
                         FrameStatus::Learned { outcome, dropped, load_ms, prepare_ms }
                     }

@@ -97,10 +97,12 @@ impl Session {
         origin: &InitialState,
         past: RunProgress,
     ) -> Result<Self, SessionError> {
+        // Before decoding starts and memory is allocated.
         let (preset, pixels) = (config.method.as_any(), plan.pixels(&dataset));
         memory::check(preset.memory(pixels), preset.component_limit())?;
         let (frames, normalization) = frame_loop(&dataset, &config, &plan, past.visited, origin)?;
         let passes = config.selection.passes;
+        // Points count once, so further passes only have an effect on photographs.
         if passes > 1 && frames.learner().device_use().photographs.is_none() {
             return Err(SessionError::Passes(passes));
         }
@@ -179,6 +181,7 @@ impl Session {
         let name = &self.dataset.splits[split].name;
         let refused = found.warnings.iter().filter(|warning| warning.split == *name);
         self.past.skipped.extend(refused.map(|warning| SkippedFrame::from(&*warning.error)));
+        // Copies the dataset only while something else, such as a window, still holds it.
         let dataset = Arc::make_mut(&mut self.dataset);
         let known = dataset.splits[split].frames.len();
         dataset.append_polled(split, found);
@@ -246,6 +249,7 @@ impl Session {
 
     fn finish(&mut self) -> Result<Step, SessionError> {
         if self.learner().status().frames > 0 {
+            // The final scene includes photographs that are still buffered.
             self.settle();
             return Ok(Step::Finished);
         }
@@ -269,6 +273,7 @@ impl Session {
         points_dropped: usize,
         ms: FrameMs,
     ) -> FrameReport {
+        // Files of other recordings may be years old.
         let behind_ms = self.is_followed.then(|| latency_ms(marks)).flatten();
         self.forget_skipped(&frame);
         let learner = self.frames.learner();
@@ -296,6 +301,7 @@ impl Session {
         self.past.points += outcome.evidence;
         self.past.frames.push(report.clone());
         self.record_comparisons();
+        // `record_comparisons` may have added the photograph to the stored report.
         self.past.frames.last().cloned().unwrap_or(report)
     }
 

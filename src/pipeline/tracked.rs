@@ -125,6 +125,7 @@ impl PlacedViews {
         for (done, &view) in views.iter().enumerate() {
             let entry = &placed.splits[split].frames[view];
             let found = match trajectory.pose(&entry.name) {
+                // A trained frame keeps the pose at which it was trained on.
                 Some(pose) => Ok(pose),
                 None => {
                     let guesses = trajectory.neighbour_poses(dataset, entry);

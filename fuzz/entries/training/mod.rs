@@ -1,5 +1,4 @@
-//! The trainer as a robot's program drives it: any frames, any settings of either preset, any order
-//! of calls.
+//! Trainers as a robot's program uses them: arbitrary frames, settings of either preset and order of calls.
 
 mod paper;
 mod scene;
@@ -11,15 +10,15 @@ use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, parse, to
 use vbgs_studio::math::camera::Intrinsics;
 
 const MAX_COMMANDS: usize = 24;
-/// First bytes from here on are the paper preset's.
+/// Smallest first byte of an input for the paper preset.
 pub const FIRST_OF_PAPER: u8 = 128;
 
-/// Settings, then commands until the bytes end.
+/// Reads settings, then executes commands until the bytes end.
 pub fn training(data: &[u8]) {
     steps_wider(data);
 }
 
-/// The same; by how many steps the scene's structural scale was wider at the end than it was asked for.
+/// Like [`training`]. Returns the number of steps by which the scene's structural scale was coarsened.
 pub fn steps_wider(data: &[u8]) -> u32 {
     let mut input = Bytes(data);
     match input.byte() {
@@ -31,7 +30,7 @@ pub fn steps_wider(data: &[u8]) -> u32 {
     }
 }
 
-/// A frame as a driver delivers it; `None` for what is refused.
+/// Reads a frame as from a camera driver; `None` if it is refused.
 fn frame(input: &mut Bytes) -> Option<Frame> {
     let [width, height] = [1 + u32::from(input.byte() % 16), 1 + u32::from(input.byte() % 12)];
     let n = (width * height) as usize;
@@ -44,7 +43,7 @@ fn frame(input: &mut Bytes) -> Option<Frame> {
     let place = DVec3::new(input.number().into(), 0.0, input.number().into());
     let pose = DMat4::from_rotation_translation(DQuat::from_scaled_axis(turn), place);
     let lengths: Vec<f32> = match input.byte() % 3 {
-        // A plane, with whatever lies before it.
+        // A plane, and arbitrary depths in front of it.
         0 => {
             let (length, slope, odd) = (input.number(), input.number(), input.number());
             let at = usize::from(input.byte());
@@ -66,7 +65,7 @@ fn frame(input: &mut Bytes) -> Option<Frame> {
     Frame::from_memory("0", intrinsics, pose, ColorBuffer::Rgb8(&color), Some(depth)).ok()
 }
 
-/// The model out of a checkpoint of it.
+/// Returns the model as read from its checkpoint.
 fn read_back(model: StoredModel, frames: u64) -> StoredModel {
     let text = || "{}".to_owned();
     let visited = (0..frames as u32).collect();

@@ -1,4 +1,4 @@
-//! The paper preset's settings, and commands to it.
+//! Training of the paper preset with arbitrary settings and commands.
 
 use super::{MAX_COMMANDS, frame, read_back};
 use crate::entries::bytes::Bytes;
@@ -21,10 +21,11 @@ use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::paper::learner;
 use vbgs_studio::train::paper::learner::PaperLearner;
 
-/// More would only make a pass slower: tiles hold 64 points, frames up to 192.
+/// Maximum number of components.
+// More would only slow down a pass: tiles hold 64 points, frames up to 192.
 const MAX_COMPONENTS: usize = 80;
 
-/// Settings, then commands until the bytes end.
+/// Reads settings, then executes commands until the bytes end.
 pub fn train(kind: u8, mut input: Bytes) {
     let Some(config) = config(kind, &mut input) else { return };
     let Some(settings) = preparation(&mut input) else { return };
@@ -65,7 +66,7 @@ pub fn train(kind: u8, mut input: Bytes) {
     }
 }
 
-/// `None` for what is refused.
+/// Reads settings; `None` if they are refused.
 fn config(kind: u8, input: &mut Bytes) -> Option<PaperConfig> {
     let policies = [
         ReassignPolicy::Padded,
@@ -91,7 +92,7 @@ fn config(kind: u8, input: &mut Bytes) -> Option<PaperConfig> {
         ..precision(input)
     };
     let mut config = PaperConfig::paper().with(&overrides).ok()?;
-    // No option sets it: runs have the published one, tests others.
+    // No option sets this value: runs have the published one, tests others.
     config.low_elbo_floor = 1 + usize::from(input.byte());
     config.is_plain = flags & 1 != 0;
     if flags & 32 != 0 {
@@ -100,7 +101,7 @@ fn config(kind: u8, input: &mut Bytes) -> Option<PaperConfig> {
     Some(config)
 }
 
-/// By name, or each operation by a bit of its own.
+/// Reads a precision, by name or with one bit per operation.
 fn precision(input: &mut Bytes) -> PaperOverrides {
     let bits = input.byte();
     let named = |precision| PaperOverrides { precision: Some(precision), ..Default::default() };
@@ -121,7 +122,7 @@ fn precision(input: &mut Bytes) -> PaperOverrides {
     }
 }
 
-/// As of a range of positions: finite, and wide on every axis.
+/// Reads a normalization as of a range of positions: finite, and wide on every axis.
 fn preparation(input: &mut Bytes) -> Option<UnprojectSettings> {
     let flags = input.byte();
     let [offset, scale] = [input.number(), input.number()].map(f64::from);
@@ -135,7 +136,7 @@ fn preparation(input: &mut Bytes) -> Option<UnprojectSettings> {
     })
 }
 
-/// Learns a frame; an index that cannot be built leaves the number of frames or counts this one.
+/// Trains on a frame. If the index cannot be built, the frame may or may not count.
 fn learn(config: &PaperConfig, mixture: &mut dyn PaperLearner, points: &Points<f32>) {
     let before = mixture.status().frames;
     let Ok(outcome) = mixture.learn(points) else { return };
@@ -148,7 +149,7 @@ fn learn(config: &PaperConfig, mixture: &mut dyn PaperLearner, points: &Points<f
     assert_eq!(mixture.point_elbo().len(), points.len());
 }
 
-/// Learns as its own copy out of a checkpoint does.
+/// Checks that a copy from a checkpoint trains like the original.
 fn learn_beside_copy(
     config: &PaperConfig,
     mixture: &mut dyn PaperLearner,
@@ -165,7 +166,7 @@ fn learn_beside_copy(
     assert!(copy.checkpoint_model() == mixture.checkpoint_model(), "the copy learns otherwise");
 }
 
-/// The mixture merged with itself; as it is where its sums cannot be added exactly.
+/// Merges the mixture with itself. Returns it unchanged if its sums cannot be added exactly.
 fn doubled(
     config: &PaperConfig,
     mixture: &dyn PaperLearner,
@@ -196,7 +197,7 @@ fn restored(
     restored.expect("means that were indexed before")
 }
 
-/// Every point that counts is somebody's, whole.
+/// Checks that the responsibilities of every point sum to 1.
 fn check_shares(mixture: &mut dyn PaperLearner, points: &Points<f32>) {
     let shares = mixture.responsibilities(points);
     assert_eq!(shares.len(), points.len());
@@ -207,7 +208,7 @@ fn check_shares(mixture: &mut dyn PaperLearner, points: &Points<f32>) {
     }
 }
 
-/// What holds whatever was seen.
+/// Checks the invariants of a model.
 fn check(mixture: &dyn PaperLearner) {
     let components = mixture.status().components;
     assert!(mixture.status().used <= components, "{} of {components} used", mixture.status().used);

@@ -1,4 +1,4 @@
-//! The scene preset's settings, and commands to it.
+//! Training of the scene preset with arbitrary settings and commands.
 
 use super::{MAX_COMMANDS, frame, read_back};
 use crate::entries::bytes::Bytes;
@@ -13,7 +13,8 @@ use vbgs_studio::train::scene::fusion::fuse;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 use vbgs_studio::train::scene::trainer::SceneTrainer;
 
-/// Settings, then commands until the bytes end. By how many steps the scale is wider then.
+/// Reads settings, then executes commands until the bytes end. Returns the number of steps by which the scale
+/// has been coarsened.
 pub fn train(kind: u8, mut input: Bytes) -> u32 {
     let Ok(config) = config(kind, &mut input).check() else { return 0 };
     let sensor = [Sensor::Inverse8Ray, Sensor::Kinect, Sensor::Lidar, Sensor::Exact { noise: 0.0 }]
@@ -40,7 +41,7 @@ pub fn train(kind: u8, mut input: Bytes) -> u32 {
                 }
             }
             3 => drop(scene.learn(&seen)),
-            // Nothing that goes on may depend on it.
+            // Later training must not depend on this call.
             4 if input.flag() => drop(scene.settle()),
             4 => drop(scene.revisit_photograph(&seen)),
             5 => {
@@ -89,7 +90,7 @@ fn config(kind: u8, input: &mut Bytes) -> SceneConfig {
     config
 }
 
-/// The scene out of the checkpoint of itself.
+/// Restores the scene from its own checkpoint.
 fn reopened(config: &SceneConfig, scene: &SceneTrainer) -> SceneTrainer {
     let state = read_back(scene.checkpoint_model(), scene.status().frames);
     let StoredModel::Scene(state) = state else { panic!("a scene is stored as one") };
@@ -99,7 +100,7 @@ fn reopened(config: &SceneConfig, scene: &SceneTrainer) -> SceneTrainer {
     restored
 }
 
-/// The scene with a part that learnt nothing since, and with itself as it was, at a finer scale perhaps.
+/// Fuses the scene with an earlier state of itself, perhaps at a finer scale.
 fn fused(config: &SceneConfig, scene: &SceneTrainer, earlier: &SceneState) -> SceneTrainer {
     let now = state(scene);
     let Some(fused) = fuse(config, None, &[&now, earlier]) else {
@@ -112,7 +113,7 @@ fn fused(config: &SceneConfig, scene: &SceneTrainer, earlier: &SceneState) -> Sc
     SceneTrainer::restore(config, fused, 2 * scene.status().frames).expect("seeds within reach")
 }
 
-/// What holds whatever was seen.
+/// Checks the invariants of a model.
 fn check(config: &SceneConfig, scene: &SceneTrainer) {
     let stored = scene.splats();
     let drawn = stored.iter().filter(|splat| splat.opacity > 0.0);

@@ -1,4 +1,4 @@
-//! The product's module of vectors, with its own tests, and nothing else.
+//! Vector module of the product with its tests, and nothing else.
 #![allow(dead_code)] // kernels elsewhere use what these tests do not
 
 #[path = "."]

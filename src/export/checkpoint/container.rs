@@ -273,9 +273,10 @@ fn wrong_magic(bytes: &[u8]) -> Defect {
     Defect::NotACheckpoint { found }
 }
 
-/// True if the bytes are a checkpoint damaged by a text-mode transfer: the name is intact, the bytes around
-/// it are not. UTF-8 decoding with replacement turns the first byte into three.
+/// True for a checkpoint that a text-mode transfer has damaged.
 pub(super) fn is_text_damaged(bytes: &[u8]) -> bool {
+    // The letters stay intact, the bytes around them do not. UTF-8 decoding with replacement turns the first
+    // byte into three.
     !bytes.starts_with(&MAGIC)
         && [&b"\x89VBGS"[..], b"\tVBGS", b"\xEF\xBF\xBDVBGS", b"\xC2\x89VBGS"]
             .iter()

@@ -3,8 +3,8 @@
 use crate::model::attributes::StoredModel;
 use bytemuck::Pod;
 
-/// Type of a section's elements; the discriminant is its code in the file. The last three extend the
-/// published codes (`files.md`, Checkpoint container).
+/// Type of a section's elements. The discriminant is its code in the file.
+// The last three extend the published codes (`files.md`, Checkpoint container).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ElementType {
@@ -76,7 +76,7 @@ pub struct Cursor {
     pub frames: u64,
     /// Number of points trained on, over all frames.
     pub points: u64,
-    /// Indices in their split of the frames visited (trained on or skipped), in order, each once.
+    /// Indices in their split of the frames visited (trained on or skipped), in order, each once per pass.
     pub visited: Vec<u32>,
 }
 

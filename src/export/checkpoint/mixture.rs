@@ -18,6 +18,7 @@ pub(super) fn sections<'a>(
     hyper: &Hyper,
     state: &'a ModelState,
 ) -> Vec<Section<'a>> {
+    // In the order of the file format, which `hyper` below reads.
     let prior = vec![
         hyper.alpha0,
         hyper.kappa0_space,

@@ -21,7 +21,7 @@
 //! | `PRIR` | f64 | α₀; κ₀, κ_init, U₀ of space; ν₀; κ₀, κ_init, U₀ of colour |
 //! | `DIRI` | f64 | α_k of the initial model |
 //! | `MINI` | f32 or f64 | initial means in the E-step's precision: all of space, then all of colour |
-//! | `STAN` | i64, i128 or f32 | N_k |
+//! | `STAN` | i64 or i128 | N_k |
 //! | `STA1` | as `STAN` | first moments, rows x y z of space about the initial mean, x y z of colour |
 //! | `STA2` | as `STAN` | second moments of space about the initial mean, rows xx xy xz yy yz zz |
 //! | `CARI` | u32 | components with carries, ascending; only if there are any |
@@ -38,7 +38,7 @@
 //! | `SUMS` | i32 | sums about the seeds, rows of [`N_SUMS`], in 2⁻¹⁵; 0 where `WIDI` lists the component |
 //! | `WIDI` | u32 | components with 4,096 points or more, ascending; only if there are any |
 //! | `WIDE` | f64 | their sums, rows as in `SUMS`, whole multiples of 2⁻¹⁵ |
-//! | `LOOK` | u32 | rows of two: expected returns in 64ths; numbers of frames in which the component was seen (low half) and seen through (high half) |
+//! | `LOOK` | u32 | rows of two: expected returns in 64ths; numbers of frames in which the component was observed (low half) and seen through (high half) |
 //! | `EXPO` | f64 | if gains were fitted, per trained frame: the camera's centre and unit direction in the world, and the gains of red, green and blue |
 //!
 //! Derived data are not saved: the index, posteriors, and the state of random streams, which follows from

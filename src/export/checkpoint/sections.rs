@@ -95,6 +95,7 @@ impl<'a> Container<'a> {
 pub(super) fn rows<T: Stored, const N: usize>(bytes: &[u8]) -> Result<Vec<[T; N]>, Defect> {
     let n = bytes.len() / (N * size_of::<T>());
     let mut rows = try_with_capacity(n).map_err(Defect::Memory)?;
+    // Copied, not cast, as in `elements`.
     rows.resize(n, [T::zeroed(); N]);
     bytemuck::cast_slice_mut(rows.as_flattened_mut()).copy_from_slice(bytes);
     Ok(rows)

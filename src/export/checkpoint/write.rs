@@ -29,9 +29,9 @@ pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, Ch
     Ok(atomic::write_with_backup(path, |out| write_to(out, checkpoint))?)
 }
 
-/// Refuses what the reader would refuse: an unreadable file must not replace a valid one. Takes a few
-/// milliseconds for a million components.
+/// Refuses a model that the reader would refuse.
 fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
+    // An unreadable file must not replace a valid one.
     let checked = match &checkpoint.model {
         StoredModel::Mixture { normalization, state, .. } => {
             check::check_normalization(normalization).and_then(|()| check::check_mixture(state))

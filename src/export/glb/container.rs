@@ -90,8 +90,8 @@ const I16: u32 = 5122;
 const U16: u32 = 5123;
 const F32: u32 = 5126;
 
-/// Permitted types of an attribute: vector types with their widths, and component types with their
-/// `normalized` flag (`files.md`, GLB; `COLOR_0` as in glTF 2.0, 3.7.2.1).
+/// Permitted types of an attribute (`files.md`, GLB; `COLOR_0` as in glTF 2.0, 3.7.2.1): vector types with
+/// their widths, and component types with their `normalized` flag.
 struct Rule {
     kinds: &'static [(&'static str, usize)],
     components: &'static [(u32, bool)],
@@ -183,6 +183,7 @@ impl<'a> Column<'a> {
     }
 
     pub fn get<const N: usize>(&self, row: usize) -> [f64; N] {
+        // Rows are inside the view, as `open` checked; missing bytes would give NaN.
         let size = component_size(self.component);
         let row = self.bytes.get(row * self.stride..).unwrap_or_default();
         let bytes = |i: usize| row.get(i * size..(i + 1) * size).unwrap_or_default();
@@ -196,6 +197,7 @@ impl<'a> Column<'a> {
             (U8, &[a]) => (f64::from(a), 255.0),
             (I16, &[a, b]) => (f64::from(i16::from_le_bytes([a, b])), 32767.0),
             (U16, &[a, b]) => (f64::from(u16::from_le_bytes([a, b])), 65535.0),
+            // `attribute_rule` permits no other type of four bytes than F32.
             (_, &[a, b, c, d]) => (f64::from(f32::from_le_bytes([a, b, c, d])), 1.0),
             _ => (f64::NAN, 1.0),
         };
@@ -262,6 +264,6 @@ fn slice(bytes: &[u8], start: usize, length: usize) -> Option<&[u8]> {
     bytes.get(start..start.checked_add(length)?)
 }
 
-fn unsupported(feature: String) -> Fault {
+pub(super) fn unsupported(feature: String) -> Fault {
     Fault::Unsupported { feature, advice: "export plain, uncompressed attributes" }
 }

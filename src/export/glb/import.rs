@@ -4,7 +4,7 @@
 //! are imported. All columns are opened and all rows counted before memory is allocated: many nodes may share
 //! one mesh, so a small file can request any number of rows.
 
-use super::container::Column;
+use super::container::{Column, unsupported};
 use super::schema::{GaussianSplatting, Node, Primitive, Root};
 use super::{
     COLOR_0, EXTENSION, KERNEL, LINEAR, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0, SH_1,
@@ -22,7 +22,8 @@ use glam::{DMat3, DMat4, DQuat, DVec3, Vec4Swizzles};
 /// `TRIANGLES`, the mode of a primitive that states none.
 const DEFAULT_MODE: u32 = 4;
 
-/// Maximum number of primitives per scene. Nodes times primitives may be very large in a small file.
+/// Maximum number of primitives per scene.
+// Nodes times primitives may be very large in a small file.
 const MAX_PARTS: usize = 100_000;
 
 struct Part<'a> {
@@ -37,6 +38,7 @@ pub(super) fn model(
     buffers: &[impl AsRef<[u8]>],
     max_splats: usize,
 ) -> Result<Imported, Fault> {
+    // Subtracted from the node translation before positions are rounded to f32.
     let origin = local_origin(root);
     let parts = scene_primitives(root, origin)?;
     let n_parts = parts.len();
@@ -85,7 +87,6 @@ fn scene_primitives(root: &Root, origin: DVec3) -> Result<Vec<Part<'_>>, Fault> 
             Fault::malformed(format!("mesh {index}"), "a mesh of that number", found)
         })?;
         for (i, primitive) in mesh.primitives.iter().enumerate() {
-            // Nodes share meshes, so a small file can request billions.
             if parts.len() == MAX_PARTS {
                 return Err(Fault::Unsupported {
                     feature: format!("more than {MAX_PARTS} primitives in the scene"),
@@ -117,9 +118,10 @@ enum ScaleForm {
 }
 
 impl ScaleForm {
-    /// Infers the encoding, since files do not state their draft. Only drafts used signed integers, and
-    /// standard deviations are not mostly zero or negative.
+    /// Infers the encoding of the scales.
     fn of(columns: &[Columns]) -> Self {
+        // Files do not state their draft. Only drafts used signed integers, and standard deviations are not
+        // mostly zero or negative.
         let scales = || columns.iter().filter_map(|c| c.shape.as_ref()).map(|shape| &shape.scale);
         let components = || scales().flat_map(|s| (0..s.count).flat_map(|row| s.get::<3>(row)));
         let n_low = components().filter(|s| *s <= 0.0).count();
@@ -254,6 +256,7 @@ impl Shape<'_> {
         if form == ScaleForm::Logarithmic {
             return Ok(DVec3::from_array(scale).exp());
         }
+        // Zero is valid: such a splat is flat.
         match scale.iter().find(|s| **s < 0.0) {
             None => Ok(DVec3::from_array(scale)),
             Some(negative) => Err(Fault::malformed(
@@ -320,10 +323,8 @@ fn check_splatting(part: &Part, notes: &mut Vec<Note>) -> Result<bool, Fault> {
     };
     let nested = extensions.keys().chain(primitive.extensions.other.keys());
     if let Some(name) = nested.into_iter().find(|name| name.contains("compression")) {
-        return Err(Fault::Unsupported {
-            feature: format!("{} is compressed ({})", part.place, shorten(name)),
-            advice: "export plain, uncompressed attributes",
-        });
+        let feature = format!("{} is compressed ({})", part.place, shorten(name));
+        return Err(unsupported(feature));
     }
     let mode = primitive.mode.unwrap_or(DEFAULT_MODE);
     if mode != POINTS {
@@ -343,10 +344,10 @@ fn note_once(notes: &mut Vec<Note>, note: Note) {
     }
 }
 
-/// Reads the local origin from a file of this program. It is subtracted from the node translation before
-/// positions are rounded to f32.
+/// Local origin of a file of this program; zero for other files.
 fn local_origin(root: &Root) -> DVec3 {
     let named = root.asset.extras.as_ref().and_then(|extras| extras.get(EXTRA));
+    // Another program may have stored anything under this name.
     let numbers: Option<[f64; 3]> = named.and_then(|v| serde_json::from_value(v.clone()).ok());
     numbers.map(DVec3::from_array).filter(|origin| origin.is_finite()).unwrap_or(DVec3::ZERO)
 }
@@ -357,7 +358,7 @@ fn comments(root: &Root) -> Vec<String> {
     lines.into_iter().flatten().filter_map(|line| line.as_str().map(str::to_owned)).collect()
 }
 
-/// Largest cosine between two columns that still counts as a right angle.
+/// Cosine between two columns below which they count as orthogonal.
 const SHEAR_TOLERANCE: f64 = 1e-4;
 
 #[derive(Clone, Copy, Debug)]
@@ -415,6 +416,7 @@ fn start_nodes(root: &Root) -> Result<Vec<usize>, Fault> {
 }
 
 fn local_matrix(node: &Node) -> DMat4 {
+    // A node has either a matrix or the three properties below.
     if let Some(matrix) = &node.matrix {
         return DMat4::from_cols_array(matrix);
     }

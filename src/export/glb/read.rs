@@ -50,6 +50,7 @@ fn import_document(
     check_nesting(json)?;
     let root: Root = serde_json::from_slice(json)
         .map_err(|e| Fault::malformed("JSON", "glTF 2.0", shorten_error(&e)))?;
+    // Later minor versions are compatible.
     if !root.asset.version.starts_with("2.") {
         let found = format!("\"{}\"", shorten(&root.asset.version));
         return Err(Fault::malformed("asset.version", "2.0", found));
@@ -57,10 +58,8 @@ fn import_document(
     // A required extension changes the meaning of the data.
     let unknown = |name: &&String| !KNOWN_EXTENSIONS.contains(&name.as_str());
     if let Some(name) = root.extensions_required.iter().find(unknown) {
-        return Err(Fault::Unsupported {
-            feature: format!("the file requires the extension {}", shorten(name)),
-            advice: "export plain, uncompressed attributes",
-        });
+        let feature = format!("the file requires the extension {}", shorten(name));
+        return Err(container::unsupported(feature));
     }
     let mut buffers = Vec::with_capacity(root.buffers.len());
     for (index, declared) in root.buffers.iter().enumerate() {
@@ -94,7 +93,6 @@ fn buffer<'a>(
     Ok(bytes)
 }
 
-/// Limits nesting with a clear message; serde_json's own recursion limit has none.
 fn check_nesting(json: &[u8]) -> Result<(), Fault> {
     let (mut depth, mut in_string, mut escaped) = (0usize, false, false);
     for &byte in json {
@@ -114,8 +112,9 @@ fn check_nesting(json: &[u8]) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Shortens a parser error, which may quote long strings of the file, to its position.
+/// Shortens a long parser error to its position.
 fn shorten_error(error: &serde_json::Error) -> String {
+    // The message may quote strings of the file, of any length.
     let text = error.to_string();
     if text.len() <= 120 {
         text
@@ -198,6 +197,7 @@ fn decode_base64(text: &str) -> Option<Vec<u8>> {
         if n_bytes == 0 {
             return None; // one digit holds less than a byte
         }
+        // To the upper end of the word, whose bytes come first.
         let aligned = bits << (32 - 6 * group.len());
         bytes.extend(aligned.to_be_bytes().into_iter().take(n_bytes));
     }

@@ -47,6 +47,7 @@ impl Column {
     }
 }
 
+// Positions first: `document` states the bounds of the first column.
 const COLUMNS: [Column; 6] = [
     Column::floats(POSITION, "VEC3", 3, |g, row| put_floats(row, &g.mean.to_array())),
     Column {
@@ -75,9 +76,9 @@ fn put_degree_1(splat: &Gaussian, coefficient: usize, row: &mut Vec<u8>) {
     put_floats(row, &harmonics::from_directional(splat.directional)[coefficient].to_array());
 }
 
-/// Encodes the colour drawn by viewers without the extension. 16 bits, because linear 8-bit values show
-/// banding in dark areas.
+/// Encodes the colour that viewers without the extension draw.
 fn put_fallback_color(splat: &Gaussian, row: &mut Vec<u8>) {
+    // 16 bits, because linear 8-bit values show banding in dark areas.
     let [r, g, b] = splat.color.to_array().map(srgb_to_linear);
     for channel in [r, g, b, splat.opacity] {
         row.extend(((65535.0 * channel).round() as u16).to_le_bytes());
@@ -134,8 +135,9 @@ impl GlbLayout {
     }
 }
 
-/// Returns the exact f32 bounds of the positions; validators compare them with the data.
+/// Returns the exact f32 bounds of the positions.
 fn extremes(rows: &impl SplatRows) -> ([f32; 3], [f32; 3]) {
+    // Of the rounded positions: validators compare the bounds with the data.
     let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     let positions = (0..rows.n_rows()).into_par_iter().map(|i| rows.row(i).mean.as_vec3());
     let (min, max) = positions
@@ -236,8 +238,7 @@ fn primitive(columns: &[&Column]) -> Primitive {
     }
 }
 
-/// Content of `asset.extras`: up axis, unit if known, comments, and the local origin in the axes and units of
-/// the file. `None` without metadata.
+/// Content of `asset.extras`: up axis, unit if known, comments and local origin. `None` without metadata.
 fn extras(options: &WriteOptions, origin: DVec3) -> Option<serde_json::Value> {
     let mut extras = serde_json::Map::new();
     // The unit of scaled lengths is unknown here.

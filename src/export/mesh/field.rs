@@ -31,21 +31,24 @@ pub struct Surfel {
 
 /// Grid corners of a block along each axis.
 pub(super) const BLOCK: i32 = 8;
-/// Maximum number of blocks: about 1 GB.
+/// Maximum number of blocks.
+// About 1 GB.
 const MAX_BLOCKS: usize = 100_000;
-/// Maximum distance across the plane, in cells. The corners of a cell that the plane cuts are closer.
+/// Maximum distance across the plane, in cells.
+// The corners of a cell that the plane cuts are closer.
 const MAX_CELLS_ACROSS: f64 = 2.5;
 /// Maximum distance along the plane, in standard deviations.
 const MAX_DEVIATIONS_ALONG: f64 = 2.5;
-/// Added to the deviation along the plane, in cells, to close holes between components with few points.
+/// Addition to the deviation along the plane, in cells.
+// Closes holes between components with few points.
 const SPREAD: f64 = 0.5;
 /// Minimum sum of weights, in points, for a defined distance.
 const MIN_WEIGHT: f64 = 1.0;
-/// Minimum number of points of a component, relative to the median. Components below it lie at the rims of
-/// observed regions, where depth pixels mix foreground and background.
+/// Minimum number of points of a component, relative to the median.
+// Components with fewer are at the rims of observed regions, where depth pixels mix foreground and background.
 const MIN_SHARE: f64 = 0.3;
-/// Maximum number of points that count as weight. A wall seen in every frame must not outweigh the edge of an
-/// object in front of it.
+/// Maximum number of points that count as weight.
+// A wall seen in every frame must not outweigh the edge of an object in front of it.
 const MAX_EVIDENCE: f64 = 64.0;
 
 #[derive(Clone, Copy, Debug)]
@@ -157,7 +160,7 @@ fn block<'a>(place: IVec3, surfels: impl Iterator<Item = &'a Surfel>, cell: f64)
                 for x in lo.x..=hi.x {
                     let corner = IVec3::new(x, y, z);
                     let at = (origin + corner).as_dvec3() * cell;
-                    let (weight, distance) = said(surfel, inverse, at, cell);
+                    let (weight, distance) = contribution(surfel, inverse, at, cell);
                     let sum = &mut sums[in_block(corner)];
                     sum.0 += weight;
                     sum.1 += weight * distance;
@@ -174,7 +177,7 @@ fn block<'a>(place: IVec3, surfels: impl Iterator<Item = &'a Surfel>, cell: f64)
 }
 
 /// Weight and signed distance, in cells, of a surfel at a point.
-fn said(surfel: &Surfel, inverse: DMat3, at: DVec3, cell: f64) -> (f64, f64) {
+fn contribution(surfel: &Surfel, inverse: DMat3, at: DVec3, cell: f64) -> (f64, f64) {
     let offset = at - surfel.mean;
     let across = offset.dot(surfel.normal);
     let plane = offset - across * surfel.normal;
@@ -233,10 +236,12 @@ fn vertex(field: &Field, cell: IVec3) -> Option<(DVec3, DVec3)> {
         // Only cells with all corners defined: the mesh ends where evidence ends.
         *corner = field.at(cell + offset(i))?;
     }
+    // Surface nets: the vertex is the mean of the points where the surface cuts the edges of the cell.
     let (mut n_cuts, mut position, mut color) = (0.0, DVec3::ZERO, DVec3::ZERO);
     for a in 0..8usize {
         for b in [a | 1, a | 2, a | 4].into_iter().filter(|b| *b != a) {
             let (from, to) = (corners[a].distance, corners[b].distance);
+            // Zero counts as positive, so the two distances differ and the division is defined.
             if (from < 0.0) != (to < 0.0) {
                 let share = from / (from - to);
                 let ends = [a, b].map(|i| (cell + offset(i)).as_dvec3());
@@ -253,8 +258,8 @@ fn offset(corner: usize) -> IVec3 {
     IVec3::new(corner as i32 & 1, corner as i32 >> 1 & 1, corner as i32 >> 2)
 }
 
-/// The two triangles across the edge from `corner` along `axis`, if it is cut and all four cells around it
-/// have vertices.
+/// Returns the two triangles across the edge from `corner` along `axis`. Empty if the surface does not cut the
+/// edge, or a cell around it has no vertex.
 fn quad(field: &Field, numbers: &HashMap<IVec3, u32>, corner: IVec3, axis: usize) -> Vec<[u32; 3]> {
     let [along, right, up] = [axis, (axis + 1) % 3, (axis + 2) % 3].map(|i| IVec3::AXES[i]);
     let ends = field.at(corner).zip(field.at(corner + along));

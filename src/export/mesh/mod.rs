@@ -122,6 +122,7 @@ fn obj(
     write_rows(out, mesh.positions.len(), steps, |i, row| {
         let [x, y, z] = mesh.positions[i].as_vec3().to_array();
         let [r, g, b] = mesh.colors[i].to_array();
+        // Four digits are finer than the bytes of the other formats.
         row.extend_from_slice(format!("v {x} {y} {z} {r:.4} {g:.4} {b:.4}\n").as_bytes());
     })?;
     write_rows(out, mesh.triangles.len(), steps, |i, row| {
@@ -141,8 +142,8 @@ pub struct MeshSummary {
     pub bytes: u64,
 }
 
-/// Triangulates surfels on cells of width `cell`, in world units, and writes the mesh atomically. Of the
-/// options only axes, up, local origin, unit scale, comments and progress apply; GLB is y-up.
+/// Triangulates surfels on cells of width `cell`, in world units, and writes the mesh atomically. Only axes,
+/// up, local origin, unit scale, comments and progress of the options apply. GLB is y-up.
 ///
 /// # Errors
 /// [`Fault::NoSurface`] if no surface is found, [`Fault::Setting`] for invalid options,
@@ -189,7 +190,7 @@ fn in_file_axes(
     if mesh.triangles.is_empty() {
         return Err(Fault::NoSurface { n_components: surfels.len() });
     }
-    // glTF prescribes y-up.
+    // glTF prescribes y-up. As a PLY, because the model's format does not concern the mesh.
     let axes = if format == MeshFormat::Glb { Axes::YUp } else { options.axes };
     let options = WriteOptions { axes, format: ModelFormat::Ply, ..options.clone() };
     let turn = file_rotation(&options);

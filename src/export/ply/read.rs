@@ -187,8 +187,8 @@ impl Shape {
 }
 
 impl Color {
-    /// Prefers coefficients of degree 0 over red, green, blue, which some files add as a preview.
     fn find(element: &PlyElement) -> Result<Self, Fault> {
+        // Coefficients first: some files add red, green and blue as a preview.
         if element.column("f_dc_0").is_some() {
             return Ok(Color::Sh(element.require(["f_dc_0", "f_dc_1", "f_dc_2"])?));
         }
@@ -198,6 +198,7 @@ impl Color {
         let found = element.require(["red", "green", "blue"])?;
         let full = found.map(|c| match element.properties.get(c).map(|p| &p.kind) {
             Some(Kind::Scalar(kind)) => kind.full_channel(),
+            // Never used: `Body::n_rows` refuses lists.
             _ => 1.0,
         });
         Ok(Color::Rgb { columns: found, full: DVec3::from_array(full) })

@@ -15,7 +15,8 @@ use std::fmt::Write as _;
 use std::io;
 use std::io::Write;
 
-/// Maximum header size: antimatter15/splat reads up to 10 KB, others more (`files.md`, PLY of splats).
+/// Maximum header size.
+// antimatter15/splat reads up to 10 KB, others more (`files.md`, PLY of splats).
 const MAX_HEADER_BYTES: usize = 4096;
 
 // Without `red green blue`: otherwise spark would read bare points, and brush would prefer them over `f_dc`.

@@ -11,7 +11,8 @@ use std::io::{Read, Result as IoResult};
 pub(super) const NGSP_BYTES: usize = 32;
 /// Bytes per stream in the table of version 4: compressed and uncompressed length.
 const ENTRY_BYTES: usize = 16;
-/// Largest Zstandard window, as a power of two; the default limit of the `zstd` program.
+/// Binary logarithm of the largest accepted Zstandard window.
+// The default limit of the `zstd` program.
 const MAX_WINDOW_LOG: u32 = 27;
 
 pub(super) struct Unpacked {
@@ -159,6 +160,7 @@ fn check_count(header: &SpzHeader, max_splats: usize) -> Result<(), Fault> {
 /// First bytes of a file, or of its gzip content.
 pub(super) const MAGIC: &[u8] = b"NGSP";
 const MAX_DEGREE: u8 = 4;
+// A coordinate has 24 bits.
 const MAX_FRACTION_BITS: u8 = 24;
 const HAS_EXTENSIONS: u8 = 2;
 

@@ -5,20 +5,22 @@ use exr::prelude::f16;
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Bytes of colour encode the coefficient of degree 0 times 0.15 · 255. The range exceeds `[0, 1]`, because
-/// harmonics can bring such colours back into it.
+/// Factor from the coefficient of degree 0 to a fraction of the byte range.
+// The format's range exceeds `[0, 1]`, because harmonics can bring such colours back into it.
 const COLOR_SCALE: f64 = 0.15;
 /// Steps per unit of a scale's logarithm, and the logarithm of byte 0.
 const SCALE_STEPS: f64 = 16.0;
 const SCALE_START: f64 = -10.0;
-/// Number of steps for coefficients of degree 1 when writing.
+/// Number of written steps of coefficients of degree 1.
+// As many as the format's reference writer uses.
 const COEFFICIENT_STEPS: f64 = 32.0;
-/// Largest 9-bit magnitude of a rotation component; represents √½.
+/// 9-bit magnitude of a rotation component of √½, the largest besides the omitted one.
 const LARGEST_MAGNITUDE: f64 = 511.0;
 
-/// Tolerance within which quaternion components count as equally large, despite rounding.
+/// Difference below which quaternion components count as equally large, despite rounding.
 const TIE_TOLERANCE: f64 = 1e-5;
-/// Tolerance within which rotations count as equal; above f32 rounding.
+/// Difference below which rotations count as equal.
+// Above f32 rounding.
 const ROTATION_TOLERANCE: f64 = 1e-6;
 
 pub(super) fn fixed(bytes: [u8; 3], fraction_bits: u8) -> f64 {
@@ -90,9 +92,10 @@ pub(super) fn to_scale(scale: DVec3) -> [u8; 3] {
     scale.to_array().map(|s| nearest(SCALE_STEPS * (s.ln() - SCALE_START)))
 }
 
-/// Inverse of [`smallest_three`]. Omits the largest component, by default the first among equals, or another
-/// one if that decodes more accurately. A rotation read from a file is therefore written unchanged.
+/// Inverse of [`smallest_three`]. Omits the first of the largest components, or another one if that decodes
+/// more accurately.
 pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
+    // The search makes a rotation that was read from a file keep its bytes.
     let xyzw = rotation.to_array();
     let most = xyzw.iter().fold(0.0f64, |most, v| most.max(v.abs()));
     let first = xyzw.iter().position(|v| v.abs() >= most - TIE_TOLERANCE).unwrap_or(3);
@@ -125,7 +128,7 @@ fn encode_without(left_out: usize, xyzw: [f64; 4]) -> [u8; 4] {
     bits.to_le_bytes()
 }
 
-/// Inverse of [`coefficient`], with as many steps as the format's reference writer uses.
+/// Inverse of [`coefficient`], rounded to fewer steps.
 pub(super) fn to_coefficient(f: f64) -> u8 {
     let step = 256.0 / COEFFICIENT_STEPS;
     nearest(((128.0 * f) / step).round() * step + 128.0)
@@ -167,26 +170,5 @@ mod tests {
                 assert_eq!(to_smallest_three(nudged), bytes, "{q:?} {nudge}");
             }
         }
-    }
-
-    #[test]
-    fn halves() {
-        for (bits, value) in [
-            (0x3C00u16, 1.0),
-            (0xC000, -2.0),
-            (0x7BFF, 65504.0),
-            (0x0001, 0.5f64.powi(24)),
-            (0x3555, 0.333_251_953_125),
-            (0xFC00, f64::NEG_INFINITY),
-        ] {
-            assert_eq!(half(bits.to_le_bytes()), value);
-        }
-        assert!(half([1, 0x7C]).is_nan());
-    }
-
-    #[test]
-    fn fixed_points_have_a_sign() {
-        assert_eq!(fixed([0, 0xF0, 0xFF], 12), -1.0);
-        assert_eq!(fixed([0xFF, 0xFF, 0x7F], 0), 8_388_607.0);
     }
 }

@@ -17,7 +17,8 @@ use rayon::prelude::*;
 use std::io;
 use std::io::Write;
 
-/// Zstandard level: higher ones take twice as long for 1 %.
+/// Zstandard level.
+// Higher levels take twice as long for 1 % of the size.
 const LEVEL: i32 = 9;
 /// Rounding step of coordinates, relative to a small splat's middle standard deviation.
 const STEP_OF_DEVIATION: f64 = 1.0 / 8.0;
@@ -27,7 +28,8 @@ const SMALL_QUANTILE: f64 = 0.1;
 const N_SAMPLED: usize = 4096;
 /// Bits of a coordinate without its sign.
 const COORDINATE_BITS: i32 = 23;
-/// Maximum number of fraction bits that every reader accepts.
+/// Maximum number of fraction bits.
+// Every reader accepts these.
 const MAX_FRACTION_BITS: i32 = 20;
 /// Bits per coordinate along the curve; three fill a word.
 const CURVE_BITS: u32 = 21;
@@ -54,14 +56,13 @@ impl SpzLayout {
         if self.degree == 0 { COLUMN_NAMES.len() - 1 } else { COLUMN_NAMES.len() }
     }
 
-    /// Writes the complete file. All columns are compressed in memory first, because their lengths precede
-    /// them.
     pub fn write(
         &self,
         out: &mut dyn Write,
         rows: &impl SplatRows,
         steps: &mut ProgressCounter,
     ) -> io::Result<()> {
+        // All columns are compressed in memory first, because their lengths precede them.
         let mut columns = Vec::new();
         for (encode, width) in self.encoders() {
             let unpacked = (self.order.len() * width) as u64;
@@ -136,14 +137,15 @@ fn fraction_bits(rows: &impl SplatRows, largest: f64) -> Result<u8, Fault> {
     };
     let mut deviations: Vec<f64> = (0..rows.n_rows()).step_by(step).map(middle).collect();
     deviations.sort_by(f64::total_cmp);
+    // Not empty: an export without rows is refused before.
     let small = deviations[(deviations.len() as f64 * SMALL_QUANTILE) as usize];
     let needed = -(small * STEP_OF_DEVIATION).log2().floor() as i32;
     Ok(needed.clamp(0, MAX_FRACTION_BITS).min(room) as u8)
 }
 
-/// Orders the rows along a Morton curve through the cube of all representable coordinates. Quantised
-/// coordinates are used, so that a file that was read keeps its order.
+/// Orders the rows along a Morton curve through the cube of all representable coordinates.
 fn morton_order(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
+    // Quantised coordinates, so that a file that was read keeps its order.
     let cell = |v: f64| {
         let held = (fixed(to_fixed(v, fraction_bits), 0) as i64 + (1 << COORDINATE_BITS)) as u64;
         held >> (COORDINATE_BITS as u32 + 1 - CURVE_BITS)

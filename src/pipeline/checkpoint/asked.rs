@@ -71,26 +71,12 @@ impl SavedRun {
 }
 
 fn frame_conflict(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
-    // Destructured completely, so that new fields cause a compile error here. Frame limit, shard, passes and
-    // follow may differ.
-    let ResumeRequest {
-        preset: _,
-        model: _,
-        split,
-        order,
-        stride,
-        shard: _,
-        load: _,
-        max_frames: _,
-        passes: _,
-        follow: _,
-        hold_out,
-    } = asked;
+    // Frame limit, shard, passes and `follow` may differ.
     [
-        differs("split (`--split`)", split, &stored.split),
-        differs("order", order, &Some(stored.order)),
-        differs("stride", stride, &Some(stored.stride)),
-        differs("hold out (`--hold-out`)", hold_out, &Some(stored.hold_out)),
+        differs("split (`--split`)", &asked.split, &stored.split),
+        differs("order", &asked.order, &Some(stored.order)),
+        differs("stride", &asked.stride, &Some(stored.stride)),
+        differs("hold out (`--hold-out`)", &asked.hold_out, &Some(stored.hold_out)),
     ]
     .into_iter()
     .flatten()
@@ -98,6 +84,7 @@ fn frame_conflict(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict>
 }
 
 fn depth_conflict(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
+    // Destructured completely, so that a new option causes a compile error here.
     let LoadOptions {
         depth_scale,
         depth_range,

@@ -10,7 +10,6 @@ use crate::model::paper::merging::AddError;
 use crate::model::paper::state::{InitialMeans, ModelState};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::run::RunConfig;
-use crate::pipeline::settings::method::Method;
 use serde_json::Value;
 use std::collections::BTreeSet;
 
@@ -153,18 +152,6 @@ const OTHER_ORIGIN: &str =
 const NO_REASSIGNMENT: &str =
     "reassignment made the models differ after the first frame: train them with reassign=off";
 
-struct Difference {
-    what: String,
-    found: String,
-    advice: &'static str,
-}
-
-impl Difference {
-    fn new(what: &str, found: impl Into<String>) -> Self {
-        Self { what: what.to_owned(), found: found.into(), advice: RETRAIN_ADVICE }
-    }
-}
-
 /// Refuses runs with different starts or a common frame.
 fn check_compatible(runs: &[SavedRun]) -> Result<(), RunError> {
     for (i, run) in runs.iter().enumerate() {
@@ -178,59 +165,54 @@ fn check_compatible(runs: &[SavedRun]) -> Result<(), RunError> {
 
 /// Refuses runs with different datasets, settings or initial models.
 fn check_same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
+    let unlike = |what: &str, found: String, advice| {
+        let paths = [a.path.clone(), b.path.clone()];
+        Err(RunError::Unlike { paths, what: what.to_owned(), found, advice })
+    };
     // Origins first: a different one also changes all poses, and with them the dataset's fingerprint.
-    let difference = of_origins(a, b)
-        .or_else(|| of_datasets(a, b))
-        .or_else(|| of_methods(&a.config.method, &b.config.method))
-        .or_else(|| of_settings(&a.config.without_shard(), &b.config.without_shard()))
-        .or_else(|| of_models(&a.content.model, &b.content.model));
-    match difference {
+    let origins = (a.local_origin(), b.local_origin());
+    if origins.0 != origins.1 {
+        return unlike("local origin", format!("{} and {}", origins.0, origins.1), OTHER_ORIGIN);
+    }
+    if let Some(difference) = a.meta.fingerprint.difference(&b.meta.fingerprint) {
+        return unlike("dataset", format!("a difference in {difference}"), RETRAIN_ADVICE);
+    }
+    let (ours, theirs) = (&a.config.method, &b.config.method);
+    if ours.preset() != theirs.preset() {
+        let found = format!("{} and {}", ours.preset(), theirs.preset());
+        return unlike("setting `preset`", found, RETRAIN_ADVICE);
+    }
+    // Before the other settings, because these estimates have clearer names here than in the JSON below.
+    let (ours, theirs) = (ours.as_any().world_placement(), theirs.as_any().world_placement());
+    if let Some(((what, a), (_, b))) = ours.iter().zip(&theirs).find(|(a, b)| a != b) {
+        return unlike(what, format!("{a} and {b}"), RETRAIN_ADVICE);
+    }
+    if let Some((name, found)) = different_setting(&a.config, &b.config) {
+        return unlike(&format!("setting `{name}`"), found, RETRAIN_ADVICE);
+    }
+    match different_start(&a.content.model, &b.content.model) {
+        Some((what, found, advice)) => unlike(what, found, advice),
         None => Ok(()),
-        Some(Difference { what, found, advice }) => {
-            let paths = [a.path.clone(), b.path.clone()];
-            Err(RunError::Unlike { paths, what, found, advice })
-        }
     }
 }
 
-fn of_origins(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
-    let (a, b) = (a.local_origin(), b.local_origin());
-    (a != b).then(|| Difference {
-        advice: OTHER_ORIGIN,
-        ..Difference::new("local origin", format!("{a} and {b}"))
-    })
-}
-
-fn of_datasets(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
-    let difference = a.meta.fingerprint.difference(&b.meta.fingerprint)?;
-    Some(Difference::new("dataset", format!("a difference in {difference}")))
-}
-
-/// Compares presets and the settings that position models in the world.
-fn of_methods(a: &Method, b: &Method) -> Option<Difference> {
-    if a.preset() != b.preset() {
-        let found = format!("{} and {}", a.preset(), b.preset());
-        return Some(Difference::new("setting `preset`", found));
-    }
-    let (a, b) = (a.as_any().world_placement(), b.as_any().world_placement());
-    let ((what, a), (_, b)) = a.iter().zip(&b).find(|(a, b)| a != b)?;
-    Some(Difference::new(what, format!("{a} and {b}")))
-}
-
-fn of_settings(a: &RunConfig, b: &RunConfig) -> Option<Difference> {
+/// Name and values of the first setting that differs.
+fn different_setting(a: &RunConfig, b: &RunConfig) -> Option<(String, String)> {
+    let (a, b) = (a.without_shard(), b.without_shard());
     if a == b {
         return None;
     }
     let (a, b) = (serde_json::to_value(a).ok()?, serde_json::to_value(b).ok()?);
-    let mut settings = a.as_object()?.iter();
     let other = |name: &String| b.get(name).unwrap_or(&Value::Null);
-    let (name, value) = settings.find(|(name, value)| other(name) != *value)?;
-    let found = format!("{value} and {}", other(name));
-    Some(Difference::new(&format!("setting `{name}`"), found))
+    let (name, value) = a.as_object()?.iter().find(|(name, value)| other(name) != *value)?;
+    Some((name.clone(), format!("{value} and {}", other(name))))
 }
 
-/// Compares the initial models.
-fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
+/// Difference of two initial models: its name, the values found, and advice.
+fn different_start(
+    a: &StoredModel,
+    b: &StoredModel,
+) -> Option<(&'static str, String, &'static str)> {
     use StoredModel::Mixture;
     let (
         Mixture { normalization, hyper, state },
@@ -240,21 +222,20 @@ fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
         // Scenes start empty.
         return None;
     };
+    let retrain = |what, found: &str| Some((what, found.to_owned(), RETRAIN_ADVICE));
     if normalization != other_normalization {
-        return Some(Difference::new("range of positions", "two"));
+        return retrain("range of positions", "two");
     }
     if hyper != other_hyper {
-        return Some(Difference::new("prior", "two"));
+        return retrain("prior", "two");
     }
     if state.alpha_init != other.alpha_init {
-        return Some(Difference::new("initial weights", "two sets"));
+        return retrain("initial weights", "two sets");
     }
     let moved = first_different_mean(&state.means, &other.means)?;
-    let found = format!("component {moved} at another position");
-    Some(Difference { advice: NO_REASSIGNMENT, ..Difference::new("initial means", found) })
+    Some(("initial means", format!("component {moved} at another position"), NO_REASSIGNMENT))
 }
 
-/// Index of the first component whose initial mean differs.
 fn first_different_mean(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
     if a == b {
         return None;

@@ -30,10 +30,12 @@ const DIAGONAL: [usize; 3] = [4, 7, 9];
 /// Indices of `xy xz yz`, each with the two diagonal terms that bound it.
 const MIXED: [(usize, usize, usize); 3] = [(5, 4, 7), (6, 4, 9), (8, 7, 9)];
 
-/// Relative rounding tolerance for `2|B_ij| <= B_ii + B_jj`. The f32 sums of a tile are accurate to 1e-5, f32
-/// totals drift further, and fixed-point totals are off by half a quantum per tile.
+/// Relative rounding tolerance for `2|B_ij| <= B_ii + B_jj`.
+// The f32 sums of a tile are accurate to 1e-5; older files hold f32 totals that drift further.
 const SLACK: f64 = 1e-3;
-// At most two quanta per tile (two halves, and twice a half): enough for 8·10⁶ tiles.
+/// Absolute rounding tolerance, in quanta.
+// Fixed-point totals are off by half a quantum per tile, in this inequality by two (two halves, and twice a
+// half): enough for 8·10⁶ tiles.
 const SLACK_QUANTA: f64 = (1u64 << 24) as f64;
 
 pub(in super::super) fn check_mixture(model: &ModelState) -> Result<(), Defect> {

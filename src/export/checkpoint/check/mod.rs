@@ -14,6 +14,7 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 
 pub(super) fn check_normalization(normalization: &Normalization) -> Result<(), Defect> {
     let Normalization { offset, scale } = normalization;
+    // The transform must be invertible.
     let sound =
         offset.iter().all(|v| v.is_finite()) && scale.iter().all(|v| v.is_finite() && *v > 0.0);
     if sound {
@@ -25,6 +26,7 @@ pub(super) fn check_normalization(normalization: &Normalization) -> Result<(), D
 }
 
 pub(super) fn check_prior(numbers: &[f64]) -> Result<(), Defect> {
+    // Negated, so that NaN is refused as well.
     match numbers.iter().find(|v| !(v.is_finite() && **v > 0.0)) {
         None => Ok(()),
         Some(found) => {
@@ -33,12 +35,13 @@ pub(super) fn check_prior(numbers: &[f64]) -> Result<(), Defect> {
     }
 }
 
-pub(super) fn check_visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Defect> {
+pub(super) fn check_visited(frames: &[u64], learned: u64) -> Result<Vec<u32>, Defect> {
     let refuse = |expected: &str, found: String| {
         Err(Defect::malformed(tag_text(sections::CURSOR), expected, found))
     };
-    if learnt > frames.len() as u64 {
-        return refuse(&format!("at most {} trained frames", frames.len()), learnt.to_string());
+    // Skipped frames are visited as well, so there may be more visits than trained frames.
+    if learned > frames.len() as u64 {
+        return refuse(&format!("at most {} trained frames", frames.len()), learned.to_string());
     }
     let ids: Option<Vec<u32>> = frames.iter().map(|&frame| u32::try_from(frame).ok()).collect();
     ids.map_or_else(|| refuse("frame numbers of 32 bits", "larger ones".to_owned()), Ok)
@@ -49,6 +52,7 @@ fn check_ascending(
     ids: impl Iterator<Item = u32> + Clone,
     components: usize,
 ) -> Result<(), Defect> {
+    // Strictly, because a component that occurs twice would have two values.
     if !ids.clone().is_sorted_by(|a, b| a < b) {
         let expected = "components in ascending order";
         return Err(Defect::malformed(tag_text(tag), expected, "another order"));

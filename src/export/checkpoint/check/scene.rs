@@ -1,7 +1,7 @@
 //! Validation of scenes.
 
 use super::super::error::{Defect, tag_text};
-use super::super::sections;
+use super::super::sections::*;
 use super::{AXES, check_ascending, value_defect};
 use crate::model::scene::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
@@ -25,39 +25,33 @@ const NAMES: [&str; N_SUMS] = [
 pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
     if !state.origin.iter().all(|x| x.is_finite()) {
         let found = format!("{:?}", state.origin);
-        return Err(Defect::malformed(tag_text(sections::ORIGIN), "finite numbers", found));
+        return Err(Defect::malformed(tag_text(ORIGIN), "finite numbers", found));
     }
     let numbers = state.seeds.as_flattened().iter().enumerate().zip(AXES.into_iter().cycle());
     if let Some(((at, &found), axis)) = numbers.into_iter().find(|((_, x), _)| !x.is_finite()) {
-        return Err(value_defect(sections::SEEDS, at / 3, axis, "a finite number", found.into()));
+        return Err(value_defect(SEEDS, at / 3, axis, "a finite number", found.into()));
     }
     for (at, frame) in state.exposures.iter().enumerate() {
-        check_viewpoint(sections::EXPOSURES, at, &frame.viewpoint)?;
+        check_viewpoint(EXPOSURES, at, &frame.viewpoint)?;
         if let Some(&found) = frame.gain.iter().find(|g| !(**g > 0.0 && g.is_finite())) {
-            return Err(value_defect(sections::EXPOSURES, at, "gain", "a positive number", found));
+            return Err(value_defect(EXPOSURES, at, "gain", "a positive number", found));
         }
     }
     for (at, frame) in state.poses.iter().enumerate() {
-        check_viewpoint(sections::POSES, at, &frame.recorded)?;
+        check_viewpoint(POSES, at, &frame.recorded)?;
         if let Some(&found) = frame.turn.iter().chain(&frame.shift).find(|x| !x.is_finite()) {
-            return Err(value_defect(sections::POSES, at, "correction", "a finite number", found));
+            return Err(value_defect(POSES, at, "correction", "a finite number", found));
         }
         // Older files lack rotations, which are read as zeros.
         if frame.rotation != [0.0; 4] && frame.poses().is_none() {
             let [x, ..] = frame.rotation;
-            return Err(value_defect(
-                sections::POSE_ROTATIONS,
-                at,
-                "rotation",
-                "a unit quaternion",
-                x,
-            ));
+            return Err(value_defect(POSE_ROTATIONS, at, "rotation", "a unit quaternion", x));
         }
     }
     let mut tracked = state.trajectory.iter().enumerate();
     if let Some((at, unplaced)) = tracked.find(|(_, tracked)| tracked.pose().is_none()) {
         let found = unplaced.rotation[3];
-        return Err(value_defect(sections::TRAJECTORY, at, "rotation", "a unit quaternion", found));
+        return Err(value_defect(TRAJECTORY, at, "rotation", "a unit quaternion", found));
     }
     if let Some(photometric) = &state.photometric {
         check_photometric(photometric)?;
@@ -66,18 +60,19 @@ pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
     let mut components = state.components.iter().flatten().enumerate();
     if let Some((at, &found)) = components.find(|(_, id)| **id as usize >= n) {
         let expected = format!("a component below {n}");
-        return Err(value_defect(sections::COMPONENTS, at, "seed", &expected, found.into()));
+        return Err(value_defect(COMPONENTS, at, "seed", &expected, found.into()));
     }
     let StoredSums { rows, wide } = &state.sums;
     check_wide_rows(wide, rows)?;
     rows.iter().enumerate().try_for_each(|(k, row)| {
         let row = row.map(|quanta| f64::from(quanta) * QUANTUM);
+        // Narrow sums of more points could overflow.
         if row[0] >= f64::from(WIDE_POINTS) {
             let expected =
                 format!("fewer than {WIDE_POINTS} points; larger components are stored wide");
-            return Err(value_defect(sections::SUMS, k, NAMES[0], &expected, row[0]));
+            return Err(value_defect(SUMS, k, NAMES[0], &expected, row[0]));
         }
-        check_sums(sections::SUMS, k, &row)
+        check_sums(SUMS, k, &row)
     })
 }
 
@@ -96,13 +91,13 @@ fn check_viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(),
 pub(in super::super) fn check_buffered_views<'a>(
     views: impl Iterator<Item = &'a PhotographView>,
 ) -> Result<(), Defect> {
-    no_defects(sections::PHOTO_BUFFER, views.map(PhotographView::first_invalid_number))
+    no_defects(PHOTO_BUFFER, views.map(PhotographView::first_invalid_number))
 }
 
 pub(in super::super) fn check_depth_scales<'a>(
     scales: impl Iterator<Item = &'a DepthScale>,
 ) -> Result<(), Defect> {
-    no_defects(sections::PHOTO_SCALES, scales.map(DepthScale::defect))
+    no_defects(PHOTO_SCALES, scales.map(DepthScale::defect))
 }
 
 fn no_defects(
@@ -122,13 +117,7 @@ fn check_photometric(state: &PhotometricState) -> Result<(), Defect> {
     let mut all = state.buffered.iter().enumerate();
     if let Some((at, odd)) = all.find(|(_, w)| w.pixels.len() != w.view.n_pixels()) {
         let expected = format!("{} pixels", odd.view.n_pixels());
-        return Err(value_defect(
-            sections::PHOTO_BUFFER,
-            at,
-            "size",
-            &expected,
-            odd.pixels.len() as f64,
-        ));
+        return Err(value_defect(PHOTO_BUFFER, at, "size", &expected, odd.pixels.len() as f64));
     }
     let depths = || state.buffered.iter().filter_map(|waiting| waiting.depths.as_ref());
     check_depth_scales(depths().map(|depths| &depths.scale))?;
@@ -136,7 +125,7 @@ fn check_photometric(state: &PhotometricState) -> Result<(), Defect> {
     let mut all = state.buffered.iter().filter_map(|w| Some((w, steps(w)?))).enumerate();
     if let Some((at, (odd, n))) = all.find(|(_, (w, n))| *n != w.view.n_pixels()) {
         let expected = format!("{} depths", odd.view.n_pixels());
-        return Err(value_defect(sections::PHOTO_DEPTHS, at, "size", &expected, n as f64));
+        return Err(value_defect(PHOTO_DEPTHS, at, "size", &expected, n as f64));
     }
     let looks = state.splats.iter().zip(&state.appearance);
     let precisions = state.form.iter().zip(&state.color);
@@ -148,7 +137,7 @@ fn check_photometric(state: &PhotometricState) -> Result<(), Defect> {
         if !(splat.is_drawable() && appearance.is_valid()) {
             let found = f64::from(splat.opacity);
             return Err(value_defect(
-                sections::PHOTO_SPLATS,
+                PHOTO_SPLATS,
                 at,
                 "splat",
                 "a splat that can be drawn",
@@ -161,7 +150,7 @@ fn check_photometric(state: &PhotometricState) -> Result<(), Defect> {
         if let Some(found) = form.chain(color).copied().find(|x| !(*x > 0.0 && x.is_finite())) {
             let expected = "a positive number";
             return Err(value_defect(
-                sections::PHOTO_SHAPE_PRECISION,
+                PHOTO_SHAPE_PRECISION,
                 at,
                 "precision",
                 expected,
@@ -170,9 +159,9 @@ fn check_photometric(state: &PhotometricState) -> Result<(), Defect> {
         }
     }
     let usual = [
-        (sections::PHOTO_NOISE, state.noise),
-        (sections::PHOTO_POINTS, state.points),
-        (sections::PHOTO_SEEN_THROUGH, state.seen_through),
+        (PHOTO_NOISE, state.noise),
+        (PHOTO_POINTS, state.points),
+        (PHOTO_SEEN_THROUGH, state.seen_through),
     ];
     usual.into_iter().try_for_each(|(tag, numbers)| {
         match numbers.into_iter().find(|x| !(x.is_finite() && *x >= 0.0)) {
@@ -186,11 +175,11 @@ fn check_photometric(state: &PhotometricState) -> Result<(), Defect> {
 /// that they replace are zero.
 #[expect(clippy::indexing_slicing, reason = "ids index rows, positions index sums")]
 fn check_wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
-    check_ascending(sections::WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
+    check_ascending(WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
     for row in wide {
         let k = row.id as usize;
         let refuse = |i: usize, expected: &str| {
-            Err(value_defect(sections::WIDE_SUMS, k, NAMES[i], expected, row.sums[i]))
+            Err(value_defect(WIDE_SUMS, k, NAMES[i], expected, row.sums[i]))
         };
         // Exact, since the quantum is a power of two.
         let is_odd = |v: &f64| !(v.abs() <= MAX_SUM && (v / QUANTUM).fract() == 0.0);
@@ -200,11 +189,11 @@ fn check_wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defec
         if row.sums[0] < f64::from(WIDE_POINTS) {
             return refuse(0, &format!("{WIDE_POINTS} points or more"));
         }
-        check_sums(sections::WIDE_SUMS, k, &row.sums)?;
+        check_sums(WIDE_SUMS, k, &row.sums)?;
         if let Some(i) = rows[k].iter().position(|quanta| *quanta != 0) {
-            let expected = format!("0 beside sums in `{}`", tag_text(sections::WIDE_SUMS));
+            let expected = format!("0 beside sums in `{}`", tag_text(WIDE_SUMS));
             let found = f64::from(rows[k][i]) * QUANTUM;
-            return Err(value_defect(sections::SUMS, k, NAMES[i], &expected, found));
+            return Err(value_defect(SUMS, k, NAMES[i], &expected, found));
         }
     }
     Ok(())

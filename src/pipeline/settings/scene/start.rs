@@ -77,16 +77,15 @@ impl SceneRun {
     }
 }
 
-/// Chooses the pixels that become points. Real cameras observe every surface many times, with errors that
-/// neighbouring pixels share, so a quarter of a large frame suffices (`scene.md`, Sampling).
 fn sampling(sensor: Sensor, pixels: usize) -> PixelSampling {
     match sensor {
+        // Real cameras observe every surface many times, with errors that neighbouring pixels share, so a
+        // quarter of a large frame suffices (`scene.md`, Sampling).
         Sensor::Kinect | Sensor::Lidar if pixels >= LARGE_FRAME => PixelSampling::Quarter,
         _ => PixelSampling::Every,
     }
 }
 
-/// Refuses options that plain splats do not support.
 fn check_plain_splats(overrides: &SceneOverrides) -> Result<(), ConfigError> {
     let asked = [(overrides.gradient, "gradient"), (overrides.crack_filling, "crack_filling")];
     let asked = asked.into_iter().find(|(asked, _)| *asked == Some(true));
