@@ -82,7 +82,7 @@ fn skipped_frames_tell_their_reason_and_trained_ones_how_well() {
     fs::write(&damaged, b"no image at all").unwrap();
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
     train(&mut window);
-    wait_for_label(&mut window, "1 frames skipped");
+    wait_for_label(&mut window, "1 skipped");
     let skipped = window.state().snapshot().frames.skipped[0].message.clone();
     let at = middle(&window, "Frame 4");
     point_at(&mut window, at, None);

@@ -85,7 +85,7 @@ fn a_dataset_with_bad_frames_trains_on_the_others_and_counts_them() {
     );
     assert_eq!(snapshot.frames.skipped.len(), 1);
     window.run_steps(2);
-    window.get_by_label("1 frames skipped");
+    window.get_by_label("1 skipped");
 }
 
 /// Simulates an unplugged drive or a moved folder.

@@ -91,7 +91,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
 fn skipped(snapshot: &Snapshot, ui: &mut Ui) {
     let Some(first) = snapshot.frames.skipped.first() else { return };
     ui.separator();
-    let text = format!("{} frames skipped", snapshot.frames.skipped.len());
+    let text = format!("{} skipped", snapshot.frames.skipped.len());
     let label = ui.label(SignalColor::Yellow.text(text, ui));
     label.on_hover_text(format!(
         "First reason: {}\nThe frame strip crosses these frames out; hover over one for its reason",
