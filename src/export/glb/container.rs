@@ -87,27 +87,22 @@ fn word(bytes: &[u8], at: usize, place: &str) -> Result<u32, Fault> {
 const I8: u32 = 5120;
 const U8: u32 = 5121;
 const I16: u32 = 5122;
-const U16: u32 = 5123;
-const F32: u32 = 5126;
+pub(super) const U16: u32 = 5123;
+pub(super) const U32: u32 = 5125;
+pub(super) const F32: u32 = 5126;
 
-/// Permitted types of an attribute (`files.md`, GLB; `COLOR_0` as in glTF 2.0, 3.7.2.1): vector types with
-/// their widths, and component types with their `normalized` flag.
-struct Rule {
-    kinds: &'static [(&'static str, usize)],
-    components: &'static [(u32, bool)],
-}
-
-const VEC3: &[(&str, usize)] = &[("VEC3", 3)];
+const VEC3: &[&str] = &["VEC3"];
 const FLOATS: &[(u32, bool)] = &[(F32, false)];
+const FRACTIONS: &[(u32, bool)] = &[(F32, false), (U8, true), (U16, true)];
 
-fn attribute_rule(semantic: &str) -> Rule {
+/// Permitted types of an attribute (`files.md`, GLB; `COLOR_0` as in glTF 2.0, 3.7.2.1): vector types, and
+/// component types with their `normalized` flag.
+fn permitted_types(semantic: &str) -> (&'static [&'static str], &'static [(u32, bool)]) {
     match semantic {
-        ROTATION => {
-            Rule { kinds: &[("VEC4", 4)], components: &[(F32, false), (I8, true), (I16, true)] }
-        }
-        SCALE => Rule {
-            kinds: VEC3,
-            components: &[
+        ROTATION => (&["VEC4"], &[(F32, false), (I8, true), (I16, true)]),
+        SCALE => (
+            VEC3,
+            &[
                 (F32, false),
                 (U8, false),
                 (U16, false),
@@ -118,17 +113,12 @@ fn attribute_rule(semantic: &str) -> Rule {
                 (I8, true),
                 (I16, true),
             ],
-        },
-        OPACITY => {
-            Rule { kinds: &[("SCALAR", 1)], components: &[(F32, false), (U8, true), (U16, true)] }
-        }
-        COLOR_0 => Rule {
-            kinds: &[("VEC3", 3), ("VEC4", 4)],
-            components: &[(F32, false), (U8, true), (U16, true)],
-        },
-        POSITION | SH_0 => Rule { kinds: VEC3, components: FLOATS },
-        _ if SH_1.contains(&semantic) => Rule { kinds: VEC3, components: FLOATS },
-        _ => Rule { kinds: &[], components: &[] },
+        ),
+        OPACITY => (&["SCALAR"], FRACTIONS),
+        COLOR_0 => (&["VEC3", "VEC4"], FRACTIONS),
+        POSITION | SH_0 => (VEC3, FLOATS),
+        _ if SH_1.contains(&semantic) => (VEC3, FLOATS),
+        _ => (&[], &[]),
     }
 }
 
@@ -197,7 +187,7 @@ impl<'a> Column<'a> {
             (U8, &[a]) => (f64::from(a), 255.0),
             (I16, &[a, b]) => (f64::from(i16::from_le_bytes([a, b])), 32767.0),
             (U16, &[a, b]) => (f64::from(u16::from_le_bytes([a, b])), 65535.0),
-            // `attribute_rule` permits no other type of four bytes than F32.
+            // `permitted_types` has no other type of four bytes than F32.
             (_, &[a, b, c, d]) => (f64::from(f32::from_le_bytes([a, b, c, d])), 1.0),
             _ => (f64::NAN, 1.0),
         };
@@ -230,26 +220,29 @@ fn view_bytes<'a>(
 }
 
 fn row_bytes(accessor: &Accessor, semantic: &str, place: &str) -> Result<usize, Fault> {
-    let rule = attribute_rule(semantic);
-    let width = rule.kinds.iter().find(|(kind, _)| *kind == accessor.kind).map(|(_, n)| n);
+    let (kinds, components) = permitted_types(semantic);
     let component = (accessor.component_type, accessor.normalized);
-    match (width, rule.components.contains(&component)) {
-        (Some(width), true) => Ok(width * component_size(accessor.component_type)),
-        _ => {
-            let kinds: Vec<&str> = rule.kinds.iter().map(|(kind, _)| *kind).collect();
-            let components: Vec<String> =
-                rule.components.iter().map(|&(c, normalized)| describe(c, normalized)).collect();
-            let expected = format!("{} of {}", kinds.join("/"), components.join("/"));
-            let (component, normalized) = component;
-            let kind = shorten(&accessor.kind);
-            let found = format!("{kind} of {}", describe(component, normalized));
-            Err(Fault::malformed(place, expected, found))
-        }
+    if kinds.contains(&accessor.kind.as_str()) && components.contains(&component) {
+        return Ok(row_size(&accessor.kind, accessor.component_type));
     }
+    let components: Vec<String> = components.iter().copied().map(describe).collect();
+    let expected = format!("{} of {}", kinds.join("/"), components.join("/"));
+    let found = format!("{} of {}", shorten(&accessor.kind), describe(component));
+    Err(Fault::malformed(place, expected, found))
 }
 
-fn describe(component: u32, normalized: bool) -> String {
+fn describe((component, normalized): (u32, bool)) -> String {
     format!("{}{component}", if normalized { "normalized " } else { "" })
+}
+
+/// Bytes of a row with a permitted vector type and components of a type.
+pub(super) fn row_size(kind: &str, component: u32) -> usize {
+    let width = match kind {
+        "SCALAR" => 1,
+        "VEC3" => 3,
+        _ => 4,
+    };
+    width * component_size(component)
 }
 
 fn component_size(component: u32) -> usize {

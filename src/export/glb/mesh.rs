@@ -1,7 +1,8 @@
 //! Triangle meshes as GLB, in core glTF 2.0, which every viewer draws.
 
+use super::container::{F32, U16, U32};
 use super::schema::*;
-use super::write::{ARRAY_BUFFER, Declared, FLOAT, UNSIGNED_SHORT, document, json_chunk};
+use super::write::{ARRAY_BUFFER, Declared, document, json_chunk};
 use super::{COLOR_0, POSITION, container};
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
@@ -12,7 +13,6 @@ use glam::{DVec3, Vec3};
 use std::io;
 use std::io::Write;
 
-const UNSIGNED_INT: u32 = 5125;
 const TRIANGLES: u32 = 4;
 /// Target of buffer views with indices.
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
@@ -27,24 +27,11 @@ impl MeshLayout {
     /// file would exceed GLB's 32-bit lengths.
     pub fn new(mesh: &TriangleMesh, origin: DVec3, options: &WriteOptions) -> Result<Self, Fault> {
         let (n, m) = (mesh.positions.len(), mesh.triangles.len());
-        let vertices = |kind, component, row_bytes| Declared {
-            kind,
-            component,
-            count: n,
-            byte_length: n * row_bytes,
-            target: ARRAY_BUFFER,
-        };
-        let columns = [
-            vertices("VEC3", FLOAT, 3 * size_of::<f32>()),
-            vertices("VEC4", UNSIGNED_SHORT, 4 * size_of::<u16>()),
-            Declared {
-                kind: "SCALAR",
-                component: UNSIGNED_INT,
-                count: 3 * m,
-                byte_length: 3 * m * size_of::<u32>(),
-                target: ELEMENT_ARRAY_BUFFER,
-            },
-        ];
+        let vertices =
+            |kind, component| Declared { kind, component, count: n, target: ARRAY_BUFFER };
+        let indices =
+            Declared { kind: "SCALAR", component: U32, count: 3 * m, target: ELEMENT_ARRAY_BUFFER };
+        let columns = [vertices("VEC3", F32), vertices("VEC4", U16), indices];
         let primitive = Primitive {
             attributes: Attributes(vec![(POSITION.to_owned(), 0), (COLOR_0.to_owned(), 1)]),
             indices: Some(2),

@@ -4,6 +4,7 @@
 //! view and bytes cannot disagree. Rows are computed again for each column, so memory stays at one block of
 //! rows for any model size. Everything that can be refused is refused before a file is created.
 
+use super::container::{F32, U16, row_size};
 use super::schema::*;
 use super::{
     COLOR_0, EXTENSION, KERNEL, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0, SH_1, SRGB,
@@ -22,8 +23,6 @@ use std::collections::BTreeMap;
 use std::io;
 use std::io::Write;
 
-pub(super) const FLOAT: u32 = 5126;
-pub(super) const UNSIGNED_SHORT: u32 = 5123;
 /// Target of buffer views with vertex attributes (glTF 2.0, 5.11.5).
 pub(super) const ARRAY_BUFFER: u32 = 34962;
 const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
@@ -32,7 +31,6 @@ struct Column {
     semantic: &'static str,
     kind: &'static str,
     component: u32,
-    row_bytes: usize,
     encode: fn(&Gaussian, &mut Vec<u8>),
 }
 
@@ -40,35 +38,28 @@ impl Column {
     const fn floats(
         semantic: &'static str,
         kind: &'static str,
-        width: usize,
         encode: fn(&Gaussian, &mut Vec<u8>),
     ) -> Self {
-        Self { semantic, kind, component: FLOAT, row_bytes: 4 * width, encode }
+        Self { semantic, kind, component: F32, encode }
     }
 }
 
 // Positions first: `document` states the bounds of the first column.
 const COLUMNS: [Column; 6] = [
-    Column::floats(POSITION, "VEC3", 3, |g, row| put_floats(row, &g.mean.to_array())),
-    Column {
-        semantic: COLOR_0,
-        kind: "VEC4",
-        component: UNSIGNED_SHORT,
-        row_bytes: 8,
-        encode: put_fallback_color,
-    },
-    Column::floats(ROTATION, "VEC4", 4, |g, row| put_floats(row, &g.rotation.to_array())),
-    Column::floats(SCALE, "VEC3", 3, |g, row| put_floats(row, &g.scale.to_array())),
-    Column::floats(OPACITY, "SCALAR", 1, |g, row| put_floats(row, &[g.opacity])),
-    Column::floats(SH_0, "VEC3", 3, |g, row| {
+    Column::floats(POSITION, "VEC3", |g, row| put_floats(row, &g.mean.to_array())),
+    Column { semantic: COLOR_0, kind: "VEC4", component: U16, encode: put_fallback_color },
+    Column::floats(ROTATION, "VEC4", |g, row| put_floats(row, &g.rotation.to_array())),
+    Column::floats(SCALE, "VEC3", |g, row| put_floats(row, &g.scale.to_array())),
+    Column::floats(OPACITY, "SCALAR", |g, row| put_floats(row, &[g.opacity])),
+    Column::floats(SH_0, "VEC3", |g, row| {
         put_floats(row, &harmonics::from_color(g.color).to_array())
     }),
 ];
 
 const DEGREE_1: [Column; 3] = [
-    Column::floats(SH_1[0], "VEC3", 3, |g, row| put_degree_1(g, 0, row)),
-    Column::floats(SH_1[1], "VEC3", 3, |g, row| put_degree_1(g, 1, row)),
-    Column::floats(SH_1[2], "VEC3", 3, |g, row| put_degree_1(g, 2, row)),
+    Column::floats(SH_1[0], "VEC3", |g, row| put_degree_1(g, 0, row)),
+    Column::floats(SH_1[1], "VEC3", |g, row| put_degree_1(g, 1, row)),
+    Column::floats(SH_1[2], "VEC3", |g, row| put_degree_1(g, 2, row)),
 ];
 
 #[expect(clippy::indexing_slicing, reason = "called with 0, 1 and 2")]
@@ -102,7 +93,6 @@ impl GlbLayout {
             kind: column.kind,
             component: column.component,
             count: n,
-            byte_length: n * column.row_bytes,
             target: ARRAY_BUFFER,
         });
         let declared: Vec<Declared> = declared.collect();
@@ -151,7 +141,6 @@ pub(super) struct Declared {
     pub kind: &'static str,
     pub component: u32,
     pub count: usize,
-    pub byte_length: usize,
     pub target: u32,
 }
 
@@ -170,7 +159,7 @@ pub(super) fn document(
         count: column.count,
         kind: column.kind.to_owned(),
         // The 16-bit integers are colours, which glTF reads as fractions.
-        normalized: column.component == UNSIGNED_SHORT,
+        normalized: column.component == U16,
         min: (i == 0).then_some(min),
         max: (i == 0).then_some(max),
         sparse: None,
@@ -178,11 +167,12 @@ pub(super) fn document(
     let mut end = 0;
     let view = |column: &Declared| {
         let byte_offset = end;
-        end += column.byte_length;
+        let byte_length = column.count * row_size(column.kind, column.component);
+        end += byte_length;
         BufferView {
             buffer: 0,
             byte_offset,
-            byte_length: column.byte_length,
+            byte_length,
             byte_stride: None,
             target: Some(column.target),
             extensions: BTreeMap::new(),
