@@ -1,7 +1,6 @@
 //! `calibrate` corrects a wrong calibration and leaves a correct one unchanged.
 
 use super::runner::Scratch;
-use crate::common::shared;
 use serde_json::Value;
 use std::fs;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
@@ -213,36 +212,6 @@ fn all_that_is_wrong_comes_back_within_its_standard_errors() {
     println!("{within} of {n} within three standard errors, {taken} determined");
     assert!(within * 20 >= n * 19, "{within} of {n}");
     assert!(2 * taken > n, "{taken} of {n}");
-}
-
-/// The Kinect room, started from a focal length 3 % off, an offset of 1 cm, and depth off by 2 % and 1 cm.
-#[test]
-#[ignore = "24 frames of 640x480: half a minute"]
-fn a_real_recording_comes_back_from_wrong_values() {
-    let Some(data) = shared("data/kinect_office") else { return };
-    let scratch = Scratch::empty();
-    let wrong = "(depth_offset: 0.01, depth_scale: 1.02, color_camera: Some((focal: (537.7, 537.7), principal: (320.0, 238.5), offset: (0.033, 0.0015, 0.0))))";
-    fs::write(scratch.path("wrong.ron"), wrong).unwrap();
-    let arguments = ["calibrate", data.to_str().unwrap(), "--calibration", "wrong.ron", "--json"];
-    let found = scratch.run_args(&arguments).succeeds().json();
-    let known = ColorCamera::KINECT;
-    for (name, known) in [
-        ("depth offset", 0.0),
-        ("depth scale", 1.0),
-        ("offset x", known.offset[0]),
-        ("offset y", known.offset[1]),
-        ("roll", 0.0),
-        ("focal", known.focal[0]),
-        ("point x", known.principal[0]),
-        ("point y", known.principal[1]),
-    ] {
-        let value = value(&found, name);
-        let number = |key: &str| value[key].as_f64().unwrap();
-        assert!((number("after") - known).abs() <= 3.0 * number("standard_error"), "{value}");
-    }
-    assert_eq!(value(&found, "focal")["determined"], true, "{found}");
-    let variance = |when: &str| found[when]["color_variance"].as_f64().unwrap();
-    assert!(variance("after") < 0.9 * variance("before"), "{found}");
 }
 
 #[test]

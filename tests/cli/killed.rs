@@ -70,9 +70,9 @@ fn a_killed_run_leaves_a_file_that_loads() {
 }
 
 #[test]
-#[ignore = "kills 50 runs: about a minute"]
-fn fifty_killed_runs_leave_files_that_load() {
-    kill(50);
+#[ignore = "kills 25 runs: half a minute"]
+fn killed_runs_leave_files_that_load() {
+    kill(25);
 }
 
 #[test]
