@@ -9,7 +9,8 @@ pub fn pose_agreement(check: &PoseCheck) -> String {
     format!("{percent:.0} % of depth agrees with neighbouring frames ({})", poses.name())
 }
 
-/// Warning and advice if poses or depth do not follow the recording's layout.
+/// Returns a warning with advice if the poses or the depth appear not to follow the recording's
+/// conventions.
 pub fn pose_warning(check: &PoseCheck) -> Option<String> {
     let PoseCheck { opened, best, .. } = check;
     if !check.has_better_reading() {
