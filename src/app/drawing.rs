@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ViewRenderer {
     Cpu,
-    /// GPU with timestamp queries.
+    /// Draws on a GPU that supports timestamp queries.
     Gpu,
     UntimedGpu,
 }
@@ -39,7 +39,7 @@ impl DrawStage {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DrawSample {
     ms: [Option<f64>; DrawStage::ALL.len()],
-    /// Splat data uploaded to the GPU for this picture, bytes.
+    /// Amount of splat data uploaded to the GPU for the picture, bytes.
     pub uploaded_bytes: u64,
 }
 

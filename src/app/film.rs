@@ -25,7 +25,7 @@ pub struct FilmRequest {
     pub output: PathBuf,
     pub options: RenderOptions,
     pub left_out: LeftOut,
-    /// True if the film is rendered on one core because training needs the others.
+    /// True if the film is rendered with one thread, because training needs the other cores.
     pub is_beside_training: bool,
 }
 

@@ -276,7 +276,7 @@ fn view(path: &Path, scene: BareSplats, serial: u64) -> OpenedSubject {
 
 const DEMO: &str = "demo";
 
-/// Default folder and file name without extension.
+/// Folder, and file name without extension, that dialogs propose for new files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileProposal {
     /// Folder of the open file or dataset; the current folder for the demo. An absolute path if it can

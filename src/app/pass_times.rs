@@ -14,7 +14,7 @@ fn thread_time() -> Option<Duration> {
 pub struct PassTimes {
     is_drawn: bool,
     state: RunState,
-    /// CPU time of this thread at the start of the latest pass of the window, and at the end of its
+    /// CPU time of this thread at two moments of the latest pass of the window: start, and end of the
     /// layout.
     worked: Option<Duration>,
     laid_out: Option<Duration>,

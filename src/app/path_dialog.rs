@@ -211,7 +211,7 @@ impl PathDialog {
         None
     }
 
-    /// Uses the result of a check, if there is one: returns the path, or prompts for the replacement of
+    /// Uses the result of a check, if there is one. Returns the path, or prompts for the replacement of
     /// an existing file.
     fn take_path_check(&mut self) -> Option<PathAnswer> {
         let (_, job) = self.checking.as_ref()?;

@@ -120,8 +120,8 @@ impl QualityMonitor {
         (n_measured, self.chosen_side().len())
     }
 
-    /// Returns the mean metrics over the views away from the camera path, once all are measured while
-    /// training is paused or finished.
+    /// Returns the mean metrics over the views away from the camera path. `None` until all are measured
+    /// while training is paused or finished.
     pub fn side_result(&self) -> Option<QualityPoint> {
         let frames = self.at_rest?;
         let (done, all) = self.side_progress(frames);

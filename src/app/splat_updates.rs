@@ -7,8 +7,8 @@ use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Latest value, shared between threads. Every access under its lock is short, so that neither a panic
-/// nor a slow reader on one thread affects the others.
+/// Latest value, shared between threads. Every access under its lock is short. Neither a panic nor a
+/// slow reader on one thread therefore affects the others.
 #[derive(Debug, Default)]
 pub struct Mailbox<T>(Mutex<T>);
 

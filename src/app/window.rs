@@ -179,7 +179,8 @@ impl Host {
         Ok(Self { worker, waker, shown: Arc::default(), exit: RefCell::default(), started })
     }
 
-    /// Runs one window until it ends. `first` are the orders that the window sends at its start.
+    /// Runs one window until it ends. `first` are the orders that start the run; they are sent only
+    /// once.
     fn open_window(
         &self,
         first: &mut Vec<WorkerOrder>,
@@ -257,14 +258,15 @@ const MAX_RUNS: usize = 3;
 
 type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
 
-/// Opens a window with `options` and runs the application of `create`, [`run_guarded`], until it ends.
+/// Opens a window with `options` and runs the application that `create` returns until the window ends.
+/// Panics are handled by [`run_guarded`].
 ///
 /// A panic unwinds through winit's event loop and leaves it in a running state. The next run of the loop
-/// handles remaining events of the old window and ends at once without creating a window. The run after that
-/// creates one.
+/// handles remaining events of the old window and ends at once without creating a window. The run after
+/// that creates one.
 ///
 /// # Errors
-/// Those of [`run_guarded`]; also if no run created a window.
+/// Those of [`run_guarded`], and an error if no run created a window.
 pub fn run_window(
     worker: &Worker,
     exit: &Exit,
@@ -287,8 +289,8 @@ pub fn run_window(
     Err(WindowError::Window("the event loop ended before it created a window".to_owned()))
 }
 
-/// Runs a window until it ends. If the window records a device loss in `exit` and then panics, the panic
-/// is not an error: the caller opens the next window. Any other panic is a bug. No window is then
+/// Runs a window until it ends. A panic after a device loss that the window has recorded in `exit` is
+/// not an error. The caller then opens the next window. Any other panic is a bug. No window is then
 /// reopened, because it could panic at the same place again.
 ///
 /// # Errors

@@ -31,8 +31,8 @@ pub struct Editor {
     visible: VisibleSplats,
     /// True while dragging over the viewport selects splats.
     pub is_box_selecting: bool,
-    /// Number of processed frames for which the viewport shows a stored earlier scene; `None` shows the
-    /// current scene.
+    /// Number of processed frames of the stored earlier scene to display; `None` displays the current
+    /// scene.
     pub earlier_frames: Option<usize>,
     pub stored_scenes: PastScenes,
     /// True if a panel needs component attributes. Set in every pass of the window in which one does.
@@ -144,7 +144,7 @@ impl Editor {
         (!is_of_use).then_some("Nothing to apply it to")
     }
 
-    /// Executes an editing command; ignores others.
+    /// Executes an editing command. Ignores other commands.
     pub fn execute(&mut self, command: UiCommand, palette: &Palette) {
         let now = self.edits();
         let next = match command {

@@ -7,9 +7,9 @@ use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Maximum displacement at which a marked splat counts as the same one, in standard deviations of its
-/// longest axis at marking time. Training moves a mean by less; a slot reused for another splat exceeds
-/// the limit.
+/// Maximum displacement at which a marked splat counts as the same one. The unit is the standard
+/// deviation of its longest axis at marking time. Training moves a mean by less; a slot reused for
+/// another splat exceeds the limit.
 const REACH_DEVIATIONS: f32 = 3.0;
 
 /// Mark of a splat. A splat has at most one mark, because only displayed splats can be selected.
@@ -23,7 +23,7 @@ pub enum Mark {
     Deleted,
 }
 
-/// Mark with the position of the splat when it was marked.
+/// Mark of a splat, with the splat's position when it was marked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct MarkedSplat {
     mark: Mark,

@@ -24,7 +24,7 @@ pub struct MenuContext<'a> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum BarAnswer {
     Action(Action),
-    /// Reopens a recent path.
+    /// Opens a recently opened path again.
     Open(PathBuf),
     /// Trains again on the same frames, with the chosen level of detail.
     Retrain,

@@ -3,8 +3,8 @@
 use eframe::egui::AsIdSalt;
 use egui_plot::{GridInput, GridMark, Plot, uniform_grid_spacer};
 
-/// Minimum distance of two labels in x and y, in multiples of the smallest grid spacing of a plot (8
-/// points). Labels are wide but not high.
+/// Minimum distance of two labels in x and y, in multiples of a plot's smallest grid spacing (8 points).
+/// Labels are wide but not high.
 const MIN_LABEL_DISTANCE: [f64; 2] = [10.0, 4.0];
 
 /// Creates a plot of height `height` (points). It has no gestures, so that the wheel scrolls the panel

@@ -23,8 +23,8 @@ use eframe::egui::{
 use glam::{DQuat, DVec2, DVec3};
 
 const LINE: Color32 = Color32::from_rgb(255, 210, 70);
-/// Maximum distance between a splat's centre and a measured point in its plane, in units of the splat's
-/// largest standard deviation.
+/// Maximum distance between a splat's centre and a measured point in its plane, in largest standard
+/// deviations of the splat.
 const REACH: f64 = 4.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -278,8 +278,8 @@ impl SceneView {
         self.settings.color_mode.attribute().or(for_panels)
     }
 
-    /// Returns the attribute that the worker must deliver, and resets the requests of panels, at the end
-    /// of a pass of the window.
+    /// Returns the attribute that the worker must deliver, and resets the requests of panels. Called at
+    /// the end of a pass of the window.
     pub fn take_watched_attribute(&mut self) -> Option<Attribute> {
         let watched = self.watched_attribute();
         // Panels renew their requests in the next pass.
@@ -303,9 +303,9 @@ impl SceneView {
         }
     }
 
-    /// Resets the view if another subject is open, so that no camera, comparison or pending pick of the
-    /// previous subject remains. Call this function with every snapshot, before the view is drawn or
-    /// handles keys.
+    /// Resets the view if another subject is open: no camera, comparison or pending pick of the previous
+    /// subject remains. Call this function with every snapshot, before the view is drawn or handles
+    /// keys.
     pub fn reset_for_subject(&mut self, opened: &Opened) {
         if self.serial == opened.serial {
             return;

@@ -319,7 +319,7 @@ mod tests {
         assert!(wait_for_decoded(&mut thumbnails).photo.is_some());
     }
 
-    /// Scrolls past every frame of a long recording.
+    /// Simulates scrolling past every frame of a long recording.
     #[test]
     fn what_is_on_screen_stays_and_the_rest_is_bounded() {
         let dataset = start::dataset().unwrap();

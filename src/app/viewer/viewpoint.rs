@@ -24,7 +24,8 @@ const TURNTABLE_S: f64 = 12.0;
 /// Time after the last camera movement until the picture is drawn at full resolution.
 pub(super) const SETTLE: Duration = Duration::from_millis(150);
 
-/// Position of the view and what moves the camera. Restored after a preview of another position.
+/// Position of the view, and stage of the automatic camera guide. Restored after the preview of another
+/// position.
 #[derive(Clone)]
 pub struct Place {
     position: ViewPosition,
@@ -274,8 +275,8 @@ impl Viewpoint {
         self.set_free();
     }
 
-    /// If `is_up` is true, makes `axis` point up. Otherwise makes the camera look against `axis`, from
-    /// its end to the origin.
+    /// If `is_up` is true, makes `axis` point up. Otherwise moves the camera so that it looks at the
+    /// orbit centre against the direction of `axis`.
     pub(super) fn apply_axis(&mut self, axis: DVec3, is_up: bool) {
         let Some(camera) = &mut self.steered else { return };
         match is_up {
@@ -293,8 +294,8 @@ impl Viewpoint {
         self.place.latest_frame = Some(frame);
     }
 
-    /// Moves to the dataset camera visited last, or to the first one, unless the view is at a dataset
-    /// camera already.
+    /// Moves to the dataset camera visited last, or to the first one. Does nothing if the view is
+    /// already at a dataset camera.
     pub(super) fn move_to_any_frame(&mut self, opened: &Opened) {
         let first = || opened.dataset.as_ref().and_then(FrameRef::first);
         if self.is_free()
@@ -430,7 +431,7 @@ const SLOW: f64 = 0.1;
 // A slow pass must not cause a large jump.
 const MAX_STEP_S: f32 = 0.1;
 
-/// Returns the movement that the held keys cause in this pass of the window: right, down and ahead, in
+/// Returns the movement caused by the held keys in this pass of the window: right, down and ahead, in
 /// scene radii.
 fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
     // The keys then enter text.

@@ -44,8 +44,8 @@ impl WorldPainter {
         }
     }
 
-    /// Projects a point from world coordinates to window coordinates (points). `None` in front of the
-    /// near plane.
+    /// Projects a point from world coordinates to window coordinates (points). `None` if the point is
+    /// nearer to the camera than the near plane.
     pub fn position(&self, world: DVec3) -> Option<Pos2> {
         let p = self.in_camera(world);
         (p.z > self.near).then(|| self.on_screen(p))

@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 pub struct Files {
-    /// Folders for slots, in order of preference. All but the first are used only when the program ends
-    /// unexpectedly.
+    /// Folders for autosave slots, in order of preference. All but the first are used only when the
+    /// program ends unexpectedly.
     folders: Vec<PathBuf>,
     saver: Saver,
     /// Number of trained frames that no checkpoint contains.

@@ -186,8 +186,8 @@ pub fn follow_of(path: &Path) -> Result<Follow, String> {
     Follow::new(path, &LoadOptions::default(), &selection).map_err(|error| error.to_string())
 }
 
-/// True if the dataset was read from the folder `subject`. Uses the state at opening, because accessing
-/// the file system would block if the drive does not respond.
+/// True if `subject` is the folder from which the dataset was read. Uses the state at opening, because
+/// accessing the file system would block if the drive does not respond.
 pub fn is_read_from(dataset: &Dataset, subject: &Subject) -> bool {
     matches!(subject, Subject::Path(path) if dataset.is_folder && dataset.path.as_ref() == Some(path))
 }

@@ -26,7 +26,7 @@ use thread::WorkerThread;
 pub use crate::pipeline::job::Waker;
 pub use thread::WorkerOrder;
 
-/// Minimum time between two snapshots if a GPU draws the window.
+/// Minimum time between two snapshots if a GPU draws the scene.
 const INTERVAL: Duration = Duration::from_millis(33);
 
 /// Waiting time for a frame after which the window reports it, because the drive may not respond.

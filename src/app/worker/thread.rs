@@ -78,7 +78,8 @@ impl WorkerThread {
         self.files.discard();
     }
 
-    /// Returns the next order. Blocks unless a frame can be trained; `None` if other work is due.
+    /// Returns the next order. Does not block while a frame can be trained. `None` if no order has
+    /// arrived but there is other work.
     fn next_order(&self) -> Result<Option<WorkerOrder>, Dismissed> {
         let state = self.outbox.snapshot.state;
         let rest = self.following.time_to_next_poll(state, &self.run);
