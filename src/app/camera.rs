@@ -32,7 +32,7 @@ const MAX_PINHOLE_FOV: f64 = 150.0 / 180.0 * PI;
 // Without the smallest one, a very narrow window would move the camera far away.
 const MAX_FRAMING_FOV: f64 = 2.0;
 const MIN_FRAMING_FOV: f64 = 0.1;
-/// Elevation of the overview, and its rotation from the current azimuth, radians.
+/// Elevation of the overview of the scene, and its rotation from the current azimuth, radians.
 // Seen along the path of the cameras, their frusta would hide each other.
 const OVERVIEW_ELEVATION: f64 = 0.5;
 const OVERVIEW_TURN: f64 = 0.5;
@@ -155,8 +155,8 @@ impl ViewCamera {
         self.fit_scene(framing, size_px);
     }
 
-    /// Returns the smaller of the horizontal and vertical field of view, radians, at which the whole
-    /// scene is visible.
+    /// Returns the smaller of the horizontal and vertical field of view, radians. The framing distance
+    /// is computed from it, so that nothing is cut off.
     fn narrower_fov(&self, [width, height]: [u32; 2]) -> f64 {
         let fov_y = self.fov_y.min(MAX_FRAMING_FOV);
         let aspect = (f64::from(width) / f64::from(height.max(1))).min(1.0);

@@ -78,7 +78,8 @@ pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
 /// Returns the structural scale that doubles the number of components; `None` if noise hides the finer
 /// detail.
 pub fn finer(snapshot: &Snapshot) -> Option<StructuralScale> {
-    /// Factor of the scale; the number of components is inversely proportional to the squared scale.
+    /// Factor by which the scale is multiplied. The number of components is inversely proportional to
+    /// the squared scale.
     const FINER: f64 = std::f64::consts::FRAC_1_SQRT_2;
     let run = retrainable_run(snapshot.opened.as_deref()?)?;
     let in_pixels = match run.scale {

@@ -26,8 +26,8 @@ pub struct TrainedFrame {
     pub points: usize,
     /// Mean ELBO of the frame's points, nats.
     pub elbo_mean: f64,
-    /// PSNR between its photograph and the scene before training on the frame, dB. `None` without
-    /// photometric training or without a scene at that time.
+    /// PSNR between the frame's photograph and the scene before training on the frame, dB. `None`
+    /// without photometric training or without a scene at that time.
     pub psnr_before: Option<f64>,
 }
 

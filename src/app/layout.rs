@@ -112,8 +112,8 @@ impl WindowLayout {
     }
 }
 
-/// Sets the shares of a container in points. `others` keep their shares unless these exceed the limit;
-/// `child` fills the rest of `length`. Returns the share of `child`.
+/// Sets the shares of a container in points. `others` keep their shares unless their sum exceeds the
+/// limit; `child` fills the rest of `length`. Returns the share of `child`.
 fn fit_shares(
     shares: &mut egui_tiles::Shares,
     child: TileId,

@@ -188,7 +188,8 @@ pub struct Snapshot {
 pub struct FrameLists {
     /// Reports of the latest frames, oldest first, at most [`HISTORY`].
     pub recent: Arc<Vec<FrameReport>>,
-    /// Latest reports of frames older than `recent` whose photographs were compared late.
+    /// Latest reports of frames older than `recent`, whose photographs were compared with the scene
+    /// later.
     pub late: Arc<Vec<FrameReport>>,
     pub skipped: Arc<Vec<SkippedFrame>>,
     /// Reports of outlier frames, whose photographs do not fit the scene.

@@ -18,7 +18,7 @@ pub fn state() -> Option<PathBuf> {
 }
 
 /// Returns the program's folder below the folder that `variable` names, else below `in_home` in the
-/// user's home. Other platforms use their folder for application data.
+/// user's home. Platforms without XDG folders use their folder for application data.
 fn by_convention(variable: &str, in_home: &str) -> Option<PathBuf> {
     if !cfg!(all(unix, not(target_os = "macos"))) {
         return eframe::storage_dir(APP);

@@ -179,8 +179,8 @@ impl Host {
         Ok(Self { worker, waker, shown: Arc::default(), exit: RefCell::default(), started })
     }
 
-    /// Runs one window until it ends. `first` are the orders that start the run; they are sent only
-    /// once.
+    /// Runs one window until it ends. The window sends the orders `first`, which are then replaced by
+    /// the orders for the next window.
     fn open_window(
         &self,
         first: &mut Vec<WorkerOrder>,

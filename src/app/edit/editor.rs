@@ -35,7 +35,8 @@ pub struct Editor {
     /// scene.
     pub earlier_frames: Option<usize>,
     pub stored_scenes: PastScenes,
-    /// True if a panel needs component attributes. Set in every pass of the window in which one does.
+    /// True if a panel needs component attributes. Set in every pass of the window in which a panel
+    /// needs them.
     pub needs_attributes: bool,
     /// True if the viewport shows the crop box and its handles. Set in every pass of the window that
     /// draws the crop panel.

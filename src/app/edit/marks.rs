@@ -168,7 +168,7 @@ impl EditLog {
         self.end_drag();
     }
 
-    /// Adds an undo step, or updates the step in progress, which lasts until [`Self::end_drag`]. It is
+    /// Adds an undo step, or updates the step in progress. A step lasts until [`Self::end_drag`] and is
     /// undone as a whole.
     pub fn drag(&mut self, next: Edits) {
         if next == *self.current() {

@@ -58,7 +58,7 @@ pub fn show(
     });
 }
 
-/// Size of the space for the dot, points.
+/// Size of the space for the dot that marks a changed setting, points.
 // Reserved without a dot too, so that nothing moves when one appears.
 const SIZE: Vec2 = Vec2::splat(12.0);
 

@@ -101,7 +101,7 @@ pub fn to_color32(color: [f32; 3]) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-/// Draws a small square in a colour; leaves the space empty without one.
+/// Draws a small square in `color`. Without a colour, the space stays empty.
 pub fn swatch(color: Option<Color32>, ui: &mut Ui) {
     let (rect, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
     if let Some(color) = color {

@@ -28,8 +28,8 @@ struct Dock<'a> {
     studio: &'a mut Studio,
     snapshot: &'a Snapshot,
     picture: Option<TileId>,
-    /// Rectangle of the viewport. It is drawn after the panels, so that changes made in panels apply at
-    /// once.
+    /// Rectangle of the viewport. The viewport is drawn after the panels, so that changes made in panels
+    /// apply at once.
     picture_rect: Option<Rect>,
     is_dropped: bool,
     tab_margin: Vec2,

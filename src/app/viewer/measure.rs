@@ -129,8 +129,8 @@ fn format_length(MeasuredLength { length, deviation }: MeasuredLength) -> String
     }
 }
 
-/// Returns the intersection of a pixel's ray with the plane of the visible splat. If it is too far from
-/// the splat's centre or does not exist, returns the centre.
+/// Returns the intersection of a pixel's ray with the plane of the visible splat. If the intersection is
+/// too far from the splat's centre or does not exist, returns the centre.
 pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
     let mean = DVec3::from_array(splat.mean.map(f64::from));
     let [w, x, y, z] = splat.rotation.map(f64::from);

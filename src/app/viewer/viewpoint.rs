@@ -195,8 +195,8 @@ impl Viewpoint {
         Some(shown)
     }
 
-    /// Moves the camera by user input. At a dataset camera, the movement starts at its pose. `turns` is
-    /// false during a drag that makes an edit.
+    /// Moves the camera by user input. At a dataset camera, the movement starts at the pose of that
+    /// camera. `turns` is false during a drag that makes an edit.
     pub(super) fn steer(
         &mut self,
         ui: &Ui,
@@ -395,8 +395,8 @@ fn camera_centres(opened: &Opened) -> Vec<DVec3> {
     trained.map(|frame| frame.camera.pose.centre()).collect()
 }
 
-/// Returns a sphere around all dataset cameras. Its centre is halfway between them and the target of the
-/// home view.
+/// Returns a sphere around all dataset cameras. Its centre is halfway between the mean camera position
+/// and the target of the home view.
 fn framing_of_cameras(opened: &Opened) -> Option<Framing> {
     let centres = camera_centres(opened);
     // At least 1, because the list may be empty; the result is then unused.

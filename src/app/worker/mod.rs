@@ -80,7 +80,8 @@ impl Worker {
         }
     }
 
-    /// True while the thread accepts orders. It ends early only if the handling of a panic panics.
+    /// True while the thread accepts orders. The thread ends early only if a panic occurs while an
+    /// earlier panic is handled.
     pub fn is_alive(&self) -> bool {
         self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }

@@ -150,8 +150,8 @@ impl Outbox {
         (self.waker)();
     }
 
-    /// Adds new reports of older frames whose photographs were just compared. Buffered photographs are
-    /// drawn at random, so that some are compared many frames later.
+    /// Adds new reports of older frames whose photographs were just compared with the scene. Buffered
+    /// photographs are drawn at random, so that some are compared many frames later.
     pub fn add_late_reports(&mut self, run: &Run) {
         let Some(session) = run.session() else { return };
         // Only half of them: the others are still among the latest frames when these are published.
