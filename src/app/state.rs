@@ -170,7 +170,8 @@ pub struct Snapshot {
     pub frames_done: usize,
     pub n_frames: usize,
     pub frames: FrameLists,
-    /// True if the drawn scene includes the training steps for all buffered photographs.
+    /// True if the drawn scene already includes the buffered photographs, on which training takes its
+    /// steps later.
     pub includes_pending_photographs: bool,
     pub model: ModelSize,
     pub pace: Pace,

@@ -1,7 +1,8 @@
 //! Points of the current frame in the viewport: its measured depth in the frame's own colours.
 //!
-//! Frames are decoded one at a time on a separate thread. During training this thread rests for a
-//! multiple of the decoding time, to leave the cores to training; not every frame is shown then.
+//! Frames are decoded one at a time on a separate thread. During training, each decoding is
+//! followed by a pause of a multiple of its duration, to leave the cores to training. Not every frame is
+//! shown then.
 
 use super::frame_refs::FrameRef;
 use crate::app::view_thread::RestingJob;

@@ -1,7 +1,7 @@
 //! Thumbnails of photographs and depth, decoded lazily in the background and stored as textures.
 //!
 //! Their number is bounded, so that memory does not grow with the dataset: the least recently used one
-//! that is not on screen is dropped. During training decoding rests between frames and does not wake the
+//! that is not on screen is dropped. During training, decoding pauses between frames and does not wake the
 //! window, which repaints anyway.
 
 use super::frame_refs::FrameRef;

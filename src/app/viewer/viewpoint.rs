@@ -2,9 +2,9 @@
 //! by training.
 //!
 //! A guided camera shows all dataset cameras before training, the camera of the latest frame during
-//! training, and the whole scene at the end. Steering by the user ends it, the Ride along command starts it
-//! again. It jumps with the snapshots, without animation: without a GPU, further pictures would take CPU time
-//! from training.
+//! training, and the whole scene at the end. Steering by the user ends the guide, and the Ride along command
+//! starts it again. A guided camera jumps with the snapshots, without animation, because without a GPU
+//! further pictures would take CPU time from training.
 
 use super::frame_refs::{Direction, FrameRef, fit};
 use super::settings::ViewSettings;

@@ -102,8 +102,7 @@ impl WorkerThread {
         }
     }
 
-    /// Takes the training steps for all buffered photographs, so that the drawn scene equals saved
-    /// files.
+    /// Updates the drawn scene as if all buffered photographs had been trained on, as in saved files.
     pub(super) fn settle(&mut self) {
         if self.run.session_mut().is_some_and(|session| session.settle()) {
             self.outbox.mark_all(&self.run);
