@@ -158,7 +158,8 @@ fn consume_keys(ui: &Ui) -> (isize, bool) {
     })
 }
 
-/// Returns the matching actions and whether each is available: available ones first, then by descending score.
+/// Returns the matching actions and whether each is available. Available actions come first; within each
+/// group the order is by descending score.
 fn matching_actions(typed: &str, is_possible: impl Fn(Action) -> bool) -> Vec<(Action, bool)> {
     let mut found: Vec<_> = Action::all()
         .filter_map(|action| Some((score(&action.name(), typed)?, action, is_possible(action))))

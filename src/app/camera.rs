@@ -25,8 +25,8 @@ pub struct ViewCamera {
 
 /// Allowed range of the default vertical field of view, radians.
 const OWN_FOV_Y: [f64; 2] = [0.5, 1.3];
-/// Largest horizontal or vertical field of view of a pinhole camera, radians (`rendering.md`, Wide views and
-/// fisheye).
+/// Largest horizontal or vertical field of view of a pinhole camera, radians (`rendering.md`, Wide views
+/// and fisheye).
 const MAX_PINHOLE_FOV: f64 = 150.0 / 180.0 * PI;
 /// Largest and smallest field of view used to compute the framing distance, radians.
 // Without the smallest one, a very narrow window would move the camera far away.
