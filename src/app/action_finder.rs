@@ -39,7 +39,7 @@ impl Action {
         }
     }
 
-    /// Label within the menu of its kind; it lacks the prefix of [`Self::name`].
+    /// Returns the label within the menu of the action's kind, without the prefix of [`Self::name`].
     pub fn menu_label(self) -> &'static str {
         match self {
             Self::Command(command @ (UiCommand::PreviousCamera | UiCommand::NextCamera)) => {
@@ -61,7 +61,7 @@ impl Action {
         }
     }
 
-    /// Shortcuts as menus show them; empty if there are none.
+    /// Returns the shortcuts as menus show them; empty if there are none.
     pub fn shortcut_text(self, ctx: &Context) -> String {
         match self {
             Self::Command(command) => command.keys(ctx),
@@ -74,7 +74,7 @@ impl Action {
 pub struct ActionFinder {
     is_open: bool,
     query: String,
-    /// Index of the keyboard's choice among the possible actions found.
+    /// Index of the entry chosen with the arrow keys, among the available actions in the list.
     chosen_index: usize,
 }
 
@@ -146,7 +146,8 @@ impl ActionFinder {
     }
 }
 
-/// Consumes the arrow and Enter keys. Returns the steps of the choice, and true if Enter confirms it.
+/// Consumes the arrow and Enter keys. Returns the number of entries to move down (negative: up), and
+/// true if Enter was pressed.
 fn consume_keys(ui: &Ui) -> (isize, bool) {
     // Before the text field, which would consume these keys itself.
     ui.input_mut(|i| {
@@ -157,7 +158,8 @@ fn consume_keys(ui: &Ui) -> (isize, bool) {
     })
 }
 
-/// Returns the matching actions and whether each is available: available ones first, then by descending score.
+/// Returns the matching actions and whether each is available. Available actions come first; within each
+/// group the order is by descending score.
 fn matching_actions(typed: &str, is_possible: impl Fn(Action) -> bool) -> Vec<(Action, bool)> {
     let mut found: Vec<_> = Action::all()
         .filter_map(|action| Some((score(&action.name(), typed)?, action, is_possible(action))))
@@ -167,8 +169,9 @@ fn matching_actions(typed: &str, is_possible: impl Fn(Action) -> bool) -> Vec<(A
     found.into_iter().map(|(_, action, is_possible)| (action, is_possible)).collect()
 }
 
-/// Score of a name against a search text; `None` unless the name contains its letters in order. Letters that
-/// begin a word or follow each other score higher. Spaces and case are ignored.
+/// Returns a score of how well a name matches a search text. `None` unless the name contains the letters
+/// of the text in order. Letters that begin a word or follow each other score higher. Spaces and case
+/// are ignored.
 pub fn score(name: &str, typed: &str) -> Option<u32> {
     let letters = typed.chars().filter(|c| !c.is_whitespace());
     let mut wanted = letters.flat_map(char::to_lowercase).peekable();

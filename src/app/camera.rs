@@ -12,34 +12,36 @@ use std::f64::consts::{FRAC_PI_2, PI};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewCamera {
     pub orbit: Orbit,
-    /// Vertical field of view of the scene's own camera, radians.
+    /// Default vertical field of view, radians; taken from the scene's home view or the last visited
+    /// dataset camera.
     pub own_fov_y: f64,
     lens: Lens,
-    /// Vertical field of view, radians. A wider window shows more at the sides.
+    /// Vertical field of view in use, radians. A wider window shows more at the sides.
     fov_y: f64,
-    /// Scene radius, world units; bounds the dolly distance.
+    /// Scene radius, world units. It bounds the distance from the target.
     pub radius: f64,
     middle: DVec3,
 }
 
-/// Range of the initial vertical field of view, radians.
+/// Allowed range of the default vertical field of view, radians.
 const OWN_FOV_Y: [f64; 2] = [0.5, 1.3];
-/// Largest horizontal or vertical field of view of a pinhole camera, radians (`rendering.md`, Wide views and
-/// fisheye).
+/// Largest horizontal or vertical field of view of a pinhole camera, radians (`rendering.md`, Wide views
+/// and fisheye).
 const MAX_PINHOLE_FOV: f64 = 150.0 / 180.0 * PI;
 /// Largest and smallest field of view used to compute the framing distance, radians.
 // Without the smallest one, a very narrow window would move the camera far away.
 const MAX_FRAMING_FOV: f64 = 2.0;
 const MIN_FRAMING_FOV: f64 = 0.1;
-/// Elevation and azimuth offset of the overview, radians.
+/// Elevation of the overview of the scene, and its rotation from the current azimuth, radians.
 // Seen along the path of the cameras, their frusta would hide each other.
 const OVERVIEW_ELEVATION: f64 = 0.5;
 const OVERVIEW_TURN: f64 = 0.5;
-/// Scroll distance that halves the distance to the target, points.
+/// Scroll distance that halves the distance to the target, window points.
 pub const WHEEL_PER_HALVING: f64 = 240.0;
-/// Nearest and farthest distance from the target, in scene radii.
+/// Smallest and largest distance from the target, in scene radii.
 const DISTANCE: [f64; 2] = [1e-3, 50.0];
-/// Range of the target's distance from a visited dataset camera, in scene radii.
+/// Smallest and largest distance of the target from a dataset camera to which the view moves, in scene
+/// radii.
 const VISIT_DISTANCE: [f64; 2] = [0.2, 2.0];
 /// Largest elevation reached by dragging, radians.
 // At the poles the horizon is undefined.
@@ -71,13 +73,14 @@ impl ViewCamera {
         self.own_fov_y = own_fov_y(&camera.intrinsics);
     }
 
-    /// Sets the lens and its vertical field of view in radians; `None` restores the scene's own.
+    /// Sets the lens and its vertical field of view, radians; `None` restores the scene's default.
     pub fn set_lens(&mut self, lens: Lens, fov_y: Option<f64>) {
         self.lens = lens;
         self.fov_y = fov_y.unwrap_or(self.own_fov_y);
     }
 
-    /// Orbits about the target. A drag over the viewport's height is half a turn.
+    /// Orbits about the target. A drag over the full height of the viewport turns the camera by 180
+    /// degrees.
     pub fn orbit_by(&mut self, delta_px: [f64; 2], height_px: f64) {
         // At least 1: a viewport squeezed out by panels has no height.
         let per_pixel = PI / height_px.max(1.0);
@@ -100,7 +103,7 @@ impl ViewCamera {
         self.orbit.distance = distance.clamp(DISTANCE[0] * self.radius, DISTANCE[1] * self.radius);
     }
 
-    /// Translates camera and target by `[right, down, ahead]` in camera axes, in scene radii.
+    /// Translates camera and target by `[right, down, ahead]` along the camera axes, in scene radii.
     pub fn fly(&mut self, [right, down, ahead]: [f64; 3]) {
         let pose = self.orbit.pose();
         let rotation = pose.rotation();
@@ -144,14 +147,16 @@ impl ViewCamera {
         self.orbit.distance = framing.distance(self.narrower_fov(size_px));
     }
 
-    /// Fits the whole scene into the viewport from above, turned aside from the current heading.
+    /// Raises the camera, turns it sideways from the current azimuth, and fits the whole scene into the
+    /// viewport.
     pub fn fit_scene_from_above(&mut self, framing: &Framing, size_px: [u32; 2]) {
         self.orbit.elevation = OVERVIEW_ELEVATION;
         self.orbit.azimuth += OVERVIEW_TURN;
         self.fit_scene(framing, size_px);
     }
 
-    /// Smaller of the horizontal and vertical field of view, radians, so that nothing is cut off.
+    /// Returns the smaller of the horizontal and vertical field of view, radians. The framing distance
+    /// is computed from it, so that nothing is cut off.
     fn narrower_fov(&self, [width, height]: [u32; 2]) -> f64 {
         let fov_y = self.fov_y.min(MAX_FRAMING_FOV);
         let aspect = (f64::from(width) / f64::from(height.max(1))).min(1.0);
@@ -177,7 +182,7 @@ impl ViewCamera {
         Camera { intrinsics, pose: self.orbit.pose() }
     }
 
-    /// Focal length in pixels; pixels per radian for a fisheye.
+    /// Returns the focal length in pixels; for a fisheye, in pixels per radian.
     fn focal(&self, [width, height]: [f64; 2]) -> f64 {
         match self.lens {
             Lens::Pinhole => {

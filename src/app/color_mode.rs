@@ -29,7 +29,7 @@ labelled! { ColorMode:
 }
 
 impl ColorMode {
-    /// Paint mode of the renderer; depth colours cover `range`, world units.
+    /// Returns the renderer's paint mode. Depth colours cover the depths in `range`, world units.
     pub fn paint(self, range: [f32; 2]) -> Paint {
         match self {
             ColorMode::Depth => Paint::Depth(range),
@@ -53,8 +53,8 @@ impl ColorMode {
         }
     }
 
-    /// Reason why the open scene cannot be shown in this mode, if any. `available` lists the attribute modes
-    /// that the scene supports.
+    /// Returns the reason why the open scene cannot be shown in this mode, if any. `available` lists the
+    /// attribute modes that the scene supports.
     pub fn unavailable_reason(self, available: &[ColorMode]) -> Option<&'static str> {
         match self {
             ColorMode::Color | ColorMode::Depth | ColorMode::Normal => None,

@@ -4,7 +4,7 @@
 use super::state::{RunState, Source};
 use eframe::egui::{Context, Key, KeyboardShortcut, Modifiers};
 
-/// Declares the values of an enum in menu order, each with label and tooltip.
+/// Declares the values of an enum in menu order, each with a label and a tooltip.
 macro_rules! labelled {
     ($type:ident: $($value:ident: $label:literal, $tooltip:literal;)*) => {
         impl $type {
@@ -30,17 +30,17 @@ pub(super) use labelled;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Needs {
     Nothing,
-    /// No file or folder is being opened.
+    /// Requires that no file or folder is being opened.
     NotLoading,
-    /// A dataset whose training can start or continue.
+    /// Requires a dataset whose training can start or continue.
     Resting,
     Training,
-    /// A dataset whose training has started.
+    /// Requires a dataset whose training has started.
     Trained,
-    /// A dataset or model that can be drawn.
+    /// Requires a dataset or model that can be drawn.
     Scene,
     Dataset,
-    /// A dataset or a model.
+    /// Requires a dataset or a model.
     Model,
 }
 
@@ -50,7 +50,7 @@ enum Executor {
     View,
 }
 
-/// Menus of the bar. The training menu is named "Run", since "Train" is the label of a button.
+/// Menus of the menu bar. The training menu is named "Run", because "Train" is the label of a button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Menu {
     File,
@@ -61,7 +61,8 @@ pub enum Menu {
 }
 
 struct CommandRow {
-    /// Label, followed by a longer name if the label is clear only beside its neighbours.
+    /// Label, followed by a longer name if the label is clear only beside the labels of neighbouring
+    /// buttons.
     names: &'static [&'static str],
     tooltip: &'static str,
     keys: &'static [KeyboardShortcut],
@@ -83,8 +84,8 @@ const fn ctrl_shift(key: Key) -> KeyboardShortcut {
     KeyboardShortcut::new(Modifiers::COMMAND.plus(Modifiers::SHIFT), key)
 }
 
-/// Declares the commands. Row: label and name out of context; tooltip; shortcuts; menu and group there;
-/// executor and requirement.
+/// Declares the commands, one per row. A row contains label and longer name, tooltip, shortcuts, menu
+/// and group in the menu, executor and requirement.
 macro_rules! commands {
     ($($command:ident: [$($name:literal),+], $tooltip:literal, [$($key:expr),*],
         $menu:ident $group:literal, $executor:ident $needs:ident;)*) => {
@@ -94,7 +95,7 @@ macro_rules! commands {
         }
 
         impl UiCommand {
-            /// Every command, in the order of the help list.
+            /// All commands, in the order of the help list.
             pub const ALL: [Self; [$(Self::$command),*].len()] = [$(Self::$command),*];
 
             fn row(self) -> &'static CommandRow {
@@ -204,7 +205,7 @@ impl UiCommand {
         self.row().names[0]
     }
 
-    /// Name out of context, where no neighbouring button explains it.
+    /// Returns the longer name, for places where no neighbouring button explains the label.
     pub fn full_name(self) -> &'static str {
         match self.row().names {
             [_, name] => name,
@@ -266,7 +267,7 @@ impl UiCommand {
         self.row().keys
     }
 
-    /// Shortcuts as shown in menus; empty if the command has none.
+    /// Returns the shortcuts as shown in menus; empty if the command has none.
     pub fn keys(self, ctx: &Context) -> String {
         let name = |shortcut: &KeyboardShortcut| {
             // `[` is clearer than its name; other symbols, such as arrows, are missing from the fonts.
@@ -279,8 +280,8 @@ impl UiCommand {
         self.shortcuts().iter().map(name).collect::<Vec<_>>().join(" or ")
     }
 
-    /// True if a focused control also reacts to one of the command's keys, by a press, a change of its
-    /// value or a change of focus.
+    /// True if a focused control also reacts to one of the command's shortcuts. The control may be
+    /// pressed, change its value or lose the focus.
     pub fn conflicts_with_controls(self) -> bool {
         // egui handles these keys itself while a control has the focus.
         const KEYS: [Key; 5] = [Key::Space, Key::Tab, Key::ArrowLeft, Key::ArrowRight, Key::Escape];

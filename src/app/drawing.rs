@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ViewRenderer {
     Cpu,
-    /// GPU with timestamp queries.
+    /// Draws on a GPU that supports timestamp queries.
     Gpu,
     UntimedGpu,
 }
@@ -39,7 +39,7 @@ impl DrawStage {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DrawSample {
     ms: [Option<f64>; DrawStage::ALL.len()],
-    /// Splat data uploaded to the GPU for this picture, bytes.
+    /// Amount of splat data uploaded to the GPU for the picture, bytes.
     pub uploaded_bytes: u64,
 }
 
@@ -48,12 +48,13 @@ impl DrawSample {
         Self { uploaded_bytes, ..Self::default() }
     }
 
-    /// Time of a stage in milliseconds; `None` if it did not run or cannot be measured.
+    /// Returns the time of a stage in milliseconds; `None` if the stage did not run or cannot be
+    /// measured.
     pub fn ms(&self, stage: DrawStage) -> Option<f64> {
         self.ms[stage as usize]
     }
 
-    /// Adds to the time of a stage: the times of two compared pictures are summed.
+    /// Adds `ms` to the time of a stage, because the times of two compared pictures are summed.
     pub fn add(&mut self, stage: DrawStage, ms: Option<f64>) {
         if let Some(ms) = ms {
             *self.ms[stage as usize].get_or_insert(0.0) += ms;
@@ -89,13 +90,15 @@ impl DrawHistory {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Painting {
-    /// The GPU if it is a real one, else the CPU renderer, which is faster than a software adapter.
+    /// Uses a hardware GPU if there is one, else the CPU renderer, which is faster than a software
+    /// adapter.
     Auto,
-    /// The GPU, even if it is a software adapter.
+    /// Uses the GPU renderer, even on a software adapter.
     Gpu,
 }
 
-/// Wakes the open window from other threads; has no effect once it is dropped or the window is closed.
+/// Wakes the open window from other threads. Has no effect once the window is closed or its context is
+/// dropped.
 pub struct WindowWaker {
     place: Arc<Mutex<Option<Context>>>,
     waker: Waker,
@@ -137,7 +140,7 @@ impl WindowWaker {
         drop(before);
     }
 
-    /// Callback that repaints the window open at the time of the call.
+    /// Returns the callback that repaints the window that is open at the time of the call.
     pub fn waker(&self) -> &Waker {
         &self.waker
     }

@@ -73,7 +73,7 @@ pub fn report(report: Option<&PreviewReport>, ui: &mut Ui) {
     }
 }
 
-/// One sentence for each loss of exporting these splats to `format`.
+/// Returns one sentence for each property of the splats that an export to `format` loses.
 pub fn losses(scene: SplatView<'_>, format: ModelFormat, mapping: Mapping) -> Vec<String> {
     let mut losses = Vec::new();
     if !is_plain(scene) {

@@ -21,15 +21,15 @@ use std::sync::Arc;
 pub struct FilmRequest {
     pub path: PacedPath,
     pub size: [u32; 2],
-    /// Video file if the extension names one, otherwise a folder of pictures.
+    /// Path of the video if its extension names a video format, otherwise of a folder for pictures.
     pub output: PathBuf,
     pub options: RenderOptions,
     pub left_out: LeftOut,
-    /// True if the film must leave the other cores to training.
+    /// True if the film is rendered with one thread, because training needs the other cores.
     pub is_beside_training: bool,
 }
 
-/// Outcome of a film without errors, with the number of pictures written.
+/// Outcome of a film without errors; holds the number of pictures written.
 enum FilmOutcome {
     Complete(usize),
     Cancelled(usize),
@@ -44,7 +44,7 @@ struct RunningFilm {
 pub struct FilmThread(Option<RunningFilm>);
 
 impl FilmThread {
-    /// Starts rendering a film of this scene; cancels the current one.
+    /// Cancels the film in progress and starts rendering a film of `scene`.
     pub fn start(
         &mut self,
         scene: Arc<SplatSet>,
@@ -139,8 +139,8 @@ pub struct Still {
 pub struct StillJob(Option<(PathBuf, Job<Result<PathBuf, String>>)>);
 
 impl StillJob {
-    /// Renders a picture and writes it to `path`, or to an unused name if that exists. A picture in
-    /// progress is finished without a notice.
+    /// Starts rendering a picture and writing it to `path`, or to an unused name if `path` exists. A
+    /// picture that is still in progress is completed, but no notice reports it.
     pub fn start(&mut self, still: Still, path: PathBuf, waker: Waker) -> std::io::Result<()> {
         let asked = path.clone();
         let draw = move || {

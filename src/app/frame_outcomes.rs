@@ -13,9 +13,10 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq)]
 pub enum FrameState {
     NotInRun,
-    /// Pending, at this position of the training order.
+    /// The frame is not yet trained; the number is its position in the training order.
     Pending(usize),
-    /// Trained, at this position of the order, with its figures if the window received them.
+    /// The frame is trained. Holds its position in the training order, and its metrics if the window
+    /// received them.
     Trained(usize, Option<TrainedFrame>),
     Skipped(String),
 }
@@ -23,10 +24,10 @@ pub enum FrameState {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainedFrame {
     pub points: usize,
-    /// Mean ELBO of its points, nats.
+    /// Mean ELBO of the frame's points, nats.
     pub elbo_mean: f64,
-    /// PSNR of its photograph against the scene before training on it, dB; `None` without photometric
-    /// training or without a scene at that time.
+    /// PSNR between the frame's photograph and the scene before training on the frame, dB. `None`
+    /// without photometric training or without a scene at that time.
     pub psnr_before: Option<f64>,
 }
 
@@ -50,16 +51,16 @@ impl From<&FrameReport> for TrainedFrame {
 pub struct FrameOutcomes {
     serial: u64,
     plan: Option<Arc<Plan>>,
-    /// First position in the training order, by index of the frame in the trained split.
+    /// First position in the training order of each frame, by the frame's index in the trained split.
     // Later passes over the data use the same frames again.
     positions: HashMap<usize, usize>,
     outcomes: HashMap<usize, TrainedFrame>,
     recent: Arc<Vec<FrameReport>>,
     late: Arc<Vec<FrameReport>>,
-    /// Frames before this position are trained or skipped.
+    /// Number of processed frames: frames at earlier positions are trained or skipped.
     n_processed: usize,
     skipped: Arc<Vec<SkippedFrame>>,
-    /// Indices into `skipped`, by frame name.
+    /// Index into `skipped` of each skipped frame, by frame name.
     skipped_index: HashMap<String, usize>,
 }
 
@@ -102,7 +103,7 @@ impl FrameOutcomes {
         }
     }
 
-    /// State of a frame given by its split, its index there and its name.
+    /// Returns the state of the frame with this split, index in the split and name.
     pub fn state_of(&self, (split, index): (usize, usize), name: &str) -> FrameState {
         let is_trained = self.plan.as_ref().is_some_and(|plan| plan.split == split);
         let position = self.positions.get(&index).filter(|_| is_trained);
@@ -115,7 +116,8 @@ impl FrameOutcomes {
         }
     }
 
-    /// Position of the last trained frame in the training order.
+    /// Returns the position of the last processed frame in the training order; `None` if no frame was
+    /// processed.
     pub fn latest_position(&self) -> Option<usize> {
         self.n_processed.checked_sub(1)
     }

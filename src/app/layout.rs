@@ -15,15 +15,16 @@ use std::collections::{BTreeSet, HashSet};
 /// Version of the stored format; other versions are rejected.
 const VERSION: u32 = 1;
 const WIDTH: f32 = 370.0;
-/// Share of the room for panels newly docked beside the viewport.
+/// Initial fraction of the available length for panels newly docked beside the viewport.
 const NEW_SHARE: f32 = 0.24;
-/// Largest share of the room for panels on one side of the viewport, and on both sides together.
+/// Largest fraction of the available length for panels on one side of the viewport, and on both sides
+/// together.
 const MAX_SHARE: f32 = 0.42;
 const MAX_SHARE_OF_BOTH: f32 = 0.6;
-/// Smaller shares are not sizes in points.
+/// Smallest share that counts as a size in points. A smaller share is replaced by the initial size.
 // egui_tiles gives the children of a new container shares of 1.
 const MIN_POINTS: f32 = 60.0;
-/// Least width of the panels, points, which takes precedence over the largest share.
+/// Minimum width of the panels, points. It takes precedence over the largest fraction.
 const MIN_WIDTH: f32 = 240.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -46,7 +47,7 @@ pub struct WindowLayout {
 }
 
 impl Default for WindowLayout {
-    /// Viewport on the left, all panels as tabs on the right.
+    /// Returns the default layout: viewport on the left, all panels as tabs on the right.
     fn default() -> Self {
         let mut tiles = Tiles::default();
         let picture = tiles.insert_pane(DockPane::Picture);
@@ -62,8 +63,8 @@ impl Default for WindowLayout {
 }
 
 impl WindowLayout {
-    /// Parses a stored layout. Returns the default and a notice if it is unreadable, of another version, or
-    /// lacks a panel.
+    /// Parses a stored layout. Returns the default layout and a notice if the text is unreadable, of
+    /// another version, or lacks a panel.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
         let (read, notice) = settings_file::from_text::<Self>("the layout", text);
         let found = match &read {
@@ -86,7 +87,8 @@ impl WindowLayout {
         self.tree.make_active(|_, tile| is_it(tile));
     }
 
-    /// Resizes the tiles to `size` (points): panels keep their size, the viewport fills the rest.
+    /// Resizes the tiles to `size` (points). Panels keep their sizes and the viewport fills the
+    /// remaining space.
     pub fn resize(&mut self, size: Vec2, gap: f32) {
         let Some(mut child) = self.tree.tiles.find_pane(&DockPane::Picture) else { return };
         let mut path = Vec::new();
@@ -110,8 +112,8 @@ impl WindowLayout {
     }
 }
 
-/// Sets the shares of a container in points: `others` keep theirs as far as there is room, and `child` fills
-/// the rest. Returns the share of `child`.
+/// Sets the shares of a container in points. `others` keep their shares unless their sum exceeds the
+/// limit; `child` fills the rest of `length`. Returns the share of `child`.
 fn fit_shares(
     shares: &mut egui_tiles::Shares,
     child: TileId,

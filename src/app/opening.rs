@@ -30,7 +30,7 @@ pub enum Content {
     Model(SplatSet),
 }
 
-/// Newly opened subject: its content, its properties for panels, and notices.
+/// Newly opened subject (dataset, model or demo): its content, its properties for panels, and notices.
 pub struct OpenedSubject {
     pub content: Content,
     pub splats: SplatSet,
@@ -54,7 +54,8 @@ pub enum OpenError {
     Setting(#[from] RefusedSetting),
 }
 
-/// Opens the subject numbered `serial`. It is trained with `training` unless it stores its own settings.
+/// Opens the subject with serial number `serial`. It is trained with `training` unless it stores its own
+/// settings.
 pub fn open(
     subject: &Subject,
     training: &TrainSettings,
@@ -75,7 +76,7 @@ pub fn open(
     }
 }
 
-/// Returns the subject of a session; without `path` it is the demo.
+/// Returns the subject of a session. Without `path` the subject is the demo.
 pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject {
     let dataset = session.dataset().clone();
     let notes = dataset.notes.iter().map(|note| (NoticeKind::Info, note.clone()));
@@ -133,8 +134,8 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
     OpenedSubject { splats, opened, notices, content: Content::Session(Box::new(session)) }
 }
 
-/// Home view: the first training camera, orbiting a point ahead of it at the depth of the scene's
-/// centre.
+/// Returns the home view: the first training camera. Its orbit centre is ahead of the camera, at the
+/// depth of the scene's centre.
 fn home_of(session: &Session) -> HomeView {
     let split = &session.dataset().splits[session.plan().split];
     let camera = split.frames[session.plan().frames.first().copied().unwrap_or(0)].camera;
@@ -147,10 +148,10 @@ fn home_of(session: &Session) -> HomeView {
     HomeView { camera, up: session.up(), target, radius }
 }
 
-/// Horizontal field of view for a model, radians: model files contain no camera.
+/// Horizontal field of view for a model, radians. Model files contain no camera.
 const MODEL_FOV: f64 = 1.0;
 
-/// Resumes the run of a checkpoint; if that fails, shows its scene.
+/// Opens a checkpoint and resumes its run. If the run cannot be resumed, only the scene is shown.
 fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let run = SavedRun::read(path)?;
     resumed(&run, serial, Some(path)).or_else(|error| {
@@ -190,11 +191,11 @@ fn continued(run: &SavedRun) -> Result<Session, OpenError> {
     Ok(run.clone().resume(dataset, &ResumeRequest::default(), false)?)
 }
 
-/// Splats of a checkpoint or a model file, without a run.
+/// Splats of a checkpoint or a model file, without training state.
 pub struct BareSplats {
-    /// Splats, with positions relative to `local_origin`.
+    /// Splats with positions relative to `local_origin`.
     pub splats: SplatSet,
-    /// Origin of the positions, in the world coordinates of the file's dataset.
+    /// Origin of the splat positions, in the world coordinates of the file's dataset.
     pub local_origin: DVec3,
     pub notices: Vec<(NoticeKind, String)>,
     up: DVec3,
@@ -275,16 +276,17 @@ fn view(path: &Path, scene: BareSplats, serial: u64) -> OpenedSubject {
 
 const DEMO: &str = "demo";
 
-/// Default folder and file name without extension.
+/// Folder, and file name without extension, that dialogs propose for new files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileProposal {
-    /// Folder of the open file or dataset; the current folder for the demo. Absolute if it can be determined.
+    /// Folder of the open file or dataset; the current folder for the demo. An absolute path if it can
+    /// be determined.
     pub folder: PathBuf,
     pub stem: String,
 }
 
 impl FileProposal {
-    /// Proposes files next to an opened path and with its name; `None` is the demo.
+    /// Proposes files in the folder of an opened path and with its name; `None` is the demo.
     pub fn beside(opened: Option<&Path>) -> Self {
         let Some(opened) = opened else {
             return Self { folder: absolute_or_same(Path::new(".")), stem: DEMO.to_owned() };
@@ -301,13 +303,13 @@ impl FileProposal {
         Self { folder, stem }
     }
 
-    /// Proposed path with `ending`, given without its dot.
+    /// Returns the proposed path with the extension `ending`, given without its dot.
     pub fn path(&self, ending: &str) -> PathBuf {
         self.folder.join(format!("{}.{ending}", self.stem))
     }
 }
 
-/// Absolute path; unchanged if the current folder is unknown.
+/// Returns the absolute path; the same path if the current folder is unknown.
 pub fn absolute_or_same(path: &Path) -> PathBuf {
     absolute(path).unwrap_or_else(|_| path.to_owned())
 }

@@ -10,20 +10,20 @@ use std::sync::Arc;
 #[derive(Default)]
 pub struct Palette {
     learned: Arc<SplatSet>,
-    /// Attribute that colours the splats; `None` for learned colours.
+    /// Attribute whose values colour the splats; `None` for learned colours.
     attribute: Option<Attribute>,
-    /// Attributes of each splat; empty unless they colour the splats or are requested.
+    /// Attributes of each splat. Empty unless they colour the splats or are requested.
     attributes: Vec<ComponentAttributes>,
     is_asked: bool,
-    /// Values at the ends of the colour ramp, while `attribute` is set.
+    /// Attribute values at the ends of the colour ramp, while `attribute` is set.
     range: Option<Range>,
-    /// Splats coloured by `attribute`; empty without one.
+    /// Splats coloured by `attribute`; empty if `attribute` is `None`.
     // Without gradients: a colour that encodes a value varies neither over a splat nor with the view.
     shown: Arc<SplatSet>,
 }
 
 impl Palette {
-    /// Applies an update of the trainer; returns the change for painters.
+    /// Applies an update from the trainer; returns the change for painters.
     pub fn change(&mut self, update: SplatUpdate) -> SplatChange {
         let SplatUpdate { change, attributes, .. } = update;
         let changed = apply(&mut self.learned, change.clone());
@@ -54,7 +54,7 @@ impl Palette {
         }
     }
 
-    /// Selects the attribute that colours the splats; returns the resulting change for painters, if any.
+    /// Selects the attribute that colours the splats. Returns the resulting change for painters, if any.
     pub fn set_attribute(&mut self, attribute: Option<Attribute>) -> Option<SplatChange> {
         if attribute == self.attribute {
             return None;
@@ -73,7 +73,7 @@ impl Palette {
         Some(SplatChange::All(self.learned.clone()))
     }
 
-    /// Sets whether attributes are stored even if they colour nothing.
+    /// Sets whether attributes are stored even if they do not colour the splats.
     pub fn set_stores_attributes(&mut self, is_asked: bool) {
         self.is_asked = is_asked;
         if !is_asked && self.attribute.is_none() {
@@ -81,7 +81,7 @@ impl Palette {
         }
     }
 
-    /// Attributes of each splat: empty if not requested, default values until received.
+    /// Returns the attributes of each splat: empty if not requested, default values until received.
     pub fn attributes(&self) -> &[ComponentAttributes] {
         &self.attributes
     }
@@ -90,18 +90,19 @@ impl Palette {
         if self.attribute.is_some() { &self.shown } else { &self.learned }
     }
 
-    /// Splats in learned colours; other threads may share them.
+    /// Returns the splats in learned colours. Other threads may share them.
     pub fn learned(&self) -> &Arc<SplatSet> {
         &self.learned
     }
 
-    /// Displayed attribute, with the values at the ends of the colour ramp if any are known. `None` for
-    /// learned colours.
+    /// Returns the displayed attribute, with the values at the ends of the colour ramp if any are known.
+    /// `None` for learned colours.
     pub fn legend(&self) -> Option<(Attribute, Option<Range>)> {
         Some((self.attribute?, self.range))
     }
 
-    /// Updates the range if the values have outgrown it; true if it changed.
+    /// Updates the range of the colour ramp if it no longer fits the attribute values; returns true if
+    /// it changed.
     fn update_range(&mut self) -> bool {
         let fresh = self.attribute.and_then(|a| Range::of(a, &self.attributes));
         let stays = match (&self.range, &fresh) {

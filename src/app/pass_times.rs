@@ -3,7 +3,7 @@
 use super::state::RunState;
 use std::time::{Duration, Instant};
 
-/// CPU time of the calling thread since its start; `None` except on Linux.
+/// Returns the CPU time of the calling thread since its start; `None` except on Linux.
 fn thread_time() -> Option<Duration> {
     // The first number of `schedstat` is in nanoseconds.
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
@@ -14,11 +14,12 @@ fn thread_time() -> Option<Duration> {
 pub struct PassTimes {
     is_drawn: bool,
     state: RunState,
-    /// CPU time of this thread at the start of the latest pass, and at the end of its layout.
+    /// CPU time of this thread at two moments of the latest pass of the window: start, and end of the
+    /// layout.
     worked: Option<Duration>,
     laid_out: Option<Duration>,
-    /// CPU milliseconds of each pass during training: all of it, and the part until the end of the layout,
-    /// which excludes tessellation and the driver.
+    /// CPU milliseconds of each pass during training. The first number covers the whole pass; the second
+    /// ends with the layout, without tessellation and the driver.
     passes: Vec<[f64; 2]>,
 }
 
@@ -45,7 +46,7 @@ impl PassTimes {
         self.state = state;
     }
 
-    /// Ends the layout of a pass; `started` is the start of the program.
+    /// Records the end of the layout of a pass. `started` is the start time of the program.
     pub fn end(&mut self, started: Instant) {
         if !self.is_drawn {
             self.is_drawn = true;
@@ -68,7 +69,7 @@ impl PassTimes {
     }
 }
 
-/// Median and 99th percentile; `None` without values.
+/// Returns the median and the 99th percentile of `ms`; `None` if it is empty.
 fn figures(mut ms: Vec<f64>) -> Option<(f64, f64)> {
     ms.sort_by(f64::total_cmp);
     let at = |share: f64| ms.get((share * ms.len() as f64) as usize).or(ms.last()).copied();

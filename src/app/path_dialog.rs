@@ -13,10 +13,11 @@ use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Windo
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Offset of a dialog beside the picture from the upper right corner of the window, points.
+/// Offset of the export dialog from the upper right corner of the window, points. The dialog leaves most
+/// of the picture visible.
 const ASIDE: [f32; 2] = [-8.0, 72.0];
 
-/// Replaces a leading `~` by the user's home folder.
+/// Replaces a leading `~` in a path by the user's home folder.
 fn at_home(path: &Path, home: Option<PathBuf>) -> PathBuf {
     // Shells expand it, but a typed or pasted path has passed through none.
     match (path.strip_prefix("~"), home) {
@@ -36,7 +37,7 @@ pub enum Purpose {
 }
 
 impl Purpose {
-    /// Title of the dialog and label of its button.
+    /// Returns the title of the dialog, which is also the label of its button.
     fn label(self) -> &'static str {
         match self {
             Purpose::Open => "Open",
@@ -70,7 +71,7 @@ impl Purpose {
         matches!(self, Purpose::Save | Purpose::Export | Purpose::Film)
     }
 
-    /// Extension of the proposed file; `None` for dialogs that open a file.
+    /// Returns the extension of the proposed file; `None` for dialogs that open a file.
     fn ending(self) -> Option<&'static str> {
         match self {
             Purpose::Open | Purpose::Compare => None,
@@ -92,19 +93,19 @@ pub struct PathDialog {
     purpose: Purpose,
     is_open: bool,
     path: String,
-    /// Serial of the subject of the proposed path.
+    /// Serial number of the subject for which the path was proposed.
     proposed_for: u64,
-    /// Native dialog in progress, on its own thread so that the window keeps drawing.
+    /// Native dialog in progress. It runs on its own thread, so that the window keeps drawing.
     native: Option<Job<Option<PathBuf>>>,
     no_native: bool,
     /// Path whose replacement a native dialog has confirmed.
     approved: Option<PathBuf>,
-    /// Entered path, while a thread checks what exists there.
+    /// Entered path, and the job that checks what exists there.
     checking: Option<(PathBuf, Job<Occupant>)>,
-    /// Existing file or folder whose replacement is to be confirmed.
+    /// Existing file or folder whose replacement the user must confirm.
     replacing: Option<(PathBuf, Occupant)>,
     problem: Option<String>,
-    /// True if the field is to receive the focus, because the dialog was just opened.
+    /// True if the text field must receive the focus, because the dialog was just opened.
     takes_focus: bool,
 }
 
@@ -122,8 +123,8 @@ impl PathDialog {
         self.takes_focus = true;
     }
 
-    /// Proposes a file for the open subject, identified by `serial`. The user's own input is retained
-    /// until another subject is opened.
+    /// Proposes a file for the open subject, which has the serial number `serial`. The user's own input
+    /// is kept until another subject is opened.
     pub fn propose(&mut self, serial: u64, files: &FileProposal) {
         let Some(ending) = self.purpose.ending().filter(|_| self.proposed_for != serial) else {
             return;
@@ -133,8 +134,8 @@ impl PathDialog {
         (self.approved, self.replacing, self.problem) = (None, None, None);
     }
 
-    /// Draws the dialog with further `choices`. Content that may appear later is drawn by `below`, under
-    /// the buttons, because these must not move under the pointer. Returns the result once there is one.
+    /// Draws the dialog with further `choices`. `below` draws content that may appear later; it is
+    /// placed under the buttons, which must not move. Returns the entered path once it is confirmed.
     pub fn ui(
         &mut self,
         ui: &Ui,
@@ -185,13 +186,13 @@ impl PathDialog {
         None
     }
 
-    /// Entered path, made absolute.
+    /// Returns the entered path, made absolute.
     pub fn entered(&self) -> PathBuf {
         let path = at_home(Path::new(self.path.trim()), std::env::home_dir());
         absolute_or_same(&path)
     }
 
-    /// Accepts the path; one that is to be written is checked first.
+    /// Confirms the entered path. A path that will be written is checked on a thread first.
     fn confirm(&mut self, waker: &Waker) -> Option<PathAnswer> {
         let path = self.entered();
         if !self.purpose.writes() {
@@ -210,7 +211,8 @@ impl PathDialog {
         None
     }
 
-    /// Takes the result of a check: accepts the path, or prompts for the replacement of what exists.
+    /// Uses the result of a check, if there is one. Returns the path, or prompts for the replacement of
+    /// an existing file.
     fn take_path_check(&mut self) -> Option<PathAnswer> {
         let (_, job) = self.checking.as_ref()?;
         let looked = job.poll()?;
@@ -377,12 +379,12 @@ impl PathDialog {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Occupant {
     Nothing,
-    /// A file or link, which would be replaced.
+    /// A file or link that would be replaced.
     File,
     Folder,
 }
 
-/// Time after which a dialog shows that it waits for a drive; drives that respond take less.
+/// Time after which a dialog reports that it waits for a drive. Drives that respond take less time.
 const HINT_DELAY: Duration = Duration::from_secs(1);
 
 impl Occupant {
@@ -396,7 +398,7 @@ impl Occupant {
     }
 }
 
-/// Shows what the dialog waits for, if that takes long.
+/// Draws a message about the drive if checking `path` takes long.
 fn show_waiting(path: &Path, elapsed: Duration, ui: &mut Ui) {
     match HINT_DELAY.checked_sub(elapsed) {
         Some(rest) => ui.ctx().request_repaint_after(rest),

@@ -39,17 +39,17 @@ impl Default for PathEditor {
 }
 
 impl PathEditor {
-    /// Keyframes, with times rising from 0.
+    /// Returns the keyframes in ascending order of time; the first time is 0.
     pub fn keyframes(&self) -> &[Keyframe] {
         &self.keyframes
     }
 
-    /// Time from the previous keyframe, seconds.
+    /// Returns the time from the previous keyframe to keyframe `i`, seconds.
     pub fn step(&self, i: usize) -> f64 {
         self.keyframes[i].time - self.keyframes[i - 1].time
     }
 
-    /// Appends a keyframe [`STEP_S`] after the last one.
+    /// Appends a keyframe that follows the last one after [`STEP_S`].
     pub fn add(&mut self, camera: Keyframe) {
         let time = self.keyframes.last().map_or(0.0, |last| last.time + STEP_S);
         self.keyframes.push(Keyframe { time, ..camera });
@@ -59,7 +59,7 @@ impl PathEditor {
         self.keyframes[i] = Keyframe { time: self.keyframes[i].time, ..camera };
     }
 
-    /// Removes a keyframe; the steps between later keyframes remain.
+    /// Removes a keyframe. The time steps between later keyframes do not change.
     pub fn remove(&mut self, i: usize) {
         let gap = match self.keyframes.get(i + 1) {
             Some(next) => next.time - self.keyframes[i].time,
@@ -70,7 +70,8 @@ impl PathEditor {
         self.shift(i, -gap);
     }
 
-    /// Sets the time from the previous keyframe, seconds; the steps between later keyframes remain.
+    /// Sets the time from the previous keyframe to keyframe `i`, seconds. The time steps between later
+    /// keyframes do not change.
     pub fn set_step(&mut self, i: usize, seconds: f64) {
         self.shift(i, seconds - self.step(i));
     }
@@ -92,12 +93,12 @@ impl PathEditor {
         (self.fps, self.is_loop, self.moment) = (paced.fps, path.is_loop(), 0.0);
     }
 
-    /// Reads a file; `up` is the up direction of cameras without their own.
+    /// Reads a camera path from a file. `up` is the up direction for cameras without their own.
     pub fn open(&mut self, file: &Path, up: DVec3) -> Result<(), CameraPathError> {
         PacedPath::read(file, up).map(|paced| self.take(&paced))
     }
 
-    /// Path with its frame rate; `None` for fewer than two keyframes.
+    /// Returns the camera path with its frame rate; `None` for fewer than two keyframes.
     pub fn paced(&self) -> Option<PacedPath> {
         let mut keyframes = self.keyframes.clone();
         if let (true, Some(first), Some(last)) =
@@ -111,8 +112,8 @@ impl PathEditor {
         Some(PacedPath { path, fps: self.fps })
     }
 
-    /// Advances the position by `seconds` and returns the camera there, if playing. A loop repeats;
-    /// another path stops at its end.
+    /// During playback, advances the position by `seconds` and returns the camera there. A loop repeats;
+    /// other paths stop at their end.
     pub fn advance(&mut self, seconds: f64) -> Option<Keyframe> {
         let path = self.paced()?.path;
         if !self.is_playing {

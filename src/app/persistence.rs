@@ -11,9 +11,9 @@ const VIEWPORT: &str = "viewport";
 const TRAINING: &str = "training";
 const RECENT: &str = "recent";
 const LAYOUT: &str = "layout";
-/// Part with the adapter caveat that was already shown.
+/// Name of the part that stores the last displayed warning about the adapter.
 pub const CAVEAT: &str = "caveat";
-/// Part with the adapter chosen for further windows.
+/// Name of the part that stores the adapter chosen for further windows.
 pub const ADAPTER: &str = "adapter";
 pub const VERSION: &str = "version";
 pub const FILE_VERSION: u32 = 2;
@@ -28,7 +28,7 @@ pub struct StoredSettings {
 }
 
 impl StoredSettings {
-    /// Reads the settings of the previous session; `text` returns a part by its name.
+    /// Reads the settings of the previous session. `text` returns the stored text of a part by its name.
     pub fn read(text: impl Fn(&str) -> Option<String>) -> Self {
         fn parsed<T: Default>(
             text: Option<String>,
@@ -52,7 +52,7 @@ impl StoredSettings {
         }
     }
 
-    /// Stores the settings; without `adapter`, the adapter stored before is retained.
+    /// Stores the settings. Without `adapter`, the previously stored adapter is kept.
     pub fn write(
         storage: &mut dyn eframe::Storage,
         view: &ViewSettings,

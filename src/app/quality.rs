@@ -1,9 +1,9 @@
 //! Quality of held-out views, measured during training.
 //!
 //! One thread measures a copy of the splats, as for photographs (`viewer/photo.rs`). During training it
-//! measures a few views repeatedly, with rests of a multiple of the measuring time, to leave the cores
-//! to training. At rest every view is measured once, then the views from the side. The metrics are
-//! those of `vbgs-studio eval`.
+//! measures a few views repeatedly, with pauses of a multiple of the measuring time, to leave the cores
+//! to training. While training is paused or finished, every view is measured once, then the views away
+//! from the camera path. The metrics are those of `vbgs-studio eval`.
 
 use super::retention::{Retention, positions};
 use super::splat_updates::SplatChange;
@@ -27,22 +27,22 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Number of views measured repeatedly during training.
+/// Number of held-out views that are measured repeatedly during training.
 const SAMPLED: usize = 3;
-/// Maximum number of views measured while training is paused, evenly spaced.
+/// Maximum number of evenly spaced views that are measured while training is paused.
 // As in the paper's protocol.
 const MAX_VIEWS: usize = 100;
 /// Minimum pause between two measurements during training.
 const MIN_REST: Duration = Duration::from_millis(500);
 
-/// Mean metrics over the same few views after a number of frames.
+/// Mean metrics over a set of views, after training on `frames` frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QualityPoint {
     pub frames: usize,
     pub seconds: f64,
     pub components: usize,
     pub psnr: f64,
-    /// Mean PSNR of the pixels that splats cover, dB, and the mean share of these pixels.
+    /// Mean PSNR of the pixels that splats cover, dB, and mean fraction of these pixels.
     pub covered: Option<(f64, f64)>,
     pub ssim: f64,
     /// Mean absolute depth error, world units; `None` for views without depth.
@@ -52,22 +52,23 @@ pub struct QualityPoint {
 pub struct QualityMonitor {
     waker: Waker,
     thread: Option<ViewThread<QualityQuery, QualityAnswer>>,
-    /// Serial of the subject, and the options of its measurements.
+    /// Serial number of the subject, and options of its measurements.
     subject: Option<(u64, EvalOptions)>,
-    /// Views that are measured; `None` for models.
+    /// Views to measure; `None` for models.
     pub evaluation: Option<Evaluation>,
-    /// Means over the sampled views, oldest first.
+    /// Mean metrics over the sampled views, oldest first.
     pub history: Vec<QualityPoint>,
-    /// True if pending photographs are part of the newest scene.
+    /// True if the newest scene includes all buffered photographs.
     settled: bool,
-    /// Latest report of each view, worst first; from an older scene until it is measured again.
+    /// Latest report of each view, worst first. A report of an earlier scene remains until the view is
+    /// measured again.
     pub views: Vec<ViewReport>,
     measured_at: Option<usize>,
     n_measured: usize,
-    /// Views from the side, of the scene after `side_at` frames.
+    /// Reports of views away from the camera path, for the scene after `side_at` frames.
     side: Vec<ViewReport>,
     side_at: Option<usize>,
-    /// Number of frames of the scene, if it is at rest.
+    /// Number of trained frames if training is paused or finished.
     at_rest: Option<usize>,
     pub problem: Option<String>,
     pub retention: Retention,
@@ -95,12 +96,13 @@ impl QualityMonitor {
         }
     }
 
-    /// Number of measured views of the current scene, and number of views to measure.
+    /// Returns the number of measured views of the current scene, and the number of views to measure.
     pub fn progress(&self) -> (usize, usize) {
         (self.n_measured, self.chosen(MAX_VIEWS).len())
     }
 
-    /// Means over all views, once all were measured on the scene at rest.
+    /// Returns the mean metrics over all views, once all are measured while training is paused or
+    /// finished.
     pub fn result(&self) -> Option<QualityPoint> {
         let (done, all) = self.progress();
         let is_new = |at: &&QualityPoint| {
@@ -111,13 +113,15 @@ impl QualityMonitor {
             .then(|| mean_quality(&self.views, (at.frames, at.seconds, at.components)))?
     }
 
-    /// Number of views from the side measured after `frames` frames, and number of views to measure.
+    /// Returns the number of views away from the camera path measured after `frames` frames, and the
+    /// number to measure.
     pub fn side_progress(&self, frames: usize) -> (usize, usize) {
         let n_measured = if self.side_at == Some(frames) { self.side.len() } else { 0 };
         (n_measured, self.chosen_side().len())
     }
 
-    /// Means over the views from the side, once all were measured on the scene at rest.
+    /// Returns the mean metrics over the views away from the camera path. `None` until all are measured
+    /// while training is paused or finished.
     pub fn side_result(&self) -> Option<QualityPoint> {
         let frames = self.at_rest?;
         let (done, all) = self.side_progress(frames);
@@ -132,7 +136,7 @@ impl QualityMonitor {
         }
     }
 
-    /// Starts a measurement if one is due; during training one every `every` frames.
+    /// Starts a measurement if one is due. During training, one is due after every `every` frames.
     pub fn update(
         &mut self,
         context: &Context,
@@ -231,7 +235,7 @@ impl QualityMonitor {
         }
     }
 
-    /// Views to measure now, if a measurement is due.
+    /// Returns the purpose and the views of the next measurement, if one is due.
     fn next_measurement(
         &self,
         context: &Context,
@@ -283,8 +287,8 @@ impl QualityMonitor {
         due.filter(|(_, views)| !views.is_empty())
     }
 
-    /// Trained frames to measure again: once at rest, and during training after every measurement of the
-    /// held-out views.
+    /// Returns the trained frames to measure again, if this is due. They are measured once while
+    /// training is paused, and during training after every measurement of the held-out views.
     fn retained(&self, snapshot: &Snapshot) -> Option<Vec<usize>> {
         let plan = snapshot.opened.as_ref()?.plan.as_ref()?;
         let is_due = match snapshot.state {
@@ -364,7 +368,7 @@ fn evenly(group: Option<&ViewGroup>, most: usize) -> Vec<usize> {
     (0..n).map(|i| all[(2 * i + 1) * all.len() / (2 * n)]).collect()
 }
 
-/// Means over views; `None` if there are none.
+/// Returns the mean metrics over views; `None` if there are none.
 fn mean_quality(views: &[ViewReport], at: (usize, f64, usize)) -> Option<QualityPoint> {
     let mean = |value: &dyn Fn(&ViewReport) -> Option<f64>| {
         let values: Vec<f64> = views.iter().filter_map(value).collect();
@@ -385,7 +389,7 @@ fn mean_quality(views: &[ViewReport], at: (usize, f64, usize)) -> Option<Quality
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum QualityPurpose {
     HeldOut,
-    /// Views away from the camera path.
+    /// Measures views away from the camera path.
     FromTheSide,
     Retention,
 }
@@ -396,11 +400,11 @@ struct QualityQuery {
     dataset: Arc<Dataset>,
     split: usize,
     views: Vec<usize>,
-    /// All views of the series of measurements, which share one near plane.
+    /// All views of the current group of measurements, which share one near plane.
     all: Vec<usize>,
     options: EvalOptions,
     near_rule: NearRule,
-    /// Frames, seconds and components at the time of the query.
+    /// Number of frames, seconds of training and number of components at the time of the query.
     at: (usize, f64, usize),
     settled: bool,
 }
@@ -414,7 +418,7 @@ impl QualityQuery {
     }
 }
 
-/// Query, its metrics or the reason of a failure, and the measuring time.
+/// Query, its metrics or the reason why it failed, and the measuring time.
 type QualityAnswer = (QualityQuery, Result<Vec<ViewReport>, String>, Duration);
 
 fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer>> {
@@ -433,7 +437,8 @@ fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer
     })
 }
 
-/// Returns the metrics, or the reason of a failure, which may be a panic.
+/// Runs `measure` and returns its metrics, or the reason why it failed. A panic also counts as a
+/// failure.
 fn catch_measurement(
     measure: impl FnOnce() -> Result<Vec<ViewReport>, String>,
 ) -> Result<Vec<ViewReport>, String> {

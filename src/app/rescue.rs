@@ -15,10 +15,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// Most slots of one dataset, occupied ones included.
+/// Maximum number of slots of one dataset, occupied ones included.
 const MAX_SLOTS: usize = 100;
 const ENDING: &str = "vbgs";
-/// Subfolder of the slots.
+/// Name of the subfolder that contains the slots.
 const FOLDER: &str = "autosave";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,7 +47,7 @@ pub enum Rescue {
         path: PathBuf,
         frames: usize,
     },
-    /// Lost, with one problem for each folder that was tried.
+    /// The frames could not be stored. Holds one problem for each folder that was tried.
     Lost {
         frames: usize,
         problems: Vec<String>,
@@ -76,7 +76,7 @@ impl fmt::Display for Rescue {
     }
 }
 
-/// Folders for autosaves, in order of preference.
+/// Returns the folders for autosaves, in order of preference.
 pub fn default_folders() -> Vec<PathBuf> {
     // The last resort: the state folder may be missing, full or read-only.
     let temporary = std::env::temp_dir().join(user_folders::APP);
@@ -86,7 +86,7 @@ pub fn default_folders() -> Vec<PathBuf> {
 /// Exclusive place for one run's autosaves; the slot stays locked while this value lives.
 pub struct AutosaveSlot {
     path: PathBuf,
-    /// Never written: only the lock matters.
+    /// Open lock file, which is never written.
     _lock: File,
 }
 
@@ -113,7 +113,7 @@ impl AutosaveSlot {
         )))
     }
 
-    /// Locks the slot of an existing checkpoint; `None` if another window holds it.
+    /// Locks the slot of an existing checkpoint. `None` if another window holds the lock.
     ///
     /// # Errors
     /// The lock file cannot be created.
@@ -132,7 +132,8 @@ impl AutosaveSlot {
         &self.path
     }
 
-    /// Deletes the checkpoint, its backup and the lock file: the run was saved elsewhere or discarded.
+    /// Deletes the checkpoint, its backup and the lock file, after the run was saved elsewhere or
+    /// discarded.
     pub fn delete_files(self) {
         for path in [&self.path, &backup_path(&self.path), &self.path.with_extension("lock")] {
             // A file that cannot be removed is only offered again at the next start.
@@ -141,19 +142,20 @@ impl AutosaveSlot {
     }
 }
 
-/// Autosaved run of a window that ended before the run was saved or discarded.
+/// Autosaved run of an earlier window that ended before the run was saved or discarded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AbandonedRun {
-    /// Checkpoint path of the slot; it may be missing if only its backup exists.
+    /// Checkpoint path of the slot. The file may be missing if only its backup exists.
     pub slot: PathBuf,
-    /// Readable checkpoint: the slot's file or its backup.
+    /// Readable checkpoint: the file of the slot or its backup.
     pub file: PathBuf,
     pub dataset: PathBuf,
     pub frames: u64,
     pub planned_frames: usize,
 }
 
-/// Finds the newest abandoned run below `folders`, of `dataset` or of any dataset if `None`.
+/// Finds the newest abandoned run in `folders` that was trained on `dataset`, or on any dataset if
+/// `None`.
 pub fn find_newest(folders: &[PathBuf], dataset: Option<&Path>) -> Option<AbandonedRun> {
     // Absolute, as checkpoints store their dataset.
     let dataset = dataset.map(absolute_or_same);
@@ -174,7 +176,7 @@ pub fn find_newest(folders: &[PathBuf], dataset: Option<&Path>) -> Option<Abando
     })
 }
 
-/// Slot path and modification time of a checkpoint or backup file.
+/// Returns the modification time and the slot path of a checkpoint or backup file.
 fn slot_modified(path: &Path) -> Option<(SystemTime, PathBuf)> {
     let path = match path.extension()?.to_str()? {
         ENDING => path.to_owned(),
@@ -200,12 +202,14 @@ fn read_run(path: &Path) -> Option<AbandonedRun> {
     })
 }
 
-/// Previous version of the checkpoint, written by [`Autosave`](crate::pipeline::autosave::Autosave).
+/// Returns the path of the previous version of the checkpoint, written by
+/// [`Autosave`](crate::pipeline::autosave::Autosave).
 fn backup_path(path: &Path) -> PathBuf {
     path.with_added_extension("bak")
 }
 
-/// `<dataset>-<checksum of its path>.vbgs`; slots after the first have their number appended.
+/// Returns the file name `<dataset>-<checksum of its path>.vbgs` of slot `n`. Slots after the first have
+/// their number appended.
 fn slot_name(dataset: &Path, n: usize) -> String {
     let stem = stem(&absolute_or_same(dataset));
     if n == 1 { format!("{stem}.{ENDING}") } else { format!("{stem}-{n}.{ENDING}") }

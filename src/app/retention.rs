@@ -20,17 +20,19 @@ pub struct Retention {
 }
 
 impl Retention {
-    /// True if the latest measurement was made before `frames_done` frames.
+    /// True if there is no measurement, or if the latest one was made before `frames_done` frames were
+    /// trained.
     pub fn measured_before(&self, frames_done: usize) -> bool {
         self.measured_at.is_none_or(|at| at < frames_done)
     }
 
-    /// Makes a new measurement due, because the scene has changed.
+    /// Makes a new measurement due, because the scene was changed.
     pub fn invalidate(&mut self) {
         self.measured_at = None;
     }
 
-    /// Adds the PSNR of frames, by position, after `frames_done` trained frames.
+    /// Adds the PSNR (dB) of frames, given by position in training order, after `frames_done` trained
+    /// frames.
     pub fn add_measurements(
         &mut self,
         frames_done: usize,
@@ -50,7 +52,7 @@ impl Retention {
     }
 }
 
-/// Positions of the frames tracked after `frames_done` frames: 0, 10, 20, 40, 80 and so on.
+/// Returns the positions of the frames tracked after `frames_done` frames: 0, 10, 20, 40, 80 and so on.
 pub fn positions(frames_done: usize) -> Vec<usize> {
     let doubling = std::iter::successors(Some(STEP), |position| position.checked_mul(2));
     let all = std::iter::once(0).chain(doubling).take(MAX_FOLLOWED);

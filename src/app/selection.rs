@@ -14,15 +14,15 @@ use eframe::egui::{Color32, Pos2, Rect, Response, Stroke, Ui};
 use glam::DVec2;
 use std::sync::Arc;
 
-/// Radii of the outlines, standard deviations, and their line widths, points.
+/// Radius in standard deviations and line width in points of each outline of the selected splat.
 const RIMS: [(f64, f32); 2] = [(1.0, 2.0), (2.0, 1.0)];
-/// Outline colour, visible on every colour of the ramp.
+/// Outline colour, distinguishable from every colour of the colour ramp.
 const LIGHT: Color32 = Color32::from_rgb(255, 90, 220);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PickPurpose {
     Select,
-    /// Move the orbit centre to the point.
+    /// Moves the orbit centre to the clicked point.
     Pivot,
     Measure,
 }
@@ -32,16 +32,16 @@ pub struct PickedSplat {
     pub purpose: PickPurpose,
     pub camera: Camera,
     pub pixel: DVec2,
-    /// Visible splat at this pixel, if any.
+    /// Slot of the visible splat at this pixel, if any.
     pub splat: Option<u32>,
 }
 
-/// Picking of the splat under a click; a click replaces a pick in progress.
+/// Job that picks the splat under a click. A new click replaces the job.
 #[derive(Default)]
 pub struct SplatSelection(Option<(PickedSplat, Job<Option<u32>>)>);
 
 impl SplatSelection {
-    /// Starts to pick the splat under a click, and draws the outline of the selected splat.
+    /// Starts picking the splat under a click, and draws the outline of the selected splat.
     #[expect(
         clippy::too_many_arguments,
         reason = "inputs of drawing, of the click and of the selection"
@@ -88,7 +88,7 @@ impl SplatSelection {
     }
 }
 
-/// Render options of the picture at a pixel, since the sides of a wipe may differ.
+/// Returns the render options of the picture at a pixel, because the two sides of a wipe may differ.
 fn options_at(request: &PictureRequest, pixel: DVec2) -> RenderOptions {
     let width = f64::from(request.camera.intrinsics.width);
     match &request.second {

@@ -45,7 +45,7 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
     info
 }
 
-/// Line with the local origin, for a world far from its own origin.
+/// Returns a line with the local origin; `None` if the local origin equals the world's origin.
 pub fn origin_info(origin: DVec3) -> Option<(String, String)> {
     let [x, y, z] = origin.to_array();
     // All digits: users add the origin to exported positions.

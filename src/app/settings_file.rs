@@ -18,17 +18,17 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 const FILE: &str = "settings.ron";
-/// Maximum size of the file, which usually holds some kilobytes.
+/// Maximum size of the settings file, bytes. Usual files have some kilobytes.
 const MAX_BYTES: u64 = 1 << 26;
 
-/// Content of a file: texts by the names of the parts.
+/// Content of the settings file: the text of each part by its name.
 type Parts = BTreeMap<String, String>;
 
 pub struct SettingsFile {
     file: PathBuf,
 }
 
-/// Settings that are known before there is a window.
+/// Settings that are read before the first window opens.
 #[derive(Debug, Default, PartialEq)]
 pub struct FoundSettings {
     pub adapter: Option<AdapterChoice>,
@@ -38,13 +38,13 @@ pub struct FoundSettings {
 enum Unusable {
     Missing,
     Unread(io::Error),
-    /// Its content is invalid, as described.
+    /// The content is invalid; holds the description of the error.
     Broken(String),
     Newer(u32),
 }
 
 impl SettingsFile {
-    /// The user's file, if the platform has a configuration folder.
+    /// Returns the user's settings file; `None` if the platform has no configuration folder.
     pub fn of_user() -> Option<Self> {
         Some(Self { file: user_folders::config()?.join(FILE) })
     }
@@ -53,7 +53,8 @@ impl SettingsFile {
         &self.file
     }
 
-    /// Makes the file readable as a whole by this version; call it before the first window opens.
+    /// Reads the file before the first window opens. A file that is broken or of a newer version is
+    /// renamed and replaced by the last valid copy.
     pub fn open(&self) -> FoundSettings {
         let (parts, problem) = match read(&self.file) {
             Ok(parts) => (Some(parts), None),
@@ -65,8 +66,8 @@ impl SettingsFile {
         FoundSettings { adapter, problems }
     }
 
-    /// Copies the file if it is valid; call it after the last window, so that the start does not wait
-    /// for a disk. Returns a notice if the last window could not write the file.
+    /// Copies the file if it is valid. Called after the last window, so that the start does not wait for
+    /// a disk. Returns a notice if the last window wrote an invalid file.
     pub fn close(&self) -> Option<String> {
         match read(&self.file) {
             Ok(parts) => {
@@ -84,7 +85,8 @@ impl SettingsFile {
         self.file.with_added_extension("good")
     }
 
-    /// Renames a file that cannot be used, and replaces it by the last good one.
+    /// Renames an unusable file and replaces it by the last valid copy. Returns the content of the copy
+    /// and a notice.
     fn replace(&self, unusable: &Unusable) -> (Option<Parts>, Option<String>) {
         let place = self.file.display();
         let (expected, found, aside, advice) = match unusable {
@@ -129,8 +131,8 @@ impl SettingsFile {
         (parts, Some(text))
     }
 
-    /// Copies the whole file if a part cannot be read, because windows use the default of that part,
-    /// report it and overwrite it.
+    /// Copies the whole file if a part cannot be read, because windows replace such a part by its
+    /// default. Returns a notice.
     fn back_up_unreadable_parts(&self, parts: &Parts) -> Option<String> {
         let stored = StoredSettings::read(|part| parts.get(part).cloned());
         if stored.problems.is_empty() {
@@ -167,7 +169,7 @@ fn read(file: &Path) -> Result<Parts, Unusable> {
     parse(&String::from_utf8_lossy(&bytes))
 }
 
-/// Parses the text like eframe.
+/// Parses the text in the same way as eframe.
 fn parse(text: &str) -> Result<Parts, Unusable> {
     if text.trim().is_empty() {
         return Err(Unusable::Broken("an empty file".to_owned()));
@@ -187,7 +189,7 @@ fn write(file: &Path, parts: &Parts) -> Result<(), ExportError> {
     write_atomic(file, |out| out.write_all(text.map_err(io::Error::other)?.as_bytes())).map(drop)
 }
 
-/// Returns the path, or the first unused one with a number before its extension.
+/// Returns the path, or the first unused path with a number before its extension.
 pub fn unused(path: &Path) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().unwrap_or_default().to_string_lossy();
@@ -197,7 +199,7 @@ pub fn unused(path: &Path) -> PathBuf {
     paths.find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
 }
 
-/// Parses a part, which messages call `what`. Unreadable text yields the defaults and a notice, because
+/// Parses a part, which messages call `what`. Unreadable text yields the default and a notice, because
 /// settings of another version must not prevent the window from opening.
 pub fn from_text<T: DeserializeOwned + Default>(what: &str, text: &str) -> (T, Option<String>) {
     match ron::from_str(text) {
@@ -219,7 +221,7 @@ mod tests {
 
     const GOOD: &str = r#"{"version": "2", "adapter": "RTX \"9\""}"#;
 
-    /// A home without a settings folder.
+    /// Creates a home folder without a settings folder.
     fn home() -> (TempDir, SettingsFile) {
         let home = tempfile::tempdir().unwrap();
         let file = home.path().join("config").join(FILE);
@@ -235,7 +237,7 @@ mod tests {
         std::fs::read_to_string(settings.file.with_added_extension(extension)).ok()
     }
 
-    /// Opens the settings and expects one notice that contains these words.
+    /// Opens the settings and checks that there is one notice, which contains these words.
     fn problem(settings: &SettingsFile, words: &[&str]) -> Option<AdapterChoice> {
         let FoundSettings { adapter, problems } = settings.open();
         let [problem] = &problems[..] else { panic!("{problems:?}") };

@@ -7,8 +7,8 @@ use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Latest value. Every access under its lock is short, so that neither a panic nor a slow reader on one side
-/// affects the other.
+/// Latest value, shared between threads. Every access under its lock is short. Neither a panic nor a
+/// slow reader on one thread therefore affects the others.
 #[derive(Debug, Default)]
 pub struct Mailbox<T>(Mutex<T>);
 
@@ -24,7 +24,7 @@ impl<T> Mailbox<T> {
         self.with(|held| held.clone())
     }
 
-    /// Takes the value and leaves the default.
+    /// Returns the value and replaces it by the default.
     pub fn take(&self) -> T
     where
         T: Default,
@@ -32,18 +32,19 @@ impl<T> Mailbox<T> {
         self.with(std::mem::take)
     }
 
-    /// Applies `access` to the value under the lock. It must leave a valid value even if it panics.
+    /// Applies `access` to the value under the lock. `access` must leave a valid value even if it
+    /// panics.
     pub fn with<R>(&self, access: impl FnOnce(&mut T) -> R) -> R {
         // Every access leaves a valid value, so a poisoned lock is no reason to lose it.
         access(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
-/// Change of splats. Threads of the window share it without copying it.
+/// Change of the splats. The threads of the window share a change without copying it.
 #[derive(Clone, Debug)]
 pub enum SplatChange {
     All(Arc<SplatSet>),
-    /// Replaces the listed slots, which may be new.
+    /// Replaces the splats in the listed slots. Slots beyond the end are added.
     Some {
         ids: Arc<[u32]>,
         splats: Arc<SplatSet>,
@@ -60,13 +61,13 @@ impl SplatChange {
     }
 }
 
-/// Change with the attributes of its components, one each in the same order; empty if not requested
-/// (see [`super::worker::WorkerOrder::Watch`]).
+/// Change of splats, with the attributes of each changed component in the same order. `attributes` is
+/// empty if none were requested (see [`super::worker::WorkerOrder::Watch`]).
 #[derive(Clone, Debug)]
 pub struct SplatUpdate {
     pub change: SplatChange,
     pub attributes: Vec<ComponentAttributes>,
-    /// Number of frames that the scene has seen, including skipped ones.
+    /// Number of frames that were processed for the scene, including skipped ones.
     pub n_frames: usize,
 }
 
@@ -85,7 +86,7 @@ impl SplatUpdates {
         self.0.with(|waiting| waiting.is_empty())
     }
 
-    /// Adds an update; a replacement of all splats drops the updates before it.
+    /// Adds an update. A replacement of all splats drops the earlier updates.
     pub fn push(&self, update: SplatUpdate) {
         self.0.with(|waiting| {
             // Earlier updates would cost the viewport time without any effect.
@@ -101,7 +102,8 @@ impl SplatUpdates {
     }
 }
 
-/// Applies a change to splats, whose number may grow. Returns the changed slots, or `None` for all.
+/// Applies a change to `splats`, which may grow. Returns the changed slots, or `None` if all were
+/// changed.
 pub fn apply(splats: &mut Arc<SplatSet>, change: SplatChange) -> Option<Arc<[u32]>> {
     match change {
         SplatChange::All(all) => {

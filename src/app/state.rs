@@ -25,11 +25,11 @@ pub enum RunState {
     #[default]
     Empty,
     Loading,
-    /// The followed recording has no complete frame yet.
+    /// Training waits, because the followed recording has no complete frame yet.
     Waiting,
     Ready,
     Training,
-    /// Stopped between two frames by the user.
+    /// The user has stopped training between two frames.
     Paused,
     /// Every frame is trained, or a model was opened for viewing.
     Finished,
@@ -85,7 +85,8 @@ pub struct HomeView {
     pub radius: f64,
 }
 
-/// Properties of the open subject for panels; replaced when another subject is opened.
+/// Properties of the open subject (dataset, model or demo) for panels. Replaced when another subject is
+/// opened.
 #[derive(Clone, Debug)]
 pub struct Opened {
     pub name: String,
@@ -93,22 +94,22 @@ pub struct Opened {
     pub info: Vec<(String, String)>,
     pub home: HomeView,
     pub files: FileProposal,
-    /// Serial, which increases with every opened subject.
+    /// Serial number, which increases with every opened subject.
     pub serial: u64,
     /// True for the built-in demo, which can be recomputed.
     pub is_demo: bool,
-    /// Dataset, for comparisons with photographs; `None` for a model.
+    /// Dataset of the subject, for comparisons with photographs; `None` for a model.
     pub dataset: Option<Arc<Dataset>>,
     /// Origin of splat positions, in the world coordinates of the subject's files.
     pub local_origin: DVec3,
     /// Frames to train, in training order; `None` for a model.
     pub plan: Option<Arc<Plan>>,
     pub selection: Option<Selection>,
-    /// Colour modes that are available in addition to those of every splat.
+    /// Colour modes that the subject supports in addition to those that all subjects support.
     pub available_modes: &'static [ColorMode],
     pub method: Option<Method>,
     pub calibration: Option<Arc<GivenCalibration>>,
-    /// True if its splats are native ones, which an export may have to map to plain ones.
+    /// True if the splats are native ones. An export may have to map native splats to plain ones.
     pub is_native: bool,
 }
 
@@ -117,7 +118,7 @@ impl Opened {
         self.method.as_ref()?.scene()
     }
 
-    /// Camera that took the photographs, if it is not the depth camera.
+    /// Returns the camera that took the photographs, if it differs from the depth camera.
     pub fn color_camera(&self) -> Option<ColorCamera> {
         self.method.as_ref()?.as_any().color_camera()
     }
@@ -126,7 +127,7 @@ impl Opened {
 #[derive(Clone, Debug, PartialEq)]
 pub struct GivenCalibration {
     pub calibration: Calibration,
-    /// File of the corrections; `None` if a resumed run contained them.
+    /// File that contains the calibration; `None` if the calibration comes from a resumed run.
     pub file: Option<PathBuf>,
 }
 
@@ -159,7 +160,8 @@ impl Inspected {
     }
 }
 
-/// Snapshot of the run. Contains only small values and shared lists, since every publication copies it.
+/// Snapshot of the run for the window. It contains only small values and shared lists, because every
+/// publication copies it.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
     pub state: RunState,
@@ -168,12 +170,13 @@ pub struct Snapshot {
     pub frames_done: usize,
     pub n_frames: usize,
     pub frames: FrameLists,
-    /// True if pending photographs are part of the drawn scene.
+    /// True if the drawn scene already includes the buffered photographs, on which training takes its
+    /// steps later.
     pub includes_pending_photographs: bool,
     pub model: ModelSize,
     pub pace: Pace,
     pub files: FileState,
-    /// True if the program was terminated and training was stored; windows then close.
+    /// True if the program is being terminated and training was stored. Windows then close.
     pub is_terminated: bool,
     pub inspected: Option<Arc<Inspected>>,
     pub sampling: FrameSampling,
@@ -181,12 +184,13 @@ pub struct Snapshot {
     pub following: FollowState,
 }
 
-/// Reports about single frames. Snapshots share each list until it changes.
+/// Lists of reports about single frames. Snapshots share each list until it changes.
 #[derive(Clone, Debug, Default)]
 pub struct FrameLists {
     /// Reports of the latest frames, oldest first, at most [`HISTORY`].
     pub recent: Arc<Vec<FrameReport>>,
-    /// Reports of frames older than `recent` whose photographs were compared later; only the latest.
+    /// Latest reports of frames older than `recent`, whose photographs were compared with the scene
+    /// later.
     pub late: Arc<Vec<FrameReport>>,
     pub skipped: Arc<Vec<SkippedFrame>>,
     /// Reports of outlier frames, whose photographs do not fit the scene.
@@ -195,7 +199,7 @@ pub struct FrameLists {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ModelSize {
-    /// Number of components, unused ones included.
+    /// Number of components, including unused ones.
     pub components: usize,
     pub used: usize,
     pub bytes: usize,
@@ -203,11 +207,12 @@ pub struct ModelSize {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pace {
-    /// Trained frames per second of wall time, over the latest frames.
+    /// Trained frames per second of wall-clock time, averaged over the latest frames.
     pub frames_per_s: f64,
-    /// Training time, seconds, including waits for frames.
+    /// Training time in seconds, including the time spent waiting for frames.
     pub trained_s: f64,
-    /// Start of the wait for a frame that has not been read, if training waits.
+    /// Time since when training waits for a frame that has not been read; `None` if training does not
+    /// wait.
     pub unread_since: Option<Instant>,
 }
 
@@ -216,34 +221,34 @@ pub struct FileState {
     /// Number of frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
     pub latest_write: Option<WriteOutcome>,
-    /// Run that an earlier window left behind, offered for resuming.
+    /// Run of an earlier window that was neither saved nor discarded, offered for resuming.
     pub abandoned: Option<Arc<AbandonedRun>>,
 }
 
-/// Measurements on a sample of the frames; `None` until they are known.
+/// Measurements on a sample of the frames. Each is `None` until it is known.
 #[derive(Clone, Debug, Default)]
 pub struct FrameSampling {
-    /// Agreement of the poses with depth.
+    /// Result of checking whether the camera poses agree with the depth images.
     pub poses: Option<Arc<PoseCheck>>,
-    /// Pixel width and depth noise; only for a dataset that the scene preset trains.
+    /// Pixel width and depth noise. Available only for a dataset that the scene preset trains.
     pub sample: Option<FrameSample>,
 }
 
 #[derive(Clone, Debug, Default)]
 pub struct FollowState {
-    /// True if recordings are followed, the open one and those opened next.
+    /// True if recordings are followed: the open one and those opened later.
     pub is_on: bool,
     pub recording: Option<Followed>,
 }
 
 impl Snapshot {
-    /// Number of frames that the scene has seen, including skipped ones.
+    /// Returns the number of frames that were processed for the scene, including skipped ones.
     pub fn n_seen(&self) -> usize {
         self.frames_done + self.frames.skipped.len()
     }
 
-    /// True if training would be lost by closing or by opening another subject. Never for the demo,
-    /// which can be recomputed.
+    /// True if training would be lost by closing the window or opening another subject. Always false for
+    /// the demo, which can be recomputed.
     pub fn has_training_to_lose(&self) -> bool {
         self.files.unsaved_frames > 0 && self.opened.as_ref().is_some_and(|opened| !opened.is_demo)
     }
@@ -252,9 +257,9 @@ impl Snapshot {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Followed {
     pub path: PathBuf,
-    /// True if all complete frames were trained.
+    /// True if training has used all complete frames and waits for new ones.
     pub is_waiting: bool,
-    /// Reason why no frames arrive, other than a lack of new files.
+    /// Reason why no frames arrive, other than the absence of new files.
     pub problem: Option<String>,
 }
 
@@ -264,12 +269,12 @@ pub struct WriteOutcome {
     pub is_written: bool,
 }
 
-/// Maximum number of latest frames whose reports a snapshot holds.
+/// Maximum number of latest frames whose reports a snapshot contains.
 pub const HISTORY: usize = 300;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
-    /// Serial, which increases with every notice, so that dismissed ones do not reappear.
+    /// Serial number, which increases with every notice, so that closed notices do not reappear.
     pub serial: u64,
     pub topic: NoticeTopic,
     pub kind: NoticeKind,
@@ -279,9 +284,9 @@ pub struct Notice {
 /// Topic of a notice, which determines how long it is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoticeTopic {
-    /// The open subject; until another one is opened.
+    /// Concerns the open subject; shown until another subject is opened.
     Subject,
-    /// The window and its adapter; until another adapter draws.
+    /// Concerns the window and its graphics adapter; shown until another adapter draws the window.
     Window,
     Event,
 }
@@ -289,7 +294,7 @@ pub enum NoticeTopic {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoticeKind {
     Info,
-    /// Something was left out or is doubtful.
+    /// A part was omitted or is doubtful.
     Warning,
     Error,
 }

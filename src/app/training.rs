@@ -19,8 +19,8 @@ pub struct TrainSettings {
     pub autosave_s: Option<u32>,
 }
 
-/// Default autosave interval, seconds. It bounds the training lost by a crash; saving a large scene
-/// takes a second or two of disk time.
+/// Default autosave interval, seconds. It bounds the training lost by a crash. Saving a large scene
+/// takes one or two seconds of disk time.
 pub const AUTOSAVE_S: u32 = 30;
 
 impl Default for TrainSettings {
@@ -39,8 +39,8 @@ impl TrainSettings {
         settings_file::from_text("training", text)
     }
 
-    /// Returns the training method for a session. A value can be out of range, since stored settings may be
-    /// edited by hand.
+    /// Returns the training method with these settings, for a new session. Fails if a value is out of
+    /// range, because stored settings may be edited by hand.
     pub fn request(&self) -> Result<MethodRequest, RefusedSetting> {
         let Self { scene, paper, .. } = self.clone();
         GivenSettings { paper, scene }.request(self.preset).map_err(RefusedSetting)

@@ -3,20 +3,22 @@
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Name of the program's folder in each of them.
+/// Name of the program's subfolder in the user's settings and state folders.
 pub const APP: &str = "vbgs-studio";
 
-/// Settings folder: `$XDG_CONFIG_HOME` or `~/.config`, else the platform's folder for application data.
+/// Returns the settings folder: `$XDG_CONFIG_HOME` or `~/.config`, else the platform's folder for
+/// application data.
 pub fn config() -> Option<PathBuf> {
     by_convention("XDG_CONFIG_HOME", ".config")
 }
 
-/// State folder: `$XDG_STATE_HOME` or `~/.local/state`, else as [`config`].
+/// Returns the state folder: `$XDG_STATE_HOME` or `~/.local/state`, else the same folder as [`config`].
 pub fn state() -> Option<PathBuf> {
     by_convention("XDG_STATE_HOME", ".local/state")
 }
 
-/// Folder named by a variable, else one in the user's home, on platforms with the XDG convention.
+/// Returns the program's folder below the folder that `variable` names, else below `in_home` in the
+/// user's home. Platforms without XDG folders use their folder for application data.
 fn by_convention(variable: &str, in_home: &str) -> Option<PathBuf> {
     if !cfg!(all(unix, not(target_os = "macos"))) {
         return eframe::storage_dir(APP);

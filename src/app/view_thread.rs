@@ -16,12 +16,12 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Returns a pool of one thread for work beside training, which needs the other cores.
+/// Returns a pool of one thread for background work, so that training can use the other cores.
 pub fn one_thread() -> std::io::Result<ThreadPool> {
     ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other)
 }
 
-/// Runs work in the pool, or on all threads without one.
+/// Runs work in `pool`; without a pool, on all threads.
 pub fn run_in<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
     match pool {
         Some(pool) => pool.install(work),
@@ -29,7 +29,7 @@ pub fn run_in<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Sen
     }
 }
 
-/// Takes finished work with its key out of a slot; `None` until it is finished.
+/// Removes finished work and its key from a slot. `None` while the work is in progress.
 pub fn take_finished<K, T: Send + 'static>(
     slot: &mut Option<(K, Job<T>)>,
 ) -> Option<(K, Result<T, PanicReport>)> {
@@ -37,12 +37,12 @@ pub fn take_finished<K, T: Send + 'static>(
     slot.take().map(|(key, _)| (key, done))
 }
 
-/// Rest after background work beside training, as a multiple of its time.
+/// Pause after background work during training, as a multiple of the duration of the work.
 // On two cores training slows down by half of 1/15, about 3 %.
 pub const REST: u32 = 15;
 
-/// Runs one background job at a time. Beside training each is followed by a rest of [`REST`] times its
-/// duration.
+/// Runs one background job at a time. During training, each job is followed by a pause of [`REST`] times
+/// its duration.
 pub struct RestingJob<K, T> {
     running: Option<(K, Job<(T, Duration)>)>,
     rests_until: Option<Instant>,
@@ -55,7 +55,7 @@ impl<K, T> Default for RestingJob<K, T> {
 }
 
 impl<K, T: Send + 'static> RestingJob<K, T> {
-    /// True if a job can start.
+    /// True if no job is running and, during training, the pause after the last job is over.
     pub fn is_ready(&self, is_training: bool) -> bool {
         let rests = is_training && self.rests_until.is_some_and(|until| Instant::now() < until);
         self.running.is_none() && !rests
@@ -76,7 +76,7 @@ impl<K, T: Send + 'static> RestingJob<K, T> {
         Ok(())
     }
 
-    /// Takes a finished result with its key, once.
+    /// Removes and returns a finished result with its key.
     pub fn take(&mut self) -> Option<(K, Result<T, PanicReport>)> {
         let (key, done) = take_finished(&mut self.running)?;
         let took = done.as_ref().map_or(Duration::ZERO, |(_, took)| *took);
@@ -86,7 +86,8 @@ impl<K, T: Send + 'static> RestingJob<K, T> {
     }
 }
 
-/// Handle of the thread; dropping it stops the thread after the current answer.
+/// Handle of a thread that answers requests about the splats. Dropping it stops the thread after the
+/// current answer.
 pub struct ViewThread<Q, A> {
     requests: Arc<Requests<Q, A>>,
     thread: Option<JoinHandle<()>>,
@@ -100,7 +101,7 @@ struct Requests<Q, A> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Announce {
     Wake,
-    /// Leaves the window asleep until its next pass.
+    /// Does not wake the window; the answer is used in the next pass of the window.
     Quietly,
 }
 
@@ -126,7 +127,7 @@ impl<Q, A> Requests<Q, A> {
 }
 
 impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
-    /// Starts the thread; `work` answers a request with the splats at that time.
+    /// Starts the thread. `work` answers a request with the splats at that time.
     pub fn start(
         name: &str,
         waker: Waker,
@@ -180,7 +181,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         self.requests.wake.notify_one();
     }
 
-    /// Submits a request; replaces one that is still waiting.
+    /// Submits a request, which replaces a request that is still waiting.
     pub fn send_request(&self, request: Q, announce: Announce) {
         self.requests.lock().request = Some((request, announce));
         self.requests.wake.notify_one();
@@ -191,20 +192,20 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         inbox.is_working || inbox.request.is_some()
     }
 
-    /// Takes the newest answer, once.
+    /// Removes and returns the newest answer.
     ///
     /// # Panics
-    /// With the panic of the thread, if it has panicked.
+    /// If the thread has panicked, with the same panic.
     pub fn take(&self) -> Option<A> {
         let answer = self.requests.lock().answer.take();
         answer.map(|answer| answer.unwrap_or_else(|panic| resume_unwind(panic)))
     }
 }
 
-/// Changes in order, then the request to answer, if any.
+/// Changes in order, and the request to answer after them, if any.
 type Work<Q> = (Vec<SplatChange>, Option<(Q, Announce)>);
 
-/// Waits for changes or a request. Changes are taken even without a request, so that they do not
+/// Waits for changes or a request. Changes are returned even without a request, so that they do not
 /// accumulate. `None` once the handle is dropped.
 fn next<Q, A>(requests: &Requests<Q, A>) -> Option<Work<Q>> {
     let mut inbox = requests.lock();

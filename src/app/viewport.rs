@@ -58,7 +58,7 @@ pub fn caveat(state: &RenderState) -> Option<String> {
     AdapterInfo::new(&state.adapter).warning()
 }
 
-/// Factor by which the capacity of buffers may exceed a new scene before they are released.
+/// Maximum ratio of buffer capacity to the size of a new scene. Larger buffers are released.
 const IDLE_ROOM: usize = 4;
 
 pub struct GpuViewPainter {
@@ -68,15 +68,15 @@ pub struct GpuViewPainter {
     drawer: ViewRenderer,
     scene: GpuScene,
     renderer: SplatRenderer,
-    /// For the second picture of a comparison; created when first needed.
+    /// Renderer of the second picture of a comparison; created when first needed.
     second: Option<SplatRenderer>,
     photo: Option<(Arc<RgbImage>, PhotoTexture)>,
     model: Option<GpuModel>,
     compositor: Arc<Mutex<Compositor>>,
-    /// Slots to upload; `None` if everything must be uploaded.
+    /// Slots whose splats must be uploaded; `None` if all must be uploaded.
     pending: Option<Vec<u32>>,
     drawn_view: Option<DrawnView>,
-    /// Number of pictures to render until that of `drawn_view` is complete.
+    /// Number of pictures still to be rendered until the picture of `drawn_view` is complete.
     n_unsettled: usize,
     n_drawn: usize,
 }
@@ -87,7 +87,7 @@ struct GpuModel {
     renderer: SplatRenderer,
 }
 
-/// Camera, render options, and a partner if two sets of splats are compared.
+/// Camera, render options, and the second set of splats if two are compared.
 type DrawnView = (Camera, RenderOptions, Option<Partner>);
 
 impl GpuViewPainter {
@@ -121,7 +121,7 @@ impl GpuViewPainter {
         self.drawer
     }
 
-    /// Number of splats, without empty slots.
+    /// Returns the number of drawn splats, without empty slots.
     pub fn n_drawn(&self) -> usize {
         self.n_drawn
     }
@@ -143,11 +143,12 @@ impl GpuViewPainter {
         self.n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
     }
 
-    /// Renders the scene, twice to compare renderers, and queues the picture for painting over `rect`. A
-    /// complete picture is only composed again. Returns the timings of a rendering.
+    /// Renders the scene, twice to compare renderers, and queues the picture for painting over `rect`.
+    /// If the picture is complete and nothing has changed, it is not rendered again. Returns the timings
+    /// if a picture was rendered.
     ///
     /// # Errors
-    /// Message of the GPU; this painter is then unusable.
+    /// The GPU's error message. This painter is then unusable.
     pub fn paint(
         &mut self,
         ui: &Ui,
@@ -260,7 +261,7 @@ impl GpuViewPainter {
         Ok(bytes)
     }
 
-    /// Uploads the requested second model, or releases one that is not requested.
+    /// Uploads the second model if one is requested, otherwise releases it.
     fn update_second_model(&mut self, request: &PictureRequest) -> Result<(), GpuError> {
         let asked = match &request.second {
             Some(ComparedPicture { partner: Partner::Model(model, _), .. }) => model,
@@ -280,8 +281,8 @@ impl GpuViewPainter {
         Ok(())
     }
 
-    /// Counts the pictures since the last change of the view; true if one more must be rendered. Requests
-    /// the pass that renders the next one.
+    /// Returns true if the picture must be rendered, because the view has changed or the picture is not
+    /// complete. If it will still be incomplete, also requests another pass of the window.
     fn is_render_due(&mut self, ui: &Ui, request: &PictureRequest, is_changed: bool) -> bool {
         let partner = request.second.as_ref().map(|second| &second.partner);
         let partner = partner.filter(|partner| !matches!(partner, Partner::Photo(_)));
@@ -362,9 +363,9 @@ impl CallbackTrait for PaintWindow {
 
 pub struct WindowDevice {
     pub state: RenderState,
-    /// Asynchronous errors and device loss.
+    /// Collects asynchronous GPU errors and device loss.
     pub faults: GpuFaults,
-    /// Adapters that can draw the window.
+    /// Graphics adapters that can draw the window.
     pub there: Vec<AdapterInfo>,
     pub adapter: AdapterInfo,
 }

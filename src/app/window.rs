@@ -31,14 +31,14 @@ pub enum ExitReason {
     Adapter(AdapterChoice),
 }
 
-/// User state passed to a reopened window.
+/// User state that is passed from a closed window to the next one.
 pub struct Handover {
     pub view: KeptView,
     pub path: PathEditor,
 }
 
-/// Reason why a window ends, and the state for the next one. Shared, because a panic destroys the window's
-/// own state.
+/// Reason why a window ends, and the state for the next window. Both are shared, because a panic
+/// destroys the window's own state.
 #[derive(Clone, Default)]
 pub struct Exit {
     pub reason: Arc<Mailbox<ExitReason>>,
@@ -46,23 +46,24 @@ pub struct Exit {
 }
 
 impl Exit {
-    /// Creates the record of the next window with the stored state and no reason.
+    /// Creates the record for the next window. It has the same handover state, but no reason yet.
     pub fn for_next_window(&self) -> Self {
         // Shared, not moved: a window that fails to open has not taken the state.
         Self { reason: Arc::default(), handover: self.handover.clone() }
     }
 }
 
-/// Number of consecutive losses after which another adapter is tried.
+/// Number of consecutive device losses after which another adapter is tried.
 const MAX_LOSSES: usize = 3;
-/// Lifetime from which a window counts as stable.
+/// Time after which an open window counts as stable.
 const WELL_AFTER: Duration = Duration::from_secs(60);
 
-/// Opens windows until the user closes one. If an adapter fails, the next window uses wgpu's choice, and
-/// after that the software adapter if a window was ever open. A crash is final.
+/// Opens windows one after another until the user closes one. If an adapter fails, the next window uses
+/// the adapter that wgpu selects. If that fails too and a window was ever open, the software adapter is
+/// used. A crash ends the loop.
 ///
 /// # Errors
-/// The last error, and whether a window was ever open.
+/// The last error, and true if a window was ever open.
 fn keep_open(
     mut adapter: AdapterChoice,
     mut open: impl FnMut(&AdapterChoice) -> Result<(ExitReason, Duration), WindowError>,
@@ -112,8 +113,8 @@ fn keep_open(
 
 /// Opens the window on `subject` and runs until it is closed. The file `calibration` corrects a
 /// dataset's cameras. Without `adapter`, the one chosen in an earlier window is used. `is_ended` waits
-/// for at most the given time and returns true once the program is to end; training is then stored for
-/// the next window and this one closes. `started` is the start of the process.
+/// for at most the given time and returns true once the program must end. Training is then stored for
+/// the next window and this one closes. `started` is the start time of the process.
 pub fn run(
     subject: Subject,
     calibration: Option<PathBuf>,
@@ -164,7 +165,7 @@ pub fn run(
 
 struct Host {
     worker: Arc<Worker>,
-    /// Waker of the current window, because the training thread outlives windows.
+    /// Waker of the current window. It is stored here because the training thread outlives windows.
     waker: Arc<WindowWaker>,
     shown: Arc<Mailbox<Option<String>>>,
     exit: RefCell<Exit>,
@@ -178,7 +179,8 @@ impl Host {
         Ok(Self { worker, waker, shown: Arc::default(), exit: RefCell::default(), started })
     }
 
-    /// Runs one window to its end; `first` are the orders with which the run starts.
+    /// Runs one window until it ends. The window sends the orders `first`, which are then replaced by
+    /// the orders for the next window.
     fn open_window(
         &self,
         first: &mut Vec<WorkerOrder>,
@@ -245,7 +247,8 @@ fn native_options(
     }
 }
 
-/// True if a display server is announced; there always is one on platforms other than X11 and Wayland.
+/// True if an environment variable names a display server. On platforms without X11 and Wayland always
+/// true.
 fn has_display() -> bool {
     let named = |variable: &str| std::env::var_os(variable).is_some_and(|v| !v.is_empty());
     !cfg!(all(unix, not(target_os = "macos"))) || named("DISPLAY") || named("WAYLAND_DISPLAY")
@@ -255,14 +258,15 @@ const MAX_RUNS: usize = 3;
 
 type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
 
-/// Opens a window with `options` and runs the application of `create`, [`run_guarded`], until it ends.
+/// Opens a window with `options` and runs the application that `create` returns until the window ends.
+/// Panics are handled by [`run_guarded`].
 ///
 /// A panic unwinds through winit's event loop and leaves it in a running state. The next run of the loop
-/// handles remaining events of the old window and ends at once without creating a window. The run after that
-/// creates one.
+/// handles remaining events of the old window and ends at once without creating a window. The run after
+/// that creates one.
 ///
 /// # Errors
-/// Those of [`run_guarded`]; also if no run created a window.
+/// Those of [`run_guarded`], and an error if no run created a window.
 pub fn run_window(
     worker: &Worker,
     exit: &Exit,
@@ -285,9 +289,9 @@ pub fn run_window(
     Err(WindowError::Window("the event loop ended before it created a window".to_owned()))
 }
 
-/// Runs a window until it ends. A panic after a device loss, which the window records in `exit`, is a
-/// consequence of the loss and not an error: the caller opens the next window. Any other panic is a bug; no
-/// window is reopened, since it could panic on the same picture forever.
+/// Runs a window until it ends. A panic after a device loss that the window has recorded in `exit` is
+/// not an error. The caller then opens the next window. Any other panic is a bug. No window is then
+/// reopened, because it could panic at the same place again.
 ///
 /// # Errors
 /// [`WindowError::Crashed`] with the path of the stored run, or the error of `window`.
@@ -310,12 +314,12 @@ pub fn run_guarded(
     }
 }
 
-/// Longest time for which the watcher outlives the worker.
+/// Longest time for which the watching thread continues after the worker is dropped.
 const POLL_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Watches for a termination while the worker lives. `is_asked` waits for at most the given time and
-/// returns true once the program is to end. Training is then stopped and stored for the next window,
-/// and the window closes without a prompt.
+/// Starts a thread that waits for the end of the program while the worker exists. `is_asked` waits for
+/// at most the given time and returns true once the program must end. Training is then stopped and
+/// stored for the next window, and the window closes without a prompt.
 pub fn watch(
     is_asked: impl Fn(Duration) -> bool + Send + 'static,
     worker: &Arc<Worker>,
@@ -341,14 +345,14 @@ pub fn watch(
 pub enum WindowError {
     #[error("no display found")]
     NoDisplay,
-    /// A display server is announced but does not respond.
+    /// The environment names a display server, but the server does not respond.
     #[error("the display server does not respond")]
     DisplaySilent,
     #[error("no usable graphics adapter found ({0})")]
     NoAdapter(String),
     #[error("the graphics device was lost {0} times in a row")]
     DeviceLost(usize),
-    /// The window was lost and cannot be reopened; its run was stored.
+    /// The window ended and cannot be reopened. Its run was stored.
     #[error("the window was lost and cannot be reopened: {0}; {1}")]
     Gone(Box<WindowError>, Rescue),
     #[error(transparent)]
@@ -372,8 +376,8 @@ impl From<eframe::Error> for WindowError {
 mod tests {
     use super::*;
 
-    /// Runs windows that end as listed; returns the adapters that were opened, the result and the
-    /// number of notices.
+    /// Simulates windows that end as listed. Returns the adapters of the opened windows, the result and
+    /// the number of notices.
     fn windows(
         first: &str,
         ends: Vec<Result<(ExitReason, Duration), WindowError>>,

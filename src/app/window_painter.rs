@@ -28,7 +28,7 @@ pub struct WindowPainter {
 }
 
 impl WindowPainter {
-    /// Draws a context's window from now on.
+    /// Makes this painter draw the window of `context`, unless the window has an sRGB format.
     pub fn install(context: &Context, state: &RenderState) {
         // Windows with an sRGB format encode colours themselves: they are left to egui.
         if !state.target_format.is_srgb() {
@@ -38,7 +38,7 @@ impl WindowPainter {
         }
     }
 
-    /// Passes changed texels of a texture to egui's painter.
+    /// Passes changed texels to egui's renderer and records the changed area of the texture.
     fn update_texture(&self, window: &mut KeptWindow, id: TextureId, delta: &ImageDelta) {
         let RenderState { device, queue, renderer, .. } = &self.state;
         let mut renderer = renderer.write();
@@ -54,7 +54,8 @@ impl WindowPainter {
         window.changes.push(TextureChange { id, area });
     }
 
-    /// Binds the textures of a pass; false if this painter cannot draw it.
+    /// Binds the textures of a pass of the window. Returns false if this painter cannot draw one of
+    /// them.
     fn bind_textures(&self, window: &mut KeptWindow, primitives: &[ClippedPrimitive]) -> bool {
         let mut ids = BTreeSet::new();
         for ClippedPrimitive { primitive, .. } in primitives {
@@ -120,7 +121,8 @@ fn shape(ClippedPrimitive { clip_rect, primitive }: ClippedPrimitive) -> Clipped
     ClippedShape::new(clip_rect, shape)
 }
 
-/// Sampling of a texture; `None` if it repeats, which no texture of the window does.
+/// Returns the sampling mode of a texture; `None` if the texture repeats, which no texture of the window
+/// does.
 fn sampling(options: TextureOptions) -> Option<MeshSampling> {
     let is_smooth = |filter| filter == TextureFilter::Linear;
     (options.wrap_mode == TextureWrapMode::ClampToEdge).then_some(MeshSampling {
@@ -131,7 +133,7 @@ fn sampling(options: TextureOptions) -> Option<MeshSampling> {
 
 #[derive(Debug)]
 pub struct WindowPass {
-    /// Meshes, back to front, without callbacks and with textures that egui manages only.
+    /// Meshes from back to front. They include no callbacks and use only textures that egui manages.
     primitives: Vec<ClippedPrimitive>,
     pixels_per_point: f32,
     background: Color32,
@@ -140,13 +142,14 @@ pub struct WindowPass {
 #[derive(Debug)]
 pub struct KeptWindow {
     pub painter: MeshPainter,
-    /// Pass that the image shows.
+    /// Pass of the window that the stored image shows.
     shown: Option<Arc<WindowPass>>,
     changes: Vec<TextureChange>,
 }
 
 impl KeptWindow {
-    /// Returns what to draw so that a window of `size` (columns, rows) shows `pass`.
+    /// Returns the meshes to draw so that a window of `size` (columns, rows) shows `pass`. Only the
+    /// changed regions are drawn.
     pub fn update_to_pass(&mut self, pass: &Arc<WindowPass>, size: [u32; 2]) -> MeshList {
         let before = self.shown.replace(pass.clone());
         let changes = std::mem::take(&mut self.changes);
@@ -177,7 +180,8 @@ fn touched_pixels(place: Rect, pixels_per_point: f32, size: [u32; 2]) -> PixelRe
     }
 }
 
-/// Scissor of egui's clip within a region, rounded like egui's own painter.
+/// Returns the scissor rectangle for egui's clip rectangle within a region, rounded in the same way as
+/// by egui's painter. `None` if it is empty.
 fn scissor(clip: Rect, pixels_per_point: f32, place: PixelRect) -> Option<PixelRect> {
     let (min, max) = (clip.min * pixels_per_point, clip.max * pixels_per_point);
     let inside = PixelRect {
@@ -206,12 +210,12 @@ fn mesh_list(pass: &WindowPass, size: [u32; 2], places: &[PixelRect]) -> MeshLis
     list
 }
 
-/// Maximum number of latest batches that a triangle may join.
+/// Maximum number of latest batches to which a new triangle may be added.
 // The search is linear in it, for every triangle.
 const MAX_OPEN: usize = 8;
 
-/// Batches of triangles in one region. A triangle joins an earlier batch of its kind if it overlaps no
-/// triangle of later batches.
+/// Batches of triangles in one region. A triangle is added to an earlier batch of its kind if it
+/// overlaps no triangle of later batches.
 // Labels and buttons alternate, and every change of the pipeline is expensive.
 struct Batches<'a> {
     list: &'a mut MeshList,
@@ -311,20 +315,20 @@ fn clip_space(vertex: Vertex, pixels_per_point: f32, size: [u32; 2]) -> MeshVert
     }
 }
 
-/// Maximum number of separate regions; further ones are merged.
+/// Maximum number of separate regions. Additional regions are merged.
 const MAX_PLACES: usize = 12;
-/// Maximum area (points²) that merging two regions may add.
+/// Maximum area (points²) by which the merged rectangle of two regions may exceed their own areas.
 // Every region walks all meshes of the window once more.
 const SLACK: f32 = 4000.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct TextureChange {
     id: TextureId,
-    /// Changed area, texture coordinates.
+    /// Changed area, in texture coordinates from 0 to 1.
     area: Rect,
 }
 
-/// Regions in which a pass of the window differs from the previous one, points; they may overlap.
+/// Regions in which a pass of the window differs from the previous one, points. They may overlap.
 #[derive(Debug, Default)]
 struct WindowDamage(Vec<Rect>);
 
@@ -413,8 +417,8 @@ impl WindowDamage {
     }
 }
 
-/// Ranges of two lists without their common beginning and end. `is_same` compares an index of the first list
-/// with one of the second.
+/// Returns the ranges of two lists that remain without the common beginning and end. `is_same` compares
+/// the elements at an index of the first list and an index of the second.
 fn changed(lengths: [usize; 2], is_same: impl Fn(usize, usize) -> bool) -> [Range<usize>; 2] {
     let [a, b] = lengths;
     let shorter = a.min(b);
@@ -424,7 +428,7 @@ fn changed(lengths: [usize; 2], is_same: impl Fn(usize, usize) -> bool) -> [Rang
     lengths.map(|length| head..length - tail)
 }
 
-/// Ranges of the triangles of two meshes without their common beginning and end.
+/// Returns the ranges of triangles of two meshes that remain without the common beginning and end.
 fn changed_triangles(before: &Mesh, now: &Mesh) -> [Range<usize>; 2] {
     let (a, b) = (&before.vertices, &now.vertices);
     let [gone, new] = changed([a.len(), b.len()], |i, k| a[i] == b[k]);
@@ -483,7 +487,7 @@ mod tests {
         Rect::from_min_size(pos2(x, y), Vec2::splat(10.0))
     }
 
-    /// Creates a mesh of squares with these positions and brightnesses.
+    /// Creates a mesh of squares at the given positions, with the given brightness.
     fn squares(squares: &[(f32, f32, u8)]) -> ClippedPrimitive {
         let mut mesh = Mesh::default();
         for &(x, y, gray) in squares {

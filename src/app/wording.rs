@@ -1,4 +1,4 @@
-//! Messages about values of the library.
+//! Texts that describe values of the library to the user.
 
 use crate::dataset::pose_check::{PoseCheck, PoseTrial};
 use crate::pipeline::plan::{Order, Plan, Selection};
@@ -9,7 +9,8 @@ pub fn pose_agreement(check: &PoseCheck) -> String {
     format!("{percent:.0} % of depth agrees with neighbouring frames ({})", poses.name())
 }
 
-/// Warning and advice if poses or depth do not follow the recording's layout.
+/// Returns a warning with advice if other pose axes or another depth unit fit the recording better than
+/// those in use.
 pub fn pose_warning(check: &PoseCheck) -> Option<String> {
     let PoseCheck { opened, best, .. } = check;
     if !check.has_better_reading() {

@@ -19,7 +19,7 @@ pub struct EditCounts {
     pub all: usize,
     pub selected: usize,
     pub hidden: usize,
-    /// Splats excluded from exports: deleted or outside the crop box.
+    /// Number of splats excluded from exports: deleted or outside the crop box.
     pub left_out: usize,
     pub deleted: usize,
 }
@@ -31,27 +31,30 @@ pub struct Editor {
     visible: VisibleSplats,
     /// True while dragging over the viewport selects splats.
     pub is_box_selecting: bool,
-    /// Number of frames seen by the scene on display; `None` shows the current scene.
+    /// Number of processed frames of the stored earlier scene to display; `None` displays the current
+    /// scene.
     pub earlier_frames: Option<usize>,
     pub stored_scenes: PastScenes,
-    /// True if a panel needs component attributes; set in every pass that needs them.
+    /// True if a panel needs component attributes. Set in every pass of the window in which a panel
+    /// needs them.
     pub needs_attributes: bool,
-    /// True if the viewport shows the crop box and its handles; set in every pass that draws their panel.
+    /// True if the viewport shows the crop box and its handles. Set in every pass of the window that
+    /// draws the crop panel.
     pub shows_crop: bool,
-    /// Counts of the current splats and edits, once they are needed.
+    /// Cached counts of the current splats and edits; `None` until requested.
     counts: Option<EditCounts>,
-    /// Histogram of the current splats, once it is needed.
+    /// Cached histogram of the current splats; `None` until requested.
     evidence: Option<Option<EvidenceHistogram>>,
 }
 
 impl Editor {
-    /// Discards all edits, for a newly opened scene.
+    /// Discards all edits and the tool state, for a newly opened scene.
     pub fn reset(&mut self) {
         // `visible` is retained so that the next pass sends painters the difference.
         *self = Self { visible: std::mem::take(&mut self.visible), ..Self::default() };
     }
 
-    /// Keeps edits and tools for a view that has no splats yet.
+    /// Drops everything that belongs to the scene. Edits and tools are kept for a view without splats.
     pub fn without_scene(self) -> Self {
         Self { visible: VisibleSplats::default(), counts: None, evidence: None, ..self }
     }
@@ -60,7 +63,8 @@ impl Editor {
         self.log.current()
     }
 
-    /// Applies a splat change that `palette` already contains; returns the change for painters, if any.
+    /// Applies a change of splats to the visible splats. `palette` must already contain the change.
+    /// Returns the change for painters, if any.
     pub fn apply_change(&mut self, change: SplatChange, palette: &Palette) -> Option<SplatChange> {
         (self.counts, self.evidence) = (None, None);
         self.visible.apply_change(change, palette.splats())
@@ -70,7 +74,7 @@ impl Editor {
         self.stored_scenes.latest_at(self.earlier_frames?)
     }
 
-    /// Returns to the current scene, since edits apply to its splats.
+    /// Displays the current scene again, because edits apply to its splats.
     fn return_to_current(&mut self) {
         if self.displayed_past().is_some() {
             self.earlier_frames = None;
@@ -92,12 +96,12 @@ impl Editor {
         self.visible.splats().unwrap_or(palette.splats())
     }
 
-    /// Splats that a click can hit; shared with the picking thread.
+    /// Returns the splats that a click can hit, shared with the picking thread.
     pub fn pickable_splats<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {
         self.visible.splats().unwrap_or(palette.learned())
     }
 
-    /// Bounding sphere of the displayed splats, for framing the camera.
+    /// Returns the bounding sphere of the displayed splats, for framing the camera.
     pub fn framing(&self, palette: &Palette) -> Option<Framing> {
         match self.visible.splats() {
             None => framing(palette.splats().iter()),
@@ -105,7 +109,7 @@ impl Editor {
         }
     }
 
-    /// Combines the displayed splats in these slots with the selection.
+    /// Combines the displayed splats in the given slots with the selection.
     pub fn select(
         &mut self,
         slots: impl IntoIterator<Item = u32>,
@@ -127,7 +131,7 @@ impl Editor {
         self.select(others.map(|(slot, _)| slot), palette, SelectMode::Replace);
     }
 
-    /// Reason why an edit command would change nothing; `None` for other commands.
+    /// Returns the reason why an edit command would change nothing; `None` for other commands.
     pub fn unavailable_reason(&self, command: UiCommand) -> Option<&'static str> {
         let has = |mark| self.edits().count(mark) > 0;
         let is_of_use = match command {
@@ -141,7 +145,7 @@ impl Editor {
         (!is_of_use).then_some("Nothing to apply it to")
     }
 
-    /// Executes an editing command; ignores others.
+    /// Executes an editing command. Ignores other commands.
     pub fn execute(&mut self, command: UiCommand, palette: &Palette) {
         let now = self.edits();
         let next = match command {
@@ -163,7 +167,8 @@ impl Editor {
         self.log.step(next);
     }
 
-    /// Bounding box of the centres of the selected splats, or of all displayed ones if none is selected.
+    /// Returns the bounding box of the centres of the selected splats, or of all displayed splats if
+    /// none is selected.
     fn selection_bounds(&self, palette: &Palette) -> Option<[DVec3; 2]> {
         let (shown, edits) = (self.displayed_splats(palette), self.edits());
         let all = edits.count(Mark::Selected) == 0;
@@ -179,13 +184,14 @@ impl Editor {
         LeftOut::new(self.edits())
     }
 
-    /// Counts splats by editing state; cached until splats or edits change.
+    /// Counts the splats in each editing state. The result is cached until splats or edits change.
     pub fn counts(&mut self, palette: &Palette) -> EditCounts {
         let counts = self.counts.unwrap_or_else(|| self.count(palette));
         *self.counts.insert(counts)
     }
 
-    /// Histogram of the components' evidence, once the worker has delivered it.
+    /// Requests attributes and returns the histogram of the components' evidence once the worker has
+    /// delivered it.
     pub fn evidence(&mut self, palette: &Palette) -> Option<EvidenceHistogram> {
         self.needs_attributes = true;
         let count = || EvidenceHistogram::count(palette.attributes());

@@ -7,27 +7,28 @@ use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// A marked splat is still the same one if it moved by at most this many standard deviations of its longest
-/// axis at marking time. Training moves a mean by less; a slot reused for another splat exceeds it.
+/// Maximum displacement at which a marked splat counts as the same one. The unit is the standard
+/// deviation of its longest axis at marking time. Training moves a mean by less; a slot reused for
+/// another splat exceeds the limit.
 const REACH_DEVIATIONS: f32 = 3.0;
 
-/// A splat has at most one mark, because only displayed splats can be selected.
+/// Mark of a splat. A splat has at most one mark, because only displayed splats can be selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
-    /// The next command applies to it.
+    /// The next edit command applies to the splat.
     Selected,
-    /// Not displayed but exported.
+    /// The splat is not displayed but exported.
     Hidden,
-    /// Neither displayed nor exported.
+    /// The splat is neither displayed nor exported.
     Deleted,
 }
 
-/// Mark with the position of the splat when it was marked.
+/// Mark of a splat, with the splat's position when it was marked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct MarkedSplat {
     mark: Mark,
     mean: Vec3,
-    /// Largest accepted displacement, world units.
+    /// Maximum displacement at which the splat counts as the same one, world units.
     reach: f32,
 }
 
@@ -40,7 +41,7 @@ pub enum SelectMode {
 
 #[derive(Clone, Debug, Default)]
 pub struct Edits {
-    /// By slot; states of an undo log share them.
+    /// Marked splats by slot, shared between the states of an undo log.
     marked: Arc<HashMap<u32, MarkedSplat>>,
     counts: [usize; 3],
     crop: Option<[DVec3; 2]>,
@@ -66,7 +67,7 @@ impl Edits {
         self.counts[mark as usize]
     }
 
-    /// Mark of the splat now in `slot`.
+    /// Returns the mark of the splat that is now in `slot`.
     pub fn mark(&self, slot: u32, splat: &Splat) -> Option<Mark> {
         let marked = self.marked.get(&slot)?;
         // Training may have reused the slot for another splat.
@@ -74,8 +75,8 @@ impl Edits {
         is_same.then_some(marked.mark)
     }
 
-    /// Least and largest corner of the crop box, world units relative to the local origin. Splats with
-    /// centres outside are neither displayed nor exported.
+    /// Minimum and maximum corner of the crop box, world units relative to the local origin. Splats with
+    /// centres outside the box are neither displayed nor exported.
     pub fn crop(&self) -> Option<[DVec3; 2]> {
         self.crop
     }
@@ -84,8 +85,8 @@ impl Edits {
         Self { crop, ..self.clone() }
     }
 
-    /// Combines the splats in these slots with the selection. Ignores slots beyond the end, and hidden and
-    /// deleted splats.
+    /// Combines the splats in the given slots with the selection. Ignores slots beyond the end, and
+    /// hidden and deleted splats.
     pub fn with_selection(
         &self,
         slots: impl IntoIterator<Item = u32>,
@@ -113,7 +114,7 @@ impl Edits {
         self.with_marks(marked)
     }
 
-    /// Replaces a mark by another one, or removes it.
+    /// Replaces every mark `from` by `to`; removes it if `to` is `None`.
     pub fn with_replaced(&self, from: Mark, to: Option<Mark>) -> Self {
         let mut marked = HashMap::clone(&self.marked);
         match to {
@@ -137,15 +138,15 @@ impl Edits {
     }
 }
 
-/// Maximum number of states. Each stores its marked splats at about 40 bytes a splat.
+/// Maximum number of states. Each state stores about 40 bytes per marked splat.
 const MAX_STATES: usize = 101;
 
 #[derive(Debug)]
 pub struct EditLog {
     states: Vec<Edits>,
-    /// Index of the current state; later ones can be redone.
+    /// Index of the current state. Later states can be redone.
     at: usize,
-    /// True while the last step is still in progress, such as a slider drag.
+    /// True while an action that changes the current state, such as a slider drag, is in progress.
     is_dragging: bool,
 }
 
@@ -167,7 +168,8 @@ impl EditLog {
         self.end_drag();
     }
 
-    /// Adds a step that continues until [`Self::end_drag`] and is undone as a whole.
+    /// Adds an undo step, or updates the step in progress. A step lasts until [`Self::end_drag`] and is
+    /// undone as a whole.
     pub fn drag(&mut self, next: Edits) {
         if next == *self.current() {
             return;
@@ -208,12 +210,13 @@ impl EditLog {
     }
 }
 
-/// Edits as applied to exported files.
+/// Edits that exclude splats from exported files: deletions and the crop box.
 #[derive(Clone, Debug, Default)]
 pub struct LeftOut(Edits);
 
 impl PartialEq for LeftOut {
-    /// Ignores marks that exports do not depend on, so that a preview survives another selection.
+    /// Ignores marks that exports do not depend on, so that a preview remains valid when the selection
+    /// changes.
     fn eq(&self, other: &Self) -> bool {
         let is_deleted = |mark: &MarkedSplat| mark.mark == Mark::Deleted;
         let marks = [&self.0, &other.0].map(|edits| &edits.marked);
@@ -237,13 +240,14 @@ impl LeftOut {
         self.0.count(Mark::Deleted) == 0 && self.0.crop.is_none()
     }
 
-    /// Flag for each splat: true if it is deleted.
+    /// Returns a flag for each splat: true if it is deleted.
     pub fn deleted_flags(&self, splats: &[Splat]) -> Vec<bool> {
         let mark = |(slot, splat)| self.0.mark(slot, splat);
         (0..).zip(splats).map(|splat| mark(splat) == Some(Mark::Deleted)).collect()
     }
 
-    /// Selection for the file writer, with the flags returned by [`Self::deleted_flags`].
+    /// Returns the selection for the file writer. `flags` are the flags returned by
+    /// [`Self::deleted_flags`].
     pub fn selection<'a>(&self, flags: &'a [bool]) -> WriteSelection<'a> {
         WriteSelection { crop: self.0.crop, left_out: Some(flags), ..WriteSelection::default() }
     }

@@ -11,12 +11,12 @@ use crate::model::splat::splats::Splat;
 use std::sync::Arc;
 use std::thread::{Builder, JoinHandle};
 
-/// Maximum number of copies; a slider needs no more.
+/// Maximum number of stored scenes, which is enough for the slider that selects one.
 const MAX_MOMENTS: usize = 32;
 
 #[derive(Clone, Debug)]
 pub struct PastScene {
-    /// Number of frames seen before the copy, skipped ones included.
+    /// Number of frames processed before the copy, skipped ones included.
     pub n_frames: usize,
     /// Splats in their learned colours.
     pub splats: Arc<SplatSet>,
@@ -36,14 +36,14 @@ impl PastScene {
     }
 }
 
-/// Copies of a run's scene, in ascending order of frames.
+/// Stored earlier scenes of a run, in ascending order of frames.
 #[derive(Debug)]
 pub struct PastScenes {
     moments: Vec<PastScene>,
-    /// Least number of frames between two copies.
+    /// Minimum number of frames between two copies.
     interval: usize,
     serial: u64,
-    /// Copying threads, each with the serial of its copy.
+    /// Threads that copy a scene, each with the serial number of its copy.
     copies: Vec<(u64, JoinHandle<SplatSet>)>,
 }
 
@@ -54,7 +54,7 @@ impl Default for PastScenes {
 }
 
 impl PastScenes {
-    /// Stores the scene after `n_frames` frames if a copy is due and fits into `budget` bytes.
+    /// Stores the scene after `n_frames` frames if a copy is due and its size is within `budget` bytes.
     pub fn record(&mut self, n_frames: usize, scene: &Arc<SplatSet>, budget: usize) {
         if self.moments.last().is_some_and(|last| n_frames < last.n_frames) {
             // The run was restarted.
@@ -79,8 +79,8 @@ impl PastScenes {
         }
     }
 
-    /// Installs finished copies, which share no memory with the current scene. Call it before that scene
-    /// changes, or the change has to copy it.
+    /// Installs finished copies, which share no memory with the current scene. Must be called before a
+    /// change of the current scene, which would otherwise copy the whole scene.
     pub fn install_finished_copies(&mut self) {
         for (serial, copy) in self.copies.extract_if(.., |(_, copy)| copy.is_finished()) {
             let moment = self.moments.iter_mut().find(|moment| moment.serial == serial);
@@ -94,7 +94,7 @@ impl PastScenes {
         self.thin(MAX_MOMENTS, budget);
     }
 
-    /// Latest copy made after at most `n_frames` frames.
+    /// Returns the latest copy made after at most `n_frames` frames.
     pub fn latest_at(&self, n_frames: usize) -> Option<&PastScene> {
         self.moments.iter().rev().find(|moment| moment.n_frames <= n_frames)
     }
@@ -103,7 +103,7 @@ impl PastScenes {
         &self.moments
     }
 
-    /// Memory of all copies, bytes.
+    /// Returns the memory of all copies, bytes.
     pub fn bytes(&self) -> usize {
         self.moments.iter().map(PastScene::bytes).sum()
     }

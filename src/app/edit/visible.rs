@@ -15,7 +15,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VisibilityRules {
     pub edits: Edits,
-    /// Earlier scene displayed instead of the current one.
+    /// Stored earlier scene that is displayed instead of the current one, if any.
     pub past: Option<PastScene>,
 }
 
@@ -24,7 +24,8 @@ impl VisibilityRules {
         !self.edits.affects_display() && self.past.is_none()
     }
 
-    /// Earlier scene, or the current one in the colours of the colour mode.
+    /// Returns the earlier scene if one is set, else `current`, which has the colours of the colour
+    /// mode.
     fn scene<'a>(&'a self, current: &'a Arc<SplatSet>) -> &'a Arc<SplatSet> {
         self.past.as_ref().map_or(current, |past| &past.splats)
     }
@@ -45,7 +46,7 @@ impl VisibilityRules {
     }
 }
 
-/// Displayed splats; a separate copy only while any rule applies.
+/// Displayed splats; stored as a separate copy only while a rule hides or changes splats.
 #[derive(Default)]
 pub struct VisibleSplats {
     rules: VisibilityRules,
@@ -53,7 +54,8 @@ pub struct VisibleSplats {
 }
 
 impl VisibleSplats {
-    /// Applies a change that the current scene already contains; returns the change for painters, if any.
+    /// Applies a change of splats that the current scene already contains. Returns the change for
+    /// painters, if any.
     pub fn apply_change(
         &mut self,
         change: SplatChange,
@@ -72,7 +74,7 @@ impl VisibleSplats {
         })
     }
 
-    /// Replaces the rules; returns the change for painters, if any.
+    /// Replaces the visibility rules. Returns the change for painters, if any.
     pub fn set_rules(
         &mut self,
         rules: VisibilityRules,
@@ -104,7 +106,8 @@ impl VisibleSplats {
         (!ids.is_empty()).then(|| self.update(ids, current))
     }
 
-    /// Displayed splats; `None` if they equal the coloured splats.
+    /// Returns the displayed splats; `None` if they equal the current scene in the colours of the colour
+    /// mode.
     pub fn splats(&self) -> Option<&Arc<SplatSet>> {
         (!self.rules.are_inactive()).then_some(&self.shown)
     }
@@ -132,8 +135,8 @@ impl VisibleSplats {
     }
 }
 
-/// Slots of drawable splats whose centres project between corners `a` and `b` (pixels), including occluded
-/// splats. `near` is the near plane, world units.
+/// Returns the slots of drawable splats whose centres project between corners `a` and `b` (pixels),
+/// including occluded splats. `near` is the near plane, world units.
 pub fn slots_within<'a>(
     splats: &'a [Splat],
     camera: &'a Camera,
@@ -177,7 +180,7 @@ mod tests {
         Arc::new((0..n).map(splat).collect::<Vec<_>>().into())
     }
 
-    /// One letter per splat: `s` shown, `m` marked, `.` not displayed.
+    /// Returns one letter per splat: `s` shown, `m` marked, `.` not displayed.
     fn seen(splats: &SplatSet) -> String {
         let letter = |s: &Splat| match (s.opacity > 0.0, s.color == MARKER_COLOR) {
             (false, _) => '.',

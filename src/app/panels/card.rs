@@ -9,12 +9,12 @@ use eframe::egui::{
 };
 use std::ops::RangeInclusive;
 
-/// Distance from the edges of the viewport and from notices above, points.
+/// Distance of a card from the edges of the viewport and from the notices above it, points.
 const MARGIN: f32 = 12.0;
 /// Height reserved for the footer, points.
 // egui knows the footer's height only after drawing the contents above it.
 const FOOTER_HEIGHT: f32 = 44.0;
-/// Least height of the contents, points.
+/// Minimum height of the contents, points.
 // With less room the card covers the notices.
 const MIN_HEIGHT: f32 = 40.0;
 
@@ -26,7 +26,8 @@ pub struct CardPlace {
 }
 
 impl CardPlace {
-    /// Places a card in the viewport of `ui`, below `taken` points at its top.
+    /// Returns the place of a card in the viewport of `ui`. The uppermost `taken` points of the viewport
+    /// are left free.
     pub fn below(taken: f32, ui: &Ui) -> Self {
         let viewport = ui.max_rect();
         let frame = Frame::popup(ui.style()).total_margin().sum().y;
@@ -36,7 +37,7 @@ impl CardPlace {
     }
 }
 
-/// Draws a card with contents, scrolled if necessary, and a footer.
+/// Draws a card with contents and a footer. The contents scroll if they are too high.
 pub fn show(
     name: &'static str,
     place: CardPlace,
@@ -57,11 +58,11 @@ pub fn show(
     });
 }
 
-/// Size of the space for a dot, points.
+/// Size of the space for the dot that marks a changed setting, points.
 // Reserved without a dot too, so that nothing moves when one appears.
 const SIZE: Vec2 = Vec2::splat(12.0);
 
-/// Draws a dot if a setting differs from its default; returns true if the dot is clicked.
+/// Draws a dot if a setting differs from its default. Returns true if the dot is clicked.
 pub fn reset_dot(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool {
     if !differs {
         ui.allocate_exact_size(SIZE, Sense::hover());
@@ -78,18 +79,19 @@ pub fn reset_dot(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool 
 
 pub const SLIDER: f32 = 200.0;
 
-/// Draws the button of a command, disabled with the reason `why_not` if there is one; true if it is clicked.
+/// Draws the button of a command, disabled if there is a reason `why_not`. Returns true if it is
+/// clicked.
 pub fn command_button(command: UiCommand, is_on: bool, why_not: Option<&str>, ui: &mut Ui) -> bool {
     let button = Button::new(command.label()).selected(is_on);
     button_or_reason(button, &command.hint(ui.ctx()), why_not, ui)
 }
 
-/// Draws an entry of a menu, disabled with the reason `why_not` if there is one; true if it is clicked.
+/// Draws an entry of a menu, disabled if there is a reason `why_not`. Returns true if it is clicked.
 pub fn entry(is_on: bool, [label, tooltip]: [&str; 2], why_not: Option<&str>, ui: &mut Ui) -> bool {
     button_or_reason(Button::selectable(is_on, label), tooltip, why_not, ui)
 }
 
-/// Draws a button, disabled with the reason `why_not` if there is one; true if it is clicked.
+/// Draws a button, disabled if there is a reason `why_not`, which replaces its tooltip.
 pub fn button_or_reason(
     button: Button<'_>,
     tooltip: &str,
@@ -100,7 +102,7 @@ pub fn button_or_reason(
     button.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
 }
 
-/// Draws buttons of which one is chosen, each with value, label and tooltip; true if one is clicked.
+/// Draws one button for each choice (value, label and tooltip). Returns true if one is clicked.
 pub fn choices<T: PartialEq + Copy>(chosen: &mut T, all: &[(T, &str, &str)], ui: &mut Ui) -> bool {
     let mut is_clicked = false;
     for &(value, label, tooltip) in all {
@@ -111,7 +113,7 @@ pub fn choices<T: PartialEq + Copy>(chosen: &mut T, all: &[(T, &str, &str)], ui:
     is_clicked
 }
 
-/// Draws a checkbox that switches a number on, and the number; both have an accessible name.
+/// Draws a number and a checkbox that switches it on. Both have an accessible name.
 pub fn optional_number<T: Numeric>(
     value: &mut Option<T>,
     default: T,

@@ -58,7 +58,7 @@ fn button(editor: &Editor, command: UiCommand, asked: &mut Option<UiCommand>, ui
     }
 }
 
-/// Ends the undo step when a control is released: a whole drag is one step.
+/// Ends the undo step when a control is released, so that a whole drag is one step.
 fn end_step(editor: &mut Editor, control: &Response) {
     if control.drag_stopped() || control.changed() && !control.dragged() {
         editor.log.end_drag();

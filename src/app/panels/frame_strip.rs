@@ -17,10 +17,10 @@ use eframe::egui::{
     Sense, Stroke, StrokeKind, TextureHandle, Ui, Vec2, WidgetInfo, pos2,
 };
 
-/// Least and largest height of the strip with its header, points.
+/// Minimum and maximum height of the strip with its header, points.
 pub const HEIGHTS: Rangef = Rangef { min: 76.0, max: 320.0 };
 const SIZE: f32 = 11.0;
-/// Least width of a frame, points.
+/// Minimum width of a frame, points.
 // Leaves room for its number and error.
 const MIN_WIDTH: f32 = 56.0;
 
@@ -37,14 +37,14 @@ pub struct StripContext<'a> {
 pub enum StripAnswer {
     Fold,
     Show(FrameRef),
-    /// Show the camera of a frame while the pointer is held down.
+    /// Shows the camera of a frame while the pointer is held down.
     Preview(FrameRef),
 }
 
-/// Serial of the open dataset and number of the frame last scrolled to.
+/// Serial number of the open dataset, and number of the frame last scrolled to.
 pub type ScrolledTo = Option<(u64, usize)>;
 
-/// Draws the header: fold button, recording status and training order.
+/// Draws the header with fold button, recording status and training order.
 pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<StripAnswer> {
     let StripContext { snapshot, opened, .. } = context;
     let mut asked = None;
@@ -70,7 +70,7 @@ pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<
     asked
 }
 
-/// Status of the followed recording, and its path or problem.
+/// Returns the status of the followed recording, and its path or problem.
 fn recording_status(snapshot: &Snapshot) -> Option<(String, String)> {
     let followed = snapshot.following.recording.as_ref()?;
     let path = followed.path.display().to_string();
@@ -138,8 +138,8 @@ fn width_of(opened: &Opened, height: f32) -> f32 {
     ((0.5 * pictures_height(height)).max(1.0) * aspect + 2.0 * MARGIN).max(MIN_WIDTH)
 }
 
-/// Number of the frame to scroll to, if the viewport or training moved to another one. `is_used` is true
-/// while the pointer is over the strip.
+/// Returns the number of the frame to scroll to, if the viewport or training moved to another frame.
+/// `is_used` is true while the pointer is over the strip.
 fn frame_to_scroll_to(
     context: &StripContext<'_>,
     scrolled_to: &mut ScrolledTo,
@@ -207,18 +207,18 @@ const CAPTION: f32 = 13.0;
 const BAR: f32 = 3.0;
 const MARGIN: f32 = 2.0;
 const FONT: FontId = FontId::proportional(10.0);
-/// Colour of the last trained frame, as in the viewport.
+/// Colour of the last trained frame, the same as in the viewport.
 const LATEST: Color32 = Color32::from_rgb(255, 170, 60);
 
 struct FrameCell<'a> {
     frame: &'a FrameRef,
     state: FrameState,
-    /// Error of the frame as a held-out view, if measured.
+    /// Metrics of the frame as a held-out view, if measured.
     measured: Option<&'a ViewReport>,
     pictures: Option<&'a Pictures<TextureHandle>>,
     is_latest: bool,
     is_shown: bool,
-    /// True if the caption includes the split's name.
+    /// True if the caption includes the split's name, because the frame is the first of the split.
     is_first_of_split: bool,
 }
 
@@ -227,7 +227,8 @@ impl FrameCell<'_> {
         self.pictures?.problem.as_deref()
     }
 
-    /// PSNR of the frame, dB: as a held-out view if measured, otherwise before training on it.
+    /// Returns the PSNR of the frame, dB: as a held-out view if measured, else before training on the
+    /// frame.
     fn psnr(&self) -> Option<f64> {
         let before = match &self.state {
             FrameState::Trained(_, Some(outcome)) => outcome.psnr_before,
@@ -241,7 +242,7 @@ fn pictures_height(height: f32) -> f32 {
     height - BAR - CAPTION - 3.0 * MARGIN
 }
 
-/// Paints the frame into the rectangle of `response`.
+/// Paints a frame of the strip into the rectangle of `response`.
 fn draw(cell: &FrameCell<'_>, response: &Response, ui: &Ui) {
     let (rect, visuals) = (response.rect.shrink2(Vec2::new(1.0, 0.0)), ui.visuals());
     let painter = ui.painter();
@@ -285,7 +286,8 @@ fn picture(texture: &TextureHandle, room: Rect, ui: &Ui) {
     ui.painter().image(texture.id(), rect, all, Color32::WHITE);
 }
 
-/// Draws the number on the left, with the split's name on its first frame, and the error on the right.
+/// Draws the frame number on the left. The first frame of a split also shows the split's name; other
+/// frames show the PSNR on the right.
 fn caption(cell: &FrameCell<'_>, rect: Rect, ui: &Ui) {
     let (painter, visuals) = (ui.painter(), ui.visuals());
     let middle = rect.bottom() - 0.5 * CAPTION;

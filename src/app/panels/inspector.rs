@@ -134,7 +134,8 @@ fn posterior_sections(i: &Inspection) -> Vec<Section> {
     vec![evidence, space, law]
 }
 
-/// Standard deviations of the splat's parameters under the photometric posterior.
+/// Returns the section with the standard deviations of the splat's parameters under the photometric
+/// posterior.
 fn photometric_section(found: &PhotometricDeviations) -> Section {
     let percent = |x: f64| 100.0 * x;
     let lines = vec![

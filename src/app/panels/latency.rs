@@ -27,12 +27,12 @@ const COLORS: [Color32; MAX_STAGES] = [
 ];
 
 const BUDGETS_MS: RangeInclusive<f64> = 1.0..=10_000.0;
-/// Width of a number in the table, points.
+/// Width of a number column in the table, points.
 // Fixed, so that columns do not move.
 const NUMBER_WIDTH: f32 = 54.0;
 const BUDGET: Color32 = Color32::from_rgb(240, 100, 90);
 
-/// Draws the panel; returns the timings as CSV if they are to be written to a file.
+/// Draws the panel. Returns the timings as CSV if they are to be written to a file.
 pub fn ui(
     snapshot: &Snapshot,
     drawn: &DrawHistory,
@@ -121,7 +121,7 @@ fn tooltip_text(frame: &FrameReport) -> String {
     text
 }
 
-/// Draws the budget, the share of frames within it, and the points per second.
+/// Draws the latency budget, the fraction of frames within it, and the points per second.
 fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         ui.label("Budget");
@@ -208,7 +208,8 @@ fn stages(frames: &[FrameReport]) -> &'static [TrainStage] {
     frames.last().map_or(&[], |frame| frame.ms.stages.names())
 }
 
-/// Milliseconds per frame of the stage at index `at` of [`stages`]; 0 for frames with other stages.
+/// Returns the milliseconds per frame of stage number `at` of [`stages`]; 0 for frames with other
+/// stages.
 fn stage_ms(frames: &[FrameReport], at: usize) -> impl Iterator<Item = f64> {
     let stages = stages(frames);
     frames.iter().map(move |frame| match &frame.ms.stages {
@@ -257,7 +258,7 @@ pub mod tests {
     use crate::eval::report::FrameMs;
     use crate::train::timing::{PAPER_STAGES, StageMs};
 
-    /// Report of a frame with `ms` milliseconds of training, all in the first stage.
+    /// Returns a report of a frame with `ms` milliseconds of training, all in the first stage.
     pub fn frame(ms: f64) -> FrameReport {
         let mut stages = StageMs::new(&PAPER_STAGES);
         stages.add(0, ms);

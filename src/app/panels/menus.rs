@@ -20,13 +20,13 @@ pub struct MenuContext<'a> {
     pub is_on: &'a dyn Fn(UiCommand) -> bool,
 }
 
-/// Request of the top bar.
+/// Action that the user requests in the top bar.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum BarAnswer {
     Action(Action),
-    /// Reopens a recent path.
+    /// Opens a recently opened path again.
     Open(PathBuf),
-    /// Trains on the same frames with the chosen level of detail.
+    /// Trains again on the same frames, with the chosen level of detail.
     Retrain,
 }
 

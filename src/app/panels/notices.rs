@@ -10,13 +10,14 @@ use std::time::{Duration, Instant};
 const SHOWN: usize = 3;
 const WIDTH: f32 = 620.0;
 const MARGIN: f32 = 10.0;
-/// Share of the viewport's height beyond which notices scroll, and the height (points) they always have.
+/// Fraction of the viewport's height beyond which notices scroll, and minimum value of that height,
+/// points.
 // Cards and viewport below need room in small windows.
 const MAX_SHARE: f32 = 0.35;
 const MIN_HEIGHT: f32 = 60.0;
 const INFO_DURATION: Duration = Duration::from_secs(20);
 
-/// Closed notices and display times of the others, by serial.
+/// Closed notices and the times since when the others are displayed, by serial number.
 #[derive(Default)]
 pub struct NoticeBoard {
     closed: BTreeSet<u64>,
@@ -24,7 +25,8 @@ pub struct NoticeBoard {
 }
 
 impl NoticeBoard {
-    /// Draws the newest open notices; returns the height they occupy at the top of the viewport, points.
+    /// Draws the newest open notices. Returns the height that they occupy at the top of the viewport,
+    /// points.
     pub fn ui(&mut self, snapshot: &Snapshot, ui: &Ui) -> f32 {
         self.remove_old(&snapshot.notices);
         let open: Vec<&Notice> =

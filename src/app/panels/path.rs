@@ -13,16 +13,16 @@ const FILM_SIDES: std::ops::RangeInclusive<u32> = 16..=8192;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum PathRequest {
-    /// Saves the path, given as JSON.
+    /// Saves the camera path, given as JSON.
     Save(String),
     Open(PathBuf),
-    /// Renders the path to files.
+    /// Renders the camera path to files.
     Film,
     CancelFilm,
 }
 
-/// Draws the panel. `file` is the name under which the path is saved, `film` the rendered share of a running
-/// film.
+/// Draws the panel. `file` is the path under which the camera path is saved. `film` is the rendered
+/// fraction of a film in progress.
 pub fn ui(
     editor: &mut PathEditor,
     view: &mut SceneView,

@@ -3,12 +3,12 @@
 use eframe::egui::AsIdSalt;
 use egui_plot::{GridInput, GridMark, Plot, uniform_grid_spacer};
 
-/// Least distance of two labels in x and y, in units of the closest grid lines of a plot (8 points). Labels
-/// are wide but not high.
+/// Minimum distance of two labels in x and y, in multiples of a plot's smallest grid spacing (8 points).
+/// Labels are wide but not high.
 const MIN_LABEL_DISTANCE: [f64; 2] = [10.0, 4.0];
 
-/// Creates a plot of this height (points). It has no gestures: the wheel scrolls the panel, and the bounds
-/// follow the newest values.
+/// Creates a plot of height `height` (points). It has no gestures, so that the wheel scrolls the panel
+/// and the bounds follow the newest values.
 pub fn plot<'a>(id: impl AsIdSalt, [x, y]: [&'a str; 2], height: f32) -> Plot<'a> {
     Plot::new(id)
         .height(height)
@@ -24,8 +24,8 @@ pub fn plot<'a>(id: impl AsIdSalt, [x, y]: [&'a str; 2], height: f32) -> Plot<'a
         .y_axis_formatter(|mark, _| number(&mark))
 }
 
-/// Grid steps of 1, 2 or 5 times a power of ten. With powers of ten alone, a low plot might have a single
-/// label.
+/// Returns grid steps whose smallest is 1, 2 or 5 times a power of ten. With powers of ten alone, a low
+/// plot might have a single label.
 fn steps(input: &GridInput, apart: f64) -> [f64; 3] {
     let least = apart * input.base_step_size;
     let power = 10f64.powf(least.log10().floor());

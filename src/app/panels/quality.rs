@@ -56,7 +56,7 @@ pub const DEFAULT_INTERVAL: usize = 10;
 const ROW: f32 = 28.0;
 const NAME: f32 = 96.0;
 
-/// Draws the panel; returns the view to move to, if one is clicked.
+/// Draws the panel. Returns the view to which the camera moves, if one is clicked.
 pub fn ui(
     quality: &QualityMonitor,
     snapshot: &Snapshot,
@@ -134,7 +134,7 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     ui.label(RichText::new(what).weak());
 }
 
-/// Draws one line per group of views, if some views are from the side.
+/// Draws one line per group of held-out views, if the dataset has views away from the camera path.
 fn groups(quality: &QualityMonitor, frames: usize, ui: &mut Ui) {
     let side = quality.side_progress(frames);
     if side.1 == 0 || frames == 0 {
@@ -233,7 +233,7 @@ fn table(
 
 const BAR: Color32 = Color32::from_rgb(86, 180, 233);
 
-/// Draws the histogram while training is paused or finished.
+/// Draws the evidence histogram while training is paused or finished.
 fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) {
     section("Evidence of the components", ui);
     // Counting would slow training down.
@@ -252,19 +252,19 @@ fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut U
     weak(ui, &format!("{n} components. The Edit tab can select those with low evidence."));
 }
 
-/// Bars per power of ten.
+/// Number of bars per power of ten.
 const PER_DECADE: f64 = 4.0;
 
-/// Components counted by the logarithm of their evidence.
+/// Histogram of components by the logarithm of their evidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EvidenceHistogram {
-    /// Index of the first bar; bar `i` begins at `10^(i / PER_DECADE)` points.
+    /// Index of the first bar. Bar `i` begins at an evidence of `10^(i / PER_DECADE)` points.
     pub first: i32,
     pub counts: Vec<usize>,
 }
 
 impl EvidenceHistogram {
-    /// Counts all components with known, positive evidence; `None` if there are none.
+    /// Counts all components with known, positive evidence. `None` if there are none.
     pub fn count(known: &[ComponentAttributes]) -> Option<Self> {
         let evidence = known.iter().filter_map(|known| known.evidence).filter(|n| *n > 0.0);
         let bar = |n: f32| (PER_DECADE * f64::from(n).log10()).floor() as i32;

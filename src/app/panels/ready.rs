@@ -93,7 +93,8 @@ fn describe_layout(opened: &Opened) -> Vec<String> {
 pub const WHAT_HAPPENS: &str = "Turns photographs with depth into a Gaussian-splat scene while you watch, \
                                 using each frame once";
 
-/// Draws the page below `noticed` points of notices; returns the requested command.
+/// Draws the start page below the uppermost `noticed` points, which notices cover. Returns the requested
+/// command.
 pub fn start(snapshot: &Snapshot, noticed: f32, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     ui.vertical_centered(|ui| {
@@ -128,7 +129,7 @@ pub fn start(snapshot: &Snapshot, noticed: f32, ui: &mut Ui) -> Option<UiCommand
 
 const BUTTON: Vec2 = Vec2::new(220.0, 32.0);
 
-/// Draws an outlined target for dropped folders; the whole window accepts them.
+/// Draws an outlined target area for dropped folders. The whole window accepts drops.
 fn target(ui: &mut Ui) {
     let width = (ui.available_width() - 40.0).clamp(100.0, 460.0);
     let line = Stroke::new(1.5, Color32::from_gray(110));
@@ -159,7 +160,7 @@ pub enum SummaryAnswer {
     Close,
 }
 
-/// Draws the card. `finer` describes the next finer run, if there is one.
+/// Draws the summary card. `finer` describes the next finer run, if there is one.
 pub fn summary(
     snapshot: &Snapshot,
     quality: &QualityMonitor,

@@ -21,12 +21,12 @@ pub struct Graphics<'a> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SettingsAnswer {
     Command(UiCommand),
-    /// Reopen the window on another adapter.
+    /// Reopens the window on another graphics adapter.
     Adapter(AdapterChoice),
     RetryGpu,
 }
 
-/// Draws the panel; returns requests that are not changes of settings.
+/// Draws the panel. Returns a request that is not a change of settings, if any.
 pub fn ui(
     settings: &mut ViewSettings,
     train_settings: &mut TrainSettings,
@@ -94,7 +94,8 @@ fn viewport(settings: &mut ViewSettings, ui: &mut Ui) {
     exposure(settings, ui);
 }
 
-/// Draws the title of a section, and a marker if `reset` changes a setting; a click on it resets them.
+/// Draws the title of a section, with a dot if `reset` would change a setting. A click on the dot resets
+/// the section.
 fn marked_section(
     ui: &mut Ui,
     settings: &mut ViewSettings,

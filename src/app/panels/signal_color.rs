@@ -8,13 +8,13 @@ use eframe::egui::{
     Align, Align2, Area, Color32, Frame, Id, Layout, Pos2, Rect, RichText, Sense, Ui, Vec2, pos2,
 };
 
-/// Signal colour; text beside it states the same meaning.
+/// Colour that signals a state or severity. Text beside it states the same meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SignalColor {
-    /// Finished, or information.
+    /// Finished state, or information.
     Blue,
     Green,
-    /// Waiting, or a warning.
+    /// Waiting state, or a warning.
     Yellow,
     Red,
 }
@@ -31,7 +31,7 @@ impl SignalColor {
         if is_dark { on_dark } else { on_light }
     }
 
-    /// Text in this colour, for the theme of `ui`.
+    /// Returns text in this colour, for the theme of `ui`.
     pub fn text(self, text: impl Into<String>, ui: &Ui) -> RichText {
         RichText::new(text).color(self.for_theme(ui.visuals().dark_mode))
     }
@@ -101,7 +101,7 @@ pub fn to_color32(color: [f32; 3]) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-/// Draws a small square in a colour, or leaves its place empty.
+/// Draws a small square in `color`. Without a colour, the space stays empty.
 pub fn swatch(color: Option<Color32>, ui: &mut Ui) {
     let (rect, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
     if let Some(color) = color {
@@ -109,7 +109,8 @@ pub fn swatch(color: Option<Color32>, ui: &mut Ui) {
     }
 }
 
-/// Formats a number with about three digits; very large and very small ones with an exponent.
+/// Formats a number with about three significant digits. Very large and very small numbers have an
+/// exponent.
 pub fn format_number(value: f64) -> String {
     match value.abs() {
         a if a < 1e6 && a.fract() == 0.0 => format!("{value}"),
@@ -126,7 +127,7 @@ mod tests {
     use super::*;
     use eframe::egui::Visuals;
 
-    /// Relative luminance (WCAG 2.1).
+    /// Returns the relative luminance as defined by WCAG 2.1.
     fn luminance(color: Color32) -> f64 {
         let linear = |byte: u8| match f64::from(byte) / 255.0 {
             v if v <= 0.04045 => v / 12.92,

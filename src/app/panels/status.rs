@@ -13,9 +13,9 @@ use std::time::Duration;
 pub struct StatusContext<'a> {
     pub adapter: &'a str,
     pub n_drawn: usize,
-    /// Share of the running export already written.
+    /// Fraction of the running export that is written.
     pub file_progress: Option<f32>,
-    /// Time spent waiting for the current frame, if it is long.
+    /// Time spent waiting for the current frame, if the wait is long.
     pub slow_frame: Option<Duration>,
 }
 
@@ -25,7 +25,7 @@ pub enum CancelRequest {
     Opening,
 }
 
-/// Draws the bar; returns the operation that the user cancels, if any.
+/// Draws the status bar. Returns the operation that the user cancels, if any.
 pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Option<CancelRequest> {
     let line = ui.horizontal(|ui| {
         let color = color(snapshot.state, ui.visuals().dark_mode);

@@ -35,7 +35,8 @@ pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
     optional_number(&mut settings.autosave_s, AUTOSAVE_S, AUTOSAVES_S, texts, ui);
 }
 
-/// Draws the settings of a preset. `check` validates them; its error is a message for the user.
+/// Draws the settings of a preset. `check` validates them and returns a message for the user if they are
+/// invalid.
 fn details<L: SettingLayer + Clone>(
     layer: &mut L,
     check: impl Fn(&L) -> Result<(), String>,
@@ -47,14 +48,14 @@ fn details<L: SettingLayer + Clone>(
     details.show(ui, |ui| rows(layer, check, ui));
 }
 
-/// Maximum number of choices shown as buttons; more become a menu.
+/// Maximum number of choices shown as buttons; longer lists are shown as a menu.
 const MAX_BUTTONS: usize = 3;
 const FIELD: f32 = 80.0;
 
 #[derive(Clone)]
 struct Typed {
     text: String,
-    /// Value before editing; `None` if the default applied.
+    /// Value before editing; `None` if it was the default.
     before: Option<String>,
 }
 
@@ -66,7 +67,7 @@ fn differs<L: SettingLayer>(setting: &Setting<L>, layer: &L) -> bool {
     (setting.given)(layer).is_some_and(|value| value != setting.about.default)
 }
 
-/// Draws the settings with values, then the switches.
+/// Draws the settings that have values, then the switches.
 fn rows<L: SettingLayer + Clone>(
     layer: &mut L,
     check: impl Fn(&L) -> Result<(), String>,
@@ -113,7 +114,7 @@ fn reset_marker<L: SettingLayer>(setting: &Setting<L>, layer: &mut L, ui: &mut U
     }
 }
 
-/// Draws a text field with the syntax of the command line; returns the message if the text is invalid.
+/// Draws a text field with the syntax of the command line. Returns a message if the text is invalid.
 fn typed<L: SettingLayer + Clone>(
     setting: &Setting<L>,
     layer: &mut L,
@@ -170,7 +171,8 @@ fn part<L: SettingLayer>(setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
     });
 }
 
-/// Draws the buttons or menu of a setting with named values; choosing the default clears the setting.
+/// Draws the buttons or the menu of a setting with named values. A choice of the default clears the
+/// setting.
 fn choice<L: SettingLayer>(setting: &Setting<L>, layer: &mut L, name: &Response, ui: &mut Ui) {
     let about = &setting.about;
     // The text after a semicolon describes defaults in other cases.

@@ -19,7 +19,8 @@ const BUTTONS: [&[UiCommand]; 2] = [
     &[UiCommand::Train, UiCommand::Step, UiCommand::Follow, UiCommand::Reset],
 ];
 
-/// Draws the bar. `scale` is the structural scale of the next run; `None` means that of the open run.
+/// Draws the bar with menus and training controls. `scale` is the structural scale of the next run;
+/// `None` uses the scale of the open run.
 pub fn ui(
     snapshot: &Snapshot,
     menu: &MenuContext<'_>,
@@ -65,8 +66,9 @@ pub fn ui(
 
 const WIDTH: f32 = 90.0;
 
-/// Draws the slider, and a retrain button if the next run would differ from the open one. Returns true if
-/// the button is clicked. `chosen` is the scale of the next run; `None` means that of the open run.
+/// Draws the detail slider, and a retrain button if the next run would differ from the open one. Returns
+/// true if the button is clicked. `chosen` is the structural scale of the next run; `None` uses the
+/// scale of the open run.
 fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui) -> bool {
     let Some(run) = snapshot.opened.as_deref().and_then(retrainable_run) else { return false };
     ui.separator();

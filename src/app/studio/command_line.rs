@@ -19,8 +19,8 @@ pub enum NoCommandLine {
     Calibration,
 }
 
-/// Returns the `train` command, quoted for this platform's shell. Its output folder lies next to the open
-/// dataset.
+/// Returns the `train` command with the same dataset and settings, quoted for this platform's shell. Its
+/// output folder is next to the open dataset.
 pub fn command_line(opened: &Opened, training: &TrainSettings) -> Result<String, NoCommandLine> {
     let dataset = opened.dataset.as_ref().ok_or(NoCommandLine::BuiltIn)?;
     let folder = dataset.path.as_deref().ok_or(NoCommandLine::BuiltIn)?;
@@ -67,7 +67,7 @@ fn layer_options<L: SettingLayer>(layer: &L) -> Vec<String> {
     given.flatten().collect()
 }
 
-/// Absolute path, since the shell's current folder may differ from the window's.
+/// Returns the absolute path as text, because the current folders of shell and window may differ.
 fn path(path: &Path) -> Result<String, NoCommandLine> {
     let full = absolute_or_same(path);
     full.to_str().map(str::to_owned).ok_or(NoCommandLine::Path(full))

@@ -139,8 +139,8 @@ impl Studio {
         }
     }
 
-    /// Executes shortcuts. Text fields, dialogs and menus have priority; a focused control receives the keys
-    /// that activate it, change it or move the focus.
+    /// Executes the commands whose shortcuts are pressed. Text fields, dialogs and menus have priority.
+    /// A focused control receives the keys that activate it, change it or move the focus.
     pub(super) fn handle_shortcuts(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let asks =
             self.unsaved.is_pending() || self.dialogs.take_keys() || Popup::is_any_open(ui.ctx());
@@ -178,7 +178,7 @@ impl Studio {
         }
     }
 
-    /// Opens a path; a calibration file is applied to the open dataset.
+    /// Opens a path. A calibration file is applied to the open dataset.
     pub(super) fn open_path(&mut self, path: PathBuf, snapshot: &Snapshot) {
         self.confirm_then_send(order_to_open(path), snapshot);
     }
@@ -207,7 +207,7 @@ impl Studio {
         self.worker.send(WorkerOrder::Report(kind, text));
     }
 
-    /// Reports that a thread could not be started. Returns true if it was started.
+    /// Returns true if a thread was started; otherwise reports the error.
     fn is_started(&self, purpose: &str, started: std::io::Result<()>) -> bool {
         if let Err(error) = &started {
             let text = format!("cannot start a thread to {purpose}: {error}");
@@ -341,7 +341,8 @@ impl Studio {
     }
 }
 
-/// Order for a path: calibration files apply to the open dataset, everything else is opened.
+/// Returns the order that opens a path. A calibration file is applied to the open dataset; any other
+/// path is opened.
 fn order_to_open(path: PathBuf) -> WorkerOrder {
     match path.extension() {
         Some(extension) if extension == "ron" => WorkerOrder::Calibrate(path),

@@ -43,7 +43,7 @@ impl Dialogs {
         }
     }
 
-    /// True if a dialog has priority over shortcuts.
+    /// True if an open dialog or the open action finder takes keyboard input before shortcuts.
     pub fn take_keys(&self) -> bool {
         let all = [&self.open, &self.compare, &self.save, &self.export, &self.film];
         self.finder.is_open() || all.iter().any(|dialog| dialog.is_open())
@@ -58,19 +58,19 @@ enum Continuation {
 /// Event for which a pending action waits.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
-    /// The user decides about unsaved training.
+    /// Waits until the user decides about unsaved training.
     Decision,
-    /// The user names a file.
+    /// Waits until the user names a file.
     Name,
-    /// The file with this number is written.
+    /// Waits until the file with this number is written.
     File(u64),
 }
 
-/// Confirmation of actions that would discard unsaved training.
+/// Action that would discard unsaved training and waits for confirmation.
 #[derive(Default)]
 pub(super) struct UnsavedWork {
     pending: Option<(Stage, Continuation)>,
-    /// True if closing needs no confirmation.
+    /// True if the window may close without confirmation.
     pub may_close: bool,
 }
 
@@ -91,7 +91,8 @@ impl UnsavedWork {
         }
     }
 
-    /// Returns a number for the next file and makes the pending action wait for it.
+    /// Returns a number for the next file. A pending action that waits for a file name then waits until
+    /// this file is written.
     pub fn begin_write(&mut self, worker: &Worker) -> u64 {
         // A number, not the path: the snapshot may still report an earlier file of the same name.
         let number = worker.new_number();
@@ -99,7 +100,7 @@ impl UnsavedWork {
         number
     }
 
-    /// Cancels the action that waits for a file name.
+    /// Cancels the pending action if it waits for a file name.
     pub fn cancel_naming(&mut self) {
         self.pending.take_if(|(stage, _)| *stage == Stage::Name);
     }
@@ -117,7 +118,8 @@ impl UnsavedWork {
         ctx.send_viewport_cmd(ViewportCommand::Close);
     }
 
-    /// Handles a request to close the window: unsaved training must be confirmed.
+    /// Handles a request to close the window. If training is unsaved, the window stays open until the
+    /// user confirms.
     pub fn handle_close_request(&mut self, ctx: &Context, snapshot: &Snapshot) {
         if snapshot.is_terminated && !self.may_close {
             // The program is terminated from outside, so no confirmation is possible.
@@ -143,7 +145,7 @@ impl UnsavedWork {
         self.pending = Some((stage, Continuation::Close));
     }
 
-    /// Confirms discarding of unsaved training and executes pending actions that are ready.
+    /// Prompts about unsaved training, and executes the pending action once it is allowed.
     pub fn resolve(
         &mut self,
         dialogs: &mut Dialogs,
@@ -206,7 +208,8 @@ enum Decision {
     Cancel,
 }
 
-/// Confirms that `n_frames` of unsaved training may be discarded; `None` until the user decides.
+/// Draws a dialog that offers to discard `n_frames` frames of unsaved training. `None` until the user
+/// decides.
 fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
     let mut decision = None;
     let response = Modal::new(Id::unique("discard")).show(ui.ctx(), |ui| {
@@ -233,8 +236,8 @@ fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
     decision
 }
 
-/// Shows a progress dialog while an action waits for a file; `exported` is the share of an export already
-/// written. Returns true if the user cancels.
+/// Draws a progress dialog while an action waits for a file. `exported` is the written fraction of an
+/// export. Returns true if the user cancels.
 fn writing_dialog(ui: &Ui, exported: Option<f32>) -> bool {
     let response = Modal::new(Id::unique("writing")).show(ui.ctx(), |ui| {
         ui.horizontal(|ui| {

@@ -16,19 +16,20 @@ use egui_tiles::{
 };
 
 const GAP: f32 = 1.0;
-/// Least size of a panel resized by dragging, points.
+/// Minimum size of a panel resized by dragging, points.
 const MIN_SIZE: f32 = 120.0;
 /// Margins of a panel's contents and of a tab's title, points.
 const MARGIN: Margin = Margin { left: 8, right: 4, top: 4, bottom: 2 };
 const TAB_MARGIN: Vec2 = Vec2::new(6.0, 2.0);
-/// Least margin of a tab's title in a narrow panel, points.
+/// Minimum margin of a tab's title in a narrow panel, points.
 const MIN_TAB_MARGIN: f32 = 2.0;
 
 struct Dock<'a> {
     studio: &'a mut Studio,
     snapshot: &'a Snapshot,
     picture: Option<TileId>,
-    /// Rectangle of the viewport, which is drawn after the panels so that their changes apply at once.
+    /// Rectangle of the viewport. The viewport is drawn after the panels, so that changes made in panels
+    /// apply at once.
     picture_rect: Option<Rect>,
     is_dropped: bool,
     tab_margin: Vec2,
@@ -60,7 +61,7 @@ impl Behavior<DockPane> for Dock<'_> {
         }
     }
 
-    /// Draws a tab like the window's other selectable buttons.
+    /// Draws a tab in the style of the window's other selectable buttons.
     fn tab_ui(
         &mut self,
         tiles: &mut Tiles<DockPane>,
@@ -91,7 +92,7 @@ impl Behavior<DockPane> for Dock<'_> {
         response.on_hover_cursor(CursorIcon::Grab).on_hover_text(hint)
     }
 
-    /// Reduces the margins of titles in a narrow panel before egui_tiles hides tabs behind an arrow.
+    /// Reduces the margins of tab titles in a narrow panel before egui_tiles hides tabs behind an arrow.
     fn tab_bar_left_ui(&mut self, tiles: &Tiles<DockPane>, ui: &mut Ui, _: TileId, tabs: &Tabs) {
         // Aligns the first title with the panel's contents.
         ui.add_space(f32::from(MARGIN.left) - TAB_MARGIN.x);
@@ -140,7 +141,8 @@ impl Behavior<DockPane> for Dock<'_> {
         }
     }
 
-    /// Draws the preview in the foreground, since the viewport is drawn after the tiles.
+    /// Draws the preview of a dragged panel in the foreground, because the viewport is drawn after the
+    /// tiles.
     fn paint_drag_preview(
         &self,
         visuals: &Visuals,

@@ -13,7 +13,7 @@ use eframe::egui::Ui;
 #[derive(Default)]
 pub(super) struct FilmTools {
     pub path: PathEditor,
-    /// True if the view shows a moment of the playing path.
+    /// True if the viewport shows the playback position of the camera path.
     is_at_moment: bool,
     pub thread: FilmThread,
     pub still: StillJob,
@@ -42,7 +42,8 @@ impl FilmTools {
         }
     }
 
-    /// Advances a playing path; moving the camera by hand stops it.
+    /// Advances the playback of a camera path and moves the view. Playback stops if the user moves the
+    /// camera.
     pub fn play(&mut self, view: &mut SceneView, ui: &Ui) {
         if !self.path.is_playing {
             self.is_at_moment = false;

@@ -9,7 +9,7 @@ use crate::app::viewer::SceneView;
 use crate::app::viewer::viewpoint::Place;
 use eframe::egui::{Frame, Panel, Ui};
 
-/// Initial and largest share of the window's height for the strip.
+/// Initial and maximum height of the frame strip, as fractions of the window's height.
 const SHARE: f32 = 0.16;
 const MAX_SHARE: f32 = 0.4;
 
@@ -17,12 +17,12 @@ const MAX_SHARE: f32 = 0.4;
 pub(super) struct FrameStripState {
     outcomes: FrameOutcomes,
     scrolled_to: ScrolledTo,
-    /// Serial of the open dataset and view before a preview began.
+    /// Serial number of the open dataset, and the view before a preview began.
     before: Option<(u64, Place)>,
 }
 
 impl FrameStripState {
-    /// Draws the strip if a dataset is open.
+    /// Draws the frame strip if a dataset is open.
     pub fn ui(
         &mut self,
         view: &mut SceneView,

@@ -39,14 +39,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// State of the window; the trainer's state is on its own thread.
+/// State of the window. The trainer has its own state on another thread.
 pub struct Studio {
     worker: Arc<Worker>,
     shell: Shell,
     view: SceneView,
     quality: QualityMonitor,
     training: TrainSettings,
-    /// Component attribute requested from the worker.
+    /// Component attribute that was requested from the worker.
     requested_attribute: Option<Attribute>,
     layout: WindowLayout,
     panels: PanelStates,
@@ -57,15 +57,15 @@ pub struct Studio {
     timing: Timing,
 }
 
-/// State of panels and cards between passes.
+/// State of panels and cards that is kept between passes of the window.
 #[derive(Default)]
 struct PanelStates {
     strip: FrameStripState,
     quality_plot: QualityPlot,
     notices: NoticeBoard,
-    /// Serial of the run whose summary card was closed.
+    /// Serial number of the run whose summary card was closed.
     closed_summary_serial: u64,
-    /// Slot of the abandoned run for which the user chose "Not now".
+    /// Slot of the offered run for which the user chose "Not now".
     postponed_slot: Option<PathBuf>,
 }
 
@@ -76,8 +76,8 @@ struct Timing {
 }
 
 impl Studio {
-    /// Creates the application for a worker that may already be training, and sends the `first` orders. The
-    /// reason why the window ends is recorded in `exit`.
+    /// Creates the application for a worker that may already be training, and sends it the `first`
+    /// orders. The reason why the window ends is recorded in `exit`.
     pub fn attach(
         context: &eframe::CreationContext<'_>,
         worker: Arc<Worker>,
@@ -147,14 +147,14 @@ impl Studio {
         &self.shell.exit
     }
 
-    /// Closes the window; the run continues in the next one.
+    /// Closes the window without confirmation. The run continues in the next window.
     fn close_window(&mut self, why: ExitReason) {
         self.shell.exit.reason.set(why);
         // No confirmation: unsaved training continues in the next window.
         self.unsaved.close(&self.shell.egui);
     }
 
-    /// Stores the user's state for the next window; warns about a film that cannot continue.
+    /// Stores the user's state for the next window, and warns about a film that cannot continue.
     fn hand_over(&mut self) {
         if let Some(output) = self.film.thread.output() {
             let text = format!(
@@ -234,7 +234,7 @@ impl Studio {
         asked
     }
 
-    /// Switches view and file dialogs to the open dataset or model.
+    /// Prepares view and file dialogs for a newly opened dataset or model.
     fn switch_to(&mut self, opened: &Opened) {
         if let Some(path) = opened.path.as_ref().filter(|_| self.view.is_another(opened)) {
             self.recent.note(path);
@@ -243,7 +243,8 @@ impl Studio {
         self.dialogs.propose(opened);
     }
 
-    /// Draws the viewport, or the start page if nothing is open. Notices cover the upper `noticed` points.
+    /// Draws the viewport, or the start page if nothing is open. Notices cover the uppermost `noticed`
+    /// points.
     fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot, noticed: f32) {
         // Taken even if nothing is drawn: the worker sends the next update only after this one.
         for update in self.worker.splat_updates().take() {
@@ -321,7 +322,8 @@ impl eframe::App for Studio {
         storage.set_string(persistence::CAVEAT, caveat.unwrap_or_default());
     }
 
-    /// Runs before every pass of [`ui`](eframe::App::ui), and alone while the window is hidden or minimised.
+    /// Runs before every pass of [`ui`](eframe::App::ui). While the window is hidden or minimised, it
+    /// runs without `ui`.
     fn logic(&mut self, ctx: &Context, _: &mut eframe::Frame) {
         // Here, since eframe closes a hidden window without a pass of `ui`.
         let snapshot = self.worker.snapshot();

@@ -16,12 +16,12 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 pub(super) struct Shell {
     pub egui: Context,
-    /// Wakes this window from other threads; inactive once the window is dropped.
+    /// Wakes this window from other threads. Has no effect once the window is dropped.
     pub waker: WindowWaker,
     pub device: Option<WindowDevice>,
     pub adapter: String,
     pub exit: Exit,
-    /// Current title, to send only changes.
+    /// Current window title, stored so that only changes are sent.
     title: String,
 }
 
@@ -36,8 +36,8 @@ impl Shell {
         Self { egui, waker, device, adapter, exit, title: String::new() }
     }
 
-    /// Creates the viewport. If the CPU draws although a GPU exists, a GPU failure is noted; without any
-    /// GPU, the CPU also draws the window.
+    /// Creates the viewport. If the CPU draws although a GPU exists, a GPU failure is recorded. With a
+    /// software adapter, the CPU also draws the window.
     pub fn scene_view(&self, painter: ViewPainter, settings: ViewSettings) -> SceneView {
         let on_cpu = painter.drawer() == ViewRenderer::Cpu;
         let mut view = SceneView::new(painter, settings, self.waker().clone());
@@ -55,7 +55,7 @@ impl Shell {
         self.waker.waker()
     }
 
-    /// Description of the renderer in use, including a fallback to the CPU.
+    /// Returns a description of the renderer in use, including a fallback to the CPU.
     pub fn renderer(&self, gpu_failed: bool) -> String {
         match &self.device {
             Some(device) if gpu_failed => {
@@ -76,8 +76,8 @@ impl Shell {
         }
     }
 
-    /// Records the loss of the device if the window is dropped by a panic. After a loss egui panics, because
-    /// it cannot allocate buffers, and the device must not outlive its display.
+    /// Records the loss of the graphics device if a panic drops the window. After a loss egui panics,
+    /// because it cannot allocate buffers; the device must not outlive its display.
     pub fn record_lost_device(&self) {
         if let Some(device) = self.device.as_ref().filter(|_| std::thread::panicking())
             // A device that panics when polled is lost.
@@ -102,7 +102,7 @@ pub(super) fn drop_target(ctx: &Context) {
 
 const WEAK_TEXT: f32 = 0.8;
 
-/// Raises the contrast of weak text and links, which egui draws too pale, above all on white.
+/// Raises the contrast of weak text and links. Egui draws them too pale, particularly on white.
 pub(super) fn strengthen_weak_text(context: &Context) {
     context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
     let link = SignalColor::Blue.for_theme(false);

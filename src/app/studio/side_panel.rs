@@ -106,7 +106,8 @@ impl Studio {
         }
     }
 
-    /// Reports errors of drawing the window. While the GPU draws the scene, its painter reports them.
+    /// Reports GPU errors of drawing the window. While the GPU draws the scene, the scene's painter
+    /// reports them.
     pub(super) fn report_faults(&self) {
         let is_on_cpu = self.view.painter.drawn.drawer == ViewRenderer::Cpu;
         let Some(device) = self.shell.device.as_ref().filter(|_| is_on_cpu) else { return };
@@ -118,7 +119,8 @@ impl Studio {
         }
     }
 
-    /// Draws the card of the current state, if any. Notices cover the upper `noticed` points.
+    /// Draws the card of the current state, if there is one. Notices cover the uppermost `noticed`
+    /// points.
     pub(super) fn cards(&mut self, ui: &Ui, snapshot: &Snapshot, noticed: f32) {
         let Some(opened) = &snapshot.opened else { return };
         let place = CardPlace::below(noticed, ui);
@@ -170,7 +172,7 @@ impl Studio {
         }
     }
 
-    /// Trains on the same frames with the current settings; the view stays.
+    /// Trains again on the same frames with the current settings, without changing the view.
     pub(super) fn retrain(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         // Sent even if the user then cancels discarding: the settings apply to the next run.
@@ -179,7 +181,7 @@ impl Studio {
         self.confirm_then_send(WorkerOrder::Retrain, snapshot);
     }
 
-    /// Applies a level of detail chosen after opening, if no frame is trained yet.
+    /// Applies a level of detail that was chosen after opening, if no frame is trained yet.
     pub(super) fn apply_detail(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         let (Some(run), Some(chosen)) = (retrainable_run(opened), self.training.scene.scale) else {
@@ -201,15 +203,16 @@ impl Studio {
         }
     }
 
-    /// Histogram of the components' evidence while training is paused; collecting it costs the trainer time.
+    /// Returns the histogram of the components' evidence while training is paused or finished, because
+    /// collecting it costs the trainer time.
     pub(super) fn evidence(&mut self, snapshot: &Snapshot) -> Option<EvidenceHistogram> {
         let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
         let (editor, palette) = (&mut self.view.editor, &self.view.palette);
         is_at_rest.then(|| editor.evidence(palette)).flatten()
     }
 
-    /// Requests the component attributes needed by colours, edits and panels. Call it after drawing the view,
-    /// which leaves modes unavailable for the scene, and after the panels.
+    /// Requests the component attributes that colours, edits and panels need. Must be called after the
+    /// view and the panels are drawn, because both determine the attributes.
     pub(super) fn request_attributes(&mut self) {
         let watched = self.view.take_watched_attribute();
         if watched != self.requested_attribute {

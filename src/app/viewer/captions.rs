@@ -102,16 +102,16 @@ impl SceneView {
     }
 }
 
-/// Width of the divider's grab area, points.
+/// Width of the draggable area around the divider, points.
 // Wider than the line, which would be hard to hit.
 const GRIP: f32 = 14.0;
-/// Step of an arrow key, as a share of the viewport's width.
+/// Distance that an arrow key moves the divider, as a fraction of the viewport's width.
 const STEP: f32 = 0.02;
 /// Distance of captions from the edge of the viewport, points.
 const MARGIN: f32 = 10.0;
 
-/// Draws a draggable divider over the compared part of the viewport; returns true while it is dragged.
-/// `divider` is its position as a share of the whole viewport's width.
+/// Draws a draggable divider over the compared part of the viewport. Returns true while it is dragged.
+/// `divider` is its position as a fraction of the whole viewport's width.
 fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bool {
     let x_of = |share: f32| viewport.left() + share * viewport.width();
     // Clamped where it is drawn, not where it is stored: a narrow photograph must not move the divider
@@ -153,7 +153,8 @@ fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bool {
     response.dragged()
 }
 
-/// Draws a line of text on a dark plate anchored at `at`; an empty tooltip is not shown.
+/// Draws a line of text on a dark plate. The corner or edge `anchor` of the plate is at `at`. An empty
+/// tooltip is not shown.
 fn plate(ui: &mut Ui, at: Pos2, anchor: Align2, text: &str, tooltip: &str) {
     let font = FontId::proportional(13.0);
     let size = ui.painter().layout_no_wrap(text.to_owned(), font.clone(), Color32::WHITE).size();

@@ -28,14 +28,14 @@ use std::sync::Arc;
 
 pub struct Comparison {
     mode: ViewMode,
-    /// Position of the wipe divider, as a share of the viewport's width.
+    /// Position of the wipe divider, as a fraction of the viewport's width.
     pub divider: f32,
     model: Option<Arc<ComparedModel>>,
     reading: Option<(PathBuf, Job<ReadModel>)>,
-    /// Replaces `model` while an export is previewed.
+    /// Preview of an export. While it is shown, its model replaces `model`.
     pub(super) preview: ExportPreview,
     mode_before_preview: Option<ViewMode>,
-    /// Started with the first photograph.
+    /// Requests for photographs; created when the first photograph is needed.
     photos: Option<PhotoRequests>,
 }
 
@@ -62,12 +62,12 @@ impl Comparison {
         self.mode = mode;
     }
 
-    /// Second model, if any; while an export is previewed, the exported model.
+    /// Returns the second model, if any. While an export is previewed, this is the exported model.
     pub fn model(&self) -> Option<&Arc<ComparedModel>> {
         self.preview.model().or(self.model.as_ref())
     }
 
-    /// Starts reading a checkpoint or splat file as the second model; replaces a read in progress.
+    /// Starts reading a checkpoint or splat file as the second model. Replaces a read in progress.
     pub(super) fn read(&mut self, path: PathBuf, waker: &Waker) -> std::io::Result<()> {
         let file = path.clone();
         let job = Job::start_waking("second model", waker.clone(), move || read(&file))?;
@@ -87,8 +87,8 @@ impl Comparison {
         (self.model, self.reading) = (None, None);
     }
 
-    /// Shows a second model if its file has been read. Returns its notices; after an error the previous
-    /// model stays.
+    /// Shows the second model if its file has been read, and returns its notices. After an error the
+    /// previous model remains.
     ///
     /// Also moves the model to `origin`, the scene's local origin, which differs between datasets.
     pub(super) fn take_read(&mut self, origin: DVec3) -> Option<Vec<Notice>> {
@@ -119,7 +119,7 @@ impl Comparison {
         self.preview.is_stale = true;
     }
 
-    /// Camera that took the photographs, if it is not the depth camera.
+    /// Returns the camera that took the photographs, if it differs from the depth camera.
     pub(super) fn color_camera(&self, opened: &Opened) -> Option<ColorCamera> {
         // Preparation registers colours to the depth camera's pixels.
         opened.color_camera().filter(|_| self.mode != ViewMode::Preparation)
@@ -208,7 +208,8 @@ impl Comparison {
         self.preview.report()
     }
 
-    /// Takes a finished conversion; the first one switches to the model wipe.
+    /// Shows a finished conversion of the export preview. The first conversion switches to the model
+    /// wipe.
     pub(super) fn take_preview(&mut self) {
         if self.preview.take_finished_jobs() && self.mode_before_preview.is_none() {
             self.mode_before_preview = Some(self.mode);
@@ -216,7 +217,7 @@ impl Comparison {
         }
     }
 
-    /// Ends the preview and restores the previous mode.
+    /// Ends the export preview and restores the previous view mode.
     pub(super) fn end_preview(&mut self) {
         self.preview = ExportPreview::default();
         // A mode chosen during the preview stays, unless it needs the model that is gone.
@@ -240,13 +241,13 @@ const MAX_NAME: usize = 30;
 
 #[derive(Clone, Debug)]
 pub struct ComparedModel {
-    /// File name with its folder, shortened for a caption.
+    /// File name preceded by its folder, shortened for a caption.
     pub name: String,
     pub path: PathBuf,
-    /// Splats; positions relative to `local_origin`.
+    /// Splats with positions relative to `local_origin`.
     pub splats: SplatSet,
     pub local_origin: DVec3,
-    /// Radius of the model, world units; it determines the near plane.
+    /// Radius of the model, world units. It determines the near plane.
     pub radius: f64,
 }
 
@@ -285,7 +286,7 @@ fn read(path: &Path) -> ReadModel {
     Ok((model, notices))
 }
 
-/// Returns the file name with its folder; a long name loses its beginning.
+/// Returns the file name preceded by its folder. A long name is cut at its beginning.
 fn name_of(path: &Path) -> String {
     // With the folder, because the files of all runs have the same name.
     let file = path.file_name().unwrap_or_default().to_string_lossy();

@@ -11,7 +11,7 @@ use glam::{DVec2, DVec3};
 
 const FRAME: Color32 = Color32::from_rgb(255, 90, 220);
 
-/// Edit made by a drag in the viewport, instead of orbiting the camera.
+/// Edit that a drag in the viewport makes instead of orbiting the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum EditDrag {
     Select,
@@ -22,7 +22,7 @@ enum EditDrag {
 #[derive(Default)]
 pub(super) struct EditTool {
     drag: Option<EditDrag>,
-    /// Selection rectangle of the last pass.
+    /// Selection rectangle of the latest pass of the window.
     // egui clears the start of a drag in the pass that ends it.
     latest_box: Option<Rect>,
 }
@@ -32,8 +32,8 @@ impl EditTool {
         self.drag.is_some()
     }
 
-    /// Starts an edit if a drag begins; handles of the crop box take precedence. `world` belongs to the
-    /// latest picture.
+    /// Starts an edit if a drag begins. Handles of the crop box take precedence. `world` paints with the
+    /// camera of the latest picture.
     pub(super) fn begin(
         &mut self,
         ui: &Ui,
@@ -52,8 +52,8 @@ impl EditTool {
         self.drag = face.map(EditDrag::Face).or(selects);
     }
 
-    /// Draws the crop box and the selection rectangle, and applies the drag. A fisheye has no `world`,
-    /// because it bends straight lines.
+    /// Draws the crop box and the selection rectangle, and applies the drag. `world` is `None` for a
+    /// fisheye, which bends straight lines.
     pub(super) fn update(
         &mut self,
         ui: &Ui,
@@ -87,7 +87,7 @@ impl EditTool {
         }
     }
 
-    /// Draws the selection rectangle; returns it once the drag has ended.
+    /// Draws the selection rectangle. Returns it once the drag has ended.
     fn drag_box(&mut self, ui: &Ui, response: &Response) -> Option<Rect> {
         let ends = ui.input(|i| i.pointer.press_origin().zip(i.pointer.latest_pos()));
         if let Some((from, to)) = ends {
@@ -124,13 +124,13 @@ fn select(
     editor.select(slots, palette, how);
 }
 
-/// Crop box, while its panel is open.
+/// Returns the crop box while its panel is open.
 fn crop_shown(editor: &Editor) -> Option<[DVec3; 2]> {
     editor.edits().crop().filter(|_| editor.shows_crop)
 }
 
 const EDGE: Color32 = Color32::from_rgb(120, 220, 255);
-/// Radius of a handle and of its grab area, points.
+/// Radius of a handle as drawn, and radius of the area in which it can be dragged, points.
 // The grab area is larger, so that a handle is easy to hit.
 const HANDLE: f32 = 6.0;
 const GRIP: f32 = 12.0;
@@ -157,7 +157,8 @@ fn draw(world: &WorldPainter, crop: [DVec3; 2]) {
     }
 }
 
-/// Returns the face whose handle is at a window position.
+/// Returns the face of the crop box whose handle is at a window position. For the index, see
+/// [`EditDrag::Face`].
 fn face_at(world: &WorldPainter, crop: [DVec3; 2], at: Pos2) -> Option<usize> {
     let distance =
         |(face, centre): (usize, DVec3)| Some((world.position(centre)?.distance(at), face));
@@ -166,8 +167,8 @@ fn face_at(world: &WorldPainter, crop: [DVec3; 2], at: Pos2) -> Option<usize> {
     nearest.filter(|(distance, _)| *distance <= GRIP).map(|(_, face)| face)
 }
 
-/// Returns the box with one face moved along its axis by a drag of `by` points, at most to the opposite
-/// face.
+/// Returns the crop box with one face moved along its axis by a drag of `by` points. The face stops at
+/// the opposite face.
 fn drag_face(world: &WorldPainter, crop: [DVec3; 2], face: usize, by: Vec2) -> [DVec3; 2] {
     let (axis, at) = (face / 2, face_centres(crop)[face]);
     // A small step along the axis gives its direction and scale on screen. A box without extent still

@@ -25,10 +25,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Maximum width of the compared renders, pixels.
+/// Maximum width of the two renders compared by PSNR, pixels.
 // Small, because both are rendered on the CPU whenever the view rests.
 const MEASURED_WIDTH: u32 = 480;
-/// Minimum time between two conversions while the scene is trained.
+/// Minimum time between two conversions during training.
 const INTERVAL: Duration = Duration::from_secs(3);
 
 #[derive(Clone, Debug, PartialEq)]
@@ -46,14 +46,14 @@ pub enum PreviewReport {
         n_splats: usize,
         /// Size of the file without comments, bytes.
         bytes: u64,
-        /// PSNR between renders of file and scene at the current view, dB; `None` until measured.
+        /// PSNR between renders of file and scene from the current camera, dB; `None` until measured.
         psnr: Option<f64>,
         losses: Vec<String>,
     },
 }
 
 struct Converted {
-    /// Source of the conversion, without the splats left out.
+    /// Scene that was converted, without the splats that edits exclude.
     scene: Arc<SplatSet>,
     model: Arc<ComparedModel>,
     bytes: u64,
@@ -74,7 +74,7 @@ pub(super) struct ExportPreview {
 }
 
 impl ExportPreview {
-    /// Splats of the file, once converted.
+    /// Returns the model read from the converted file; `None` until converted.
     pub fn model(&self) -> Option<&Arc<ComparedModel>> {
         self.converted.as_ref()?.as_ref().ok().map(|converted| &converted.model)
     }
@@ -93,8 +93,8 @@ impl ExportPreview {
         })
     }
 
-    /// Starts the conversion of the scene, unless it is done or in progress. `frame` is the scene's up
-    /// direction and local origin.
+    /// Starts the conversion of the scene, unless it is completed or in progress. `frame` contains the
+    /// scene's up direction and local origin.
     pub fn request_conversion(
         &mut self,
         choice: ExportChoice,
@@ -132,7 +132,8 @@ impl ExportPreview {
         self.model().filter(|model| Arc::ptr_eq(model, &measure.0)).map(|_| *psnr)
     }
 
-    /// Takes finished conversions and measurements; true if a file is shown for the first time.
+    /// Stores the results of finished conversions and measurements. Returns true if a file is shown for
+    /// the first time.
     pub fn take_finished_jobs(&mut self) -> bool {
         let mut is_first = false;
         if let Some(answer) = self.converting.as_ref().and_then(Job::poll) {
@@ -148,7 +149,7 @@ impl ExportPreview {
         is_first
     }
 
-    /// Starts to measure the PSNR of the file at a view, unless it is known or in progress.
+    /// Starts measuring the PSNR of the converted file in a view, unless it is known or being measured.
     pub fn measure(
         &mut self,
         request: &PictureRequest,

@@ -1,7 +1,8 @@
 //! Points of the current frame in the viewport: its measured depth in the frame's own colours.
 //!
-//! Frames are decoded one at a time on a separate thread. During training this thread rests for a
-//! multiple of the decoding time, to leave the cores to training; not every frame is shown then.
+//! Frames are decoded one at a time on a separate thread. During training, each decoding is
+//! followed by a pause of a multiple of its duration, to leave the cores to training. Not every frame is
+//! shown then.
 
 use super::frame_refs::FrameRef;
 use crate::app::view_thread::RestingJob;
@@ -13,7 +14,7 @@ use crate::math::pose::Pose;
 use eframe::egui::Color32;
 use glam::DVec3;
 
-/// Maximum number of points drawn, evenly subsampled.
+/// Maximum number of points drawn. More points are subsampled evenly.
 // More would overlap.
 const MAX_POINTS: usize = 12_000;
 
@@ -40,7 +41,8 @@ impl FramePoints {
         self.shown = Some((frame, points));
     }
 
-    /// Starts decoding a frame, unless it is done or in progress or the cores are needed.
+    /// Starts decoding a frame, unless it is decoded, another job is in progress, or training needs the
+    /// cores.
     pub fn request_decoding(
         &mut self,
         frame: FrameRef,
@@ -58,7 +60,7 @@ impl FramePoints {
     }
 }
 
-/// Unprojects the depth of a frame taken from `pose` to coloured points.
+/// Returns the coloured 3D points that the depth image of a frame, recorded at `pose`, contains.
 fn points_of(frame: &FrameRef, pose: Pose, color_camera: Option<&ColorCamera>) -> Points {
     let (split, index) = frame.position();
     let loaded = frame.dataset().load(split, index).map_err(|error| error.to_string())?;

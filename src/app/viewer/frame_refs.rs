@@ -11,7 +11,7 @@ use crate::model::splat::appearance::Finishing;
 use crate::render::compare::Area;
 use std::sync::Arc;
 
-/// Reference to a frame; keeps its dataset open.
+/// Reference to a frame of a dataset. The dataset stays open while the reference exists.
 #[derive(Clone, Debug)]
 pub struct FrameRef {
     dataset: Arc<Dataset>,
@@ -20,8 +20,8 @@ pub struct FrameRef {
 }
 
 impl PartialEq for FrameRef {
-    /// True for the same frame of the same opened dataset; a folder opened twice counts as two
-    /// datasets.
+    /// True if both references are to the same frame of the same opened dataset. A folder opened twice
+    /// counts as two datasets.
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.dataset, &other.dataset)
             && (self.split, self.index) == (other.split, other.index)
@@ -39,7 +39,8 @@ impl FrameRef {
         Self::numbered(dataset, 0)
     }
 
-    /// Frame at a position of the training order; `None` for a model or past the end.
+    /// Returns the frame at a position of the training order; `None` for a model or beyond the last
+    /// position.
     pub fn trained(opened: &Opened, position: usize) -> Option<Self> {
         let plan = opened.plan.as_ref()?;
         Self::at(opened.dataset.as_ref()?, plan.split, *plan.frames.get(position)?)
@@ -50,7 +51,8 @@ impl FrameRef {
         Some(Self { dataset: dataset.clone(), split, index })
     }
 
-    /// Frame by its number among all frames of a dataset, from 0; `None` past the last.
+    /// Returns the frame with a number among all frames of a dataset, counted from 0; `None` beyond the
+    /// last frame.
     pub fn numbered(dataset: &Arc<Dataset>, number: usize) -> Option<Self> {
         let mut index = number;
         for (split, frames) in dataset.splits.iter().map(|split| split.frames.len()).enumerate() {
@@ -62,7 +64,8 @@ impl FrameRef {
         None
     }
 
-    /// Same frame in `dataset` if that is a newer state of the same recording; otherwise this frame.
+    /// Returns the same frame of `dataset` if that is a newer state of the same recording; otherwise
+    /// this frame.
     pub fn in_current_dataset(&self, dataset: Option<&Arc<Dataset>>) -> Self {
         let (split, index) = self.position();
         let is_there = |dataset: &&Arc<Dataset>| {
@@ -73,7 +76,8 @@ impl FrameRef {
         Self { dataset, split, index }
     }
 
-    /// Next or previous frame, across splits and around the ends.
+    /// Returns the next or previous frame. The order continues across splits and from the last frame to
+    /// the first.
     pub fn neighbour(&self, direction: Direction) -> Self {
         let n = self.n_frames();
         let number = match direction {
@@ -85,7 +89,7 @@ impl FrameRef {
         Self::numbered(&self.dataset, number).unwrap_or_else(|| self.clone())
     }
 
-    /// Number among all frames of the dataset, from 0.
+    /// Returns the number of the frame among all frames of the dataset, counted from 0.
     pub fn number(&self) -> usize {
         let before =
             self.dataset.splits[..self.split].iter().map(|s| s.frames.len()).sum::<usize>();
@@ -112,16 +116,16 @@ impl FrameRef {
         &self.split().frames[self.index]
     }
 
-    /// Camera that took the photograph, at the pose corrected by the scene. `color_camera` is given if
-    /// the photographs were not taken by the depth camera.
+    /// Returns the camera that took the photograph, at the pose corrected by the scene. `color_camera`
+    /// is given if the depth camera did not take the photographs.
     pub fn photo_camera(&self, color_camera: Option<&ColorCamera>, scene: &Finishing) -> Camera {
         let entry = self.entry();
         entry.photo_camera_at(scene.corrected_pose(&entry.camera.pose), color_camera)
     }
 }
 
-/// Fits the image of `camera` into a viewport (pixels), centred and as large as possible. Returns the
-/// camera of the whole viewport and the area of the image in it.
+/// Fits the image of `camera` into a viewport of the given size (pixels), centred and as large as
+/// possible. Returns the camera of the whole viewport and the part that the image fills.
 pub fn fit(camera: &Camera, [width, height]: [u32; 2]) -> (Camera, Area) {
     let k = &camera.intrinsics;
     let size = [f64::from(width), f64::from(height)];

@@ -23,30 +23,31 @@ use eframe::egui::{
 use glam::{DQuat, DVec2, DVec3};
 
 const LINE: Color32 = Color32::from_rgb(255, 210, 70);
-/// Largest distance from a splat's centre at which its plane counts as its surface, in units of its
-/// largest standard deviation.
+/// Maximum distance between a splat's centre and a measured point in its plane, in largest standard
+/// deviations of the splat.
 const REACH: f64 = 4.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredPoint {
     pub point: DVec3,
-    /// Covariance of the position, world units²; `None` for splats from files, which have no posterior.
+    /// Covariance of the position, world units²; `None` for splats from files, which contain no
+    /// posterior.
     pub covariance: Option<Sym3>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredLength {
     pub length: f64,
-    /// Standard deviation of the length, if both ends have a posterior.
+    /// Standard deviation of the length, world units, if both ends have a posterior.
     pub deviation: Option<f64>,
 }
 
-/// Measuring tool: off, or on with up to two points.
+/// Measuring tool, switched off, or on with up to two points.
 #[derive(Clone, Debug, Default)]
 pub struct MeasureTool {
     pub is_on: bool,
     ends: Vec<MeasuredPoint>,
-    /// Clicked splat and point, until the trainer has inspected the splat.
+    /// Clicked splat and measured point, while the trainer has not yet inspected the splat.
     // Only the trainer knows the posterior of a component.
     pub(super) waiting: Option<(u32, DVec3)>,
 }
@@ -56,7 +57,7 @@ impl MeasureTool {
         *self = Self { is_on: !self.is_on, ..Self::default() };
     }
 
-    /// Adds the clicked point once its splat is inspected; a third point starts a new measurement.
+    /// Adds the clicked point once its splat is inspected. A third point starts a new measurement.
     pub fn add_inspected_point(&mut self, inspected: Option<&Inspected>) {
         let (Some((id, point)), Some(inspected)) = (self.waiting, inspected) else { return };
         // The snapshot may still inspect the splat clicked before.
@@ -128,8 +129,8 @@ fn format_length(MeasuredLength { length, deviation }: MeasuredLength) -> String
     }
 }
 
-/// Intersection of a pixel's ray with the plane of the visible splat; the splat's centre if the
-/// intersection is too far from it or does not exist.
+/// Returns the intersection of a pixel's ray with the plane of the visible splat. If the intersection is
+/// too far from the splat's centre or does not exist, returns the centre.
 pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
     let mean = DVec3::from_array(splat.mean.map(f64::from));
     let [w, x, y, z] = splat.rotation.map(f64::from);
@@ -150,15 +151,15 @@ pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
     }
 }
 
-/// Opacity of a status colour over a dropped pixel.
+/// Opacity of the colour that marks a dropped pixel by its status.
 // Below 1, so that the photograph shows through.
 const OVERLAY: f32 = 0.7;
 
-/// Reason why a pixel was dropped: its status, colour and label, and the count of such pixels. The colours are
-/// distinguishable with red-green blindness (Okabe and Ito 2008).
+/// Reason why a pixel is dropped: its status, sRGB colour, label, and function that counts such pixels.
+/// The colours are distinguishable with red-green blindness (Okabe and Ito 2008).
 type Reason = (PixelStatus, [f32; 3], &'static str, fn(&SurfaceCounts) -> usize);
 
-/// Every reason, in the order of the checks.
+/// All reasons, in the order of the checks.
 // A pixel has the status of the first check that it fails.
 const REASONS: [Reason; 7] = [
     (PixelStatus::Hole, [0.25; 3], "no depth", |c| c.holes),
@@ -172,7 +173,7 @@ const REASONS: [Reason; 7] = [
     (PixelStatus::NoColor, [0.8, 0.47, 0.65], "outside the photograph", |c| c.dropped_no_color),
 ];
 
-/// Prepares frames like training does and paints the status of their pixels.
+/// Prepares frames in the same way as training and paints the status of each pixel.
 pub struct PixelStatusPainter {
     preparer: Preparer,
     observation: Observation,
@@ -183,8 +184,8 @@ impl PixelStatusPainter {
         Self { preparer: Preparer::new(), observation: Observation::empty() }
     }
 
-    /// Returns the frame as training uses it: points in their colours, and dropped pixels of the
-    /// photograph over `background` (sRGB-encoded), tinted by reason.
+    /// Returns the frame as training uses it, composited over `background` (sRGB-encoded). Pixels that
+    /// become points have the colours of the points; dropped pixels are tinted by reason.
     ///
     /// # Errors
     /// If the frame has no depth.
@@ -210,7 +211,7 @@ impl PixelStatusPainter {
     }
 }
 
-/// Draws the legend with its lower right corner at `corner`: the share of each status.
+/// Draws the legend with the fraction of pixels of each status. `corner` is its lower right corner.
 pub fn legend(counts: &SurfaceCounts, corner: Pos2, ui: &Ui) {
     let area = Area::new(Id::unique("pixel status")).fixed_pos(corner).pivot(Align2::RIGHT_BOTTOM);
     // Not interactable: the pointer steers the camera below.

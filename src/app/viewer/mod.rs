@@ -64,7 +64,7 @@ pub struct SceneView {
     pub palette: Palette,
     pub editor: Editor,
     n_frames: usize,
-    /// Serial of the subject for which the view was set up.
+    /// Serial number of the subject for which the view was set up.
     serial: u64,
     waker: Waker,
 }
@@ -99,7 +99,7 @@ impl SceneView {
         self.pass_change_to_painter(change);
     }
 
-    /// Replaces the painter and passes it the whole scene.
+    /// Replaces the painter and passes the whole scene to the new one.
     pub fn set_painter(&mut self, painter: ViewPainter) {
         self.painter = Painter::new(painter);
         // A new painter is empty, and the trainer sends only changes.
@@ -111,7 +111,7 @@ impl SceneView {
         self.palette.learned()
     }
 
-    /// Draws the view into the remaining space. Returns a message if the GPU failed.
+    /// Draws the view into the remaining space. Returns an error message if the GPU failed.
     pub fn ui(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<String> {
         // Not reachable by Tab: the view uses keys that keyboard focus would consume.
         let sense = Sense::CLICK | Sense::DRAG;
@@ -191,7 +191,8 @@ impl SceneView {
         message.or(picked.err().map(|e| format!("starting the picking thread failed: {e}")))
     }
 
-    /// Painter of overlays in world coordinates; `None` for a fisheye, which bends straight lines.
+    /// Returns a painter of overlays in world coordinates; `None` for a fisheye, which bends straight
+    /// lines.
     fn world(&self, ui: &Ui, rect: Rect, camera: &Camera, opened: &Opened) -> Option<WorldPainter> {
         let is_pinhole = !self.camera.is_free() || self.settings.lens == Lens::Pinhole;
         is_pinhole.then(|| WorldPainter::new(ui, rect, camera, opened.home.radius))
@@ -256,12 +257,12 @@ impl SceneView {
         })
     }
 
-    /// Starts a pass of the window; returns the time to wait before it.
+    /// Starts a pass of the window. Returns the time to wait before drawing it.
     pub fn begin_pass(&mut self, state: RunState) -> Duration {
         self.painter.begin_pass(state == RunState::Training && self.camera.is_moving())
     }
 
-    /// Thumbnails of the open dataset; `None` if their thread could not be started.
+    /// Returns the thumbnails of the open dataset; `None` if their thread could not be started.
     pub fn thumbnails(&mut self, opened: &Opened) -> Option<&mut Thumbnails> {
         self.overlays.thumbnails(opened, &self.waker)
     }
@@ -270,14 +271,15 @@ impl SceneView {
         &self.editor
     }
 
-    /// Attribute that the worker delivers with components: the displayed one, else evidence if a panel
-    /// needs attributes.
+    /// Returns the attribute that the worker delivers with components: the displayed one, else evidence
+    /// if a panel needs attributes.
     fn watched_attribute(&self) -> Option<Attribute> {
         let for_panels = self.editor.needs_attributes.then_some(Attribute::Evidence);
         self.settings.color_mode.attribute().or(for_panels)
     }
 
-    /// Returns the attribute to watch at the end of a pass.
+    /// Returns the attribute that the worker must deliver, and resets the requests of panels. Called at
+    /// the end of a pass of the window.
     pub fn take_watched_attribute(&mut self) -> Option<Attribute> {
         let watched = self.watched_attribute();
         // Panels renew their requests in the next pass.
@@ -301,8 +303,9 @@ impl SceneView {
         }
     }
 
-    /// Resets the view if another subject is open, so that no camera, comparison or pending pick of the
-    /// previous one remains. Call it with every snapshot, before drawing from it or handling keys.
+    /// Resets the view if another subject is open: no camera, comparison or pending pick of the previous
+    /// subject remains. Call this function with every snapshot, before the view is drawn or handles
+    /// keys.
     pub fn reset_for_subject(&mut self, opened: &Opened) {
         if self.serial == opened.serial {
             return;
@@ -384,8 +387,8 @@ impl SceneView {
         self.comparison.read(path, &self.waker)
     }
 
-    /// Shows a second model if its file has been read, relative to the scene's local origin `origin`.
-    /// Returns its notices.
+    /// Shows a second model if its file has been read, and returns its notices. `origin` is the scene's
+    /// local origin, to which the model is moved.
     pub fn take_compared(&mut self, origin: DVec3) -> Vec<(NoticeKind, String)> {
         let read = self.comparison.take_read(origin);
         if read.is_some() {
@@ -411,7 +414,8 @@ impl SceneView {
         preview.request_conversion(choice, scene, frame, is_training, &self.waker)
     }
 
-    /// Returns the current picture for a file: the scene alone, without comparison and overlays.
+    /// Returns the data for rendering the current picture to a file: only the scene, without comparison
+    /// and overlays.
     pub fn still(&self) -> Option<Still> {
         let camera = self.camera.latest?;
         let shown = (camera, Area::FULL);
@@ -421,8 +425,8 @@ impl SceneView {
         Some(Still { splats, camera, options: request.options })
     }
 
-    /// Takes the splat clicked for inspection, once; `Some(None)` if there was none. A double click
-    /// moves the orbit centre to the clicked point instead.
+    /// Returns the slot of the splat that was clicked for inspection, once per click; `Some(None)` if no
+    /// splat was hit. After a double click, moves the orbit centre to the clicked point instead.
     pub fn take_picked(&mut self) -> Option<Option<u32>> {
         let found = self.overlays.selection.take_picked()?;
         let picked = found
@@ -459,7 +463,7 @@ impl SceneView {
         }
     }
 
-    /// Restores the state of the previous window; it is reset once another subject is open.
+    /// Restores the view state of the previous window. It is reset when another subject is opened.
     pub fn restore_retained_state(&mut self, kept: KeptView) {
         (self.serial, self.camera, self.comparison) = (kept.serial, kept.camera, kept.comparison);
         self.overlays.measure = kept.measure;

@@ -15,12 +15,12 @@ use eframe::egui::{Color32, Stroke, Ui};
 use glam::DVec3;
 use std::time::{Duration, Instant};
 
-/// Maximum number of cameras drawn, evenly subsampled.
+/// Maximum number of cameras drawn. More cameras are subsampled evenly.
 // More would hide each other.
 const MAX_CAMERAS: usize = 60;
-/// Length of a frustum, in scene radii.
+/// Length of a drawn camera frustum, in scene radii.
 const LENGTH: f64 = 0.25;
-/// Colours of frames not yet trained, of trained frames, and of the one trained last.
+/// Colours of the cameras of untrained frames, of trained frames, and of the last trained frame.
 const AHEAD: Color32 = Color32::from_rgb(120, 150, 190);
 const DONE: Color32 = Color32::from_rgb(110, 200, 120);
 const LATEST: Color32 = Color32::from_rgb(255, 170, 60);
@@ -32,7 +32,7 @@ pub struct Overlays {
     pub(super) selection: SplatSelection,
     pub(super) edit: EditTool,
     points: FramePoints,
-    /// Serial of the dataset, and its thumbnails.
+    /// Serial number of the dataset, and its thumbnails.
     thumbnails: Option<(u64, Thumbnails)>,
     hint: Option<(String, Instant)>,
 }
@@ -104,7 +104,8 @@ impl Overlays {
         }
     }
 
-    /// Number of the frame whose points are drawn, among all frames, and the number of its points.
+    /// Returns the number, among all frames, of the frame whose points are drawn, and the number of
+    /// these points.
     pub fn points_shown(&self) -> Option<(usize, usize)> {
         let (frame, points) = self.points.displayed()?;
         Some((frame.number(), points.as_ref().map_or(0, Vec::len)))
@@ -114,8 +115,8 @@ impl Overlays {
         self.points = FramePoints::default();
     }
 
-    /// Draws the points of a frame at its corrected pose: of the frame in view, else of the one trained
-    /// last, else of the first one. The previous points remain until the new ones are decoded.
+    /// Draws the points of a frame at its corrected pose. The frame is the one in view, else the last
+    /// trained one, else the first one. The previous points remain until the new ones are decoded.
     pub(super) fn draw_points(
         &mut self,
         world: &WorldPainter,
@@ -168,7 +169,8 @@ fn draw_frustum(
     }
 }
 
-/// Corners of the image at a depth, clockwise from the upper left, world coordinates.
+/// Returns the corners of the camera's image at a depth (world units), in world coordinates, clockwise
+/// from the upper left.
 fn corners(camera: &Camera, depth: f64) -> [DVec3; 4] {
     let k = &camera.intrinsics;
     let [width, height] = [k.width, k.height].map(f64::from);

@@ -23,7 +23,7 @@ pub struct Painter {
     pub drawn: DrawHistory,
     /// True if the CPU draws although a GPU exists.
     pub gpu_failed: bool,
-    /// Start of the last pass of the window.
+    /// Start time of the latest pass of the window.
     passed_at: Instant,
 }
 
@@ -41,7 +41,7 @@ impl Painter {
         }
     }
 
-    /// Applies a change; `splats` are all splats after it.
+    /// Applies a change of splats. `splats` are all splats after the change.
     pub(super) fn change(&mut self, change: SplatChange, splats: &SplatSet) {
         match &mut self.painter {
             ViewPainter::Gpu(painter) => painter.change(change, splats),
@@ -49,7 +49,8 @@ impl Painter {
         }
     }
 
-    /// Paints over `rect`; `effort` applies to the CPU only. After an error this painter is unusable.
+    /// Paints the picture over `rect`. `effort` applies only to the CPU. After an error this painter is
+    /// unusable.
     pub(super) fn paint(
         &mut self,
         ui: &Ui,
@@ -66,8 +67,8 @@ impl Painter {
         Ok(())
     }
 
-    /// Minimum time between two snapshots during training. Every snapshot repaints the window, which a
-    /// software adapter does on the cores that train.
+    /// Returns the minimum time between two snapshots during training. Every snapshot repaints the
+    /// window, for which a software adapter uses the cores that train.
     pub fn snapshot_interval(&self) -> Duration {
         match self.painter {
             ViewPainter::Gpu(_) => GPU_INTERVAL,
@@ -75,8 +76,8 @@ impl Painter {
         }
     }
 
-    /// Starts a pass of the window; returns the time to wait before it. `merges` is true while the camera
-    /// moves during training; pointer movements during the wait then share one pass.
+    /// Starts a pass of the window. Returns the time to wait before drawing it. `merges` is true while
+    /// the camera moves during training; pointer movements during the wait then share one pass.
     pub(super) fn begin_pass(&mut self, merges: bool) -> Duration {
         // egui redraws the whole window on every pointer movement, much more often than the scene is
         // rendered. Only passes drawn by the CPU take cores from training.
@@ -95,8 +96,8 @@ pub enum ViewPainter {
 }
 
 impl ViewPainter {
-    /// Creates a GPU painter if the adapter is a real GPU, else a CPU painter; also returns a line that
-    /// names the renderer.
+    /// Creates a GPU painter if the adapter is a hardware GPU, otherwise a CPU painter. Also returns a
+    /// line that names the renderer.
     pub fn choose(
         device: Option<&WindowDevice>,
         painting: Painting,
@@ -135,12 +136,13 @@ impl ViewPainter {
     }
 }
 
-/// Minimum time between two pictures that follow training.
+/// Minimum time between two pictures drawn because of changes by training.
 const FOLLOW_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Minimum time between two passes of the window while the camera moves during training.
+/// Returns the minimum time between two passes of the window while the camera moves during training.
 ///
-/// Together with [`Effort::BesideTraining`] it is all that protects training from drawing.
+/// Only this interval and [`Effort::BesideTraining`] limit the CPU time that drawing takes from
+/// training.
 fn pass_interval() -> Duration {
     // 200 ms of one core, shared by all. A pass takes about 20 ms of a core and a picture twice that, so
     // drawing takes a fifth of the cores.
@@ -150,17 +152,18 @@ fn pass_interval() -> Duration {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Effort {
-    /// One thread at half resolution. Each picture is followed by a rest of twice its time, and pictures
-    /// that only follow training are at least [`FOLLOW_INTERVAL`] apart.
+    /// Draws with one thread at half resolution, during training. Each picture is followed by a pause of
+    /// twice its drawing time. Pictures that show only changes by training are at least
+    /// [`FOLLOW_INTERVAL`] apart.
     BesideTraining,
-    /// While the camera moves: all threads at half resolution.
+    /// Draws with all threads at half resolution, while the camera moves.
     Moving,
-    /// All threads at full resolution.
+    /// Draws with all threads at full resolution.
     Full,
 }
 
 impl Effort {
-    /// Size of the picture relative to the viewport, per side.
+    /// Returns the ratio of the side lengths of picture and viewport.
     fn scale(self) -> f64 {
         if self == Self::Full { 1.0 } else { 0.5 }
     }
@@ -213,8 +216,8 @@ impl SoftwarePainter {
         self.is_stale = true;
     }
 
-    /// Paints the newest picture over the viewport and requests the next one if needed; the last picture
-    /// remains in the meantime. Returns the timing of a new picture.
+    /// Paints the newest picture over the viewport and requests the next one if needed. The last picture
+    /// remains until then. Returns the timing of a new picture.
     fn paint(
         &mut self,
         ui: &Ui,

@@ -22,18 +22,18 @@ use eframe::egui::Ui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Minimum time between two measurements while the scene changes.
+/// Minimum time between two measurements during changes of the scene.
 // A measurement renders the whole photograph on the CPU.
 const INTERVAL: Duration = Duration::from_millis(500);
 
 #[derive(Clone, Debug)]
 pub struct PhotoQuery {
     pub frame: FrameRef,
-    /// Camera that took the photographs, if it is not the depth camera.
+    /// Camera that took the photographs, if it differs from the depth camera.
     pub color_camera: Option<ColorCamera>,
-    /// Settings of the preparation whose pixel status is painted over the photograph.
+    /// Settings of frame preparation, if the pixel status that it yields is painted over the photograph.
     pub prepared: Option<Arc<SurfaceSettings>>,
-    /// Render settings; their background shows through transparent photographs.
+    /// Render settings. Their background is visible through transparent parts of photographs.
     pub options: RenderOptions,
     pub compared: Option<Arc<ComparedModel>>,
 }
@@ -60,19 +60,19 @@ impl PhotoQuery {
 
 #[derive(Clone, Debug)]
 pub struct PhotoResult {
-    /// Photograph over the background, sRGB-encoded; with pixel status if requested.
+    /// Photograph over the background, sRGB-encoded. Includes the pixel status if requested.
     pub image: Arc<RgbImage>,
     pub pixel_counts: Option<SurfaceCounts>,
-    /// PSNR of the scene against the photograph, dB, once measured.
+    /// PSNR between scene and photograph, dB, once measured.
     pub psnr: Option<f64>,
     pub compared_psnr: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PhotoTask {
-    /// Photograph without metrics, which is available at once.
+    /// Decodes the photograph without metrics, so that it is available at once.
     Show,
-    /// PSNR, with one thread because training needs the others.
+    /// Measures the PSNR with one thread, because training needs the others.
     MeasureAside,
     Measure,
 }
@@ -177,12 +177,12 @@ impl PhotoRequests {
 
 struct PhotoWorker {
     renderer: CpuRenderer,
-    /// Pool of one thread, for use beside training.
+    /// Pool of one thread, used during training.
     alone: rayon::ThreadPool,
     painter: PixelStatusPainter,
-    /// Photograph decoded last, without metrics.
+    /// Latest decoded photograph, without metrics.
     latest: Option<(PhotoQuery, PhotoResult)>,
-    /// PSNR of the second model.
+    /// PSNR between the second model and the photograph, dB.
     latest_compared: Option<(PhotoQuery, f64)>,
 }
 
@@ -269,14 +269,14 @@ pub struct PictureRequest {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ComparedPicture {
     pub partner: Partner,
-    /// Part of the viewport that it fills.
+    /// Part of the viewport that the second picture fills.
     pub area: Area,
     pub how: Combination,
 }
 
 #[derive(Clone, Debug)]
 pub enum Partner {
-    /// The same splats with other options.
+    /// The splats of the scene, rendered with other options.
     Splats(RenderOptions),
     Model(Arc<ComparedModel>, RenderOptions),
     Photo(Arc<RgbImage>),

@@ -26,23 +26,23 @@ const FRAME_BUDGET_MS: f64 = 33.3;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ViewSettings {
-    /// Always the exact renderer with a fisheye.
+    /// Renderer for the pinhole lens. A fisheye always uses the exact renderer.
     pub renderer: Renderer,
     pub antialias: Antialias,
     pub lens: Lens,
-    /// Vertical field of view of the pinhole, degrees; `None` uses that of the scene's camera.
+    /// Vertical field of view of the pinhole lens, degrees; `None` uses the scene's default.
     pub pinhole_fov_deg: Option<f32>,
     pub fisheye_fov_deg: f32,
     pub scale: f32,
     /// Minimum opacity of splats that are drawn.
     pub opacity_cut: f32,
-    /// sRGB.
+    /// Background colour, sRGB.
     pub background: [u8; 3],
-    /// Exposure of scenes whose cameras used automatic exposure. Beside a photograph the recorded
+    /// Exposure for scenes whose cameras used automatic exposure. Beside a photograph the recorded
     /// exposure is always used.
     pub exposing: Exposing,
     pub difference_gain: f32,
-    /// True if dataset cameras are drawn; before training they always are.
+    /// True if dataset cameras are drawn. Before training they are always drawn.
     pub shows_cameras: bool,
     pub shows_points: bool,
     pub shows_grid: bool,
@@ -57,11 +57,12 @@ pub struct ViewSettings {
 #[serde(default)]
 pub struct PanelSettings {
     pub previews_export: bool,
-    /// Frames between two measurements of held-out views during training; `None` measures at rest only.
+    /// Number of frames between two measurements of held-out views during training. `None` measures only
+    /// while training is paused or finished.
     pub quality_every: Option<usize>,
-    /// Latency budget of a training frame, milliseconds: a line in the latency plot.
+    /// Latency budget of a training frame, milliseconds, drawn as a line in the latency plot.
     pub frame_budget_ms: f64,
-    /// Memory for earlier states of a scene in training, MB.
+    /// Maximum memory for stored earlier states of a scene in training, MB.
     pub past_mb: u32,
 }
 
@@ -144,7 +145,7 @@ impl ViewSettings {
         }
     }
 
-    /// Background, sRGB values from 0 to 1.
+    /// Returns the background colour as sRGB-encoded values from 0 to 1.
     pub fn background_rgb(&self) -> [f32; 3] {
         self.background.map(|v| f32::from(v) / 255.0)
     }
@@ -168,8 +169,8 @@ impl ViewSettings {
         }
     }
 
-    /// Render options with a method. `radius` is the scene's radius, `distance` that of the camera from
-    /// the scene's centre, world units.
+    /// Returns the render options for a method. `radius` is the scene's radius and `distance` the
+    /// distance between the camera and the scene's centre, both in world units.
     pub fn options(&self, method: RenderMethod, radius: f64, distance: f64) -> RenderOptions {
         // The scene's bounding sphere along the view, so that the depth colours use their whole range.
         let range = [(distance - radius).max(0.0), distance + radius].map(|d| d as f32);
@@ -187,7 +188,7 @@ impl ViewSettings {
         RenderOptions { style: look, exposure_mode: exposing, ..plain }
     }
 
-    /// Options with which `eval` measures the chosen renderer at a dataset camera.
+    /// Returns the options with which `eval` measures the chosen renderer at a dataset camera.
     pub fn measured(&self) -> RenderOptions {
         let method = self.method(self.renderer, Lens::Pinhole);
         RenderOptions::evaluation(method, self.background_rgb())

@@ -1,7 +1,7 @@
 //! Thumbnails of photographs and depth, decoded lazily in the background and stored as textures.
 //!
 //! Their number is bounded, so that memory does not grow with the dataset: the least recently used one
-//! that is not on screen is dropped. During training decoding rests between frames and does not wake the
+//! that is not on screen is dropped. During training, decoding pauses between frames and does not wake the
 //! window, which repaints anyway.
 
 use super::frame_refs::FrameRef;
@@ -17,15 +17,15 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Longest side of a thumbnail, pixels.
+/// Maximum length of the longer side of a thumbnail, pixels.
 const MAX_SIDE: usize = 192;
-/// Maximum number of stored frames, about 220 kB each.
+/// Maximum number of frames whose thumbnails are stored. A frame takes about 220 kB.
 // Enough for the cameras in the viewport, a strip across a wide screen and a table of views.
 const MAX_KEPT: usize = 256;
-/// Colour of depth pixels without a measurement.
+/// Colour of pixels without a depth measurement.
 const HOLE: Color32 = Color32::from_gray(18);
 
-/// Parts of a frame to decode; each contains the previous one.
+/// Parts of a frame to decode. The second part includes the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Photo,
@@ -35,7 +35,7 @@ enum Part {
 /// Pictures of a frame, or the reason why some are missing.
 pub struct Pictures<T> {
     pub photo: Option<T>,
-    /// Depth over its own range, from violet (near) to yellow (far).
+    /// Depth in colours from violet (near) to yellow (far) over its own range.
     pub depth: Option<T>,
     pub problem: Option<String>,
 }
@@ -43,15 +43,15 @@ pub struct Pictures<T> {
 struct StoredThumbnails {
     /// Largest part requested so far.
     part: Part,
-    /// Pass of the window that used it last.
+    /// Number of the latest pass of the window that used the thumbnails.
     used_in: u64,
-    /// `None` until decoded.
+    /// Decoded pictures; `None` until decoded.
     pictures: Option<Pictures<TextureHandle>>,
 }
 
 pub struct Thumbnails {
     decoder: RestingJob<(usize, usize), Pictures<ColorImage>>,
-    /// One thread, so that decoding does not use all cores.
+    /// Pool of one thread, so that decoding does not use all cores.
     alone: Arc<ThreadPool>,
     kept: HashMap<(usize, usize), StoredThumbnails>,
     yields_cores: Arc<AtomicBool>,
@@ -82,7 +82,8 @@ impl Thumbnails {
         self.yields_cores.store(yields, Ordering::Relaxed);
     }
 
-    /// Returns the thumbnail of a photograph if it is decoded; else requests it if `may_decode`.
+    /// Returns the thumbnail of a photograph if it is decoded. Otherwise requests it if `may_decode` is
+    /// true.
     pub fn get(
         &mut self,
         context: &Context,
@@ -134,7 +135,8 @@ impl Thumbnails {
         }
     }
 
-    /// Drops the least recently used frame if the store is full; true if there is room.
+    /// Drops the least recently used frame if the store is full and the frame is not displayed. Returns
+    /// true if there is room.
     fn make_room(&mut self, pass: u64) -> bool {
         if self.kept.len() < MAX_KEPT {
             return true;
@@ -213,7 +215,7 @@ fn reduced(size: [usize; 2]) -> (usize, [usize; 2]) {
     (factor, size.map(|side| (side / factor).max(1)))
 }
 
-/// Averages blocks of pixels; transparent pixels count as black.
+/// Reduces an image by averaging blocks of pixels. Transparent pixels count as black.
 fn shrink([width, height]: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) -> ColorImage {
     let (factor, size) = reduced([width, height]);
     let mut pixels = Vec::with_capacity(size[0] * size[1]);
@@ -236,7 +238,7 @@ fn shrink([width, height]: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) 
     ColorImage::new(size, pixels)
 }
 
-/// Maps depth to colours, over its range without the nearest and farthest 2 %.
+/// Maps depth to colours. The colours cover the range of depths without the nearest and farthest 2 %.
 fn depth_picture(depth: &Depth) -> ColorImage {
     // One pixel per block: a mean across an edge would be a surface that does not exist.
     let (width, height) = depth.size();

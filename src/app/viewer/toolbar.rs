@@ -15,7 +15,7 @@ use std::ops::RangeInclusive;
 // egui's default of 200 would need scrolling.
 const MENU: f32 = 400.0;
 
-/// Draws the toolbar; returns a command that the view does not execute itself.
+/// Draws the toolbar. Returns a command that the view does not execute itself, if one is chosen.
 pub fn ui(
     view: &mut SceneView,
     snapshot: &Snapshot,

@@ -2,9 +2,9 @@
 //! by training.
 //!
 //! A guided camera shows all dataset cameras before training, the camera of the latest frame during
-//! training, and the whole scene at the end. Steering by the user ends it, the Ride along command starts it
-//! again. It jumps with the snapshots, without animation: without a GPU, further pictures would take CPU time
-//! from training.
+//! training, and the whole scene at the end. Steering by the user ends the guide, and the Ride along command
+//! starts it again. A guided camera jumps with the snapshots, without animation, because without a GPU
+//! further pictures would take CPU time from training.
 
 use super::frame_refs::{Direction, FrameRef, fit};
 use super::settings::ViewSettings;
@@ -21,16 +21,17 @@ use glam::{DMat3, DVec3};
 use std::time::{Duration, Instant};
 
 const TURNTABLE_S: f64 = 12.0;
-/// Time after the last movement until the picture is refined.
+/// Time after the last camera movement until the picture is drawn at full resolution.
 pub(super) const SETTLE: Duration = Duration::from_millis(150);
 
-/// Position of the view and what moves it; restored after a temporary visit.
+/// Position of the view, and stage of the automatic camera guide. Restored after the preview of another
+/// position.
 #[derive(Clone)]
 pub struct Place {
     position: ViewPosition,
-    /// Stage of a guided camera; `None` once the user has steered.
+    /// Stage of the automatic camera guide; `None` once the user has moved the camera.
     guide: Option<GuideStage>,
-    /// Dataset camera visited last, from which stepping continues.
+    /// Dataset camera visited last. Commands for the next or previous camera start from it.
     latest_frame: Option<FrameRef>,
 }
 
@@ -43,11 +44,11 @@ enum ViewPosition {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum GuideStage {
-    /// Nothing of the subject is shown yet.
+    /// The subject has not been displayed yet.
     Start,
-    /// All cameras of the dataset.
+    /// The view shows all cameras of the dataset.
     Overview,
-    /// Camera of the frame at this position in training order.
+    /// The view is at the camera of the frame with this position in the training order.
     Frame(usize),
     End,
 }
@@ -55,14 +56,14 @@ enum GuideStage {
 pub(super) type PhotoCamera<'a> = &'a dyn Fn(&FrameRef) -> Camera;
 
 pub struct Viewpoint {
-    /// Freely steered camera; `None` while nothing is open.
+    /// Camera that the user moves freely; `None` while nothing is open.
     steered: Option<ViewCamera>,
     place: Place,
     is_flying: bool,
-    /// Files of the subject whose camera is retained if it is opened again.
+    /// Files of the subject. If the same files are opened next, the camera is kept.
     retained_for: Option<FileProposal>,
     pub size_px: [u32; 2],
-    /// Camera of the latest picture.
+    /// Camera of the latest picture, including a dataset camera or a keyframe.
     pub(super) latest: Option<Camera>,
     moved_at: Instant,
 }
@@ -83,7 +84,7 @@ impl Default for Viewpoint {
 }
 
 impl Viewpoint {
-    /// Starts at the home view of another subject, unless its camera was retained.
+    /// Moves to the home view of a newly opened subject, unless the camera is kept for it.
     pub(super) fn reset_for_subject(&mut self, opened: &Opened) {
         self.place.latest_frame = None;
         if self.retained_for.take().is_none_or(|kept| kept != opened.files) {
@@ -93,7 +94,7 @@ impl Viewpoint {
         }
     }
 
-    /// Retains the camera when the same files are opened again, once.
+    /// Keeps the camera if the next opened subject has the same files.
     pub fn retain_for(&mut self, opened: &Opened) {
         self.retained_for = Some(opened.files.clone());
     }
@@ -117,7 +118,7 @@ impl Viewpoint {
         self.place.guide.is_some()
     }
 
-    /// True while keys fly the camera; held keys then trigger no commands.
+    /// True while the user flies the camera with keys. Held keys then trigger no commands.
     pub fn is_flying(&self) -> bool {
         self.is_flying
     }
@@ -126,17 +127,17 @@ impl Viewpoint {
         self.moved_at.elapsed() < SETTLE
     }
 
-    /// Restarts the time until the picture is refined.
+    /// Records a camera movement, which restarts the time until the picture is refined.
     pub(super) fn note_movement(&mut self) {
         self.moved_at = Instant::now();
     }
 
-    /// Centre of the steered camera, world units; `None` while nothing is open.
+    /// Returns the centre of the freely moved camera, world units; `None` while nothing is open.
     pub fn eye(&self) -> Option<DVec3> {
         self.steered.map(|camera| camera.camera(self.size_px).pose.centre())
     }
 
-    /// Orbit centre of the camera, world units; `None` while nothing is open.
+    /// Returns the orbit centre of the camera, world units; `None` while nothing is open.
     pub fn target(&self) -> Option<DVec3> {
         self.steered.map(|camera| camera.orbit.target)
     }
@@ -153,7 +154,7 @@ impl Viewpoint {
         self.steered.map_or(45.0, |camera| camera.own_fov_y.to_degrees() as f32)
     }
 
-    /// Scene radius, and distance of a camera from the scene's centre, world units.
+    /// Returns the scene radius and the distance between `camera` and the scene's centre, world units.
     pub(super) fn extent(&self, camera: &Camera) -> (f64, f64) {
         self.steered.map_or((1.0, 1.0), |view| (view.radius, view.distance_to_middle(camera)))
     }
@@ -163,13 +164,14 @@ impl Viewpoint {
         Some(Keyframe { time: 0.0, pose, fov_y: intrinsics.fov_y() })
     }
 
-    /// Path of one revolution about the orbit centre, from the current camera.
+    /// Returns a camera path of one revolution about the orbit centre. It starts at the current camera.
     pub fn turntable(&self) -> Option<CameraPath> {
         let fov_y = self.keyframe()?.fov_y;
         Some(CameraPath::turntable(&self.steered?.orbit, fov_y, TURNTABLE_S))
     }
 
-    /// Returns the camera of the whole viewport, and the area that a photograph would fill.
+    /// Returns the camera of the whole viewport, and the part of the viewport that a photograph from
+    /// this camera fills.
     pub(super) fn camera_now(
         &mut self,
         settings: &ViewSettings,
@@ -193,8 +195,8 @@ impl Viewpoint {
         Some(shown)
     }
 
-    /// Moves the camera by user input, from the pose of the dataset camera if it is at one. `turns` is false
-    /// while a drag edits.
+    /// Moves the camera by user input. At a dataset camera, the movement starts at the pose of that
+    /// camera. `turns` is false during a drag that makes an edit.
     pub(super) fn steer(
         &mut self,
         ui: &Ui,
@@ -261,7 +263,7 @@ impl Viewpoint {
         }
     }
 
-    /// Makes a point seen by a camera the orbit centre.
+    /// Makes `point`, which the camera `seen_by` sees, the orbit centre.
     pub(super) fn set_target(&mut self, point: DVec3, seen_by: &Camera) {
         let is_free = self.is_free();
         let Some(camera) = &mut self.steered else { return };
@@ -273,7 +275,8 @@ impl Viewpoint {
         self.set_free();
     }
 
-    /// Makes an axis point up, or looks along it from its end.
+    /// If `is_up` is true, makes `axis` point up. Otherwise moves the camera so that it looks at the
+    /// orbit centre against the direction of `axis`.
     pub(super) fn apply_axis(&mut self, axis: DVec3, is_up: bool) {
         let Some(camera) = &mut self.steered else { return };
         match is_up {
@@ -291,7 +294,8 @@ impl Viewpoint {
         self.place.latest_frame = Some(frame);
     }
 
-    /// Moves to the dataset camera visited last, or to the first one, unless it is at one already.
+    /// Moves to the dataset camera visited last, or to the first one. Does nothing if the view is
+    /// already at a dataset camera.
     pub(super) fn move_to_any_frame(&mut self, opened: &Opened) {
         let first = || opened.dataset.as_ref().and_then(FrameRef::first);
         if self.is_free()
@@ -301,7 +305,8 @@ impl Viewpoint {
         }
     }
 
-    /// Moves to a keyframe of a camera path, until something else moves the camera.
+    /// Moves to a keyframe of a camera path. The view stays there until the camera is moved by other
+    /// means.
     pub(super) fn move_to_keyframe(&mut self, moment: Keyframe) {
         self.set_free();
         self.place.position = ViewPosition::Along(moment);
@@ -390,7 +395,8 @@ fn camera_centres(opened: &Opened) -> Vec<DVec3> {
     trained.map(|frame| frame.camera.pose.centre()).collect()
 }
 
-/// Sphere around all cameras and the point halfway between them and the scene.
+/// Returns a sphere around all dataset cameras. Its centre is halfway between the mean camera position
+/// and the target of the home view.
 fn framing_of_cameras(opened: &Opened) -> Option<Framing> {
     let centres = camera_centres(opened);
     // At least 1, because the list may be empty; the result is then unused.
@@ -402,13 +408,13 @@ fn framing_of_cameras(opened: &Opened) -> Option<Framing> {
     (!centres.is_empty()).then_some(Framing { centre, radius })
 }
 
-/// True if most of the cameras are inside the scene.
+/// True if more than half of the cameras are inside the scene's bounding sphere.
 fn are_inside(cameras: &[DVec3], scene: &Framing) -> bool {
     let n = cameras.iter().filter(|c| c.distance(scene.centre) < scene.radius).count();
     2 * n > cameras.len()
 }
 
-/// Flying keys and their directions: right, down, ahead.
+/// Keys that fly the camera, with directions: right, down, ahead.
 const FLYING: [(Key, [f64; 3]); 6] = [
     (Key::W, [0.0, 0.0, 1.0]),
     (Key::S, [0.0, 0.0, -1.0]),
@@ -417,15 +423,16 @@ const FLYING: [(Key, [f64; 3]); 6] = [
     (Key::Q, [0.0, 1.0, 0.0]),
     (Key::E, [0.0, -1.0, 0.0]),
 ];
-/// Flight speed, scene radii per second, and the factors of Shift and Ctrl.
+/// Flight speed in scene radii per second, and its factors while Shift and Ctrl are held.
 const SPEED: f64 = 0.5;
 const FAST: f64 = 10.0;
 const SLOW: f64 = 0.1;
-/// Longest time step of a flight, seconds.
+/// Maximum time step of a flight, seconds.
 // A slow pass must not cause a large jump.
 const MAX_STEP_S: f32 = 0.1;
 
-/// Flight by the held keys in this pass: right, down and ahead, in scene radii.
+/// Returns the movement caused by the held keys in this pass of the window: right, down and ahead, in
+/// scene radii.
 fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
     // The keys then enter text.
     if ui.ctx().text_edit_focused() {

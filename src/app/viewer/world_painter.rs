@@ -11,10 +11,10 @@ use eframe::egui::{
 };
 use glam::{DMat3, DVec3};
 
-/// Near plane, as a share of the scene's radius.
+/// Distance of the near plane, as a fraction of the scene's radius.
 const NEAR: f64 = 1e-3;
 const POINT: f32 = 2.0;
-/// Subdivisions of a picture along each side.
+/// Number of subdivisions of a picture along each side.
 // egui's triangles lack perspective correction.
 const PIECES: usize = 4;
 
@@ -29,8 +29,8 @@ pub struct WorldPainter {
 }
 
 impl WorldPainter {
-    /// Creates a painter over `rect` for a pinhole camera with the size of `rect` in pixels; `radius`
-    /// is the scene's, world units.
+    /// Creates a painter over `rect` for a pinhole camera whose image has the size of `rect` in pixels.
+    /// `radius` is the scene's radius, world units.
     pub fn new(ui: &Ui, rect: Rect, camera: &Camera, radius: f64) -> Self {
         let (rotation, translation) = camera.pose.inverse();
         Self {
@@ -44,7 +44,8 @@ impl WorldPainter {
         }
     }
 
-    /// Projects a world point to window points; `None` behind the near plane.
+    /// Projects a point from world coordinates to window coordinates (points). `None` if the point is
+    /// nearer to the camera than the near plane.
     pub fn position(&self, world: DVec3) -> Option<Pos2> {
         let p = self.in_camera(world);
         (p.z > self.near).then(|| self.on_screen(p))
@@ -78,8 +79,8 @@ impl WorldPainter {
         self.painter.add(Shape::mesh(mesh));
     }
 
-    /// Draws a picture on a parallelogram given by its upper left, upper right and lower left corners.
-    /// Draws nothing if a part of it is behind the camera.
+    /// Draws a picture on a parallelogram, given by its upper left, upper right and lower left corners
+    /// in world coordinates. Draws nothing if a part of it is behind the camera.
     pub fn picture(&self, [corner, right, down]: [DVec3; 3], texture: TextureId, tint: Color32) {
         let mut mesh = Mesh::with_texture(texture);
         for row in 0..=PIECES {
@@ -104,8 +105,8 @@ impl WorldPainter {
         self.painter.add(Shape::mesh(mesh));
     }
 
-    /// Draws the ground grid through the origin, and the axes. The cell size is a power of ten near a fifth
-    /// of the scene's `radius` (world units).
+    /// Draws the ground grid through the origin, and the axes. The cell size is the power of ten closest
+    /// to a fifth of the scene's `radius` (world units).
     pub fn grid(&self, up: DVec3, radius: f64) {
         let cell = 10f64.powf((0.2 * radius).log10().round());
         let across = up.any_orthonormal_vector();
@@ -140,17 +141,18 @@ const AXES: [(DVec3, &str, Color32); 3] = [
     (DVec3::Y, "Y", Color32::from_rgb(110, 200, 110)),
     (DVec3::Z, "Z", Color32::from_rgb(100, 150, 240)),
 ];
-/// Length of an arm, and offset of the gizmo from the viewport's upper right corner, points.
+/// Length of an arm of the gizmo, and offset of the gizmo from the viewport's upper right corner,
+/// points.
 const ARM: f32 = 26.0;
 const PLACE: Vec2 = Vec2::new(-46.0, 84.0);
 const KNOB: f32 = 8.0;
 const GRID: Color32 = Color32::from_gray(90);
-/// Grid cells on either side of the origin.
+/// Number of grid cells on each side of the origin.
 const CELLS: i32 = 10;
 
 impl Viewpoint {
-    /// Draws the axis gizmo. A click on an end moves the camera onto that axis; a right click makes
-    /// that axis point up.
+    /// Draws the axis gizmo. A click on the end of an axis moves the camera onto that axis. A right
+    /// click makes the axis point up.
     pub(super) fn gizmo(&mut self, ui: &Ui, rect: Rect) {
         let Some(from_world) = self.rotation_from_world() else { return };
         let centre = rect.right_top() + PLACE;

@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 pub struct Files {
-    /// Folders for slots; the further ones are only used when the program ends unexpectedly.
+    /// Folders for autosave slots, in order of preference. All but the first are used only when the
+    /// program ends unexpectedly.
     folders: Vec<PathBuf>,
     saver: Saver,
     /// Number of trained frames that no checkpoint contains.
@@ -18,12 +19,12 @@ pub struct Files {
 }
 
 enum Saver {
-    /// Nothing was saved yet. Holds the time of the first unsaved frame, if there is one.
+    /// Nothing is saved yet. Holds the time of the first unsaved frame, if there is one.
     Waiting(Option<Instant>),
     On(Autosave, AutosaveSlot),
-    /// Autosave failed, after a warning, or does not apply to the subject.
+    /// Autosave has failed, after a warning, or the subject cannot be saved.
     Off,
-    /// The run was stored because of a panic or a termination; its slot is released.
+    /// The run was stored because of a panic or the end of the program, and its slot is released.
     Stored(Rescue),
 }
 
@@ -46,8 +47,8 @@ impl Files {
         self.discard();
     }
 
-    /// Deletes the autosave of a run that the user has saved or discarded, and prepares for the next run.
-    /// A stored run stays for the next start.
+    /// Deletes the autosave of a run that the user has saved or discarded, and prepares for the next
+    /// run. The file of a stored run remains for the next start.
     pub fn discard(&mut self) {
         self.n_unsaved = 0;
         let saver = std::mem::replace(&mut self.saver, Saver::Waiting(None));
@@ -58,7 +59,7 @@ impl Files {
         }
     }
 
-    /// Starts an autosave if one is due; returns a warning if one has failed.
+    /// Starts an autosave if one is due. Returns a warning if an autosave has failed.
     pub fn poll(&mut self, session: &Session, time: Duration) -> Option<String> {
         match &mut self.saver {
             Saver::Off | Saver::Stored(_) => None,
@@ -76,7 +77,7 @@ impl Files {
         }
     }
 
-    /// True if an autosave may start or end without an order or a trained frame.
+    /// True if an autosave may start or finish although no order arrives and no frame is trained.
     pub fn is_pending(&self, session: &Session) -> bool {
         match &self.saver {
             Saver::Off | Saver::Stored(_) => false,
@@ -105,7 +106,7 @@ impl Files {
         begun
     }
 
-    /// Continues the autosave in the slot of a resumed run.
+    /// Continues autosaving a resumed run in its slot.
     pub fn adopt(&mut self, slot: AutosaveSlot, session: &Session) {
         let path = slot.path().to_owned();
         let autosave = Autosave::new(path, AutosaveInterval::default(), session);
@@ -114,13 +115,14 @@ impl Files {
         self.n_unsaved = session.learner().status().frames as usize;
     }
 
-    /// Finds the newest run that an earlier window left behind, of one dataset or of any.
+    /// Finds the newest run that an earlier window neither saved nor discarded. Without `dataset`,
+    /// considers the runs of all datasets.
     pub fn find_abandoned(&self, dataset: Option<&Path>) -> Option<AbandonedRun> {
         rescue::find_newest(&self.folders, dataset)
     }
 
-    /// Stores training that no checkpoint holds for the next start, once, even if autosave is off. The
-    /// demo is not stored.
+    /// Stores training that no checkpoint contains, even if autosave is off, so that the next start can
+    /// resume it. Stores it only once. The demo is not stored.
     pub fn store(&mut self, session: Option<&Session>) -> Rescue {
         // A panic and the end of the program may both store the same state.
         if let Saver::Stored(known) = &self.saver {

@@ -17,7 +17,7 @@ use glam::DVec3;
 use std::path::Path;
 
 pub struct Export<'a> {
-    /// Number by which the snapshot reports the outcome.
+    /// Number that identifies the file when the snapshot reports the outcome.
     pub number: u64,
     pub path: &'a Path,
     pub mapping: Mapping,
@@ -46,7 +46,7 @@ impl Files {
 }
 
 impl Export<'_> {
-    /// Writes the file, reports its progress and then its outcome.
+    /// Writes the file, reports the progress, and finally the outcome.
     pub fn write(&self, run: &Run, out: &mut Outbox, progress: &Progress) {
         progress.begin();
         let written = self.write_model(run, out, progress);
@@ -118,7 +118,7 @@ impl Export<'_> {
     }
 }
 
-/// Writes a text, under an unused name if the file exists.
+/// Writes a text to a file; under an unused name if `path` exists.
 pub fn write_text(path: &Path, text: &str, out: &mut Outbox) {
     let path = unused(path);
     // Atomically: half a path or half a table could be read as a whole one.
@@ -128,7 +128,7 @@ pub fn write_text(path: &Path, text: &str, out: &mut Outbox) {
     }
 }
 
-/// Records a file as not written until it is; after a panic this remains.
+/// Records that the file with this number is not written yet. The record remains if writing panics.
 pub fn begin_write(out: &mut Outbox, number: u64) {
     out.snapshot.files.latest_write = Some(WriteOutcome { number, is_written: false });
 }

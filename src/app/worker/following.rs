@@ -21,27 +21,28 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Time without a frame after which training is at rest, and deferred changes are published.
+/// Time without a new frame after which training counts as idle and deferred changes are published.
 const AT_REST: Duration = Duration::from_millis(500);
-/// Interval at which the window receives the cameras of a growing recording, whose list is copied.
+/// Interval at which the window receives the cameras of a growing recording. Each update copies the list
+/// of cameras.
 const CAMERAS: Duration = Duration::from_secs(2);
-/// Timeout of a poll of the starting session, after which orders are handled.
+/// Maximum duration of one poll of a starting session; then orders are handled.
 const PATIENCE: Duration = Duration::from_millis(50);
 
 #[derive(Default)]
 pub struct Following {
-    /// Recording on which no session has started.
+    /// Awaited recording, for which no session has started.
     awaited: Option<Follow>,
-    /// Session being started on the frames so far.
+    /// Job that starts a session on the first frames of the recording.
     beginning: Option<Job<Result<OpenedSubject, OpenError>>>,
-    /// Time at which the frames of a recording ran out; `None` once training is at rest.
+    /// Time at which training ran out of frames; `None` once training counts as idle.
     waiting_since: Option<Instant>,
     /// Time of the last update of the cameras of a growing recording.
     cameras_updated: Option<Instant>,
 }
 
 impl Following {
-    /// Awaits a recording; `None` stops waiting.
+    /// Starts to await a recording; `None` stops waiting.
     pub fn await_recording(&mut self, follow: Option<Follow>) {
         (self.awaited, self.beginning, self.waiting_since) = (follow, None, None);
     }
@@ -57,7 +58,7 @@ impl Following {
         }
     }
 
-    /// Time until the next poll for frames; `None` unless training waits for a recording.
+    /// Returns the time until the next poll for frames; `None` unless training waits for a recording.
     pub fn time_to_next_poll(&self, state: RunState, run: &Run) -> Option<Duration> {
         let rest = match (state, run.session()) {
             // `poll` itself waits for the job.
@@ -72,8 +73,8 @@ impl Following {
         Some(rest.max(Duration::from_millis(1)))
     }
 
-    /// Returns the session of the awaited recording once the first frames exist and it has started,
-    /// trained with `training` and numbered `serial`.
+    /// Returns the opened subject of the awaited recording once the first frames exist and the session
+    /// has started. The session trains with `training`; the subject has the serial number `serial`.
     ///
     /// # Errors
     /// If no session can ever start.
@@ -143,7 +144,7 @@ impl Following {
         self.publish_at_rest(is_waiting && out.snapshot.following.recording.is_some(), run, out);
     }
 
-    /// Warning that the drive does not respond while a session starts.
+    /// Returns a warning if the drive does not respond while a session starts.
     fn silence(&self) -> Option<String> {
         let (follow, job) = (self.awaited.as_ref()?, self.beginning.as_ref()?);
         silence(follow.path(), job.elapsed())
@@ -164,7 +165,7 @@ impl Following {
         self.cameras_updated = Some(Instant::now());
     }
 
-    /// Publishes changes deferred until training rests (see [`Outbox::mark_visibility`]), once per rest.
+    /// Publishes deferred changes once when training becomes idle (see [`Outbox::mark_visibility`]).
     fn publish_at_rest(&mut self, is_waiting: bool, run: &Run, out: &mut Outbox) {
         match self.waiting_since {
             _ if !is_waiting => self.waiting_since = Some(Instant::now()),
@@ -179,19 +180,19 @@ impl Following {
     }
 }
 
-/// Returns the follower of a folder, which selects all its frames.
+/// Returns the reader that follows the recording in a folder. It selects all frames.
 pub fn follow_of(path: &Path) -> Result<Follow, String> {
     let selection = Selection { follow: true, ..Selection::all_frames() };
     Follow::new(path, &LoadOptions::default(), &selection).map_err(|error| error.to_string())
 }
 
-/// True if a dataset was read from the folder of a subject. Uses the state at opening: a query now
-/// would block if the drive does not respond.
+/// True if `subject` is the folder from which the dataset was read. Uses the state at opening, because
+/// accessing the file system would block if the drive does not respond.
 pub fn is_read_from(dataset: &Dataset, subject: &Subject) -> bool {
     matches!(subject, Subject::Path(path) if dataset.is_folder && dataset.path.as_ref() == Some(path))
 }
 
-/// True if a subject is a folder, existing or not, and no file that is opened as a whole.
+/// True if the subject is a folder, existing or not. False for checkpoints and other files.
 pub fn is_folder(subject: &Subject) -> bool {
     matches!(subject, Subject::Path(path) if !path.is_file() && !is_checkpoint(path))
 }

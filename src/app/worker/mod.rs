@@ -26,14 +26,14 @@ use thread::WorkerThread;
 pub use crate::pipeline::job::Waker;
 pub use thread::WorkerOrder;
 
-/// Minimum time between two snapshots, if a GPU draws them.
+/// Minimum time between two snapshots if a GPU draws the scene.
 const INTERVAL: Duration = Duration::from_millis(33);
 
-/// Wait for a frame after which the window reports it, since the drive may not respond.
+/// Waiting time for a frame after which the window reports it, because the drive may not respond.
 const SLOW_FRAME: Duration = Duration::from_secs(5);
 
-/// Maximum number of queued orders, more than a user gives while a dataset is opened. Beyond it the
-/// window waits for the trainer, so that memory stays bounded.
+/// Maximum number of queued orders, more than a user gives while a dataset is opened. If the queue is
+/// full, the window waits for the trainer, so that memory stays bounded.
 const MAX_ORDERS: usize = 1024;
 
 /// Handle of the training thread; dropping it stops the thread after the current frame.
@@ -44,13 +44,13 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Starts the thread with the default folders for autosaves.
+    /// Starts the training thread with the default folders for autosaves.
     pub fn start(waker: Waker) -> std::io::Result<Self> {
         Self::start_with(waker, default_folders())
     }
 
-    /// Starts the thread; autosaves go to the first folder, and to the next ones if the program ends
-    /// unexpectedly and the first cannot be written.
+    /// Starts the training thread. Autosaves go to the first folder. The other folders are used if the
+    /// program ends unexpectedly and the first cannot be written.
     pub fn start_with(waker: Waker, folders: Vec<PathBuf>) -> std::io::Result<Self> {
         // The hook records the place of a panic, which its payload lacks.
         PanicReport::install_hook();
@@ -80,7 +80,8 @@ impl Worker {
         }
     }
 
-    /// True while the thread takes orders; only a panic during the handling of a panic ends it.
+    /// True while the thread accepts orders. The thread ends early only if a panic occurs while an
+    /// earlier panic is handled.
     pub fn is_alive(&self) -> bool {
         self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }
@@ -94,12 +95,12 @@ impl Worker {
     }
 
     /// Returns a number for the next file, unique among all windows of a run. The snapshot reports the
-    /// outcome under this number.
+    /// file's outcome with this number.
     pub fn new_number(&self) -> u64 {
         self.shared.new_number()
     }
 
-    /// Written share of the file being exported; `None` while there is none.
+    /// Returns the written fraction of the file being exported; `None` if no export is in progress.
     pub fn file_progress(&self) -> Option<f32> {
         self.shared.file.share()
     }
@@ -113,13 +114,13 @@ impl Worker {
         self.shared.opening.cancel();
     }
 
-    /// Latest panic of the thread, with the outcome of storing its run.
+    /// Returns the latest panic of the thread, with the outcome of storing its run.
     pub fn crash(&self) -> Option<Crash> {
         self.shared.crash.get()
     }
 
-    /// Stops training and stores frames that no checkpoint contains; the next start offers them. Blocks
-    /// until all earlier orders are executed. Windows then close.
+    /// Stops training and stores frames that no checkpoint contains; the next start of the program
+    /// offers to resume them. Blocks until all earlier orders are executed. Windows then close.
     pub fn store(&self) -> Rescue {
         // An opening is no longer wanted, and its drive may never respond.
         self.shared.close();
@@ -138,7 +139,7 @@ impl Worker {
         }
     }
 
-    /// Time spent waiting for the current frame; `None` below 5 s.
+    /// Returns the time spent waiting for the current frame; `None` below 5 s.
     pub fn slow_frame(&self) -> Option<Duration> {
         let waited = self.snapshot().pace.unread_since?.elapsed();
         (waited >= SLOW_FRAME).then_some(waited)
@@ -163,7 +164,7 @@ pub struct Shared {
     pub snapshot: Mailbox<Arc<Snapshot>>,
     pub updates: SplatUpdates,
     pub crash: Mailbox<Option<Crash>>,
-    /// The file being exported.
+    /// Progress of the file being exported.
     pub file: Progress,
     pub opening: Progress,
     is_closing: AtomicBool,
@@ -173,7 +174,7 @@ pub struct Shared {
 
 // Relaxed throughout: no other memory depends on the values.
 impl Shared {
-    /// Minimum time between two snapshots.
+    /// Returns the minimum time between two snapshots.
     pub fn interval(&self) -> Duration {
         Duration::from_micros(self.interval_us.load(Ordering::Relaxed))
     }
@@ -183,12 +184,12 @@ impl Shared {
         self.interval_us.store(interval.as_micros() as u64, Ordering::Relaxed);
     }
 
-    /// Returns an unused file number, from 1.
+    /// Returns an unused file number. The first number is 1.
     pub fn new_number(&self) -> u64 {
         self.n_numbered.fetch_add(1, Ordering::Relaxed) + 1
     }
 
-    /// Cancels this opening and all later ones, because the program ends.
+    /// Cancels the opening in progress and all later ones, because the program ends.
     pub fn close(&self) {
         self.is_closing.store(true, Ordering::Relaxed);
     }

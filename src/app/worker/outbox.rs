@@ -15,7 +15,7 @@ use std::time::Instant;
 /// Number of frames over which the frame rate is averaged.
 const RATE_FRAMES: usize = 30;
 
-/// Most notices of a snapshot, whose list is copied for every new one.
+/// Maximum number of notices in a snapshot. The list is copied for every new notice.
 const MAX_NOTICES: usize = 50;
 
 pub struct Outbox {
@@ -24,11 +24,11 @@ pub struct Outbox {
     waker: Waker,
     published: Instant,
     dirty: Dirty,
-    /// True if the snapshot differs from the published one.
+    /// True if the snapshot differs from the one published last.
     pub is_changed: bool,
-    /// Serial of the next notice or opened subject.
+    /// Serial number of the next notice or opened subject.
     pub next_serial: u64,
-    /// End times of recent frames, for the frame rate.
+    /// Times at which the latest frames were completed, for the frame rate.
     ends: VecDeque<Instant>,
 }
 
@@ -50,7 +50,7 @@ impl Outbox {
         (self.waker)();
     }
 
-    /// True if a change is not yet published.
+    /// True if there are changes that are not yet published.
     pub fn has_news(&self) -> bool {
         self.is_changed || !self.dirty.is_empty()
     }
@@ -77,13 +77,14 @@ impl Outbox {
         self.is_changed = true;
     }
 
-    /// Removes the notices of a topic that no longer applies.
+    /// Removes the notices about a topic that is no longer current.
     pub fn forget_notices(&mut self, topic: NoticeTopic) {
         let kept = self.snapshot.notices.iter().filter(|notice| notice.topic != topic);
         self.snapshot.notices = Arc::new(kept.cloned().collect());
     }
 
-    /// Resets the snapshot for another subject; keeps notices, outcomes of files and the follow switch.
+    /// Resets the snapshot for another subject. Notices, outcomes of files and the setting to follow
+    /// recordings are kept.
     pub fn reset_snapshot(&mut self) {
         self.ends.clear();
         let Snapshot { notices, files, following, .. } = std::mem::take(&mut self.snapshot);
@@ -97,7 +98,7 @@ impl Outbox {
         self.is_changed = true;
     }
 
-    /// Counts the end of a frame in the frame rate.
+    /// Updates the frame rate after a frame is completed.
     pub fn record_frame(&mut self) {
         if self.ends.len() == RATE_FRAMES {
             self.ends.pop_front();
@@ -128,8 +129,8 @@ impl Outbox {
         }
     }
 
-    /// Publishes to the window, at most once per interval unless `at_once`. Changed splats are
-    /// converted only after the viewport has taken the last ones.
+    /// Publishes the snapshot to the window, at most once per interval unless `at_once`. Changed splats
+    /// are delivered only after the viewport has received the previous ones.
     pub fn publish(&mut self, run: &Run, at_once: bool) {
         let due = self.published.elapsed() >= self.shared.interval();
         // A hidden window takes no splats, so pending ones must not wake it.
@@ -149,8 +150,8 @@ impl Outbox {
         (self.waker)();
     }
 
-    /// Adds reports older than the recent ones whose photographs were just compared. Pending
-    /// photographs are drawn at random, so that some wait for longer than any number of frames.
+    /// Adds new reports of older frames whose photographs were just compared with the scene. Buffered
+    /// photographs are drawn at random, so that some are compared many frames later.
     pub fn add_late_reports(&mut self, run: &Run) {
         let Some(session) = run.session() else { return };
         // Only half of them: the others are still among the latest frames when these are published.
@@ -185,15 +186,16 @@ impl Outbox {
         }
     }
 
-    /// Marks the components that changed because rays of a frame passed through them, without receiving
-    /// points. Done when training rests: delivering all of them after every frame would slow it down.
+    /// Marks all components as changed, because rays of trained frames may change components without
+    /// assigning points to them. Called only while training is idle, because delivering all components
+    /// after every frame would slow training down.
     pub fn mark_visibility(&mut self, run: &Run) {
         if run.session().is_some_and(|session| session.config().method.scene().is_some()) {
             self.mark_all(run);
         }
     }
 
-    /// Replaces the splats of the viewport by those of another subject.
+    /// Replaces the splats in the viewport by the splats of another subject.
     pub fn replace_splats(&mut self, change: SplatChange) {
         self.dirty = Dirty::default();
         // Also drops pending updates of the previous scene.
@@ -238,7 +240,7 @@ impl Dirty {
         self.ids.is_empty()
     }
 
-    /// Adds components, which may be new.
+    /// Adds components to the set. Their indices may be new.
     fn mark(&mut self, ids: &[u32]) {
         for &id in ids {
             let n = self.is_dirty.len().max(id as usize + 1);
@@ -254,7 +256,7 @@ impl Dirty {
         self.is_dirty = vec![true; components];
     }
 
-    /// Returns each component once, and empties the set.
+    /// Returns each component once and empties the set.
     fn take(&mut self) -> Vec<u32> {
         // One by one: clearing all flags would cost time in proportion to the scene at every update.
         for &id in &self.ids {

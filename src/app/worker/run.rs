@@ -17,9 +17,9 @@ pub struct Run {
     pub subject: Option<Subject>,
     pub calibration: Option<Arc<GivenCalibration>>,
     content: Option<Content>,
-    /// Attribute by which the viewport colours components.
+    /// Attribute that the viewport needs for each component, if any.
     pub watched: Option<Attribute>,
-    /// Component that snapshots inspect.
+    /// Index of the component that snapshots describe in detail.
     pub inspecting: Option<u32>,
     pub sampling: Option<Job<FrameSampling>>,
 }
@@ -43,7 +43,7 @@ impl Run {
         (self.subject, self.calibration) = (Some(subject), calibration);
     }
 
-    /// Replaces the content; `None` while a recording is awaited.
+    /// Replaces the session or model; `None` while a recording is awaited.
     pub fn set_content(&mut self, content: Option<Content>) {
         self.content = content;
         // A sampling of the previous dataset is abandoned.
@@ -52,7 +52,7 @@ impl Run {
         self.inspecting = None;
     }
 
-    /// Splats of the newest state, whatever the viewport shows.
+    /// Returns the splats of the newest state, whatever the viewport displays.
     pub fn splats(&self) -> SplatSet {
         match &self.content {
             Some(Content::Session(session)) => session.splats(),
@@ -61,13 +61,14 @@ impl Run {
         }
     }
 
-    /// Reports of the latest frames. A report changes once its pending photograph is trained on.
+    /// Returns the reports of the latest frames. A report changes once the frame's buffered photograph
+    /// is used for training.
     pub fn recent_frames(&self) -> &[FrameReport] {
         let frames = self.session().map_or(&[][..], Session::frames);
         &frames[frames.len().saturating_sub(HISTORY)..]
     }
 
-    /// Attributes of components, if the viewport needs them.
+    /// Returns the attributes of components; empty if the viewport does not need them.
     pub fn attributes_of(&self, ids: &[u32]) -> Vec<ComponentAttributes> {
         match self.session() {
             Some(session) if self.watched.is_some() => session.attributes_of(ids),
@@ -121,7 +122,8 @@ impl Run {
         }
     }
 
-    /// Returns the result of the sampling, or a notice about its panic, once.
+    /// Returns the result of sampling frames, or a notice if the sampling panicked. Returns it only
+    /// once.
     pub fn take_sampling(&mut self) -> Option<Result<FrameSampling, String>> {
         let ended = self.sampling.as_ref()?.poll()?;
         self.sampling = None;

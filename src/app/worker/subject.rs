@@ -21,7 +21,7 @@ use std::time::Duration;
 
 enum Found {
     Whole(Box<OpenedSubject>),
-    /// A folder whose recording continues or has not begun.
+    /// A folder with a recording that continues or has not begun.
     Recording(Box<Follow>),
 }
 
@@ -63,7 +63,8 @@ impl WorkerThread {
         Ok(())
     }
 
-    /// Runs `open` in the state of loading. If it fails, the previous subject stays open, paused.
+    /// Runs `open` while the state is "loading". If it fails, the previous subject stays open and its
+    /// training is paused.
     fn while_loading<T>(
         &mut self,
         open: impl FnOnce(&mut Self) -> Result<T, Refusal>,
@@ -83,7 +84,7 @@ impl WorkerThread {
         opened
     }
 
-    /// Reads a subject, until the user cancels.
+    /// Reads a subject, or prepares to follow the recording in its folder. Fails if the user cancels.
     fn find(
         &mut self,
         calibration: Option<&Arc<GivenCalibration>>,
@@ -109,7 +110,7 @@ impl WorkerThread {
         Ok(found??)
     }
 
-    /// Waits until a folder contains a frame; nothing is open meanwhile.
+    /// Waits until a folder contains a frame. Until then no subject is open.
     fn await_recording(
         &mut self,
         follow: Follow,
@@ -175,7 +176,7 @@ impl WorkerThread {
         }
     }
 
-    /// Reopens the subject with its calibration, to apply the current settings.
+    /// Reopens the subject with its calibration, so that the current settings apply.
     pub(super) fn reset(&mut self) {
         if let Some(subject) = self.run.subject.clone() {
             self.open_with(self.run.calibration.clone(), subject);
@@ -201,7 +202,7 @@ impl WorkerThread {
         }
     }
 
-    /// Subject to which a calibration applies, or the reason why there is none.
+    /// Returns the subject to which a calibration applies, or the reason why there is none.
     fn calibratable(&self) -> Result<Subject, &'static str> {
         match &self.run.subject {
             None => Err("a calibration applies to a dataset: open the dataset first"),
@@ -215,7 +216,8 @@ impl WorkerThread {
         }
     }
 
-    /// Offers the newest run that an earlier window left behind, of one dataset or of any.
+    /// Offers the newest run that an earlier window neither saved nor discarded. Without `dataset`,
+    /// considers the runs of all datasets.
     pub(super) fn offer_abandoned_run(&mut self, dataset: Option<&Path>) {
         if let Some(run) = self.files.find_abandoned(dataset) {
             self.outbox.snapshot.files.abandoned = Some(Arc::new(run));
@@ -272,7 +274,7 @@ impl WorkerThread {
         }
     }
 
-    /// Returns the result of `work` on a path, or a [`Refusal`] if the user cancels.
+    /// Runs `work` on a path in a thread and returns its result, or a [`Refusal`] if the user cancels.
     fn read_cancellable<T: Send + 'static>(
         &mut self,
         path: Option<&Path>,
@@ -308,15 +310,15 @@ impl WorkerThread {
     }
 }
 
-/// Interval at which cancellation is polled.
+/// Interval at which the worker checks for cancellation.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Time without a result after which the user is warned.
+/// Opening time after which the user is warned of a slow drive.
 const SLOW: Duration = Duration::from_secs(4);
 
 /// Reason why a subject was not opened.
 #[derive(Debug)]
 struct Refusal {
-    /// Severity; a cancellation by the user is no error.
+    /// Severity of the notice. A cancellation by the user is not an error.
     kind: NoticeKind,
     text: String,
 }
@@ -327,7 +329,7 @@ impl From<String> for Refusal {
     }
 }
 
-/// Starts work that opens the subject with this name.
+/// Starts a thread for work that opens a subject. `name` appears in messages.
 ///
 /// # Errors
 /// If no thread can be started.
@@ -348,7 +350,7 @@ pub fn start_opening<T: Send + 'static>(
         .map_err(|error| format!("{name}: starting the thread that opens it failed: {error}"))
 }
 
-/// Result of the work, or the notice about its panic.
+/// Returns the result of the work. If the work panicked, the error is the text of a notice.
 pub fn join_opening<T>(name: &str, ended: Result<T, PanicReport>) -> Result<T, String> {
     ended.map_err(|panic| format!("{name}: {}", panic.failure_notice("opening it")))
 }

@@ -30,14 +30,14 @@ pub struct WorkerThread {
     pub(super) files: Files,
     pub(super) following: Following,
     pub(super) outbox: Outbox,
-    /// True if a single step waits for a frame that has not been read.
+    /// True if the user requested a single step whose frame has not been read yet.
     pub(super) has_pending_step: bool,
 }
 
-/// Interval at which autosaves are polled while no frames are trained.
+/// Interval at which autosaves are checked while no frames are trained.
 const SAVES: Duration = Duration::from_secs(1);
 
-/// Error: the handle was dropped.
+/// Error that ends the thread, because its handle was dropped.
 struct Dismissed;
 
 impl WorkerThread {
@@ -78,7 +78,8 @@ impl WorkerThread {
         self.files.discard();
     }
 
-    /// Returns the next order; blocks for it unless there is a frame to train.
+    /// Returns the next order. Does not block while a frame can be trained. `None` if no order has
+    /// arrived but there is other work.
     fn next_order(&self) -> Result<Option<WorkerOrder>, Dismissed> {
         let state = self.outbox.snapshot.state;
         let rest = self.following.time_to_next_poll(state, &self.run);
@@ -100,7 +101,7 @@ impl WorkerThread {
         }
     }
 
-    /// Time until the next work that needs no order; `None` if there is none.
+    /// Returns the time until work that needs no order is due; `None` if there is no such work.
     fn idle_timeout(&self) -> Option<Duration> {
         // Retries the delivery of pending splats.
         if self.outbox.has_news() || self.run.sampling.is_some() {
@@ -223,7 +224,8 @@ impl WorkerThread {
         }
     }
 
-    /// Between two turns: starts an autosave if one is due, and reports a failed one.
+    /// Starts an autosave if one is due, and reports a failed one. Called between two turns of the
+    /// worker.
     fn autosave(&mut self) {
         let (Some(seconds), Some(session)) = (self.training.autosave_s, self.run.session()) else {
             return;
@@ -233,7 +235,7 @@ impl WorkerThread {
         }
     }
 
-    /// After a panic of this thread: stores the run and reports the crash to the window, which stays
+    /// Stores the run after a panic of this thread, and reports the crash to the window, which stays
     /// open.
     fn handle_panic(&mut self, panic: PanicReport) {
         // The panic may have occurred while a file was written.
@@ -246,7 +248,7 @@ impl WorkerThread {
         self.outbox.publish(&self.run, true);
     }
 
-    /// Stops training because the program ends, and stores the run; windows then close.
+    /// Stops training because the program ends, and stores the run. Windows then close.
     fn end_run(&mut self) -> Rescue {
         self.set_state(RunState::Paused);
         let rescue = self.files.store(self.run.session());
@@ -262,42 +264,42 @@ impl WorkerThread {
 
 #[derive(Clone, Debug)]
 pub enum WorkerOrder {
-    /// Trains subjects that are opened or reset later with these settings.
+    /// Sets the training settings for subjects that are opened or reset later.
     TrainBy(Box<TrainSettings>),
-    /// Opens a subject; the demo is also trained at once.
+    /// Opens a subject. The demo is also trained at once.
     Open(Subject),
-    /// Restarts with the open subject, its cameras corrected by a calibration file.
+    /// Reopens the subject with cameras that a calibration file corrects.
     Calibrate(PathBuf),
     Train,
-    /// Stops after the current frame.
+    /// Stops training after the current frame.
     Pause,
     Step,
-    /// Follows recordings, the open one and those opened next; or stops following.
+    /// Sets whether recordings are followed: the open one and those opened later.
     Follow(bool),
     Reset,
-    /// Restarts with the same subject and the current settings, and trains at once.
+    /// Reopens the subject with the current settings and trains at once.
     Retrain,
-    /// Writes a checkpoint of the newest state; the snapshot reports the outcome under this number.
+    /// Writes a checkpoint of the newest state. The snapshot reports the outcome with the given number.
     Save(u64, PathBuf),
-    /// Exports the newest scene, with the mapping from native to plain splats and the splats left out by
-    /// edits; the snapshot reports the outcome under this number.
+    /// Exports the newest scene. The mapping converts native to plain splats; the edits exclude splats.
+    /// The snapshot reports the outcome with the given number.
     Export(u64, PathBuf, Mapping, LeftOut),
-    /// Writes a text to a file, under an unused name if it exists.
+    /// Writes a text to a file; under an unused name if the path exists.
     WriteText(PathBuf, String),
     /// Stops training and stores frames that no checkpoint contains, because the program ends
-    /// unexpectedly.
+    /// unexpectedly. Returns the outcome through the channel.
     Store(SyncSender<Rescue>),
-    /// Resumes the run that the snapshot offers.
+    /// Resumes the abandoned run that the snapshot offers.
     ResumeAbandoned,
     DiscardAbandoned,
-    /// Publishes a notice of the window.
+    /// Publishes a notice about the window.
     Report(NoticeKind, String),
-    /// Removes the notices of the window, because another adapter draws.
+    /// Removes the notices about the window, because another adapter draws it.
     ForgetReports,
-    /// Delivers attributes of components with their splats from now on; `None` stops that.
+    /// Sets the attribute that is delivered with changed splats; `None` delivers no attributes.
     Watch(Option<Attribute>),
-    /// Includes the inspection of a component in snapshots; `None` stops that.
+    /// Sets the component whose inspection snapshots include; `None` includes none.
     Inspect(Option<u32>),
-    /// Delivers all splats again, for a new window.
+    /// Delivers all splats again, because a new window has opened.
     Deliver,
 }

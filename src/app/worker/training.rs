@@ -11,11 +11,11 @@ use crate::pipeline::session::Step;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Timeout of waiting for an unread frame, after which orders are handled.
+/// Maximum time spent waiting for an unread frame; then orders are handled.
 const PATIENCE: Duration = Duration::from_millis(50);
 
 impl WorkerThread {
-    /// Trains one frame, once it has been read.
+    /// Trains one frame as soon as it has been read.
     pub(super) fn step_once(&mut self) {
         self.has_pending_step = !self.step();
         if !self.has_pending_step {
@@ -23,7 +23,7 @@ impl WorkerThread {
         }
     }
 
-    /// Trains on the next frame; false if it has not been read yet.
+    /// Trains on the next frame. Returns false if the frame has not been read yet.
     pub(super) fn step(&mut self) -> bool {
         let Some(session) = self.run.session_mut() else { return true };
         let started = Instant::now();
@@ -102,7 +102,7 @@ impl WorkerThread {
         }
     }
 
-    /// Includes pending photographs in the drawn scene, as files do.
+    /// Updates the drawn scene as if all buffered photographs had been trained on, as in saved files.
     pub(super) fn settle(&mut self) {
         if self.run.session_mut().is_some_and(|session| session.settle()) {
             self.outbox.mark_all(&self.run);
@@ -125,7 +125,7 @@ impl WorkerThread {
         self.outbox.is_changed = true;
     }
 
-    /// Publishes the result of sampling the frames, once.
+    /// Publishes the result of sampling the frames once it is available.
     pub(super) fn take_sampling(&mut self) {
         let Some(sampling) = self.run.take_sampling() else { return };
         self.outbox.is_changed = true;
