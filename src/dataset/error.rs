@@ -53,7 +53,7 @@ pub enum DatasetError {
         "{}: expected at least one usable frame, found none in {skipped} listed; the first problem: {first}", path.display()
     )]
     NoUsableFrame { path: PathBuf, skipped: usize, first: Box<FrameError> },
-    /// All listed frames of an ongoing recording are still being written.
+    /// Every frame found in an ongoing recording is still being written.
     #[error("{}: expected a complete frame, found {frames} that are still being written", path.display())]
     Unfinished { path: PathBuf, frames: usize },
     /// No split has depth, which training needs.

@@ -41,7 +41,7 @@ impl Video {
     }
 }
 
-/// Option that extracts every frame once: since ffmpeg 5.1, and before it.
+/// Names of the ffmpeg option that extracts every frame once: from version 5.1 on, and before.
 const EVERY_FRAME: [&str; 2] = ["-fps_mode", "-vsync"];
 
 fn extract_frames(path: &Path) -> Result<TempDir, String> {
@@ -82,7 +82,8 @@ pub(super) const KINECT_DEPTH: f64 = 0.0305;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct RollingShutter {
-    /// Rotation vector from the first to the last row, radians, in camera axes (x right, y down).
+    /// Rotation of the camera from the readout of the first row to that of the last. A rotation vector,
+    /// radians, in camera axes (x right, y down).
     pub rotation: DVec3,
 }
 
@@ -92,8 +93,10 @@ impl RollingShutter {
         self.rotation.length() * k.fx.max(k.fy) < 1.0
     }
 
-    /// Direction (x/z, y/z) at which a row recorded what the camera sees along `slope` at the time of the
-    /// middle row, and the factor on depth along the optical axis measured there.
+    /// Returns where a point appears in the recorded image. The camera sees this point along `slope`
+    /// (x/z, y/z) at the time of the middle row. The first result is the slope of the point in the
+    /// recorded image. The second is the factor that converts recorded depth along the optical axis to
+    /// the middle row's axis.
     pub fn source_direction(&self, k: &Intrinsics, slope: DVec2) -> (DVec2, f64) {
         let ray = slope.extend(1.0);
         // Rotation to first order: within a readout of about 30 ms it is small.
