@@ -21,7 +21,7 @@ pub(super) struct Archive {
 }
 
 impl Archive {
-    /// True if the file starts like a zip archive.
+    /// True if the file starts with the signature of a zip archive.
     ///
     /// # Errors
     /// Disk errors, so that an unreadable file is not mistaken for another kind of file.

@@ -10,7 +10,8 @@ use super::error::DatasetError;
 use crate::math::camera::Intrinsics;
 use std::fmt;
 
-/// Image sizes from and to which the intrinsics of a calibrated colour camera are scaled.
+/// Scaling of a calibrated colour camera from the size of the calibrated images to that of the
+/// photographs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScaledCamera {
     /// Columns and rows of the images that were calibrated.

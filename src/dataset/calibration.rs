@@ -32,8 +32,8 @@ use std::path::{Path, PathBuf};
 // Users edit this file: a misspelt field must not be a correction that is silently ignored.
 #[serde(default, deny_unknown_fields)]
 pub struct Calibration {
-    /// Camera of the colour images. With `None`, the camera from the dataset's files applies; without
-    /// one, colours count as registered to depth pixel by pixel.
+    /// Camera of the colour images; `None` selects the camera from the dataset's files. If the files
+    /// state none, colours count as registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
     /// Offset added to every depth after scaling, world units, along the direction of measurement in the
     /// files.
@@ -174,8 +174,8 @@ impl ColorCamera {
         size: None,
     };
 
-    /// Returns the camera of a photograph that shows the view of the depth camera at another image size,
-    /// as phones record.
+    /// Returns the camera of a photograph with the view of the depth camera at another image size, as
+    /// phones record.
     pub(super) fn from_depth_intrinsics(depth: &Intrinsics, size: [u32; 2]) -> Self {
         let camera = Self {
             focal: [depth.fx, depth.fy],

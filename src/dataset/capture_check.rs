@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
 
-/// Largest number of decoded photographs. Decoding as many photographs of a phone takes two to three
+/// Largest number of decoded photographs. Decoding that many photographs of a phone takes two to three
 /// seconds on two cores.
 const MAX_FRAMES: usize = 160;
 // Long enough for a frame with `REACH` neighbours on both sides.
@@ -23,9 +23,10 @@ const MIN_NEIGHBOURS: usize = 3;
 /// Upper limit for the sharpness of a blurred frame, as a share of the neighbours' median. Of 400 test
 /// photographs (Lego, a chair, two Kinect offices), one is below the limit, and it shows camera shake.
 const BLURRED: f64 = 0.5;
-/// Minimum brightness factor between consecutive frames that counts as a jump.
+/// Minimum ratio between the brightness of consecutive frames that counts as a jump, up or down.
 const JUMP: f64 = 1.15;
-/// Minimum brightness step that counts as a jump, in multiples of the median step.
+/// Minimum brightness step that counts as a jump, in multiples of the median step. A step is the
+/// logarithm of the ratio between consecutive frames.
 const JUMP_PER_MEDIAN: f64 = 5.0;
 /// Lower limit for a time gap, in multiples of the median time step. At least two frames are missing in
 /// such a gap.
@@ -62,7 +63,7 @@ pub struct BlurredFrame {
 pub struct BrightnessJump {
     /// Name within the split.
     pub frame: String,
-    /// Brightness of the frame over the brightness of the frame before.
+    /// Brightness of the frame divided by the brightness of the frame before.
     pub factor: f64,
 }
 

@@ -10,8 +10,8 @@ use super::frame::length_per_z;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 
-/// Distance at code 0 of 8-bit depth as in NeRF-synthetic, world units. Code `d` is the distance `ℓ =
-/// 8·(1 − d/255)`.
+/// Distance that code 0 means in the 8-bit depth of NeRF-synthetic scenes, world units. Code `d` means
+/// the distance `ℓ = 8·(1 − d/255)`.
 pub const INVERSE8_RANGE: f64 = 8.0;
 
 /// Largest 16-bit depth code; it marks a hole (a pixel without depth), as code 0 does.
@@ -70,7 +70,7 @@ impl DepthCodes {
 }
 
 impl Depth {
-    /// Width and height in pixels.
+    /// Returns width and height in pixels.
     pub fn size(&self) -> (usize, usize) {
         self.codes.size()
     }

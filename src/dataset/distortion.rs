@@ -175,7 +175,7 @@ mod tests {
         assert_eq!(hardly.undistort_color(&k, &image), Some(image));
     }
 
-    /// Formula of OpenCV's documentation, worked by hand at (0.2, −0.1).
+    /// Compares with the formula of OpenCV's documentation, computed by hand at (0.2, −0.1).
     #[test]
     fn terms_are_those_of_opencv() {
         let lens = Distortion {

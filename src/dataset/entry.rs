@@ -174,8 +174,8 @@ impl FrameEntry {
         self.depth_source().map(|depth| depth.file.path())
     }
 
-    /// Returns the paths of the frame's files on disk: images and confidence map, or the archive or
-    /// video that contains them.
+    /// Returns the paths of the frame's files on disk: images and confidence map, or their archive or
+    /// video.
     pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
         self.frame_files().into_iter().flat_map(|files| {
             let depth = files.depth.iter().flat_map(|depth| {

@@ -121,7 +121,7 @@ impl std::fmt::Display for Warning {
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum FrameProblem {
-    /// No colour image.
+    /// The frame has no colour image.
     #[error("expected a colour image {0}, found none; restore it or remove the frame")]
     MissingColor(String),
     /// The frame has no depth image although its split has depth.
@@ -132,7 +132,7 @@ pub enum FrameProblem {
     /// The frame has no confidence map yet, although the recording contains such maps.
     #[error("expected a confidence map {0}, found none yet; record it with the frame's depth")]
     MissingConfidence(String),
-    /// A frame without a pose file.
+    /// The frame has no pose file.
     #[error("expected a pose file {0}, found none; restore it or remove the frame")]
     MissingPose(String),
     /// A sequence listed in a split file does not exist.
@@ -143,7 +143,7 @@ pub enum FrameProblem {
     /// The file cannot be read.
     #[error("expected a readable file, found: {0}; check the file and its permissions")]
     Read(#[from] std::io::Error),
-    /// Not an image, or a damaged one.
+    /// The file is not an image, or is damaged.
     #[error("expected a whole PNG or JPEG image, found: {0}; copy or export the file again")]
     Decode(#[from] image::ImageError),
     /// A damaged depth file, or one of an unknown format.
@@ -165,7 +165,7 @@ pub enum FrameProblem {
     /// Two files or two lines describe the same frame.
     #[error("expected one of each frame, found {0} as well; the first is used: remove the other")]
     Duplicate(String),
-    /// No pose or photograph close to the time of a depth image.
+    /// No pose or photograph is close to the time of a depth image.
     #[error(
         "expected {what} within {tolerance_ms} ms of {time:.6} s, found {found}; the frame is skipped: record {what} for it or remove it"
     )]

@@ -34,7 +34,7 @@ pub struct Fingerprint {
     first: FrameMark,
     last: FrameMark,
     /// CRC-32 over everything that affects decoding: image sizes, lens, colour camera, unit and trusted
-    /// interval of depth, and lowest confidence of used depth.
+    /// interval of depth, lowest used confidence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     reading: Option<u32>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -92,7 +92,7 @@ impl Fingerprint {
         }
     }
 
-    /// Number of frames in the split.
+    /// Returns the number of frames in the split.
     pub fn frames(&self) -> usize {
         self.frames
     }
@@ -236,7 +236,8 @@ mod tests {
         Fingerprint::of(&dataset, dataset.training_split().unwrap())
     }
 
-    /// Changes the unit of depth, one byte of one of ten images, and the size of that file.
+    /// Checks that the fingerprint changes with the unit of depth, one byte of an image, and the size of
+    /// a file.
     #[test]
     fn what_changes_the_numbers_changes_the_fingerprint() {
         let folder = tempfile::tempdir().unwrap();

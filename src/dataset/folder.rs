@@ -361,7 +361,7 @@ const MAX_SETTINGS_BYTES: u64 = 64 << 20;
 /// of an archive. A photograph of 100 megapixels is smaller.
 pub(super) const MAX_IMAGE_BYTES: u64 = 256 << 20;
 
-/// Opens a regular file for reading; refuses anything that could block or be endless.
+/// Opens a regular file for reading. Refuses folders, FIFOs and devices, which could block or never end.
 pub(super) fn open_file(path: &Path) -> IoResult<File> {
     // Checked before opening: opening a FIFO blocks until it has a writer.
     match std::fs::metadata(path)?.is_file() {
@@ -380,8 +380,8 @@ pub(super) fn is_file(path: &Path) -> IoResult<bool> {
     }
 }
 
-/// File that retries reads interrupted by a signal, which occurs on network drives. Not every decoder
-/// retries such reads.
+/// File that retries reads interrupted by a signal. Such interruptions occur on network drives, and not
+/// every decoder retries.
 #[derive(Debug)]
 pub(super) struct RetryingFile(File);
 
@@ -425,7 +425,7 @@ pub(super) fn read_bytes(path: &Path, most: u64) -> IoResult<Vec<u8>> {
 /// Reads a settings file as text.
 ///
 /// # Errors
-/// Errors of the system; not a regular file, too large, or not UTF-8.
+/// The file cannot be read, is not a regular file, is too large, or is not UTF-8.
 pub fn read_settings(path: &Path) -> IoResult<String> {
     let bytes = read_bytes(path, MAX_SETTINGS_BYTES)?;
     String::from_utf8(bytes)

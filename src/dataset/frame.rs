@@ -44,7 +44,7 @@ pub enum ColorBuffer<'a> {
     Rgba8(&'a [u8]),
 }
 
-/// Depth image of an in-memory frame, measured by the camera whose intrinsics and pose the frame has.
+/// Depth image of an in-memory frame, taken with the intrinsics and pose of that frame.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthBuffer<'a> {
     /// Depth of every pixel in world units (metres, if the poses are metric), rows from the top, no
@@ -61,8 +61,9 @@ impl Frame {
     /// camera-to-world matrix in OpenCV axes (x right, y down, z forward).
     ///
     /// # Errors
-    /// Intrinsics that no camera has; a matrix that is not a rigid pose (NaN, scale, mirror image); a
-    /// buffer of another size than the camera's; depth without any surface, or an empty trusted interval.
+    /// Intrinsics that no camera has, or a matrix that is not a rigid pose (NaN, scale, mirror image). A
+    /// buffer of another size than the camera's image. Depth without any surface, or an empty trusted
+    /// interval.
     ///
     /// ```
     /// use glam::DMat4;
@@ -137,9 +138,8 @@ impl Frame {
             || self.color.data.get(pixel).is_some_and(|rgba| rgba[3] == u8::MAX)
     }
 
-    /// Returns the frame with one colour per depth pixel. Colours that are registered already stay
-    /// unchanged; others are sampled from the photograph. Pixels without depth or outside the photograph
-    /// become transparent.
+    /// Returns the frame with one colour per depth pixel. Registered colours stay unchanged; others are
+    /// sampled from the photograph. Pixels without depth or outside the photograph become transparent.
     pub fn with_registered_color(&self) -> Cow<'_, Self> {
         let (Some(color_camera), Some(depth)) = (self.color_camera, &self.depth) else {
             return Cow::Borrowed(self);

@@ -48,8 +48,8 @@ pub struct GrowingRecording {
 }
 
 impl GrowingRecording {
-    /// Starts following a recording from its first frame. Polls return frames of `split`; without it,
-    /// frames of the split with depth. The folder may be created later.
+    /// Starts following a recording from its first frame. Polls return frames of `split`, or of the
+    /// split with depth if `split` is `None`. The folder may be created later.
     ///
     /// # Errors
     /// An option out of range, or a file in place of a folder.
@@ -66,9 +66,9 @@ impl GrowingRecording {
         Ok(Self::begin(path, *options, split))
     }
 
-    /// Follows the recording of an opened dataset after its last frame: all frames of `split` in the
-    /// dataset count as taken. Returns `None` if the dataset was not read from a folder. Does not access
-    /// the drive, which may no longer respond.
+    /// Follows the recording of an opened dataset after its last frame: frames of `split` in the dataset
+    /// count as taken. Returns `None` if the dataset was not read from a folder. Does not access the
+    /// drive, which may no longer respond.
     pub fn of(dataset: &Dataset, split: usize) -> Option<Self> {
         let path = dataset.path.as_ref().filter(|_| dataset.is_folder)?;
         let name = &dataset.splits.get(split)?.name;
@@ -95,7 +95,7 @@ impl GrowingRecording {
         }
     }
 
-    /// Folder of the recording.
+    /// Returns the folder of the recording.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -123,7 +123,7 @@ impl GrowingRecording {
     /// taken are returned, and defects become warnings. `now_s` is a monotonic time in seconds.
     ///
     /// # Errors
-    /// Any error of opening the folder; most vanish as the recording grows.
+    /// Errors of opening the folder. Most errors vanish as the recording grows.
     pub fn poll(&mut self, is_growing: bool, now_s: f64) -> Result<Dataset, DatasetError> {
         let found = self.read(is_growing);
         self.is_unresolved = match &found {
@@ -317,7 +317,7 @@ impl FrameMarks {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FileMark {
     bytes: u64,
-    /// Time since 1970.
+    /// Modification time as time since 1970.
     changed: Option<Duration>,
 }
 

@@ -30,8 +30,7 @@ pub(super) fn is_known(bytes: &[u8]) -> bool {
     reader(bytes).is_some()
 }
 
-/// Decodes a depth file (EXR, TIFF or NPY) to codes or lengths; `unit` is the number of world units per
-/// stored unit.
+/// Decodes a depth file (EXR, TIFF or NPY) to codes or lengths, with `unit` world units per stored unit.
 pub(super) fn decode(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     match reader(bytes) {
         Some(read) => read(bytes, unit),
@@ -229,8 +228,8 @@ const MAX_PIXELS: usize = 1 << 26;
 /// factor of at most 1032.
 pub(super) const MAX_FACTOR: u64 = 1040;
 
-/// Checks, before allocation, that the bytes of a file can contain an image of this size with
-/// `per_pixel` bytes per pixel.
+/// Checks, before allocation, that a file can contain an image of this size with `per_pixel` bytes per
+/// pixel.
 fn check_size(
     bytes: &[u8],
     [width, height]: [usize; 2],

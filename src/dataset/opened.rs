@@ -48,8 +48,8 @@ pub struct Dataset {
 /// Opens a dataset folder: recognises the layout and reads metadata and poses.
 ///
 /// # Errors
-/// A folder that cannot be read, has no known layout, or has no usable frame; metadata that no camera has;
-/// an option out of range.
+/// A folder that cannot be read, has no known layout, or has no usable frame. Metadata that no camera
+/// has. An option out of range.
 ///
 /// ```
 /// use vbgs_studio::dataset::synthetic::SyntheticParams;
@@ -142,7 +142,7 @@ fn apply_local_origin(dataset: &mut Dataset) {
     dataset.known_range = dataset.known_range.take().map(|range| range.relative_to(place));
 }
 
-/// Checks that every option given by the user affects the reading of the files.
+/// Checks that depth scale and confidence affect the dataset's files, if the user set them.
 fn check_options_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<(), DatasetError> {
     let depths = || splits.iter().flat_map(|split| &split.frames).filter_map(|f| f.depth_source());
     if depths().next().is_none() {
@@ -206,8 +206,8 @@ pub(super) fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetErr
 }
 
 impl Dataset {
-    /// Loads one frame: decodes its images and checks that they agree with each other and with the camera.
-    /// `split` and `index` are indices into [`Dataset::splits`] and [`DatasetSplit::frames`].
+    /// Loads one frame: decodes its images and checks that they agree with each other and with the
+    /// camera. `split` and `index` are indices into [`Dataset::splits`] and [`DatasetSplit::frames`].
     ///
     /// # Errors
     /// As [`FrameEntry::load`], and an index out of range.
@@ -278,7 +278,7 @@ impl Dataset {
     }
 
     /// Returns the origin of the camera poses in the coordinates of the files, world units. It is zero
-    /// unless that is too far from the cameras for 32-bit positions.
+    /// unless the options set it, or the cameras are too far from zero for 32-bit positions.
     pub fn local_origin(&self) -> DVec3 {
         self.options.local_origin.map_or(DVec3::ZERO, DVec3::from_array)
     }
@@ -301,15 +301,15 @@ impl Dataset {
         frames.find_map(FrameEntry::metre).unwrap_or(1.0)
     }
 
-    /// Returns the depth sensor of the first frame with depth. Without depth, returns the exact sensor,
-    /// which has no noise.
+    /// Returns the depth sensor of the first frame with depth. Without depth, returns [`Sensor::Exact`]
+    /// without noise.
     pub fn sensor(&self) -> Sensor {
         let mut frames = self.splits.iter().flat_map(|s| &s.frames);
         frames.find_map(|frame| frame.sensor()).unwrap_or(Sensor::Exact { noise: 0.0 })
     }
 }
 
-/// Distance of the cameras from zero above which positions need a local origin, in multiples of the
+/// Smallest distance of cameras from zero at which positions need a local origin, in multiples of the
 /// largest sensed depth. At smaller distances, `f32` positions round by less than 2⁻¹⁸ of that depth.
 /// This is a hundredth of the structural scale (the largest distance of a point from its component's
 /// seed).

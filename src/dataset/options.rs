@@ -33,9 +33,9 @@ pub struct LoadOptions {
     /// True to leave the poses to tracking: recorded poses are ignored and may be missing.
     #[serde(default, skip_serializing_if = "is_false")]
     pub track: bool,
-    /// Origin of the camera poses in the coordinates of the files, world units. It equals the origin of
-    /// a model that is shown with the dataset. By default it is zero, or a position near the first
-    /// camera if the cameras are too far from zero for 32-bit positions.
+    /// Origin of the camera poses in the coordinates of the files, world units. If a model is shown with
+    /// the dataset, it is the model's origin. By default it is zero, or near the first camera if the
+    /// cameras are too far from zero for 32-bit positions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub local_origin: Option<[f64; 3]>,
 }
@@ -47,8 +47,8 @@ const SENSOR_RANGE: [f64; 2] = [0.3, FARTHEST_SENSED];
 pub(super) const FARTHEST_SENSED: f64 = 5.0;
 /// Depth quantisation step of most sensors, metres.
 pub(super) const MILLIMETRE: f64 = 0.001;
-/// Penalty factor of the least likely candidate for the world unit: an arbitrary unit with depth codes
-/// in steps of a millimetre.
+/// Penalty factor of the least likely world unit: an arbitrary unit with depth codes in steps of a
+/// millimetre.
 const UNLIKELY: f64 = 3.0;
 
 fn is_false(value: &bool) -> bool {
@@ -71,9 +71,9 @@ impl LoadOptions {
     /// Estimates the number of world units per metre from depth scale and depth range; 1 unless both are
     /// set. `unit` is the layout's code step in metres. A depth scale alone does not suffice: it may
     /// only correct the code step in a metric world. The depth range decides, because it must match the
-    /// range of sensors. Candidates for the world unit are the metre, the centimetre, the millimetre,
-    /// and the unit for which the depth scale equals the layout's code step. The least likely candidate
-    /// is an arbitrary unit with codes in steps of a millimetre.
+    /// range of sensors. Candidates for the world unit are the metre, the centimetre and the millimetre.
+    /// Another candidate is the unit in which the depth scale equals the layout's code step. The least
+    /// likely candidate is an arbitrary unit with codes in steps of a millimetre.
     pub(super) fn units_per_metre(&self, unit: f64) -> f64 {
         let (Some(scale), Some(range)) = (self.depth_scale, self.depth_range) else { return 1.0 };
         let Some(ratio) = relative_to_sensor_range(range) else { return 1.0 };

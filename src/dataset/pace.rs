@@ -6,8 +6,8 @@ use std::time::Duration;
 
 /// Minimum time between two checks for changes; shorter than the interval between two camera frames.
 const TICK: Duration = Duration::from_millis(20);
-/// Minimum time between polls that find changes without a changed folder or list, such as the completion
-/// of a file.
+/// Minimum time between polls while folders and lists do not change. Such polls may find a file that
+/// became complete.
 const RETRY: Duration = Duration::from_millis(50);
 /// Time without a new frame after which polling slows down.
 const QUIET: Duration = Duration::from_secs(10);
@@ -45,7 +45,8 @@ impl PollSchedule {
         self.last_check = Some(now);
     }
 
-    /// True if a poll is due that finds changes without a changed folder or list.
+    /// True if a poll is due although no folder or list has changed. The poll may find a file that
+    /// became complete.
     pub fn is_retry_due(&self, now: Duration) -> bool {
         let retry = if self.is_quiet(now) { QUIET_RETRY } else { RETRY };
         self.last_poll.is_none_or(|polled| now >= polled + retry)

@@ -18,7 +18,7 @@ use strum::{EnumIter, EnumMessage, EnumString, IntoEnumIterator, IntoStaticStr, 
 const MAX_PAIRS: usize = 8;
 /// Distances between the frames of a pair, in frames; tried in order until the camera has moved enough.
 const GAPS: [usize; 6] = [1, 2, 4, 8, 16, 32];
-/// Sufficient camera motion between the frames of a pair: translation as a share of the median depth, or
+/// Sufficient camera motion within a pair of frames: translation as a share of the median depth, or
 /// rotation in radians.
 const MIN_MOTION: [f64; 2] = [0.05, 0.1];
 /// Number of frames of a growing recording after which its poses can be checked. With fewer frames, the
@@ -31,7 +31,7 @@ const TOLERANCE: f64 = 0.04;
 /// Minimum share of samples that must project into the neighbour's image. Samples missing from this
 /// share count as mismatches.
 const MIN_OVERLAP: f64 = 0.25;
-/// Depth factors that are tried, such as for millimetres, centimetres and the depth scales of TUM and
+/// Depth factors that are tried. Among them are millimetres, centimetres and the depth scales of TUM and
 /// Replica.
 const UNITS: [f64; 11] =
     [1.0, 0.001, 1000.0, 0.2, 5.0, 0.01, 100.0, 0.1, 10.0, 1.0 / 6.5535, 6.5535];
@@ -110,8 +110,8 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     })
 }
 
-/// Depth samples of one frame in its camera's axes, and the depth of a neighbouring frame in which they
-/// should reappear.
+/// Depth samples of one frame in its camera's axes, and the depth of a neighbouring frame with the same
+/// surfaces.
 struct FramePair {
     samples: Vec<DVec3>,
     from: Pose,

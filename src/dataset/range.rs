@@ -15,11 +15,12 @@ const TAIL: f64 = 0.01;
 /// Margin added to the half-width of the range, as a share of the half-width.
 const MARGIN: f64 = 0.05;
 
-/// Returns the position range of a split: the range known from the layout, else an estimate from up to
-/// 12 evenly spaced frames. The estimate takes the 1 % and 99 % quantiles of trusted depth points per
-/// axis, from every eighth column and row. The range is a cube around the centre between these
-/// quantiles, so that no axis is stretched. Its half-width is the largest half-distance of the quantiles
-/// plus 5 %. Frames that fail to load are skipped as long as another frame loads.
+/// Returns the position range of a split, by which its points are normalised. It is the range known from
+/// the layout, else an estimate from up to 12 evenly spaced frames. The estimate takes the 1 % and 99 %
+/// quantiles of depth points on every axis. Depth points are from every eighth column and row, where
+/// depth is trusted. The range is a cube around the centre between these quantiles, so that no axis is
+/// stretched. Its half-width is the largest half-distance of the quantiles plus 5 %. Frames that fail to
+/// load are skipped as long as another frame loads.
 ///
 /// # Errors
 /// No sampled frame loads, or none has trusted depth.
@@ -129,7 +130,7 @@ pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Box of world positions by which positions are normalised; points outside are allowed.
+/// Axis-aligned box in the world by which positions are normalised; points outside are allowed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PositionRange {
     lo: DVec3,
@@ -166,8 +167,8 @@ impl PositionRange {
         self.hi
     }
 
-    /// Returns the affine map that normalises positions: a uniform distribution in the box gets mean 0
-    /// and variance 1 on every axis.
+    /// Returns the affine map that normalises positions. It gives a uniform distribution in the box mean
+    /// 0 and variance 1 on every axis.
     pub fn normalization(&self) -> Normalization {
         Normalization::from_range(self.lo, self.hi)
     }

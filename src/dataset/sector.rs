@@ -11,8 +11,8 @@ use std::f64::consts::TAU;
 
 /// Share of a recording from which training frames are chosen, in fifths of its frames.
 const TRAINING_FIFTHS: usize = 3;
-/// First side view of a recording, in thirds of its frames. The gap between training frames and side
-/// views separates them.
+/// First side view of a recording, in thirds of its frames. Frames between the training frames and the
+/// side views are not used.
 const SIDE_THIRDS: usize = 2;
 /// Largest azimuth between the first frame and a training frame of an object, degrees.
 const TRAINING_AZIMUTH: f64 = 60.0;
@@ -23,7 +23,8 @@ const MIN_TRAINING: usize = 2;
 
 /// Minimum share of the cameras that must face the object.
 const IN_FRONT: f64 = 0.95;
-/// Largest median distance of optical axes from the object's centre, relative to the camera distance.
+/// Largest median distance between optical axes and the object's centre, relative to the cameras'
+/// distance from the centre.
 const MAX_AXIS_MISS: f64 = 0.1;
 /// Minimum azimuth range that cameras around an object must span, degrees.
 const MIN_SPAN: f64 = 120.0;

@@ -162,9 +162,9 @@ impl Dataset {
         self.path.clone().unwrap_or_else(|| self.name.clone().into())
     }
 
-    /// Chooses the default views for evaluation: `val`, `eval` or `test`, except the training split;
-    /// else every eighth frame of the training split. A split `free` (views off the camera path) is
-    /// evaluated in addition.
+    /// Chooses the default views for evaluation. They are the split `val`, `eval` or `test`, unless it
+    /// is the training split; else every eighth training frame. A split `free` (views off the camera
+    /// path) is evaluated in addition.
     pub fn evaluation(&self, training_split: usize) -> Evaluation {
         let new_views = |split, frames| {
             let name = Some(ViewGroupName::NewViews);

@@ -22,16 +22,16 @@ use crate::math::simd::{Isa, Kernel, Vector};
 use crate::observation::points::Points;
 use glam::{DMat3, DVec3};
 
-/// Largest normalised coordinate of a point, without sign. Farther points are dropped as implausible. At
-/// this coordinate, `f32` has a step of 0.008.
+/// Largest absolute value of a normalised coordinate. Points beyond it are dropped as implausible. At
+/// this value, `f32` has a step of 0.008.
 pub const MAX_COORDINATE: f32 = 65536.0;
 
 /// Conversion of pixels to rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CameraConvention {
-    /// As in the published loader: rays through pixel corners, and a small-angle formula that converts
-    /// ray distance to depth (`dataset.md`, Unprojection).
+    /// As in the published loader (`dataset.md`, Unprojection): rays through pixel corners, and a
+    /// small-angle formula that converts ray distance to depth.
     Paper,
     /// Exact rays through pixel centres.
     Exact,
@@ -75,7 +75,7 @@ impl std::fmt::Display for PointCounts {
 }
 
 impl PointCounts {
-    /// Number of measured pixels that became no point.
+    /// Returns the number of measured pixels that became no point.
     pub fn dropped(&self) -> usize {
         self.dropped_alpha + self.dropped_edge + self.dropped_range + self.dropped_far
     }
@@ -93,8 +93,8 @@ pub struct UnprojectSettings {
 }
 
 /// Returns the camera-space point (OpenCV axes, world units) of the pixel `[column, row]` (`dataset.md`,
-/// Unprojection). Its length is `value`, measured along `kind`. [`CameraConvention::Paper`] uses half
-/// the image width in its formula for both axes.
+/// Unprojection). `value` is its depth in world units, measured along `kind`.
+/// [`CameraConvention::Paper`] uses half the image width in its formula for both axes.
 pub fn camera_point(
     k: &Intrinsics,
     convention: CameraConvention,
@@ -112,8 +112,8 @@ struct RayRule<'a> {
     k: &'a Intrinsics,
     /// Offset from pixel index to pixel coordinate, pixels.
     shift: f64,
-    /// Angle per pixel in the published small-angle formula, radians: `(θ/2)/(w/2 − 1)` for the
-    /// horizontal field of view `θ` and the image width `w`. `None` for exact rays.
+    /// Angle per pixel in the published small-angle formula, radians: `(θ/2)/(w/2 − 1)`. `θ` is the
+    /// horizontal field of view, `w` the image width. `None` for exact rays.
     small_angle: Option<f64>,
 }
 
@@ -184,8 +184,8 @@ impl Unprojector {
         Self::default()
     }
 
-    /// Replaces `out` by the normalised points of the frame, and returns pixel counts by outcome. Each
-    /// tile of points is from 8×8 pixels, with tiles in rows from the top. A tile has four quads of 4×4
+    /// Replaces `out` by the normalised points of the frame, and returns pixel counts by outcome. The
+    /// points of 8×8 pixels form a tile; tiles are in rows from the top. A tile has four quads of 4×4
     /// pixels, each read in rows of 4 pixels.
     ///
     /// # Errors
@@ -402,8 +402,8 @@ fn drop_mixed(line: &mut [u8], colors: &[[u8; 4]], mixed: &[u8]) {
     }
 }
 
-/// Minimum depth difference between opposite neighbours of a mixed pixel: in steps of 8-bit codes, or in
-/// noise half-widths for lengths.
+/// Minimum depth difference between opposite neighbours of a mixed pixel. Its unit is a step of 8-bit
+/// codes, or the noise half-width of lengths.
 const JUMP: u8 = 6;
 /// Minimum depth difference of a mixed pixel from both neighbours, in the units of [`JUMP`].
 const MARGIN: u8 = 2;

@@ -41,7 +41,7 @@ impl Video {
     }
 }
 
-/// Names of the ffmpeg option that extracts every frame once: from version 5.1 on, and before.
+/// Names of the ffmpeg option that extracts every frame once: since ffmpeg 5.1, and in older versions.
 const EVERY_FRAME: [&str; 2] = ["-fps_mode", "-vsync"];
 
 fn extract_frames(path: &Path) -> Result<TempDir, String> {
@@ -82,21 +82,20 @@ pub(super) const KINECT_DEPTH: f64 = 0.0305;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct RollingShutter {
-    /// Rotation of the camera from the readout of the first row to that of the last. A rotation vector,
-    /// radians, in camera axes (x right, y down).
+    /// Rotation of the camera from the readout of the first row to that of the last row. The rotation
+    /// vector is in radians, in camera axes (x right, y down).
     pub rotation: DVec3,
 }
 
 impl RollingShutter {
-    /// True if every row is displaced by less than half a pixel.
+    /// True if the rotation displaces every row by less than half a pixel.
     pub fn is_negligible(&self, k: &Intrinsics) -> bool {
         self.rotation.length() * k.fx.max(k.fy) < 1.0
     }
 
-    /// Returns where a point appears in the recorded image. The camera sees this point along `slope`
-    /// (x/z, y/z) at the time of the middle row. The first result is the slope of the point in the
-    /// recorded image. The second is the factor that converts recorded depth along the optical axis to
-    /// the middle row's axis.
+    /// Finds the recorded position of the point that the camera sees along `slope` (x/z, y/z) at the
+    /// middle row's time. Returns the slope of the point in the recorded image, and a factor. The factor
+    /// converts recorded depth along the optical axis to depth along the middle row's axis.
     pub fn source_direction(&self, k: &Intrinsics, slope: DVec2) -> (DVec2, f64) {
         let ray = slope.extend(1.0);
         // Rotation to first order: within a readout of about 30 ms it is small.

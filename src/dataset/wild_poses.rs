@@ -11,8 +11,8 @@ use glam::DVec3;
 
 /// Minimum number of frames for meaningful medians.
 const MIN_FRAMES: usize = 5;
-/// Minimum distance of an outlier camera from its neighbours, in multiples of the recording's median
-/// distance.
+/// Minimum distance of an outlier camera from its neighbours, in multiples of the median distance
+/// between neighbours.
 const STEPS: f64 = 20.0;
 /// Minimum distance of an outlier camera from its neighbours, in spreads of the recording. The spread is
 /// the median distance of the cameras from their median position.

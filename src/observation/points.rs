@@ -2,7 +2,7 @@
 
 use crate::math::real::Real;
 
-/// Points per tile if the source has no pixel structure.
+/// Number of points per tile if the points do not come from an image.
 // As many as in a tile of 8×8 pixels.
 const DEFAULT_TILE: usize = 64;
 
@@ -86,8 +86,8 @@ impl<R: Real> Points<R> {
         self.tiles.push(0);
     }
 
-    /// Reserves memory for `points` more points in `tiles` more tiles. Without it, columns that grow in
-    /// turn leave gaps in memory, as large as half of each column.
+    /// Reserves memory for `points` more points in `tiles` more tiles. Otherwise, columns that grow in
+    /// turn leave gaps in memory, up to half their size.
     pub fn reserve(&mut self, points: usize, tiles: usize) {
         self.columns_mut().into_iter().for_each(|column| column.reserve(points));
         self.tiles.reserve(tiles);
@@ -134,14 +134,15 @@ impl<R: Real> Points<R> {
         [self.r[i], self.g[i], self.b[i]]
     }
 
-    /// Converts points and tiles to another precision.
+    /// Returns the points and tiles in another precision.
     pub fn cast<S: Real>(&self) -> Points<S> {
         let mut points = Points::new();
         self.cast_into(&mut points);
         points
     }
 
-    /// Replaces `points` by these points in another precision.
+    /// Copies all points and tiles to `points` in another precision; replaces the previous content of
+    /// `points`.
     pub fn cast_into<S: Real>(&self, points: &mut Points<S>) {
         let own = [&self.x, &self.y, &self.z, &self.r, &self.g, &self.b];
         for (from, to) in own.into_iter().zip(points.columns_mut()) {

@@ -56,8 +56,8 @@ fn vector(v: [f32; 3]) -> DVec3 {
 /// Tolerances for the comparison of measured with modelled depth, and for recorded camera positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthTolerance {
-    /// Surfaces with depths that differ by at most `margin[0] + margin[1]·range` count as the same,
-    /// world units.
+    /// A surface counts as the measured one within `margin[0] + margin[1]·range` of it, world units.
+    /// `range` is the measured distance along the ray.
     pub margin: [f32; 2],
     /// Maximum correction of a point along its ray, world units.
     pub refinement: f32,
@@ -133,8 +133,8 @@ impl Photograph {
     }
 
     /// Returns the measured pixels of one row from left to right, with the photograph's gain applied. A
-    /// surface whose depth differs from the measured depth by at most `margin[0] + margin[1]·depth`
-    /// (world units) counts as the measured one.
+    /// surface within `margin[0] + margin[1]·depth` (world units) of the measured depth counts as the
+    /// measured one.
     pub fn measured_row(
         &self,
         row: usize,
@@ -158,8 +158,8 @@ impl Photograph {
         })
     }
 
-    /// Returns the measured pixels of the whole photograph, with `gain` on red, green and blue in
-    /// addition to the photograph's own gain. `margin` is that of [`Self::measured_row`].
+    /// Returns the measured pixels of the whole photograph, with `gain` on red, green and blue and the
+    /// photograph's own gain. `margin` is that of [`Self::measured_row`].
     pub fn measured_pixels(&self, gain: [f32; 3], margin: [f32; 2]) -> Image<MeasuredPixel> {
         let exposed = |pixel: MeasuredPixel| {
             let [r, g, b] = pixel.color;
