@@ -21,10 +21,10 @@ pub(super) struct Archive {
 }
 
 impl Archive {
-    /// True if the file starts like a zip archive.
+    /// True if the file starts with the signature of a zip archive.
     ///
     /// # Errors
-    /// Errors of the disk, so that an unreadable file does not count as another kind.
+    /// Disk errors, so that an unreadable file is not mistaken for another kind of file.
     pub fn is_zip_archive(path: &Path) -> std::io::Result<bool> {
         let mut magic = [0; 4];
         match open_file(path).and_then(|mut file| file.read_exact(&mut magic)) {

@@ -10,7 +10,8 @@ use super::error::DatasetError;
 use crate::math::camera::Intrinsics;
 use std::fmt;
 
-/// A calibrated colour camera whose intrinsics are scaled to the size of the photographs.
+/// Scaling of a calibrated colour camera from the size of the calibrated images to that of the
+/// photographs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScaledCamera {
     /// Columns and rows of the images that were calibrated.
@@ -29,23 +30,24 @@ impl fmt::Display for ScaledCamera {
     }
 }
 
-/// A calibrated colour camera whose images have another aspect ratio than the photographs.
+/// Error: the images of a calibrated colour camera have another aspect ratio than the photographs.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "calibration: `size`: expected {}×{}, the size of the photograph of {frame}, or a size of the same aspect ratio, found {}×{}; give a calibration of these photographs",
     found[0], found[1], calibrated[0], calibrated[1]
 )]
 pub struct AspectRatioMismatch {
-    /// Name of a frame with such a photograph.
+    /// Name of the first frame whose photograph has another aspect ratio.
     pub frame: String,
-    /// Columns and rows of its photograph.
+    /// Columns and rows of the photograph of `frame`.
     pub found: [u32; 2],
     /// Columns and rows of the images that were calibrated.
     pub calibrated: [u32; 2],
 }
 
 impl DatasetSplit {
-    /// Returns the scaling that fits a calibration's colour camera to the photographs, if one is needed.
+    /// Returns the scaling that fits a calibration's colour camera to the photographs; `None` if no
+    /// scaling is needed.
     ///
     /// # Errors
     /// [`AspectRatioMismatch`] for the first photograph whose aspect ratio differs.
@@ -101,8 +103,9 @@ pub(super) fn from_user(
     Ok(k)
 }
 
-/// Refuses intrinsics that no camera has. Both bounds catch errors of unit rather than unusual lenses:
-/// degrees for radians, metres for pixels, or a matrix for images of another size.
+/// Checks that a real camera can have the field of view and principal point of the intrinsics. The
+/// bounds catch wrong units (degrees for radians, metres for pixels) and intrinsics for images of
+/// another size. They accept unusual lenses.
 pub(super) fn check(k: &Intrinsics) -> Result<(), IntrinsicsDefect> {
     for (axis, fov) in [("horizontal", k.fov_x()), ("vertical", k.fov_y())] {
         let degrees = fov.to_degrees();

@@ -16,7 +16,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Corrections for a dataset's cameras; [`Calibration::NONE`] changes nothing.
+/// Corrections for the cameras of a dataset; [`Calibration::NONE`] changes nothing.
 ///
 /// ```
 /// use vbgs_studio::dataset::calibration::Calibration;
@@ -32,17 +32,19 @@ use std::path::{Path, PathBuf};
 // Users edit this file: a misspelt field must not be a correction that is silently ignored.
 #[serde(default, deny_unknown_fields)]
 pub struct Calibration {
-    /// Camera of the colour images; `None` if they are registered to depth.
+    /// Camera of the colour images; `None` selects the camera from the dataset's files. If the files
+    /// state none, colours count as registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
-    /// Added to every depth after scaling; world units, along the direction that the files measure.
+    /// Offset added to every depth after scaling, world units, along the direction of measurement in the
+    /// files.
     pub depth_offset: f64,
-    /// Factor of every depth, positive.
+    /// Factor by which every depth is multiplied; positive.
     pub depth_scale: f64,
-    /// Gains of frames with known exposure; other frames are unchanged.
+    /// Colour gains, one entry per frame with known exposure. Colours of other frames stay unchanged.
     pub exposure: Vec<FrameGain>,
 }
 
-/// A pinhole camera fixed to the depth camera.
+/// Pinhole camera of the colour images, rigidly attached to the depth camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ColorCamera {
@@ -55,22 +57,22 @@ pub struct ColorCamera {
     /// Rotation vector (axis times angle, radians) from the colour camera's axes to the depth camera's.
     #[serde(default)]
     pub rotation: [f64; 3],
-    /// Columns and rows of the colour image; `None` if it has the depth image's size.
+    /// Columns and rows of the colour image; `None` if they equal those of the depth image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<[u32; 2]>,
 }
 
-/// Exposure of one frame.
+/// Colour gains that correct the exposure of one frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrameGain {
     /// Name of the frame within its split.
     pub frame: String,
-    /// Factors of red, green and blue, positive; products are clamped to 1.
+    /// Positive factors on red, green and blue; corrected colours are clamped to 1.
     pub gain: [f64; 3],
 }
 
-/// Why a calibration cannot be used.
+/// Reason why a calibration cannot be used.
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
@@ -80,23 +82,23 @@ pub enum CalibrationError {
     /// The file is not a calibration.
     #[error("{}: expected a calibration (RON, such as (depth_offset: 0.004)), found: {source}; correct this place", path.display())]
     Parse { path: PathBuf, source: Box<ron::error::SpannedError> },
-    /// A number outside its range.
+    /// A number is outside its range.
     #[error("calibration: `{setting}`: expected {expected}, found {found}; correct it")]
     Value { setting: String, expected: &'static str, found: String },
-    /// A calibration that cannot be written as RON.
+    /// The calibration cannot be written as RON.
     #[error(transparent)]
     Ron(#[from] ron::Error),
 }
 
 impl Calibration {
-    /// No corrections: registered colour, depth as decoded, no exposure gains.
+    /// Calibration without corrections: colour camera and depth as in the files, no exposure gains.
     pub const NONE: Self =
         Self { color_camera: None, depth_offset: 0.0, depth_scale: 1.0, exposure: Vec::new() };
 
     /// Reads and checks a RON file.
     ///
     /// # Errors
-    /// [`CalibrationError`], all variants but the last.
+    /// Every [`CalibrationError`] except [`CalibrationError::Ron`].
     pub fn read(path: &Path) -> Result<Self, CalibrationError> {
         let text = read_settings(path)
             .map_err(|source| CalibrationError::Read { path: path.to_owned(), source })?;
@@ -143,7 +145,7 @@ impl Calibration {
         Ok(())
     }
 
-    /// Gain of a frame by name; 1 if unknown.
+    /// Returns the gains of red, green and blue of the frame with this name; 1 for an unlisted frame.
     pub fn gain(&self, frame: &str) -> [f64; 3] {
         self.exposure.iter().find(|e| e.frame == frame).map_or([1.0; 3], |e| e.gain)
     }
@@ -161,8 +163,9 @@ fn options() -> ron::Options {
 }
 
 impl ColorCamera {
-    /// Colour camera of the 7-Scenes Kinect, whose colour images are not registered. Found by minimising
-    /// the variance of colour inside components (`dataset.md`, Colour camera).
+    /// Colour camera of the 7-Scenes Kinect, whose colour images are not registered to depth. Lengths
+    /// are in metres. The values minimise the variance of colour within the components of trained models
+    /// (`dataset.md`, Colour camera).
     pub const KINECT: Self = Self {
         focal: [522.0, 522.0],
         principal: [320.0, 238.5],
@@ -171,7 +174,8 @@ impl ColorCamera {
         size: None,
     };
 
-    /// Camera of a photograph taken through the depth camera's lens at another image size, as phones record.
+    /// Returns the camera of a photograph with the view of the depth camera at another image size, as
+    /// phones record.
     pub(super) fn from_depth_intrinsics(depth: &Intrinsics, size: [u32; 2]) -> Self {
         let camera = Self {
             focal: [depth.fx, depth.fy],
@@ -183,8 +187,8 @@ impl ColorCamera {
         camera.scaled_to(size)
     }
 
-    /// Scales the intrinsics to images of another size. Without a stored size, the intrinsics are those of
-    /// `size`.
+    /// Scales the intrinsics to images of `size` (columns, rows). Without a stored size, the intrinsics
+    /// count as those of `size`.
     pub fn scaled_to(self, size: [u32; 2]) -> Self {
         let [own_width, own_height] = self.size.unwrap_or(size).map(f64::from);
         let [width, height] = size.map(f64::from);
@@ -199,7 +203,7 @@ impl ColorCamera {
         Self { offset: offset.to_array(), rotation: turn.to_scaled_axis().to_array(), ..self }
     }
 
-    /// World pose and intrinsics, given the depth camera.
+    /// Returns world pose and intrinsics of the colour camera, given the depth camera.
     pub fn camera_at(&self, depth: &Camera) -> Camera {
         let offset = DVec3::from_array(self.offset);
         Camera {
@@ -228,8 +232,8 @@ impl ColorCamera {
         self.color_from_depth() * (point - DVec3::from_array(self.offset))
     }
 
-    /// Projects a point of the depth camera's frame to pixel coordinates (centres at +½); `None` behind the
-    /// camera.
+    /// Projects a point in the depth camera's frame to pixel coordinates of the colour image (centres at
+    /// +½). Returns `None` for a point behind the colour camera.
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         let p = self.to_color_frame(point);
         let [focal, principal] = [self.focal, self.principal].map(DVec2::from_array);

@@ -11,37 +11,41 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
 
-/// Largest number of decoded photographs; those of a phone take two to three seconds on two cores.
+/// Largest number of decoded photographs. Decoding that many photographs of a phone takes two to three
+/// seconds on two cores.
 const MAX_FRAMES: usize = 160;
 // Long enough for a frame with `REACH` neighbours on both sides.
 const RUN: usize = 8;
 /// Number of neighbours on each side with which a frame's sharpness is compared.
 const REACH: usize = 3;
-/// Fewest neighbours with a measured sharpness for a comparison.
+/// Minimum number of neighbours with measured sharpness for a comparison.
 const MIN_NEIGHBOURS: usize = 3;
-/// Sharpness below this share of the neighbours' median is blur. Among 400 photographs of Lego, a chair and
-/// two Kinect offices, one is below, and it shows camera shake.
+/// Upper limit for the sharpness of a blurred frame, as a share of the neighbours' median. Of 400 test
+/// photographs (Lego, a chair, two Kinect offices), one is below the limit, and it shows camera shake.
 const BLURRED: f64 = 0.5;
-/// A brightness step is a jump if it exceeds this factor and this multiple of the median step.
+/// Minimum ratio between the brightness of consecutive frames that counts as a jump, up or down.
 const JUMP: f64 = 1.15;
+/// Minimum brightness step that counts as a jump, in multiples of the median step. A step is the
+/// logarithm of the ratio between consecutive frames.
 const JUMP_PER_MEDIAN: f64 = 5.0;
-/// A gap exceeds this multiple of the median time step: at least two frames are missing.
+/// Lower limit for a time gap, in multiples of the median time step. At least two frames are missing in
+/// such a gap.
 const GAP: f64 = 2.5;
 
-/// Findings for one split.
+/// Findings on the capture quality of one split.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CaptureCheck {
-    /// Frames whose photographs were decoded.
+    /// Number of frames whose photographs were decoded.
     pub looked_at: usize,
-    /// Frames of the split.
+    /// Number of frames of the split.
     pub frames: usize,
     /// Frames much blurrier than their neighbours.
     pub blurred: Vec<BlurredFrame>,
-    /// Frames much brighter or darker than the one before.
+    /// Frames much brighter or darker than the frame before.
     pub brightness_jumps: Vec<BrightnessJump>,
     /// Median time between frames, seconds; `None` without timestamps.
     pub usual_step_s: Option<f64>,
-    /// Frames much later than the one before, or earlier.
+    /// Frames much later than the frame before, or earlier than it.
     pub gaps: Vec<TimeGap>,
 }
 
@@ -54,16 +58,16 @@ pub struct BlurredFrame {
     pub share: f64,
 }
 
-/// A frame much brighter or darker than the one before.
+/// A frame much brighter or darker than the frame before.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BrightnessJump {
     /// Name within the split.
     pub frame: String,
-    /// Brightness of the frame over the brightness of the frame before.
+    /// Brightness of the frame divided by the brightness of the frame before.
     pub factor: f64,
 }
 
-/// A frame much later than the one before, or earlier.
+/// A frame much later than the frame before, or earlier than it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TimeGap {
     /// Name within the split.
@@ -72,7 +76,8 @@ pub struct TimeGap {
     pub seconds: f64,
 }
 
-/// Checks a split. Frames without a readable photograph are skipped; loading them reports the defect.
+/// Searches a split for blurred frames, brightness jumps and time gaps. Frames without a readable
+/// photograph are skipped; loading such a frame reports the defect.
 ///
 /// ```
 /// use vbgs_studio::dataset::capture_check;
@@ -168,15 +173,15 @@ fn find_time_gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
     (Some(usual), gaps.collect())
 }
 
-/// Photographs are averaged down to at most this width: phones smooth at full size, which hides blur, and
-/// smaller images are faster.
+/// Largest width at which a photograph is measured, pixels; wider ones are averaged down. Phones smooth
+/// images at full size, which hides blur, and smaller images are faster.
 const MAX_COLUMNS: usize = 640;
-/// Side of the blocks for coarse differences, pixels.
+/// Side of the averaged blocks from which coarse differences are computed, pixels.
 const COARSE: usize = 4;
 
 struct PhotoQuality {
-    /// Ratio of fine to coarse difference energy; comparable within one camera only. `None` without any
-    /// detail.
+    /// Mean squared difference between neighbouring pixels, relative to that between coarse blocks.
+    /// Comparable only within one camera. `None` without any detail.
     sharpness: Option<f64>,
     /// Mean encoded luma over opaque pixels, 0 to 1.
     brightness: f64,

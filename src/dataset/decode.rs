@@ -23,7 +23,7 @@ pub(super) struct DepthEncoding {
 }
 
 impl DepthEncoding {
-    /// True if a length is the stored value times a unit.
+    /// True if a stored depth value must be multiplied by a unit to give a length.
     pub fn has_unit(&self) -> bool {
         matches!(self.codes, CodeKind::Linear16(_) | CodeKind::ByContent(_))
     }
@@ -31,13 +31,15 @@ impl DepthEncoding {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CodeKind {
-    /// First channel of an 8-bit image.
+    /// 8-bit codes in the first channel of an image ([`DepthCodes::Inverse8`]).
     Inverse8,
-    /// First channel of a 16-bit image; world units per step.
+    /// 16-bit codes in the first channel of an image; the value is the step in world units.
     Linear16(f64),
-    /// 16-bit codes or floats as found in the file (PNG, TIFF, EXR, NPY); world units per one.
+    /// 16-bit codes or floats, depending on the file's content (PNG, TIFF, EXR, NPY). The value is the
+    /// number of world units per stored unit.
     ByContent(f64),
-    /// 32-bit floats without header, of the camera's size, plain or LZFSE-compressed; world units.
+    /// 32-bit floats in world units, one per pixel of the camera. The file has no header and is plain or
+    /// LZFSE-compressed.
     BareFloats,
 }
 
@@ -125,7 +127,8 @@ pub(super) fn depth(
     Ok(Depth { codes, kind, trusted, units_per_metre: metre })
 }
 
-/// Decodes a sensor's confidence per pixel, 0 to 2: a grey image, or bytes without header of `size`.
+/// Decodes a sensor's confidence map, 0 to 2 per pixel. The file is a grey image, or bytes without
+/// header for an image of `size`.
 pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<u8>, FrameProblem> {
     let bytes = source.read()?;
     match image::guess_format(&bytes) {
@@ -137,7 +140,8 @@ pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<
     }
 }
 
-/// First channel of an image whose channels have the size of `T`; otherwise the error states `expected`.
+/// Returns the first channel of an image whose channels have the size of `T`. For other images, the
+/// error states `expected`.
 fn first_channel<T: AnyBitPattern>(
     image: &DynamicImage,
     expected: &'static str,
@@ -156,8 +160,8 @@ fn first_channel<T: AnyBitPattern>(
     Ok(Image::from_vec(image.width() as usize, image.height() as usize, data))
 }
 
-/// Decodes an image whose header states `size`; `what` names it in messages. The decoder's default limits
-/// bound the memory that a header can request.
+/// Decodes an image and checks that it has the given size; `what` names the image in messages. The
+/// decoder's default limits bound the memory that a header can request.
 fn decode(
     bytes: &[u8],
     size: (u32, u32),
@@ -187,7 +191,7 @@ fn decode(
     })
 }
 
-/// Turns a panic of a third-party image decoder into an error of that frame.
+/// Runs `read` and turns a panic of a third-party image decoder into an error.
 fn catch_decoder_panic<T>(
     read: impl FnOnce() -> Result<T, FrameProblem>,
 ) -> Result<T, FrameProblem> {
@@ -195,8 +199,8 @@ fn catch_decoder_panic<T>(
     catch_unwind(AssertUnwindSafe(read)).unwrap_or(Err(FrameProblem::DecoderCrash))
 }
 
-/// True if an end-of-image marker follows the first scan of a JPEG. Inside a scan every 0xFF byte is
-/// stuffed, so `FF D9` there cannot be data; thumbnails are in segments before it.
+/// True if an end-of-image marker follows the first scan of a JPEG. Inside a scan, a zero byte follows
+/// every 0xFF data byte, so `FF D9` there cannot be data. Markers of thumbnails precede the first scan.
 pub(super) fn has_jpeg_end(bytes: &[u8]) -> bool {
     const START_OF_SCAN: u8 = 0xDA;
     // After the start-of-image marker, which has no length field.

@@ -10,10 +10,11 @@ use super::frame::length_per_z;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 
-/// Distance of code 0 in the classic 8-bit export, world units: `ℓ = 8·(1 − d/255)`.
+/// Distance that code 0 means in the 8-bit depth of NeRF-synthetic scenes, world units. Code `d` means
+/// the distance `ℓ = 8·(1 − d/255)`.
 pub const INVERSE8_RANGE: f64 = 8.0;
 
-/// Largest 16-bit code: a hole, as 0 is.
+/// Largest 16-bit depth code; it marks a hole (a pixel without depth), as code 0 does.
 pub const HOLE16: u16 = u16::MAX;
 
 /// Direction along which a depth value is measured.
@@ -25,13 +26,15 @@ pub enum DepthKind {
     Z,
 }
 
-/// Depth codes as stored, with their conversion to lengths. The edge filter (`dataset.md`, Edge filter) is
-/// defined on codes.
+/// Depth values as stored in the file, with their conversion to lengths. The edge filter (`dataset.md`,
+/// Edge filter) is defined on stored values.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DepthCodes {
-    /// `8·(1 − d/255)` world units; `d = 0` is background, `d = 255` invalid.
+    /// 8-bit codes `d` for lengths of `8·(1 − d/255)` world units. Code 0 is background, code 255 is
+    /// invalid.
     Inverse8(Image<u8>),
-    /// `d · unit` world units; `d = 0` and `d = 65535` are holes.
+    /// 16-bit codes `d` for lengths of `d · unit` world units. Codes 0 and 65535 are holes (pixels
+    /// without depth).
     Linear16 {
         /// The stored values.
         codes: Image<u16>,
@@ -47,10 +50,10 @@ pub enum DepthCodes {
 pub struct Depth {
     /// The stored values.
     pub codes: DepthCodes,
-    /// Direction of measurement.
+    /// Direction along which depth is measured.
     pub kind: DepthKind,
-    /// Open interval of lengths (as `kind` measures, world units) that training uses; values outside are
-    /// unreliable.
+    /// Open interval of the lengths that training uses, world units, measured along `kind`. Lengths
+    /// outside are unreliable.
     pub trusted: [f64; 2],
     /// World units per metre; converts sensor properties that are known in metres.
     pub units_per_metre: f64,
@@ -67,12 +70,13 @@ impl DepthCodes {
 }
 
 impl Depth {
-    /// Width and height in pixels.
+    /// Returns width and height in pixels.
     pub fn size(&self) -> (usize, usize) {
         self.codes.size()
     }
 
-    /// Length at a pixel in world units, `None` at a hole; ignores the trusted interval.
+    /// Returns the length at a pixel, world units; `None` at a hole. Includes lengths outside the
+    /// trusted interval.
     pub fn value_at(&self, column: usize, row: usize) -> Option<f64> {
         match &self.codes {
             DepthCodes::Inverse8(codes) => decode_inverse8(*codes.at(column, row)),
@@ -86,7 +90,8 @@ impl Depth {
         value > self.trusted[0] && value < self.trusted[1]
     }
 
-    /// Depth along the optical axis of trusted pixels, world units; 0 elsewhere. `k` is the depth camera.
+    /// Returns depth along the optical axis at pixels with trusted depth, world units; 0 at other
+    /// pixels. `k` holds the intrinsics of the depth camera.
     pub(crate) fn trusted_z(&self, k: &Intrinsics) -> Image<f64> {
         let (width, height) = self.size();
         let mut out = Image::filled(width, height, 0.0);
@@ -157,26 +162,30 @@ impl Depth {
     }
 }
 
-/// Length of an 8-bit code; code 255 is the camera centre, where no surface can be.
+/// Converts an 8-bit code to a length, world units. Returns `None` for 0 (background) and for 255 (the
+/// camera's centre).
 pub(super) fn decode_inverse8(code: u8) -> Option<f64> {
     (1..255).contains(&code).then(|| INVERSE8_RANGE * (1.0 - f64::from(code) / 255.0))
 }
 
-/// Length of a 16-bit code with `unit` world units per step; 0 and [`HOLE16`] are holes.
+/// Converts a 16-bit code to a length, given `unit` world units per code step. Returns `None` for the
+/// holes 0 and [`HOLE16`].
 pub(super) fn decode_linear16(code: u16, unit: f64) -> Option<f64> {
     (code != 0 && code != HOLE16).then(|| f64::from(code) * unit)
 }
 
-/// Length of a stored float. Drivers mark a missing return by 0, NaN, infinity or a negative number.
+/// Converts a stored float to a length; `None` for a hole. Drivers mark holes by 0, NaN, infinity or a
+/// negative number.
 pub(super) fn decode_length(length: f32) -> Option<f64> {
     (length.is_finite() && length > 0.0).then(|| f64::from(length))
 }
 
-/// Noise half-width of a metric depth camera up to 1 m, metres; beyond it grows with the square of
-/// the distance (`dataset.md`, Sensors).
+/// Half-width of the depth noise of a metric depth camera at distances up to 1 m, metres. Beyond 1 m, it
+/// grows with the square of the distance (`dataset.md`, Sensors).
 pub(super) const SENSOR_NOISE: f64 = 0.003;
 
-/// Noise half-width of a metric depth camera at a depth of `value` metres, in metres.
+/// Returns the half-width of the depth noise of a metric depth camera, metres, at a depth of `value`
+/// metres.
 #[inline(always)]
 pub(super) fn sensor_noise(value: f32) -> f32 {
     SENSOR_NOISE as f32 * (value * value).max(1.0)

@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Distortion {
-    /// `k₁`, `k₂`, `k₃`, in normalised image coordinates (pixels over focal length).
+    /// Radial coefficients `k₁`, `k₂`, `k₃` for normalised image coordinates (pixels over focal length).
     pub radial: [f64; 3],
     pub tangential: [f64; 2],
     pub color: RollingShutter,
@@ -41,8 +41,9 @@ impl Distortion {
             )
     }
 
-    /// Resamples the photograph to the pinhole `k`; `None` if nothing changes. Pixels outside the lens's
-    /// image are transparent; if only the rolling shutter moved them out, they repeat the image's edge.
+    /// Resamples a photograph to a pinhole camera with the intrinsics `k`; returns `None` if nothing
+    /// changes. Pixels that lens distortion moves outside the photograph become transparent. Without
+    /// lens distortion, pixels that the rolling shutter moves outside repeat the photograph's edge.
     pub fn undistort_color(
         &self,
         k: &Intrinsics,
@@ -70,9 +71,10 @@ impl Distortion {
         })
     }
 
-    /// Resamples depth to the pinhole `k` by nearest neighbour; `None` if nothing changes. Pixels outside
-    /// the image become `hole`. `along_axis(value, factor)` converts depth from the optical axis of the pixel's
-    /// row to the axis of the middle row.
+    /// Resamples depth by nearest neighbour to a pinhole camera with the intrinsics `k`; returns `None`
+    /// if nothing changes. Pixels outside the recorded image become `hole`. The rolling shutter turns
+    /// the optical axis between rows. `along_axis(value, factor)` converts depth along the axis of a
+    /// pixel's row to depth along the axis of the middle row.
     pub fn undistort_depth<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
@@ -85,8 +87,9 @@ impl Distortion {
         })
     }
 
-    /// `value` takes the position in the recorded image, pixels, and the factor on depth along the optical
-    /// axis there.
+    /// Resamples an image to a pinhole camera with the intrinsics `k`; returns `None` if nothing
+    /// changes. `value` receives a position in the recorded image, pixels, and the factor on depth along
+    /// the optical axis there.
     fn resample<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
@@ -122,14 +125,14 @@ impl Distortion {
 }
 
 impl Dataset {
-    /// Opens the recording again with its recorded poses; `None` if that fails.
+    /// Opens the dataset again with the poses from its files; returns `None` if opening fails.
     pub fn with_recorded_poses(&self) -> Option<Self> {
         let options = LoadOptions { track: false, ..self.options };
         open(self.path.as_ref()?, &options).ok()
     }
 
-    /// Replaces the images by those rectified with the recorded poses; `None` if nothing changes. Poses are
-    /// unchanged.
+    /// Returns a copy whose images are rectified for rolling shutter with the poses from the files. The
+    /// poses of the copy are those of this dataset. Returns `None` if nothing changes.
     pub fn rectified(&self) -> Option<Self> {
         let recorded = self.options.track.then(|| self.with_recorded_poses()).flatten()?;
         let entries = recorded.splits.iter().flat_map(|split| &split.frames);
@@ -172,7 +175,7 @@ mod tests {
         assert_eq!(hardly.undistort_color(&k, &image), Some(image));
     }
 
-    /// Formula of OpenCV's documentation, worked by hand at (0.2, −0.1).
+    /// Compares with the formula of OpenCV's documentation, computed by hand at (0.2, −0.1).
     #[test]
     fn terms_are_those_of_opencv() {
         let lens = Distortion {

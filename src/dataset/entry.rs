@@ -19,10 +19,10 @@ use crate::math::pose::Pose;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Without an evaluation split, every frame at this interval is held out of training.
+/// Interval, in frames, between the frames held out of training if the dataset has no evaluation split.
 pub const HOLD_OUT_EVERY: usize = 8;
 
-/// Name of the split of the frames held out of training, in layouts without splits.
+/// Name of the split of frames held out of training, in datasets without splits.
 pub const HELD_OUT: &str = "held-out";
 
 /// Frames that belong together, such as a training or a validation set.
@@ -33,7 +33,7 @@ pub struct DatasetSplit {
     pub name: String,
     /// Frames in the dataset's order.
     pub frames: Vec<FrameEntry>,
-    /// True if its frames have depth.
+    /// True if the frames have depth.
     pub has_depth: bool,
 }
 
@@ -44,8 +44,8 @@ pub struct FrameEntry {
     pub name: String,
     /// Intrinsics and pose of the camera that measures depth.
     pub camera: Camera,
-    /// Camera of the photograph if the files give it an image size or lens of its own; `None` if
-    /// photographs are registered to depth pixel by pixel.
+    /// Camera of the photograph if the files state an image size or lens of its own. `None` if
+    /// photographs count as registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
     /// Time of capture, seconds on the recorder's clock, if the files state it.
     pub time: Option<f64>,
@@ -55,7 +55,8 @@ pub struct FrameEntry {
 #[derive(Clone, Debug)]
 pub(super) enum FrameSource {
     Files(Box<FrameFiles>),
-    /// Procedural room; `noise_stream` selects the frame's depth noise, `None` is exact depth.
+    /// Frame rendered from a procedural room. `noise_stream` selects the random numbers of its depth
+    /// noise; `None` gives exact depth.
     Synthetic {
         scene: Arc<SyntheticScene>,
         noise_stream: Option<u64>,
@@ -73,7 +74,7 @@ pub(super) struct FrameFiles {
 pub(super) struct DepthSource {
     pub file: ByteSource,
     pub encoding: DepthEncoding,
-    /// Confidence of each pixel, and the least confidence that is used.
+    /// Confidence map of the depth, and the lowest confidence of pixels that are used.
     pub confidence: Option<(ByteSource, u8)>,
 }
 
@@ -135,12 +136,14 @@ impl FrameEntry {
         }
     }
 
-    /// World pose and intrinsics of the photograph's camera; `calibrated` takes precedence over the files.
+    /// Returns world pose and intrinsics of the photograph's camera. `calibrated` takes precedence over
+    /// the camera from the files.
     pub fn photo_camera(&self, calibrated: Option<&ColorCamera>) -> Camera {
         self.photo_camera_at(self.camera.pose, calibrated)
     }
 
-    /// The same for a depth camera at `pose`.
+    /// Returns world pose and intrinsics of the photograph's camera if the depth camera is at `pose`.
+    /// `calibrated` takes precedence over the camera from the files.
     pub fn photo_camera_at(&self, pose: Pose, calibrated: Option<&ColorCamera>) -> Camera {
         let camera = Camera { pose, ..self.camera };
         let Intrinsics { width, height, .. } = camera.intrinsics;
@@ -161,17 +164,18 @@ impl FrameEntry {
         }
     }
 
-    /// File of the colour image, if the frame has files.
+    /// Returns the path of the colour image, if the frame has files.
     pub fn color_path(&self) -> Option<&Path> {
         self.frame_files().map(|files| files.color.path())
     }
 
-    /// File of the depth image, if there is one.
+    /// Returns the path of the depth image, if there is one.
     pub fn depth_path(&self) -> Option<&Path> {
         self.depth_source().map(|depth| depth.file.path())
     }
 
-    /// Files on disk of the frame: its images and confidence map, or the archive or video that contains them.
+    /// Returns the paths of the frame's files on disk: images and confidence map, or their archive or
+    /// video.
     pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
         self.frame_files().into_iter().flat_map(|files| {
             let depth = files.depth.iter().flat_map(|depth| {
@@ -191,7 +195,7 @@ impl FrameEntry {
         }
     }
 
-    /// World units per metre; `None` without depth.
+    /// Returns the number of world units per metre; `None` without depth.
     pub(super) fn metre(&self) -> Option<f64> {
         match self.source {
             FrameSource::Synthetic { .. } => Some(1.0),

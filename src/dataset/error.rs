@@ -22,12 +22,12 @@ pub enum DatasetError {
         "{}: expected a dataset folder, found nothing at this path; check the spelling", path.display()
     )]
     NotFound { path: PathBuf },
-    /// A file instead of a folder.
+    /// The path is a file instead of a folder.
     #[error(
         "{}: expected a dataset folder, found a file; give the folder that holds it", path.display()
     )]
     NotAFolder { path: PathBuf },
-    /// A file or folder that exists but cannot be read.
+    /// A file or folder exists but cannot be read.
     #[error("{}: expected a readable file or folder, found: {source}; check its permissions", path.display())]
     Read { path: PathBuf, source: std::io::Error },
     /// No layout matches the folder.
@@ -40,12 +40,12 @@ pub enum DatasetError {
         "{}: expected one recording, found two layouts at once ({found}); give each a folder of its own", path.display()
     )]
     TwoLayouts { path: PathBuf, found: String },
-    /// Text that is not JSON.
+    /// The text of a file is not JSON.
     #[error(
         "{}: expected JSON, found: {source}; export the file again (JSON has neither NaN nor infinity)", file.display()
     )]
     Json { file: PathBuf, source: serde_json::Error },
-    /// A metadata file whose content has the wrong form.
+    /// The content of a metadata file has the wrong form.
     #[error("{}: expected {expected}, found {found}; {hint}", file.display())]
     Metadata { file: PathBuf, expected: String, found: String, hint: String },
     /// Every frame was skipped.
@@ -53,10 +53,10 @@ pub enum DatasetError {
         "{}: expected at least one usable frame, found none in {skipped} listed; the first problem: {first}", path.display()
     )]
     NoUsableFrame { path: PathBuf, skipped: usize, first: Box<FrameError> },
-    /// Frames of an ongoing recording.
+    /// Every frame found in an ongoing recording is still being written.
     #[error("{}: expected a complete frame, found {frames} that are still being written", path.display())]
     Unfinished { path: PathBuf, frames: usize },
-    /// Training needs depth.
+    /// No split has depth, which training needs.
     #[error(
         "{}: expected a split with depth images to train on, found only colour (splits: {splits}); add the depth images to one split", path.display()
     )]
@@ -117,22 +117,22 @@ impl std::fmt::Display for Warning {
     }
 }
 
-/// Defects of a frame.
+/// Defect of a frame.
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum FrameProblem {
-    /// No colour image.
+    /// The frame has no colour image.
     #[error("expected a colour image {0}, found none; restore it or remove the frame")]
     MissingColor(String),
-    /// No depth image although the split has depth.
+    /// The frame has no depth image although its split has depth.
     #[error(
         "expected a depth image {0}, found none; the frame is skipped: restore its depth or remove the frame"
     )]
     MissingDepth(String),
-    /// No confidence map yet, although the recording has them.
+    /// The frame has no confidence map yet, although the recording contains such maps.
     #[error("expected a confidence map {0}, found none yet; record it with the frame's depth")]
     MissingConfidence(String),
-    /// A frame without a pose file.
+    /// The frame has no pose file.
     #[error("expected a pose file {0}, found none; restore it or remove the frame")]
     MissingPose(String),
     /// A sequence listed in a split file does not exist.
@@ -143,7 +143,7 @@ pub enum FrameProblem {
     /// The file cannot be read.
     #[error("expected a readable file, found: {0}; check the file and its permissions")]
     Read(#[from] std::io::Error),
-    /// Not an image, or a damaged one.
+    /// The file is not an image, or is damaged.
     #[error("expected a whole PNG or JPEG image, found: {0}; copy or export the file again")]
     Decode(#[from] image::ImageError),
     /// A damaged depth file, or one of an unknown format.
@@ -162,10 +162,10 @@ pub enum FrameProblem {
         "expected a video that ffmpeg can decode, found: {0}; extract its frames by hand: {hand}", hand = VIDEO_BY_HAND
     )]
     Video(String),
-    /// Two files or lines for one frame.
+    /// Two files or two lines describe the same frame.
     #[error("expected one of each frame, found {0} as well; the first is used: remove the other")]
     Duplicate(String),
-    /// No pose or photograph close to the time of a depth image.
+    /// No pose or photograph is close to the time of a depth image.
     #[error(
         "expected {what} within {tolerance_ms} ms of {time:.6} s, found {found}; the frame is skipped: record {what} for it or remove it"
     )]
@@ -186,8 +186,8 @@ pub enum FrameProblem {
     /// A depth image of another pixel format.
     #[error("expected {expected} depth, found {found}; {hint}")]
     DepthFormat { expected: &'static str, found: String, hint: &'static str },
-    /// An image differs in size from the frame's camera, which follows from the split's other images or its
-    /// metadata.
+    /// An image differs in size from the frame's camera. The size of the camera is that of other images
+    /// of the split, or is stated in metadata.
     #[error(
         "expected {what} of the camera's size {}x{}, found {}x{}; export all images of a split at one size", expected.0, expected.1, found.0, found.1
     )]
@@ -221,7 +221,7 @@ pub enum FrameProblem {
         "expected {expected} {what} for the camera's {}x{} pixels, found {found}; pass whole images without padding between rows", size.0, size.1
     )]
     BufferSize { what: &'static str, size: (u32, u32), expected: usize, found: usize },
-    /// An empty trusted interval of depth.
+    /// The trusted interval of depth is empty.
     #[error(
         "trusted depth: expected 0 ≤ near < far in world units, found {near} to {far}; correct it"
     )]
@@ -229,13 +229,14 @@ pub enum FrameProblem {
     /// Points were requested from a frame without depth.
     #[error("expected a frame with depth, found colour only; choose a split with depth")]
     NoDepth,
-    /// A frame number out of range.
+    /// The frame number is out of range.
     #[error("expected a frame number below {available}, found {asked}; choose another frame")]
     NoSuchFrame { available: usize, asked: usize },
 }
 
 impl FrameProblem {
-    /// Replaces the system's error about a file that does not exist.
+    /// Returns `missing()` in place of a system error about a file that does not exist. Returns any
+    /// other problem unchanged.
     pub(super) fn or_missing(self, missing: impl FnOnce() -> Self) -> Self {
         match self {
             Self::Read(e) if e.kind() == std::io::ErrorKind::NotFound => missing(),
@@ -244,7 +245,8 @@ impl FrameProblem {
     }
 }
 
-/// Limits text from files in a message: one line, and of long text its start and end.
+/// Shortens text from files for a message: escapes control characters, and keeps only the start and end
+/// of long text.
 fn abridged(text: &str) -> String {
     const MOST: usize = 400;
     let mut plain = Vec::new();

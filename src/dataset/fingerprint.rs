@@ -15,10 +15,11 @@ use serde::{Deserialize, Serialize};
 use std::io::{Read, Result as IoResult, Seek, SeekFrom};
 use std::path::Path;
 
-/// Evenly spaced frames whose bytes are sampled.
+/// Number of evenly spaced frames whose files are sampled.
 const SAMPLED_FRAMES: usize = 32;
-/// Evenly spaced samples of a file, from its start to its end, and bytes per sample.
+/// Number of evenly spaced samples of a file, from its start to its end.
 const SAMPLED_PLACES: u64 = 3;
+/// Number of bytes per sample.
 const SAMPLED_BYTES: u64 = 1 << 14;
 
 /// Fingerprint of one split of a dataset.
@@ -28,12 +29,12 @@ pub struct Fingerprint {
     split: String,
     frames: usize,
     size: [u32; 2],
-    /// CRC-32 over names, cameras and poses, in order.
+    /// CRC-32 over names, intrinsics and poses of all frames, in order.
     poses: u32,
     first: FrameMark,
     last: FrameMark,
-    /// CRC-32 over everything that affects decoding: size of every image, lens, colour camera, unit and
-    /// trusted interval of depth, least confidence.
+    /// CRC-32 over everything that affects decoding: image sizes, lens, colour camera, unit and trusted
+    /// interval of depth, lowest used confidence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     reading: Option<u32>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -50,17 +51,19 @@ struct FrameMark {
 }
 
 impl Fingerprint {
-    /// Layout of the files; `None` if written by a newer version with an unknown layout.
+    /// Returns the layout of the dataset's files; `None` for a layout that only a newer program version
+    /// supports.
     pub fn layout(&self) -> Option<Layout> {
         Layout::named(&self.layout)
     }
 
-    /// Computes the fingerprint of a split with at least one frame.
+    /// Computes the fingerprint of a split, which must have at least one frame.
     pub fn of(dataset: &Dataset, split: usize) -> Self {
         Self::of_first_frames(dataset, split, usize::MAX)
     }
 
-    /// Computes the fingerprint of the first `n` frames, which the split had before later frames were appended.
+    /// Computes the fingerprint of the first `n` frames of a split. It equals the fingerprint of the
+    /// split before later frames were appended.
     #[expect(clippy::indexing_slicing, reason = "a split of the dataset, with at least one frame")]
     pub fn of_first_frames(dataset: &Dataset, split: usize, n: usize) -> Self {
         let split = &dataset.splits[split];
@@ -89,12 +92,13 @@ impl Fingerprint {
         }
     }
 
-    /// Number of frames in the split.
+    /// Returns the number of frames in the split.
     pub fn frames(&self) -> usize {
         self.frames
     }
 
-    /// Describes the first difference to `found`, the fingerprint of another dataset.
+    /// Describes the first difference to `found`, the fingerprint of another dataset; `None` if there is
+    /// no difference.
     pub fn difference(&self, found: &Self) -> Option<String> {
         let differ = |what: &str, expected: &dyn std::fmt::Debug, found: &dyn std::fmt::Debug| {
             Some(format!("{what} (expected {expected:?}, found {found:?})"))
@@ -232,7 +236,8 @@ mod tests {
         Fingerprint::of(&dataset, dataset.training_split().unwrap())
     }
 
-    /// Changes one byte of one of ten images, then the file's size, and the unit of depth.
+    /// Checks that the fingerprint changes with the unit of depth, one byte of an image, and the size of
+    /// a file.
     #[test]
     fn what_changes_the_numbers_changes_the_fingerprint() {
         let folder = tempfile::tempdir().unwrap();

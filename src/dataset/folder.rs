@@ -17,14 +17,14 @@ use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// Limit for pose, split and intrinsics files, bytes; the rest of a longer file is ignored.
+/// Size limit for pose, split and intrinsics files, bytes. The rest of a longer file is ignored.
 const SMALL_TEXT_LIMIT: u64 = 1 << 16;
 
-/// Limit for trajectories and frame lists, bytes; those of a day-long recording are shorter.
+/// Size limit for trajectories and frame lists, bytes. Files of a day-long recording are smaller.
 const TEXT_LIMIT: u64 = 256 << 20;
 
 pub(super) struct Folder {
-    /// Path as the user gave it; messages and file paths start with it.
+    /// Path as given by the user; messages and file paths start with it.
     pub path: PathBuf,
     canonical: PathBuf,
     pub listing: FolderListing,
@@ -39,7 +39,7 @@ pub(super) struct Folder {
 #[derive(Clone, Default)]
 pub(super) struct RecordingState {
     pub is_growing: bool,
-    /// Names of frames that were taken before; they are not read again.
+    /// Names of frames that earlier polls delivered; they are not read again.
     pub taken: Arc<HashSet<String>>,
 }
 
@@ -52,7 +52,7 @@ pub(super) struct FolderListing {
 enum EntryKind {
     File,
     Folder,
-    /// Resolved and checked only when used.
+    /// A link, whose target is resolved and checked only when the link is used.
     Link,
 }
 
@@ -122,7 +122,8 @@ impl Folder {
         !self.recorded.taken.is_empty()
     }
 
-    /// Folders that were listed and texts that were read; another poll is due when one of them changes.
+    /// Returns the paths of all folders listed and text files read so far. Another poll is due when one
+    /// of them changes.
     pub fn watched_paths(&self) -> Vec<PathBuf> {
         let folders =
             self.listed.borrow().keys().map(|relative| self.path.join(relative)).collect();
@@ -143,7 +144,7 @@ impl Folder {
         Ok(listing)
     }
 
-    /// Path of a listed file; links are checked.
+    /// Returns the path of a listed file; checks that a link does not lead outside the dataset folder.
     pub fn file(
         &self,
         folder: &Path,
@@ -159,8 +160,8 @@ impl Folder {
         Ok(self.path.join(relative))
     }
 
-    /// Reads a list below the root. While the recording grows, only terminated lines count: the last number
-    /// of an unterminated line may lack digits.
+    /// Reads a text file in the dataset folder; returns its path and text. While the recording grows, an
+    /// unterminated last line is removed, because its last number may lack digits.
     pub fn lines(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
         let (file, mut text) = self.text(name)?;
         if self.is_growing() {
@@ -169,7 +170,8 @@ impl Folder {
         Ok((file, text))
     }
 
-    /// Reads the start of a text in the root that may identify a layout; empty if there is none.
+    /// Returns the start of a text file in the dataset folder that may identify a layout. The text is
+    /// empty if the file cannot be read.
     pub fn peek(&self, name: &str) -> String {
         self.peek_with(name, read_small_text)
     }
@@ -187,8 +189,8 @@ impl Folder {
         })
     }
 
-    /// Stores the reason why a file of the root, which could identify a layout, was not read. Missing
-    /// files, broken links and files that are not text could not identify one and are ignored.
+    /// Stores the reason why a file that could identify the layout was not read. Missing files, broken
+    /// links and files that are not text could not identify a layout and are ignored.
     pub fn record_unread(&self, name: &str, problem: FrameProblem) {
         let is_reported = match &problem {
             FrameProblem::Read(e) => match e.kind() {
@@ -205,8 +207,8 @@ impl Folder {
         }
     }
 
-    /// Takes the error of the first file that could have identified a layout but was not read. Without that
-    /// file, another layout may be recognised, such as images without poses.
+    /// Removes and returns the error of the first file that could have identified a layout but was not
+    /// read. Without that file, a wrong layout may be recognised, such as images without poses.
     pub fn take_unread(&self) -> Option<DatasetError> {
         self.unread.take()
     }
@@ -223,10 +225,11 @@ impl Folder {
         }
     }
 
-    /// Path of a file named by metadata.
+    /// Returns the path of a file that metadata names.
     ///
     /// # Errors
-    /// A path that leads outside the folder, or to nothing ([`FrameProblem::Read`]).
+    /// [`FrameProblem::OutsideFolder`] if the path leads outside the folder; [`FrameProblem::Read`] if
+    /// nothing exists at the path.
     pub fn resolve_named(&self, text: &str) -> Result<PathBuf, FrameProblem> {
         let relative = relative_path(text)?;
         // As for listed files, only a link has to be resolved. An unlisted name may exist nevertheless:
@@ -287,7 +290,7 @@ impl FolderListing {
         matches!(self.entries.get(name), Some(EntryKind::File | EntryKind::Link))
     }
 
-    /// Names of files and links in ascending order.
+    /// Returns the names of files and links in ascending order.
     pub fn files(&self) -> impl Iterator<Item = &str> {
         self.entries.iter().filter(|(_, k)| **k != EntryKind::Folder).map(|(n, _)| n.as_str())
     }
@@ -351,13 +354,14 @@ pub(super) fn read_small_text(path: &Path) -> std::io::Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Limit for settings files, bytes; those of a day-long recording, with an exposure per frame, are smaller.
+/// Size limit for settings files, bytes. The settings of a day-long recording, with one exposure per
+/// frame, are smaller.
 const MAX_SETTINGS_BYTES: u64 = 64 << 20;
-/// Limit for an image, a depth file or a confidence map, bytes, also unpacked as a member of an archive. A
-/// photograph of 100 megapixels is smaller.
+/// Size limit for an image, a depth file or a confidence map, bytes. It also applies to unpacked members
+/// of an archive. A photograph of 100 megapixels is smaller.
 pub(super) const MAX_IMAGE_BYTES: u64 = 256 << 20;
 
-/// Opens a regular file for reading; refuses anything that could block or be endless.
+/// Opens a regular file for reading. Refuses folders, FIFOs and devices, which could block or never end.
 pub(super) fn open_file(path: &Path) -> IoResult<File> {
     // Checked before opening: opening a FIFO blocks until it has a writer.
     match std::fs::metadata(path)?.is_file() {
@@ -366,7 +370,8 @@ pub(super) fn open_file(path: &Path) -> IoResult<File> {
     }
 }
 
-/// True if the file exists. Disk errors are returned, so that an unreadable file does not count as missing.
+/// True if a regular file exists at the path. Disk errors are returned, so that an unreadable file does
+/// not count as missing.
 pub(super) fn is_file(path: &Path) -> IoResult<bool> {
     match std::fs::metadata(path) {
         Ok(metadata) => Ok(metadata.is_file()),
@@ -375,7 +380,8 @@ pub(super) fn is_file(path: &Path) -> IoResult<bool> {
     }
 }
 
-/// A file that retries reads interrupted by a signal, as happens on network drives; not every decoder does.
+/// File that retries reads interrupted by a signal. Such interruptions occur on network drives, and not
+/// every decoder retries.
 #[derive(Debug)]
 pub(super) struct RetryingFile(File);
 
@@ -419,7 +425,7 @@ pub(super) fn read_bytes(path: &Path, most: u64) -> IoResult<Vec<u8>> {
 /// Reads a settings file as text.
 ///
 /// # Errors
-/// Errors of the system; not a regular file, too large, or not UTF-8.
+/// The file cannot be read, is not a regular file, is too large, or is not UTF-8.
 pub fn read_settings(path: &Path) -> IoResult<String> {
     let bytes = read_bytes(path, MAX_SETTINGS_BYTES)?;
     String::from_utf8(bytes)

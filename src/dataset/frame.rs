@@ -16,21 +16,21 @@ use std::sync::Arc;
 
 pub use super::depth::{Depth, DepthCodes, DepthKind};
 
-/// A consistent frame: depth has the size of its camera, colour the size of its own camera (the depth
-/// camera's if there is none), and the pose is rigid.
+/// Checked frame: images and cameras match, and the pose is rigid. Depth has the size of `camera`.
+/// Colour has the size of `color_camera`, or of `camera` if there is none.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Name within the split.
     pub name: String,
     /// Intrinsics and pose of the camera that measured depth.
     pub camera: Camera,
-    /// Camera of the colours if the files give it an image size or lens of its own; `None` if colours are
-    /// registered to depth pixel by pixel.
+    /// Camera of the colour image if the files state an image size or lens of its own. `None` if colours
+    /// count as registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
-    /// sRGB-encoded straight (not premultiplied) RGBA bytes; alpha is 255 if the file has none. Shared,
-    /// since photometric training retains the picture longer than the frame.
+    /// Colour image: sRGB-encoded RGBA bytes, not premultiplied; alpha is 255 if the file has none.
+    /// Shared, because photometric training keeps the image longer than the frame.
     pub color: Arc<Image<[u8; 4]>>,
-    /// Depth, in splits that have it.
+    /// Depth image; `None` in splits without depth.
     pub depth: Option<Depth>,
 }
 
@@ -39,29 +39,31 @@ pub struct Frame {
 pub enum ColorBuffer<'a> {
     /// Red, green and blue of every pixel; all pixels are opaque.
     Rgb8(&'a [u8]),
-    /// Red, green, blue and straight alpha of every pixel; pixels that are not opaque yield no points.
+    /// Red, green, blue and alpha of every pixel, not premultiplied. Pixels that are not opaque yield no
+    /// points.
     Rgba8(&'a [u8]),
 }
 
-/// Depth of an in-memory frame, registered to its intrinsics.
+/// Depth image of an in-memory frame, taken with the intrinsics and pose of that frame.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthBuffer<'a> {
-    /// Length of every pixel in world units (metres, if the poses are metric), rows from the top, no
+    /// Depth of every pixel in world units (metres, if the poses are metric), rows from the top, no
     /// padding. NaN, infinite, zero and negative lengths are holes.
     pub lengths: &'a [f32],
     /// Direction of measurement: along the optical axis or along the pixel's ray.
     pub kind: DepthKind,
-    /// Open interval of lengths that training uses; `[0.0, f64::INFINITY]` accepts all.
+    /// Open interval of lengths that training uses, world units; `[0.0, f64::INFINITY]` accepts all.
     pub trusted: [f64; 2],
 }
 
 impl Frame {
-    /// Makes a frame from images in memory, a pinhole camera and its pose: a camera-to-world matrix in
-    /// OpenCV axes (x right, y down, z forward).
+    /// Creates a frame from images in memory, a pinhole camera and its pose. The pose is a
+    /// camera-to-world matrix in OpenCV axes (x right, y down, z forward).
     ///
     /// # Errors
-    /// Intrinsics that no camera has; a matrix that is not a rigid pose (NaN, scale, mirror image); a
-    /// buffer of another size than the camera's; depth without any surface, or an empty trusted interval.
+    /// Intrinsics that no camera has, or a matrix that is not a rigid pose (NaN, scale, mirror image). A
+    /// buffer of another size than the camera's image. Depth without any surface, or an empty trusted
+    /// interval.
     ///
     /// ```
     /// use glam::DMat4;
@@ -115,27 +117,29 @@ impl Frame {
         })
     }
 
-    /// Camera of the colours, calibrated or else from the files; `None` if colours are registered to depth.
+    /// Returns the camera of the colour image: `calibrated` if given, else the camera from the files.
+    /// `None` if colours are registered to depth.
     pub fn photographed_by(&self, calibrated: Option<&ColorCamera>) -> Option<ColorCamera> {
         let size = [self.color.width, self.color.height].map(|n| n as u32);
         photographed_by(self.color_camera, calibrated, size)
     }
 
-    /// World pose and intrinsics of the colours' camera, for the photograph's size.
+    /// Returns world pose and intrinsics of the camera that took the colour image, scaled to the size of
+    /// that image.
     pub fn photo_camera(&self, calibrated: Option<&ColorCamera>) -> Camera {
         let color = self.photographed_by(calibrated);
         color.map_or(self.camera, |color| color.camera_at(&self.camera))
     }
 
-    /// True if a pixel of the depth image is opaque. All are, if another camera took the photograph, since its
-    /// alpha belongs to other pixels.
+    /// True if the colour at a pixel of the depth image is opaque; `pixel` is a row-major index. Always
+    /// true if another camera took the photograph, because its alpha belongs to other pixels.
     pub fn is_opaque(&self, pixel: usize) -> bool {
         self.color_camera.is_some()
             || self.color.data.get(pixel).is_some_and(|rgba| rgba[3] == u8::MAX)
     }
 
-    /// Registers colours to depth pixels: unchanged if they are registered already, else sampled from the
-    /// photograph; transparent outside its image.
+    /// Returns the frame with one colour per depth pixel. Registered colours stay unchanged; others are
+    /// sampled from the photograph. Pixels without depth or outside the photograph become transparent.
     pub fn with_registered_color(&self) -> Cow<'_, Self> {
         let (Some(color_camera), Some(depth)) = (self.color_camera, &self.depth) else {
             return Cow::Borrowed(self);
@@ -171,13 +175,13 @@ impl Frame {
         })
     }
 
-    /// Depth along the optical axis in world units, 0 at holes, for evaluation and plane fits; `None`
-    /// without depth. Ignores the trusted interval.
+    /// Returns depth along the optical axis in world units, 0 at holes, for evaluation and plane fits.
+    /// `None` for a frame without depth. Includes depth outside the trusted interval.
     pub fn depth_z(&self) -> Option<Image<f32>> {
         self.depth_as(DepthKind::Z)
     }
 
-    /// Depth in world units, converted to the direction `kind`; otherwise as [`Self::depth_z`].
+    /// Returns depth in world units, converted to the direction `kind`; otherwise as [`Self::depth_z`].
     pub fn depth_as(&self, kind: DepthKind) -> Option<Image<f32>> {
         let depth = self.depth.as_ref()?;
         let (width, height) = depth.size();
@@ -238,7 +242,8 @@ fn check_length(
     }
 }
 
-/// Camera of a photograph of this size; a calibrated camera takes precedence over the recorded one.
+/// Returns the camera of a photograph, scaled to the photograph's size (columns, rows). A calibrated
+/// camera takes precedence over the recorded one.
 pub(super) fn photographed_by(
     recorded: Option<ColorCamera>,
     calibrated: Option<&ColorCamera>,
@@ -247,7 +252,8 @@ pub(super) fn photographed_by(
     calibrated.copied().or(recorded).map(|camera| camera.scaled_to(size))
 }
 
-/// Ratio of a length of `kind` to the depth z at a pixel (1 for z itself).
+/// Returns the ratio of a length measured along `kind` to depth along the optical axis, at a pixel. It
+/// is 1 for [`DepthKind::Z`].
 pub(super) fn length_per_z(k: &Intrinsics, kind: DepthKind, column: usize, row: usize) -> f64 {
     match kind {
         DepthKind::RayDistance => k.ray(column, row).length(),

@@ -20,24 +20,26 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, UNIX_EPOCH};
 
-/// File that a recorder writes last: everything else is complete then.
+/// Name of the file that a recorder writes last, when all other files are complete.
 pub const END_MARKER: &str = "recording.done";
 
-/// Seconds for which an incomplete frame delays the frames after it, so that all are trained in order.
+/// Longest time, seconds, for which an incomplete frame delays later frames, so that frames are trained
+/// in order.
 const MAX_DELAY_S: f64 = 1.0;
 
-/// A recording that may still grow.
+/// Recording that may still be written, polled for frames that became complete.
 pub struct GrowingRecording {
     path: PathBuf,
     options: LoadOptions,
     split: Option<String>,
     layout: Option<Layout>,
     taken: Arc<HashSet<String>>,
-    /// Times at which incomplete frames were first listed, seconds.
+    /// Time at which each incomplete frame was first listed, seconds, by frame name.
     unfinished: HashMap<String, f64>,
-    /// Marks of the files of frames that were complete but could not be read.
+    /// Modification times and sizes of the files of frames that were complete but could not be read, by
+    /// frame name.
     unreadable: HashMap<String, FrameMarks>,
-    /// Paths that the last poll read, with their marks from before it.
+    /// Paths that the last poll read, with their modification times and sizes from before that poll.
     polled: Vec<(PathBuf, Option<FileMark>)>,
     /// True if the last poll found changes. The files may have changed again within one tick of the file
     /// system's clock, so another poll is due.
@@ -46,8 +48,8 @@ pub struct GrowingRecording {
 }
 
 impl GrowingRecording {
-    /// Starts following a recording from its first frame. Polls return frames of `split`, by default the split
-    /// with depth. The folder need not exist yet.
+    /// Starts following a recording from its first frame. Polls return frames of `split`, or of the
+    /// split with depth if `split` is `None`. The folder may be created later.
     ///
     /// # Errors
     /// An option out of range, or a file in place of a folder.
@@ -64,8 +66,9 @@ impl GrowingRecording {
         Ok(Self::begin(path, *options, split))
     }
 
-    /// Continues with the recording of an opened dataset; all its frames in `split` count as taken.
-    /// `None` if the frames come from no folder. Does not access the drive, which may no longer respond.
+    /// Follows the recording of an opened dataset after its last frame: frames of `split` in the dataset
+    /// count as taken. Returns `None` if the dataset was not read from a folder. Does not access the
+    /// drive, which may no longer respond.
     pub fn of(dataset: &Dataset, split: usize) -> Option<Self> {
         let path = dataset.path.as_ref().filter(|_| dataset.is_folder)?;
         let name = &dataset.splits.get(split)?.name;
@@ -92,34 +95,35 @@ impl GrowingRecording {
         }
     }
 
-    /// Folder of the recording.
+    /// Returns the folder of the recording.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// True if the recorder has written its end marker.
+    /// True if the recorder has written the file [`END_MARKER`].
     pub fn has_ended(&self) -> bool {
         self.path.join(END_MARKER).exists()
     }
 
-    /// True if folders or lists have changed since the last poll.
+    /// True if folders or frame lists have changed since the last poll.
     pub fn has_changed(&self) -> bool {
         self.has_recent_changes
             || self.polled.iter().any(|(path, mark)| FileMark::of(path) != *mark)
     }
 
-    /// True if the last poll found an entry that is not a complete frame yet. It may become one without a
-    /// change of a folder or list.
+    /// True if the last poll failed, or found a frame that is incomplete or unusable. The frame may
+    /// become usable without a change of a folder or frame list.
     pub fn is_unresolved(&self) -> bool {
         self.is_unresolved
     }
 
-    /// Polls for frames of the split that became complete and were not taken before, in order. The returned
-    /// dataset may have no frames. Once the recording has ended (`is_growing` false), all frames are
-    /// returned and defects become warnings. `now_s` is a monotonic time in seconds.
+    /// Reads the recording and returns a dataset of new frames, in order; it may have no frames. New
+    /// frames are complete frames of the followed split that are not marked as taken
+    /// ([`Self::mark_taken`]). Once the recording has ended (`is_growing` false), all frames not yet
+    /// taken are returned, and defects become warnings. `now_s` is a monotonic time in seconds.
     ///
     /// # Errors
-    /// Any error of opening the folder; most vanish as the recording grows.
+    /// Errors of opening the folder. Most errors vanish as the recording grows.
     pub fn poll(&mut self, is_growing: bool, now_s: f64) -> Result<Dataset, DatasetError> {
         let found = self.read(is_growing);
         self.is_unresolved = match &found {
@@ -158,7 +162,7 @@ impl GrowingRecording {
         Ok(dataset)
     }
 
-    /// Explains why a poll found no frame.
+    /// Returns an error that explains why a poll found no frame; `found` is the result of the poll.
     pub fn empty_poll_error(&self, found: Dataset) -> DatasetError {
         match self.unfinished.len() {
             0 => no_usable_frame(&self.path, found.warnings),
@@ -184,15 +188,15 @@ impl GrowingRecording {
         split.frames.len()
     }
 
-    /// True if any frame was taken.
+    /// True if any frame is marked as taken.
     pub fn has_begun(&self) -> bool {
         !self.taken.is_empty()
     }
 
-    /// Index of the split whose frames are taken.
+    /// Returns the index of the followed split in a dataset.
     ///
     /// # Errors
-    /// No split of that name, or none with depth.
+    /// The dataset has no split of that name, or no split with depth.
     pub fn split_of(&self, dataset: &Dataset) -> Result<usize, DatasetError> {
         match &self.split {
             Some(name) => dataset.split_named(name),
@@ -200,7 +204,8 @@ impl GrowingRecording {
         }
     }
 
-    /// Returns a frame that could not be read; it is found again once its files differ from `marks`.
+    /// Marks a frame as not taken, because it could not be read. Polls return the frame again once its
+    /// files differ from `marks`.
     pub fn return_frame(&mut self, frame: String, marks: FrameMarks) {
         if Arc::make_mut(&mut self.taken).remove(&frame) {
             self.unreadable.insert(frame, marks);
@@ -226,7 +231,7 @@ impl GrowingRecording {
         dataset
     }
 
-    /// Selects the complete frames, up to the first incomplete one that still delays the frames after it.
+    /// Returns the complete frames before the first incomplete frame that still delays later frames.
     fn complete_frames(&mut self, frames: Vec<FrameEntry>, now_s: f64) -> Vec<FrameEntry> {
         let is_first = self.taken.is_empty();
         let mut whole = Vec::new();
@@ -267,7 +272,7 @@ fn with_depth(
 }
 
 const PNG: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
-/// Length 0, name and checksum of the final chunk.
+/// Final chunk of a PNG file: length 0, name and checksum.
 const PNG_END: [u8; 12] = *b"\0\0\0\0IEND\xaeB`\x82";
 const JPEG: [u8; 2] = [0xFF, 0xD8];
 
@@ -290,7 +295,7 @@ impl FrameEntry {
         }
     }
 
-    /// Current marks of its files.
+    /// Returns the current modification times and sizes of the frame's files.
     pub fn marks(&self) -> FrameMarks {
         FrameMarks(self.files().filter_map(FileMark::of).collect())
     }
@@ -301,7 +306,8 @@ impl FrameEntry {
 pub struct FrameMarks(Vec<FileMark>);
 
 impl FrameMarks {
-    /// Latest modification time of the files since 1970, by the file system's clock; `None` if unknown.
+    /// Returns the latest modification time of the files as time since 1970, by the file system's clock.
+    /// `None` if it is unknown.
     pub fn last_modified(&self) -> Option<Duration> {
         self.0.iter().filter_map(|mark| mark.changed).max()
     }
@@ -311,7 +317,7 @@ impl FrameMarks {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FileMark {
     bytes: u64,
-    /// Time since 1970.
+    /// Modification time as time since 1970.
     changed: Option<Duration>,
 }
 
@@ -333,7 +339,7 @@ fn is_whole(color: &ByteSource) -> bool {
     }
 }
 
-/// True if a PNG or JPEG has its end; `None` for files of other formats.
+/// True if a PNG or JPEG file contains its end marker; `None` for files of other formats.
 fn has_image_end(path: &Path) -> Option<bool> {
     let Ok(mut file) = open_file(path) else { return Some(false) };
     let mut head = Vec::new();
@@ -377,7 +383,7 @@ mod whole_tests {
     use image::codecs::png::PngEncoder;
     use image::{ExtendedColorType, ImageEncoder};
 
-    /// Noise, so that every byte value and many chunk lengths occur.
+    /// Returns pixels of noise, in which every byte value and many chunk lengths occur.
     fn pixels() -> Vec<u8> {
         (0..40 * 30 * 3u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect()
     }

@@ -11,7 +11,8 @@ use std::borrow::Cow;
 use std::io::{Cursor, Read};
 use tiff::decoder::{Decoder, DecodingResult};
 
-/// Decodes a file to codes or lengths, given world units per stored unit.
+/// Function that decodes the bytes of a depth file to codes or lengths. Its second argument is the
+/// number of world units per stored unit.
 type Reader = fn(&[u8], f64) -> Result<DepthCodes, FrameProblem>;
 
 const KINDS: [(&[u8], Reader); 4] = [
@@ -29,7 +30,7 @@ pub(super) fn is_known(bytes: &[u8]) -> bool {
     reader(bytes).is_some()
 }
 
-/// Decodes codes or lengths; `unit` is in world units per stored unit.
+/// Decodes a depth file (EXR, TIFF or NPY) to codes or lengths, with `unit` world units per stored unit.
 pub(super) fn decode(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     match reader(bytes) {
         Some(read) => read(bytes, unit),
@@ -61,7 +62,8 @@ pub(super) fn bare_bytes(bytes: &[u8], size: (u32, u32)) -> Result<Image<u8>, Fr
     Ok(Image::from_vec(size.0 as usize, size.1 as usize, bytes))
 }
 
-/// Decompresses the bytes; checks that their number matches the image.
+/// Returns the values of a file without header, decompressed if necessary; checks that their number
+/// matches the image.
 fn unpacked(
     bytes: &[u8],
     (width, height): (u32, u32),
@@ -89,7 +91,8 @@ fn unpacked(
     if out.len() == expected { Ok(Cow::Owned(out)) } else { Err(short(out.len())) }
 }
 
-/// Reads an array with two axes, or with three of which the first or last has length one.
+/// Decodes an NPY array of depth. The array has two axes, or three of which the first or last has length
+/// one.
 fn read_npy(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
         expected: "a little-endian NPY array of rows and columns in C order (f2, f4, f8, u2, u4)",
@@ -144,7 +147,7 @@ fn text_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     header.split_once(&format!("'{key}':"))?.1.split('\'').nth(1)
 }
 
-/// Rows and columns.
+/// Returns the rows and columns that an NPY header states.
 fn shape(header: &str) -> Option<[usize; 2]> {
     let list = header.split_once("'shape':")?.1.split_once('(')?.1.split_once(')')?.0;
     let axes: Option<Vec<usize>> =
@@ -161,7 +164,8 @@ fn shorten(header: &str) -> String {
     header.trim().chars().take(80).collect()
 }
 
-/// Names of depth channels, in order of preference; otherwise the first channel is used.
+/// Names of depth channels in EXR files, in order of preference. Without any of these names, the first
+/// channel is used.
 const EXR_CHANNELS: [&str; 5] = ["Z", "Y", "R", "V", "depth"];
 
 fn read_exr(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
@@ -218,12 +222,14 @@ fn read_tiff(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     }
 }
 
-/// Limit for depth images: 67 million pixels.
+/// Largest number of pixels of a depth image, 67 million.
 const MAX_PIXELS: usize = 1 << 26;
-/// Limit for the compression factor of these formats, PNG and zip: that of deflate is at most 1032.
+/// Upper limit for the compression factor of EXR, TIFF, PNG and zip files. Deflate compresses by a
+/// factor of at most 1032.
 pub(super) const MAX_FACTOR: u64 = 1040;
 
-/// Checks, before allocation, that the file's bytes can contain this number of pixels.
+/// Checks, before allocation, that a file can contain an image of this size with `per_pixel` bytes per
+/// pixel.
 fn check_size(
     bytes: &[u8],
     [width, height]: [usize; 2],
@@ -234,7 +240,8 @@ fn check_size(
     check_unpacked(bytes, [width, height], unpacked)
 }
 
-/// Checks, before allocation, that the file's bytes can hold an image of `unpacked` bytes.
+/// Checks, before allocation, that the bytes of a compressed file can contain an image of `unpacked`
+/// bytes.
 pub(super) fn check_unpacked(
     bytes: &[u8],
     [width, height]: [usize; 2],

@@ -22,17 +22,17 @@ use std::sync::Arc;
 /// Posed frames in named splits.
 #[derive(Clone, Debug)]
 pub struct Dataset {
-    /// Last part of the path, or the name of the procedural scene.
+    /// Last component of the path, or the name of the procedural scene.
     pub name: String,
-    /// Folder or archive; `None` for the procedural scene.
+    /// Path of the folder or archive; `None` for the procedural scene.
     pub path: Option<PathBuf>,
-    /// True if it was read from a folder, to which frames may be added.
+    /// True if the dataset was read from a folder, to which frames may be added.
     pub is_folder: bool,
     /// Layout of the files.
     pub layout: Layout,
-    /// Content that identified the layout.
+    /// Description of the content that identified the layout.
     pub recognised_by: String,
-    /// Splits with at least one frame each; at least one split.
+    /// Splits of the dataset, at least one; each has at least one frame.
     pub splits: Vec<DatasetSplit>,
     /// Frames that are listed but cannot be used.
     pub warnings: Vec<Warning>,
@@ -40,15 +40,16 @@ pub struct Dataset {
     pub notes: Vec<String>,
     /// Range of positions if the layout defines one; see [`super::range::estimate`].
     pub known_range: Option<PositionRange>,
-    /// Options it was opened with; the local origin is set here if it is not zero.
+    /// Options with which the dataset was opened. The local origin is added if the cameras are too far
+    /// from zero for 32-bit positions.
     pub options: LoadOptions,
 }
 
 /// Opens a dataset folder: recognises the layout and reads metadata and poses.
 ///
 /// # Errors
-/// A folder that cannot be read, has no known layout, or has no usable frame; metadata that no camera has;
-/// an option out of range.
+/// A folder that cannot be read, has no known layout, or has no usable frame. Metadata that no camera
+/// has. An option out of range.
 ///
 /// ```
 /// use vbgs_studio::dataset::synthetic::SyntheticParams;
@@ -141,7 +142,7 @@ fn apply_local_origin(dataset: &mut Dataset) {
     dataset.known_range = dataset.known_range.take().map(|range| range.relative_to(place));
 }
 
-/// Refuses options that have no effect on these files: the user expects one.
+/// Checks that depth scale and confidence affect the dataset's files, if the user set them.
 fn check_options_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<(), DatasetError> {
     let depths = || splits.iter().flat_map(|split| &split.frames).filter_map(|f| f.depth_source());
     if depths().next().is_none() {
@@ -165,7 +166,7 @@ fn check_options_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<
     Ok(())
 }
 
-/// True if the content of a file is an archive, which [`open`] accepts in place of a folder.
+/// True if a file is a zip archive, which [`open`] accepts in place of a folder.
 pub fn is_archive(path: &Path) -> bool {
     // The next reader of the file reports a disk error.
     Archive::is_zip_archive(path).unwrap_or(false)
@@ -205,8 +206,8 @@ pub(super) fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetErr
 }
 
 impl Dataset {
-    /// Loads one frame: decodes its images and checks that they agree with each other and with the camera.
-    /// `split` and `index` are indices into [`Dataset::splits`] and [`DatasetSplit::frames`].
+    /// Loads one frame: decodes its images and checks that they agree with each other and with the
+    /// camera. `split` and `index` are indices into [`Dataset::splits`] and [`DatasetSplit::frames`].
     ///
     /// # Errors
     /// As [`FrameEntry::load`], and an index out of range.
@@ -222,8 +223,8 @@ impl Dataset {
         }
     }
 
-    /// Loads a frame from which settings are estimated. Retries once, because a passing disk error would
-    /// change the settings silently; a lasting one is logged.
+    /// Loads a frame from which settings are estimated. Retries once, because a temporary disk error
+    /// would silently change the settings. A read error that persists is logged.
     pub(crate) fn load_with_retry(&self, split: usize, index: usize) -> Result<Frame, FrameError> {
         let loaded = self.load(split, index).or_else(|_| self.load(split, index));
         if let Err(error) = &loaded
@@ -234,8 +235,8 @@ impl Dataset {
         loaded
     }
 
-    /// Adds the frames that a poll of the growing recording found: frames of `split` are appended, other
-    /// splits replaced.
+    /// Adds the frames that a poll of the growing recording returned. Frames of `split` are appended;
+    /// other splits are replaced.
     pub fn append_polled(&mut self, split: usize, found: Self) {
         for mut new in found.splits.into_iter().filter(|new| !new.frames.is_empty()) {
             // Extended below: a poll finds new frames only.
@@ -265,8 +266,8 @@ impl Dataset {
         }
     }
 
-    /// Calibration known from the layout: the colour camera of a Kinect if depth has the published Kinect
-    /// intrinsics. `None` if nothing is known.
+    /// Returns the calibration known for the layout: the colour camera of a Kinect if depth has the
+    /// published Kinect intrinsics. `None` for other cameras and layouts.
     pub fn known_calibration(&self) -> Option<Calibration> {
         let depth_camera = self.splits.first()?.frames.first()?.camera.intrinsics;
         let mut known = self.layout.known_calibration(&depth_camera)?;
@@ -276,13 +277,13 @@ impl Dataset {
         Some(known)
     }
 
-    /// Origin of the camera poses in the files' world, world units; zero unless that is too far away for
-    /// 32-bit positions.
+    /// Returns the origin of the camera poses in the coordinates of the files, world units. It is zero
+    /// unless the options set it, or the cameras are too far from zero for 32-bit positions.
     pub fn local_origin(&self) -> DVec3 {
         self.options.local_origin.map_or(DVec3::ZERO, DVec3::from_array)
     }
 
-    /// Up direction of the world, estimated from the cameras of a split.
+    /// Estimates the up direction of the world from the cameras of a split.
     pub fn up(&self, split: usize) -> DVec3 {
         let frames = self.splits.get(split).into_iter().flat_map(|split| &split.frames);
         mean_up(frames.map(|frame| &frame.camera.pose))
@@ -293,24 +294,28 @@ impl Dataset {
         self.layout.is_metric() && self.units_per_metre() == 1.0
     }
 
-    /// World units per metre, from the user's options: 1 unless depth scale and range are in another unit.
+    /// Returns the number of world units per metre, derived from the user's options. It is 1 unless
+    /// depth scale and depth range are in another unit.
     pub fn units_per_metre(&self) -> f64 {
         let mut frames = self.splits.iter().flat_map(|s| &s.frames);
         frames.find_map(FrameEntry::metre).unwrap_or(1.0)
     }
 
-    /// Sensor of the first frame with depth; exact depth if no frame has any.
+    /// Returns the depth sensor of the first frame with depth. Without depth, returns [`Sensor::Exact`]
+    /// without noise.
     pub fn sensor(&self) -> Sensor {
         let mut frames = self.splits.iter().flat_map(|s| &s.frames);
         frames.find_map(|frame| frame.sensor()).unwrap_or(Sensor::Exact { noise: 0.0 })
     }
 }
 
-/// Distance from zero beyond which a world is far, in multiples of the largest sensed depth. Below it,
-/// `f32` rounds by less than 2⁻¹⁸ of such a depth, a hundredth of the structural scale.
+/// Smallest distance of cameras from zero at which positions need a local origin, in multiples of the
+/// largest sensed depth. At smaller distances, `f32` positions round by less than 2⁻¹⁸ of that depth.
+/// This is a hundredth of the structural scale (the largest distance of a point from its component's
+/// seed).
 const FAR: f64 = 64.0;
-/// Least distance of a far world in spreads of its cameras: shifting a world that is as wide as it is far
-/// gains nothing.
+/// Minimum distance from zero of cameras that need a local origin, in multiples of their spread. A local
+/// origin gains nothing if the cameras are spread as widely as they are distant.
 const FAR_BESIDE_SPREAD: f64 = 8.0;
 
 fn moved_notice(place: DVec3) -> String {
@@ -327,8 +332,9 @@ fn mismatch_notice(asked: DVec3, far: DVec3) -> String {
     )
 }
 
-/// Position of the first camera without a wild pose, relative to `origin` and rounded to whole metres. `None`
-/// unless it is far from `origin`.
+/// Returns the local origin that cameras far from `origin` need; `None` for cameras near `origin`. It is
+/// the position of the first camera that is no outlier, relative to `origin` and rounded to whole
+/// metres.
 fn far_origin(split: &DatasetSplit, metre: f64, origin: DVec3) -> Option<DVec3> {
     let centre = first_inlier_position(split)?;
     let from_origin = centre - origin;

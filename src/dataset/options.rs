@@ -8,50 +8,55 @@ use super::video::Video;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Options for opening a dataset; unset ones follow the dataset's files.
+/// Options for opening a dataset. Unset options take their values from the dataset's files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LoadOptions {
-    /// World units per step of 16-bit depth; overrides the dataset's.
+    /// World units per code step of 16-bit depth; overrides the value of the dataset.
     pub depth_scale: Option<f64>,
-    /// Nearest and farthest depth that training uses, world units; overrides the layout's.
+    /// Nearest and farthest depth that training uses, world units; overrides the range of the layout.
     pub depth_range: Option<[f64; 2]>,
-    /// Convention of the recording's pose matrices; overrides the layout's.
+    /// Convention of the recording's pose matrices; overrides the convention of the layout.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<PoseConvention>,
-    /// `fx`, `fy`, `cx`, `cy` of the depth image in pixels; override the dataset's, or the known camera's
-    /// in layouts without intrinsics.
+    /// Intrinsics `fx`, `fy`, `cx`, `cy` of the depth image, pixels; they override the intrinsics of the
+    /// dataset. In layouts without intrinsics, they override those of the camera with which such
+    /// datasets are usually recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub intrinsics: Option<[f64; 4]>,
-    /// Least confidence, 0 to 2, of depth that is used, if the sensor records it; 1 by default.
+    /// Lowest confidence, 0 to 2, of depth that is used, if the recording has confidence maps; 1 by
+    /// default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confidence: Option<u8>,
-    /// Opens recordings without readable photographs too, in grey.
+    /// True to open recordings without readable photographs as well; their colours are grey.
     #[serde(default, skip_serializing_if = "is_false")]
     pub geometry_only: bool,
-    /// Leaves poses to tracking: recorded ones are ignored, and none are needed.
+    /// True to leave the poses to tracking: recorded poses are ignored and may be missing.
     #[serde(default, skip_serializing_if = "is_false")]
     pub track: bool,
-    /// Origin of camera poses in the files' world, world units: that of a model shown with the dataset. By
-    /// default zero, or a place near the first camera in worlds too far from zero for 32-bit positions.
+    /// Origin of the camera poses in the coordinates of the files, world units. If a model is shown with
+    /// the dataset, it is the model's origin. By default it is zero, or near the first camera if the
+    /// cameras are too far from zero for 32-bit positions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub local_origin: Option<[f64; 3]>,
 }
 
-/// Range of depth sensors, metres; depth ranges are compared with it.
+/// Usual range of depth sensors, metres. Comparing it with the depth range of the options gives the
+/// world unit.
 const SENSOR_RANGE: [f64; 2] = [0.3, FARTHEST_SENSED];
-/// Largest depth of depth sensors, metres.
+/// Largest depth that sensors usually measure, metres.
 pub(super) const FARTHEST_SENSED: f64 = 5.0;
-/// Code step of most sensors, metres.
+/// Depth quantisation step of most sensors, metres.
 pub(super) const MILLIMETRE: f64 = 0.001;
-/// Penalty factor of the fallback: a world of any unit whose depth is in millimetre steps.
+/// Penalty factor of the least likely world unit: an arbitrary unit with depth codes in steps of a
+/// millimetre.
 const UNLIKELY: f64 = 3.0;
 
 fn is_false(value: &bool) -> bool {
     !value
 }
 
-/// Ratio of a depth range to the sensors' range, of their geometric means if it has two ends. `None` if both
-/// ends are open.
+/// Returns the ratio of a depth range to the usual range of sensors. Geometric means are compared, or
+/// single ends if the other end is open. `None` if both ends are open.
 fn relative_to_sensor_range([near, far]: [f64; 2]) -> Option<f64> {
     let [least, most] = SENSOR_RANGE;
     match (near > 0.0, far.is_finite()) {
@@ -63,11 +68,12 @@ fn relative_to_sensor_range([near, far]: [f64; 2]) -> Option<f64> {
 }
 
 impl LoadOptions {
-    /// World units per metre, from depth scale and depth range together; 1 unless both are set. `unit` is
-    /// the layout's code step in metres. A scale alone may only correct the code step in a metric world;
-    /// the range resolves this, since it must match the range of sensors. Candidates are metres, the
-    /// layout's own step, centimetres and millimetres; millimetre steps in a world of any unit are the
-    /// fallback.
+    /// Estimates the number of world units per metre from depth scale and depth range; 1 unless both are
+    /// set. `unit` is the layout's code step in metres. A depth scale alone does not suffice: it may
+    /// only correct the code step in a metric world. The depth range decides, because it must match the
+    /// range of sensors. Candidates for the world unit are the metre, the centimetre and the millimetre.
+    /// Another candidate is the unit in which the depth scale equals the layout's code step. The least
+    /// likely candidate is an arbitrary unit with codes in steps of a millimetre.
     pub(super) fn units_per_metre(&self, unit: f64) -> f64 {
         let (Some(scale), Some(range)) = (self.depth_scale, self.depth_range) else { return 1.0 };
         let Some(ratio) = relative_to_sensor_range(range) else { return 1.0 };
@@ -79,8 +85,8 @@ impl LoadOptions {
         units.min_by(|a, b| off(a).total_cmp(&off(b))).map_or(1.0, |(metre, _)| metre)
     }
 
-    /// Options for opening another dataset in the same coordinates: fixes the local origin, also if it is
-    /// zero.
+    /// Returns options for opening another dataset in the same coordinates. The local origin is set even
+    /// if it is zero.
     pub fn with_fixed_origin(&self) -> Self {
         Self { local_origin: Some(self.local_origin.unwrap_or_default()), ..*self }
     }
@@ -117,7 +123,7 @@ impl LoadOptions {
 #[derive(Clone, Debug)]
 pub(super) enum ByteSource {
     File(PathBuf),
-    /// A member of an archive; `shown` is its path in messages.
+    /// Member (file) of an archive; `shown` is its path in messages.
     Member {
         archive: Arc<Archive>,
         name: String,
@@ -127,7 +133,7 @@ pub(super) enum ByteSource {
         video: Arc<Video>,
         index: usize,
     },
-    /// Grey placeholder of a photograph that was not recorded; the path is the depth file's.
+    /// Grey placeholder for a photograph that was not recorded; the path is that of the depth file.
     Grey(PathBuf),
 }
 

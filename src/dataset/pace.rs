@@ -4,20 +4,21 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Least time between two checks for changes: less than a camera's frame.
+/// Minimum time between two checks for changes; shorter than the interval between two camera frames.
 const TICK: Duration = Duration::from_millis(20);
-/// Time between polls for changes that no folder or list shows, such as a file that was incomplete.
+/// Minimum time between polls while folders and lists do not change. Such polls may find a file that
+/// became complete.
 const RETRY: Duration = Duration::from_millis(50);
-/// After this time without a new frame, polling slows down.
+/// Time without a new frame after which polling slows down.
 const QUIET: Duration = Duration::from_secs(10);
 const QUIET_TICK: Duration = Duration::from_millis(100);
 const QUIET_RETRY: Duration = Duration::from_secs(1);
-/// Number of recent polls from which the cost of the next is estimated.
+/// Number of recent polls from which the duration of the next one is estimated.
 const LATEST: usize = 8;
-/// Polls take at most one part in `SHARE` of the time.
+/// Polls take at most the fraction 1/`SHARE` of the time.
 const SHARE: u32 = 20;
 
-/// Schedule of the polls.
+/// Schedule of the polls of a growing recording.
 #[derive(Default)]
 pub struct PollSchedule {
     last_check: Option<Duration>,
@@ -27,7 +28,7 @@ pub struct PollSchedule {
 }
 
 impl PollSchedule {
-    /// Time until the next check for changes.
+    /// Returns the time until the next check for changes is due.
     pub fn time_to_next_check(&self, now: Duration) -> Duration {
         let tick = if self.is_quiet(now) { QUIET_TICK } else { TICK };
         let left = |least: Duration, since: Option<Duration>| {
@@ -44,13 +45,14 @@ impl PollSchedule {
         self.last_check = Some(now);
     }
 
-    /// True if a poll is due for changes that no folder or list shows.
+    /// True if a poll is due although no folder or list has changed. The poll may find a file that
+    /// became complete.
     pub fn is_retry_due(&self, now: Duration) -> bool {
         let retry = if self.is_quiet(now) { QUIET_RETRY } else { RETRY };
         self.last_poll.is_none_or(|polled| now >= polled + retry)
     }
 
-    /// Records a poll: its start and end, and whether it found frames.
+    /// Records the start and end of a poll, and whether it found frames.
     pub fn record_poll(&mut self, begun: Duration, now: Duration, has_grown: bool) {
         self.last_poll = Some(now);
         if self.costs.len() == LATEST {

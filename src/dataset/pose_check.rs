@@ -16,59 +16,65 @@ use serde::{Deserialize, Serialize};
 use strum::{EnumIter, EnumMessage, EnumString, IntoEnumIterator, IntoStaticStr, VariantNames};
 
 const MAX_PAIRS: usize = 8;
-/// Frame distances tried for a pair, until the camera has moved enough.
+/// Distances between the frames of a pair, in frames; tried in order until the camera has moved enough.
 const GAPS: [usize; 6] = [1, 2, 4, 8, 16, 32];
-/// Sufficient motion of a pair: translation as a share of the depth, or rotation in radians.
+/// Sufficient camera motion within a pair of frames: translation as a share of the median depth, or
+/// rotation in radians.
 const MIN_MOTION: [f64; 2] = [0.05, 0.1];
-/// Frames of a growing recording after which its poses can be checked; earlier the camera has hardly moved.
+/// Number of frames of a growing recording after which its poses can be checked. With fewer frames, the
+/// camera has hardly moved.
 pub const ENOUGH_FRAMES: usize = 33;
-/// Samples along a row or column of depth.
+/// Approximate number of samples along a row or column of a depth image.
 const SAMPLES: usize = 36;
-/// Largest relative difference of matching depths.
+/// Largest relative difference between depths that count as matching.
 const TOLERANCE: f64 = 0.04;
-/// Least share of samples that must project into the neighbour's image; missing ones count as mismatches.
+/// Minimum share of samples that must project into the neighbour's image. Samples missing from this
+/// share count as mismatches.
 const MIN_OVERLAP: f64 = 0.25;
-/// Factors of depth that are tried: millimetres, the scales of TUM and Replica, centimetres.
+/// Depth factors that are tried. Among them are millimetres, centimetres and the depth scales of TUM and
+/// Replica.
 const UNITS: [f64; 11] =
     [1.0, 0.001, 1000.0, 0.2, 5.0, 0.01, 100.0, 0.1, 10.0, 1.0 / 6.5535, 6.5535];
-/// Least gain in agreement of another reading, and its least agreement.
+/// Minimum gain in agreement of another interpretation over the one in use, and its minimum agreement.
+/// An interpretation is a pose convention with a depth unit.
 const MIN_GAIN: [f64; 2] = [0.2, 0.5];
 
-/// Result of the comparison.
+/// Result of the pose check.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PoseCheck {
     /// Number of compared pairs of frames.
     pub pairs: usize,
-    /// Reading used when the recording was opened.
+    /// Interpretation used when the recording was opened.
     pub opened: PoseTrial,
-    /// True if the user set the pose convention, false if it is the layout's.
+    /// True if the user chose the pose convention, false if it is the layout's.
     pub is_user_set: bool,
-    /// Best reading; equals `opened` unless another is far better.
+    /// Best interpretation; equals `opened` unless another one is far better.
     pub best: PoseTrial,
 }
 
-/// One reading of poses and depth, and how well it fits the pairs.
+/// Interpretation of poses and depth (pose convention and depth unit), and how well it fits the compared
+/// pairs of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseTrial {
     /// Convention of the pose matrices.
     pub poses: PoseConvention,
-    /// Factor on the depth as opened.
+    /// Factor on the depth of the opened dataset.
     pub unit: f64,
     /// Share of samples that match the neighbour's depth, 0 to 1.
     pub agreement: f64,
-    /// Median distance from the neighbour's depth, world units along the optical axis.
+    /// Median difference to the neighbour's depth, world units along the optical axis.
     pub error: f64,
 }
 
 impl PoseCheck {
-    /// True if another reading is better than the one used.
+    /// True if another interpretation of poses and depth fits better than the one in use.
     pub fn has_better_reading(&self) -> bool {
         self.best != self.opened
     }
 }
 
-/// Compares frames of a split with their neighbours. `None` without two frames with depth, or if poses are
-/// left to tracking.
+/// Compares the depth of a split's frames with that of neighbouring frames, for several pose conventions
+/// and depth units. Returns `None` without two frames with depth, or if poses are left to tracking.
 ///
 /// ```
 /// use vbgs_studio::dataset::{PoseConvention, pose_check};
@@ -104,7 +110,8 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     })
 }
 
-/// Samples of one frame in its camera's axes, and a neighbour that should contain them.
+/// Depth samples of one frame in its camera's axes, and the depth of a neighbouring frame with the same
+/// surfaces.
 struct FramePair {
     samples: Vec<DVec3>,
     from: Pose,
@@ -239,7 +246,7 @@ pub enum PoseConvention {
 }
 
 impl PoseConvention {
-    /// Name in options and messages, such as `opencv-world-to-camera`.
+    /// Returns the name in options and messages, such as `opencv-world-to-camera`.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -247,7 +254,7 @@ impl PoseConvention {
     /// Converts a matrix of this convention to a pose.
     ///
     /// # Errors
-    /// A matrix that is not a rigid motion.
+    /// The matrix is not a rigid motion.
     pub fn pose(self, matrix: DMat4) -> Result<Pose, PoseError> {
         let axes = self.axes();
         match self.is_world_to_camera() {
@@ -271,7 +278,7 @@ impl PoseConvention {
         matches!(self, Self::OpencvWorldToCamera | Self::OpenglWorldToCamera)
     }
 
-    /// Transform from OpenCV camera axes to the axes of this convention.
+    /// Returns the transform from OpenCV camera axes to the axes of this convention.
     fn axes(self) -> DMat4 {
         match self {
             Self::Opencv | Self::OpencvWorldToCamera => DMat4::IDENTITY,

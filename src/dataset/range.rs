@@ -12,13 +12,15 @@ const MAX_FRAMES: usize = 12;
 const STRIDE: usize = 8;
 /// Share of points cut off at each end of each axis.
 const TAIL: f64 = 0.01;
-/// Added to the half-width, as a share.
+/// Margin added to the half-width of the range, as a share of the half-width.
 const MARGIN: f64 = 0.05;
 
-/// Position range of a split: the layout's, else an estimate from up to 12 evenly spaced frames. Per axis
-/// it takes the 1 % and 99 % quantiles of every eighth column and row of trusted depth. The result is a
-/// cube around the axes' centres with the largest half-width plus 5 %, so that no axis is stretched.
-/// Decodes those frames; frames that fail to load are skipped as long as another one loads.
+/// Returns the position range of a split, by which its points are normalised. It is the range known from
+/// the layout, else an estimate from up to 12 evenly spaced frames. The estimate takes the 1 % and 99 %
+/// quantiles of depth points on every axis. Depth points are from every eighth column and row, where
+/// depth is trusted. The range is a cube around the centre between these quantiles, so that no axis is
+/// stretched. Its half-width is the largest half-distance of the quantiles plus 5 %. Frames that fail to
+/// load are skipped as long as another frame loads.
 ///
 /// # Errors
 /// No sampled frame loads, or none has trusted depth.
@@ -120,19 +122,20 @@ fn from_samples(axes: &mut [Vec<f64>; 3]) -> Option<PositionRange> {
     PositionRange::new(centre - half, centre + half, "1 % to 99 % of the depth points")
 }
 
-/// Median of a sample; the upper one of an even number of values.
+/// Returns the median; the upper one of the two middle values if their number is even. `None` for an
+/// empty list.
 pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     let middle = values.len() / 2;
     // Selecting an element of an empty list would panic.
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// A box of world positions; points outside are allowed.
+/// Axis-aligned box in the world by which positions are normalised; points outside are allowed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PositionRange {
     lo: DVec3,
     hi: DVec3,
-    /// Origin of the range, for reports.
+    /// Description of how the range was obtained, for reports.
     pub source: String,
 }
 
@@ -143,28 +146,29 @@ impl PositionRange {
         sound.then(|| Self { lo, hi, source: source.to_owned() })
     }
 
-    /// The cube `[−1, 1]³`.
+    /// Returns the cube `[−1, 1]³`, the range of NeRF-synthetic scenes.
     pub fn nerf_synthetic() -> Self {
         let source = "the [-1, 1] cube of NeRF-synthetic scenes".to_owned();
         Self { lo: DVec3::NEG_ONE, hi: DVec3::ONE, source }
     }
 
-    /// The same box relative to another origin.
+    /// Returns the box in coordinates relative to another origin.
     pub fn relative_to(self, origin: DVec3) -> Self {
         Self { lo: self.lo - origin, hi: self.hi - origin, ..self }
     }
 
-    /// Low corner of the box, world units.
+    /// Returns the low corner of the box, world units.
     pub fn lo(&self) -> DVec3 {
         self.lo
     }
 
-    /// High corner of the box, world units.
+    /// Returns the high corner of the box, world units.
     pub fn hi(&self) -> DVec3 {
         self.hi
     }
 
-    /// Affine map that gives a uniform distribution on the box mean 0 and variance 1 on every axis.
+    /// Returns the affine map that normalises positions. It gives a uniform distribution in the box mean
+    /// 0 and variance 1 on every axis.
     pub fn normalization(&self) -> Normalization {
         Normalization::from_range(self.lo, self.hi)
     }

@@ -9,30 +9,35 @@ use crate::math::pose::Pose;
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
 
-/// Training share of a recording, in fifths of its frames.
+/// Share of a recording from which training frames are chosen, in fifths of its frames.
 const TRAINING_FIFTHS: usize = 3;
-/// Start of the side views, in thirds of the frames: the gap separates them from training frames.
+/// First side view of a recording, in thirds of its frames. Frames between the training frames and the
+/// side views are not used.
 const SIDE_THIRDS: usize = 2;
-/// Azimuth from the first frame within which an object's frames are trained, degrees.
+/// Largest azimuth between the first frame and a training frame of an object, degrees.
 const TRAINING_AZIMUTH: f64 = 60.0;
-/// Largest azimuth of side views, degrees: beyond it, the object's far side was never trained.
+/// Largest azimuth between the first frame and a side view of an object, degrees. Views beyond it show
+/// the object's far side, which was never trained.
 const SIDE_AZIMUTH: f64 = 110.0;
 const MIN_TRAINING: usize = 2;
 
-/// Share of the cameras that must face the object.
+/// Minimum share of the cameras that must face the object.
 const IN_FRONT: f64 = 0.95;
-/// Largest median distance of optical axes from the object's centre, relative to the camera distance.
+/// Largest median distance between optical axes and the object's centre, relative to the cameras'
+/// distance from the centre.
 const MAX_AXIS_MISS: f64 = 0.1;
-/// Least range of azimuth of cameras around an object, degrees.
+/// Minimum azimuth range that cameras around an object must span, degrees.
 const MIN_SPAN: f64 = 120.0;
-/// Least determinant of the mean projection off the axes: parallel axes have no common point.
+/// Minimum determinant of the mean projector onto the planes perpendicular to the optical axes. It is 0
+/// for parallel axes, which have no common point.
 const MIN_DETERMINANT: f64 = 1e-6;
 
 impl Dataset {
-    /// Views for evaluation, by the hold-out method and the training split.
+    /// Chooses the views for evaluation by the hold-out method; `training_split` is an index into
+    /// [`Dataset::splits`].
     ///
     /// # Errors
-    /// [`DatasetError::Sector`] if a sector leaves a group of views empty, or fewer than two training
+    /// [`DatasetError::Sector`] if the sector leaves a group of views empty, or fewer than two training
     /// frames.
     pub fn evaluation_by(
         &self,
@@ -79,7 +84,8 @@ impl Dataset {
         frames.map(|frame| frame.camera.pose).collect()
     }
 
-    /// Splits by azimuth; views come from the evaluation split, if there is one.
+    /// Divides the frames of an object by azimuth. Views for evaluation come from the evaluation split,
+    /// if there is one.
     fn object(&self, training_split: usize, poses: &[Pose], ring: &CameraRing) -> ViewSector {
         let within = |poses: &[Pose], is_within: fn(f64) -> bool| -> Vec<usize> {
             let azimuths = poses.iter().map(|pose| ring.azimuth(pose).abs().to_degrees());
@@ -114,7 +120,7 @@ impl Dataset {
     }
 }
 
-/// Frames to train, and views of `split` to measure.
+/// Indices of training frames, and of the views of `split` for evaluation.
 struct ViewSector {
     split: usize,
     training: Vec<usize>,
@@ -123,7 +129,7 @@ struct ViewSector {
     why: String,
 }
 
-/// Trains on the start of a camera path and measures its end.
+/// Chooses the start of a camera path for training and its end for evaluation.
 fn recording(split: usize, n_frames: usize) -> ViewSector {
     let (training, new_views) = hold_out_eighth((0..n_frames * TRAINING_FIFTHS / 5).collect());
     let first = (n_frames * SIDE_THIRDS).div_ceil(3);
@@ -176,7 +182,7 @@ impl CameraRing {
         (ring.span(poses) > MIN_SPAN.to_radians()).then_some(ring)
     }
 
-    /// Azimuth relative to the first camera, −π to π.
+    /// Returns the azimuth of a camera relative to the first camera, −π to π.
     fn azimuth(&self, pose: &Pose) -> f64 {
         let [x, y] = self.horizon.map(|axis| (pose.centre() - self.centre).dot(axis));
         y.atan2(x)
@@ -193,7 +199,7 @@ impl CameraRing {
     }
 }
 
-/// Least-squares intersection of all optical axes; `None` if they are nearly parallel.
+/// Returns the least-squares intersection of all optical axes; `None` if they are nearly parallel.
 fn axes_intersection(poses: &[Pose]) -> Option<DVec3> {
     let (mut across, mut sum) = (DMat3::ZERO, DVec3::ZERO);
     for pose in poses {
@@ -215,7 +221,8 @@ mod tests {
     use super::*;
     use crate::dataset::synthetic::{self, SyntheticParams};
 
-    /// Cameras at intervals of `step` degrees, aimed `miss` beside the origin.
+    /// Returns `n` poses on a circle around the origin, `step` degrees apart. Each optical axis passes
+    /// the origin at a distance of about `miss`.
     fn orbit(n: usize, start: f64, step: f64, miss: f64) -> Vec<Pose> {
         let pose = |i: usize| {
             let (sin, cos) = (start + step * i as f64).to_radians().sin_cos();

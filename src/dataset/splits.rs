@@ -11,7 +11,7 @@ use strum::{Display, EnumString, VariantNames};
 pub use super::entry::{HELD_OUT, HOLD_OUT_EVERY};
 
 // NeRF-synthetic publishes depth with `test` only, hence the second name.
-/// Names of training splits among those with depth, in order of preference.
+/// Names of the splits with depth that are preferred for training, in order of preference.
 const TRAINING_NAMES: [&str; 2] = ["train", "test"];
 /// Names of evaluation splits, in order of preference; the training split is excluded.
 const EVALUATION_NAMES: [&str; 3] = ["val", "eval", "test"];
@@ -23,25 +23,26 @@ const FREE: &str = "free";
     Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames,
 )]
 pub enum HoldOut {
-    /// Every eighth frame, if the dataset has no evaluation split.
+    /// Holds out every eighth frame, if the dataset has no evaluation split.
     #[default]
     #[serde(rename = "every-8th")]
     #[strum(serialize = "every-8th")]
     Every8th,
-    /// A sector of the camera path (`evaluation.md`, Views from the side).
+    /// Trains on a sector of the camera path and evaluates views outside it (`evaluation.md`, Views from
+    /// the side).
     #[serde(rename = "sector")]
     #[strum(serialize = "sector")]
     Sector,
 }
 
 impl HoldOut {
-    /// True for the default, which files omit.
+    /// True for the default method, which files omit.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }
 }
 
-/// Location of a group's views relative to the camera path.
+/// Location of the views of a group relative to the camera path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display)]
 pub enum ViewGroupName {
     /// On the camera path, between training frames.
@@ -66,7 +67,7 @@ pub struct ViewGroup {
 }
 
 impl ViewGroup {
-    /// Index of the split and indices of its frames.
+    /// Returns the index of the split and the indices of its frames.
     pub fn views(&self) -> (usize, &[usize]) {
         (self.split, &self.frames)
     }
@@ -77,31 +78,31 @@ impl ViewGroup {
 pub struct Evaluation {
     /// Views on the camera path.
     pub new_views: ViewGroup,
-    /// Groups of views off the camera path, none of them empty; often there are none.
+    /// Groups of views off the camera path; often there are none. No group is empty.
     pub from_the_side: Vec<ViewGroup>,
-    /// Indices of the training split's frames that are trained; `None` for all.
+    /// Indices of the training split's frames that are used for training; `None` for all frames.
     pub training: Option<Vec<usize>>,
-    /// The choice in one sentence, for the user.
+    /// Reason for the choice of views, in one sentence for the user.
     pub why: String,
 }
 
 impl Evaluation {
-    /// All groups, new views first.
+    /// Returns all groups of views, new views first.
     pub fn into_groups(self) -> Vec<ViewGroup> {
         std::iter::once(self.new_views).chain(self.from_the_side).collect()
     }
 }
 
-/// Indices of the training frames if every eighth is held out.
+/// Returns the indices of the training frames among `n_frames`, of which every eighth is held out.
 pub fn without_every_8th(n_frames: usize) -> Vec<usize> {
     (0..n_frames).filter(|i| !i.is_multiple_of(HOLD_OUT_EVERY)).collect()
 }
 
 impl Dataset {
-    /// Index of the split of a name.
+    /// Returns the index of the split with this name.
     ///
     /// # Errors
-    /// [`DatasetError::NoSuchSplit`].
+    /// [`DatasetError::NoSuchSplit`] if no split has this name.
     pub fn split_named(&self, name: &str) -> Result<usize, DatasetError> {
         self.splits.iter().position(|s| s.name == name).ok_or_else(|| DatasetError::NoSuchSplit {
             path: self.display_path(),
@@ -110,12 +111,12 @@ impl Dataset {
         })
     }
 
-    /// Index of the default training split: the one with depth (NeRF-synthetic: `test`), `train` first if
-    /// several have it.
+    /// Returns the index of the default training split. It is the first split with depth among `train`,
+    /// `test` (NeRF-synthetic) and all others.
     ///
     /// # Errors
-    /// [`DatasetError::NoDepth`]; [`DatasetError::TrainingSplit`] if the preferred training split has no
-    /// usable frame, because the remaining split may be the one for evaluation.
+    /// [`DatasetError::NoDepth`] if no split has depth. [`DatasetError::TrainingSplit`] if the preferred
+    /// training split has no usable frame, because the remaining split may be for evaluation.
     pub fn training_split(&self) -> Result<usize, DatasetError> {
         let refuse = |split: &str, found: String| {
             Err(DatasetError::TrainingSplit {
@@ -161,8 +162,9 @@ impl Dataset {
         self.path.clone().unwrap_or_else(|| self.name.clone().into())
     }
 
-    /// Default views for evaluation: `val`, `eval` or `test` if it is not the training split, else every
-    /// eighth frame of the training split. A split `free` is evaluated in addition.
+    /// Chooses the default views for evaluation. They are the split `val`, `eval` or `test`, unless it
+    /// is the training split; else every eighth training frame. A split `free` (views off the camera
+    /// path) is evaluated in addition.
     pub fn evaluation(&self, training_split: usize) -> Evaluation {
         let new_views = |split, frames| {
             let name = Some(ViewGroupName::NewViews);
@@ -188,7 +190,7 @@ impl Dataset {
         }
     }
 
-    /// All frames of a split as one group.
+    /// Returns all frames of a split as one group.
     pub fn whole_split(&self, split: usize) -> ViewGroup {
         let found = self.splits.get(split);
         let is_free = found.is_some_and(|split| split.name == FREE);

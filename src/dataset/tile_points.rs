@@ -14,7 +14,7 @@ use crate::observation::points::Points;
 pub(super) const TILE: usize = 8;
 const QUAD: usize = 4;
 
-/// Column and row offsets of the rows of four in a tile, in order.
+/// Column and row offsets of each row of four pixels within a tile, in processing order.
 const TILE_ROWS: [[usize; 2]; 16] = {
     let mut rows = [[0; 2]; 16];
     let mut i = 0;
@@ -38,8 +38,8 @@ pub(super) enum Status {
     Range,
 }
 
-/// Ray slopes of pixels along one image axis relative to the optical axis, and their contributions to the
-/// squared ray length per unit of depth.
+/// Ray slopes (offset per unit of depth) of pixels along one image axis. A stretch is the contribution
+/// of a slope to the squared ray length per unit of depth.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Slopes {
     pub tangents: Vec<f64>,
@@ -59,13 +59,13 @@ pub(super) struct Placement {
 
 /// Second pass over an image: converts kept pixels to points.
 pub(super) struct Emission<'a, C, L> {
-    /// One [`Status`] per pixel; rows and columns are padded to whole tiles with holes.
+    /// One [`Status`] per pixel; rows and columns are padded to whole tiles with [`Status::Hole`].
     pub statuses: &'a [u8],
     pub columns: &'a Slopes,
     pub rows: &'a [Slope],
     pub width: usize,
     pub codes: &'a [C],
-    /// Length of a code that is not a hole.
+    /// Converts a code to a length, world units; the result for a hole is not used.
     pub length: L,
     pub kind: DepthKind,
     pub colors: &'a [[u8; 4]],
@@ -75,14 +75,14 @@ pub(super) struct Emission<'a, C, L> {
     pub out: &'a mut Points<f32>,
 }
 
-/// Points of the current tile: x, y, z, red, green, blue.
+/// Points of the current tile, in columns: x, y, z, red, green, blue.
 struct TileBuffer {
     columns: [[f32; TILE * TILE]; 6],
     n: usize,
 }
 
-/// Camera-space coordinates x, y and z (OpenCV axes, world units) of pixels of one row, from the slopes of
-/// their columns and their lengths as `kind` measures.
+/// Returns camera-space coordinates x, y and z (OpenCV axes, world units) of `N` pixels of one row. The
+/// pixels are given by the slopes of their columns and by their lengths measured along `kind`.
 #[inline(always)]
 pub(super) fn local_points<const N: usize>(
     [tangents, stretches]: [[f64; N]; 2],
@@ -135,7 +135,8 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Kernel for Emission<'_, C, L> {
 }
 
 impl<C: Copy + Default, L: Fn(C) -> f64> Emission<'_, C, L> {
-    /// Converts one row of a quad with at least one kept pixel.
+    /// Converts the kept pixels among four in a row and adds them to the tile. At least one of them is
+    /// kept.
     #[inline(always)]
     fn emit_four(&self, column: usize, row: usize, kept: [bool; QUAD], tile: &mut TileBuffer) {
         let at = row * self.width + column;

@@ -22,16 +22,16 @@ use crate::math::simd::{Isa, Kernel, Vector};
 use crate::observation::points::Points;
 use glam::{DMat3, DVec3};
 
-/// Largest normalised coordinate of a point; farther points are dropped as implausible, and `f32` has a
-/// step of 0.008 there.
+/// Largest absolute value of a normalised coordinate. Points beyond it are dropped as implausible. At
+/// this value, `f32` has a step of 0.008.
 pub const MAX_COORDINATE: f32 = 65536.0;
 
 /// Conversion of pixels to rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CameraConvention {
-    /// As in the published loader: rays through pixel corners, and a small-angle formula with `h − 1` from
-    /// ray distance to depth (`dataset.md`, Unprojection).
+    /// As in the published loader (`dataset.md`, Unprojection): rays through pixel corners, and a
+    /// small-angle formula that converts ray distance to depth.
     Paper,
     /// Exact rays through pixel centres.
     Exact,
@@ -41,7 +41,7 @@ pub enum CameraConvention {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EdgeFilter {
-    /// Every pixel with depth becomes a point, opaque or not.
+    /// Every pixel with trusted depth becomes a point, opaque or not.
     Off,
     /// Drops pixels of partial alpha and pixels between two surfaces (`dataset.md`, Edge filter).
     DropMixed,
@@ -75,7 +75,7 @@ impl std::fmt::Display for PointCounts {
 }
 
 impl PointCounts {
-    /// Number of measured pixels that became no point.
+    /// Returns the number of measured pixels that became no point.
     pub fn dropped(&self) -> usize {
         self.dropped_alpha + self.dropped_edge + self.dropped_range + self.dropped_far
     }
@@ -92,8 +92,9 @@ pub struct UnprojectSettings {
     pub normalization: Normalization,
 }
 
-/// Camera-space point (OpenCV axes, world units) of the pixel `[column, row]` at length `value` of `kind`
-/// (`dataset.md`, Unprojection). The `paper` convention uses half the image's width for both axes.
+/// Returns the camera-space point (OpenCV axes, world units) of the pixel `[column, row]` (`dataset.md`,
+/// Unprojection). `value` is its depth in world units, measured along `kind`.
+/// [`CameraConvention::Paper`] uses half the image width in its formula for both axes.
 pub fn camera_point(
     k: &Intrinsics,
     convention: CameraConvention,
@@ -109,9 +110,10 @@ pub fn camera_point(
 
 struct RayRule<'a> {
     k: &'a Intrinsics,
-    /// Offset from pixel index to pixel coordinate.
+    /// Offset from pixel index to pixel coordinate, pixels.
     shift: f64,
-    /// Factor of the paper's small-angle stretch per pixel, `(θ/2)/(h − 1)`.
+    /// Angle per pixel in the published small-angle formula, radians: `(θ/2)/(w/2 − 1)`. `θ` is the
+    /// horizontal field of view, `w` the image width. `None` for exact rays.
     small_angle: Option<f64>,
 }
 
@@ -170,7 +172,7 @@ pub struct Unprojector {
     levels: Padded<u8>,
     lengths: Padded<f32>,
     mixed: Vec<u8>,
-    /// One [`Status`] per pixel; rows and columns are padded to whole tiles with holes.
+    /// One [`Status`] per pixel; rows and columns are padded to whole tiles with [`Status::Hole`].
     statuses: Vec<u8>,
     columns: Slopes,
     rows: Vec<Slope>,
@@ -182,11 +184,12 @@ impl Unprojector {
         Self::default()
     }
 
-    /// Replaces `out` by the normalised points of the frame: one tile per 8×8 pixels, rows of tiles from
-    /// the top; four 4×4 quads per tile, rows of 4 pixels per quad.
+    /// Replaces `out` by the normalised points of the frame, and returns pixel counts by outcome. The
+    /// points of 8×8 pixels form a tile; tiles are in rows from the top. A tile has four quads of 4×4
+    /// pixels, each read in rows of 4 pixels.
     ///
     /// # Errors
-    /// A frame without depth.
+    /// The frame has no depth.
     pub fn unproject(
         &mut self,
         frame: &Frame,
@@ -264,7 +267,8 @@ impl Unprojector {
         });
     }
 
-    /// `length` converts a code to a length, NaN at holes.
+    /// Classifies the pixels of 16-bit or float depth. `length` converts a stored value to a length,
+    /// world units, NaN at holes.
     fn classify_lengths<C: Copy>(
         &mut self,
         frame: &Frame,
@@ -352,7 +356,7 @@ struct ClassifyPixels<'a, C, P, M> {
     tally: &'a mut [usize; 5],
     codes: &'a [C],
     plain: P,
-    /// Writes 1 for each mixed pixel of a row, else 0.
+    /// Writes 1 for each pixel of a row that mixes two surfaces, else 0.
     find_mixed: M,
 }
 
@@ -386,7 +390,8 @@ impl<C: Copy, P: Fn(C) -> u8, M: Fn(usize, &mut [u8])> Kernel for ClassifyPixels
     }
 }
 
-/// Adds transparency and edges to the statuses; transparency first, since it often causes the edges.
+/// Marks measured pixels of a row as dropped if they are transparent or mix two surfaces. Transparency
+/// takes precedence, because it often causes the mixing.
 #[inline(always)]
 fn drop_mixed(line: &mut [u8], colors: &[[u8; 4]], mixed: &[u8]) {
     for ((status, color), mixed) in line.iter_mut().zip(colors).zip(mixed) {
@@ -397,11 +402,12 @@ fn drop_mixed(line: &mut [u8], colors: &[[u8; 4]], mixed: &[u8]) {
     }
 }
 
-/// Smallest jump between opposite neighbours: steps of 8-bit codes, or noise half-widths of lengths.
+/// Minimum depth difference between opposite neighbours of a mixed pixel. Its unit is a step of 8-bit
+/// codes, or the noise half-width of lengths.
 const JUMP: u8 = 6;
-/// Least distance of a mixed pixel from both sides of the jump, in the same units.
+/// Minimum depth difference of a mixed pixel from both neighbours, in the units of [`JUMP`].
 const MARGIN: u8 = 2;
-/// Depth step of a plane tilted by 80° between opposite diagonal neighbours, in pixel widths:
+/// Depth difference between opposite diagonal neighbours on a plane tilted by 80°, in pixel widths:
 /// `2·√2·tan 80°`.
 const STEEPEST_PLANE: f32 = 16.0;
 
@@ -447,8 +453,8 @@ pub(super) fn mark_mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]
     });
 }
 
-/// Writes 1 for each mixed pixel of a row of lengths, else 0. Lengths are in world units (0 at holes),
-/// `metre` in world units per metre, `focal` in pixels.
+/// Writes 1 for each pixel of a row of lengths that mixes two surfaces, else 0. Lengths are in world
+/// units (0 at holes), `metre` in world units per metre, `focal` in pixels.
 #[inline(always)]
 pub(super) fn mark_mixed_lengths(
     image: &Padded<f32>,
@@ -470,7 +476,8 @@ pub(super) fn mark_mixed_lengths(
     });
 }
 
-/// Passes over whole rows of one length, which the compiler vectorises.
+/// Writes 1 for each pixel of a row that is between two opposite neighbours according to `is_between`,
+/// else 0. Iterates over slices of equal length, which the compiler vectorises.
 #[inline(always)]
 fn mark_between_opposite<T: Copy>(
     image: &Padded<T>,

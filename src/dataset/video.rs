@@ -41,7 +41,7 @@ impl Video {
     }
 }
 
-/// Option that extracts every frame once: since ffmpeg 5.1, and before it.
+/// Names of the ffmpeg option that extracts every frame once: since ffmpeg 5.1, and in older versions.
 const EVERY_FRAME: [&str; 2] = ["-fps_mode", "-vsync"];
 
 fn extract_frames(path: &Path) -> Result<TempDir, String> {
@@ -82,18 +82,20 @@ pub(super) const KINECT_DEPTH: f64 = 0.0305;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct RollingShutter {
-    /// Rotation vector from the first to the last row, radians, in camera axes (x right, y down).
+    /// Rotation of the camera from the readout of the first row to that of the last row. The rotation
+    /// vector is in radians, in camera axes (x right, y down).
     pub rotation: DVec3,
 }
 
 impl RollingShutter {
-    /// True if every row is displaced by less than half a pixel.
+    /// True if the rotation displaces every row by less than half a pixel.
     pub fn is_negligible(&self, k: &Intrinsics) -> bool {
         self.rotation.length() * k.fx.max(k.fy) < 1.0
     }
 
-    /// Direction (x/z, y/z) at which a row recorded what the camera sees along `slope` at the time of the
-    /// middle row, and the factor on depth along the optical axis measured there.
+    /// Finds the recorded position of the point that the camera sees along `slope` (x/z, y/z) at the
+    /// middle row's time. Returns the slope of the point in the recorded image, and a factor. The factor
+    /// converts recorded depth along the optical axis to depth along the middle row's axis.
     pub fn source_direction(&self, k: &Intrinsics, slope: DVec2) -> (DVec2, f64) {
         let ray = slope.extend(1.0);
         // Rotation to first order: within a readout of about 30 ms it is small.

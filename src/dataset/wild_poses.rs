@@ -9,24 +9,25 @@ use super::entry::DatasetSplit;
 use super::range::median;
 use glam::DVec3;
 
-/// Fewest frames for meaningful medians.
+/// Minimum number of frames for meaningful medians.
 const MIN_FRAMES: usize = 5;
-/// Least length of a jump, in median steps of the recording.
+/// Minimum distance of an outlier camera from its neighbours, in multiples of the median distance
+/// between neighbours.
 const STEPS: f64 = 20.0;
-/// Least length of a jump, in spreads of the recording: median distance of its cameras from their median
-/// position.
+/// Minimum distance of an outlier camera from its neighbours, in spreads of the recording. The spread is
+/// the median distance of the cameras from their median position.
 const SPREADS: f64 = 3.0;
 
-/// A frame whose camera is far from those before and after it.
+/// Frame whose camera is far from the cameras of the frames before and after it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutlierPose {
     /// Index of the frame in the split.
     pub index: usize,
     /// Name of the frame within its split.
     pub frame: String,
-    /// Distance from the nearer of its two neighbours, world units.
+    /// Distance of the camera from the nearer of its two neighbours, world units.
     pub distance: f64,
-    /// Median over all frames of that distance, world units.
+    /// Median of the distances from the nearer neighbour over all frames, world units.
     pub median_distance: f64,
 }
 
@@ -40,7 +41,7 @@ impl std::fmt::Display for OutlierPose {
     }
 }
 
-/// Finds the outlier poses of a split whose frames are in order of capture.
+/// Returns the outlier poses of a split whose frames are in order of capture.
 pub fn outlier_poses(split: &DatasetSplit) -> Vec<OutlierPose> {
     let centres: Vec<DVec3> = split.frames.iter().map(|f| f.camera.pose.centre()).collect();
     let found = isolated(&centres);
@@ -53,7 +54,8 @@ pub fn outlier_poses(split: &DatasetSplit) -> Vec<OutlierPose> {
     found.into_iter().map(wild).collect()
 }
 
-/// Indices of positions far from both neighbours, their distance, and the median distance.
+/// Finds positions far from both neighbours. Returns the index of each, its distance from the nearer
+/// neighbour, and the median of that distance over all positions.
 fn isolated(centres: &[DVec3]) -> Vec<(usize, f64, f64)> {
     if centres.len() < MIN_FRAMES {
         return Vec::new();

@@ -2,7 +2,7 @@
 
 use crate::math::real::Real;
 
-/// Points per tile if the source has no pixel structure.
+/// Number of points per tile if the points do not come from an image.
 // As many as in a tile of 8×8 pixels.
 const DEFAULT_TILE: usize = 64;
 
@@ -21,20 +21,21 @@ const DEFAULT_TILE: usize = 64;
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Points<R> {
-    /// Position, first axis.
+    /// Normalised x coordinate of each point.
     pub x: Vec<R>,
-    /// Position, second axis.
+    /// Normalised y coordinate of each point.
     pub y: Vec<R>,
-    /// Position, third axis.
+    /// Normalised z coordinate of each point.
     pub z: Vec<R>,
-    /// Red, normalised per channel.
+    /// Red value of each point, normalised per channel.
     pub r: Vec<R>,
-    /// Green, normalised per channel.
+    /// Green value of each point, normalised per channel.
     pub g: Vec<R>,
-    /// Blue, normalised per channel.
+    /// Blue value of each point, normalised per channel.
     pub b: Vec<R>,
-    /// Tile `t` consists of the points `tiles[t]..tiles[t + 1]`. Ascending, starts at 0 and ends at
-    /// [`Points::len`] once closed. Tiles have 1 to 64 points.
+    /// Bounds of the tiles in ascending order: tile `t` consists of the points `tiles[t]..tiles[t + 1]`.
+    /// The first bound is 0; the last one is [`Points::len`] once all tiles are closed. A tile has 1 to
+    /// 64 points.
     pub tiles: Vec<u32>,
 }
 
@@ -45,7 +46,7 @@ impl<R: Real> Points<R> {
         Self { tiles: vec![0], ..Self::default() }
     }
 
-    /// Converts rows `[x, y, z, r, g, b]`, in tiles of 64.
+    /// Creates points from rows `[x, y, z, r, g, b]`, in tiles of 64 points.
     pub fn from_rows(rows: &[[f64; 6]]) -> Self {
         let mut points = Self::new();
         for chunk in rows.chunks(DEFAULT_TILE) {
@@ -57,7 +58,7 @@ impl<R: Real> Points<R> {
         points
     }
 
-    /// Number of points.
+    /// Returns the number of points.
     pub fn len(&self) -> usize {
         self.x.len()
     }
@@ -67,12 +68,12 @@ impl<R: Real> Points<R> {
         self.x.is_empty()
     }
 
-    /// Number of tiles.
+    /// Returns the number of closed tiles.
     pub fn n_tiles(&self) -> usize {
         self.tiles.len().saturating_sub(1)
     }
 
-    /// Index range of a tile's points.
+    /// Returns the range of point indices of a tile.
     pub fn tile(&self, tile: usize) -> std::ops::Range<usize> {
         self.tiles[tile] as usize..self.tiles[tile + 1] as usize
     }
@@ -85,14 +86,14 @@ impl<R: Real> Points<R> {
         self.tiles.push(0);
     }
 
-    /// Reserves memory for `points` more points in `tiles` more tiles. Columns that grow alternately
-    /// fragment each other's memory by half their size.
+    /// Reserves memory for `points` more points in `tiles` more tiles. Otherwise, columns that grow in
+    /// turn leave gaps in memory, up to half their size.
     pub fn reserve(&mut self, points: usize, tiles: usize) {
         self.columns_mut().into_iter().for_each(|column| column.reserve(points));
         self.tiles.reserve(tiles);
     }
 
-    /// Appends `[x, y, z, r, g, b]` to the open tile.
+    /// Appends a point `[x, y, z, r, g, b]` to the open tile.
     #[inline]
     pub fn push(&mut self, row: [R; 6]) {
         self.x.push(row[0]);
@@ -103,7 +104,7 @@ impl<R: Real> Points<R> {
         self.b.push(row[5]);
     }
 
-    /// Appends a closed tile of `[x, y, z, r, g, b]` columns of equal length.
+    /// Appends a tile of points, given as columns `[x, y, z, r, g, b]` of equal length, and closes it.
     #[inline]
     pub fn push_tile(&mut self, columns: [&[R]; 6]) {
         for (own, column) in self.columns_mut().into_iter().zip(columns) {
@@ -112,7 +113,7 @@ impl<R: Real> Points<R> {
         self.close_tile();
     }
 
-    /// Closes the open tile; an empty one is dropped.
+    /// Closes the open tile; an empty tile is dropped.
     pub fn close_tile(&mut self) {
         let end = self.len() as u32;
         // An empty tile would be summed needlessly and counted.
@@ -121,26 +122,27 @@ impl<R: Real> Points<R> {
         }
     }
 
-    /// Position of a point.
+    /// Returns the normalised position of a point.
     #[inline(always)]
     pub fn position(&self, i: usize) -> [R; 3] {
         [self.x[i], self.y[i], self.z[i]]
     }
 
-    /// Colour of a point.
+    /// Returns the normalised colour of a point.
     #[inline(always)]
     pub fn color(&self, i: usize) -> [R; 3] {
         [self.r[i], self.g[i], self.b[i]]
     }
 
-    /// Converts points and tiles to another precision.
+    /// Returns the points and tiles in another precision.
     pub fn cast<S: Real>(&self) -> Points<S> {
         let mut points = Points::new();
         self.cast_into(&mut points);
         points
     }
 
-    /// Replaces `points` by these points in another precision.
+    /// Copies all points and tiles to `points` in another precision; replaces the previous content of
+    /// `points`.
     pub fn cast_into<S: Real>(&self, points: &mut Points<S>) {
         let own = [&self.x, &self.y, &self.z, &self.r, &self.g, &self.b];
         for (from, to) in own.into_iter().zip(points.columns_mut()) {

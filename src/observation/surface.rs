@@ -7,7 +7,7 @@ use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
-/// Measured surface point. Positions are relative to [`Observation::origin`], in world units along the
+/// Measured surface point. Its position is relative to [`Observation::origin`], in world units along the
 /// world axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 // A scalar follows each vector: 64 bytes without padding, as `Pod` requires.
@@ -28,22 +28,22 @@ pub struct SurfacePoint {
     pub footprint: f32,
     /// Unit direction from the camera to the point.
     pub direction: [f32; 3],
-    /// Row-major pixel index.
+    /// Row-major index of the pixel in the depth image.
     pub pixel: u32,
 }
 
 impl SurfacePoint {
-    /// Position in f64, relative to [`Observation::origin`], world units.
+    /// Returns the position in f64, relative to [`Observation::origin`], world units.
     pub fn position_vector(&self) -> DVec3 {
         vector(self.position)
     }
 
-    /// Unit normal in f64, along the world axes.
+    /// Returns the unit normal in f64, in world axes.
     pub fn normal_vector(&self) -> DVec3 {
         vector(self.normal)
     }
 
-    /// Unit direction from the camera to the point in f64, along the world axes.
+    /// Returns the unit direction from the camera to the point in f64, in world axes.
     pub fn direction_vector(&self) -> DVec3 {
         vector(self.direction)
     }
@@ -53,14 +53,15 @@ fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-/// Tolerances for measured against modelled depth and for recorded positions, world units.
+/// Tolerances for the comparison of measured with modelled depth, and for recorded camera positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthTolerance {
-    /// A surface within `margin[0] + margin[1]·range` of the measured one counts as the same.
+    /// A surface counts as the measured one within `margin[0] + margin[1]·range` of it, world units.
+    /// `range` is the measured distance along the ray.
     pub margin: [f32; 2],
-    /// Maximum correction of a point along its ray.
+    /// Maximum correction of a point along its ray, world units.
     pub refinement: f32,
-    /// Standard deviation of a recorded camera centre per axis.
+    /// Standard deviation of a recorded camera centre per axis, world units.
     pub place: f32,
 }
 
@@ -69,24 +70,24 @@ pub struct DepthTolerance {
 pub struct Observation {
     /// World position to which the points are relative.
     pub origin: DVec3,
-    /// Intrinsics and pose of the depth image.
+    /// Intrinsics and pose of the camera that measured the depth image.
     pub camera: Camera,
-    /// Points in tiles of eight rows and eight sampled pixels per row; tiles row by row from the top,
-    /// row-major within a tile.
+    /// Measured points in tiles of eight rows with eight sampled pixels each. Tiles are ordered in rows
+    /// from the top; points within a tile are row-major.
     pub points: Vec<SurfacePoint>,
     /// Number of pixels represented by each point.
     pub point_weight: u32,
     /// Measured distance along each pixel's ray, world units: infinite if there is no surface, NaN if
     /// unknown.
     pub ranges: Image<f32>,
-    /// Depth tolerances.
+    /// Tolerances for depth and camera position.
     pub tolerance: DepthTolerance,
     /// The frame's photograph, if training uses it.
     pub photograph: Option<Photograph>,
 }
 
 impl Observation {
-    /// Creates an empty observation as a buffer.
+    /// Creates an empty observation, as a buffer for the data of a frame.
     pub fn empty() -> Self {
         // Projections divide by focal lengths.
         let intrinsics = Intrinsics { width: 0, height: 0, fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0 };
@@ -109,21 +110,21 @@ pub struct Photograph {
     pub intrinsics: Intrinsics,
     /// Position of the colour camera in the depth camera's frame, world units.
     pub offset: DVec3,
-    /// Rotation of the colour camera relative to the depth camera.
+    /// Rotation from the colour camera's axes to the depth camera's axes.
     pub rotation: DQuat,
-    /// Red, green, blue and opacity in 255ths, sRGB-encoded.
+    /// sRGB-encoded red, green and blue, and opacity, in 255ths.
     // Shared with the decoded frame instead of copied.
     pub colors: Arc<Image<[u8; 4]>>,
     /// Calibrated gains of red, green and blue.
     pub gain: [f32; 3],
     /// Depth of the surface in each pixel along this camera's optical axis, world units; 0 if unknown.
     pub depths: Image<f32>,
-    /// True if opacities and depths indicate how much of a pixel surfaces cover.
+    /// True if opacity and depth indicate how much of each pixel is covered by surfaces.
     pub has_coverage: bool,
 }
 
 impl Photograph {
-    /// Colour camera for a given pose of the depth camera.
+    /// Returns intrinsics and world pose of the colour camera, given the pose of the depth camera.
     pub fn camera(&self, depth: &Pose) -> Camera {
         Camera {
             intrinsics: self.intrinsics,
@@ -131,8 +132,9 @@ impl Photograph {
         }
     }
 
-    /// Measured pixels of one row in order, with the photograph's gain. A surface within `margin[0] +
-    /// margin[1]·depth` (world units) of the depth counts as the measured one.
+    /// Returns the measured pixels of one row from left to right, with the photograph's gain applied. A
+    /// surface within `margin[0] + margin[1]·depth` (world units) of the measured depth counts as the
+    /// measured one.
     pub fn measured_row(
         &self,
         row: usize,
@@ -156,7 +158,8 @@ impl Photograph {
         })
     }
 
-    /// Measured pixels of the whole photograph, with an additional gain on red, green and blue.
+    /// Returns the measured pixels of the whole photograph, with `gain` on red, green and blue and the
+    /// photograph's own gain. `margin` is that of [`Self::measured_row`].
     pub fn measured_pixels(&self, gain: [f32; 3], margin: [f32; 2]) -> Image<MeasuredPixel> {
         let exposed = |pixel: MeasuredPixel| {
             let [r, g, b] = pixel.color;
