@@ -12,8 +12,8 @@ const MAX_STEPS: usize = 12;
 /// Relative decrease of the cost at which a fit has converged.
 const MIN_STEP: f64 = 1e-6;
 const MIN_DAMPING: f64 = 1e-3;
-/// Maximum damping, at which a fit stops. The cost is rough where points leave images, so shorter steps
-/// would end in spurious local minima.
+/// Maximum damping, at which a fit stops. The cost is rough where points leave images, so stronger
+/// damping (shorter steps) would end in spurious local minima.
 const MAX_DAMPING: f64 = 10.0;
 
 impl Evidence<'_> {

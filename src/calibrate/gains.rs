@@ -99,7 +99,7 @@ mod tests {
         patch
     }
 
-    /// Views 0 to 2 share components in a chain, view 3 shares none.
+    /// Views 0 to 2 share components in a chain; view 3 shares none.
     #[test]
     fn known_exposures_are_undone() {
         let exposures: [f64; 4] = [0.8, 1.0, 1.25, 1.1];

@@ -43,7 +43,7 @@ pub struct Calibrated {
 }
 
 impl Calibrated {
-    /// Formats agreement before and after, all values and the notes as text.
+    /// Formats the agreement before and after the calibration, all values and the notes as text.
     pub fn text(&self) -> String {
         let Self { before, after, .. } = self;
         let (frames, split) = (self.frames, &self.split);

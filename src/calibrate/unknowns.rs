@@ -170,9 +170,9 @@ pub struct CalibratedValue {
     /// Standard error of `best`, from the scatter of the views and the sensor prior. Errors common to all
     /// views, e.g. of a map to which the poses were fitted, are not included.
     pub standard_error: f64,
-    /// Reason why the value was not changed, or was changed only because other values depend on it.
+    /// True if the data determines the value.
     pub determined: bool,
-    /// Why the value was not changed, or not by itself.
+    /// Reason why the value was not changed, or was changed only because other values depend on it.
     pub reason: Option<String>,
 }
 

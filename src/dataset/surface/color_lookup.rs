@@ -27,8 +27,8 @@ pub(super) struct Beside<'a> {
 #[derive(Default)]
 pub(super) struct SeenLanes {
     at: [[f32; LANES]; 2],
-    /// Depths along the camera's axis; `margin` holds the differences beyond which points are hidden
-    /// (world units).
+    /// Depth of each point along the colour camera's axis, world units. `margin` holds the differences
+    /// beyond which the points are hidden.
     depth: [f32; LANES],
     margin: [f32; LANES],
 }

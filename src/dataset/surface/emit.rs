@@ -56,7 +56,7 @@ impl<'a> Emitter<'a> {
     }
 }
 
-/// Appends the points of a row of tiles and writes the statuses of its pixels.
+/// Appends the points of a row of tiles (blocks of pixels) and writes the statuses of its pixels.
 pub(super) struct EmitRows<'a> {
     pub emitter: &'a Emitter<'a>,
     pub fitted: &'a Fitted,
@@ -257,7 +257,7 @@ fn of_lane([x, y, z]: &[[f32; LANES]; 3], lane: usize) -> [f32; 3] {
     [x[lane], y[lane], z[lane]]
 }
 
-/// Marks the usable pixels that the sampling skips, in some rows of which the first is even.
+/// Marks the usable pixels that the sampling skips in the given rows. The first row must be even.
 #[inline(always)]
 fn mark_skipped(sampling: PixelSampling, rows: Range<usize>, statuses: &mut Image<PixelStatus>) {
     let (width, step) = (statuses.width, sampling.step());
@@ -305,21 +305,21 @@ pub enum PixelStatus {
 pub struct SurfaceCounts {
     /// Number of pixels that were converted to points.
     pub kept: usize,
-    /// Pixels of [`PixelStatus::LeftOut`].
+    /// Number of pixels of [`PixelStatus::LeftOut`].
     pub left_out: usize,
-    /// Pixels of [`PixelStatus::Hole`].
+    /// Number of pixels of [`PixelStatus::Hole`].
     pub holes: usize,
-    /// Pixels of [`PixelStatus::Alpha`].
+    /// Number of pixels of [`PixelStatus::Alpha`].
     pub dropped_alpha: usize,
-    /// Pixels of [`PixelStatus::Range`].
+    /// Number of pixels of [`PixelStatus::Range`].
     pub dropped_range: usize,
-    /// Pixels of [`PixelStatus::Flying`].
+    /// Number of pixels of [`PixelStatus::Flying`].
     pub dropped_flying: usize,
-    /// Pixels of [`PixelStatus::Slant`].
+    /// Number of pixels of [`PixelStatus::Slant`].
     pub dropped_slant: usize,
-    /// Pixels of [`PixelStatus::Far`].
+    /// Number of pixels of [`PixelStatus::Far`].
     pub dropped_far: usize,
-    /// Pixels of [`PixelStatus::NoColor`].
+    /// Number of pixels of [`PixelStatus::NoColor`].
     pub dropped_no_color: usize,
 }
 
@@ -339,7 +339,7 @@ impl std::fmt::Display for SurfaceCounts {
 }
 
 impl SurfaceCounts {
-    /// Counts the pixels of a frame.
+    /// Counts the pixels of a frame by status.
     pub fn of(statuses: &[PixelStatus]) -> Self {
         // One pass per status with sums of bytes vectorises; a histogram does not.
         let of = |status: PixelStatus| {

@@ -21,8 +21,6 @@ const CELL: usize = 2;
 ///
 /// A cell holds only depth pixels whose centres are in the cell, so occluders are not wider than
 /// measured.
-///
-/// A cell holds only depth pixels whose centres are in it, so occluders are not wider than measured.
 #[derive(Clone, Debug)]
 pub(super) struct ReprojectedDepths {
     /// Depth along the colour camera's axis, world units; [`NOTHING`] where no surface was measured.

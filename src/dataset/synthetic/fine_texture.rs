@@ -49,8 +49,8 @@ impl FineTexture {
     }
 }
 
-/// Value noise in `[0, 1)` with `per_metre` cells per metre. It fades to its mean, 0.5, where a pixel is
-/// wider than a cell.
+/// Returns value noise in `[0, 1)` with `per_metre` cells per metre. It fades to its mean, 0.5, where a
+/// pixel is wider than a cell.
 fn octave(p: Vec2, per_metre: f32, salt: u32, at: &SurfaceSample) -> f32 {
     let fade = (1.5 - 1.5 * at.pixel_footprint * per_metre).clamp(0.0, 1.0);
     match fade > 0.0 {

@@ -30,8 +30,8 @@ pub(super) struct FreeRules {
     seed: u64,
     /// Range of the distance to the surface at the image centre, metres.
     distance: [f64; 2],
-    /// Range of the angle, at the surface in the image centre, between the directions to the viewpoint
-    /// and to the nearest training view, degrees.
+    /// Range of the angle between the viewpoint and the nearest training view, measured at the surface
+    /// in the image centre, degrees.
     view_angle_degrees: [f64; 2],
 }
 

@@ -34,11 +34,11 @@ pub struct SyntheticParams {
     pub width: u32,
     /// Image height in pixels, 8 to 8192.
     pub height: u32,
-    /// Frames of the split `train`, 1 to 100 000.
+    /// Number of frames in the split `train`, 1 to 100 000.
     pub n_train: usize,
-    /// Frames of the split `eval`, at viewpoints between those of `train`; 0 for none.
+    /// Number of frames in the split `eval`, at viewpoints between those of `train`; 0 for none.
     pub n_eval: usize,
-    /// Frames of the split `free`, at viewpoints off the camera trajectory; 0 for none.
+    /// Number of frames in the split `free`, at viewpoints off the camera trajectory; 0 for none.
     pub n_free: usize,
     /// Seed of textures, colours and the start of the trajectory.
     pub seed: u64,

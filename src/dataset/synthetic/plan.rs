@@ -40,7 +40,7 @@ pub(super) struct PlannedSplit {
     /// Poses written to the recording. The phone's poses are the true poses with drift; others are
     /// exact.
     recorded_poses: Vec<Pose>,
-    /// True if layouts without splits also contain the frames of this split.
+    /// True if layouts without splits (such as TUM) also contain the frames of this split.
     pub is_recorded: bool,
     is_noisy: bool,
     is_of_phone: bool,

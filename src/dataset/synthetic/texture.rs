@@ -128,7 +128,7 @@ fn wall(m: Vec2, face: usize, at: &SurfaceSample) -> Vec3 {
     panel.lerp(upper, above).lerp(Vec3::splat(0.80), rail)
 }
 
-/// Pattern of a staggered lattice of diamonds, each with a dot.
+/// Returns a pattern of diamonds on a staggered lattice, each with a dot.
 fn damask(m: Vec2, blur: f32) -> f32 {
     let shifted = Vec2::new(m.x + 0.5 * (m.y.floor() as i32).rem_euclid(2) as f32, m.y);
     let p = (shifted - shifted.floor() - 0.5).abs();
@@ -307,7 +307,7 @@ pub(super) struct SurfaceSample {
     pub seed: u32,
 }
 
-/// Step function: 0 below `edge`, 1 above, with a linear ramp of width `blur` between.
+/// Returns a step function: 0 below `edge`, 1 above, with a linear ramp of width `blur` between.
 pub(super) fn step(value: f32, edge: f32, blur: f32) -> f32 {
     // A footprint of zero would divide by zero.
     ((value - edge) / blur.max(1e-4) + 0.5).clamp(0.0, 1.0)
@@ -318,8 +318,8 @@ fn stripe(value: f32, [low, high]: [f32; 2], blur: f32) -> f32 {
     step(value, low, blur) * (1.0 - step(value, high, blur))
 }
 
-/// Returns lines at integer values. A line is 1 within `width` and is blurred over `blur`; its total ink
-/// is constant.
+/// Returns the coverage by lines at integer values: 1 within a line of `width`, 0 elsewhere. Lines are
+/// blurred over `blur` with constant total ink.
 pub(super) fn antialiased_line(value: f32, width: f32, blur: f32) -> f32 {
     let distance = (value - value.round()).abs();
     let spread = width.max(blur);
@@ -349,7 +349,7 @@ pub(super) fn hash(x: i32, y: i32, seed: u32) -> f32 {
     ((h ^ (h >> 15)) >> 8) as f32 * (1.0 / (1u32 << 24) as f32)
 }
 
-/// Smooth value noise in `[0, 1)` on a unit lattice.
+/// Returns smooth value noise in `[0, 1)` on a unit lattice.
 pub(super) fn noise2(p: Vec2, seed: u32) -> f32 {
     let floor = p.floor();
     let (x, y) = (floor.x as i32, floor.y as i32);
@@ -364,7 +364,7 @@ pub(super) fn noise2(p: Vec2, seed: u32) -> f32 {
     low + (high - low) * s.y
 }
 
-/// Smooth 3D value noise in `[0, 1)` on a unit lattice.
+/// Returns smooth 3D value noise in `[0, 1)` on a unit lattice.
 pub(super) fn noise3(p: Vec3, seed: u32) -> f32 {
     let floor = p.z.floor();
     let f = p.z - floor;

@@ -23,7 +23,7 @@ pub(super) use mount_search::Mount;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rig {
     /// True if image rows are read one after the other (rolling shutter); false if depth agrees better
-    /// without.
+    /// without a rolling shutter.
     pub reads_rows: bool,
     /// Time from the timestamps of depth images to their capture, seconds; negative if captured earlier,
     /// 0 if undetermined.

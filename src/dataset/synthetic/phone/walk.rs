@@ -7,7 +7,7 @@ use glam::{DQuat, DVec2, DVec3, EulerRot, dvec3};
 use std::f64::consts::TAU;
 
 const PHASES: u64 = u64::MAX - 2;
-/// Amplitudes of hand shake, metres and radians.
+/// Amplitudes of hand shake: translation (metres) and rotation (radians).
 const SHAKE: [f64; 2] = [0.004, 0.006];
 /// Base frequency of hand shake, cycles per duration of the walk.
 const SWINGS: f64 = 47.0;

@@ -61,7 +61,7 @@ pub(super) fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Wri
     std::fs::write(path, bytes).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
 
-/// Writes pixels to a PNG file. Their memory layout must be that of `color`.
+/// Writes an image to a PNG file. The memory layout of its pixels must be that of `color`.
 pub(super) fn write_png<P: bytemuck::Pod>(
     path: &Path,
     image: &Image<P>,
