@@ -20,8 +20,8 @@ use crate::dataset::frame::Frame;
 /// the 7-Scenes Kinect, whose camera is known, errors of poses and depth favour a wrong camera by 3 %.
 /// On Lego, with registered colours, the decrease is 1.4 %.
 const MIN_FALL: f64 = 0.05;
-/// Minimum mean image shift, in pixels, for accepting another camera. On Lego, where no other camera is
-/// correct, the shift is 0.4.
+/// Minimum mean image shift, in pixels, for accepting another camera. On Lego, with registered colours,
+/// the shift is 0.4.
 const MIN_SHIFT: f64 = 1.0;
 /// Minimum relative increase of the other half's loss, caused by holding a value at its initial value,
 /// for changing the value. Pose errors shift the minimum. On the 7-Scenes Kinect, a wrong roll decreases
