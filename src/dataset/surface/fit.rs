@@ -1,12 +1,13 @@
 //! Robust plane fit, eight pixels at a time (`dataset.md`, Plane fit).
 //!
 //! Inverse depths are relative to the pixel's own and in units of `q / z²`, where `q` is the half-width
-//! of the noise at depth `z`. So thresholds are the same for every pixel, and f32 precision is not spent on
-//! the depth itself. The sums of the normal equations are integers, so their determinant is exact.
+//! of the noise at depth `z`. So thresholds are the same for every pixel, and f32 precision is not spent
+//! on the depth itself. The sums of the normal equations are integers, so their determinant is exact.
 //!
-//! One lane is one pixel. Its window is read by unaligned loads from planes with an empty border, so lanes
-//! never branch on their position. The depth gate excludes neighbours whose depth differs too much from
-//! the pixel's. Their residual is set beyond every limit, so later rounds need not test the gate again.
+//! One lane is one pixel. Its window is read by unaligned loads from planes with an empty border, so
+//! lanes never branch on their position. The depth gate excludes neighbours whose depth differs too much
+//! from the pixel's. Their residual is set beyond every limit, so later rounds need not test the gate
+//! again.
 //!
 //! Tried on Lego and dropped (`dataset.md`, Plane fit): points weighted by their cosine or its square,
 //! without gain over a threshold; windows of other sizes.
