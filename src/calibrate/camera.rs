@@ -13,9 +13,9 @@ pub(super) const N: usize = 6;
 pub(super) const FOCAL: usize = 3;
 pub(super) const ROLL: usize = 2;
 
-/// A colour camera and its parameters relative to the start of the search. Offset along the axis, pitch and
-/// yaw are fixed: with a scene's depth range they are hardly distinguishable from focal length and
-/// principal point.
+/// Colour camera and its parameters relative to the start of the search. Offset along the optical axis,
+/// pitch and yaw are fixed. Over a scene's depth range, their effects hardly differ from those of focal
+/// length and principal point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CameraUnknowns {
     start: ColorCamera,
@@ -57,7 +57,8 @@ impl CameraUnknowns {
     }
 }
 
-/// The depth camera as a colour camera: colour registered to depth.
+/// Returns the colour camera of photographs that are registered to the depth image: the depth camera
+/// itself.
 pub(super) fn registered(depth: &Intrinsics) -> ColorCamera {
     ColorCamera {
         focal: [depth.fx, depth.fy],
@@ -78,7 +79,8 @@ pub(super) struct Projector {
 pub(super) struct ProjectedPoint {
     pub at: [f64; 2],
     pub jacobian: [[f64; N]; 2],
-    /// Derivative of pixel x and y by the point's position in the depth camera's frame.
+    /// Derivatives of the pixel's x and y with respect to the point's position in the depth camera's
+    /// frame.
     pub position_jacobian: [DVec3; 2],
 }
 
@@ -89,7 +91,8 @@ impl Projector {
         Self { turn: DMat3::from_quat(turn), offset: DVec3::from_array(offset), focal, principal }
     }
 
-    /// Projects a point of the depth camera's frame; `None` behind the colour camera.
+    /// Projects a point of the depth camera's frame to the colour image. Returns `None` behind the
+    /// colour camera.
     #[inline]
     pub fn project(&self, point: DVec3) -> Option<ProjectedPoint> {
         let p = self.turn * (point - self.offset);

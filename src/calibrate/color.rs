@@ -19,13 +19,14 @@ pub(super) struct Photos<'a> {
     pub level: usize,
 }
 
-/// Colour residual of a point: its colour in its own view minus that in another view.
+/// Colour difference of a point between its own view and another view.
 #[derive(Clone, Copy)]
 pub(super) struct ColorResidual {
     pub index: usize,
     pub view: usize,
     pub color: [f64; 3],
-    /// Jacobian by the unknowns and the pose of the own view (the other view's pose is fixed).
+    /// Derivatives with respect to the unknowns and the pose of the point's own view. The other view's
+    /// pose is fixed.
     slope: [[f64; WITH_POSE]; 3],
 }
 
@@ -35,7 +36,7 @@ struct SampledColor {
 }
 
 /// Returns the measured position of a matched point in its depth camera's frame under the current depth
-/// calibration, and its derivatives by depth offset and scale.
+/// calibration. Also returns its derivatives with respect to depth offset and depth scale.
 fn measured_position(
     matches: &Matches,
     sample: &MatchedPoint,
@@ -51,15 +52,15 @@ fn measured_position(
     (local + by_offset * (nearer - offset) + by_scale * (larger - scale), [by_offset, by_scale])
 }
 
-/// Transforms a position by the pose correction of its view. Moving the camera moves points the opposite
-/// way in its frame.
+/// Transforms a position in a view's camera frame by the pose correction of the view. A motion of the
+/// camera moves points the opposite way in its frame.
 fn pose_corrected(place: DVec3, view: usize, at: &Estimate) -> DVec3 {
     let [shift, turn] = split_twist(&at.poses[view]);
     place - shift - turn.cross(place)
 }
 
-/// Samples a view's photograph at a position in the frame of its depth camera; `by_depth` holds the
-/// position's derivatives by depth offset and scale.
+/// Samples a view's photograph at a position in the frame of its depth camera. `by_depth` holds the
+/// derivatives of the position with respect to depth offset and depth scale.
 fn sample_color(
     photos: &Photos,
     at: (&Projector, &Estimate),
@@ -95,9 +96,9 @@ fn sample_color(
     Some(SampledColor { color, slope })
 }
 
-/// Computes the colour residuals of a component's points, each against the next view that sees the
-/// component. Against the component's mean, texture itself would be a residual; it is smallest where
-/// photographs are smoothest, which biases the camera.
+/// Computes the colour difference of each point of a component to the next view that sees the component.
+/// Differences to the component's mean colour would include texture. Texture is weakest where
+/// photographs are smoothest, which would bias the camera.
 pub(super) fn color_residuals(
     matches: &Matches,
     photos: &Photos,
@@ -140,7 +141,7 @@ impl ColorResidual {
     }
 }
 
-/// Mean colours per component and view before gains, sorted by component.
+/// Returns the mean colour of each component in each view, without gains, sorted by component.
 pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<Patch> {
     let projector = Projector::new(&at.unknowns.camera);
     let mut patches = Vec::new();
@@ -161,7 +162,8 @@ pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<
     patches
 }
 
-/// Root mean square image shift, pixels, per unit change of each camera unknown.
+/// Returns the root mean square shift of the projected points, in pixels, per unit change of each camera
+/// unknown.
 pub(super) fn rms_shift_per_unit(matches: &Matches, at: &Unknowns) -> [f64; N] {
     let projector = Projector::new(&at.camera);
     let (mut sum, mut n) = ([0.0; N], 0.0);

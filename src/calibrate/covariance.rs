@@ -8,7 +8,7 @@ use crate::math::least_squares::NormalEquations;
 pub(super) struct Covariance {
     n: usize,
     values: Vec<f64>,
-    /// Additional variances without correlation.
+    /// Additional variance of each unknown, uncorrelated with the other unknowns.
     own: Vec<f64>,
 }
 
@@ -17,14 +17,14 @@ impl Covariance {
         Self { n, values: vec![0.0; n * n], own: vec![0.0; n] }
     }
 
-    /// Returns the covariance of undetermined values (infinite variances).
+    /// Returns the covariance of `n` undetermined values: infinite variances.
     pub fn open(n: usize) -> Self {
         let mut open = Self::zero(n);
         (0..n).for_each(|i| open.values[i * n + i] = f64::INFINITY);
         open
     }
 
-    /// Adds `weight · step · stepᵀ`.
+    /// Adds the outer product `weight · step · stepᵀ`.
     pub fn add(&mut self, step: &[f64], weight: f64) {
         // `chunks_exact_mut` panics at size 0.
         for (row, by) in self.values.chunks_exact_mut(self.n.max(1)).zip(step) {
@@ -53,8 +53,8 @@ impl Covariance {
         (self.variance(place) + self.own[place]).sqrt()
     }
 
-    /// Largest shift of another unknown, in its standard errors, that follows when the unknown `place`
-    /// shifts by `apart` (linear regression).
+    /// Returns the largest shift of any other unknown that a shift of unknown `place` by `apart` implies
+    /// (linear regression). The result is in standard errors of the other unknown.
     pub fn largest_induced_shift(&self, place: usize, apart: f64) -> f64 {
         (0..self.n)
             .filter(|&other| other != place)
@@ -65,8 +65,8 @@ impl Covariance {
             .fold(0.0, f64::max)
     }
 
-    /// Mahalanobis distance of a difference of the first `apart.len()` unknowns; 0 if their covariance is
-    /// not positive definite.
+    /// Returns the Mahalanobis distance of a difference `apart` in the first unknowns. It is 0 if their
+    /// covariance is not positive definite.
     pub fn mahalanobis_distance(&self, apart: &[f64]) -> f64 {
         let m = apart.len();
         let mut block: Vec<f64> =
@@ -80,12 +80,12 @@ impl Covariance {
     }
 }
 
-/// Minimum number of views whose scatter is estimated.
+/// Minimum number of views for estimating the scatter between views.
 const SCATTERED: usize = 5;
 
 pub(super) struct Scatter {
     pub gradients: Vec<Vec<f64>>,
-    /// Factor on the squares that corrects for the lost degrees of freedom.
+    /// Factor on squared gradients that corrects for the degrees of freedom lost to the fit.
     pub weight: f64,
 }
 
@@ -105,8 +105,9 @@ impl Scatter {
     }
 }
 
-/// Overdispersion: variance of the views' gradients by depth relative to independent points of variance 1,
-/// averaged over offset and scale. With few views, all points of a view count as one.
+/// Returns the overdispersion of the views' gradients with respect to depth offset and scale. It is
+/// their variance relative to that of independent points of variance 1. With few views, all points of a
+/// view count as one.
 pub(super) fn overdispersion(views: &[NormalEquations<WITH_POSE>]) -> f64 {
     let total = NormalEquations::total(views);
     let Some(factor) = Cholesky::new(DEPTH.len(), &total.curvature_of(&DEPTH)) else { return 1.0 };

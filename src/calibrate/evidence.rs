@@ -20,14 +20,15 @@ use crate::math::least_squares::NormalEquations;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Components per partial sum; the sums do not depend on the number of threads.
+/// Number of components per partial sum. A fixed number makes the sums independent of the number of
+/// threads.
 const CHUNK: usize = 1024;
-/// Stride of the components whose residuals determine the median.
+/// Stride of the components whose residuals are used to estimate the median.
 const MEDIAN_SAMPLE_STRIDE: usize = 5;
-/// Residual, in medians, at which a point has weight ½.
+/// Residual, in multiples of the median residual, at which a point has weight ½.
 const OUTLYING: f64 = 4.0;
-/// Minimum residual variance of each kind: a tenth of the sensor noise, and one 8-bit step in three
-/// channels. Rendered images may have no noise at all.
+/// Minimum variance of thickness and colour residuals: a tenth of the sensor noise, and one 8-bit step
+/// in each of three channels. Rendered images may have no noise at all.
 const LEAST_VARIANCE: [f64; 2] = [0.01, 3.0 / (255.0 * 255.0)];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,15 +45,17 @@ pub(super) struct Evidence<'a> {
     images: &'a [Pyramid],
     level: usize,
     pub gains: Vec<[f64; 3]>,
-    /// Per kind: weight of each point; 1 before the first update.
+    /// Weight of each point for each kind of residual; 1 before the first update.
     weights: [Vec<f32>; 2],
-    /// Per kind: information (inverse variance) of a squared residual.
+    /// Information (inverse variance) of a squared residual, for each kind of residual.
     information: [f64; 2],
-    /// Per kind: sum of weights at the last update. Later, points leave the images as cameras move.
+    /// Sum of weights at the last update, for each kind of residual. Later sums differ, because points
+    /// leave the images as cameras move.
     points: [f64; 2],
-    /// Per kind: squared residual at which a point has weight ½.
+    /// Squared residual at which a point has weight ½, for each kind of residual.
     pub(super) half_weight_squares: [f64; 2],
-    /// Overdispersion of the views relative to their equations, from the comparison of halves.
+    /// Factor by which two halves of the views differ more than their equations predict; 1 before the
+    /// comparison.
     overdispersion: f64,
 }
 
@@ -63,7 +66,8 @@ struct Buffers {
 }
 
 impl<'a> Evidence<'a> {
-    /// Creates evidence with uniform weights; `images` and `gains` belong to the views of the matches.
+    /// Creates evidence with uniform weights. `images` and `gains` have one entry per view of the
+    /// matches.
     pub fn new(
         matches: Matches,
         images: &'a [Pyramid],
@@ -115,8 +119,9 @@ impl<'a> Evidence<'a> {
         .map(|information| information / self.overdispersion);
     }
 
-    /// Change between two estimates: the image shift in pixels of the pyramid level, or the depth change
-    /// relative to what sensor noise hides, whichever is larger.
+    /// Returns the change between two estimates: the larger of the image shift and the depth change. The
+    /// image shift is in pixels of the pyramid level. The depth change is relative to
+    /// [`Self::quantisation_floor`].
     pub fn change_in_pixels(&self, from: &Unknowns, to: &Unknowns) -> f64 {
         let shift =
             color::rms_pixel_distance(&self.matches, from, to) / f64::from(1u32 << self.level);
@@ -134,7 +139,7 @@ impl<'a> Evidence<'a> {
         Photos { images: self.images, gains: &self.gains, level: self.level }
     }
 
-    /// Adds the residuals of all components, in order, to one result per chunk.
+    /// Adds up the residuals of the components of each chunk, in order. Returns one result per chunk.
     fn collect_residuals<T: Send>(
         &self,
         at: &Estimate,
@@ -154,7 +159,7 @@ impl<'a> Evidence<'a> {
         components.map(of_chunk).collect()
     }
 
-    /// Computes the residuals of a component's points into `buffers`.
+    /// Computes both kinds of residuals of a component's points into `buffers`.
     fn compute_residuals(
         &self,
         at: (&Projector, &Estimate),
@@ -202,7 +207,8 @@ impl<'a> Evidence<'a> {
         whole
     }
 
-    /// Normal equations of each view and kind; residuals are relative to the means over all views.
+    /// Returns the normal equations of each view for each kind of residual. Thickness residuals are
+    /// relative to the mean of their component over all views.
     pub fn equations_by_view(&self, at: &Estimate) -> Vec<Both> {
         let n = self.matches.poses.len();
         let start = || vec![NOTHING; n];
@@ -231,7 +237,7 @@ impl<'a> Evidence<'a> {
         NormalEquations::total(views.iter().map(|both| &both[kind as usize])).variance()
     }
 
-    /// Weighted sum of both kinds and the pose prior, for each view.
+    /// Returns the weighted sum of both kinds of equations and of the pose prior, for each view.
     pub(super) fn weighted_equations(
         &self,
         prior: &SensorPrior,
@@ -257,8 +263,8 @@ impl<'a> Evidence<'a> {
         self.information = self.information.map(|information| information / times);
     }
 
-    /// Minimum changes of depth offset and scale that views can reveal. Quantisation hides smaller ones,
-    /// because its error is the same for all points of a surface.
+    /// Returns the smallest changes of depth offset and depth scale that the views can reveal.
+    /// Quantisation hides smaller changes, because its error is the same for all points of a surface.
     pub(super) fn quantisation_floor(&self) -> [f64; 2] {
         let samples = self.matches.samples();
         let n = samples.len().max(1) as f64;
@@ -271,19 +277,21 @@ impl<'a> Evidence<'a> {
 // Unit normals of a plane add up to nearly their number.
 const MIN_COHERENCE: f64 = 0.9;
 
-/// Distance of a point from its component's plane, with derivatives by depth offset and scale.
+/// Distance of a point from its component's plane, with derivatives with respect to depth offset and
+/// depth scale.
 #[derive(Clone, Copy)]
 pub(super) struct PlaneResidual {
     pub view: usize,
-    /// Along the normal, world units.
+    /// Signed distance along the plane's normal, world units.
     pub off: f64,
     slope: [f64; 2],
     /// Inverse variance of the measurement noise.
     pub precision: f64,
 }
 
-/// Computes the plane residuals of a component under the depth unknowns; none at edges and corners, which
-/// have no common plane. `weight` gives a point's weight by its index in the run.
+/// Computes the distances of a component's points from their common plane under the current depth
+/// unknowns. Edges and corners have no common plane and yield no residuals. `weight` returns a point's
+/// weight by its index in `run`.
 pub(super) fn plane_residuals(
     matches: &Matches,
     run: &[MatchedPoint],
@@ -323,8 +331,8 @@ pub(super) fn plane_residuals(
     centre_on_mean(out, weight);
 }
 
-/// Centres residuals and derivatives on their weighted means: moving a component as a whole does not make
-/// it thicker.
+/// Subtracts the weighted means from residuals and derivatives. A shift of the whole component does not
+/// make it thicker.
 fn centre_on_mean(points: &mut [PlaneResidual], weight: impl Fn(usize) -> f64) {
     let (mut sum, mut mean) = (0.0, [0.0; 3]);
     for (i, point) in points.iter().enumerate() {

@@ -6,18 +6,19 @@ use super::unknowns::{Estimate, N, SensorPrior, Unknowns, WITH_POSE};
 use crate::math::cholesky::Cholesky;
 use crate::math::least_squares::NormalEquations;
 
-/// Alternating fits of gains and poses before a loss is evaluated.
+/// Number of alternating fits of gains and poses before a loss is evaluated.
 const LOSS_ROUNDS: usize = 2;
 const MAX_STEPS: usize = 12;
 /// Relative decrease of the cost at which a fit has converged.
 const MIN_STEP: f64 = 1e-6;
 const MIN_DAMPING: f64 = 1e-3;
-/// Damping at which a fit stops. The cost is rough where points leave images, and shorter steps would end
-/// in spurious local minima.
+/// Maximum damping, at which a fit stops. The cost is rough where points leave images, so stronger
+/// damping (shorter steps) would end in spurious local minima.
 const MAX_DAMPING: f64 = 10.0;
 
 impl Evidence<'_> {
-    /// Minimises over the `free` unknowns and all poses by Levenberg-Marquardt; updates `at`.
+    /// Minimises the cost over the `free` unknowns and all poses by the Levenberg-Marquardt algorithm;
+    /// updates `at`.
     pub fn fit(&self, prior: &SensorPrior, at: &mut Estimate, free: &[usize]) {
         let mut now = self.linearise(prior, at);
         let mut damping = MIN_DAMPING;
@@ -65,8 +66,9 @@ impl Evidence<'_> {
         next
     }
 
-    /// Mean Cauchy loss of a kind of residuals, after fitting gains and poses to the given unknowns. Unlike
-    /// weights, the loss does not favour the unknowns at which the weights were computed.
+    /// Returns the mean Cauchy loss of one kind of residual, after fitting gains and poses to the given
+    /// unknowns. Unlike weights, the loss does not favour the unknowns at which the weights were
+    /// computed.
     pub fn loss(&mut self, prior: &SensorPrior, unknowns: &Unknowns, kind: ResidualKind) -> f64 {
         let mut at = Estimate::as_recorded(*unknowns, self.matches.poses.len());
         for _ in 0..LOSS_ROUNDS {
@@ -85,8 +87,8 @@ impl Evidence<'_> {
         sum / n
     }
 
-    /// Squared distance between the estimates of two halves of the views, relative to the variance that the
-    /// equations of all views predict.
+    /// Returns the squared distance between the estimates `a` and `b` of two halves of the views. It is
+    /// relative to the variance that the equations of all views predict.
     pub fn normalised_disagreement(
         &self,
         prior: &SensorPrior,
@@ -105,8 +107,9 @@ impl Evidence<'_> {
         square / (4.0 * free.len() as f64)
     }
 
-    /// Covariance of the `free` unknowns at the minimum, by the sandwich estimator `A⁻¹ B A⁻¹` (Huber 1967;
-    /// Godambe 1960). `A` is the curvature, `B` the scatter of the gradients of views and prior.
+    /// Returns the covariance of the `free` unknowns at the minimum, by the sandwich estimator `A⁻¹ B
+    /// A⁻¹` (Huber 1967; Godambe 1960). `A` is the curvature; `B` is the scatter of the gradients of
+    /// views and prior.
     pub fn covariance(&self, prior: &SensorPrior, at: &Estimate, free: &[usize]) -> Covariance {
         let posed = self.weighted_equations(prior, at);
         let views: Vec<NormalEquations<N>> =
@@ -146,13 +149,14 @@ impl Evidence<'_> {
 
 struct Linearised {
     views: Vec<NormalEquations<WITH_POSE>>,
-    /// Equations of the unknowns with the poses eliminated (Schur complement).
+    /// Normal equations of the unknowns after elimination of the poses (Schur complement).
     total: NormalEquations<N>,
     cost: f64,
 }
 
 impl Linearised {
-    /// Damped step of the `free` unknowns, followed by the poses.
+    /// Returns the estimate after a damped step of the `free` unknowns and the resulting steps of the
+    /// poses.
     fn step(&self, at: &Estimate, free: &[usize], damping: f64) -> Option<Estimate> {
         let step = self.total.damped_step(free, damping)?;
         let mut change = [0.0; N];
@@ -195,8 +199,8 @@ mod tests {
     use crate::observation::surface::SurfacePoint;
     use glam::DVec3;
 
-    /// A wall and a floor seen from several distances by a depth camera with this error. Recorded view
-    /// positions are off by about `jitter`.
+    /// Simulates a wall and a floor seen from several distances. Measured depth needs a correction by
+    /// `offset` and `scale`. Recorded view positions are wrong by about `jitter` (world units).
     fn room(offset: f64, scale: f64, jitter: f64) -> Matches {
         let (mut views, mut poses) = (Vec::new(), Vec::new());
         for view in 0..8 {

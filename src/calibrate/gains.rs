@@ -9,11 +9,11 @@
 
 use crate::math::cholesky::Cholesky;
 
-/// Minimum mean of a channel: darker patches are dominated by noise.
+/// Minimum mean colour of a channel in a patch; noise dominates darker patches.
 const DARKEST: f64 = 0.04;
-/// Maximum mean of a channel: brighter patches are partly clipped.
+/// Maximum mean colour of a channel in a patch; brighter patches are partly clipped.
 const BRIGHTEST: f64 = 0.92;
-/// Ridge that pulls gains towards 1, relative to the mean information of a view.
+/// Strength of the ridge penalty that pulls gains towards 1, relative to the mean information of a view.
 const RIDGE: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug)]
@@ -34,8 +34,8 @@ impl Patch {
         self.sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += c);
     }
 
-    /// View, weight and logarithm of a channel's mean; `None` if too dark or clipped. The weight is the
-    /// inverse variance of the logarithm.
+    /// Returns the patch's view, weight and logarithm of a channel's mean; `None` if the patch is too
+    /// dark or clipped. The weight is the inverse variance of the logarithm.
     fn log(&self, channel: usize) -> Option<(usize, f64, f64)> {
         // Logarithm of the mean, since noise in dark points would bias a mean of logarithms downwards.
         let mean = self.sum[channel] / self.points;
@@ -99,7 +99,7 @@ mod tests {
         patch
     }
 
-    /// Views 0 to 2 share components in a chain, view 3 shares none.
+    /// Views 0 to 2 share components in a chain; view 3 shares none.
     #[test]
     fn known_exposures_are_undone() {
         let exposures: [f64; 4] = [0.8, 1.0, 1.25, 1.1];

@@ -17,9 +17,9 @@ pub(super) struct MatchedPoint {
     pub component: u32,
     pub view: u32,
     pub point: SurfacePoint,
-    /// Position near the point on its surface, in the depth camera's frame. At the point itself, registered
-    /// colours would be sampled at texel centres and others between them, where interpolation reduces the
-    /// difference.
+    /// Position on the point's surface, up to half a pixel from the point, in the depth camera's frame.
+    /// With registered colours, the point itself is at the centre of a texel, but between texels in
+    /// other views. Interpolation between texels would then reduce the colour difference.
     pub local: DVec3,
 }
 
@@ -37,7 +37,7 @@ impl CameraPose {
         Self { rotation: pose.rotation().transpose(), centre: pose.centre() - origin }
     }
 
-    /// Position on the surface up to half a pixel from a point, in the depth camera's frame.
+    /// Returns a position on the surface up to half a pixel from a point, in the depth camera's frame.
     fn jittered_surface_point(&self, point: &SurfacePoint) -> DVec3 {
         let local = self.rotation * (point.position_vector() - self.centre);
         let normal = self.rotation * point.normal_vector();
@@ -52,28 +52,28 @@ impl CameraPose {
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MatchedDepth {
-    /// Offset (world units) and scale.
+    /// Depth offset (world units) and depth scale.
     pub values: [f64; 2],
     pub along_z: bool,
 }
 
-/// Matched points, sorted by component and view; components seen by a single view are left out.
+/// Matched points, sorted by component and view. Components seen by a single view are left out.
 pub(super) struct Matches {
     pub depth: MatchedDepth,
     pub poses: Vec<CameraPose>,
     samples: Vec<MatchedPoint>,
-    /// Index of each component's first point, and the total.
+    /// Index of each component's first point; the last entry is the number of points.
     starts: Vec<usize>,
-    /// Components created, including those seen by a single view.
+    /// Number of components created, including those seen by a single view.
     pub births: usize,
 }
 
 impl Matches {
-    /// Prepares frames by `settings`, with a pixel stride of `step`, and matches their points. `h` is the
-    /// structural scale, world units.
+    /// Converts frames to points by `settings`, keeps every `step`-th pixel of rows and columns, and
+    /// matches the points. `h` is the structural scale (size of a component), world units.
     ///
     /// # Errors
-    /// A frame without depth.
+    /// Fails for a frame without depth.
     pub fn new(
         frames: &[Frame],
         settings: &SurfaceSettings,

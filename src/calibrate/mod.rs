@@ -36,14 +36,14 @@ use verdict::{CrossValidation, LEVELS, STEPS, Views, search};
 pub use report::{Agreement, Calibrated};
 pub use unknowns::CalibratedValue;
 
-/// Default number of frames: more add little information.
+/// Default maximum number of frames. Further frames add little information.
 pub const DEFAULT_FRAMES: usize = 24;
-/// Approximate number of pixels used, of all frames together.
+/// Approximate total number of pixels used from all frames.
 const PIXELS: f64 = 120_000.0;
 /// Minimum number of components seen by several frames.
 const MIN_COMPONENTS: usize = 100;
-/// Structural scale, relative to the scene's, for the check that frames share surfaces: coarse enough for
-/// views with wrong depth.
+/// Size of components, relative to the scene's structural scale, for the check that frames share
+/// surfaces. They are large, because the depth of the views may be wrong.
 const COARSE: f64 = 4.0;
 
 /// Options of a calibration.
@@ -51,22 +51,22 @@ const COARSE: f64 = 4.0;
 pub struct CalibratePlan {
     /// Split to use; `None` for the training split.
     pub split: Option<String>,
-    /// Maximum number of frames, evenly spaced.
+    /// Maximum number of frames; they are evenly spaced over the split.
     pub max_frames: usize,
-    /// Initial calibration; undetermined values keep it.
+    /// Initial calibration. Values that the data does not determine are kept.
     pub start: Calibration,
 }
 
 /// Error of a calibration.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
-    /// The dataset has no such split, or none with depth.
+    /// The dataset lacks the requested split, or has no split with depth.
     #[error("{0}")]
     Dataset(#[from] DatasetError),
     /// The scene preset cannot use the dataset's depth.
     #[error("{0}")]
     Scene(#[from] SceneError),
-    /// A frame from which no points can be computed.
+    /// No points can be computed from a frame.
     #[error("{0}")]
     Frame(#[from] FrameError),
     /// The result is not a valid calibration.
@@ -79,12 +79,13 @@ pub enum CalibrateError {
     NothingInCommon {
         /// Name of the dataset.
         dataset: String,
-        /// Usable frames and shared surfaces.
+        /// Description of the usable frames and of their shared surfaces.
         found: String,
     },
 }
 
-/// Calibrates depth and the colour camera. `progress` receives the steps done and the total.
+/// Calibrates depth and the colour camera. `progress` receives the number of completed steps and the
+/// total.
 ///
 /// # Errors
 /// [`CalibrateError`] if frames cannot be read or used, or share too few surfaces.
@@ -131,8 +132,9 @@ pub fn run(
     })
 }
 
-/// Calibrates depth and colour camera jointly; if the camera change is not significant, depth alone. Returns
-/// the calibration, the result for every value, and why the camera was not changed.
+/// Calibrates depth and colour camera jointly, or depth alone if the change of the camera is not
+/// significant. Returns the calibration, the result for each value and, if the camera was not changed,
+/// the reason.
 fn cameras(
     input: &CalibrationInput,
     images: &[Pyramid],
@@ -184,8 +186,8 @@ fn cameras(
     Ok((of(&best.unknowns, given), values, Some(format!("{kept}: {found}"))))
 }
 
-/// Reads evenly spaced frames and checks that they share surfaces. Also returns the reasons for frames that
-/// cannot be read.
+/// Reads evenly spaced frames and checks that they share surfaces. Also returns, as text, which frames
+/// could not be read and why.
 fn survey(
     dataset: &Dataset,
     all: &Plan,
@@ -264,13 +266,13 @@ fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, 
 }
 
 struct CalibrationInput {
-    /// Even-numbered frames first, then odd-numbered: two halves that see the same places.
+    /// First the even-numbered frames, then the odd-numbered frames; both halves see the same places.
     frames: Vec<Frame>,
     along_z: bool,
-    /// Surface preparation, without the calibration.
+    /// Settings for the conversion of frames to surface points, without the calibration.
     surface: SurfaceSettings,
     calibration: Calibration,
-    /// Structural scale, world units.
+    /// Structural scale (size of a component), world units.
     h: f64,
     /// Pixel stride in columns and rows.
     step: usize,
@@ -280,7 +282,7 @@ impl CalibrationInput {
     /// Matches the points of frames by components of `growth` times the structural scale.
     ///
     /// # Errors
-    /// A frame without depth.
+    /// Fails for a frame without depth.
     fn match_frames(
         &self,
         frames: &[Frame],

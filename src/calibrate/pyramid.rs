@@ -2,13 +2,15 @@
 
 use crate::math::image::Image;
 
-/// Minimum alpha of a texel that shows only the surface.
+/// Minimum alpha at which a texel counts as opaque.
 const OPAQUE: u8 = 250;
 
-/// Smoothed image pyramid; smoothing extends the range in which the gradient is valid.
+/// Smoothed image at several resolutions. Smoothing extends the range over which the colour gradient is
+/// valid.
 pub(super) struct Pyramid(Vec<Image<[u8; 4]>>);
 
-/// Colour in `[0, 1]` and its derivatives by column and row, per pixel of the full-resolution image.
+/// Colour in `[0, 1]` and its derivatives with respect to column and row, per pixel of the
+/// full-resolution image.
 pub(super) struct InterpolatedColor {
     pub color: [f64; 3],
     pub slope: [[f64; 2]; 3],
@@ -24,8 +26,8 @@ impl Pyramid {
         Self(sizes.iter().map(smoothed).collect())
     }
 
-    /// Interpolates bilinearly at pixel coordinates of the full-resolution image (pixel centres at +½).
-    /// `None` outside, and where the image is not opaque.
+    /// Interpolates the colour bilinearly at pixel coordinates of the full-resolution image (pixel
+    /// centres at +½). Returns `None` outside the image and where it is not opaque.
     #[inline]
     pub fn sample(&self, level: usize, [u, v]: [f64; 2]) -> Option<InterpolatedColor> {
         let Image { width, height, data } = &self.0[level];
@@ -55,7 +57,7 @@ impl Pyramid {
     }
 }
 
-/// Averages 2 × 2 texels; an odd last row or column is dropped.
+/// Halves the resolution by averaging 2 × 2 texels. An odd last row or column is dropped.
 fn halved(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
     let (width, height) = ((image.width / 2).max(1), (image.height / 2).max(1));
     let mut data = Vec::with_capacity(width * height);
@@ -74,7 +76,7 @@ fn halved(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
     Image::from_vec(width, height, data)
 }
 
-/// 3 × 3 binomial filter; alpha is the minimum over the window.
+/// Smooths an image with a 3 × 3 binomial filter. Alpha is the minimum over the filter's window.
 fn smoothed(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
     const TAPS: [(isize, u32); 3] = [(-1, 1), (0, 2), (1, 1)];
     let Image { width, height, .. } = *image;

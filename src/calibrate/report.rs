@@ -8,16 +8,16 @@ use serde::Serialize;
 /// Agreement of the views under a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Agreement {
-    /// Mean weighted squared colour difference between two views of the same place; channels in `[0, 1]`,
-    /// summed.
+    /// Weighted mean of the squared colour difference between two views of the same place. Squares are
+    /// summed over channels in `[0, 1]`.
     pub color_variance: f64,
-    /// Number of components created: misaligned surfaces create more.
+    /// Number of components created. Misaligned surfaces increase it.
     pub births: usize,
     /// Number of components seen by several views.
     pub components: usize,
 }
 
-/// Result of a calibration: values before and after, and the calibration to save.
+/// Result of a calibration: values before and after it, and the calibration to save.
 #[derive(Clone, Debug, Serialize)]
 pub struct Calibrated {
     /// Name of the dataset.
@@ -36,14 +36,14 @@ pub struct Calibrated {
     pub notes: Vec<String>,
     /// Final calibration; undetermined values are unchanged.
     pub calibration: Calibration,
-    /// True if it differs from the initial calibration.
+    /// True if the final calibration differs from the initial one.
     pub changed: bool,
-    /// Frames that could not be read, with the reason.
+    /// Names of the frames that could not be read, with the reasons.
     pub skipped: Vec<String>,
 }
 
 impl Calibrated {
-    /// Formats agreement before and after, all values and the notes as text.
+    /// Formats the agreement before and after the calibration, all values and the notes as text.
     pub fn text(&self) -> String {
         let Self { before, after, .. } = self;
         let (frames, split) = (self.frames, &self.split);
@@ -85,7 +85,7 @@ fn row(value: &CalibratedValue) -> [String; 6] {
     [value.name.to_owned(), before, after, best, error, format!("{verdict}{reason}")]
 }
 
-/// Four decimals, or two significant digits for small numbers.
+/// Formats a value with two to four decimals, or with two significant digits if it is small.
 fn digits(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),

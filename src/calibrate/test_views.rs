@@ -36,7 +36,7 @@ pub(super) fn ramps(n: usize) -> Vec<Pyramid> {
     (0..n).map(|_| Pyramid::new(image(), 1)).collect()
 }
 
-/// A wall seen by two cameras, the second closer by `nearer` (world units).
+/// Returns matches of a wall seen by two cameras. The second camera is closer by `nearer` (world units).
 pub(super) fn wall(nearer: f64) -> Matches {
     let (mut views, mut poses) = (Vec::new(), Vec::new());
     for view in 0..2 {

@@ -10,9 +10,10 @@ use crate::math::least_squares::NormalEquations;
 use glam::DVec3;
 use serde::Serialize;
 
-/// Number of unknowns: depth, then colour camera.
+/// Number of unknowns: those of depth, followed by those of the colour camera.
 pub(super) const N: usize = 2 + N_CAMERA;
-/// Number including a view's own pose: translation and rotation of its camera, in the camera frame.
+/// Number of unknowns including the pose of one view: translation and rotation of its camera, in the
+/// camera's frame.
 pub(super) const WITH_POSE: usize = N + 6;
 pub(super) const DEPTH: [usize; 2] = [0, 1];
 pub(super) const CAMERA: usize = 2;
@@ -27,23 +28,24 @@ pub(super) const NAMES: [&str; N] = [
     "colour principal point y, pixels",
 ];
 
-/// Prior standard deviations of consumer sensors; depth and camera offset in metres.
+/// Prior standard deviations of the unknowns for consumer sensors. Depth offset and camera offset are in
+/// metres, roll is in radians.
 const DEPTH_OFFSET_M: f64 = 0.015;
 const DEPTH_SCALE: f64 = 0.02;
 const CAMERA_OFFSET_M: f64 = 0.03;
 const CAMERA_ROLL: f64 = 0.02;
 const LOG_FOCAL: f64 = 0.08;
-/// Relative to the image width.
+/// Prior standard deviation of the principal point, relative to the image width.
 const PRINCIPAL: f64 = 0.03;
 
-/// Prior standard deviations of recorded poses, metres and radians. Recordings were found to be off by 2 to
-/// 18 mm and 0.012 rad.
+/// Prior standard deviations of recorded poses, metres and radians. Measured errors of recordings are 2
+/// to 18 mm and 0.012 radians.
 const POSE_SHIFT_M: f64 = 0.005;
 const POSE_TURN: f64 = 0.005;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unknowns {
-    /// Offset (world units) and scale.
+    /// Depth offset (world units) and depth scale.
     pub depth: [f64; 2],
     pub camera: CameraUnknowns,
 }
@@ -66,7 +68,8 @@ impl Unknowns {
         }
     }
 
-    /// Value in natural parameterisation: focal length in pixels, absolute roll.
+    /// Returns an unknown in its natural parameters. The focal length is in pixels instead of a
+    /// logarithm. Roll (radians) is absolute instead of relative to the start.
     pub fn natural_value(&self, i: usize) -> f64 {
         match i.checked_sub(CAMERA) {
             Some(FOCAL) => self.camera.camera().focal[0],
@@ -81,8 +84,8 @@ impl Unknowns {
     }
 }
 
-/// Translation (world units) and rotation (radians) of a view's camera relative to its recorded pose, in
-/// its frame.
+/// Pose correction of a view: translation (world units) and rotation (radians) of its camera. It is
+/// relative to the recorded pose, in the camera's frame.
 pub(super) type Twist = [f64; 6];
 
 pub(super) fn split_twist(twist: &Twist) -> [DVec3; 2] {
@@ -106,13 +109,13 @@ impl Estimate {
 pub(super) struct SensorPrior {
     mean: [f64; N],
     deviation: [f64; N],
-    /// Standard deviation of each pose's translation and rotation.
+    /// Standard deviations of a pose's translation (world units) and rotation (radians).
     pose: [f64; 2],
 }
 
 impl SensorPrior {
-    /// Centres the prior on depth as decoded and on the layout's known colour camera; `metre` is in world
-    /// units. Camera unknowns are relative to `start`.
+    /// Creates a prior centred on uncorrected depth and on `known`, the layout's known colour camera.
+    /// `metre` is the length of a metre in world units. Camera unknowns are relative to `start`.
     pub fn new(known: ColorCamera, start: &Unknowns, metre: f64) -> Self {
         let camera = start.camera.parameters_of(&known);
         // The image width is unknown here, and the principal point is near its middle.
@@ -152,7 +155,7 @@ impl SensorPrior {
     }
 }
 
-/// An estimated value before and after, and whether the data determines it.
+/// Estimated value before and after the calibration, and whether the data determines it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CalibratedValue {
     /// Name of the value, with its unit.
@@ -169,7 +172,7 @@ pub struct CalibratedValue {
     pub standard_error: f64,
     /// True if the data determines the value.
     pub determined: bool,
-    /// Why the value was not changed, or not by itself.
+    /// Reason why the value was not changed, or was changed only because other values depend on it.
     pub reason: Option<String>,
 }
 

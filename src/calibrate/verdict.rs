@@ -16,21 +16,23 @@ use crate::calibrate::CalibrationInput;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
 
-/// Minimum relative decrease of the colour loss, in held-out frames, for accepting another camera. On the
-/// 7-Scenes Kinect, whose camera is known, wrong poses and depths yield 3 %, with worse held-out views; on
-/// Lego, with registered colours, 1.4 %.
+/// Minimum relative decrease of the colour loss, in held-out frames, for accepting another camera. On
+/// the 7-Scenes Kinect, whose camera is known, errors of poses and depth favour a wrong camera by 3 %.
+/// On Lego, with registered colours, the decrease is 1.4 %.
 const MIN_FALL: f64 = 0.05;
-/// Minimum mean image shift, pixels, for accepting another camera; on Lego it is 0.4.
+/// Minimum mean image shift, in pixels, for accepting another camera. On Lego, with registered colours,
+/// the shift is 0.4.
 const MIN_SHIFT: f64 = 1.0;
-/// Minimum relative increase of the other half's loss when a value is held at the start. Pose errors shift
-/// the minimum: on the 7-Scenes Kinect to a roll that gains 0.8 % but makes held-out views worse.
+/// Minimum relative increase of the other half's loss, caused by holding a value at its initial value,
+/// for changing the value. Pose errors shift the minimum. On the 7-Scenes Kinect, a wrong roll decreases
+/// the loss by 0.8 % but makes held-out views worse.
 const MIN_RISE: f64 = 0.02;
-/// Minimum difference from the initial value in standard errors. Poses are often fitted to the same depth
-/// and share its errors, which is invisible in the views.
+/// Minimum difference from the initial value, in standard errors, for changing a value. Poses are often
+/// fitted to the same depth and share its errors, which the views cannot reveal.
 const SIGNIFICANT: f64 = 4.0;
-/// Maximum image shift, pixels, at which a value counts as confirmed rather than changed.
+/// Maximum image shift, in pixels, at which an estimate counts as confirmation of the initial value.
 const SAME: f64 = 1.0;
-/// Maximum shift of all other values, in standard errors, at which a value may revert alone.
+/// Maximum shift of any other value, in its standard errors, at which a value may be reverted alone.
 const LEANING: f64 = 1.0;
 
 struct Half<'a> {
@@ -64,8 +66,8 @@ impl<'a> CrossValidation<'a> {
         Ok(Self { prior, start, halves: [half(first)?, half(second)?] })
     }
 
-    /// Scales down the evidence where the halves differ by more than their equations predict: consecutive
-    /// views share pose errors.
+    /// Scales down the evidence if the halves differ by more than their equations predict, and fits it
+    /// again. Consecutive views share pose errors, which the equations do not include.
     pub fn scale_evidence(
         &mut self,
         evidence: &mut Evidence<'a>,
@@ -83,7 +85,8 @@ impl<'a> CrossValidation<'a> {
         }
     }
 
-    /// Tests each half's camera on the other half; returns true if it is accepted, and what was found.
+    /// Tests each half's camera on the other half. Returns whether the camera is accepted, and a
+    /// description of the result.
     pub fn test_camera(&mut self, best: &Unknowns) -> (bool, String) {
         let mut falls = [0.0; 2];
         for (own, other) in [(0, 1), (1, 0)] {
@@ -105,8 +108,8 @@ impl<'a> CrossValidation<'a> {
         (fall >= MIN_FALL && shift >= MIN_SHIFT, found)
     }
 
-    /// Relative increase of each half's loss if the other half's optimum is refitted with some of the
-    /// `free` unknowns held at the start.
+    /// Refits each half's optimum with the `held` unknowns fixed to their initial values. Returns the
+    /// relative increases of the loss in the respective other half.
     fn loss_increases(&mut self, held: &[usize], free: &[usize]) -> [f64; 2] {
         let kind =
             if DEPTH.contains(&held[0]) { ResidualKind::Thickness } else { ResidualKind::Color };
@@ -123,7 +126,8 @@ impl<'a> CrossValidation<'a> {
         })
     }
 
-    /// Reverts some of the `free` unknowns to the start in all fits; returns the remaining free ones.
+    /// Reverts the `held` unknowns to their initial values in all fits, and fits the other `free`
+    /// unknowns again. Returns these other unknowns.
     fn revert_values(
         &mut self,
         held: &[usize],
@@ -143,8 +147,8 @@ impl<'a> CrossValidation<'a> {
         rest
     }
 
-    /// Accepts the `free` unknowns that the data determines, depth first. Returns the result for every
-    /// value.
+    /// Accepts those `free` unknowns that the data determines, depth before camera. Returns the result
+    /// for every value.
     pub fn accept_values(
         &mut self,
         evidence: &mut Evidence,
@@ -273,14 +277,15 @@ fn insignificance([a, b]: [f64; 2], of: &str) -> Option<String> {
     })
 }
 
-/// Pyramid levels; a pixel of the coarsest covers 8 × 8.
+/// Number of pyramid levels. A pixel of the coarsest level covers 8 × 8 pixels of the full resolution.
 pub(super) const LEVELS: usize = 4;
-/// Levels after the coarsest. The last repeats level 0, because aligned surfaces must be matched again.
+/// Order in which the levels are fitted after the coarsest. Level 0 is repeated, because aligned
+/// surfaces must be matched again.
 const ORDER: [usize; 4] = [2, 1, 0, 0];
 pub(super) const STEPS: usize = 1 + ORDER.len();
-/// Maximum number of fits per level, with gains and weights updated in between.
+/// Maximum number of fits per level. Gains and weights are updated between fits.
 const MAX_ROUNDS: usize = 12;
-/// Shift, pixels of the level's images, at which a level has converged.
+/// Change of the estimate, in pixels of the level's images, at which a level has converged.
 const SETTLED: f64 = 0.03;
 
 #[derive(Clone, Copy)]
@@ -296,8 +301,8 @@ impl<'a> Views<'a> {
         [Self { frames, images }, Self { frames: others, images: their_images }]
     }
 
-    /// Matches the views at an estimate and pyramid level, and estimates gains. If no camera unknown is in
-    /// `free`, the input's colour camera is used.
+    /// Matches the points of the views under an estimate, for a pyramid level, and estimates gains. If
+    /// no camera unknown is in `free`, the input's colour camera is used.
     pub fn match_views(
         self,
         input: &CalibrationInput,
@@ -322,7 +327,8 @@ impl<'a> Views<'a> {
     }
 }
 
-/// Returns the best values of the `free` unknowns, and the evidence around them.
+/// Fits the `free` unknowns level by level, from the coarsest. Returns the best estimate and its
+/// evidence.
 pub(super) fn search<'a>(
     input: &CalibrationInput,
     views: Views<'a>,
@@ -344,7 +350,8 @@ pub(super) fn search<'a>(
     Ok((best, evidence))
 }
 
-/// Alternates fits of unknowns and gains: gains are linear in logarithms, the unknowns are not.
+/// Alternates between fitting the `free` unknowns and fitting the gains until the estimate converges.
+/// Gains have a linear solution in logarithms; the unknowns do not.
 pub(super) fn refine(
     evidence: &mut Evidence,
     prior: &SensorPrior,

@@ -109,7 +109,8 @@ impl<'a> FrameLine<'a> {
         keys.iter().find_map(|key| self.json.get(key).and_then(Value::as_str))
     }
 
-    /// Makes the frame of this line. The outer error ends the opening, the inner one skips the frame.
+    /// Creates the frame described by this line. The outer error aborts opening the dataset; the inner
+    /// error skips the frame.
     fn recorded(
         &self,
         name: &str,
@@ -183,8 +184,8 @@ impl<'a> FrameLine<'a> {
         Some(Intrinsics { width: size.0, height: size.1, fx, fy, cx, cy })
     }
 
-    /// Size of a depth file: as stated, or derived from the number of floats and the photograph's aspect
-    /// ratio.
+    /// Returns the size of a depth image as stated by the line or the image file. For floats without
+    /// header, derives it from their number and the photograph's aspect ratio.
     fn depth_size(&self, file: &ByteSource, color: (u32, u32)) -> Result<(u32, u32), FrameProblem> {
         let pair = |key: &str| {
             let value = self.json.get(key).and_then(flat_numbers);
@@ -215,7 +216,7 @@ impl<'a> FrameLine<'a> {
     }
 }
 
-/// Parses a matrix of 16 numbers, by rows or by columns, nested or flat.
+/// Parses a matrix of 16 numbers, stored by rows or by columns, as a nested or flat array.
 fn matrix(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     let shape = |found: String| FrameProblem::PoseShape(found);
     let value = value.ok_or_else(|| shape("no `camera_to_world`".to_owned()))?;

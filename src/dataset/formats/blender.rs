@@ -39,7 +39,7 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     parse,
 };
 
-/// Files with this prefix should be frame lists, so a broken one is reported, not skipped.
+/// Prefix of the names of frame lists. A damaged file with this prefix is reported instead of skipped.
 const LIST_PREFIX: &str = "transforms";
 
 fn recognise(folder: &Folder) -> Option<String> {
@@ -230,7 +230,8 @@ struct ImageFolders<'a> {
 }
 
 impl ImageFolders<'_> {
-    /// Finds the colour file of a `file_path`, which may lack the extension, and its depth file.
+    /// Finds the colour file of a `file_path`, which may lack the extension, and the corresponding depth
+    /// file.
     fn find(
         &mut self,
         file_path: &str,
@@ -266,7 +267,8 @@ impl ImageFolders<'_> {
     }
 }
 
-/// Maps the stem of `STEM_depth_DIGITS.png` to the file; the lowest number wins.
+/// Maps each `STEM` to its depth file `STEM_depth_DIGITS.png`. Of several files, the one with the lowest
+/// number is used.
 fn depth_files(listing: &FolderListing) -> HashMap<String, String> {
     let mut by_stem = HashMap::new();
     for name in listing.files() {

@@ -30,8 +30,8 @@ use crate::math::camera::Intrinsics;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Generates both the variants of [`Layout`] and the table of their formats from one list, so that they
-/// cannot disagree.
+/// Generates the variants of [`Layout`] and the table of their formats from one list, so that both
+/// always agree.
 macro_rules! layouts {
     ($($(#[$doc:meta])* $name:ident: $format:path,)*) => {
         /// Layout of a dataset's files.
@@ -40,7 +40,7 @@ macro_rules! layouts {
         #[strum(serialize_all = "kebab-case")]
         pub enum Layout {
             $($(#[$doc])* $name,)*
-            /// Procedural frames without files.
+            /// Procedural frames rendered in memory, without files.
             Synthetic,
         }
 
@@ -115,7 +115,7 @@ pub(super) fn parse(
 }
 
 impl Layout {
-    /// Name in reports and messages, such as `seven-scenes`.
+    /// Returns the layout's name in reports and messages, such as `seven-scenes`.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -126,12 +126,14 @@ impl Layout {
         all.into_iter().find(|layout| layout.name() == name)
     }
 
-    /// True if its files state lengths in metres; other layouts have arbitrary units.
+    /// True if the layout's files state lengths in metres. Lengths of other layouts have arbitrary
+    /// units.
     pub fn is_metric(self) -> bool {
         !matches!(self, Self::Blender | Self::Nerfstudio)
     }
 
-    /// Convention of its pose matrices; OpenCV for procedural frames, which have none.
+    /// Returns the convention of the layout's pose matrices. Procedural frames have no matrices and
+    /// return OpenCV.
     pub fn pose_convention(self) -> PoseConvention {
         let format = FORMATS.iter().find(|(layout, _)| *layout == self);
         format.map_or(PoseConvention::Opencv, |(_, format)| format.poses)
@@ -149,14 +151,15 @@ impl Layout {
 pub(in crate::dataset) struct DatasetFormat {
     pub identified_by: &'static str,
     pub poses: PoseConvention,
-    /// Describes the identifying content found, if this is the layout. Must not fail on unknown content.
+    /// Returns a description of the identifying files if the folder has this layout, else `None`.
+    /// Unknown content must not cause an error.
     pub recognise: fn(&Folder) -> Option<String>,
     pub parse: fn(&Folder, &LoadOptions) -> Result<ParsedFolder, DatasetError>,
 }
 
 #[derive(Default)]
 pub(super) struct ParsedFolder {
-    /// Splits; the caller drops empty ones.
+    /// Splits of the dataset. The caller drops empty splits.
     pub splits: Vec<DatasetSplit>,
     pub warnings: Vec<Warning>,
     pub notes: Vec<String>,
@@ -174,7 +177,7 @@ impl ParsedFolder {
 mod tests {
     use super::*;
 
-    /// Checkpoints and reports contain these names.
+    /// Checkpoints and reports contain the names tested here.
     #[test]
     fn names_are_those_of_files() {
         let names = "blender seven-scenes tum open3d replica scannet nerfstudio record3d \

@@ -49,7 +49,7 @@ fn frame_list(folder: &Folder) -> Option<(&str, Value)> {
     })
 }
 
-/// True for frame lists of this layout, false for those of NeRF-synthetic.
+/// True for frame lists of the nerfstudio layout, false for those of NeRF-synthetic.
 pub(super) fn is_list(json: &Value) -> bool {
     let frames = array(json, "frames");
     let named = |keys: &[&str], frame: &Value| keys.iter().any(|key| frame.get(key).is_some());
@@ -88,7 +88,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-/// Sizes of most photographs and of most depth images; `None` if none can be read.
+/// Most frequent size of photographs and most frequent size of depth images; `None` if none can be read.
 type Sizes = [Option<(u32, u32)>; 2];
 
 fn has_own_camera(frame: &Value) -> bool {
@@ -105,10 +105,11 @@ impl FrameList<'_> {
         FrameCamera { frame, list: self.json, file: self.file }
     }
 
-    /// Sizes of most photographs, to which list-wide intrinsics refer, and of most depth images.
+    /// Returns the most frequent size of photographs and that of depth images. Intrinsics common to all
+    /// frames refer to the photographs' size.
     ///
     /// # Errors
-    /// Photographs of another size than the list states.
+    /// Fails if most photographs differ from the size that the list states.
     fn sizes(&self, folder: &Folder, frames: &[Value]) -> Result<Sizes, DatasetError> {
         let named = |keys: &[&str]| -> Vec<&str> {
             frames.iter().filter_map(|frame| first_of(frame, keys)?.as_str()).collect()
@@ -143,7 +144,8 @@ impl FrameList<'_> {
         Ok(encoding(recording.options, CodeKind::ByContent(unit), Sensor::Lidar, ANY_RANGE))
     }
 
-    /// Makes the frame of an entry. The outer error ends the opening, the inner one skips the frame.
+    /// Creates the frame of an entry. The outer error aborts opening the dataset; the inner error skips
+    /// the frame.
     fn recorded(
         &self,
         frame: &Value,
@@ -193,7 +195,7 @@ impl FrameList<'_> {
     }
 }
 
-/// Finds the photograph, whose name may lack the extension.
+/// Finds the photograph `name`, which may lack the extension.
 fn photograph(folder: &Folder, name: &str) -> Result<ByteSource, FrameProblem> {
     let with = PHOTOGRAPHS.iter().map(|extension| format!("{name}.{extension}"));
     file_of(folder, std::iter::once(name.to_owned()).chain(with))?

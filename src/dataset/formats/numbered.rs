@@ -16,19 +16,20 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Extensions of photographs, in the order in which they are tried where a list omits them.
+/// File name extensions of photographs, in the order in which they are tried if a list omits the
+/// extension.
 pub(super) const PHOTOGRAPHS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 pub(super) struct NumberedFiles {
     relative: PathBuf,
     listing: Rc<FolderListing>,
     by_number: BTreeMap<u64, String>,
-    /// Numbers with more than one file, and the names of the further files.
+    /// Numbers with more than one file, each with the name of a further file.
     pub duplicates: Vec<(u64, String)>,
 }
 
 impl NumberedFiles {
-    /// Lists files with one of the extensions whose names are `prefix` followed by a number.
+    /// Lists the files whose names consist of `prefix`, a number and one of the extensions.
     pub fn list(
         folder: &Folder,
         relative: &str,
@@ -59,7 +60,8 @@ impl NumberedFiles {
         self.by_number.keys().copied()
     }
 
-    /// Numbers in any of the lists, so that frames with a missing file are reported instead of skipped.
+    /// Returns all numbers that occur in any of the lists. Frames with a missing file are thus reported
+    /// instead of ignored.
     pub fn union(lists: &[&Self]) -> BTreeSet<u64> {
         lists.iter().flat_map(|list| list.numbers()).collect()
     }
@@ -97,7 +99,7 @@ impl NumberedFiles {
     }
 }
 
-/// Parses the first digits after the prefix; `00012-000033.png` has the number 12.
+/// Parses the first number after the prefix. For example, `00012-000033.png` has the number 12.
 fn number(name: &str, prefix: &str, extensions: &[&str]) -> Option<u64> {
     let (stem, extension) = name.rsplit_once('.')?;
     // Some cameras write extensions in upper case.
@@ -131,7 +133,8 @@ impl ListedSplit {
         self.frames.iter().map(|frame| &frame.color)
     }
 
-    /// Bits per channel of most depth images, 8 without depth; `None` if none can be read.
+    /// Returns the most frequent number of bits per channel of the depth images; 8 without depth.
+    /// Returns `None` if no image can be read.
     pub fn depth_bits(&self) -> Option<u16> {
         let depths: Vec<_> =
             self.frames.iter().filter_map(|frame| frame.depth.as_ref().ok()).collect();
@@ -140,7 +143,8 @@ impl ListedSplit {
         bits.map(|bits| bits.unwrap_or(8)).ok()
     }
 
-    /// Makes the split. If the split has depth, frames without depth are skipped.
+    /// Creates the split from the listed frames. If any frame has depth, frames without depth are
+    /// skipped.
     pub fn into_split(
         self,
         intrinsics: Intrinsics,
@@ -165,7 +169,8 @@ impl ListedSplit {
         DatasetSplit { name: self.name, frames, has_depth }
     }
 
-    /// Skips all frames with a warning each: without a readable header, camera or encoding is unknown.
+    /// Skips every frame with a warning, for splits whose camera or depth encoding is unknown because no
+    /// file header is readable.
     pub fn skip_unreadable(self, parsed: &mut ParsedFolder) {
         for ListedFrame { name, color, depth, .. } in self.frames {
             let (file, problem) = match (decode::header(&color), depth) {

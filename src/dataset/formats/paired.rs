@@ -60,7 +60,8 @@ impl Pair {
     }
 }
 
-/// Pairs files by number, or by order if the counts are equal and the numbers differ.
+/// Pairs photographs and depth images by number, or by order if their counts are equal and their numbers
+/// differ.
 fn pairs(
     recording: &mut Recording,
     colors: &NumberedFiles,
@@ -169,7 +170,7 @@ fn recognise_open3d(folder: &Folder) -> Option<String> {
     trajectory_log(folder).map(|log| format!("{log}, with {images}"))
 }
 
-/// Finds a log whose first block is a pose.
+/// Finds a log file whose first block is a pose.
 fn trajectory_log(folder: &Folder) -> Option<&str> {
     let is_trajectory = |name: &&str| {
         let text = folder.peek(name);

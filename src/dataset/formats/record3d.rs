@@ -108,7 +108,8 @@ impl Metadata {
         })
     }
 
-    /// Cameras of a frame: its own intrinsics if listed, else those for all.
+    /// Returns the cameras of a frame, from the frame's own intrinsics if listed, else from those common
+    /// to all frames.
     fn cameras(
         &self,
         recording: &Recording,
@@ -125,7 +126,8 @@ impl Metadata {
         recording.cameras_of_lens(&k, size, depth_size, &self.file)
     }
 
-    /// Size of depth: from the files if they state it, else `dw` and `dh`.
+    /// Returns the size of the depth images: from the files if they state it, else from the keys `dw`
+    /// and `dh`.
     fn depth_size(
         &self,
         frames: &BTreeMap<u64, FrameSources>,
@@ -177,7 +179,7 @@ fn recognise(folder: &Folder) -> Option<String> {
     Some(format!("the archive {name} with `metadata` of `K` and `poses`"))
 }
 
-/// Name of the archive that was opened, even if damaged, or of the only recording in the root.
+/// Returns the name of the opened archive, even if it is damaged, or of the only recording in the root.
 fn archive_name(folder: &Folder) -> Option<&str> {
     if let Some(name) = folder.opened_archive() {
         return Some(name);

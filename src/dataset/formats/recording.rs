@@ -26,11 +26,12 @@ use std::path::{Path, PathBuf};
 
 const SPLIT: &str = "all";
 
-/// Trusted depth of structured-light sensors (Kinect, Structure), metres.
+/// Interval of trusted depth of structured-light sensors (Kinect, Structure), metres.
 pub(super) const STRUCTURED_LIGHT_RANGE: [f64; 2] = [0.3, 4.0];
-/// Trusted depth of a phone's lidar, metres; beyond it, depth is inferred from the photograph.
+/// Interval of trusted depth of a phone's lidar, metres. Beyond it, phones infer depth from the
+/// photograph.
 pub(super) const LIDAR_RANGE: [f64; 2] = [0.1, 5.0];
-/// Trusted depth of renderings, which are exact at any length.
+/// Interval of trusted depth of renderings, which are exact at any length.
 pub(super) const ANY_RANGE: [f64; 2] = [0.0, f64::INFINITY];
 
 pub(super) struct Recording<'a> {
@@ -40,7 +41,7 @@ pub(super) struct Recording<'a> {
     pub frames: Vec<FrameEntry>,
 }
 
-/// The depth camera, and the photograph's camera if it differs.
+/// Intrinsics of the depth camera, and the photograph's camera if it differs.
 #[derive(Clone, Copy)]
 pub(super) struct Cameras {
     pub depth: Intrinsics,
@@ -48,7 +49,7 @@ pub(super) struct Cameras {
     pub lens: Distortion,
 }
 
-/// Makes a frame without time from its files.
+/// Creates a frame from its files, without a timestamp.
 pub(super) fn frame_entry(
     name: String,
     pose: Pose,
@@ -61,7 +62,8 @@ pub(super) fn frame_entry(
     FrameEntry { name, camera: Camera { intrinsics, pose }, color_camera, time: None, source }
 }
 
-/// Encoding of depth along the optical axis. The user's depth scale overrides the unit of `codes`.
+/// Returns an encoding of depth along the optical axis. The user's depth scale and range override the
+/// unit of `codes` and `trusted`.
 pub(super) fn encoding(
     options: &LoadOptions,
     codes: CodeKind,
@@ -96,7 +98,7 @@ impl<'a> Recording<'a> {
         self.skip(&format!("line {line}"), file.to_owned(), problem);
     }
 
-    /// Adds a frame; on an error, skips it with a warning about `file`.
+    /// Adds a frame. If `frame` is an error, adds a warning about `file` instead.
     pub fn add(&mut self, name: &str, file: &Path, frame: Result<FrameEntry, FrameProblem>) {
         match frame {
             Ok(frame) => self.frames.push(frame),
@@ -104,7 +106,7 @@ impl<'a> Recording<'a> {
         }
     }
 
-    /// Replaces the error of an unreadable file by a warning.
+    /// Returns the size. An unreadable file becomes a warning and yields `None`.
     pub fn warn_unreadable(&mut self, size: ImageSize) -> Option<(u32, u32)> {
         size.unwrap_or_else(|(file, problem)| {
             self.skip(SPLIT, file, problem);
@@ -112,8 +114,8 @@ impl<'a> Recording<'a> {
         })
     }
 
-    /// Lists the files of a folder that are `prefix` and a number; a second file of a number becomes a
-    /// warning.
+    /// Lists the files of a folder whose names consist of `prefix` and a number. A second file with the
+    /// same number becomes a warning.
     pub fn list(
         &mut self,
         name: &str,
@@ -133,7 +135,8 @@ impl<'a> Recording<'a> {
         Ok(files)
     }
 
-    /// As [`Self::list`] for names without prefix; `None` without the folder.
+    /// Lists the files of a folder as [`Self::list`] does, without prefix. Returns `None` if the folder
+    /// does not exist.
     pub fn list_optional(
         &mut self,
         name: &str,
@@ -148,8 +151,8 @@ impl<'a> Recording<'a> {
         }
     }
 
-    /// Sizes of photographs and depth, by majority of the readable ones. `None` if there are none; an
-    /// unreadable file becomes a warning.
+    /// Returns the most frequent sizes of readable photographs and depth images. Returns `None` if there
+    /// are none. An unreadable file becomes a warning.
     pub fn sizes(
         &mut self,
         colors: impl IntoIterator<Item = impl Borrow<ByteSource>>,
@@ -164,7 +167,7 @@ impl<'a> Recording<'a> {
         self.parsed.notes.push(note.into());
     }
 
-    /// Makes one split of all frames. If any frame has depth, frames without depth are skipped.
+    /// Creates one split of all frames. If any frame has depth, frames without depth are skipped.
     pub fn finish(mut self) -> ParsedFolder {
         // A recording without any depth is photographs alone, and nothing is missing.
         let has_depth = self.frames.iter().any(|frame| frame.depth_path().is_some());
@@ -201,7 +204,8 @@ impl<'a> Recording<'a> {
         DepthSource { file, encoding, confidence: confidence.map(|map| (map, least)) }
     }
 
-    /// Cameras with one lens, from the intrinsics `stated` by `file` for images of any size.
+    /// Returns the cameras of a photograph and a depth image that share one lens. `file` states the
+    /// intrinsics `stated` for images of any size. `color` and `depth` are image sizes.
     pub fn cameras_of_lens(
         &self,
         stated: &Intrinsics,
@@ -258,7 +262,7 @@ pub(super) fn same_size(
     }
 }
 
-/// Most frequent size in pixels, or the first file that cannot be read and why.
+/// Most frequent image size in pixels, or the first file that cannot be read with the reason.
 type ImageSize = Result<Option<(u32, u32)>, (PathBuf, FrameProblem)>;
 
 pub(super) fn photograph_size(

@@ -32,7 +32,7 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const POSES: &str = "traj.txt";
 const IMAGES: &str = "results";
 const CAMERA: &str = "cam_params.json";
-/// Codes per metre of NICE-SLAM's renderings: 16 bits span 10 m.
+/// Depth codes per metre in NICE-SLAM's renderings, whose 16 bits span 10 m.
 const CODES_PER_METRE: f64 = 6553.5;
 const PUBLISHED: KnownCamera = KnownCamera {
     source: "published",

@@ -35,15 +35,15 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     parse,
 };
 
-/// Suffixes of folder names, which the exporter prefixes with the map's name.
+/// Suffixes of folder names. The exporter adds the map's name as prefix.
 const COLORS: &str = "rgb";
 const DEPTHS: &str = "depth";
 const CALIBRATIONS: &str = "calib";
-/// Part of the name of a file with the camera's own poses.
+/// Part of a file name that marks poses of the camera instead of the robot.
 const OF_CAMERA: &str = "camera";
-/// Metres.
+/// Interval of trusted depth, metres.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 5.0];
-/// Maximum difference between the rounded time in a name and the time of its pose, seconds.
+/// Maximum difference between the rounded time in a file name and the time of its pose, seconds.
 const TIME_ROUNDING: f64 = 2e-3;
 
 fn recognise(folder: &Folder) -> Option<String> {
@@ -168,7 +168,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-/// A folder's images by stem, ordered by number or time.
+/// Images of a folder with their file names by stem (name without extension), ordered by number or time.
 struct Images<'a> {
     folder: &'a Folder,
     name: String,
@@ -198,7 +198,7 @@ impl<'a> Images<'a> {
         Ok(self.folder.file(Path::new(&self.name), &self.listing, name)?.into())
     }
 
-    /// Images whose number or time is at least `least`.
+    /// Returns the images whose number or time is at least `least`.
     fn from(&self, least: f64) -> &[(String, String)] {
         self.by_stem.split_at(self.by_stem.partition_point(|(stem, _)| value(stem) < least)).1
     }
@@ -241,13 +241,13 @@ impl<'a> Images<'a> {
     }
 }
 
-/// Number or time in a name; other names are sorted last.
+/// Parses the number or time in a file name. Other names yield infinity and are sorted last.
 fn value(stem: &str) -> f64 {
     stem.parse().ok().filter(|value: &f64| value.is_finite()).unwrap_or(f64::INFINITY)
 }
 
-/// Reads the camera from OpenCV's YAML, which is not valid YAML: it begins with `%YAML:1.0` and tags
-/// matrices.
+/// Reads the camera from OpenCV's YAML. It is not valid YAML, because it begins with `%YAML:1.0` and
+/// tags matrices.
 fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
     // Only these lines are read, so no YAML parser is needed.
     let number = |key: &str| {
@@ -267,7 +267,7 @@ fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
     Ok(k)
 }
 
-/// Transform from camera to robot; identity if it is not stated.
+/// Reads the transform from camera to robot; identity if the file does not state it.
 fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
     const KEY: &str = "local_transform:";
     if !text.contains(KEY) {
@@ -282,7 +282,7 @@ fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
     })
 }
 
-/// Text between the brackets of a matrix's `data`.
+/// Returns the text between the brackets of the `data` of matrix `key`.
 fn data<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     let (_, rest) = text.split_once(key)?.1.split_once("data:")?;
     Some(rest.split_once('[')?.1.split_once(']')?.0)

@@ -40,13 +40,14 @@ const COLOR_SUFFIXES: [&str; 3] = [".color.png", ".color.jpg", ".color.jpeg"];
 const DEPTH_SUFFIX: &str = ".depth.png";
 const SPLIT_SUFFIX: &str = "Split.txt";
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
-/// The dataset's depth camera.
+/// Depth camera of the published dataset.
 const PUBLISHED: KnownCamera = KnownCamera {
     source: "published",
     intrinsics: Intrinsics { width: 640, height: 480, fx: 585.0, fy: 585.0, cx: 320.0, cy: 240.0 },
 };
 
-/// The published Kinect's colour images are not registered to its depth.
+/// Returns the known colour camera if `depth_camera` is the published Kinect, whose colour images are
+/// not registered to depth.
 pub(super) fn known_calibration(depth_camera: &Intrinsics) -> Option<Calibration> {
     // Exactly equal: a folder with its own intrinsics is another camera.
     let is_kinect = *depth_camera == PUBLISHED.intrinsics;
@@ -155,7 +156,8 @@ fn split_folders(
     Ok(splits)
 }
 
-/// Adds a notice about sequences in more than one split: evaluation on them would use training frames.
+/// Adds a note about sequences that belong to more than one split. Evaluation on them would use training
+/// frames.
 fn note_shared(splits: &[(String, Vec<String>)], parsed: &mut ParsedFolder) {
     for (i, (split, folders)) in splits.iter().enumerate() {
         for (other, of_other) in splits.iter().skip(i + 1) {
@@ -170,7 +172,7 @@ fn note_shared(splits: &[(String, Vec<String>)], parsed: &mut ParsedFolder) {
     }
 }
 
-/// True if an entry of a split file, such as `sequence1`, names the folder, such as `seq-01`.
+/// True if an entry of a split file, such as `sequence1`, refers to the folder, such as `seq-01`.
 fn is_sequence(folder: &str, listed: &str) -> bool {
     folder == listed
         || (sequence_number(folder).is_some() && sequence_number(folder) == sequence_number(listed))
@@ -224,7 +226,7 @@ fn listed_frame(
     Ok(ListedFrame { name: frame_name(relative, stem), pose, color, depth })
 }
 
-/// Includes the folder, since every sequence counts its frames from 0.
+/// Returns the frame's name with its folder, because every sequence numbers its frames from 0.
 fn frame_name(relative: &Path, stem: &str) -> String {
     relative.join(stem).display().to_string()
 }
@@ -243,7 +245,7 @@ fn read_pose(
     Ok(Pose::from_opencv(matrix::from_text(&text)?)?)
 }
 
-/// Intrinsics of the depth camera; adds their source to `notes`.
+/// Returns the intrinsics of the depth camera, and adds their source to `notes`.
 fn intrinsics(
     folder: &Folder,
     size: (u32, u32),

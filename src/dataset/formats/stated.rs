@@ -16,16 +16,16 @@ pub(super) const PRIMESENSE: KnownCamera = KnownCamera {
     intrinsics: Intrinsics { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5 },
 };
 
-/// Camera of a layout's recordings if their files state none.
+/// Camera that is assumed for a layout's recordings if their files state none.
 pub(super) struct KnownCamera {
-    /// Names the source in messages.
+    /// Source of the intrinsics, for messages.
     pub source: &'static str,
     pub intrinsics: Intrinsics,
 }
 
 impl KnownCamera {
-    /// Returns these intrinsics for photographs of `size`, and notes that they are used. Errors name the
-    /// missing `file` and its `expected` content.
+    /// Returns the known intrinsics for photographs of `size`, and adds a note that they are used.
+    /// Errors name the missing `file` and its `expected` content.
     pub fn assume(
         &self,
         recording: &mut Recording,
@@ -43,7 +43,7 @@ impl KnownCamera {
     /// Returns the notice that this camera is used.
     ///
     /// # Errors
-    /// Photographs of another size.
+    /// Fails for photographs of another size.
     pub fn note(
         &self,
         size: (u32, u32),
@@ -61,11 +61,12 @@ impl KnownCamera {
     }
 }
 
-/// Names of text files with a camera matrix or `fx fy cx cy`.
+/// Names of text files that may contain a camera matrix or `fx fy cx cy`.
 const NAMES: [&str; 5] =
     ["camera-intrinsics.txt", "intrinsics.txt", "camera.txt", "calibration.txt", "intrinsic.txt"];
 
-/// Parses a camera matrix of 3×3 or 4×4 numbers by rows, or `fx fy cx cy`, for images of a size.
+/// Parses intrinsics for images of `size`: a camera matrix of 3×3 or 4×4 numbers by rows, or `fx fy cx
+/// cy`.
 pub(super) fn from_text(
     text: &str,
     size: (u32, u32),
@@ -90,7 +91,8 @@ pub(super) fn from_text(
     })
 }
 
-/// Reads a camera matrix by rows or columns; the position of the principal point decides which.
+/// Reads a camera matrix. The place of the principal point shows whether the matrix is stored by rows or
+/// by columns.
 pub(super) fn from_matrix(m: [f64; 9], (width, height): (u32, u32)) -> Option<Intrinsics> {
     let zero = |v: f64| v.abs() < 1e-6;
     let [cx, cy] = match zero(m[2]) && zero(m[5]) {
@@ -102,7 +104,7 @@ pub(super) fn from_matrix(m: [f64; 9], (width, height): (u32, u32)) -> Option<In
     is_pinhole.then_some(Intrinsics { width, height, fx: m[0], fy: m[4], cx, cy })
 }
 
-/// Reads a camera matrix from JSON: nine numbers, three rows or columns of three, or `fx fy cx cy`.
+/// Reads intrinsics from JSON: nine numbers, three rows or columns of three numbers, or `fx fy cx cy`.
 pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
     let numbers = flat_numbers(value)?;
     match numbers[..] {
@@ -111,22 +113,22 @@ pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
     }
 }
 
-/// Value of the first of the keys that is present.
+/// Returns the value of the first of the keys that is present.
 pub(super) fn first_of<'a>(json: &'a Value, keys: &[&str]) -> Option<&'a Value> {
     keys.iter().find_map(|key| json.get(key))
 }
 
-/// Width or height of an image, from the first of the keys that is present.
+/// Returns a width or height in pixels, from the first of the keys that is present.
 pub(super) fn side(json: &Value, keys: &[&str]) -> Option<u32> {
     u32::try_from(first_of(json, keys)?.as_u64()?).ok()
 }
 
-/// Items of an array; none if there is no such array.
+/// Returns the items of the array `key`; empty if there is no such array.
 pub(super) fn array<'a>(json: &'a Value, key: &str) -> &'a [Value] {
     json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
-/// Name of a frame list's entry: its path, or its place if it has none.
+/// Returns the name of a frame list's entry: its path or, without a path, its place in the list.
 pub(super) fn entry_name(entry: &Value, place: usize) -> String {
     let path = entry.get("file_path").and_then(Value::as_str);
     // Exporters differ in the leading `./`.
@@ -161,7 +163,8 @@ pub(super) fn in_text_file(
     Ok(Some((file, k)))
 }
 
-/// Camera stated by an Open3D JSON file (`intrinsic_matrix`, `width`, `height`), with the file's path.
+/// Reads the camera from an Open3D JSON file (`intrinsic_matrix`, `width`, `height`). Also returns the
+/// file's path.
 pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
     for name in folder.listing.files().filter(|name| name.ends_with(".json")) {
         let (file, text) = folder.text(name)?;
@@ -178,7 +181,7 @@ pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsic
     Ok(None)
 }
 
-/// Camera parameters of a frame; the list's values apply where the frame has none.
+/// Camera parameters of a frame. Where the frame has no value, the value of the whole list applies.
 #[derive(Clone, Copy)]
 pub(super) struct FrameCamera<'a> {
     pub frame: &'a Value,
@@ -198,15 +201,15 @@ impl FrameCamera<'_> {
         })
     }
 
-    /// Stated width and height; `unless` where they are missing.
+    /// Returns the stated width and height. A missing value is replaced by that of `unless`.
     pub fn size(&self, unless: (u32, u32)) -> Result<(u32, u32), DatasetError> {
         // The cast saturates: an absurd size fails the comparison with the images.
         let side = |n: Option<f64>, unless: u32| n.map_or(unless, |n| n as u32);
         Ok((side(self.number("w")?, unless.0), side(self.number("h")?, unless.1)))
     }
 
-    /// Intrinsics (`dataset.md`, Frames of reference): focal length in pixels or from the field of view,
-    /// and a centred principal point unless it is stated.
+    /// Returns the intrinsics (`dataset.md`, Frames of reference). The focal length is stated in pixels
+    /// or as a field of view. The principal point is at the image centre unless it is stated.
     pub fn intrinsics(&self, (width, height): (u32, u32)) -> Result<Intrinsics, DatasetError> {
         let (fx, mut fy) = match (self.number("fl_x")?, self.number("camera_angle_x")?) {
             // Pixels are square unless `fl_y` follows.
@@ -247,7 +250,7 @@ impl FrameCamera<'_> {
     }
 }
 
-/// Camera models whose distortion is `k1`, `k2`, `k3`, `p1` and `p2`, or less.
+/// Camera models whose distortion has at most the parameters `k1`, `k2`, `k3`, `p1` and `p2`.
 const KNOWN_MODELS: [&str; 7] = [
     "OPENCV",
     "PINHOLE",
@@ -281,11 +284,11 @@ pub(super) fn check_model(camera: &FrameCamera) -> Result<(), DatasetError> {
 
 const SAMPLED_FILES: usize = 9;
 
-/// Most frequent value among the sampled files; of equally frequent values the first file's. `None` without
-/// files.
+/// Returns the most frequent result of `ask` among some of the files. Of equally frequent results, that
+/// of the first file is returned. Returns `None` without files.
 ///
 /// # Errors
-/// The first error if no file can be read.
+/// Returns the first error if no file can be read.
 pub(super) fn majority<S, T: Copy + PartialEq, E>(
     files: &[S],
     ask: impl Fn(&S) -> Result<T, E>,

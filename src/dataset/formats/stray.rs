@@ -160,7 +160,7 @@ fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
     Ok(Files { colors, video, depths, confidences })
 }
 
-/// Size of the photographs, or of the depth if photographs are not used.
+/// Returns the size of the photographs, or that of depth if there are no photographs.
 fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Option<(u32, u32)> {
     let folder = recording.folder;
     if files.colors.is_none() && files.video.is_none() {
@@ -175,7 +175,8 @@ fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Op
     recording.warn_unreadable(photograph_size(sources))
 }
 
-/// Intrinsics for the size of the photographs, or of the app's video if the photographs were downscaled.
+/// Reads the intrinsics with the image size that they refer to. It is the photographs' size or, if
+/// photographs were downscaled, that of the app's video.
 fn camera(recording: &mut Recording, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
     let (file, text) = recording.folder.text(CAMERA)?;
     let k = stated::from_text(&text, size, &file)?;

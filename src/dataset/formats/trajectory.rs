@@ -4,8 +4,8 @@ use crate::dataset::error::FrameProblem;
 use crate::math::pose::Pose;
 use glam::{DMat4, DQuat, DVec3};
 
-/// Maximum time between a frame and its pose or photograph, seconds; half a frame interval at 30 Hz is 17
-/// ms.
+/// Maximum time between a frame and its pose or photograph, seconds. At 30 Hz, half a frame interval is
+/// 17 ms.
 pub(super) const TOLERANCE: f64 = 0.020;
 
 #[derive(Clone, Copy, Debug)]
@@ -16,8 +16,8 @@ pub(super) struct TimedPose {
 }
 
 impl TimedPose {
-    /// Makes a pose from `t tx ty tz qx qy qz qw`; `None` unless all are finite and the quaternion's length
-    /// is near 1.
+    /// Creates a pose from `t tx ty tz qx qy qz qw`. Returns `None` unless all values are finite and the
+    /// quaternion's length is near 1.
     pub fn new([time, x, y, z, qx, qy, qz, qw]: [f64; 8]) -> Option<Self> {
         let (position, turn) = (DVec3::new(x, y, z), DQuat::from_xyzw(qx, qy, qz, qw));
         // Rounded text stays far closer to length 1; other numbers are no quaternion.
@@ -34,21 +34,22 @@ impl TimedPose {
     }
 }
 
-/// Lines that are neither empty nor a comment (`#`), with their numbers from 1.
+/// Returns the lines that are neither empty nor a comment (`#`), with line numbers from 1.
 pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// Sorts by time, stably; returns the number of items that were earlier than the one before.
+/// Sorts items by time (stable sort). Returns the number of items that were earlier than the item
+/// before.
 pub(super) fn sort_by_time<T>(items: &mut [T], time: impl Fn(&T) -> f64) -> usize {
     let n = items.array_windows().filter(|[before, here]| time(here) < time(before)).count();
     items.sort_by(|a, b| time(a).total_cmp(&time(b)));
     n
 }
 
-/// Error for a time without a recording within [`TOLERANCE`]; `nearest` is the distance to the nearest one,
-/// seconds.
+/// Returns the error for a time without a pose or photograph (`what`) within [`TOLERANCE`]. `nearest` is
+/// the time to the nearest one, seconds.
 pub(super) fn not_in_time(what: &'static str, time: f64, nearest: Option<f64>) -> FrameProblem {
     let found = nearest.map(|nearest| format!("the nearest {:.0} ms away", 1e3 * nearest));
     let found = found.unwrap_or_else(|| "none".to_owned());
@@ -61,8 +62,8 @@ pub(super) struct Trajectory {
 }
 
 impl Trajectory {
-    /// Sorts poses by time and removes those with the time of an earlier one. Also returns how many were out
-    /// of order, and how many were removed.
+    /// Sorts poses by time and removes poses with the same time as an earlier pose. Also returns the
+    /// number of poses out of order and the number of removed poses.
     pub fn new(mut poses: Vec<TimedPose>) -> (Self, usize, usize) {
         let unordered = sort_by_time(&mut poses, |pose| pose.time);
         let n = poses.len();
@@ -76,10 +77,11 @@ impl Trajectory {
         self.poses.last().map(|pose| pose.time)
     }
 
-    /// Pose at a time, interpolated between the two nearest if there are two.
+    /// Returns the pose at a time, interpolated between the poses before and after. At either end of the
+    /// trajectory, returns the nearest pose.
     ///
     /// # Errors
-    /// No pose within [`TOLERANCE`].
+    /// Fails if no pose is within [`TOLERANCE`].
     pub fn at(&self, time: f64) -> Result<DMat4, FrameProblem> {
         let after = self.poses.partition_point(|pose| pose.time < time);
         let (before, after) =

@@ -47,12 +47,12 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const COLOR_LIST: &str = "rgb.txt";
 const DEPTH_LIST: &str = "depth.txt";
 const POSES: &str = "groundtruth.txt";
-/// Maximum time between a depth image and a photograph that count as simultaneous, seconds.
+/// Maximum time, in seconds, between a depth image and a photograph that count as simultaneous.
 const SIMULTANEOUS: f64 = 1e-3;
-/// Maximum relative deviation of a calibrated PrimeSense camera's focal length from the manufacturer's; 2 %
-/// in TUM's calibrations.
+/// Maximum relative deviation of a PrimeSense camera's focal length from the manufacturer's value. In
+/// TUM's calibrations, the deviation is 2 %.
 const CALIBRATED: f64 = 0.03;
-/// Metres per code.
+/// Length of one step of the depth codes, metres.
 const DEPTH_UNIT: f64 = 1.0 / 5000.0;
 
 fn recognise(folder: &Folder) -> Option<String> {
@@ -118,8 +118,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-/// True if all data for the frame of this depth image is written. Poses and photographs arrive in order of
-/// time, and the next one may be nearer.
+/// True if all data for the frame of a depth image is written. Poses and photographs are written in
+/// order of time, and a later one may be nearer to the frame.
 fn has_all_data(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedImage]) -> bool {
     let has = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
     // A Kinect needs poses until the last row is read.
@@ -198,8 +198,8 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
     Ok(trajectory)
 }
 
-/// Cameras from an option, a file or the known intrinsics, and whether they are a Kinect's. `None` if no
-/// image can be read.
+/// Determines the cameras from an option, a file or the known intrinsics. Also returns whether they are
+/// a Kinect's. Returns `None` if no image can be read.
 fn cameras(
     recording: &mut Recording,
     colors: &[TimedImage],
@@ -228,7 +228,7 @@ fn is_kinect(k: &Intrinsics) -> bool {
 #[derive(Clone, Copy)]
 struct Poses<'a> {
     trajectory: &'a Trajectory,
-    /// Convention set by the user; `None` for the layout's own.
+    /// Pose convention set by the user; `None` for the layout's convention.
     convention: Option<PoseConvention>,
     /// True for cameras with a rolling shutter.
     is_kinect: bool,
@@ -241,7 +241,8 @@ impl Poses<'_> {
         self.mounted(matrix).ok()
     }
 
-    /// As [`Self::at`], but in the layout's convention. Opening the dataset replaces it by the user's.
+    /// Returns the pose as [`Self::at`] does, but for the layout's convention. Opening the dataset
+    /// replaces this convention by the user's.
     fn stated_at(&self, time: f64) -> Result<Pose, FrameProblem> {
         let matrix = self.trajectory.at(time)?;
         let pose = self.mounted(matrix)?;
@@ -287,7 +288,8 @@ impl Poses<'_> {
         Self { is_kinect: rig.reads_rows, rig, ..self }
     }
 
-    /// Camera rotation during the readout of an image: the middle row at `time`, the duration in `seconds`.
+    /// Returns the camera rotation during the readout of an image. The middle row is read at `time`; the
+    /// readout takes `seconds`.
     fn shutter(&self, time: f64, seconds: f64) -> RollingShutter {
         let ends = (self.at(time - 0.5 * seconds), self.at(time + 0.5 * seconds));
         let turn = match ends {
@@ -309,8 +311,8 @@ impl Poses<'_> {
         }
     }
 
-    /// Places the colour camera at the photograph's time; unchanged if the trajectory has no pose at one of
-    /// the times.
+    /// Places the colour camera at its pose at the photograph's time. The cameras are unchanged if the
+    /// trajectory has no pose at one of the two times.
     fn cameras_at_times(&self, cameras: Cameras, size: [u32; 2], times: [f64; 2]) -> Cameras {
         // One pose suffices, and colours stay registered to depth.
         if (times[0] - times[1]).abs() < SIMULTANEOUS {
@@ -362,7 +364,7 @@ fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> O
     })
 }
 
-/// Name of the depth file without folder and extension.
+/// Returns the name of the depth file without folder and extension.
 fn frame_name(depth: &str) -> &str {
     depth.rsplit('/').next().unwrap_or(depth).trim_end_matches(".png")
 }

@@ -14,19 +14,21 @@ pub(super) struct ColorLookup<'a> {
     gain: Vec3,
 }
 
-/// Camera of colours that are not registered to depth.
+/// Colour camera separate from the depth camera, and the depths that it sees.
 pub(super) struct Beside<'a> {
     pub camera: &'a Projection,
     pub depths: &'a ReprojectedDepths,
-    /// Largest depth difference of one surface: constant and linear coefficient of depth.
+    /// Maximum depth difference within one surface, as a function of depth: constant (world units) and
+    /// linear coefficient.
     pub margin: [f32; 2],
 }
 
-/// Projection of eight points into the colour camera; unused without one.
+/// Projection of eight points into the separate colour camera; unused if there is none.
 #[derive(Default)]
 pub(super) struct SeenLanes {
     at: [[f32; LANES]; 2],
-    /// Depth along the camera's axis, and the difference beyond which a point is hidden; world units.
+    /// Depth of each point along the colour camera's axis, world units. `margin` holds the differences
+    /// beyond which the points are hidden.
     depth: [f32; LANES],
     margin: [f32; LANES],
 }
@@ -52,8 +54,8 @@ impl<'a> ColorLookup<'a> {
         }
     }
 
-    /// Colour of a point: `pixel` of the depth image, lane `lane` of eight; `None` if hidden from the
-    /// colour camera.
+    /// Returns the colour of the point in lane `lane` of eight, at `pixel` of the depth image. Returns
+    /// `None` if the point is hidden from the colour camera.
     #[inline(always)]
     pub fn color(&self, pixel: usize, seen: &SeenLanes, lane: usize) -> Option<[f32; 3]> {
         let color = match &self.beside {

@@ -21,9 +21,9 @@ pub(super) struct Emitter<'a> {
     planes: &'a Planes,
     settings: &'a SurfaceSettings,
     colors: ColorLookup<'a>,
-    /// Rotation from camera to world axes, by rows.
+    /// Rotation matrix from camera axes to world axes, by rows.
     turn: [[f32; 3]; 3],
-    /// Camera centre relative to the origin.
+    /// Camera centre relative to the origin of the points, world units.
     centre: [f32; 3],
     focal: [f32; 2],
     per_focal: f32,
@@ -56,7 +56,7 @@ impl<'a> Emitter<'a> {
     }
 }
 
-/// Appends the points of a row of tiles and writes the statuses of its pixels.
+/// Appends the points of a row of tiles (blocks of pixels) and writes the statuses of its pixels.
 pub(super) struct EmitRows<'a> {
     pub emitter: &'a Emitter<'a>,
     pub fitted: &'a Fitted,
@@ -107,7 +107,8 @@ impl Kernel for EmitRows<'_> {
 }
 
 impl Emitter<'_> {
-    /// Computes the points of eight pixels, every `STEP`-th from `corner`; `at` is their block in `fitted`.
+    /// Computes the points of eight pixels, taking every `STEP`-th pixel from `corner` (column, row).
+    /// `at` is the index of their block in `fitted`.
     #[inline(always)]
     fn lanes<V: Vector, const STEP: usize>(
         &self,
@@ -151,8 +152,8 @@ impl Emitter<'_> {
         }
     }
 
-    /// Surface of eight pixels. The normal points away from the camera, so that its product with the ray is
-    /// the fitted inverse depth over the measured one.
+    /// Computes the surfaces of eight pixels. Normals point away from the camera. The product of normal
+    /// and ray is then the fitted inverse depth divided by the measured one.
     #[inline(always)]
     fn surface<V: Vector>(&self, fitted: &Fitted, at: usize, ray: [V; 3], per_z: V) -> Surface<V> {
         let one = V::splat(1.0);
@@ -185,7 +186,7 @@ impl Emitter<'_> {
     }
 }
 
-/// Surfaces of eight pixels in the camera's frame, relative to their measured depth.
+/// Surfaces of eight pixels in the camera's frame, relative to the measured depths.
 struct Surface<V> {
     /// Ratio of fitted to measured depth.
     stretch: V,
@@ -193,7 +194,8 @@ struct Surface<V> {
     along: V,
 }
 
-/// Eight points: fields as in [`SurfacePoint`] by lane, and a bit for each dropped lane.
+/// Eight points in separate lanes, with fields as in [`SurfacePoint`]. `flying`, `slant` and `far` have
+/// one bit per dropped lane.
 struct PointLanes {
     flying: u8,
     slant: u8,
@@ -239,7 +241,7 @@ impl PointLanes {
     }
 }
 
-/// Lanes within the range of f32 positions; false for NaN.
+/// Returns a bit mask of the lanes within the range of f32 positions; NaN is outside.
 #[inline(always)]
 fn within<V: Vector>(x: V) -> u32 {
     x.at_most(V::splat(MAX_COORDINATE)) & V::splat(-MAX_COORDINATE).at_most(x)
@@ -255,7 +257,7 @@ fn of_lane([x, y, z]: &[[f32; LANES]; 3], lane: usize) -> [f32; 3] {
     [x[lane], y[lane], z[lane]]
 }
 
-/// Marks the usable pixels of some rows that the sampling skips; the first row is even.
+/// Marks the usable pixels that the sampling skips in the given rows. The first row must be even.
 #[inline(always)]
 fn mark_skipped(sampling: PixelSampling, rows: Range<usize>, statuses: &mut Image<PixelStatus>) {
     let (width, step) = (statuses.width, sampling.step());
@@ -272,51 +274,52 @@ fn mark_skipped(sampling: PixelSampling, rows: Range<usize>, statuses: &mut Imag
     }
 }
 
-/// Status of a pixel: kept as a point, or the reason why not.
+/// Status of a pixel: kept as a point, or the reason why it was dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum PixelStatus {
     /// No surface was measured.
     #[default]
     Hole,
-    /// The pixel became a point.
+    /// The pixel was converted to a point.
     Kept,
-    /// Skipped by the sampling; a neighbouring pixel's point represents it.
+    /// Skipped by the sampling, and represented by a neighbouring pixel's point.
     LeftOut,
-    /// Partially transparent: colour and depth mix several surfaces.
+    /// Partially transparent: colour and depth are mixtures of several surfaces.
     Alpha,
-    /// Outside the trusted depth, or behind the camera after correction.
+    /// Depth outside the trusted interval, or behind the camera after correction.
     Range,
-    /// No accepted plane: too few inliers, too large residuals, or the pixel is off the plane.
+    /// No accepted plane: too few inliers, too large residuals, or the pixel's depth is too far from the
+    /// plane.
     Flying,
     /// Seen at a slant: the normal deviates too far from the direction to the camera.
     Slant,
-    /// Not finite, or too far from the origin for f32.
+    /// Position not finite, or too far from the origin for f32.
     Far,
     /// Not visible in the colour camera: outside its image, or occluded.
     NoColor,
 }
 
-/// Pixels of one frame by status; the fields add up to width × height.
+/// Numbers of pixels of one frame by status. The fields add up to width × height.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SurfaceCounts {
-    /// Pixels that became points.
+    /// Number of pixels that were converted to points.
     pub kept: usize,
-    /// Pixels of [`PixelStatus::LeftOut`].
+    /// Number of pixels of [`PixelStatus::LeftOut`].
     pub left_out: usize,
-    /// Pixels of [`PixelStatus::Hole`].
+    /// Number of pixels of [`PixelStatus::Hole`].
     pub holes: usize,
-    /// Pixels of [`PixelStatus::Alpha`].
+    /// Number of pixels of [`PixelStatus::Alpha`].
     pub dropped_alpha: usize,
-    /// Pixels of [`PixelStatus::Range`].
+    /// Number of pixels of [`PixelStatus::Range`].
     pub dropped_range: usize,
-    /// Pixels of [`PixelStatus::Flying`].
+    /// Number of pixels of [`PixelStatus::Flying`].
     pub dropped_flying: usize,
-    /// Pixels of [`PixelStatus::Slant`].
+    /// Number of pixels of [`PixelStatus::Slant`].
     pub dropped_slant: usize,
-    /// Pixels of [`PixelStatus::Far`].
+    /// Number of pixels of [`PixelStatus::Far`].
     pub dropped_far: usize,
-    /// Pixels of [`PixelStatus::NoColor`].
+    /// Number of pixels of [`PixelStatus::NoColor`].
     pub dropped_no_color: usize,
 }
 
@@ -336,7 +339,7 @@ impl std::fmt::Display for SurfaceCounts {
 }
 
 impl SurfaceCounts {
-    /// Counts the pixels of a frame.
+    /// Counts the pixels of a frame by status.
     pub fn of(statuses: &[PixelStatus]) -> Self {
         // One pass per status with sums of bytes vectorises; a histogram does not.
         let of = |status: PixelStatus| {
@@ -358,7 +361,7 @@ impl SurfaceCounts {
         }
     }
 
-    /// Number of measured pixels that became no point.
+    /// Returns the number of measured pixels that were dropped.
     pub fn dropped(&self) -> usize {
         self.dropped_alpha
             + self.dropped_range

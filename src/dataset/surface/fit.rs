@@ -1,12 +1,13 @@
 //! Robust plane fit, eight pixels at a time (`dataset.md`, Plane fit).
 //!
-//! Inverse depths are relative to the pixel's own and in units of `q / z²`. So thresholds are the same for
-//! every pixel, and f32 precision is not spent on the depth itself. The sums of the normal equations are
-//! integers, so their determinant is exact.
+//! Inverse depths are relative to the pixel's own and in units of `q / z²`, where `q` is the half-width
+//! of the noise at depth `z`. So thresholds are the same for every pixel, and f32 precision is not spent
+//! on the depth itself. The sums of the normal equations are integers, so their determinant is exact.
 //!
-//! One lane is one pixel. Its window is read by unaligned loads from planes with an empty border, so lanes
-//! never branch on their position. A neighbour outside the gate gets a residual beyond every limit, so
-//! later rounds need not test the gate again.
+//! One lane is one pixel. Its window is read by unaligned loads from planes with an empty border, so
+//! lanes never branch on their position. The depth gate excludes neighbours whose depth differs too much
+//! from the pixel's. Their residual is set beyond every limit, so later rounds need not test the gate
+//! again.
 //!
 //! Tried on Lego and dropped (`dataset.md`, Plane fit): points weighted by their cosine or its square,
 //! without gain over a threshold; windows of other sizes.
@@ -19,27 +20,30 @@ use std::ops::Range;
 
 const SIDE: usize = 2 * RADIUS + 1;
 const WINDOW: usize = SIDE * SIDE;
-/// Residual of neighbours outside the gate, larger than any other.
+/// Residual assigned to neighbours outside the depth gate; larger than every other residual.
 const FAR: f32 = 1e30;
-/// Limit between [`FAR`] and every residual of a neighbour inside the gate.
+/// Limit that is larger than the residual of every neighbour inside the depth gate, and smaller than
+/// [`FAR`].
 const ANY: f32 = 1e29;
 
-/// Planes of some rows of pixels, in blocks of eight sampled pixels.
+/// Fitted planes of some rows of pixels, in blocks of eight sampled pixels.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Fitted {
     /// Bit `i` of a block is set if its pixel `i` is usable.
     pub usable: Vec<u8>,
     /// Bit `i` of a block is set if its pixel `i` is usable and its plane fit is accepted.
     pub accepted: Vec<u8>,
-    /// Inverse depth of the plane at the pixel over the measured one, minus 1.
+    /// Fitted inverse depth at the pixel divided by the measured one, minus 1.
     pub excess: Vec<f32>,
-    /// Change of the plane's inverse depth per column, over the measured inverse depth at the pixel.
+    /// Change of the plane's inverse depth per column, divided by the measured inverse depth at the
+    /// pixel.
     pub step_x: Vec<f32>,
-    /// Change of the plane's inverse depth per row, over the measured inverse depth at the pixel.
+    /// Change of the plane's inverse depth per row, divided by the measured inverse depth at the pixel.
     pub step_y: Vec<f32>,
 }
 
-/// Fits the pixels of some rows; other entries of `out` are undefined.
+/// Fits planes to the sampled pixels of some rows. Entries of `out` for unusable pixels and skipped rows
+/// are undefined.
 pub(super) struct FitRows<'a> {
     pub planes: &'a Planes,
     pub rows: Range<usize>,
@@ -110,7 +114,8 @@ struct Limits<V> {
     deviation: V,
 }
 
-/// Fits eight pixels, every `STEP`-th from `at`; returns the usable lanes with an accepted plane.
+/// Fits planes to eight pixels, taking every `STEP`-th from `at`. Returns the usable lanes whose plane
+/// is accepted.
 #[inline(always)]
 fn fit_block<V: Vector, const STEP: usize>(
     planes: &Planes,
@@ -162,8 +167,9 @@ fn fit_block<V: Vector, const STEP: usize>(
     sound & least.at_most(sums.n) & near & smooth
 }
 
-/// Inverse depths around eight pixels, relative to theirs, in units of `q / z²`; [`FAR`] for neighbours
-/// outside the gate.
+/// Returns the inverse depths in the windows around eight pixels, relative to the pixels' own. The unit
+/// is `q / z²`, where `q` is the noise half-width. Neighbours outside the depth gate have the value
+/// [`FAR`].
 #[inline(always)]
 fn window<V: Vector, const STEP: usize>(
     planes: &Planes,
@@ -197,7 +203,8 @@ fn window<V: Vector, const STEP: usize>(
     residuals
 }
 
-/// Sums over the inliers of eight pixels: `a` and `b` are column and row offsets, `d` inverse depths.
+/// Sums over the inliers of eight pixels. `n` counts inliers, `a` and `b` are column and row offsets,
+/// and `d` are inverse depths.
 struct Sums<V> {
     n: V,
     a: V,
@@ -211,7 +218,8 @@ struct Sums<V> {
     dd: V,
 }
 
-/// Inverse depths of a plane in the columns of one window row, `offset` rows below the pixel.
+/// Returns the inverse depths of a plane in the columns of one row of the window, `offset` rows below
+/// the pixel.
 #[inline(always)]
 fn expected<V: Vector>([middle, step, step_down]: [V; 3], offset: V) -> [V; SIDE] {
     // Written out for a window of five columns: another radius needs other moments in `Sums`.
@@ -219,7 +227,7 @@ fn expected<V: Vector>([middle, step, step_down]: [V; 3], offset: V) -> [V; SIDE
     [centre - double_step, centre - step, centre, centre + step, centre + double_step]
 }
 
-/// Lanes whose whole window is within `limit` of `plane`.
+/// Returns the lanes in which every residual of the window differs from `plane` by at most `limit`.
 #[inline(always)]
 fn within<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> u32 {
     let mut inside = V::splat(SET_LANE);
@@ -253,7 +261,7 @@ fn inliers<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> Sums<
     sums
 }
 
-/// Sums over the whole window, added in the order of [`inliers`].
+/// Returns the sums over all pixels of the window, added in the same order as by [`inliers`].
 #[inline(always)]
 fn whole<V: Vector>(residuals: &[V; WINDOW]) -> Sums<V> {
     let mut sums = Sums::none();
@@ -273,8 +281,9 @@ impl<V: Vector> Sums<V> {
         Self { n, a, b, aa, ab, bb, d, ad, bd, dd }
     }
 
-    /// Adds a row of the window: 1 and inverse depth of each inlier, zeros of the others. Column offsets
-    /// are −2 to 2, so the row's moments are sums and differences.
+    /// Adds a row of the window. `count` is 1 and `depths` is the inverse depth for each inlier; both
+    /// are 0 for other pixels. Column offsets are −2 to 2, so the row's moments are sums and
+    /// differences.
     #[inline(always)]
     fn add(&mut self, offset: V, count: [V; SIDE], depths: [V; SIDE]) {
         let (n, a) = (total(count), first_moment(count));
@@ -311,7 +320,8 @@ impl<V: Vector> Sums<V> {
         ]
     }
 
-    /// Least-squares plane; NaN if it is undetermined.
+    /// Returns the least-squares plane: inverse depth at the pixel, and its change per column and per
+    /// row. NaN if undetermined.
     #[inline(always)]
     fn solve(&self) -> [V; 3] {
         let [c00, c01, c02] = self.first_row();
@@ -338,7 +348,7 @@ fn total<V: Vector>([a, b, c, d, e]: [V; SIDE]) -> V {
     (a + b) + (d + e) + c
 }
 
-/// Sum of values times their offsets from the middle, −2 to 2.
+/// Returns the sum of the values times their offsets from the middle, −2 to 2.
 #[inline(always)]
 fn first_moment<V: Vector>(values: [V; SIDE]) -> V {
     (values[4] - values[0]) * V::splat(2.0) + (values[3] - values[1])

@@ -61,12 +61,13 @@ pub struct Preparer {
 }
 
 impl Preparer {
-    /// Uses the best instruction set of this machine; allocates nothing.
+    /// Creates a preparer for the best instruction set of this machine, without allocating memory.
     pub fn new() -> Self {
         Self::on(Isa::best())
     }
 
-    /// Uses a given instruction set; results are bitwise equal on all of them.
+    /// Creates a preparer for a given instruction set. Results are bitwise equal on all instruction
+    /// sets.
     pub fn on(isa: Isa) -> Self {
         let statuses = Image::filled(0, 0, PixelStatus::Hole);
         Self {
@@ -78,11 +79,11 @@ impl Preparer {
         }
     }
 
-    /// Replaces `out` by the surface points and measured ranges of a frame; returns the numbers of pixels
-    /// by status.
+    /// Replaces `out` by the surface points and measured ranges of a frame. Returns the numbers of
+    /// pixels by status.
     ///
     /// # Errors
-    /// A frame without depth.
+    /// Fails for a frame without depth.
     pub fn prepare(
         &mut self,
         frame: &Frame,
@@ -139,7 +140,7 @@ impl Preparer {
         Ok(SurfaceCounts::of(&statuses.data))
     }
 
-    /// Status of every pixel of the last prepared frame.
+    /// Returns the status of every pixel of the last prepared frame.
     pub fn statuses(&self) -> &Image<PixelStatus> {
         &self.statuses
     }

@@ -19,31 +19,31 @@ use crate::math::image::Image;
 use crate::math::simd::{Kernel, LANES, Vector};
 use std::ops::Range;
 
-/// Depth of unusable pixels, larger than any valid depth.
+/// Depth value of unusable pixels; larger than any valid depth.
 pub(super) const NOTHING: f32 = f32::MAX;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Planes {
-    /// Depth; [`NOTHING`] at unusable pixels and in the border.
+    /// Depth, world units; [`NOTHING`] at unusable pixels and in the border.
     pub z: Vec<f32>,
     /// `1 / z`; undefined where `z` is [`NOTHING`].
     pub inverse: Vec<f32>,
-    /// Noise half-width in units of z; undefined where `z` is [`NOTHING`].
+    /// Half-width of the depth noise, world units; undefined where `z` is [`NOTHING`].
     pub noise: Vec<f32>,
-    /// Ray slopes of the columns, zero-padded to whole vectors.
+    /// Ray slopes (x per unit of depth) of the columns, zero-padded to whole vectors.
     pub slope_x: Vec<f32>,
     pub slope_y: Vec<f32>,
-    /// Values from one row to the next.
+    /// Number of values from one row to the next.
     pub stride: usize,
     size: [usize; 2],
     table: Table,
     lengths: Vec<f32>,
-    /// An opaque row, for photographs of another camera, which have no mask of the depth image.
+    /// Opaque row, used for photographs of a separate camera, whose alpha does not mask the depth image.
     opaque: Vec<[u8; 4]>,
 }
 
-/// Replaces the planes by a frame's depth. Writes the measured range and the status of every pixel:
-/// [`PixelStatus::Kept`] if it is usable so far.
+/// Replaces the planes by a frame's depth. Writes the measured range and the status of every pixel.
+/// Usable pixels get the status [`PixelStatus::Kept`], which later filters may change.
 pub(super) struct FillPlanes<'a> {
     pub planes: &'a mut Planes,
     pub frame: &'a Frame,
@@ -91,7 +91,7 @@ impl Planes {
         (row + RADIUS) * self.stride + RADIUS + column
     }
 
-    /// Number of vectors that cover a row of pixels if every `step`-th is used.
+    /// Returns the number of vectors that cover a row of pixels if every `step`-th pixel is used.
     #[inline(always)]
     pub fn blocks(&self, step: usize) -> usize {
         self.size[0].div_ceil(LANES * step)
@@ -168,7 +168,7 @@ impl Planes {
     }
 }
 
-/// Loads eight values, every `STEP`-th of a row; `STEP` is 1 or 2.
+/// Loads eight values, taking every `STEP`-th value of a row; `STEP` is 1 or 2.
 #[inline(always)]
 pub(super) fn load<V: Vector, const STEP: usize>(values: &[f32]) -> V {
     if STEP == 1 { V::load(values) } else { V::load_even(values) }
@@ -182,7 +182,8 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
-    /// `split` converts a length and the ray length per unit of depth to depth and range.
+    /// Computes a row from its measured lengths. `split` converts a length and the ray length per unit
+    /// of depth to depth and range.
     #[inline(always)]
     fn fill(
         self,
@@ -212,11 +213,11 @@ impl Row<'_> {
     }
 }
 
-/// Length of every code, reused between frames with the same decoding.
+/// Lengths of all depth codes. The table is reused for frames with the same decoding.
 #[derive(Clone, Debug, Default)]
 struct Table {
     key: Option<Decoding>,
-    /// Lengths; NaN if unusable.
+    /// Length of each code, world units; NaN if unusable.
     lengths: Vec<f32>,
     statuses: Vec<PixelStatus>,
 }
@@ -243,7 +244,7 @@ impl Table {
     }
 }
 
-/// Everything besides the code that determines a length.
+/// Parameters that, together with the code, determine a length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Decoding {
     codes: CodeUnit,
@@ -254,9 +255,9 @@ struct Decoding {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum CodeUnit {
-    /// `8·(1 − d/255)` world units.
+    /// Codes of `8·(1 − d/255)` world units.
     Inverse8,
-    /// World units per step.
+    /// Codes with a constant step, world units.
     Linear16(f64),
     /// No codes: the image stores lengths.
     None,
@@ -274,8 +275,8 @@ impl Decoding {
         Self { codes, trusted: depth.trusted, scale, offset }
     }
 
-    /// Corrected length of a pixel with its status; NaN if unusable. The trusted interval refers to the
-    /// sensor's measurement, so it is applied to the length before correction.
+    /// Returns the corrected length of a pixel and its status; the length is NaN if unusable. The
+    /// trusted interval refers to the sensor's measurement, so it is applied before the correction.
     #[inline(always)]
     fn usable(&self, decoded: Option<f64>) -> (f32, PixelStatus) {
         let Some(decoded) = decoded else { return (f32::NAN, PixelStatus::Hole) };
@@ -289,7 +290,8 @@ impl Decoding {
     }
 }
 
-/// Decodes a row. An unusable pixel gets its range as length: infinite for background, else NaN.
+/// Decodes a row of codes to lengths and statuses. The length of an unusable pixel is infinite for
+/// background, otherwise NaN.
 #[inline(always)]
 fn read_row<C: Copy>(
     codes: &[C],

@@ -4,26 +4,26 @@ use super::{Preparer, SurfaceSettings};
 use crate::dataset::Dataset;
 use crate::observation::surface::Observation;
 
-/// Quantile of the point distances at which the footprint is measured.
+/// Quantile of the pixel footprints that represents a frame sample.
 const NEARER_SHARE: f64 = 0.95;
-/// Evenly spaced frames that are sampled before training.
+/// Number of evenly spaced frames that are sampled before training.
 const SAMPLED_FRAMES: usize = 8;
-/// Step between sampled points of a frame.
+/// Step between the sampled points of a frame.
 const SAMPLED_POINTS: usize = 7;
 
 /// Statistics of some frames of a split.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSample {
-    /// Footprint of a pixel at the 95 % quantile of distances, world units.
+    /// Width of a pixel on the surface (95 % quantile), world units.
     pub footprint: f64,
-    /// Largest depth difference within one surface, world units.
+    /// Maximum correction of a point along its ray, world units.
     pub tolerance: f64,
-    /// 5 % and 95 % quantiles of distances, world units.
+    /// 5 % and 95 % quantiles of the distances from the camera to points, world units.
     pub depths: [f64; 2],
 }
 
 impl FrameSample {
-    /// Samples frames of a split, prepared as for training.
+    /// Samples frames of a split. They are converted to points as for training.
     ///
     /// # Errors
     /// [`NoUsableDepth`] if no sampled frame has a usable pixel.
@@ -81,18 +81,18 @@ impl FrameSample {
     }
 }
 
-/// No pixel of the sampled frames yields a point.
+/// Error: no pixel of the sampled frames yields a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoUsableDepth {
     /// Name of the dataset.
     pub dataset: String,
-    /// Range of lengths that training uses, world units, as text.
+    /// Trusted interval of lengths, world units, as text.
     pub trusted: String,
-    /// Range of depth found, world units, as text; if no frame could be read, the first error.
+    /// Range of the measured depth, world units, as text. If no frame could be read, the first error.
     pub found: String,
     /// Number of sampled frames.
     pub frames: usize,
-    /// What to do.
+    /// Advice to the user.
     pub advice: String,
 }
 
@@ -114,7 +114,8 @@ impl std::fmt::Display for NoUsableDepth {
     }
 }
 
-/// All given frames, evenly spaced ones first: the others replace frames that cannot be read.
+/// Returns all given frames, starting with evenly spaced ones. The others replace frames that cannot be
+/// read.
 fn sampled(frames: &[usize]) -> impl Iterator<Item = usize> {
     let n = frames.len().min(SAMPLED_FRAMES);
     let is_chosen = move |at: &usize| (0..n).any(|i| i * frames.len() / n == *at);
@@ -157,7 +158,8 @@ fn length(value: f64) -> String {
     }
 }
 
-/// Advises on a depth that yields no point, by the power of ten that brings it into the trusted interval.
+/// Returns advice for depth that yields no point. It names the power of ten that moves the depth
+/// `middle` into the trusted interval.
 fn unit_advice(trusted: [f64; 2], middle: f64) -> String {
     // In order of likelihood: most sensors store millimetres.
     let factors = [

@@ -8,17 +8,19 @@ use crate::math::simd::{Kernel, LANES, Vector, turned};
 use crate::observation::surface::Photograph;
 use glam::{DQuat, DVec3};
 
-/// Limit for the side of the square that a depth pixel covers in the colour image, pixels. It bounds the work
-/// of surfaces close to the colour camera.
+/// Maximum side, in pixels, of the square that a depth pixel covers in the colour image. It bounds the
+/// work for surfaces close to the colour camera.
 const MOST_COVERED: f32 = 16.0;
 
-/// Side of a cell in pixels of the colour image. Depth pixels are then less than a cell apart, so that
-/// surfaces have no holes.
+/// Side of a cell in pixels of the colour image. Neighbouring depth pixels are less than a cell apart,
+/// so surfaces have no holes.
 const CELL: usize = 2;
 
-/// Depth of the nearest surface in the colour image: per pixel (optional), and per cell of pixels.
+/// Depth of the nearest surface in the colour image, for each cell of pixels and optionally for each
+/// pixel.
 ///
-/// A cell holds only depth pixels whose centres are in it, so occluders are not wider than measured.
+/// A cell holds only depth pixels whose centres are in the cell, so occluders are not wider than
+/// measured.
 #[derive(Clone, Debug)]
 pub(super) struct ReprojectedDepths {
     /// Depth along the colour camera's axis, world units; [`NOTHING`] where no surface was measured.
@@ -33,7 +35,8 @@ impl Default for ReprojectedDepths {
 }
 
 impl ReprojectedDepths {
-    /// True if a point is more than `margin` behind another surface at its pixel coordinates.
+    /// True if a point at pixel coordinates `u`, `v` and depth `depth` is more than `margin` behind
+    /// another surface.
     #[inline(always)]
     pub fn occludes(&self, [u, v]: [f32; 2], depth: f32, margin: f32) -> bool {
         // Without this test, .7 % of the Kinect's points took the colour of an occluder, and their colours
@@ -45,14 +48,15 @@ impl ReprojectedDepths {
     }
 }
 
-/// Replaces the depths by those of a frame. Each depth pixel becomes a square in the colour image, whose side
-/// is `footprint` colour pixels at equal distance from both cameras; the nearest depth wins.
+/// Replaces the reprojected depths by those of a frame. Each depth pixel becomes a square in the colour
+/// image. Its side is `footprint` colour pixels at equal distance from both cameras. The nearest depth
+/// is kept.
 pub(super) struct SeeFrame<'a> {
     pub planes: &'a Planes,
     pub camera: &'a Projection,
     pub footprint: f32,
     pub size: [usize; 2],
-    /// True to fill every pixel, not only cells.
+    /// True to compute depth for every pixel in addition to cells.
     pub is_whole: bool,
     pub out: &'a mut ReprojectedDepths,
 }
@@ -126,7 +130,7 @@ fn begin(image: &mut Image<f32>, [width, height]: [usize; 2]) {
 }
 
 pub(super) struct Projection {
-    /// Rotation from the depth camera's axes to the colour camera's, by rows.
+    /// Rotation matrix from the depth camera's axes to the colour camera's, by rows.
     turn: [[f32; 3]; 3],
     offset: [f32; 3],
     focal: [f32; 2],
@@ -149,7 +153,8 @@ impl Projection {
         turned(&self.turn, [x - V::splat(right), y - V::splat(down), z - V::splat(ahead)])
     }
 
-    /// Pixel coordinates of points in the colour camera's frame; undefined behind the camera.
+    /// Projects points of the colour camera's frame to pixel coordinates. The result is undefined for
+    /// points behind the camera.
     #[inline(always)]
     pub fn project_lanes<V: Vector>(&self, [x, y, z]: [V; 3]) -> [V; 2] {
         let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
@@ -161,7 +166,8 @@ fn single<const N: usize>(values: [f64; N]) -> [f32; N] {
     values.map(|value| value as f32)
 }
 
-/// Photograph registered to the depth image; reuses the memory of an earlier one.
+/// Creates a photograph that is registered to the depth image. Reuses the memory of an earlier
+/// photograph.
 pub(super) fn registered(
     frame: &Frame,
     planes: &Planes,
@@ -181,7 +187,7 @@ pub(super) fn registered(
     }
 }
 
-/// Photograph of a separate colour camera; reuses the memory of an earlier one.
+/// Creates a photograph of a separate colour camera. Reuses the memory of an earlier photograph.
 pub(super) fn seen_beside(
     frame: &Frame,
     seen: &ReprojectedDepths,
@@ -201,8 +207,8 @@ pub(super) fn seen_beside(
     }
 }
 
-/// Depth image of a photograph, from consecutive runs of pixels. Reuses an earlier one's memory, since
-/// allocating a million pixels takes longer than filling them.
+/// Creates the depth image of a photograph from consecutive runs of pixels. Reuses the memory of an
+/// earlier photograph, because allocating a million pixels takes longer than filling them.
 fn depths<'a>(
     frame: &Frame,
     runs: impl IntoIterator<Item = &'a [f32]>,

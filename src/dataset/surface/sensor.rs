@@ -10,55 +10,57 @@ use crate::math::camera::Intrinsics;
 use crate::observation::surface::DepthTolerance;
 use serde::{Deserialize, Serialize};
 
-/// Length of one code of 8-bit ray depth, world units.
+/// Length of one step of 8-bit ray depth, world units.
 const INVERSE8_LEVEL: f64 = INVERSE8_RANGE / 255.0;
-/// Standard deviations per noise half-width: nearly all values of a normal distribution. With 2, 5 % of the
-/// pixels of the synthetic room would be dropped needlessly.
+/// Standard deviations per noise half-width; covers nearly all values of a normal distribution. With 2,
+/// the fit would needlessly drop 5 % of the pixels of the synthetic room.
 const DEVIATIONS: f64 = 3.0;
-/// Depth step between neighbouring pixels on the steepest usable surface of low-noise sensors, in pixel
-/// widths: the tangent of the angle whose cosine is .4.
+/// Depth step, in pixel widths, between neighbouring pixels on the steepest surface that low-noise
+/// sensors can measure. It is the tangent of the angle whose cosine is 0.4.
 const STEEPEST: f64 = 2.3;
-/// Noise half-width of exact depth, in pixel widths: deviation of a curved or edged surface from its plane
-/// within the window of the fit. The other sensors have 2 to 4. In the synthetic room, .25 would drop 12 %
-/// of the pixels, all at edges; 1 drops 3 %.
+/// Noise half-width of exact depth, in pixel widths. It allows for curved surfaces and edges, which
+/// deviate from a plane within the window of the fit. For other sensors, it is 2 to 4. In the synthetic
+/// room, 0.25 would drop 12 % of the pixels, all at edges; 1 drops 3 %.
 const CURVATURE: f64 = 1.0;
 
-/// Kind of depth sensor: its noise law and the thresholds measured with it.
+/// Kind of depth sensor. It determines the noise law and the thresholds of the plane fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, strum::EnumString)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Sensor {
-    /// NeRF-synthetic's 8-bit depth along the ray (`dataset.md`, Sensors): quantisation of one code, and a
-    /// bias of an eighth of a code.
+    /// 8-bit depth along the ray in NeRF-synthetic (`dataset.md`, Sensors). The error is the
+    /// quantisation of one code and a bias of an eighth of a code.
     Inverse8Ray,
-    /// Structured light, metres (`dataset.md`, Sensors).
+    /// Structured light, with depth in metres (`dataset.md`, Sensors).
     Kinect,
-    /// Time of flight in phones and tablets, metres: accurate to a centimetre on large surfaces
-    /// (Luetzenburg, Kroon and Bjørk 2021, doi 10.1038/s41598-021-01763-9), growing with distance. On
-    /// slanted surfaces of its coarse images, depth steps between pixels exceed the noise.
+    /// Time of flight in phones and tablets, with depth in metres. It is accurate to a centimetre on
+    /// large surfaces (Luetzenburg, Kroon and Bjørk 2021, doi 10.1038/s41598-021-01763-9). The error
+    /// grows with distance. On slanted surfaces of its coarse images, depth steps between pixels exceed
+    /// the noise.
     Lidar,
-    /// Computed depth in fine steps.
+    /// Exact depth computed by a renderer, in fine steps.
     Exact {
-        /// Added noise, as [`crate::dataset::synthetic::SyntheticParams::depth_noise`].
+        /// Standard deviation of added noise, in the unit of
+        /// [`crate::dataset::synthetic::SyntheticParams::depth_noise`].
         noise: f64,
     },
 }
 
-/// Half-width of the depth noise in units of z: the maximum of its terms.
+/// Half-width of the noise of depth `z`. It is the maximum of four terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseLaw {
-    /// Constant along the ray; divided by the length of the ray per unit of z. World units.
+    /// Constant term along the ray, world units. It is divided by the length of the ray per unit of z.
     pub ray: f64,
-    /// Constant along the optical axis, world units.
+    /// Constant term along the optical axis, world units.
     pub floor: f64,
-    /// Multiplied by z: noise proportional to distance.
+    /// Coefficient of z: noise proportional to distance.
     pub linear: f64,
-    /// Multiplied by z², per world unit: noise of triangulation.
+    /// Coefficient of z², per world unit: noise of triangulation.
     pub quadratic: f64,
 }
 
-/// Thresholds of the plane fit, all but the cosine in units of the noise half-width
-/// (`dataset.md`, Sensors).
+/// Thresholds of the plane fit (`dataset.md`, Sensors). All except the cosine are in units of the noise
+/// half-width.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Thresholds {
     /// Largest residual of an inlier.
@@ -71,14 +73,14 @@ pub struct Thresholds {
     pub cosine: f64,
 }
 
-/// A sensor's properties for one depth image.
+/// Properties of a sensor for one depth image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     /// Half-width of the noise.
     pub noise: NoiseLaw,
     /// Offset added to every decoded length, world units.
     pub offset: f64,
-    /// Depth step between neighbouring pixels allowed in addition to noise, relative to z.
+    /// Allowed depth step between neighbouring pixels in addition to noise, relative to z.
     pub steepness: f64,
     /// Thresholds of the plane fit.
     pub thresholds: Thresholds,
@@ -89,7 +91,7 @@ pub struct Profile {
 impl NoiseLaw {
     const ZERO: Self = Self { ray: 0.0, floor: 0.0, linear: 0.0, quadratic: 0.0 };
 
-    /// Half-width at depth `z` on a ray of length `per_z` per unit of z.
+    /// Returns the half-width of the noise at depth `z`, on a ray of length `per_z` per unit of z.
     #[inline]
     pub fn at(&self, z: f64, per_z: f64) -> f64 {
         (self.ray / per_z).max(self.floor).max(self.linear * z).max(self.quadratic * z * z)
@@ -107,7 +109,8 @@ const METRIC_TOLERANCE: DepthTolerance =
 const PHONE_PLACE: f32 = 0.002;
 
 impl Sensor {
-    /// Profile for a depth image of a camera. Values known in metres are converted to world units.
+    /// Returns the sensor's profile for a depth image of a camera. Values known in metres are converted
+    /// to world units.
     pub fn profile(self, depth: &Depth, camera: &Intrinsics) -> Profile {
         let metric = |mut profile: Profile| {
             let metre = depth.units_per_metre;
@@ -148,8 +151,9 @@ impl Sensor {
     }
 }
 
-/// Profile of computed depth: rounding of a code, added noise, and the curvature of surfaces. Margins are the
-/// Kinect's in units of its noise, plus the depth span of a slanted surface within a pixel.
+/// Returns the profile of exact depth: rounding of a code, added noise, and the curvature of surfaces.
+/// Margins are the Kinect's in units of its noise, plus the depth span of a slanted surface within a
+/// pixel.
 fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
     let unit = match depth.codes {
         DepthCodes::Inverse8(_) => INVERSE8_LEVEL,

@@ -17,35 +17,37 @@ pub struct SurfaceSettings {
     pub sensor: Sensor,
     /// Thresholds that override the sensor's.
     pub thresholds: Option<Thresholds>,
-    /// Replaces depth by that of the plane fitted around the pixel. The normal is the plane's in any case.
+    /// Replaces measured depth by the depth of the plane fitted around the pixel. Normals are those of
+    /// the plane in any case.
     pub plane_fit: bool,
-    /// Drops pixels without an accepted plane; otherwise they retain their measured depth and face the
-    /// camera.
+    /// Drops pixels without an accepted plane. Otherwise such pixels keep their measured depth, and
+    /// their normals point to the camera.
     pub flying_pixels: bool,
-    /// Drops surfaces seen at a slant.
+    /// Drops pixels on surfaces seen at a slant.
     pub cosine: bool,
     /// Selection of the pixels that become points.
     // The default is not written, so that files of such scenes stay unchanged.
     #[serde(default, skip_serializing_if = "PixelSampling::is_every")]
     pub sampling: PixelSampling,
-    /// Corrections for the cameras; `None` is [`Calibration::NONE`].
+    /// Corrections of cameras and depth; `None` is [`Calibration::NONE`].
     pub calibration: Option<Calibration>,
     /// World position to which points are relative.
     #[serde(serialize_with = "to_array", deserialize_with = "from_array")]
     pub origin: DVec3,
-    /// Adds the photograph to observations. Set by the trainer, not by a file.
+    /// Adds the photograph to observations. The trainer sets this value; files do not contain it.
     #[serde(skip)]
     pub photograph: bool,
 }
 
 impl SurfaceSettings {
-    /// Enables every stage, with the dataset's sensor and its known calibration.
+    /// Creates settings with every stage enabled, for the dataset's sensor and its known calibration.
     pub fn new(dataset: &Dataset, origin: DVec3) -> Self {
         let calibration = dataset.known_calibration();
         Self { calibration, ..Self::of_sensor(dataset.sensor(), origin) }
     }
 
-    /// Enables every stage, for frames of a sensor with registered colour, such as frames from memory.
+    /// Creates settings with every stage enabled, for a sensor whose colour is registered, such as
+    /// frames from memory.
     pub fn of_sensor(sensor: Sensor, origin: DVec3) -> Self {
         Self {
             sensor,
@@ -80,20 +82,21 @@ fn from_array<'de, D: serde::Deserializer<'de>>(from: D) -> Result<DVec3, D::Err
     <[f64; 3]>::deserialize(from).map(DVec3::from_array)
 }
 
-/// Pixels from the centre of the window to its side.
+/// Number of pixels from the centre of the fit's window to its border.
 pub(super) const RADIUS: usize = 2;
-/// Least-squares rounds; from the second on, only inliers count.
+/// Maximum number of least-squares rounds. From the second round on, only inliers count.
 pub(super) const ROUNDS: usize = 3;
-/// Least number of inliers in a round, including the pixel itself.
+/// Minimum number of inliers in each round, including the pixel itself.
 pub(super) const MIN_INLIERS: usize = 5;
-/// Least final share of inliers in the window.
+/// Minimum share of inliers in the window after the last round.
 pub(super) const MIN_SHARE: f64 = 0.3;
 pub(super) const TILE: usize = 8;
-/// Lengths whose squares and inverses are representable in f32.
+/// Range of lengths whose squares and inverses are representable in f32.
 pub(super) const LENGTHS: RangeInclusive<f64> = 1e-9..=1e9;
 
-/// Selection of the pixels that become points; each point is weighted by the skipped pixels it represents.
-/// Plane fits over 5×5 pixels make neighbours redundant, and later frames show what a frame skips.
+/// Selection of the pixels that become points. Each point is weighted by the number of pixels it
+/// represents. Neighbouring plane fits over 5×5 pixels are redundant, and later frames show skipped
+/// places again.
 #[derive(
     Clone,
     Copy,
@@ -110,10 +113,10 @@ pub(super) const LENGTHS: RangeInclusive<f64> = 1e-9..=1e9;
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum PixelSampling {
-    /// Every pixel.
+    /// Every pixel becomes a point.
     #[default]
     Every,
-    /// Every other pixel of every other row.
+    /// Every other pixel of every other row becomes a point.
     Quarter,
 }
 
@@ -123,7 +126,7 @@ impl PixelSampling {
         *self == Self::Every
     }
 
-    /// Number of pixels represented by a point.
+    /// Returns the number of pixels represented by a point.
     pub fn weight(self) -> u32 {
         match self {
             Self::Every => 1,
@@ -131,7 +134,7 @@ impl PixelSampling {
         }
     }
 
-    /// Distance between used rows, and between used columns.
+    /// Returns the distance between used rows and between used columns, pixels.
     pub(super) fn step(self) -> usize {
         if self.is_every() { 1 } else { 2 }
     }

@@ -5,19 +5,19 @@
 use super::texture::{SurfaceSample, antialiased_line, hash, noise2, step};
 use glam::{Vec2, Vec3, vec3};
 
-/// Surface with fine detail; colours are linear RGB.
+/// Texture of a surface with fine detail. Colours are linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum FineTexture {
     /// Veneer with pores, fibres and knots; the grain runs along the longer side.
     Grain(Vec3),
-    /// Lines of letters on white paper; line height in metres.
+    /// White paper with lines of letters; line height in metres.
     Printed(f32),
     Poster,
     /// Glazed 100 mm tiles with grout.
     Tiles,
     Steel,
     Rubber(Vec3),
-    /// Shell of the hallway: tiled floor, rough plaster on walls and ceiling.
+    /// Walls, ceiling and floor of the hallway: rough plaster and tiles.
     Hallway,
 }
 
@@ -39,7 +39,7 @@ impl FineTexture {
         }
     }
 
-    /// True if a lidar often gets no return from this surface.
+    /// True if a lidar often receives no return from the surface.
     pub fn is_poor_target(self) -> bool {
         match self {
             Self::Steel => true,
@@ -49,7 +49,8 @@ impl FineTexture {
     }
 }
 
-/// Value noise with `per_metre` cells; fades to its mean, 0.5, where a pixel is wider than a cell.
+/// Returns value noise in `[0, 1)` with `per_metre` cells per metre. It fades to its mean, 0.5, where a
+/// pixel is wider than a cell.
 fn octave(p: Vec2, per_metre: f32, salt: u32, at: &SurfaceSample) -> f32 {
     let fade = (1.5 - 1.5 * at.pixel_footprint * per_metre).clamp(0.0, 1.0);
     match fade > 0.0 {
@@ -58,7 +59,8 @@ fn octave(p: Vec2, per_metre: f32, salt: u32, at: &SurfaceSample) -> f32 {
     }
 }
 
-/// Box filter: mean of 3 × 3 samples over the footprint of a pixel.
+/// Averages 3 × 3 samples of `value` over a square of side `blur`, the footprint of a pixel (box
+/// filter).
 fn softened(p: Vec2, blur: f32, value: impl Fn(Vec2) -> f32) -> f32 {
     let shift = |i: usize| (i as f32 - 1.0) * blur / 3.0;
     let sample = |i: usize| value(p + Vec2::new(shift(i % 3), shift(i / 3)));
@@ -81,7 +83,8 @@ fn grain(m: Vec2, color: Vec3, at: &SurfaceSample) -> Vec3 {
     (color * tone).lerp(color * 0.32, knot)
 }
 
-/// Coverage of a point by a knot, and the strength with which the knot bends the grain around it.
+/// Returns how much of a point is covered by a knot, and how strongly the knot bends the grain around
+/// it.
 fn knot(p: Vec2, at: &SurfaceSample) -> (f32, f32) {
     const CELL: Vec2 = Vec2::new(0.31, 0.47);
     let cell = (p / CELL).floor();
@@ -108,7 +111,7 @@ fn paper(m: Vec2, height: f32, at: &SurfaceSample) -> Vec3 {
     (vec3(0.82, 0.81, 0.77) * fibre).lerp(vec3(0.035, 0.035, 0.05), ink)
 }
 
-/// Ink coverage of rows of random letters, each a 3 × 5 dot matrix.
+/// Returns the ink coverage of lines of random letters at a point. Each letter is a 3 × 5 dot matrix.
 fn text(p: Vec2, height: f32, at: &SurfaceSample) -> f32 {
     const MEAN_INK: f32 = 0.26;
     // A line has five rows of dots and two of spacing.

@@ -9,28 +9,29 @@ use crate::math::rng::{Purpose, Rng};
 use glam::{DVec2, DVec3};
 
 const STREAM: u64 = u64::MAX - 5;
-/// Minimum distance of a viewpoint from every surface, metres.
+/// Minimum distance between a viewpoint and every surface, metres.
 const CLEARANCE: f64 = 0.25;
-/// Rays per image axis that estimate the covered share of a picture.
+/// Number of rays per image axis for estimating the share of an image that training frames have seen.
 const GRID: usize = 9;
-/// Share of a picture covered by training frames at which the search stops.
+/// Share of an image seen by training frames at which the search for a better viewpoint stops.
 const ENOUGH_COVERED: f64 = 0.97;
-/// Minimum covered share of a viewpoint.
+/// Minimum share of an image, seen by training frames, for a valid viewpoint.
 const LEAST_SEEN: f64 = 0.5;
 /// Maximum number of candidates per viewpoint.
 const TRIES: usize = 20_000;
-/// Number of valid candidates after which the best one is used.
+/// Number of candidates after which the best valid one is used.
 const BETTER: usize = 24;
-/// Cosine of the incidence angle above which a surface counts as seen (80°).
+/// Minimum cosine of the incidence angle at which a surface counts as seen (80°).
 const FACING: f64 = 0.17;
-/// Distance up to which a surface counts as seen, metres.
+/// Maximum distance at which a surface counts as seen, metres.
 const NEAR_ENOUGH: f64 = 5.0;
 
 pub(super) struct FreeRules {
     seed: u64,
     /// Range of the distance to the surface at the image centre, metres.
     distance: [f64; 2],
-    /// Range of the angle at that surface to the nearest training view, degrees.
+    /// Range of the angle between the viewpoint and the nearest training view, measured at the surface
+    /// in the image centre, degrees.
     view_angle_degrees: [f64; 2],
 }
 
@@ -46,10 +47,10 @@ impl FreeRules {
     }
 }
 
-/// Chooses `n` viewpoints; `trained` has the intrinsics of the training frames at `poses`.
+/// Chooses `n` viewpoints. `trained` has the intrinsics of the training frames, whose poses are `poses`.
 ///
 /// # Errors
-/// Too few viewpoints satisfy `rules`.
+/// Fails if too few viewpoints satisfy `rules`.
 pub(super) fn choose(
     n: usize,
     room: &FurnishedRoom,
@@ -83,8 +84,8 @@ struct TrainingViews<'a> {
 }
 
 impl TrainingViews<'_> {
-    /// Returns the first valid candidate with a covered share of [`ENOUGH_COVERED`], else the best of at least
-    /// [`BETTER`].
+    /// Returns the first candidate of which training frames have seen the share [`ENOUGH_COVERED`].
+    /// Otherwise returns the best valid candidate, if there is one.
     fn free_view(&self, rules: &FreeRules, rng: &mut Rng) -> Option<Pose> {
         let (mut best, mut n_found) = (None, 0);
         // Candidates with a smaller share never become the best.

@@ -16,7 +16,7 @@ pub enum SyntheticCamera {
     Phone(PhoneScene),
 }
 
-/// Scene recorded by the phone.
+/// Scene that the phone records.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumMessage, EnumString, VariantNames)]
 #[strum(serialize_all = "kebab-case")]
 pub enum PhoneScene {
@@ -34,23 +34,23 @@ pub struct SyntheticParams {
     pub width: u32,
     /// Image height in pixels, 8 to 8192.
     pub height: u32,
-    /// Frames of the split `train`, 1 to 100 000.
+    /// Number of frames in the split `train`, 1 to 100 000.
     pub n_train: usize,
-    /// Frames of the split `eval`, from viewpoints between those of `train`; 0 for none.
+    /// Number of frames in the split `eval`, at viewpoints between those of `train`; 0 for none.
     pub n_eval: usize,
-    /// Frames of the split `free`, from viewpoints in free space; 0 for none.
+    /// Number of frames in the split `free`, at viewpoints off the camera trajectory; 0 for none.
     pub n_free: usize,
-    /// Seed of textures, colours and the phase of the trajectory.
+    /// Seed of textures, colours and the start of the trajectory.
     pub seed: u64,
-    /// Standard deviation of the depth noise, in units of the sensor's noise half-width `max(0.003, 0.003
-    /// z²)` m. 0 gives exact depth. Only `train` is noisy.
+    /// Standard deviation of the depth noise, in units of the sensor's noise half-width `max(0.003,
+    /// 0.003 z²)` m. 0 yields exact depth. Only the split `train` has noise.
     pub depth_noise: f64,
     /// Recording device and, for the phone, the scene.
     pub camera: SyntheticCamera,
 }
 
 impl SyntheticParams {
-    /// Parameters of the demo shown at startup.
+    /// Returns the parameters of the demo shown at startup.
     pub const fn demo() -> Self {
         Self {
             width: 320,
@@ -95,13 +95,13 @@ impl SyntheticParams {
     }
 }
 
-/// Parameter outside its range.
+/// Error: a parameter outside its range.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("setting {setting}: expected {expected}, found {found}; choose a value in this range")]
 pub struct ParamsError {
     /// Name of the parameter.
     pub setting: &'static str,
-    /// Legal range, with the unit.
+    /// Permitted range, with the unit.
     pub expected: &'static str,
     /// Rejected value.
     pub found: String,

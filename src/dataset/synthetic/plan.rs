@@ -16,7 +16,8 @@ use glam::{DVec3, dvec3};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Ratio of photograph to depth resolution of the room's camera in phone layouts.
+/// Ratio of photograph resolution to depth resolution of the room's camera, in the layouts of phone
+/// apps.
 const ROOM_FACTOR: u32 = 4;
 const MIN_SIDE: u32 = 8;
 const SURE: u8 = 2;
@@ -26,7 +27,7 @@ pub(super) const FRAMES_PER_SECOND: f64 = 30.0;
 /// Time stamp of the first frame, seconds.
 const START: f64 = 1000.0;
 
-/// Viewpoints of all splits of a procedural recording, and its cameras.
+/// Viewpoints of all splits of a procedural recording, with the scene and its cameras.
 pub struct ViewPlan {
     pub(super) scene: Arc<SyntheticScene>,
     pub(super) splits: Vec<PlannedSplit>,
@@ -36,9 +37,10 @@ pub struct ViewPlan {
 pub(super) struct PlannedSplit {
     pub name: &'static str,
     pub poses: Vec<Pose>,
-    /// Poses written to the recording; they differ from the true poses by drift.
+    /// Poses written to the recording. The phone's poses are the true poses with drift; others are
+    /// exact.
     recorded_poses: Vec<Pose>,
-    /// True if layouts without splits also contain these frames.
+    /// True if layouts without splits (such as TUM) also contain the frames of this split.
     pub is_recorded: bool,
     is_noisy: bool,
     is_of_phone: bool,
@@ -66,7 +68,8 @@ impl ViewPlan {
     /// Builds the scene and plans the viewpoints of all splits.
     ///
     /// # Errors
-    /// Parameters outside their range, or a scene without enough free space for the free views.
+    /// Fails for parameters outside their range, or for a scene without enough free space for the free
+    /// views.
     pub fn new(params: &SyntheticParams) -> Result<Self, ParamsError> {
         // Shared by all frames of a dataset, because its light maps are large.
         let scene = Arc::new(SyntheticScene::new(params)?);
@@ -127,12 +130,12 @@ impl ViewPlan {
         })
     }
 
-    /// Intrinsics of every photograph.
+    /// Returns the intrinsics of every photograph.
     pub fn photo_camera(&self) -> Intrinsics {
         self.scene.intrinsics()
     }
 
-    /// True if splits remain that layouts without splits do not contain.
+    /// True if there are splits that layouts without splits do not contain.
     pub fn has_unrecorded_splits(&self) -> bool {
         self.splits.iter().any(|split| !split.is_recorded)
     }
@@ -146,7 +149,8 @@ impl ViewPlan {
         self.scene.render_sensed(&camera, split.noise_stream(frame))
     }
 
-    /// Renders a frame as a phone stores it; the depth has the intrinsics [`Self::depth_camera`].
+    /// Renders a frame in the form in which a phone stores it. Its depth has the intrinsics
+    /// [`Self::depth_camera`].
     fn render_capture(&self, split: &PlannedSplit, frame: usize) -> Capture {
         let of_depth = self.depth_camera();
         if let Some(phone) = self.phone.as_ref().filter(|_| split.is_of_phone) {
@@ -158,7 +162,7 @@ impl ViewPlan {
         Capture { color: self.render_view(split, frame).color, depth_z, confidence }
     }
 
-    /// Intrinsics of a phone's depth image: the lens of the photograph at a lower resolution.
+    /// Returns the intrinsics of a phone's depth image: the photograph's lens at a lower resolution.
     pub fn depth_camera(&self) -> Intrinsics {
         let k = self.scene.intrinsics();
         if self.phone.is_some() {
@@ -175,11 +179,11 @@ impl ViewPlan {
 
 /// One frame of a recording.
 pub struct RecordedFrame<'a> {
-    /// Index from 0 over all recorded splits.
+    /// Index over all recorded splits, from 0.
     pub index: usize,
     /// Time stamp, seconds.
     pub time: f64,
-    /// Camera-to-world pose as stated by the recording, metres; the phone's drifts.
+    /// Camera-to-world pose as stated by the recording, metres. The phone's poses have drift.
     pub pose: Pose,
     plan: &'a ViewPlan,
     split: &'a PlannedSplit,
@@ -187,7 +191,7 @@ pub struct RecordedFrame<'a> {
 }
 
 impl RecordedFrame<'_> {
-    /// Renders colour and depth with the camera of the photographs.
+    /// Renders colour and depth, both with the camera of the photographs.
     pub fn view(&self) -> SyntheticView {
         self.plan.render_view(self.split, self.in_split)
     }
@@ -205,15 +209,15 @@ impl RecordedFrame<'_> {
     }
 }
 
-/// Frames per turn around the room; longer trajectories make more turns at varying heights.
+/// Number of frames per turn around the room. Longer trajectories make more turns, at varying heights.
 const FRAMES_PER_TURN: f64 = 48.0;
-/// Semi-axes of the elliptic path, metres.
+/// Semi-axes of the elliptic camera path, metres.
 const PATH: [f64; 2] = [1.75, 1.45];
 /// Mean and amplitude of the camera height, metres.
 const HEIGHT: [f64; 2] = [1.4, 0.3];
-/// Mean target point of the camera, metres.
+/// Mean of the points that the camera faces, metres.
 const TARGET: DVec3 = dvec3(0.0, 0.0, 0.85);
-/// Random stream of the phase; distinct from those of frames and furnishing.
+/// Random stream of the trajectory's phase, distinct from the streams of frames and furnishing.
 const PHASE: u64 = u64::MAX - 1;
 
 pub(super) fn train(n_frames: usize, seed: u64) -> Vec<Pose> {
@@ -223,7 +227,8 @@ pub(super) fn train(n_frames: usize, seed: u64) -> Vec<Pose> {
     (0..n_frames).filter_map(|i| pose(phase + turns * i as f64 / n_frames as f64, turns)).collect()
 }
 
-/// Poses of the evaluation frames. Their radius and heights differ from those of the training frames.
+/// Returns the poses of the evaluation frames. Their radius and heights differ from those of the
+/// training frames.
 pub(super) fn eval(n_frames: usize, seed: u64) -> Vec<Pose> {
     // The offset avoids training viewpoints at the usual frame counts.
     let phase = phase(seed) + 0.37 / FRAMES_PER_TURN;
@@ -240,7 +245,8 @@ fn phase(seed: u64) -> f64 {
     if seed == 0 { 0.89 } else { Rng::new(seed, Purpose::Synthetic, PHASE).uniform() }
 }
 
-/// Pose on the path; never `None`, because the path avoids the vertical through the target.
+/// Returns the pose after `turn` turns on a path of `turns` turns. It is never `None`, because the path
+/// avoids the vertical through the target.
 fn pose(turn: f64, turns: f64) -> Option<Pose> {
     // One more swing than turns: heights differ between turns, and the path still closes.
     let swing = (TAU * turn * (1.0 + 1.0 / turns)).sin();
@@ -253,7 +259,8 @@ fn path_position(turn: f64, reach: f64, height: f64) -> DVec3 {
     dvec3(PATH[0] * reach * cos, PATH[1] * reach * sin, height)
 }
 
-/// The target oscillates, so that floor and ceiling become visible as well.
+/// Returns the point that the camera faces. It oscillates, so that floor and ceiling become visible as
+/// well.
 fn target(turn: f64) -> DVec3 {
     let sway = TAU * turn;
     TARGET + dvec3(0.25 * (2.0 * sway).sin(), 0.2 * (3.0 * sway).cos(), 0.35 * (5.0 * sway).sin())

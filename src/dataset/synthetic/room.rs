@@ -9,11 +9,11 @@ use super::texture::Texture;
 use crate::math::rng::{Purpose, Rng};
 use glam::{DVec3, Vec3, dvec3, vec3};
 
-/// Low corner of the room, metres.
+/// Corner of the room with the lowest coordinates, metres.
 pub(super) const LO: DVec3 = dvec3(-2.6, -2.2, 0.0);
 pub(super) const HI: DVec3 = dvec3(2.6, 2.2, 2.6);
 
-/// Random stream of the furnishing; the noise streams of frames count up from 0.
+/// Random stream of the furnishing. The noise streams of frames are numbered from 0.
 const FURNISHING: u64 = u64::MAX;
 
 #[derive(Clone, Copy, Debug)]
@@ -22,7 +22,7 @@ pub(super) struct Solid {
     pub texture: Texture,
 }
 
-/// All solids (the first is the shell of the room) and lamps.
+/// Solids and lamps of the room. The first solid is the shell of the room.
 #[derive(Debug)]
 pub(super) struct FurnishedRoom {
     pub solids: Vec<Solid>,
@@ -35,7 +35,7 @@ pub(super) struct Lamp {
     pub corner: DVec3,
     pub edges: [DVec3; 2],
     pub normal: DVec3,
-    /// Radiance, linear RGB.
+    /// Emitted radiance, linear RGB.
     pub radiance: Vec3,
 }
 
@@ -71,7 +71,8 @@ impl FurnishedRoom {
         self.solids.first().map_or((LO, HI), |shell| shell.shape.bounds())
     }
 
-    /// True if a solid other than the shell blocks `ray` between its origin and t = 1.
+    /// True if a solid other than the room's shell blocks `ray` between its origin and the ray parameter
+    /// t = 1.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
         // The surface at the end of the ray does not block it.
         let nearer = |hit: Hit| hit.t < 1.0 - 1e-6;

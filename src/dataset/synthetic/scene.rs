@@ -13,7 +13,7 @@ use crate::math::image::Image;
 use crate::math::rng::{Purpose, Rng};
 use glam::{DVec2, DVec3, Vec3, vec3};
 
-/// Unit of the 16-bit depth codes of demo frames: 0.25 mm per step, up to 16 m.
+/// Step of the 16-bit depth codes of demo frames: 0.25 mm, which yields a range of 16 m.
 pub const DEPTH_UNIT: f64 = 0.000_25;
 
 /// Horizontal field of view of the synthetic camera, radians (68°).
@@ -21,7 +21,7 @@ pub const FIELD_OF_VIEW: f64 = 1.187;
 /// Horizontal field of view of the phone held upright, radians (50°).
 const PHONE_FIELD_OF_VIEW: f64 = 0.873;
 
-/// The furnished and lit room.
+/// Room with furniture and baked light.
 #[derive(Debug)]
 pub struct SyntheticScene {
     room: FurnishedRoom,
@@ -30,10 +30,10 @@ pub struct SyntheticScene {
 }
 
 impl SyntheticScene {
-    /// Furnishes and lights the room.
+    /// Creates the furniture and computes the light.
     ///
     /// # Errors
-    /// Parameters outside their range.
+    /// Fails for parameters outside their range.
     pub fn new(params: &SyntheticParams) -> Result<Self, ParamsError> {
         params.check()?;
         let room = match params.camera {
@@ -44,7 +44,7 @@ impl SyntheticScene {
         Ok(Self { room, light, params: *params })
     }
 
-    /// Intrinsics of every frame.
+    /// Returns the intrinsics of every frame.
     pub fn intrinsics(&self) -> Intrinsics {
         Intrinsics::from_horizontal_fov(self.params.width, self.params.height, self.field_of_view())
     }
@@ -73,7 +73,8 @@ impl SyntheticScene {
         view::render(&self.room, &self.light, camera)
     }
 
-    /// Renders a view as a frame; `noise_stream` selects the depth noise, `None` leaves depth exact.
+    /// Renders a view as a frame. `noise_stream` selects the random depth noise; with `None`, depth is
+    /// exact.
     pub(in crate::dataset) fn frame(
         &self,
         name: &str,
@@ -109,7 +110,8 @@ impl SyntheticScene {
     }
 }
 
-/// Converts lengths to 16-bit codes, rounded to nearest; lengths out of range become holes (0).
+/// Converts lengths to 16-bit codes, rounded to the nearest. Lengths outside the range of the codes
+/// become holes (0).
 pub(super) fn quantise(lengths: &Image<f64>, unit: f64) -> Image<u16> {
     lengths.map(|length| {
         let code = (length / unit).round();
@@ -117,24 +119,25 @@ pub(super) fn quantise(lengths: &Image<f64>, unit: f64) -> Image<u16> {
     })
 }
 
-/// Texel size, metres.
+/// Size of a light map's texel, metres.
 const TEXEL: f64 = 0.1;
-/// Minimum texels per side, so that small objects are shaded too.
+/// Minimum number of texels per side of a light map, so that small objects are shaded too.
 const MIN_TEXELS: usize = 6;
-/// Shadow rays per lamp: a grid with this many per side.
+/// Number of shadow rays per lamp and side. They form a square grid on the lamp.
 const LAMP_GRID: usize = 4;
-/// Rays over the hemisphere for ambient light.
+/// Number of rays over the hemisphere for ambient light.
 const SKY_RAYS: usize = 20;
-/// Ambient radiance from walls (open rays) and from objects (blocked rays), linear RGB.
+/// Ambient radiance from walls, for rays that no object blocks, linear RGB. [`FROM_THINGS`] is the
+/// radiance for blocked rays.
 const FROM_WALLS: Vec3 = vec3(0.46, 0.42, 0.36);
 const FROM_THINGS: Vec3 = vec3(0.11, 0.09, 0.07);
-/// Length of ambient rays, metres.
+/// Maximum length of ambient rays, metres.
 const REACH: f64 = 3.0;
 
-/// Irradiance of all surfaces, divided by π.
+/// Baked irradiance of all surfaces, divided by π.
 #[derive(Debug)]
 pub(super) struct LightMaps {
-    /// Indexed by solid, then by face.
+    /// Light maps by solid, then by face; none for emissive surfaces.
     maps: Vec<Vec<LightMap>>,
 }
 
@@ -156,7 +159,7 @@ impl LightMaps {
         Self { maps: maps.collect() }
     }
 
-    /// Irradiance (over π) at a surface point; zero on emissive surfaces.
+    /// Returns the irradiance, divided by π, at a surface point; zero on emissive surfaces.
     #[inline]
     pub fn at(&self, solid: usize, face: usize, uv: DVec2) -> Vec3 {
         self.maps[solid].get(face).map_or(Vec3::ZERO, |map| map.at(uv))
@@ -225,8 +228,9 @@ fn lamp_irradiance(room: &FurnishedRoom, start: DVec3, normal: DVec3, lamp: &Lam
     lamp.radiance * sum as f32
 }
 
-/// Ambient light from cosine-weighted directions on a golden-angle spiral. The directions are the same at
-/// every point, so flat surfaces are shaded without noise.
+/// Returns the ambient light at a point, from cosine-weighted directions on a golden-angle spiral. The
+/// directions relative to the normal are the same at every point, so flat surfaces are shaded without
+/// noise.
 fn ambient(room: &FurnishedRoom, start: DVec3, normal: DVec3) -> Vec3 {
     const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
     let (tangent, bitangent) = normal.any_orthonormal_pair();

@@ -9,12 +9,12 @@ use std::f64::consts::{PI, TAU};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
-    /// Axis-aligned box seen from outside.
+    /// Axis-aligned box, seen from outside.
     Block {
         lo: DVec3,
         hi: DVec3,
     },
-    /// Axis-aligned box seen from inside.
+    /// Axis-aligned box, seen from inside, such as a room.
     Shell {
         lo: DVec3,
         hi: DVec3,
@@ -23,13 +23,13 @@ pub(super) enum Shape {
         centre: DVec3,
         radius: f64,
     },
-    /// Upright cylinder with base centre `base` and a lid.
+    /// Upright cylinder with a lid; `base` is the centre of its base.
     Cylinder {
         base: DVec3,
         radius: f64,
         height: f64,
     },
-    /// Horizontal ring.
+    /// Torus in a horizontal plane.
     Torus {
         centre: DVec3,
         major: f64,
@@ -38,23 +38,23 @@ pub(super) enum Shape {
     Cable(Capsule),
 }
 
-/// Ray; `t` counts lengths of `direction`, which need not be a unit vector.
+/// Ray. Its parameter `t` is in units of `direction`, which need not be a unit vector.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
     pub origin: DVec3,
     pub direction: DVec3,
-    /// `1 / direction`; infinite in zero components.
+    /// Component-wise `1 / direction`; infinite where the component is zero.
     pub inverse: DVec3,
 }
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hit {
     pub t: f64,
-    /// Chart of the shape that was hit.
+    /// Index of the face (chart) of the shape that was hit.
     pub face: usize,
 }
 
-/// Minimum `t`: nearer hits are the surface on which the ray starts.
+/// Minimum ray parameter of a hit. Nearer hits belong to the surface on which the ray starts.
 const START: f64 = 1e-6;
 
 impl Ray {
@@ -117,7 +117,7 @@ impl Shape {
         }
     }
 
-    /// Unit normal at a surface point: outward, for a shell inward.
+    /// Returns the unit normal at a surface point. It points outward, for a shell inward.
     pub fn normal(&self, point: DVec3, face: usize) -> DVec3 {
         match *self {
             Self::Block { .. } => axis_normal(face),
@@ -135,7 +135,7 @@ impl Shape {
         }
     }
 
-    /// Chart coordinates in `[0, 1]²` of a surface point.
+    /// Returns the chart (texture) coordinates of a surface point, in `[0, 1]²`.
     #[inline]
     pub fn chart(&self, point: DVec3, face: usize) -> DVec2 {
         // Offset by half a turn, so the chart runs from 0 to 1 with its seam at −x.
@@ -166,7 +166,7 @@ impl Shape {
         }
     }
 
-    /// Surface point at chart coordinates; inverse of [`Shape::chart`].
+    /// Returns the surface point at chart coordinates (inverse of [`Shape::chart`]).
     pub fn point(&self, uv: DVec2, face: usize) -> DVec3 {
         let around = |u: f64| DVec2::from_angle((u - 0.5) * TAU);
         match *self {
@@ -195,7 +195,7 @@ impl Shape {
         }
     }
 
-    /// Size of a chart along its two directions, metres.
+    /// Returns the size of a chart along its two directions, metres.
     pub fn face_size(&self, face: usize) -> DVec2 {
         match *self {
             Self::Block { lo, hi } | Self::Shell { lo, hi } => {
@@ -213,7 +213,8 @@ impl Shape {
     }
 }
 
-/// Axes that span a box face. Faces are numbered `2·axis + (1 on the high side)`.
+/// Returns the axes that span a box face. The index of a face is `2·axis`, plus 1 for the side of higher
+/// coordinates.
 fn plane_axes(face: usize) -> (usize, usize) {
     match face / 2 {
         0 => (1, 2),
@@ -227,8 +228,8 @@ fn axis_normal(face: usize) -> DVec3 {
     sign * [DVec3::X, DVec3::Y, DVec3::Z][face / 2]
 }
 
-/// Slab test: entry and exit of a ray through a box, and the axis of the entry plane, or of the exit plane
-/// unless `want_entry`.
+/// Slab test: returns the ray parameters of the entry into a box and of the exit. Also returns the axis
+/// of the entry plane if `want_entry`, otherwise that of the exit plane.
 #[inline]
 fn slabs(ray: &Ray, lo: DVec3, hi: DVec3, want_entry: bool) -> (f64, f64, usize) {
     // An axis that the ray does not move along gives ±∞, which bounds neither entry nor exit.
@@ -248,13 +249,15 @@ fn slabs(ray: &Ray, lo: DVec3, hi: DVec3, want_entry: bool) -> (f64, f64, usize)
     (near, far, axis)
 }
 
-/// Face of the hit: a ray that ascends an axis enters at the low side and leaves at the high side.
+/// Returns the hit with its face. A ray that ascends along an axis enters at the low side and leaves at
+/// the high side.
 fn box_hit(ray: &Ray, t: f64, axis: usize, is_entry: bool) -> Hit {
     let high = (ray.direction[axis] > 0.0) != is_entry;
     Hit { t, face: 2 * axis + usize::from(high) }
 }
 
-/// Ray parameters of the entry into a sphere and the exit. `o` is the ray's origin relative to the centre.
+/// Returns the ray parameters of the entry into a sphere and of the exit. `o` is the ray's origin
+/// relative to the centre.
 fn sphere_span(o: DVec3, direction: DVec3, radius: f64) -> Option<(f64, f64)> {
     let (a, b) = (direction.length_squared(), o.dot(direction));
     let discriminant = b * b - a * (o.length_squared() - radius * radius);
@@ -290,7 +293,8 @@ fn cylinder(ray: &Ray, base: DVec3, radius: f64, height: f64) -> Option<Hit> {
     best
 }
 
-/// Sphere traces the distance function to 1 µm, then refines by Newton's method to rounding.
+/// Intersects a ray with a torus. Sphere tracing approaches the surface to 1 µm, then Newton's method
+/// refines the hit to rounding errors.
 fn torus(ray: &Ray, centre: DVec3, major: f64, minor: f64) -> Option<Hit> {
     const CLOSE: f64 = 1e-6;
     const STEPS: usize = 96;
@@ -327,8 +331,8 @@ fn torus(ray: &Ray, centre: DVec3, major: f64, minor: f64) -> Option<Hit> {
 }
 
 impl Shape {
-    /// Signed distance of a point from the surface, metres. Negative inside a solid; for a shell, negative
-    /// outside the room.
+    /// Returns the signed distance of a point from the surface, metres. It is negative inside a solid;
+    /// for a shell, it is negative outside the room.
     pub fn distance(&self, point: DVec3) -> f64 {
         match *self {
             Self::Block { lo, hi } => box_distance(point, lo, hi),
@@ -354,7 +358,7 @@ fn box_distance(point: DVec3, lo: DVec3, hi: DVec3) -> f64 {
     off.max(DVec3::ZERO).length() + off.max_element().min(0.0)
 }
 
-/// Axis end points and radius, metres.
+/// Capsule (cylinder with hemispherical caps), given by its axis's end points and radius, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Capsule {
     pub from: DVec3,
@@ -406,7 +410,8 @@ impl Capsule {
         (point - self.nearest_axis_point(point)).normalize_or(DVec3::Z)
     }
 
-    /// Surface coordinates in `[0, 1]²`: angle about the axis, and position along it including the caps.
+    /// Returns the surface coordinates of a point, in `[0, 1]²`: angle about the axis, and position
+    /// along it including the caps.
     pub fn chart(&self, point: DVec3) -> DVec2 {
         let ((axis, length), (u, v)) = (self.axis(), self.perpendicular_axes());
         let p = point - self.from;

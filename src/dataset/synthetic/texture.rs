@@ -6,7 +6,7 @@
 use super::fine_texture::FineTexture;
 use glam::{DVec2, DVec3, Vec2, Vec3, vec3};
 
-/// Material of a surface; colours are linear RGB.
+/// Texture of a surface. Colours are linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Texture {
     Walls,
@@ -31,12 +31,12 @@ pub(super) enum Texture {
 }
 
 impl Texture {
-    /// True if `albedo` returns emitted radiance.
+    /// True if `albedo` returns emitted radiance instead of albedo.
     pub fn is_emissive(&self) -> bool {
         matches!(self, Self::Window | Self::Glow(_))
     }
 
-    /// Albedo at a surface point, linear RGB; emitted radiance for emissive textures.
+    /// Returns the albedo at a surface point, linear RGB. Emissive textures return emitted radiance.
     pub fn albedo(&self, at: &SurfaceSample) -> Vec3 {
         let metres = (at.uv * at.size).as_vec2();
         match *self {
@@ -83,7 +83,7 @@ impl Texture {
         }
     }
 
-    /// True if a lidar often gets no return: glossy, glass or black surfaces.
+    /// True if a lidar often receives no return, as from glossy, glass or black surfaces.
     pub fn is_poor_target(&self) -> bool {
         match *self {
             Self::Window | Self::Glaze(_) => true,
@@ -128,7 +128,7 @@ fn wall(m: Vec2, face: usize, at: &SurfaceSample) -> Vec3 {
     panel.lerp(upper, above).lerp(Vec3::splat(0.80), rail)
 }
 
-/// Staggered lattice of diamonds with a dot in each.
+/// Returns a pattern of diamonds on a staggered lattice, each with a dot.
 fn damask(m: Vec2, blur: f32) -> f32 {
     let shifted = Vec2::new(m.x + 0.5 * (m.y.floor() as i32).rem_euclid(2) as f32, m.y);
     let p = (shifted - shifted.floor() - 0.5).abs();
@@ -299,40 +299,42 @@ pub(super) struct SurfaceSample {
     pub world: DVec3,
     /// Chart coordinates in `[0, 1]²`.
     pub uv: DVec2,
-    /// Size of the chart, metres.
+    /// Size of the chart along its two directions, metres.
     pub size: DVec2,
     pub face: usize,
-    /// Footprint of a pixel, metres.
+    /// Width of a pixel on the surface, metres.
     pub pixel_footprint: f32,
     pub seed: u32,
 }
 
-/// Step function: 0 below `edge`, 1 above, with a linear ramp of width `blur` between.
+/// Returns a step function: 0 below `edge`, 1 above, with a linear ramp of width `blur` between.
 pub(super) fn step(value: f32, edge: f32, blur: f32) -> f32 {
     // A footprint of zero would divide by zero.
     ((value - edge) / blur.max(1e-4) + 0.5).clamp(0.0, 1.0)
 }
 
-/// 1 between two edges, 0 elsewhere, with ramps of width `blur`.
+/// Returns 1 between two edges and 0 elsewhere, with ramps of width `blur`.
 fn stripe(value: f32, [low, high]: [f32; 2], blur: f32) -> f32 {
     step(value, low, blur) * (1.0 - step(value, high, blur))
 }
 
-/// Lines at the integers: 1 within `width`, antialiased over `blur` with constant total ink.
+/// Returns the coverage by lines at integer values: 1 within a line of `width`, 0 elsewhere. Lines are
+/// blurred over `blur` with constant total ink.
 pub(super) fn antialiased_line(value: f32, width: f32, blur: f32) -> f32 {
     let distance = (value - value.round()).abs();
     let spread = width.max(blur);
     (1.0 - step(distance, 0.5 * spread, blur)) * width / spread
 }
 
-/// Square wave of −1 and 1 that flips at the integers; fades to 0 where finer than a pixel.
+/// Returns a square wave of −1 and 1 that changes sign at integers. It fades to 0 where its period is
+/// finer than a pixel.
 pub(super) fn wave(value: f32, blur: f32) -> f32 {
     let saw = (value * 0.5 - (value * 0.5).floor() - 0.5).abs() * 4.0 - 1.0;
     let soft = (saw / (2.0 * blur).max(1e-3)).clamp(-1.0, 1.0);
     soft * (1.5 - blur).clamp(0.0, 1.0)
 }
 
-/// Square wave of 0 and 1 with period 1.
+/// Returns a square wave of 0 and 1 with period 1.
 pub(super) fn band(value: f32, blur: f32) -> f32 {
     0.5 + 0.5 * wave(value * 2.0, blur)
 }
@@ -347,7 +349,7 @@ pub(super) fn hash(x: i32, y: i32, seed: u32) -> f32 {
     ((h ^ (h >> 15)) >> 8) as f32 * (1.0 / (1u32 << 24) as f32)
 }
 
-/// Smooth value noise in `[0, 1)` on a unit lattice.
+/// Returns smooth value noise in `[0, 1)` on a unit lattice.
 pub(super) fn noise2(p: Vec2, seed: u32) -> f32 {
     let floor = p.floor();
     let (x, y) = (floor.x as i32, floor.y as i32);
@@ -362,7 +364,7 @@ pub(super) fn noise2(p: Vec2, seed: u32) -> f32 {
     low + (high - low) * s.y
 }
 
-/// Smooth 3D value noise in `[0, 1)` on a unit lattice.
+/// Returns smooth 3D value noise in `[0, 1)` on a unit lattice.
 pub(super) fn noise3(p: Vec3, seed: u32) -> f32 {
     let floor = p.z.floor();
     let f = p.z - floor;

@@ -28,16 +28,17 @@ use std::sync::Arc;
 /// Colour and exact depth of one view.
 #[derive(Clone, Debug)]
 pub struct SyntheticView {
-    /// sRGB-encoded, opaque.
+    /// Colour, sRGB-encoded and opaque.
     pub color: Image<[u8; 4]>,
-    /// Depth along the optical axis, metres. Positive in every pixel, since the room is closed.
+    /// Depth along the optical axis, metres. It is positive in every pixel, because the room is closed.
     pub depth_z: Image<f64>,
 }
 
-/// Side of the tiles that share a list of candidate solids, pixels.
+/// Side, in pixels, of the tiles that share a list of candidate solids.
 const TILE: usize = 16;
 
-/// Images with fewer pixels are cast on one thread: demo frames are already decoded in parallel.
+/// Number of pixels below which an image is rendered on one thread. Demo frames are already decoded in
+/// parallel.
 const MIN_PARALLEL: usize = 1 << 18;
 
 pub(super) fn render(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -> SyntheticView {
@@ -56,7 +57,8 @@ pub(super) fn radiance(room: &FurnishedRoom, light: &LightMaps, camera: &Camera)
     })
 }
 
-/// Maps each pixel's first hit (ray, index of the solid, hit) through `seen`; `miss` without a hit.
+/// Casts a ray through each pixel centre. `seen` maps the ray, the index of the first solid and the hit
+/// to the pixel's value. Rays without a hit yield `miss`.
 pub(super) fn cast_rays<T: Copy + Send + Sync>(
     room: &FurnishedRoom,
     camera: &Camera,
@@ -142,12 +144,12 @@ fn shade(
     }
 }
 
-/// Image region that a solid can cover, from the projection of its bounding box.
+/// Image region that a solid may cover, from the projection of its bounding box.
 struct ScreenBounds {
     solid: usize,
     columns: Range<usize>,
     rows: Range<usize>,
-    /// Lower bound on the depth of the solid's points in front of the camera, metres.
+    /// Lower bound on the depth of those points of the solid that are in front of the camera, metres.
     nearest_z: f64,
 }
 
@@ -188,8 +190,8 @@ impl ScreenBounds {
     }
 }
 
-/// Tone curve from linear radiance to display bytes: an exponential shoulder, then the sRGB curve.
-/// Tabulated over the square root of radiance, for finer steps in the shadows.
+/// Tone curve from linear radiance to display bytes: an exponential shoulder, followed by the sRGB
+/// curve. It is tabulated over the square root of radiance, for finer steps in the shadows.
 pub(super) struct ToneCurve {
     table: Vec<u8>,
 }
@@ -226,7 +228,7 @@ impl ToneCurve {
     }
 }
 
-/// Returns the demo: [`SyntheticParams::demo`] as a dataset.
+/// Returns the demo as a dataset, with the parameters [`SyntheticParams::demo`].
 pub fn demo() -> Result<Dataset, ParamsError> {
     dataset(&SyntheticParams::demo())
 }
@@ -234,7 +236,7 @@ pub fn demo() -> Result<Dataset, ParamsError> {
 /// Returns a dataset whose frames are rendered when loaded.
 ///
 /// # Errors
-/// Parameters outside their range, or the phone camera, whose recordings need files.
+/// Fails for parameters outside their range, or for the phone camera, whose recordings need files.
 pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
     if params.camera != SyntheticCamera::Room {
         let found = "the phone, whose recordings must be written to files".to_owned();
@@ -270,7 +272,7 @@ pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
     })
 }
 
-/// Bounds of the room: every point of the scene lies inside.
+/// Returns the bounds of the room, which contain every point of the scene.
 pub fn position_range() -> Option<PositionRange> {
     PositionRange::new(room::LO, room::HI, "the bounds of the synthetic room")
 }

@@ -9,7 +9,7 @@ use crate::math::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// A depth image and its photograph, of one lens, with their timestamps.
+/// Depth image and its photograph with their timestamps (seconds); both cameras share one lens.
 pub(in super::super) struct ImagePair {
     pub name: String,
     pub depth: (f64, DepthSource),
@@ -17,8 +17,8 @@ pub(in super::super) struct ImagePair {
 }
 
 impl ImagePair {
-    /// Reads a file of the pair. Retries once, because a passing disk error would change the estimate
-    /// silently.
+    /// Reads a file of the pair; `None` with a warning if it is unreadable. Reading is retried once,
+    /// because a temporary disk error would otherwise change the estimate.
     pub fn read<T>(&self, read: impl Fn() -> Result<T, FrameProblem>) -> Option<T> {
         let told = |problem| {
             tracing::warn!(
@@ -32,12 +32,13 @@ impl ImagePair {
 
 #[derive(Clone, Copy)]
 pub(in super::super) struct Clock<'a> {
-    /// World pose of the tracked body at a time; `None` if unknown.
+    /// Returns the world pose of the tracked body at a time (seconds); `None` if it is unknown.
     pub tracked: &'a (dyn Fn(f64) -> Option<Pose> + Sync),
-    /// Mount of the camera on the body; without one, the tracked poses are the camera's.
+    /// Mount of the camera on the body. Without a mount, tracked poses are camera poses.
     pub mount: Option<Mount>,
     pub intrinsics: Intrinsics,
-    /// Seconds from the first to the last row of a depth image; its timestamp is that of the middle row.
+    /// Readout time from the first to the last row of a depth image, seconds. The timestamp is that of
+    /// the middle row.
     pub depth_reading: f64,
     pub color_reading: f64,
 }
@@ -52,25 +53,26 @@ impl Clock<'_> {
         Self { mount: Some(mount), ..*self }
     }
 
-    /// The same camera with all rows of an image read at once.
+    /// Returns the same clock for cameras that read all rows of an image at once.
     pub fn without_readout(&self) -> Self {
         Self { depth_reading: 0.0, color_reading: 0.0, ..*self }
     }
 }
 
-/// Minimum number of image pairs.
+/// Minimum number of image pairs for an estimate.
 const FEWEST: usize = 6;
-/// Step between the tested delays, seconds, and number of steps to either side.
+/// Step between tested delays, seconds. [`N_STEPS`] delays of either sign are tested.
 const STEP: f64 = 0.005;
 const N_STEPS: usize = 8;
-/// Minimum relative decrease of the mean distance.
+/// Minimum relative decrease of the mean image distance for accepting a delay.
 const FALL: f64 = 0.05;
-/// Maximum difference between the delays of both halves of the pairs, seconds.
+/// Maximum difference, in seconds, between the delays estimated from two halves of the pairs.
 const AGREED: f64 = 0.008;
 /// Minimum delay that is reported, seconds.
 const LEAST: f64 = 0.004;
 
-/// Delay with the smallest mean `distance` over all pairs; `None` if undetermined or negligible.
+/// Returns the delay (seconds) with the smallest sum of `distance` over all pairs; `None` if it is
+/// undetermined or negligible.
 pub(super) fn estimate_delay<P: Sync>(
     pairs: &[P],
     distance: impl Fn(&P, f64) -> f64 + Sync,
@@ -106,8 +108,8 @@ fn sum<'a>(rows: impl Iterator<Item = &'a Distances>) -> Distances {
     })
 }
 
-/// Delay of the smallest distance, and that distance; `None` at either end, where the minimum may be outside
-/// the range.
+/// Returns the delay (seconds) with the smallest distance, and this distance. Returns `None` at either
+/// end of the tested range, because the minimum may be outside.
 fn lowest(distances: &Distances) -> Option<(f64, f64)> {
     let triples = distances.array_windows().enumerate();
     let (before, [left, here, right]) = triples.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))?;
@@ -121,20 +123,21 @@ fn lowest(distances: &Distances) -> Option<(f64, f64)> {
 }
 
 const PAIRS: usize = 16;
-/// Number of images after the first of a pair that are candidates for the second.
+/// Number of images following the first image of a pair that are candidates for the second.
 const REACH: usize = 48;
-/// Maximum rotation within a pair, radians: both images must show the same surfaces.
+/// Maximum rotation between the images of a pair, radians. Both images must show the same surfaces.
 const MOST_SHAKEN: f64 = 0.35;
 const MOST_TURNED: f64 = 0.6;
-/// Minimum difference of rotation rates, radians per second: 1.5 pixels of a Kinect in 10 ms.
+/// Minimum difference between rotation rates, radians per second. It shifts a Kinect's image by 1.5
+/// pixels in 10 ms.
 const LEAST_CHANGE: f64 = 0.3;
-/// Minimum rotation within a pair, radians: of an error common to both poses, a twentieth remains as a
-/// difference between them.
+/// Minimum rotation between the images of a pair, radians. A twentieth of an error common to both poses
+/// then remains as a difference.
 const LEAST_TURN: f64 = 0.05;
-/// Half the time over which a rotation rate is measured, seconds.
+/// Half of the interval over which a rotation rate is measured, seconds.
 const RATE: f64 = 0.01;
 
-/// Evenly spaced images, each paired with the one whose rotation rate differs most.
+/// Pairs evenly spaced images, each with the image whose rotation rate differs most.
 pub(super) fn pairs_by_rate_change<'a>(
     shots: &'a [ImagePair],
     clock: &Clock<'_>,
@@ -143,7 +146,7 @@ pub(super) fn pairs_by_rate_change<'a>(
     chosen(shots, clock, MOST_SHAKEN, change, LEAST_CHANGE)
 }
 
-/// Evenly spaced images, each paired with the one that is rotated most relative to it.
+/// Pairs evenly spaced images, each with the image that is rotated most relative to it.
 pub(super) fn pairs_by_rotation<'a>(
     shots: &'a [ImagePair],
     clock: &Clock<'_>,
@@ -151,8 +154,8 @@ pub(super) fn pairs_by_rotation<'a>(
     chosen(shots, clock, MOST_TURNED, RotatingImage::angle, LEAST_TURN)
 }
 
-/// Pairs of evenly spaced images with their partners of the highest score, at least `least`. The rotation
-/// within a pair is below `most_turn`, radians.
+/// Pairs evenly spaced images, each with the following image of the highest score. Scores are at least
+/// `least`; the rotation within a pair is below `most_turn`, radians.
 fn chosen<'a>(
     shots: &'a [ImagePair],
     clock: &Clock<'_>,
@@ -178,7 +181,7 @@ fn chosen<'a>(
 struct RotatingImage<'a> {
     shot: &'a ImagePair,
     pose: Pose,
-    /// Rotation rate in world axes, radians per second.
+    /// Rotation rate about the world axes, radians per second.
     rate: DVec3,
 }
 

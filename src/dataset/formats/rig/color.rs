@@ -8,9 +8,11 @@ use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use glam::DVec3;
 
-/// Side of the squares whose pixels are averaged: suppresses noise and detail below the registration error.
+/// Side of the squares over which pixels are averaged. Averaging suppresses noise and detail finer than
+/// the registration error.
 const SQUARE: usize = 4;
-/// Limit for differences of grey in `[0, 1]`: larger ones are motion or reflections.
+/// Upper limit of grey differences (grey in `[0, 1]`). Larger differences are caused by motion or
+/// reflections.
 const FARTHEST: f64 = 0.2;
 
 pub(super) struct Pair {
@@ -29,7 +31,8 @@ impl Pair {
         })
     }
 
-    /// Mean difference of grey at the common points, after equalising exposure.
+    /// Returns the mean absolute grey difference at points visible in both photographs, after equalising
+    /// exposure.
     pub fn distance(&self, clock: &Clock<'_>, delay: f64) -> f64 {
         let [a, b] = self.times.map(|time| Strips::new(clock, time + delay, clock.color_reading));
         let shown = |world: &DVec3| {

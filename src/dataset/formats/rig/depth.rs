@@ -9,7 +9,7 @@ use crate::math::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Limit for relative depth differences, to bound the effect of occlusions.
+/// Upper limit of relative depth differences, which bounds the effect of occlusions.
 const FARTHEST: f64 = 0.05;
 
 pub(super) struct Pair<'a> {
@@ -18,8 +18,8 @@ pub(super) struct Pair<'a> {
 }
 
 impl<'a> Pair<'a> {
-    /// Loads both images; `None` if one cannot be read, or if depth is along rays, which no Kinect
-    /// measures.
+    /// Loads both depth images. Returns `None` if one cannot be read or has depth along the ray, which
+    /// no Kinect measures.
     pub fn load(shots: [&'a ImagePair; 2], clock: &Clock<'_>) -> Option<Self> {
         let [a, b] = shots;
         Some(Self { shots, depths: [load(a, &clock.intrinsics)?, load(b, &clock.intrinsics)?] })
@@ -35,8 +35,8 @@ impl<'a> Pair<'a> {
         if n > 0.0 { sum / n } else { FARTHEST }
     }
 
-    /// Signed depth difference of the second image to the first, relative to depth. Samples are the same
-    /// for any clock and delay.
+    /// Returns the measured depth of the second image minus the depth expected from the first, relative
+    /// to the expected depth. The samples are the same for every clock and delay.
     pub fn depth_differences(&self, clock: &Clock<'_>, delay: f64) -> Vec<Option<f64>> {
         self.measured(clock, delay, |_, share| share)
     }
@@ -46,8 +46,9 @@ impl<'a> Pair<'a> {
         self.measured(clock, delay, near).into_iter().flatten().flatten().collect()
     }
 
-    /// Calls `make` for each sample of the first image, with its world point and the relative depth
-    /// difference of the second image; `None` if one of them has no depth.
+    /// Calls `make` for each sample of the first image. Its arguments are the sample's world point and
+    /// the relative depth difference in the second image. A sample without depth in both images yields
+    /// `None`.
     fn measured<T>(
         &self,
         clock: &Clock<'_>,

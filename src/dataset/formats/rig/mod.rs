@@ -22,16 +22,18 @@ pub(super) use mount_search::Mount;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rig {
-    /// True if rows are read one after the other; false if depth agrees better without a rolling shutter.
+    /// True if image rows are read one after the other (rolling shutter); false if depth agrees better
+    /// without a rolling shutter.
     pub reads_rows: bool,
-    /// Delay of depth after its timestamps, seconds; negative if depth is earlier, 0 if undetermined.
+    /// Time from the timestamps of depth images to their capture, seconds; negative if captured earlier,
+    /// 0 if undetermined.
     pub depth_delay: f64,
     pub color_delay: f64,
     pub mount: Mount,
 }
 
 impl Rig {
-    /// Assumption before the estimate.
+    /// Rig assumed before the estimate.
     pub const EXPECTED: Self = Self {
         reads_rows: true,
         depth_delay: 0.0,

@@ -13,26 +13,27 @@ use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Minimum number of image pairs.
+/// Minimum number of image pairs for an estimate.
 const FEWEST: usize = 6;
-/// Minimum relative decrease of the distance of pairs that were not used for the fit.
+/// Minimum relative decrease of the distance, in pairs that were not used for the fit, for accepting a
+/// mount.
 const FALL: f64 = 0.05;
 const ROUNDS: usize = 12;
-/// Maximum number of lengths of a step that are tested, each twice the one before.
+/// Maximum number of tested step lengths; each is twice the previous one.
 const DOUBLINGS: u32 = 5;
 /// Minimum relative decrease of the distance for another round.
 const SETTLED: f64 = 0.002;
-/// Half-widths of the finite differences, radians and metres: about ten pixels, over which depth noise
-/// averages out.
+/// Half-widths of the finite differences, radians and metres. They shift images by about ten pixels,
+/// over which depth noise averages out.
 const EPS: [f64; N] = [0.016, 0.016, 0.016, 0.04, 0.04, 0.04];
-/// Prior standard deviations, radians and metres.
+/// Prior standard deviations of rotation (radians) and translation (metres).
 const EXPECTED: [f64; N] = [0.03, 0.03, 0.03, 0.05, 0.05, 0.05];
 /// Relative depth difference at which the Cauchy weight is one half.
 const ROBUST: f64 = 0.01;
-/// Correlated neighbouring samples that count as one.
+/// Number of correlated neighbouring samples that count as one sample.
 const ALIKE: f64 = 20.0;
 
-/// Rotation about the camera's axes and translation along them.
+/// Number of parameters of a mount: rotation about the camera's axes and translation along them.
 const N: usize = 6;
 type Vector = [f64; N];
 
@@ -40,7 +41,7 @@ fn mount_of([a, b, c, x, y, z]: Vector) -> Mount {
     Mount { shift: DVec3::new(x, y, z), turn: DVec3::new(a, b, c) }
 }
 
-/// Mount estimated from image pairs; the identity if it is undetermined.
+/// Estimates the mount from image pairs. Returns the identity if the mount is undetermined.
 pub(super) fn find(pairs: &[Pair<'_>], clock: &Clock<'_>, delay: f64) -> Mount {
     if pairs.len() < FEWEST {
         return Mount::default();
@@ -62,7 +63,7 @@ pub(super) fn find(pairs: &[Pair<'_>], clock: &Clock<'_>, delay: f64) -> Mount {
 
 struct Search<'a> {
     clock: &'a Clock<'a>,
-    /// Delay of depth, seconds.
+    /// Time from the timestamps of depth images to their capture, seconds.
     delay: f64,
 }
 
@@ -91,8 +92,8 @@ impl Search<'_> {
         mount_of(best)
     }
 
-    /// Point with the smallest distance along a step, and that distance. Noise makes the slopes too large
-    /// and the steps too short, so a step is doubled while the distance falls.
+    /// Returns the mount parameters with the smallest distance along a step, and this distance. Noise
+    /// makes slopes too large and steps too short, so a step is doubled while the distance decreases.
     fn lowest_along(&self, pairs: &[&Pair<'_>], from: Vector, step: &Vector) -> (Vector, f64) {
         let at = |times: f64| {
             let mut place = from;
@@ -144,9 +145,9 @@ impl Search<'_> {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in super::super) struct Mount {
-    /// Translation in the body's axes, which are close to the camera's; metres.
+    /// Translation along the axes of the tracked body, metres. These axes are close to the camera's.
     pub shift: DVec3,
-    /// Rotation vector, radians.
+    /// Rotation vector (axis times angle), radians.
     pub turn: DVec3,
 }
 
@@ -156,17 +157,18 @@ impl Mount {
     }
 }
 
-/// Rows of a strip, and distance between sampled rows and columns.
+/// Number of rows of a strip, and distance between sampled rows and columns, pixels.
 pub(super) const EVERY: usize = 16;
 
-/// World pose for each strip of an image; `None` if unknown.
+/// World pose of the camera for each strip (block of rows) of an image; `None` if unknown.
 pub(super) struct Strips {
     intrinsics: Intrinsics,
     poses: Vec<Option<Pose>>,
 }
 
 impl Strips {
-    /// Poses for an image whose middle row is read at `time` and all rows in `reading` seconds.
+    /// Computes the poses for an image whose middle row is read at `time`. All rows are read within
+    /// `reading` seconds.
     pub fn new(clock: &Clock<'_>, time: f64, reading: f64) -> Self {
         let intrinsics = clock.intrinsics;
         let rows = intrinsics.height as usize;
@@ -175,15 +177,15 @@ impl Strips {
         Self { intrinsics, poses: strips.map(|row| clock.at(time + read(row))).collect() }
     }
 
-    /// Sampled rows with the camera's pose at their readout, if known.
+    /// Returns the sampled rows for which the camera's pose during readout is known, with these poses.
     pub fn rows(&self) -> impl Iterator<Item = (usize, &Pose)> {
         let rows = (EVERY / 2..).step_by(EVERY);
         rows.zip(&self.poses).filter_map(|(row, pose)| Some((row, pose.as_ref()?)))
     }
 
-    /// Projects a world point to pixel column, pixel row and depth; `None` outside the image. The row
-    /// determines the time and thereby the pose, so the projection is iterated; two rounds reach pixel
-    /// accuracy.
+    /// Projects a world point to pixel column, pixel row and depth. Returns `None` outside the image.
+    /// The row determines the readout time and thereby the pose, so the projection is iterated. Two
+    /// iterations reach pixel accuracy.
     pub fn project(&self, world: DVec3) -> Option<[f64; 3]> {
         let k = &self.intrinsics;
         // The middle strip is the best guess before the row is known.

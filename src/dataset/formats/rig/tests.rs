@@ -12,7 +12,7 @@ use glam::{DQuat, DVec3, EulerRot};
 use std::path::Path;
 
 const READING: f64 = 0.03;
-/// Half the sides of a room, metres.
+/// Half side lengths of a box-shaped room, metres.
 const ROOM: DVec3 = DVec3::new(2.0, 1.4, 3.1);
 
 fn pose(turn: DQuat) -> Pose {
@@ -20,7 +20,7 @@ fn pose(turn: DQuat) -> Pose {
     Pose::from_opencv(matrix).unwrap()
 }
 
-/// Rotates back and forth about two axes, at up to about half a radian a second.
+/// Returns a pose that rotates back and forth about two axes, at up to about half a radian per second.
 fn shaken(time: f64) -> Option<Pose> {
     let (yaw, pitch) = (0.15 * (4.1 * time).sin(), 0.12 * (5.3 * time).cos());
     Some(pose(DQuat::from_euler(EulerRot::YXZ, yaw, pitch, 0.0)))
@@ -40,7 +40,8 @@ fn camera() -> Intrinsics {
     Intrinsics::from_horizontal_fov(160, 128, 1.0)
 }
 
-/// Depth along the axis and world position for each pixel, with the rows read one after the other.
+/// Returns depth along the optical axis and world position for each pixel. Rows are read one after the
+/// other within `reading` seconds.
 fn seen(time: f64, reading: f64, at: impl Fn(f64) -> Option<Pose>) -> Vec<(f64, DVec3)> {
     let k = camera();
     let rows = k.height as usize;

@@ -10,28 +10,29 @@ use crate::math::pose::Pose;
 use crate::math::rng::{Purpose, Rng};
 use glam::{DVec2, Vec3};
 
-/// First random stream of the lidar noise; the frame index is added.
+/// Random stream of the lidar noise of the first frame. The frame index is added to it.
 const LIDAR: u64 = 1 << 40;
-/// Exposure time as a fraction of the walk.
+/// Exposure time as a fraction of the duration of the walk.
 const SHUTTER: f64 = 0.000_1;
 /// Relative light loss in the image corners.
 const VIGNETTING: f64 = 0.06;
-/// Motion in pixels above which a photograph averages three views, and five.
+/// Image motion, in pixels, above which a photograph averages three views, and above which it averages
+/// five.
 const BLURRED: [f64; 2] = [1.2, 4.0];
-/// Depth at which motion blur is estimated, metres.
+/// Surface depth for which motion blur is estimated, metres.
 const TYPICAL_DEPTH: f64 = 1.5;
 /// Maximum side of the depth image, pixels.
 const DEPTH_SIDE: f64 = 256.0;
-/// Minimum ratio of photograph to depth resolution.
+/// Minimum ratio of photograph resolution to depth resolution.
 const LEAST_FACTOR: f64 = 2.0;
 
-/// Photograph and depth image as a phone stores them.
+/// Photograph and depth image in the form in which a phone stores them.
 pub struct Capture {
-    /// sRGB-encoded, opaque.
+    /// Photograph, sRGB-encoded and opaque.
     pub color: Image<[u8; 4]>,
     /// Depth along the optical axis, metres; 0 in holes.
     pub depth_z: Image<f64>,
-    /// Confidence code, 0 to 2.
+    /// Confidence code of each depth pixel, 0 to 2.
     pub confidence: Image<u8>,
 }
 
@@ -62,7 +63,7 @@ impl PhoneCamera {
         self.walk.walk_parameter(frame as f64, self.gains.len())
     }
 
-    /// Renders a photograph: mean radiance over the exposure, times gain and vignetting.
+    /// Renders a photograph as the mean radiance over the exposure, with gain and vignetting.
     fn photograph(&self, scene: &SyntheticScene, frame: usize) -> Image<[u8; 4]> {
         let k = scene.intrinsics();
         let poses = self.exposure_poses(frame, &k);
@@ -84,7 +85,7 @@ impl PhoneCamera {
         Image::from_vec(width, light.height, developed.collect())
     }
 
-    /// Poses sampled over the exposure: one for small motion, else three or five.
+    /// Returns poses sampled over the exposure: one for small motion, otherwise three or five.
     fn exposure_poses(&self, frame: usize, k: &Intrinsics) -> Vec<Pose> {
         let middle = self.walk_parameter(frame);
         let at = |moment: f64| self.walk.shaken_pose(middle + SHUTTER * (moment - 0.5));
@@ -105,7 +106,8 @@ fn image_motion(from: &Pose, to: &Pose, k: &Intrinsics) -> f64 {
     k.fx * (turn.to_scaled_axis().length() + offset.length() / TYPICAL_DEPTH)
 }
 
-/// Intrinsics of the lidar image: the lens of the photograph, e.g. 192×256 pixels for 1440×1920.
+/// Returns the intrinsics of the lidar image, which has the photograph's lens. It has for example
+/// 192×256 pixels for a photograph of 1440×1920.
 pub fn depth_camera(k: &Intrinsics) -> Intrinsics {
     let longest = f64::from(k.width.max(k.height));
     k.scaled(1.0 / (longest / DEPTH_SIDE).max(LEAST_FACTOR))
@@ -115,10 +117,10 @@ const STREAM: u64 = u64::MAX - 4;
 const GAINS: [f64; 2] = [0.8, 1.25];
 /// Minimum relative difference between consecutive gains.
 const LEAST_STEP: f64 = 0.08;
-/// Approximate number of frames per gain step.
+/// Approximate number of consecutive frames with the same gain.
 const FRAMES_PER_STEP: usize = 14;
 
-/// Gain of each frame; the first is 1.
+/// Returns the exposure gain of each of `n` frames; the first is 1.
 pub(super) fn gains(n: usize, seed: u64) -> Vec<f32> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, STREAM);
     // Gives short recordings a few steps too.

@@ -78,7 +78,7 @@ pub(super) fn sagging_cable(
 
 const LO: DVec3 = dvec3(-2.2, -2.8, 0.0);
 const HI: DVec3 = dvec3(2.2, 0.0, 2.5);
-/// Random stream of the furnishing, the same as for the room.
+/// Random stream of the furnishing, equal to that of the furnished room.
 const STREAM: u64 = u64::MAX;
 
 const WINDOW: Lamp = Lamp {

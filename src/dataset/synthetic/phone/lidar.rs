@@ -7,15 +7,16 @@ use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::math::rng::Rng;
 
-/// Rays per pixel and axis.
+/// Number of rays along each axis of a pixel.
 const RAYS: usize = 3;
 /// Binomial low-pass filter over five pixels.
 const LOW_PASS: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
-/// Maximum range, metres; no return from beyond.
+/// Maximum range, metres. Surfaces beyond it yield no return.
 const RANGE: f32 = 5.0;
-/// Cosines of incidence: no return below the first, low confidence below the second.
+/// Cosines of the incidence angle: minimum for a return, and minimum for the highest confidence.
 const GRAZING: [f32; 2] = [0.1, 0.3];
-/// Relative depth span around a pixel above which confidence is 0, and above which it is 1.
+/// Limits of the relative depth span around a pixel: maximum for confidence above 0, and maximum for
+/// confidence 2.
 const EDGES: [f32; 2] = [0.1, 0.05];
 
 #[derive(Clone, Copy)]
@@ -25,7 +26,8 @@ struct RayReturn {
     is_poor: bool,
 }
 
-/// Measures depth along the optical axis (metres, 0 in holes) and confidence.
+/// Simulates the lidar. Returns depth along the optical axis (metres, 0 in holes) and the confidence
+/// codes.
 pub(super) fn measure(
     room: &FurnishedRoom,
     camera: &Camera,
@@ -95,7 +97,7 @@ struct LidarPixel {
     mean: f32,
     least: f32,
     cosine: f32,
-    /// True if most rays hit glossy, glass or black surfaces.
+    /// True if most rays of the pixel hit glossy, glass or black surfaces.
     is_poor: bool,
 }
 
@@ -133,7 +135,7 @@ fn neighbourhood_range(
     Image::from_vec(width, height, (0..width * height).map(span).collect())
 }
 
-/// Gaussian field of unit variance with a correlation length of about `sigma` pixels.
+/// Generates Gaussian noise of unit variance with a correlation length of about `sigma` pixels.
 pub(super) fn correlated_noise(
     width: usize,
     height: usize,
@@ -151,7 +153,7 @@ pub(super) fn correlated_noise(
     separable_filter(&white, &weights)
 }
 
-/// Separable filter over rows, then columns, with mirrored borders.
+/// Filters an image along its rows and then along its columns, with mirrored borders.
 pub(super) fn separable_filter(image: &Image<f32>, weights: &[f32]) -> Image<f32> {
     let (width, height) = (image.width, image.height);
     let reach = weights.len() as i64 / 2;

@@ -7,12 +7,12 @@ use glam::{DQuat, DVec2, DVec3, EulerRot, dvec3};
 use std::f64::consts::TAU;
 
 const PHASES: u64 = u64::MAX - 2;
-/// Amplitudes of hand shake, metres and radians.
+/// Amplitudes of hand shake: translation (metres) and rotation (radians).
 const SHAKE: [f64; 2] = [0.004, 0.006];
-/// Base frequency of hand shake, cycles per walk.
+/// Base frequency of hand shake, cycles per duration of the walk.
 const SWINGS: f64 = 47.0;
 
-/// Walk through a scene, parameterised from 0 to 1.
+/// Path of the phone through a scene, parameterised from 0 to 1.
 #[derive(Clone, Copy, Debug)]
 pub struct Walk {
     scene: PhoneScene,
@@ -25,8 +25,9 @@ impl Walk {
         Self { scene, phases: [(); 4].map(|()| rng.uniform()) }
     }
 
-    /// Walk parameter of a frame out of `n_frames`; fractional frames interpolate.
-    /// The pace varies: slow frames hardly move, fast ones have motion blur.
+    /// Returns the walk parameter, from 0 to 1, of a frame out of `n_frames`. Fractional frames
+    /// interpolate. The pace varies: during slow frames the phone hardly moves, and fast frames have
+    /// motion blur.
     pub fn walk_parameter(&self, frame: f64, n_frames: usize) -> f64 {
         const HURRIES: f64 = 5.0;
         let even = frame / n_frames.max(1) as f64;
@@ -54,7 +55,8 @@ impl Walk {
         Pose::look_at(eye, eye + forward, DVec3::Z).unwrap_or(Pose::IDENTITY)
     }
 
-    /// Two turns: the first faces the centre of the room, the second the walls ahead.
+    /// Returns camera position and view direction on two turns around the room. The first turn faces the
+    /// centre of the room, the second the walls ahead.
     fn in_room(&self, part: f64) -> (DVec3, DVec3) {
         let [phase, rise, ..] = self.phases;
         let turn = phase + 2.0 * part;
@@ -71,7 +73,8 @@ impl Walk {
         (eye, turned + DVec3::Z * nod)
     }
 
-    /// Arcs around points of the door at varying distance.
+    /// Returns camera position and view direction on arcs around points of the door, at varying
+    /// distance.
     fn at_door(&self, part: f64) -> (DVec3, DVec3) {
         let [a, b, ..] = self.phases;
         let wave = |rate: f64, phase: f64| (TAU * (rate * part + phase)).sin();
@@ -92,12 +95,13 @@ fn smooth(x: f64) -> f64 {
 }
 
 const STREAM: u64 = u64::MAX - 3;
-/// Range of the maximum position error of a recording, metres.
+/// Range from which the maximum position error of a recording is drawn, metres.
 const LARGEST_OFFSET: [f64; 2] = [0.002, 0.003];
 /// Maximum rotation error of a recording, degrees.
 const LARGEST_TURN: f64 = 0.2;
 
-/// Adds drift to true poses, as tracking by a phone would; the first pose stays exact.
+/// Adds smooth random drift to true poses, as it occurs in a phone's tracking. The first pose remains
+/// exact.
 pub fn with_drift(poses: &[Pose], seed: u64) -> Vec<Pose> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, STREAM);
     let [low, high] = LARGEST_OFFSET;

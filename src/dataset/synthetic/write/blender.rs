@@ -17,11 +17,11 @@ use strum::{EnumString, VariantNames};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumString, VariantNames)]
 pub enum DepthBits {
     #[strum(serialize = "8")]
-    /// `8·(1 − d/255)` m in RGBA, 31 mm per step, as in the original export.
+    /// 8-bit depth `8·(1 − d/255)` m in RGBA images, as in the original dataset. A step is 31 mm.
     Eight,
     #[default]
     #[strum(serialize = "16")]
-    /// 16-bit gray with `integer_depth_scale` = 0.25 mm per step.
+    /// 16-bit grey images with `integer_depth_scale`; a step is 0.25 mm.
     Sixteen,
 }
 

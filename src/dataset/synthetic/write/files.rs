@@ -13,10 +13,10 @@ const JPEG_QUALITY: u8 = 95;
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// Parameters outside their range.
+    /// A parameter is outside its range.
     #[error("{0}")]
     Params(#[from] ParamsError),
-    /// The folder is not empty; nothing is overwritten.
+    /// The folder is not empty. Existing files are never overwritten.
     #[error(
         "{}: expected a new or empty folder, found one with files; choose another", .0.display()
     )]
@@ -61,7 +61,7 @@ pub(super) fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Wri
     std::fs::write(path, bytes).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
 
-/// Writes pixels whose layout in memory is that of `color`.
+/// Writes an image to a PNG file. The memory layout of its pixels must be that of `color`.
 pub(super) fn write_png<P: bytemuck::Pod>(
     path: &Path,
     image: &Image<P>,

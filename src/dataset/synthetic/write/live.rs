@@ -8,12 +8,14 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Files and lists of a layout that grow by one frame at a time; all other files are there from the start.
+/// Files of a layout that grow during a recording, by one frame at a time. All other files exist from
+/// the start.
 #[derive(Clone, Copy, Debug)]
 pub struct LiveFiles {
-    /// Kinds of files with one file per frame: their folders, in order, and a part of their names.
+    /// Kinds of files with one file per frame. Each kind has its folders, in order, and a part of its
+    /// file names.
     pub files: &'static [(&'static [&'static str], &'static str)],
-    /// Lists: file, number of header lines, lines per frame.
+    /// Lists of frames: file name, number of header lines, and number of lines per frame.
     pub lists: &'static [(&'static str, usize, usize)],
 }
 
@@ -45,7 +47,7 @@ impl LiveFiles {
     /// called before each frame with its index from 0 and the total, and blocks until the frame is due.
     ///
     /// # Errors
-    /// Files that cannot be read or written.
+    /// Fails if a file cannot be read or written.
     pub fn replay(
         &self,
         finished: &Path,
@@ -85,7 +87,7 @@ impl LiveFiles {
     }
 }
 
-/// Files of a folder and its subfolders, relative to it.
+/// Returns the files of a folder and its subfolders, with paths relative to the folder.
 fn files_below(root: &Path) -> Result<BTreeSet<PathBuf>, WriteError> {
     let mut found = BTreeSet::new();
     let mut folders = vec![PathBuf::new()];
@@ -103,7 +105,7 @@ fn files_below(root: &Path) -> Result<BTreeSet<PathBuf>, WriteError> {
     Ok(found)
 }
 
-/// Removes the files of one kind from `rest`; returns them in numerical order.
+/// Removes the files of one kind from `rest`, and returns them in numerical order.
 fn take_frame_files(rest: &mut BTreeSet<PathBuf>, folders: &[&str], part: &str) -> Vec<PathBuf> {
     let key = |path: &PathBuf| {
         let name = path.file_name()?.to_str().filter(|name| name.contains(part))?;
@@ -117,7 +119,7 @@ fn take_frame_files(rest: &mut BTreeSet<PathBuf>, folders: &[&str], part: &str) 
     taken.into_iter().map(|(_, _, path)| path).collect()
 }
 
-/// Writes in two parts, as an encoder that streams to disk would.
+/// Copies a file in two parts, as it is written by an encoder that streams to disk.
 fn copy(from: &Path, to: &Path, file: &Path) -> Result<(), WriteError> {
     let target = to.join(file);
     let io = |source| WriteError::Io { path: target.clone(), source };

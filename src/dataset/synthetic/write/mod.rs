@@ -15,16 +15,16 @@ pub use blender::DepthBits;
 pub use files::WriteError;
 pub use live::LiveFiles;
 
-/// Sub-folder for the remaining splits in layouts without splits. It has the Blender layout with 16-bit
-/// depth, and true poses in the world frame of the recording.
+/// Subfolder for splits that layouts without splits cannot contain. It has the Blender layout with
+/// 16-bit depth, and true poses in the world frame of the recording.
 pub const FREE_FOLDER: &str = "free";
 
-/// Renders all frames of `params` into the new or empty folder `out`, with depth and poses in every split.
-/// `on_frame` receives the number of frames written and the total.
+/// Renders all frames of `params` into the new or empty folder `out`, with depth and poses. `on_frame`
+/// receives the number of frames written and the total.
 ///
 /// # Errors
-/// Parameters outside their range, a layout that the camera does not support, a folder that is not empty,
-/// or files that cannot be written.
+/// Fails for parameters outside their range, or for a layout that the camera does not support. Also
+/// fails if the folder is not empty or files cannot be written.
 pub fn write(
     params: &SyntheticParams,
     out: &Path,
@@ -61,12 +61,12 @@ pub fn write(
 }
 
 /// Writes the dataset of [`write()`] as a growing recording. Images are written in two parts, list lines
-/// after their images, and the end marker last. `due` is called before each frame with its index from 0 and
-/// the total, and blocks until the frame is due. Rendering is slower than a camera, so everything is first
-/// rendered to a temporary folder next to `out`.
+/// after their images, and the end marker last. Before each frame, `due` receives the frame's index from
+/// 0 and the total, and blocks until the frame is due. Rendering is slower than a camera, so everything
+/// is first rendered to a temporary folder next to `out`.
 ///
 /// # Errors
-/// A layout that stores its frames in one file; otherwise as [`write()`].
+/// Fails for a layout that stores its frames in one file, and in the cases of [`write()`].
 pub fn write_live(
     params: &SyntheticParams,
     out: &Path,

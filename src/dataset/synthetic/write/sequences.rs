@@ -18,7 +18,7 @@ use std::fmt::Write;
 use std::io::Cursor;
 use std::path::Path;
 
-/// Metres per depth code.
+/// Length of a step of the depth codes in the 7-Scenes layout, metres.
 const SEVEN_SCENES_UNIT: f64 = 0.001;
 const TUM_UNIT: f64 = 1.0 / 5000.0;
 const CONFIDENCE: &str = "confidence";
