@@ -19,7 +19,7 @@ pub struct AssignedPoints<'a> {
     pub h: f64,
     /// Points of the frame, world units from the scene's origin.
     pub points: &'a [SurfacePoint],
-    /// Component of each point; values beyond the last component mean none.
+    /// Component of each point. A value beyond the last component means that the point has none.
     pub owners: &'a [u32],
     /// Shift of each point along its ray, world units.
     pub shifts: &'a [f32],
@@ -83,7 +83,7 @@ pub fn accumulate(
 struct PartResult {
     /// Components with points, ascending.
     ids: Vec<u32>,
-    /// Sums of components whose points exceed the range of a row.
+    /// Numbers and sums of components with more points than a row of integer sums can hold.
     wide: Vec<(u32, [f64; N_SUMS])>,
 }
 
@@ -100,12 +100,13 @@ struct Receiver {
     row: u32,
     n: u32,
     seed: [f32; 3],
-    /// Index among the wide sums, if the points exceed the range of a row.
+    /// Index in [`PartResult::wide`], if a row of integer sums cannot hold the points.
     wide: Option<usize>,
 }
 
 impl<'p, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, P> {
-    /// Returns the index of each row's receiver, and the receivers in the order of their first point.
+    /// Returns the index of the [`Receiver`] of each row, and the receivers in the order of their first
+    /// point.
     fn receivers(&self) -> (Vec<u32>, Vec<Receiver>) {
         let Self { first, rows, points, frame } = self;
         let (mut places, mut receivers) = (vec![NONE; rows.len()], Vec::<Receiver>::new());

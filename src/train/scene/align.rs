@@ -27,7 +27,7 @@ use rayon::prelude::*;
 
 // Approximate number of points used per frame: neighbours are redundant.
 const MAX_USED: usize = 8192;
-/// Stride over groups of neighbouring points while the pose has not nearly converged (`scene.md`, Pose
+/// Stride over groups of neighbouring points, used until the pose has nearly converged (`scene.md`, Pose
 /// alignment).
 pub const GROUP_STRIDE: usize = 4;
 /// Maximum number of rounds. Each round assigns the points to components and takes Gauss–Newton steps.
@@ -35,7 +35,7 @@ pub const ROUNDS: usize = 24;
 /// Mean movement of a point in a round, in units of the structural scale, below which the pose has
 /// converged.
 const CONVERGED: f64 = 0.02;
-/// Minimum number of components that determine a motion.
+/// Minimum number of matched components for the estimate of a motion.
 // A rigid motion has six unknowns, and a plane constrains one.
 const MIN_COMPONENTS: usize = 6;
 /// Number of matched components from which the recorded position has its full prior deviation.
@@ -66,7 +66,7 @@ pub struct PoseAlignment<'a> {
     pub h: f64,
 }
 
-/// A component as the scene predicts it, with the means of the frame's points in that component.
+/// A component of the scene, with the means of the frame's points that belong to the component.
 struct Match<'p> {
     pub plane: &'p ColoredPlane,
     /// Mean position of the frame's points under the recorded pose, world units from the scene's origin.
@@ -114,8 +114,8 @@ fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
 }
 
 impl PoseAlignment<'_> {
-    /// Returns a more probable motion than `before`, under which `owners` were assigned; `None` if too few
-    /// components are known.
+    /// Returns a more probable motion of the frame than `before`. `owners` must have been assigned under
+    /// `before`. `None` if too few components are known.
     pub fn improve(&self, before: &Motion, planes: &mut KnownPlanes<'_>) -> Option<Improvement> {
         let found = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
@@ -243,13 +243,13 @@ fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-/// Minimum length of the mean of a component's unit normals, at which the component counts as a plane.
+/// Minimum length of the mean of a component's unit normals for the component to count as a plane.
 const MIN_AGREEMENT: f64 = 0.8;
 
 /// A component as a plane whose colour changes linearly with position.
 #[derive(Clone, Copy)]
 pub struct ColoredPlane {
-    /// Seed to which the component's sums refer, world units from the origin.
+    /// Seed from which the component's sums measure offsets, world units from the origin.
     pub seed: DVec3,
     /// Mean of the component's points, world units from the origin.
     pub mean: DVec3,

@@ -93,7 +93,7 @@ impl ComponentSums {
         self.rows.len() * size_of::<SumRow>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
     }
 
-    /// Returns the row of a component, without the f64 sums of components whose points exceed a row.
+    /// Returns the integer sums and visibility counts of a component, without its wide row.
     pub fn row(&self, id: usize) -> &SumRow {
         &self.rows[id]
     }
@@ -158,8 +158,8 @@ impl ComponentSums {
         Self { rows, wide }
     }
 
-    /// Calls `f` in parallel on at most `parts` disjoint ranges of consecutive rows. Its arguments are
-    /// the number of the first row, the rows, and all wide sums.
+    /// Calls `f` in parallel on at most `parts` disjoint ranges of consecutive rows. The arguments of
+    /// `f` are the number of the first row, the rows, and all wide sums.
     pub fn for_each_part(
         &mut self,
         parts: usize,
@@ -208,7 +208,8 @@ impl ComponentSums {
         ids.iter().zip(sums).map(with).collect()
     }
 
-    /// Moves the sums of components in `touched` that the next frame could overflow to wide rows.
+    /// Moves the sums of components in `touched` to wide rows if the next frame could make the sums
+    /// overflow.
     pub fn spill_to_wide_rows(&mut self, touched: &[u32]) {
         let full = touched.par_iter().with_min_len(1024);
         let full = full.filter(|id| is_full(self.row(**id as usize)));

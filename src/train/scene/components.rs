@@ -17,7 +17,7 @@ const SURFACE: u32 = WHOLE as u32 * WHOLE as u32;
 pub struct Components {
     /// Number of rows of sums, used or free.
     n_rows: usize,
-    /// Assignment of seeds to components; `None` while component `k` has exactly seed `k`.
+    /// Assignment of seeds to components; `None` while component `k` has seed `k` and no other seed.
     sharing: Option<Sharing>,
     /// Maximum distance of points from each seed, in units of 1/[`WHOLE`] of the structural scale. Seeds
     /// created before the scale grew have less than [`WHOLE`]. Empty while all seeds have [`WHOLE`].
@@ -120,7 +120,7 @@ impl Components {
         (!self.shares.is_empty()).then_some(&self.shares)
     }
 
-    /// Adds the seed with the next number and returns its new component.
+    /// Adds a seed, whose number must be the next one, and returns its new component.
     pub fn add_seed(&mut self, seed: u32) -> u32 {
         // Seeds have the whole until the scale grows, which needs no list.
         if !self.shares.is_empty() {

@@ -14,8 +14,7 @@ use serde::{Deserialize, Serialize};
 /// measured and may differ, especially if merged components retain their seeds.
 pub const COMPONENT_BYTES: usize = 200;
 
-/// Default budget: maximum number of components of a scene. They take 400 MB at [`COMPONENT_BYTES`]
-/// each.
+/// Default budget: maximum number of components of a scene, 400 MB at [`COMPONENT_BYTES`] each.
 pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 
 /// Settings of the scene engine.

@@ -87,7 +87,7 @@ const MAX_TRUST: f64 = 2.0;
 /// Minimum cosine between a ray and the plane's normal at which the point is moved.
 const MIN_COSINE: f64 = 0.3;
 
-/// Plane of a component, towards which its points move.
+/// Plane through the points of a component, towards which new points of the component are moved.
 pub struct RefinementPlane {
     seed: [f32; 3],
     /// Mean of the component's points relative to the seed, world units.

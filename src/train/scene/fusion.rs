@@ -223,7 +223,7 @@ impl Component {
 struct Fused {
     h: f64,
     components: Vec<Component>,
-    /// Number of components of the common start.
+    /// Number of components of the common start scene.
     n_shared: usize,
     /// Seeds of all components that the start does not have, in the order of `components`.
     own: SeedGrid,
@@ -235,9 +235,9 @@ impl Fused {
     }
 
     /// Adds the components of one scene that the start does not have. A component whose mean is within
-    /// reach of another scene's new seed is added to that seed's component. Its photometric estimate
-    /// describes a different splat and is dropped. All others are appended: they were apart from the
-    /// start's components when they were created.
+    /// reach of a seed added from another scene is merged into that seed's component. Its photometric
+    /// estimate describes a different splat and is dropped. All others are appended: they were apart
+    /// from the start's components when they were created.
     fn add_new_components(&mut self, own: impl Iterator<Item = Component>) {
         let n_before = self.own.len();
         // A component without points has no mean to match by.
@@ -442,8 +442,8 @@ impl<const N: usize, const M: usize> Joint<N, M> {
         Self { precision: vec![0.0; N * N], information, remembered: 1.0 }
     }
 
-    /// Adds the information that the estimate of one scene has gained over the start. `own` is its
-    /// precision, `start` that of the start, and `steps` are the differences of the parameters.
+    /// Adds the information that the estimate of one scene has gained over the start. `own` and `start`
+    /// are the precisions of that estimate and of the start, `steps` the differences of the parameters.
     /// `remembered` is the share of the start's precision that the scene retains.
     fn add(
         &mut self,

@@ -96,7 +96,8 @@ impl SeedGrid {
         cell
     }
 
-    /// True if a place may lie within `radius` world units of a seed, including places just outside the grid.
+    /// True if a position may be within `radius` world units of a seed, including positions just outside
+    /// the grid.
     #[inline(always)]
     pub fn may_reach_seed(&self, position: [f32; 3], radius: f32) -> bool {
         position.iter().all(|x| (x.abs() - radius) * self.per_cell < MAX_CELLS)
@@ -200,7 +201,7 @@ impl SeedGrid {
         CellBox { low: self.cell_of(low), high: self.cell_of(high) }
     }
 
-    /// Appends the numbers and positions of all seeds in a box with the given corners to `found`.
+    /// Appends to `found` the numbers and positions of all seeds in a box with the given corners.
     pub fn gather(&self, corners: [[f32; 3]; 2], found: &mut Vec<(u32, [f32; 3])>) {
         Isa::best().run(Gather { grid: self, corners, found });
     }
@@ -212,8 +213,8 @@ impl SeedGrid {
         (found != NONE).then_some(found)
     }
 
-    /// Returns the nearest seed within `reach` of a position, world units; among equally near seeds, the
-    /// oldest. [`NONE`] without a seed. `reach` is at most one cell width.
+    /// Returns the nearest seed within `reach` of a position; among equally near seeds, the oldest.
+    /// [`NONE`] if there is no seed. `reach` is in world units, at most one cell width.
     #[inline(always)]
     pub fn nearest_within<V: Vector>(&self, position: [f32; 3], reach: f32) -> u32 {
         if !self.has_cell(position) {
@@ -272,8 +273,8 @@ impl Node {
     }
 }
 
-/// Iterator over the first nodes of all blocks in a box. Hand-written, since iterator adapters are not
-/// compiled for a kernel's instruction set.
+/// Iterator over the first nodes of all blocks in a box. It is hand-written, since iterator adapters are
+/// not compiled for a kernel's instruction set.
 struct Heads<'a> {
     grid: &'a SeedGrid,
     low: [i32; 3],
@@ -353,7 +354,7 @@ impl Kernel for Gather<'_> {
 #[derive(Clone, Copy, Debug)]
 pub struct CellBox {
     pub low: [i32; 3],
-    /// Largest index along each axis, inclusive.
+    /// Largest cell index along each axis, inclusive.
     pub high: [i32; 3],
 }
 

@@ -30,7 +30,7 @@ const MAX_OFFSET: f64 = 1.5;
 const THICKNESS_COST: f64 = 0.25;
 /// Ridge of the regression of colour on position, in units of `h²`, where `h` is the structural scale.
 const RIDGE: f64 = 0.025;
-/// Maximum number of passes over all components; every pass merges pairs.
+/// Maximum number of passes, each of which merges pairs of components.
 const PASSES: usize = 12;
 
 /// Statistics of a component, with lengths in units of the structural scale `h`. The seed is relative to

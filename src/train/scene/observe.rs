@@ -63,7 +63,7 @@ impl<'a> FrameView<'a> {
     }
 
     /// Returns the visibility of a component at `mean` and the expected number of points on the
-    /// component. `None` if it is hidden, out of view or unknown.
+    /// component. `None` if the component is hidden, out of view or unknown.
     fn visibility(&self, mean: DVec3, normal: DVec3) -> Option<(Visibility, f64)> {
         let local = self.rotation * (mean - self.centre);
         // Behind the camera the projection would mirror the point.

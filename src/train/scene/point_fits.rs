@@ -122,7 +122,7 @@ impl PointFits {
         }
     }
 
-    /// Assigns the points on the device if it was chosen for this frame. Returns true on success.
+    /// Assigns the points on the device, if one was chosen for this frame. Returns true on success.
     fn assign_on_device(&mut self, seeds: &Seeds, reach: Reach, points: &[SurfacePoint]) -> bool {
         let Some(fitter) =
             self.device.as_mut().filter(|fitter| fitter.turn != DeviceChoice::Processor)
@@ -192,8 +192,8 @@ impl PointFits {
         self.used.device_frames += 1;
     }
 
-    /// Accepts the device after a trial if its sums are equal, else drops it. The numbers are the times
-    /// of the sums on processor and device, milliseconds.
+    /// Accepts the device after a trial if its sums are equal, else drops it. `processor` and
+    /// `on_device` are the times of the sums, milliseconds.
     fn conclude_trial(&mut self, is_equal: bool, [processor, on_device]: [f64; 2]) {
         if !is_equal {
             return self.drop_device(DIFFERING.to_owned());
@@ -254,7 +254,8 @@ const LEFT: u32 = 1 << 31;
 // below 2²², the limit of rounding by addition.
 const MAX_NUMBER: f32 = 2.0;
 const MAX_WEIGHT: u32 = 16;
-/// Largest factor on a colour and largest shift of a point, so that products are finite.
+/// Largest colour gain, and largest shift of a point in world units, for sums on a device. The limit
+/// keeps products finite.
 const MAX_FACTOR: f32 = 65_536.0;
 
 /// Slots for sums on a device, one per component with points in a frame.

@@ -167,7 +167,7 @@ pub const GROUP: usize = 8;
 /// Movement of a point after which candidate seeds are gathered again, relative to the reach.
 const MARGIN: f32 = 0.25;
 
-/// Candidate seeds within reach of points that move; refreshed after large movements.
+/// Candidate seeds within reach of points that move; gathered again after large movements.
 pub struct NearSeeds<'a> {
     grid: &'a SeedGrid,
     reach: f32,

@@ -94,7 +94,7 @@ pub enum Budget {
 }
 
 impl Budget {
-    /// Returns the budget in components.
+    /// Returns the budget as a number of components.
     pub fn components(self) -> usize {
         match self {
             Self::Components(n) => n,

@@ -185,7 +185,7 @@ fn motions_that_a_wall_leaves_open_stay_as_recorded() {
     }
 }
 
-/// A texture finer than the components, which they cannot represent, must not move poses far.
+/// A texture too fine for the components must not move poses far from the recorded ones.
 #[test]
 fn paint_that_is_finer_than_components_moves_nothing_far() {
     for seed in 0..3 {

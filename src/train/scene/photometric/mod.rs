@@ -30,8 +30,8 @@ pub(in crate::train::scene) use step::{LEAST_OPACITY, PointExtents, is_trained, 
 
 /// Minimum blending weight of a splat, summed over pixels, for a photometric step.
 const MIN_SEEN: f32 = 0.5;
-/// Number of components per task that initialises splats. The number is small, since the components with
-/// points in a frame are clustered.
+/// Number of components per task that initialises splats; small, since the components with points in a
+/// frame have neighbouring numbers.
 const BEGUN_BY_TASK: usize = 64;
 /// Number of components per task that takes photometric steps.
 const LEARNT_BY_TASK: usize = 256;
@@ -41,7 +41,8 @@ const LEARNT_BY_TASK: usize = 256;
 pub(in crate::train::scene) struct SplatStep<'a> {
     rule: &'a PhotometricRule,
     pixels: PixelRule,
-    /// Returns mean and extent of a component's points, which limit position and size of its splat.
+    /// Function that returns mean and extent of a component's points, which limit position and size of
+    /// its splat.
     extents: &'a PointExtents<'a>,
 }
 

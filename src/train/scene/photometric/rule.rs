@@ -7,7 +7,7 @@ use crate::train::setting::value::named_values;
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// Largest shuffle buffer a user may set, in photographs.
+/// Maximum size of the shuffle buffer that can be configured, in photographs.
 pub const MAX_WAITING: usize = 1000;
 /// Maximum size of the shuffle buffer in bytes.
 const MOST_WAITING_BYTES: usize = 64_000_000;
@@ -33,8 +33,8 @@ pub struct PhotometricRule {
     pub tau: f64,
     /// Weight of a squared coverage error relative to a squared colour error.
     pub coverage: f64,
-    /// Weight of a squared depth error relative to a squared colour error. It applies to a pixel whose
-    /// splats are all far from its measured depth. 0 in files without this value.
+    /// Weight of a squared depth error relative to a squared colour error. The depth error of a pixel is
+    /// 1 if all its splats are far from the measured depth. 0 in files without this value.
     #[serde(default)]
     pub depth: f64,
     /// Trust region: maximum change of a splat in one step. It limits means in units of the largest
@@ -92,7 +92,8 @@ pub struct PriorDeviations {
 }
 
 impl PhotometricRule {
-    /// Returns this rule without training of parameters that splats of the given rule do not have.
+    /// Returns this rule with training disabled for parameters that the given kind of splats does not
+    /// have.
     pub fn of_splats(self, splats: &SplatRule) -> Self {
         let of = |has: bool, deviation: f64| if has { deviation } else { 0.0 };
         let gradient = of(splats.gradient, self.prior.gradient);

@@ -12,7 +12,7 @@ use glam::{DQuat, DVec3};
 
 /// Standard deviation of brightness between a frame and the rendered scene.
 const BRIGHTNESS: f64 = 0.05;
-/// Standard deviation of the scene's surfaces, relative to depth.
+/// Standard deviation of the positions of rendered surfaces, relative to depth.
 const SURFACE: f64 = 0.004;
 /// Squared residual, in units of its variance, at which the Cauchy weight is one half.
 const ROBUST: f64 = 4.0;

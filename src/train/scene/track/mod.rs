@@ -104,7 +104,7 @@ fn check_samples(samples: &FrameSamples) -> Result<(), TrackingLoss> {
 /// `known`, the poses of earlier frames.
 ///
 /// # Errors
-/// [`TrackingLoss`] of the best pose.
+/// [`TrackingLoss`] of the best pose from `guesses`, or if the frame has too few samples or is too dark.
 pub fn find_pose(
     scene: SplatView<'_>,
     frame: &Observation,

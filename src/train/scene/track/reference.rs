@@ -12,12 +12,12 @@ use crate::render::cpu::CpuRenderer;
 use crate::render::{Exposing, RenderMethod, RenderOptions};
 use glam::DVec3;
 
-/// Minimum coverage of a valid pixel.
+/// Minimum coverage at which a rendered pixel is valid.
 const MIN_COVERAGE: f32 = 0.5;
 /// Maximum relative difference of neighbouring depths on one surface; a larger difference is an edge.
 const EDGE: f64 = 0.1;
 
-/// The scene rendered from a pose, finest level first.
+/// The scene rendered from a pose at several resolutions, finest first.
 pub struct Reference {
     pub pose: Pose,
     pub levels: [ReferenceLevel; LEVELS],
@@ -101,8 +101,8 @@ fn widened(frame: &Intrinsics, block: usize, margin: f64) -> Intrinsics {
 }
 
 impl ReferenceLevel {
-    /// Returns the next coarser level. Each pixel is the mean of the pixels that show the nearest
-    /// surface, of two by two pixels.
+    /// Returns the next coarser level. Of each two by two pixels, the ones that show the nearest surface
+    /// are averaged.
     fn halved(&self) -> Self {
         let (width, height) = (self.texels.width / 2, self.texels.height / 2);
         let texel = |i: usize| {

@@ -3,11 +3,11 @@
 use crate::observation::surface::Observation;
 use glam::DVec3;
 
-/// Approximate number of columns of the finest level.
+/// Approximate number of columns of samples at the finest level.
 const COLUMNS: usize = 160;
 /// Number of blocks with independent errors in a whole picture.
 const INDEPENDENT: f64 = 1000.0;
-/// Number of levels, each with half the columns of the previous one.
+/// Number of resolution levels, each with half the columns of the previous one.
 pub const LEVELS: usize = 3;
 /// Maximum relative difference in range between points of a block that belong to one surface.
 const ONE_SURFACE: f32 = 0.03;

@@ -19,7 +19,7 @@ const SAMPLES: usize = 400;
 /// Relative depth difference and brightness difference (in `[0, 1]`) at which the weight of a sample is
 /// one half.
 const TOLERANCE: [f64; 2] = [0.06, 0.1];
-/// Score of a sample that is projected to where the scene is empty.
+/// Score of a sample that falls outside the rendered scene.
 const UNKNOWN: f64 = 0.15;
 
 /// Returns up to `most` rotations of the pose `guess` at which a frame agrees best with the scene, best
