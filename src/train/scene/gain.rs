@@ -23,8 +23,8 @@ pub fn fewest_matches(points: usize, most: f64) -> f64 {
 
 /// Returns the gain of each channel: the factor that converts the frame's colours to the scene's
 /// exposure. The gain is `Σ c̄ / Σ c` over the points. Here `c` is the colour of a point and `c̄` the
-/// mean colour of its component. It is 1 if fewer than `fewest` points are in known components, or if
-/// either sum is zero. A gain of 0 would train the scene on black.
+/// mean colour of its component. The gain is 1 if fewer than `fewest` points are in known components, or
+/// if either sum is zero. A gain of 0 would train the scene on black.
 ///
 /// The least-squares factor `Σ c̄·c / Σ c²` is not used: its denominator contains the noise of the frame's
 /// colours, which makes it a few per cent too small. The bias would accumulate along a sequence of
