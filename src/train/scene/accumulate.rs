@@ -19,7 +19,7 @@ pub struct AssignedPoints<'a> {
     pub h: f64,
     /// Points of the frame, world units from the scene's origin.
     pub points: &'a [SurfacePoint],
-    /// Component of each point; values beyond the last component mean none.
+    /// Component of each point. A value beyond the last component means that the point has none.
     pub owners: &'a [u32],
     /// Shift of each point along its ray, world units.
     pub shifts: &'a [f32],
@@ -52,8 +52,8 @@ impl AssignedPoints<'_> {
     }
 }
 
-/// Adds every point with an owner; sums are exact, so the order is irrelevant. Replaces `touched` by the
-/// owners, ascending.
+/// Adds every point that has a component to the sums of that component. Replaces `touched` by the
+/// components with points, ascending. Sums are exact, so the order of the points has no effect.
 pub fn accumulate(
     component_sums: &mut ComponentSums,
     frame: AssignedPoints<'_>,
@@ -83,14 +83,14 @@ pub fn accumulate(
 struct PartResult {
     /// Components with points, ascending.
     ids: Vec<u32>,
-    /// Sums of components whose points exceed the range of a row.
+    /// Numbers and sums of components with more points than a row of integer sums can hold.
     wide: Vec<(u32, [f64; N_SUMS])>,
 }
 
 struct Part<'a, P> {
     first: usize,
     rows: &'a mut [SumRow],
-    /// Points of these components, ascending.
+    /// Points of the components in `rows`, ascending.
     points: P,
     frame: AssignedPoints<'a>,
 }
@@ -100,12 +100,13 @@ struct Receiver {
     row: u32,
     n: u32,
     seed: [f32; 3],
-    /// Index among the wide sums, if the points exceed the range of a row.
+    /// Index in [`PartResult::wide`], if a row of integer sums cannot hold the points.
     wide: Option<usize>,
 }
 
 impl<'p, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, P> {
-    /// Returns the index of each row's receiver, and the receivers in the order of their first point.
+    /// Returns the index of the [`Receiver`] of each row, and the receivers in the order of their first
+    /// point.
     fn receivers(&self) -> (Vec<u32>, Vec<Receiver>) {
         let Self { first, rows, points, frame } = self;
         let (mut places, mut receivers) = (vec![NONE; rows.len()], Vec::<Receiver>::new());
@@ -169,10 +170,10 @@ fn clamp(value: f32, most: f32) -> f32 {
     if value < -most { -most } else { value }
 }
 
-/// Number of ranges of components, each for one thread.
+/// Maximum number of parts into which the components are divided, each for one thread.
 pub const PARTS: usize = 32;
-/// Number of points sampled to choose the ranges.
-// 32 per part: enough for parts below twice their mean size.
+/// Approximate number of points sampled to choose the boundaries of the parts.
+// 32 per part suffice to keep every part below twice the mean size.
 const SAMPLED: usize = 1024;
 const CHUNK: usize = 2048;
 
@@ -182,15 +183,16 @@ pub struct PointParts {
     chunks: Vec<Chunk>,
 }
 
-/// Consecutive points, sorted by part.
+/// Consecutive points of a frame, sorted by the part of their component.
 struct Chunk {
     points: Vec<u32>,
-    /// End of each part; points without a component follow the last.
+    /// End of each part in `points`. Points without a component follow the last part.
     ends: [usize; PARTS],
 }
 
 impl PointParts {
-    /// Partitions points by owner; values beyond the last component mean none.
+    /// Partitions points by their components, `owners`. A value beyond the last component means that the
+    /// point has none.
     pub fn new(owners: &[u32], n_components: usize) -> Self {
         let firsts = firsts(owners, n_components);
         // Bytes, since the table has an entry for every component of the scene.
@@ -237,9 +239,9 @@ impl Chunk {
     }
 }
 
-/// Chooses the first components of parts with similar numbers of points. A frame shows neighbouring
-/// components, which have consecutive numbers: parts of equal numbers of components would leave most threads
-/// idle.
+/// Returns the first component of each part, chosen so that parts have similar numbers of points. The
+/// components in a frame have mostly consecutive numbers. Parts of equal numbers of components would
+/// therefore leave most threads idle.
 fn firsts(owners: &[u32], n_components: usize) -> Vec<usize> {
     // A sample suffices, since parts need only similar sizes.
     let some = owners.iter().step_by(owners.len() / SAMPLED + 1).map(|&owner| owner as usize);
@@ -353,7 +355,7 @@ mod tests {
 mod point_parts_tests {
     use super::*;
 
-    /// Most points belong to the last hundredth of the components.
+    /// Returns the components of points, most of which belong to the last hundredth of the components.
     fn owners() -> Vec<u32> {
         let owner = |i: u32| match i % 50 {
             0 => u32::MAX,

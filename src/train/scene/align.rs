@@ -27,23 +27,24 @@ use rayon::prelude::*;
 
 // Approximate number of points used per frame: neighbours are redundant.
 const MAX_USED: usize = 8192;
-/// One of this many groups of neighbours is used until the pose has nearly converged (`scene.md`, Pose
+/// Stride over groups of neighbouring points, used until the pose has nearly converged (`scene.md`, Pose
 /// alignment).
 pub const GROUP_STRIDE: usize = 4;
-/// Maximum number of rounds, each an assignment followed by Gauss–Newton steps.
+/// Maximum number of rounds. Each round assigns the points to components and takes Gauss–Newton steps.
 pub const ROUNDS: usize = 24;
-/// Mean movement of a point in a round, units of the structural scale, below which the pose has converged.
+/// Mean movement of a point in a round, in units of the structural scale, below which the pose has
+/// converged.
 const CONVERGED: f64 = 0.02;
-/// Minimum number of components that determine a motion.
+/// Minimum number of matched components for the estimate of a motion.
 // A rigid motion has six unknowns, and a plane constrains one.
 const MIN_COMPONENTS: usize = 6;
-/// Number of components from which the prior's full deviation applies.
+/// Number of matched components from which the recorded position has its full prior deviation.
 const MANY_COMPONENTS: f64 = 500.0;
 // Maximum number of neighbouring components that count as one, since their errors correlate.
 const MAX_CORRELATED: f64 = 10.0;
 /// Minimum number of patches with independent errors in a whole picture.
 const PATCHES: f64 = MANY_COMPONENTS / MAX_CORRELATED;
-/// Smallest factor on the deviation of the recorded position, for few components.
+/// Smallest factor on the prior deviation of the recorded position, for few matched components.
 const HELD: f64 = 0.3;
 /// Variance of a component's mean colour between frames.
 const COLOR_VARIANCE: f64 = 0.003;
@@ -51,7 +52,7 @@ const COLOR_VARIANCE: f64 = 0.003;
 const ROBUST: f64 = 4.0;
 /// Standard deviation of a recorded orientation, radians.
 pub const TURN_DEVIATION: f64 = 0.01;
-/// Gauss–Newton steps per assignment of components.
+/// Number of Gauss–Newton steps per assignment of points to components.
 const STEPS: usize = 2;
 const PART: usize = 256;
 
@@ -60,19 +61,19 @@ pub struct PoseAlignment<'a> {
     pub frame: &'a Observation,
     /// Component of each point under the current motion.
     pub owners: &'a [u32],
-    /// Factors from the frame's colours to the scene's exposure.
+    /// Factor per channel that converts the frame's colours to the scene's exposure.
     pub gain: [f32; 3],
     pub h: f64,
 }
 
-/// Prediction of a component, and the frame's measurement of it.
+/// A component of the scene, with the means of the frame's points that belong to the component.
 struct Match<'p> {
     pub plane: &'p ColoredPlane,
     /// Mean position of the frame's points under the recorded pose, world units from the scene's origin.
     pub position: DVec3,
-    /// Their mean colour in the scene's exposure.
+    /// Mean colour of the frame's points, in the scene's exposure.
     pub color: DVec3,
-    /// Mean half-width of their depth noise, world units.
+    /// Mean half-width of the depth noise of the frame's points, world units.
     pub noise: f64,
 }
 
@@ -83,7 +84,7 @@ pub struct Improvement {
 
 struct FrameMatches<'p> {
     pub matches: Vec<Match<'p>>,
-    /// Share of the frame's points that these components own, 0 to 1.
+    /// Share of the frame's points that belong to the matched components, 0 to 1.
     pub share: f64,
 }
 
@@ -95,8 +96,8 @@ pub fn alignment_subset(frame: &Observation) -> Observation {
     with_points(frame, chosen.map(|i| frame.points[i * every]).collect())
 }
 
-/// Returns the frame with one of every [`GROUP_STRIDE`] groups of points. Groups are searched together, so neighbours
-/// stay together.
+/// Returns the frame with one of every [`GROUP_STRIDE`] groups of points. A group consists of
+/// neighbouring points, whose seeds are searched together.
 pub fn first_groups(frame: &Observation) -> Observation {
     let groups = frame.points.chunks(GROUP).step_by(GROUP_STRIDE);
     with_points(frame, groups.flatten().copied().collect())
@@ -113,8 +114,8 @@ fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
 }
 
 impl PoseAlignment<'_> {
-    /// Returns a more probable motion than `before`, under which `owners` were assigned; `None` if too few
-    /// components are known.
+    /// Returns a more probable motion of the frame than `before`. `owners` must have been assigned under
+    /// `before`. `None` if too few components are known.
     pub fn improve(&self, before: &Motion, planes: &mut KnownPlanes<'_>) -> Option<Improvement> {
         let found = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
@@ -128,8 +129,9 @@ impl PoseAlignment<'_> {
         Some(Improvement { motion, has_converged: moved < CONVERGED * self.h })
     }
 
-    /// Averages the points by component, in the order of each component's first point. Runs on one thread, so
-    /// that rounding depends neither on the machine nor on the numbering of components.
+    /// Returns the means of the frame's points in each component, in the order of each component's first
+    /// point. Runs on one thread, so that rounding depends neither on the machine nor on the numbering
+    /// of components.
     fn matches<'p>(&self, planes: &'p mut KnownPlanes<'_>) -> FrameMatches<'p> {
         planes.compute_missing(self.owners);
         let planes = &*planes;
@@ -163,7 +165,7 @@ impl PoseAlignment<'_> {
 }
 
 impl Match<'_> {
-    /// Converts sums about the seed over `n` points to means.
+    /// Converts sums over `n` points to means. Positions are summed relative to the component's seed.
     fn mean_of(self, n: f64) -> Self {
         let Self { plane, position, color, noise } = self;
         Self { plane, position: plane.seed + position / n, color: color / n, noise: noise / n }
@@ -171,21 +173,22 @@ impl Match<'_> {
 }
 
 impl FrameMatches<'_> {
-    /// Number of neighbouring matches that count as one: the fewer components a surface has, the larger each
-    /// is.
+    /// Returns the number of neighbouring matches that count as one, since their errors correlate. The
+    /// number is smaller if components are few and large.
     fn n_correlated(&self) -> f64 {
         (self.matches.len() as f64 / (PATCHES * self.share)).clamp(1.0, MAX_CORRELATED)
     }
 
-    /// Factor on the prior deviation of the recorded position. Large components describe texture badly, and
-    /// their errors pull the camera along a wall that does not constrain it.
+    /// Returns the factor on the prior deviation of the recorded position, below 1 for few components.
+    /// Few, large components describe texture badly. Their errors would move the camera along a wall
+    /// that does not constrain such motion.
     fn prior_factor(&self) -> f64 {
         (self.matches.len() as f64 / MANY_COMPONENTS).powi(2).clamp(HELD, 1.0)
     }
 
-    /// Returns a more probable motion than `before` of a camera recorded at `centre` (world units from the
-    /// origin), with the standard deviations of rotation (radians) and position (world units); `None` with too
-    /// few matches.
+    /// Returns a more probable motion than `before` for a camera recorded at `centre`, world units from
+    /// the origin. `turn` and `shift` are the prior standard deviations of rotation (radians) and
+    /// position (world units). `None` with too few matches.
     fn step(&self, before: &Motion, centre: DVec3, [turn, shift]: [f64; 2]) -> Option<Motion> {
         let matches = &self.matches;
         if matches.len() < MIN_COMPONENTS {
@@ -240,18 +243,18 @@ fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-/// Minimum length of the mean normal.
+/// Minimum length of the mean of a component's unit normals for the component to count as a plane.
 const MIN_AGREEMENT: f64 = 0.8;
 
-/// Component as a plane with a linear colour.
+/// A component as a plane whose colour changes linearly with position.
 #[derive(Clone, Copy)]
 pub struct ColoredPlane {
-    /// Seed to which the component's sums refer, world units from the origin.
+    /// Seed from which the component's sums measure offsets, world units from the origin.
     pub seed: DVec3,
-    /// Mean of its points, world units from the origin.
+    /// Mean of the component's points, world units from the origin.
     pub mean: DVec3,
     pub normal: DVec3,
-    /// Variance of its points along the normal, world units².
+    /// Variance of the component's points along the normal, world units².
     pub variance: f64,
     pub color: DVec3,
     /// Colour gradient within the plane, one row per channel, per world unit.
@@ -259,7 +262,8 @@ pub struct ColoredPlane {
 }
 
 impl ColoredPlane {
-    /// Fits a plane to sums about `seed`; `None` with few points or diverging normals.
+    /// Fits a plane to the sums of a component with the given seed. `ridge` (world units²) regularises
+    /// the colour gradient. `None` with few points or diverging normals.
     pub fn new(sums: &SceneSums, seed: DVec3, ridge: f64) -> Option<Self> {
         let normal = sums.normal / sums.count;
         if sums.count < KNOWN_POINTS || normal.length() < MIN_AGREEMENT {
@@ -281,7 +285,7 @@ impl ColoredPlane {
     }
 }
 
-/// Cache of the planes requested so far.
+/// Cache of the planes of components that a frame has requested.
 pub struct KnownPlanes<'a> {
     component_sums: &'a ComponentSums,
     seeds: &'a Seeds,
@@ -299,7 +303,8 @@ impl<'a> KnownPlanes<'a> {
         Self { component_sums, seeds, h, ridge, places, planes: Vec::new() }
     }
 
-    /// Computes the missing planes of the given owners, as far as they existed before the frame.
+    /// Computes the planes of the given components that are not in the cache. Components created in this
+    /// frame are skipped.
     pub fn compute_missing(&mut self, owners: &[u32]) {
         let mut new = Vec::new();
         for &id in owners {
@@ -321,7 +326,8 @@ impl<'a> KnownPlanes<'a> {
         self.planes.len()
     }
 
-    /// Returns the plane of a requested component and its index; `None` if it has no plane.
+    /// Returns index and plane of a component that was passed to [`Self::compute_missing`]; `None` if it
+    /// has no plane.
     #[inline]
     pub fn plane_of(&self, component: u32) -> Option<(usize, &ColoredPlane)> {
         let place = *self.places.get(component as usize)? as usize;

@@ -12,7 +12,8 @@ use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::learner::Learner;
 use glam::{DQuat, DVec3};
 
-/// Three walls of a room with a painted pattern, seen from a point inside.
+/// Returns a frame of three painted walls of a room, seen from inside. Its coordinates have the pose
+/// error `turn` and `shift`.
 pub fn room(turn: DQuat, shift: DVec3) -> Observation {
     let mut rng = Rng::new(3, Purpose::Synthetic, 0);
     let point = |_| {
@@ -66,7 +67,7 @@ fn a_wrong_pose_is_found() {
     }
 }
 
-/// Error of a camera whose tracking failed briefly: 2 cm and one degree.
+/// A pose error of 2 cm and one degree, as after a brief tracking failure, is mostly corrected.
 #[test]
 fn a_pose_that_is_far_off_is_pulled_back() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
@@ -89,7 +90,7 @@ fn an_unknown_scene_moves_nothing() {
     assert_eq!(trainer.motion(&room(DQuat::IDENTITY, DVec3::ZERO)), None);
 }
 
-/// Error of a recording's first frame, to which all others are aligned.
+/// The pose error of the first frame, to which all others are aligned, is mostly removed later.
 #[test]
 fn a_scene_that_began_wrong_ends_where_most_frames_say() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
@@ -125,7 +126,7 @@ fn a_scene_that_began_wrong_ends_where_most_frames_say() {
     assert!(near < 0.2 * shift.length() && (apart / shift.length() - 0.875).abs() < 0.1);
 }
 
-/// Splats and their sums keep their position relative to the moved camera.
+/// A motion of the scene moves splats, normals and colour gradients alike.
 #[test]
 fn all_that_was_learnt_moves_with_the_world() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
@@ -150,7 +151,7 @@ fn all_that_was_learnt_moves_with_the_world() {
     }
 }
 
-/// One shard trained on enough frames to be moved, the other did not.
+/// Only one of the two shards trains on enough frames for its scene to be moved.
 #[test]
 fn scenes_that_were_moved_since_their_start_are_fused_where_it_was() {
     let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };

@@ -14,8 +14,8 @@ use rayon::prelude::*;
 // Points searched together: points come in tiles of eight by eight pixels.
 const GROUP: usize = 64;
 
-/// Replaces `owners` by the component of every point, that of the nearest seed; [`NONE`] if no seed is near
-/// enough.
+/// Replaces `owners` by the component of each point: the component of the nearest seed within `reach`. A
+/// point without such a seed has [`NONE`].
 pub fn assign(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut Vec<u32>) {
     owners.clear();
     owners.resize(points.len(), NONE);
@@ -32,8 +32,9 @@ pub fn assign(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut
     );
 }
 
-/// Completes an assignment by a device: `owners` holds the nearest seed of each point within the structural
-/// scale, [`NONE`] if there is none, or [`LEFT_TO_PROCESSOR`] if it is to be searched here.
+/// Completes an assignment by a device: replaces the seeds in `owners` by their components. On entry
+/// `owners` holds the nearest seed of each point within the structural scale, or [`NONE`]. Points with
+/// [`LEFT_TO_PROCESSOR`] are searched here.
 pub fn assign_known(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut [u32]) {
     owners.par_chunks_mut(GROUP).zip(points.par_chunks(GROUP)).for_each(|(owners, points)| {
         for (owner, point) in
@@ -45,7 +46,8 @@ pub fn assign_known(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners
     });
 }
 
-/// Replaces seeds by their components; points without a seed are searched along their rays.
+/// Replaces the seeds in `owners` by their components. Points without a seed are first searched along
+/// their rays, if ray search is on.
 fn keep_components(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut [u32]) {
     if reach.searches_rays() {
         Isa::best().run(SearchRays { grid: &seeds.grid, reach, points, seeds: owners });

@@ -8,9 +8,9 @@ use rayon::prelude::*;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameBirths {
     pub born: usize,
-    /// Points without a component because the budget is exhausted.
+    /// Number of points without a component because the budget is exhausted.
     pub refused: usize,
-    /// Points too far from the origin to be distinguished from their neighbours.
+    /// Number of points too far from the origin for f32 positions to distinguish neighbours.
     pub out_of_reach: usize,
 }
 
@@ -20,8 +20,9 @@ pub struct Limits {
     pub seeds: usize,
 }
 
-/// Assigns an owner to the points with [`NONE`]: the component of a seed born in this frame within the
-/// structural scale `h`, else a new component within the limits.
+/// Assigns components to the points whose owner is [`NONE`]. A point belongs to a seed created in this
+/// frame within the structural scale `h` (world units). Without such a seed, the point becomes the seed
+/// of a new component, within the limits.
 pub fn create_components(
     h: f64,
     seeds: &mut Seeds,

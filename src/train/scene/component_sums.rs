@@ -12,7 +12,7 @@ use crate::model::splat::observed_cone::ObservedCone;
 use glam::DMat3;
 use rayon::prelude::*;
 
-/// Minimum number of points of a component whose plane or colour is compared with a frame.
+/// Minimum number of points of a known component, whose plane and colour are compared with frames.
 pub const KNOWN_POINTS: f64 = 20.0;
 
 // Expected returns are counted in 64ths.
@@ -21,7 +21,7 @@ const RETURN_QUANTA: f64 = 64.0;
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SumRow {
-    /// Sums in the order of [`N_SUMS`].
+    /// Sums in the order given at [`N_SUMS`], in whole quanta.
     pub sums: [i32; N_SUMS],
     visibility: VisibilityCounts,
 }
@@ -38,7 +38,7 @@ impl SumRow {
 pub enum Visibility {
     /// The frame measured a surface at the component.
     Hit,
-    /// The frame measured a farther surface through the component.
+    /// The frame measured a farther surface, or none, in the direction of the component.
     Miss,
 }
 
@@ -51,7 +51,8 @@ impl SumRow {
         }
     }
 
-    /// Counts a frame that could have given `expected` returns.
+    /// Adds the visibility of the component in one frame. `expected` is the number of points that the
+    /// frame could have given.
     #[inline(always)]
     pub fn count_visibility(&mut self, visibility: Visibility, expected: f64) {
         // Whole quanta per frame: the sum is independent of the order of frames.
@@ -72,7 +73,7 @@ impl SumRow {
     }
 }
 
-/// Rows of all components; rows that could overflow spill into wide ones.
+/// Integer sums of all components. Sums that could overflow are moved to wide rows of f64.
 #[derive(Default)]
 pub struct ComponentSums {
     rows: Vec<SumRow>,
@@ -92,12 +93,12 @@ impl ComponentSums {
         self.rows.len() * size_of::<SumRow>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
     }
 
-    /// Returns the row of a component, without the f64 sums of components whose points exceed a row.
+    /// Returns the integer sums and visibility counts of a component, without its wide row.
     pub fn row(&self, id: usize) -> &SumRow {
         &self.rows[id]
     }
 
-    /// Returns all sums of a component: its row and the f64 sums beyond it.
+    /// Returns all sums of a component: its integer row plus its wide row.
     pub fn sums(&self, id: usize) -> [f64; N_SUMS] {
         let mut sums = self.rows[id].sums.map(value);
         if let Some(wide) = self.wide.get(id as u32) {
@@ -108,13 +109,15 @@ impl ComponentSums {
         sums
     }
 
-    /// Returns `N`, `Σ d` and `Σ n` of a component.
+    /// Returns the number of a component's points, and the sums of their offsets from the seed and of
+    /// their normals. Offsets are in units of the structural scale.
     #[inline(always)]
     pub fn plane_sums(&self, id: usize) -> (f64, [f64; 3], [f64; 3]) {
         self.wide.plane(id, &self.rows[id])
     }
 
-    /// Returns the mean colour of a component; `None` with few points, or if it is born in this frame.
+    /// Returns the mean colour of a component; `None` if the component has few points or was created in
+    /// this frame.
     #[inline(always)]
     pub fn known_color(&self, id: u32) -> Option<[f64; 3]> {
         // `NONE` exceeds the number of rows too.
@@ -130,8 +133,8 @@ impl ComponentSums {
         SceneSums::new(&self.sums(id), 1.0).observed_cone()
     }
 
-    /// Returns sums and visibility counts in checkpoint form. Equal sums are stored alike, whatever the order
-    /// of addition.
+    /// Returns sums and visibility counts as stored in checkpoints. Equal sums give equal results,
+    /// whatever the order of addition.
     pub fn state(&self) -> (StoredSums, Vec<VisibilityCounts>) {
         // Parallel, since training is blocked meanwhile.
         let ids = (0..self.rows.len() as u32).into_par_iter().with_min_len(4096);
@@ -155,7 +158,8 @@ impl ComponentSums {
         Self { rows, wide }
     }
 
-    /// Calls `f` in parallel on disjoint ranges of consecutive rows, with the number of the first.
+    /// Calls `f` in parallel on at most `parts` disjoint ranges of consecutive rows. The arguments of
+    /// `f` are the number of the first row, the rows, and all wide sums.
     pub fn for_each_part(
         &mut self,
         parts: usize,
@@ -165,8 +169,8 @@ impl ComponentSums {
         self.for_each_run(&Vec::from_iter((0..self.rows.len()).step_by(n)), f);
     }
 
-    /// The same on ranges that begin at the given rows, ascending, one task each; the first must be 0, the
-    /// last extends to the end.
+    /// Calls `f` as [`Self::for_each_part`] does, on ranges that begin at the rows `firsts`, ascending
+    /// from 0. Each range is one task, and the last range extends to the end.
     pub fn for_each_run(
         &mut self,
         firsts: &[usize],
@@ -179,7 +183,8 @@ impl ComponentSums {
         runs.for_each(|(rows, &first)| f(first, rows, &self.wide));
     }
 
-    /// Adds sums of whole quanta to the given components (ascending), in parts of equal numbers of them.
+    /// Adds sums in whole quanta to the components `ids`, which must be ascending. Runs in parallel on
+    /// at most `parts` parts of equal numbers of components.
     pub fn add_quanta(&mut self, ids: &[u32], sums: &[[i32; N_SUMS]], parts: usize) {
         let firsts = ids.iter().step_by(ids.len().div_ceil(parts).max(1)).map(|&id| id as usize);
         // The first run begins at row 0, whichever component comes first.
@@ -194,7 +199,7 @@ impl ComponentSums {
         });
     }
 
-    /// Returns the rows of the given components after adding sums of whole quanta.
+    /// Returns the rows that the given components would have after [`Self::add_quanta`].
     pub fn rows_with(&self, ids: &[u32], sums: &[[i32; N_SUMS]]) -> Vec<[i32; N_SUMS]> {
         let with = |(&id, sums): (&u32, &[i32; N_SUMS])| {
             let row = &self.rows[id as usize].sums;
@@ -203,7 +208,8 @@ impl ComponentSums {
         ids.iter().zip(sums).map(with).collect()
     }
 
-    /// Moves rows that the next frame could overflow into wide ones.
+    /// Moves the sums of components in `touched` to wide rows if the next frame could make the sums
+    /// overflow.
     pub fn spill_to_wide_rows(&mut self, touched: &[u32]) {
         let full = touched.par_iter().with_min_len(1024);
         let full = full.filter(|id| is_full(self.row(**id as usize)));
@@ -214,9 +220,9 @@ impl ComponentSums {
         }
     }
 
-    /// Adds the sums and counts of `dropped`, where `sums` is already about the seed of `kept`, and empties
-    /// `dropped`. Second moments are repaired, as moving them to another seed may make them negative by a
-    /// quantum.
+    /// Adds the sums and visibility counts of component `dropped` to component `kept`, and empties
+    /// `dropped`. `sums` are the sums of `dropped` about the seed of `kept`. Second moments are
+    /// repaired, since rounding can make a variance negative by a quantum.
     pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
         let visibility = std::mem::take(&mut self.rows[dropped].visibility);
         // A later birth may reuse the row.
@@ -239,8 +245,8 @@ impl ComponentSums {
         }
     }
 
-    /// Adds a component with sums of whole quanta and its counts. Second moments that rounding made negative
-    /// by a quantum are repaired.
+    /// Appends a component with the given sums, in whole quanta, and visibility counts. Second moments
+    /// that rounding made negative by a quantum are repaired.
     pub fn push(&mut self, sums: &[f64; N_SUMS], visibility: VisibilityCounts) {
         let id = self.rows.len();
         let mut sums = *sums;
@@ -254,7 +260,7 @@ impl ComponentSums {
         }
     }
 
-    /// Rotates all sums by `turn`, about the same seeds.
+    /// Rotates the offsets, normals and directions in all sums by `turn`, about each component's seed.
     pub fn rotate(&mut self, turn: DMat3) {
         let turned = |sums: &[f64; N_SUMS]| {
             let mut turned = SceneSums::new(sums, 1.0).rotated(turn).to_array();
@@ -274,7 +280,7 @@ impl ComponentSums {
         }
     }
 
-    /// Replaces a component's sums by ones of equal count.
+    /// Replaces a component's sums by sums over the same number of points.
     fn replace(&mut self, id: usize, sums: &[f64; N_SUMS]) {
         let row = &mut self.rows[id].sums;
         match self.wide.get_mut(id as u32) {
@@ -292,14 +298,14 @@ fn is_full(row: &SumRow) -> bool {
     value(row.sums[0]) >= FULL
 }
 
-/// Number of points from which a row spills into a wide one.
+/// Number of points from which the sums of a row are moved to a wide row.
 // A row holds twice as many: that many terms of 7.84, the maximum, are 2.105·10⁹ quanta, just below 2³¹.
 pub const FULL: f64 = WIDE_POINTS as f64;
 
-/// Rounds a term, which is within ±7.84, to whole quanta.
+/// Rounds a term of a sum, within ±7.84, to whole quanta.
 #[inline(always)]
 pub fn term_quanta(term: f32) -> i32 {
-    /// Added to a number below 2²², it leaves the nearest integer, ties to even, in the low bits.
+    /// Number whose addition rounds a number below 2²² to an integer, ties to even, in the low bits.
     const SHIFTER: f32 = 1.5 * (1 << 23) as f32;
     (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
 }
@@ -318,17 +324,17 @@ pub fn value(quanta: i32) -> f64 {
     f64::from(quanta) * QUANTUM
 }
 
-/// Quanta per unit of the integer sums.
+/// Number of quanta per unit, the reciprocal of [`QUANTUM`].
 const QUANTA: f32 = (1.0 / QUANTUM) as f32;
 
 // Marks a component without wide sums.
 const NONE: u32 = u32::MAX;
 
-/// Wide sums of some components. They are looked up for every point of a frame, so the index is a direct
-/// table by component.
+/// Sums in f64 of the components that have wide rows. Lookups occur for every point of a frame, so the
+/// index is a direct table by component.
 #[derive(Default)]
 pub struct WideSums {
-    /// Index into `rows` by component, up to the last with wide sums.
+    /// Index into `rows` of each component, up to the last component with wide sums.
     places: Vec<u32>,
     rows: Vec<(u32, [f64; N_SUMS])>,
 }
@@ -349,7 +355,7 @@ impl WideSums {
         self.rows.get(place as usize).map(|(_, sums)| sums)
     }
 
-    /// Returns `N`, `Σ d` and `Σ n` of a component, given its row.
+    /// Returns the sums of [`ComponentSums::plane_sums`] for a component with the given row.
     #[inline(always)]
     pub fn plane(&self, id: usize, row: &SumRow) -> (f64, [f64; 3], [f64; 3]) {
         let sum = self.reader(id, row);

@@ -17,32 +17,33 @@ const SURFACE: u32 = WHOLE as u32 * WHOLE as u32;
 pub struct Components {
     /// Number of rows of sums, used or free.
     n_rows: usize,
-    /// `None` while component `k` has exactly seed `k`.
+    /// Assignment of seeds to components; `None` while component `k` has seed `k` and no other seed.
     sharing: Option<Sharing>,
-    /// Per seed, its share of the structural scale in units of 1/[`WHOLE`]: less than the whole for seeds born
-    /// before the scale grew. Empty while all have the whole.
+    /// Maximum distance of points from each seed, in units of 1/[`WHOLE`] of the structural scale. Seeds
+    /// created before the scale grew have less than [`WHOLE`]. Empty while all seeds have [`WHOLE`].
     shares: Vec<u8>,
 }
 
 #[derive(Clone, Debug, Default)]
 struct Sharing {
     component: Vec<u32>,
-    /// Oldest seed of each component, to which its sums refer.
+    /// Oldest seed of each component, from which the component's sums measure offsets.
     reference: Vec<u32>,
-    /// Surface of each component's seeds, in units of 1/[`SURFACE`]; 0 without seeds.
+    /// Surface area that each component's seeds represent, in units of 1/[`SURFACE`] of the squared
+    /// structural scale. 0 without seeds.
     surface: Vec<u32>,
     /// Components without seeds; the last is reused first.
     free: Vec<u32>,
 }
 
 impl Components {
-    /// Restores a scene in which every seed has a component of its own.
+    /// Restores the components of a scene in which every seed has its own component.
     pub fn of_seeds(n_seeds: usize, shares: Vec<u8>) -> Self {
         Self { n_rows: n_seeds, sharing: None, shares }
     }
 
-    /// Restores a scene with `n_rows` components, in which seed `i` belongs to `component[i]` and has the
-    /// share `shares[i]`; `None` if a component number is out of range.
+    /// Restores `n_rows` components of a scene. Seed `i` belongs to `component[i]` and has the share
+    /// `shares[i]` of the structural scale. `None` if a component number is out of range.
     pub fn restore(component: Vec<u32>, n_rows: usize, shares: Vec<u8>) -> Option<Self> {
         let mut sharing = Sharing {
             reference: vec![0; n_rows],
@@ -91,13 +92,14 @@ impl Components {
         self.sharing.as_ref().map_or(seed, |s| s.component[seed as usize])
     }
 
-    /// Returns the seed to which a component's sums refer.
+    /// Returns the seed from which a component's sums measure offsets.
     #[inline(always)]
     pub fn reference_seed(&self, component: usize) -> usize {
         self.sharing.as_ref().map_or(component, |s| s.reference[component] as usize)
     }
 
-    /// Returns the surface represented by a component's seeds, in squares of the structural scale.
+    /// Returns the surface area that a component's seeds represent, in units of the squared structural
+    /// scale.
     #[inline(always)]
     pub fn surface(&self, component: usize) -> f64 {
         let parts = match &self.sharing {
@@ -113,12 +115,12 @@ impl Components {
         share_of(&self.shares, seed)
     }
 
-    /// Returns the shares of all seeds, unless all have the whole.
+    /// Returns [`Self::share`] of every seed; `None` if all seeds have [`WHOLE`].
     pub fn shares(&self) -> Option<&[u8]> {
         (!self.shares.is_empty()).then_some(&self.shares)
     }
 
-    /// Adds a seed, which must be the next number; returns its new component.
+    /// Adds a seed, whose number must be the next one, and returns its new component.
     pub fn add_seed(&mut self, seed: u32) -> u32 {
         // Seeds have the whole until the scale grows, which needs no list.
         if !self.shares.is_empty() {
@@ -140,8 +142,8 @@ impl Components {
         component
     }
 
-    /// Reassigns the seeds of the second component of every pair to the first, whose reference must be the
-    /// older. No component may occur in two pairs.
+    /// Reassigns the seeds of the second component of every pair to the first, which must have the older
+    /// reference seed. No component may occur in two pairs.
     pub fn merge(&mut self, pairs: &[(u32, u32)]) {
         let n = self.n_rows as u32;
         let sharing = self.sharing.get_or_insert_with(|| Sharing {
@@ -186,8 +188,8 @@ impl Seeds {
         Self { grid: SeedGrid::new(h), components: Components::default() }
     }
 
-    /// Restores seeds of a scene with `n_rows` rows of sums; `None` if a seed is too far from the origin for
-    /// the scale `h`, or a component number is out of range.
+    /// Restores the seeds of a scene with `n_rows` rows of sums and the structural scale `h` (world
+    /// units). `None` if a seed is too far from the origin or a component number is out of range.
     pub fn restore(
         h: f64,
         places: &[[f32; 3]],
@@ -209,24 +211,27 @@ impl Seeds {
         Some(Self { grid, components })
     }
 
-    /// Adds a seed at a position with a cell; returns its new component.
+    /// Adds a seed and returns its new component. The position must have a cell in the grid.
     pub fn add(&mut self, place: [f32; 3]) -> u32 {
         self.components.add_seed(self.grid.insert(place))
     }
 
-    /// Returns the seed of a component's sums, world units from the scene's origin.
+    /// Returns the seed from which a component's sums measure offsets, world units from the scene's
+    /// origin.
     #[inline(always)]
     pub fn of(&self, component: usize) -> [f32; 3] {
         self.grid.position(self.components.reference_seed(component))
     }
 
-    /// Returns the maximum distance of a component's points from its seed, in structural scales.
+    /// Returns the maximum distance of a component's points from its seed, in units of the structural
+    /// scale.
     pub fn share(&self, component: usize) -> f64 {
         let share = self.components.share(self.components.reference_seed(component));
         f64::from(share) / f64::from(WHOLE)
     }
 
-    /// Moves all seeds with the world, relative to `origin`; returns false if one would get out of range.
+    /// Applies a rigid motion of the world to all seeds, which are relative to `origin`. Returns false,
+    /// without any change, if a seed would leave the range of the grid.
     pub fn move_by(&mut self, motion: &Pose, origin: DVec3) -> bool {
         let Some(moved) = self.grid.moved(|seed| moved_seed(seed, origin, motion)) else {
             return false;

@@ -9,12 +9,12 @@ use crate::train::outcome::{MemoryEstimate, PIXEL_BYTES};
 use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 
-/// Upper bound of a component's memory, in bytes: its sums and visibility counts (176), its seed and the next
-/// of the same bucket (16), and up to two buckets (4 each). Budgets in megabytes and memory estimates use it.
-/// The reported model size is measured: slightly less, but more if merged components retain their seeds.
+/// Memory of a component, in bytes, for budgets in megabytes and memory estimates. It covers the sums
+/// and visibility counts (176) and the seed with its part of the seed grid. The reported model size is
+/// measured and may differ, especially if merged components retain their seeds.
 pub const COMPONENT_BYTES: usize = 200;
 
-/// Default budget, in components: 400 MB at [`COMPONENT_BYTES`] each.
+/// Default budget: maximum number of components of a scene, 400 MB at [`COMPONENT_BYTES`] each.
 pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 
 /// Settings of the scene engine.
@@ -28,13 +28,15 @@ pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneConfig {
-    /// Structural scale `h`: maximum distance of a point from its seed, world units.
+    /// Structural scale `h`, world units: maximum distance of a point from its component's seed, the
+    /// point at which that component was created.
     pub h: f64,
-    /// Length of the search for a seed along a point's ray, in half-widths of its depth noise; 0 for none.
+    /// Maximum distance along a point's ray at which a seed is searched, in half-widths of the depth
+    /// noise; 0 disables the search.
     // Skipped if off, so that files of scenes without it are unchanged.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub ray_search: f64,
-    /// True if points move along their rays towards their component's plane.
+    /// True if measured points are moved along their rays towards the plane of their component.
     pub refine: bool,
     /// True if each frame's pose is aligned to the scene.
     #[serde(default)]
@@ -44,19 +46,20 @@ pub struct SceneConfig {
     /// Maximum number of components in use at any time.
     #[serde(rename = "most")]
     pub max_components: usize,
-    /// Conversion of sums to splats.
+    /// Rule that converts the sums of a component to its splat.
     #[serde(rename = "native")]
     pub splat_rule: SplatRule,
-    /// Photometric training; `None` if off.
+    /// Parameters of photometric training; `None` if it is off.
     // Skipped if off, so that files of scenes without it are unchanged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photometric: Option<PhotometricRule>,
-    /// True if frames are tracked against the scene, ignoring recorded poses.
+    /// True if camera poses are found by tracking against the scene. Recorded poses are then ignored.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub track: bool,
 }
 
-/// Length of the ray search for real cameras, half-widths of depth noise (`scene.md`, Ray search).
+/// Value of [`SceneConfig::ray_search`] for real cameras, half-widths of the depth noise (`scene.md`,
+/// Ray search).
 pub const RAY_SEARCH: f64 = 4.0;
 
 fn is_zero(value: &f64) -> bool {
@@ -64,7 +67,8 @@ fn is_zero(value: &f64) -> bool {
 }
 
 impl SceneConfig {
-    /// Settings for exact or 8-bit depth, with structural scale `h` (`scene.md`, Settings by sensor).
+    /// Returns settings for 8-bit depth, with structural scale `h` in world units (`scene.md`, Settings
+    /// by sensor).
     pub fn fine(h: f64) -> Self {
         Self {
             h,
@@ -95,16 +99,16 @@ impl SceneConfig {
         }
     }
 
-    /// Settings for computed depth, whose surfaces return every point they can. High opacities are therefore
-    /// safe and keep surfaces closed in near views.
+    /// Returns settings for computed depth, with structural scale `h` in world units. Such depth covers
+    /// every visible surface. High opacities are therefore safe and keep surfaces closed in near views.
     pub fn exact(h: f64) -> Self {
         let mut exact = Self::fine(h);
         exact.splat_rule.opacity.tau = 4.5;
         exact
     }
 
-    /// Settings for real depth cameras, whose errors of pose, depth and exposure exceed the resolution of the
-    /// structural scale (`scene.md`, Settings by sensor).
+    /// Returns settings for real depth cameras, with structural scale `h` in world units. The settings
+    /// correct or tolerate errors of pose, depth and exposure (`scene.md`, Settings by sensor).
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
         let splat_rule = SplatRule {
@@ -119,18 +123,20 @@ impl SceneConfig {
         Self { ray_search: RAY_SEARCH, align: true, gain: true, splat_rule, ..fine }
     }
 
-    /// Returns the photometric rule for the configured kind of splats.
+    /// Returns the photometric rule for the configured kind of splats; `None` if photometric training is
+    /// off.
     pub fn photometric_rule(&self) -> Option<PhotometricRule> {
         // A plain splat has no gradient that could be trained.
         self.photometric.map(|rule| rule.of_splats(&self.splat_rule))
     }
 
-    /// Returns the maximum number of seeds: merged components retain theirs.
+    /// Returns the maximum number of seeds. It exceeds the number of components, since merged components
+    /// retain their seeds.
     pub fn most_seeds(&self) -> usize {
         self.max_components.saturating_mul(8)
     }
 
-    /// Returns these settings, or an error for the first one out of range.
+    /// Returns the settings unchanged, or an error for the first setting out of range.
     pub fn check(self) -> Result<Self, ConfigError> {
         let refuse = |setting, expected: String, found: String| {
             Err(ConfigError { setting, expected, found })
@@ -151,27 +157,28 @@ impl SceneConfig {
     }
 }
 
-/// Additional bytes per component while a checkpoint is written: a copy of sums and seed, the index in stored
-/// order, and spare capacity. Measured on Lego with 96,000 to 616,000 components: the peak grows by 429 bytes
-/// a component, 199 of them the model's. The splats of the exported scene are made after the copy is dropped,
-/// and are smaller.
+/// Additional bytes per component while a checkpoint is written: copies of sums and seed, an index, and
+/// spare capacity. Measured on Lego with 96,000 to 616,000 components: the peak grows by 429 bytes per
+/// component, of which the model takes 199. Splats for export are created after the copy is dropped and
+/// take less memory.
 const SCENE_COPY_BYTES: usize = 230;
-/// Additional bytes per component for photometric training, besides two copies of its state: record, sums
-/// over pixels, and step.
+/// Additional bytes per component for photometric training: rendering record, sums over pixels, and
+/// step. Copies of the photometric state are counted separately.
 const PHOTOGRAPH_SPLAT_BYTES: usize = 480;
 /// Bytes per pixel of a photograph in memory: colours and depths.
 const PHOTOGRAPH_PIXEL_BYTES: usize = size_of::<[u8; 4]>() + size_of::<f32>();
-/// Lists and sums of the rendered comparison picture, independent of its size.
+/// Bytes for lists and sums while a rendered picture is compared with a photograph, independent of its
+/// size.
 const PHOTOGRAPH_BYTES: u64 = 58_000_000;
-/// Program, threads and decoders, without per-pixel buffers.
+/// Bytes for program, threads and decoders, without per-pixel buffers.
 const SCENE_PROGRAM_BYTES: u64 = 16_000_000;
 const DECODER_PIXEL_BYTES: usize = 30;
-/// Owner, shift and distance of a point.
+/// Bytes per point for its component, its shift along the ray and its squared distance from the seed.
 const SCENE_POINT_BYTES: usize = 16;
 
 impl SceneConfig {
-    /// Estimates the memory of a run over frames of `pixels`, of which `frames_at_once` are in memory, with
-    /// the maximum number of components.
+    /// Estimates the memory of a training run with the maximum number of components. Each frame has
+    /// `pixels` pixels, and `frames_at_once` frames are in memory.
     pub fn memory(&self, pixels: usize, frames_at_once: usize) -> MemoryEstimate {
         // A checkpoint contains a copy of the photometric state, and so does the final picture if photographs
         // are buffered. Pixels of buffered photographs are shared by all copies.

@@ -24,9 +24,9 @@ pub struct Explainer<'a> {
 }
 
 impl Explainer<'_> {
-    /// Replaces `q` by the squared distance of each point from its owner's seed (world units², NaN without
-    /// owner), and `shifts` by its movement along the ray (world units). Returns the sum of `q` and the
-    /// number of points with an owner.
+    /// Replaces `q` by the squared distance of each point from its component's seed (world units², NaN
+    /// without a component). Replaces `shifts` by the movement of each point along its ray (world
+    /// units). Returns the sum of the squared distances and the number of points with a component.
     pub fn explain(
         &self,
         points: &[SurfacePoint],
@@ -82,25 +82,26 @@ impl Explainer<'_> {
     }
 }
 
-/// Maximum weight of the plane relative to the point.
+/// Maximum weight of a component's plane relative to the measured position of a point.
 const MAX_TRUST: f64 = 2.0;
-/// Minimum cosine between ray and plane normal.
+/// Minimum cosine between a ray and the plane's normal at which the point is moved.
 const MIN_COSINE: f64 = 0.3;
 
-/// Plane of a component, towards which its points move.
+/// Plane through the points of a component, towards which new points of the component are moved.
 pub struct RefinementPlane {
     seed: [f32; 3],
-    /// Mean of its points relative to the seed, world units.
+    /// Mean of the component's points relative to the seed, world units.
     offset: [f64; 3],
-    /// Sum of the normals, not normalised: the length cancels in the division by the slope.
+    /// Sum of the points' normals, not normalised. Its length has no effect on the shift.
     normal: [f64; 3],
     length: f64,
-    /// Weight of the plane relative to a point.
+    /// Weight of the plane relative to the measured position of a point.
     trust: f64,
 }
 
 impl RefinementPlane {
-    /// Creates the plane of a component; `h` is the structural scale, world units. `None` with few points.
+    /// Creates the plane of a component; `None` if the component has few points. `h` is the structural
+    /// scale, world units.
     #[inline(always)]
     pub fn new(component_sums: &ComponentSums, id: usize, seed: [f32; 3], h: f64) -> Option<Self> {
         let (n, first, normal) = component_sums.plane_sums(id);
@@ -113,8 +114,8 @@ impl RefinementPlane {
         Some(Self { seed, offset, normal, length: dot(normal, normal).sqrt(), trust })
     }
 
-    /// Returns the shift of a point along its ray, world units. `limit` is the maximum distance to the plane
-    /// at which the point belongs to the same surface.
+    /// Returns the shift of a point along its ray towards the plane, world units. The shift is 0 if the
+    /// plane is farther than `limit` along the ray or seen too obliquely.
     #[inline(always)]
     pub fn shift(&self, point: &SurfacePoint, limit: f64) -> f64 {
         let Self { seed, offset, normal, length, trust } = self;

@@ -26,8 +26,9 @@ use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Fuses scenes of equal configuration, which may have continued from a common `start`, into one within the
-/// budget (`scene.md`, Fusion); `None` without scenes.
+/// Fuses scenes of equal configuration into one scene within the budget (`scene.md`, Fusion). The scenes
+/// may have continued from a common `start`. `None` without scenes, or if a state has invalid component
+/// numbers or unknown recorded rotations.
 pub fn fuse(
     config: &SceneConfig,
     start: Option<&SceneState>,
@@ -51,7 +52,8 @@ pub fn fuse(
     Some(over_budget.state())
 }
 
-/// Converts a scene to the scale after `steps` steps.
+/// Converts a scene to the structural scale after `steps` coarsening steps; `None` if that is
+/// impossible.
 fn at_scale(scene: &SceneState, steps: u32) -> Option<Cow<'_, SceneState>> {
     match scene.coarsening_steps == steps {
         true => Some(Cow::Borrowed(scene)),
@@ -59,9 +61,9 @@ fn at_scale(scene: &SceneState, steps: u32) -> Option<Cow<'_, SceneState>> {
     }
 }
 
-/// Fuses scenes of one scale that may have continued from a common `start`. Where several scenes have new
-/// components at one place, those of the first remain. Components of the start come first, and the result may
-/// exceed the budget. `None` without scenes.
+/// Fuses scenes of one structural scale that may have continued from a common `start`. Where several
+/// scenes have new components at one place, the component of the first scene absorbs the others.
+/// Components of the start come first. The result may exceed the budget. `None` without scenes.
 fn fuse_at_one_scale(
     config: &SceneConfig,
     start: Option<&SceneState>,
@@ -104,7 +106,7 @@ fn fuse_at_one_scale(
     Some(state)
 }
 
-/// Returns the scene after training on its buffered photographs.
+/// Returns the scene as it is after training on all its buffered photographs.
 fn with_settled_photographs<'a>(
     config: &SceneConfig,
     state: &'a SceneState,
@@ -115,8 +117,8 @@ fn with_settled_photographs<'a>(
     trainer.map_or(Cow::Borrowed(state), |trainer| Cow::Owned(trainer.into_settled_state()))
 }
 
-/// Moves a scene back to its start's coordinates, since later frames may have moved it as a whole. `None` if
-/// a recorded rotation is unknown.
+/// Converts a scene to the coordinates of the start. Training on later frames may have moved the scene
+/// as a whole. `None` if a recorded rotation is unknown.
 fn back_at<'a>(
     start: Option<&SceneState>,
     scene: Cow<'a, SceneState>,
@@ -136,14 +138,16 @@ fn back_at<'a>(
 
 struct Component {
     seed: [f32; 3],
-    /// Share of the structural scale, in units of 1/[`WHOLE`].
+    /// Maximum distance of the component's points from its seed: share of the structural scale in units
+    /// of 1/[`WHOLE`].
     share: u8,
     sums: [f64; N_SUMS],
     visibility: VisibilityCounts,
     estimate: Option<Estimate>,
 }
 
-/// Returns the components with seeds, in stored order; `None` if a component number is out of range.
+/// Returns the components that have seeds, in ascending order of their numbers; `None` if a component
+/// number is out of range.
 fn components(state: &SceneState) -> Option<Vec<Component>> {
     let mut seeds = vec![None; state.visibility.len()];
     // In reverse, so that the oldest seed, to which sums refer, is the one retained.
@@ -163,8 +167,8 @@ fn components(state: &SceneState) -> Option<Vec<Component>> {
 }
 
 impl Component {
-    /// Adds the gains of all `later` versions over this component. Sums are whole quanta, so the order of
-    /// `later` has no effect on them.
+    /// Returns this component with all increments of its `later` versions added. Sums are whole
+    /// multiples of one quantum, so they do not depend on the order of `later`.
     fn with_gains_of(&self, later: &[&Self], rule: Option<&PhotometricRule>) -> Self {
         let (mut sums, mut visibility) = (self.sums, self.visibility);
         let before = self.visibility;
@@ -196,7 +200,8 @@ impl Component {
         Self { seed: self.seed, share: self.share, sums, visibility, estimate }
     }
 
-    /// Adds another component, its sums moved to this one's seed; `h` is the structural scale.
+    /// Adds another component, after conversion of its sums to offsets from this component's seed. `h`
+    /// is the structural scale, world units.
     fn add(&mut self, other: &Self, h: f64) {
         let way = (vector(other.seed) - vector(self.seed)) / h;
         let moved = SceneSums::new(&other.sums, 1.0).about_shifted_seed(way).to_array();
@@ -207,7 +212,8 @@ impl Component {
         self.visibility = self.visibility.plus(other.visibility);
     }
 
-    /// Returns the mean of its points, world units from the scene's origin.
+    /// Returns the mean of the component's points, world units from the scene's origin. `h` is the
+    /// structural scale, world units.
     fn mean(&self, h: f64) -> [f32; 3] {
         let offset = SceneSums::new(&self.sums, h).mean_offset();
         (vector(self.seed) + offset).as_vec3().to_array()
@@ -217,9 +223,9 @@ impl Component {
 struct Fused {
     h: f64,
     components: Vec<Component>,
-    /// Number of components of the start.
+    /// Number of components of the common start scene.
     n_shared: usize,
-    /// Seeds of the other components, in order.
+    /// Seeds of all components that the start does not have, in the order of `components`.
     own: SeedGrid,
 }
 
@@ -228,9 +234,10 @@ impl Fused {
         Self { h, n_shared: shared.len(), components: shared, own: SeedGrid::new(h) }
     }
 
-    /// Adds the new components of one scene. One whose mean lies within reach of another scene's new seed
-    /// adds its sums to that component; its photometric estimate refers to a different splat and is dropped.
-    /// The others are appended: they were apart from the start's components when born.
+    /// Adds the components of one scene that the start does not have. A component whose mean is within
+    /// reach of a seed added from another scene is merged into that seed's component. Its photometric
+    /// estimate describes a different splat and is dropped. All others are appended: they were apart
+    /// from the start's components when they were created.
     fn add_new_components(&mut self, own: impl Iterator<Item = Component>) {
         let n_before = self.own.len();
         // A component without points has no mean to match by.
@@ -252,7 +259,8 @@ impl Fused {
         }
     }
 
-    /// Builds the state, with origin and scale of `like`.
+    /// Returns the fused state, with the origin and structural scale of `like`. Its logs of exposures
+    /// and poses are empty.
     fn state(self, like: &SceneState) -> SceneState {
         let mut sums = ComponentSums::default();
         let mut photometric = PhotometricState::default();
@@ -286,11 +294,11 @@ fn vector(place: [f32; 3]) -> DVec3 {
     DVec3::from_array(place.map(f64::from))
 }
 
-/// Maximum rotation between two estimates of one splat whose forms are compared, radians: beyond it their
-/// axes do not correspond.
+/// Maximum rotation between two estimates of one splat, radians. Beyond this angle their axes do not
+/// correspond, and position, scales, rotation and opacity are not compared.
 const MAX_TURN: f64 = 0.5;
 
-/// Photometric estimate of one splat: parameters and precision.
+/// Photometric estimate of one splat: parameters and precision matrices.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Estimate {
     splat: Splat,
@@ -302,12 +310,12 @@ struct Estimate {
 #[derive(Clone, Copy)]
 struct Later {
     estimate: Estimate,
-    /// Frames since the start that showed the component.
+    /// Number of frames since the start that showed the component.
     frames: u16,
 }
 
 impl Estimate {
-    /// Reads the estimate of a component; `None` without a splat.
+    /// Reads the estimate of a component from a state; `None` if the component has no splat.
     fn of(state: &PhotometricState, component: usize) -> Option<Self> {
         state.has_splat(component).then(|| Self {
             splat: state.splats[component],
@@ -317,12 +325,12 @@ impl Estimate {
         })
     }
 
-    /// True if a photograph has increased its precision.
+    /// True if at least one photograph has contributed to the estimate.
     fn is_trained(&self, rule: &PhotometricRule) -> bool {
         is_trained(&self.color, &rule.prior)
     }
 
-    /// Writes the estimate into the row of a component.
+    /// Writes the estimate to the entries of a component in `state`.
     fn put(&self, state: &mut PhotometricState, component: usize) {
         state.splats[component] = self.splat;
         state.appearance[component] = self.appearance;
@@ -330,8 +338,8 @@ impl Estimate {
         state.color[component] = self.color;
     }
 
-    /// Returns the difference in position and form from `other`, in the other's parameters; `None` if their
-    /// axes do not correspond.
+    /// Returns the step from `other` to this estimate in position, scales, rotation and opacity, in the
+    /// parameters of `other`. `None` if the axes of the two splats do not correspond.
     fn form_difference(&self, other: &Self) -> Option<[f64; N_FORM]> {
         let (a, b) = (&self.splat, &other.splat);
         let turn = (rotation(b).conjugate() * rotation(a)).normalize();
@@ -350,7 +358,7 @@ impl Estimate {
         step.iter().all(|x| x.is_finite()).then_some(step)
     }
 
-    /// Returns the difference of a channel's coefficients from those of `other`.
+    /// Returns the step from `other` to this estimate in the colour coefficients of one channel.
     fn color_difference(&self, other: &Self, channel: usize) -> [f64; N_COLOR] {
         let (a, b) = (self.coefficients(channel), other.coefficients(channel));
         std::array::from_fn(|i| f64::from(a[i]) - f64::from(b[i]))
@@ -388,7 +396,8 @@ impl Estimate {
     }
 }
 
-/// Combines the gains of all `later` estimates over `start`; without a start they count equally. `None` without
+/// Combines `start` with the information that each of the `later` estimates has gained since. Without a
+/// start, the later estimates are combined as independent estimates under one prior. `None` without
 /// estimates.
 fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Option<Estimate> {
     let base = start.or(later.first().map(|later| later.estimate))?;
@@ -418,11 +427,12 @@ fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Op
     Some(if sound { result } else { base })
 }
 
-/// Sums of precision and information over scenes, for `M` right-hand sides.
+/// Normal equations of an estimate fused from several scenes: sums of precision and information, for `M`
+/// right-hand sides.
 struct Joint<const N: usize, const M: usize> {
     precision: Vec<f64>,
     information: [Vec<f64>; M],
-    /// Remaining share of the start's precision.
+    /// Product of the shares of the start's precision that the scenes retain.
     remembered: f64,
 }
 
@@ -432,7 +442,9 @@ impl<const N: usize, const M: usize> Joint<N, M> {
         Self { precision: vec![0.0; N * N], information, remembered: 1.0 }
     }
 
-    /// Adds the gain of an estimate over the start; `steps` are its differences from the start.
+    /// Adds the information that the estimate of one scene has gained over the start. `own` and `start`
+    /// are the precisions of that estimate and of the start, `steps` the differences of the parameters.
+    /// `remembered` is the share of the start's precision that the scene retains.
     fn add(
         &mut self,
         own: &[f32],
@@ -453,8 +465,8 @@ impl<const N: usize, const M: usize> Joint<N, M> {
         }
     }
 
-    /// Returns the steps from the start and the total precision; `None` if that is not positive definite.
-    /// `known` is 1 with a start, 0 without.
+    /// Returns the fused parameters as steps from the start, and the total precision. `None` if the
+    /// precision is not positive definite or a step is not finite. `known` is 1 with a start, 0 without.
     fn solved(
         mut self,
         start: &[f32],
@@ -474,7 +486,8 @@ impl<const N: usize, const M: usize> Joint<N, M> {
     }
 }
 
-/// Blends a precision with the prior's: `remembered` is its share.
+/// Returns entry `(i, j)` of a precision matrix blended with the prior's. `remembered` is the share of
+/// `value`, the entry before blending.
 fn blended_precision<const N: usize>(
     value: f64,
     prior: &[f64; N],
@@ -506,7 +519,8 @@ fn rotation(splat: &Splat) -> DQuat {
     splat.quaternion().normalize()
 }
 
-/// Sets the running means of photographs to those over all scenes, weighted by their frames.
+/// Sets the running means for outlier tests in `state` to the means over all scenes. Each scene is
+/// weighted by its number of frames.
 fn average_residuals<'a>(
     state: &mut PhotometricState,
     scenes: impl Iterator<Item = &'a PhotometricState>,

@@ -5,24 +5,26 @@ use crate::observation::surface::SurfacePoint;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Number of known points that determine the gain of a large frame.
+/// Number of points in known components that suffice to determine the gain of a large frame.
 pub const MIN_MATCHES: f64 = 5000.0;
-/// Share of the points of a small frame that determine its gain.
+/// Share of a small frame's points whose components must be known to determine its gain.
 const MIN_SHARE: f64 = 0.125;
-/// Minimum number of known points for the gain of any frame.
+/// Minimum number of points in known components that determine the gain of any frame.
 const FEWEST_MATCHES: f64 = 100.0;
 /// Points per partial sum; a fixed size makes sums independent of the number of threads.
 const CHUNK: usize = 512;
 
-/// Returns the number of a frame's points that must be known to determine its gain, at most `most`.
+/// Returns how many of a frame's points must be in known components to determine its gain, at most
+/// `most`.
 pub fn fewest_matches(points: usize, most: f64) -> f64 {
     // The upper limit last: frames of few, heavy points need fewer matches.
     (MIN_SHARE * points as f64).max(FEWEST_MATCHES).min(most)
 }
 
-/// Returns, per channel, the factor `Σ c̄ / Σ c` from the frame's brightness to that of its points'
-/// components; 1 if fewer than `fewest` points are known or either sum is zero, as no exposure turns black
-/// into light and a gain of 0 would train the scene on black.
+/// Returns the gain of each channel: the factor that converts the frame's colours to the scene's
+/// exposure. The gain is `Σ c̄ / Σ c` over the points. Here `c` is the colour of a point and `c̄` the
+/// mean colour of its component. The gain is 1 if fewer than `fewest` points are in known components, or
+/// if either sum is zero. A gain of 0 would train the scene on black.
 ///
 /// The least-squares factor `Σ c̄·c / Σ c²` is not used: its denominator contains the noise of the frame's
 /// colours, which makes it a few per cent too small. The bias would accumulate along a sequence of
@@ -46,7 +48,8 @@ pub struct Brightness {
 }
 
 impl Brightness {
-    /// Sums over points with the given components.
+    /// Returns the summed colours of the points in known components, and the summed mean colours of
+    /// their components.
     pub fn of(component_sums: &ComponentSums, points: &[SurfacePoint], owners: &[u32]) -> Self {
         let mut sums = Self::default();
         for (point, &owner) in points.iter().zip(owners) {
@@ -58,7 +61,8 @@ impl Brightness {
         sums
     }
 
-    /// Returns the [`gain`] from the parts of a frame, added in order.
+    /// Returns the gain of a frame from its parts, as [`gain()`] does for all its points. Parts are
+    /// added in order.
     pub fn gain(parts: impl IntoIterator<Item = Self>, fewest: f64) -> [f32; 3] {
         let mut total = Self::default();
         for part in parts {

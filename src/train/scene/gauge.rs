@@ -12,9 +12,10 @@ use crate::model::scene::state::SceneState;
 use crate::model::splat::pose_log::FramePose;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Returns the motion of the world, from old to new coordinates, that minimises the corrections of the
-/// frames: least squares, linear in small rotations, under the standard deviations of recorded rotations
-/// (radians) and positions (world units). `None` without frames, or if a recorded rotation is unknown.
+/// Returns the rigid motion of the world, from old to new coordinates, that minimises the pose
+/// corrections of the frames. The solution is a least-squares fit, linear in small rotations. `turn` and
+/// `shift` are the standard deviations of recorded rotations (radians) and positions (world units).
+/// `None` without frames, or if a recorded rotation is unknown.
 pub fn common_motion(frames: &[FramePose], [turn, shift]: [f64; 2]) -> Option<Pose> {
     let poses: Vec<[Pose; 2]> = frames.iter().map(FramePose::poses).collect::<Option<_>>()?;
     let n = poses.len() as f64;
@@ -42,8 +43,8 @@ pub fn moved_seed(seed: [f32; 3], origin: DVec3, motion: &Pose) -> [f32; 3] {
     (motion.transform_point(place) - origin).as_vec3().to_array()
 }
 
-/// Moves the scene with the world: seeds, sums, splats, logs and cameras. `None` if a recorded rotation is
-/// unknown.
+/// Applies a rigid motion of the world to a scene: seeds, sums, splats, logs and cameras of buffered
+/// photographs. `None` if a recorded rotation is unknown.
 pub fn moved(state: SceneState, motion: &Pose) -> Option<SceneState> {
     let origin = DVec3::from_array(state.origin);
     let mut sums = ComponentSums::restore(state.sums, state.visibility);

@@ -10,9 +10,9 @@
 use crate::math::simd::{Isa, Kernel, LANES, SET_LANE, Vector};
 use crate::model::scene::points_device::{NO_SEED, Seeds};
 
-/// Marks no seed or no component.
+/// Value that marks the absence of a seed or component.
 pub const NONE: u32 = NO_SEED;
-/// Number of cells from the origin, per axis, that can be distinguished.
+/// Maximum distance of a seed from the origin along each axis, in cells.
 // At 2²⁰ cells an f32 still resolves a sixteenth of a cell.
 const MAX_CELLS: f32 = (1 << 20) as f32;
 const MIN_BUCKETS: usize = 256;
@@ -20,7 +20,7 @@ const MIN_BUCKETS: usize = 256;
 const BLOCK_BITS: u32 = 2;
 const NODE: usize = LANES;
 
-/// Seeds of all components, indexed by position.
+/// Seeds of all components (points at which the components were created), indexed by position.
 pub struct SeedGrid {
     cell: f32,
     per_cell: f32,
@@ -30,7 +30,7 @@ pub struct SeedGrid {
     heads: Vec<u32>,
 }
 
-/// Some seeds of a bucket, in ascending order.
+/// Node in the chain of a bucket: up to eight seeds, in ascending order.
 #[derive(Clone, Copy)]
 struct Node {
     /// Positions, axis by axis; NaN in free slots.
@@ -60,12 +60,14 @@ impl SeedGrid {
         self.positions[id]
     }
 
-    /// Returns all seeds, in the order of their birth.
+    /// Returns the positions of all seeds, world units from the scene's origin, in the order of
+    /// creation.
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.positions
     }
 
-    /// Returns all seeds for upload to a device; `are_new` states that they differ from those it has.
+    /// Returns all seeds for upload to a device. `are_new` is true if they differ from the seeds that
+    /// the device has.
     pub fn seeds(&self, are_new: bool) -> Seeds<'_> {
         let Self { cell: h, per_cell, positions, .. } = self;
         let (h, per_cell) = (*h, *per_cell);
@@ -94,7 +96,8 @@ impl SeedGrid {
         cell
     }
 
-    /// True if a place may lie within `radius` world units of a seed, including places just outside the grid.
+    /// True if a position may be within `radius` world units of a seed, including positions just outside
+    /// the grid.
     #[inline(always)]
     pub fn may_reach_seed(&self, position: [f32; 3], radius: f32) -> bool {
         position.iter().all(|x| (x.abs() - radius) * self.per_cell < MAX_CELLS)
@@ -111,7 +114,7 @@ impl SeedGrid {
         mixed.wrapping_mul(0x2C1B_3C6D) as usize >> 4 & (self.heads.len() - 1)
     }
 
-    /// Adds a seed at a position with a cell; returns its number.
+    /// Adds a seed and returns its number. The position must satisfy [`Self::has_cell`].
     pub fn insert(&mut self, position: [f32; 3]) -> u32 {
         // At least as many buckets as nodes, so that chains stay short.
         if self.nodes.len() >= self.heads.len() {
@@ -123,7 +126,8 @@ impl SeedGrid {
         id
     }
 
-    /// Returns the grid with every seed moved by `place`; `None` if one gets out of range.
+    /// Returns a copy of the grid with every seed moved to the position that `place` returns. `None` if
+    /// a seed leaves the range of the grid.
     pub fn moved(&self, place: impl Fn([f32; 3]) -> [f32; 3]) -> Option<Self> {
         let Self { cell, per_cell, .. } = *self;
         // Both are copied: recomputed from the rounded cell, the reciprocal could differ.
@@ -192,24 +196,25 @@ impl SeedGrid {
         }
     }
 
-    /// Returns the cells of a box between two corners.
+    /// Returns the grid cells that a box with the given corners overlaps.
     pub fn cells_between(&self, [low, high]: [[f32; 3]; 2]) -> CellBox {
         CellBox { low: self.cell_of(low), high: self.cell_of(high) }
     }
 
-    /// Appends the seeds of a box between two corners to `found`.
+    /// Appends to `found` the numbers and positions of all seeds in a box with the given corners.
     pub fn gather(&self, corners: [[f32; 3]; 2], found: &mut Vec<(u32, [f32; 3])>) {
         Isa::best().run(Gather { grid: self, corners, found });
     }
 
-    /// Returns the nearest seed within one cell width of a place; of equals, the oldest.
+    /// Returns the nearest seed within one cell width of a position; among equally near seeds, the
+    /// oldest.
     pub fn nearest(&self, position: [f32; 3]) -> Option<u32> {
         let found = Isa::best().run(Nearest { grid: self, position });
         (found != NONE).then_some(found)
     }
 
-    /// Returns the nearest seed within `reach` of a place, at most one cell width; of equals, the oldest;
-    /// [`NONE`] without one.
+    /// Returns the nearest seed within `reach` of a position; among equally near seeds, the oldest.
+    /// [`NONE`] if there is no seed. `reach` is in world units, at most one cell width.
     #[inline(always)]
     pub fn nearest_within<V: Vector>(&self, position: [f32; 3], reach: f32) -> u32 {
         if !self.has_cell(position) {
@@ -253,7 +258,8 @@ impl Node {
         }
     }
 
-    /// Squared distances of its seeds from a place, summed in the order x, y, z; NaN for free slots.
+    /// Returns the squared distances of the node's seeds from a position, NaN for free slots. Squares
+    /// are summed in the order x, y, z.
     #[inline(always)]
     fn squared_distances<V: Vector>(&self, [x, y, z]: [V; 3]) -> V {
         let [u, v, w] = &self.along;
@@ -267,8 +273,8 @@ impl Node {
     }
 }
 
-/// Iterator over the first nodes of blocks between two corners. Hand-written, since iterator adapters are not
-/// compiled for a kernel's instruction set.
+/// Iterator over the first nodes of all blocks in a box. It is hand-written, since iterator adapters are
+/// not compiled for a kernel's instruction set.
 struct Heads<'a> {
     grid: &'a SeedGrid,
     low: [i32; 3],
@@ -348,7 +354,7 @@ impl Kernel for Gather<'_> {
 #[derive(Clone, Copy, Debug)]
 pub struct CellBox {
     pub low: [i32; 3],
-    /// Largest index along each axis, inclusive.
+    /// Largest cell index along each axis, inclusive.
     pub high: [i32; 3],
 }
 

@@ -23,26 +23,28 @@ use std::f64::consts::SQRT_2;
 
 // Maximum standard deviation of a merged component, units of `h`: keeps sums within their range.
 const MAX_SPREAD: f64 = 0.8;
-/// Maximum distance of a merged component's mean from the seed of its sums, units of `h`.
+/// Maximum distance of a merged component's mean from its seed, in units of the structural scale `h`.
 const MAX_OFFSET: f64 = 1.5;
 // Squared colour error (0 to 1 per channel) equivalent to a squared distance of `h²` from the plane: a
 // surface `h/4` away costs as much as a colour error of 1/8.
 const THICKNESS_COST: f64 = 0.25;
-/// Ridge of the regression of colour on position, units of `h²`.
+/// Ridge of the regression of colour on position, in units of `h²`, where `h` is the structural scale.
 const RIDGE: f64 = 0.025;
-/// Maximum number of passes over all components; every pass merges pairs.
+/// Maximum number of passes, each of which merges pairs of components.
 const PASSES: usize = 12;
 
-/// Statistics of a component, in units of `h`; the seed is relative to the scene's origin.
+/// Statistics of a component, with lengths in units of the structural scale `h`. The seed is relative to
+/// the scene's origin.
 #[derive(Clone, Copy)]
 struct Summary {
     sums: SceneSums,
     seed: DVec3,
-    /// Residual of the component, without the part that merging leaves unchanged.
+    /// Squared error of the component's points, as returned by [`error()`].
     error: f64,
 }
 
-/// Merges until at most `most` components are left, or a pass finds fewer than `worthwhile` pairs or none.
+/// Merges pairs of components until at most `most` are left. Stops early after a pass with no pair or
+/// fewer than `worthwhile` pairs. `h` is the structural scale, world units.
 pub fn merge_down(
     component_sums: &mut ComponentSums,
     seeds: &mut Seeds,
@@ -75,7 +77,8 @@ pub fn merge_down(
     }
 }
 
-/// Returns up to `n` disjoint pairs of neighbours of lowest cost, the older component first.
+/// Returns up to `n` disjoint pairs of neighbouring components whose merger costs least. The older
+/// component of each pair comes first.
 fn cheapest_pairs(
     component_sums: &ComponentSums,
     seeds: &Seeds,
@@ -108,7 +111,8 @@ fn summary(component_sums: &ComponentSums, seeds: &Seeds, h: f64, id: usize) -> 
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
 }
 
-/// Returns the cheapest merger of a component with a neighbour: its cost, the older and the younger component.
+/// Returns the cheapest merger of a component with a neighbour: the cost, the older and the younger
+/// component.
 fn best_partner(
     summaries: &[Summary],
     Seeds { grid, components }: &Seeds,
@@ -146,7 +150,8 @@ fn best_partner(
     best
 }
 
-/// Returns the increase of the residual by merging; `None` if the union would be too large.
+/// Returns the increase of the squared error by merging two components; `None` if the union would be too
+/// large.
 fn cost(a: &Summary, b: &Summary) -> Option<f64> {
     let union = a.sums + b.sums.about_shifted_seed(b.seed - a.seed);
     let is_small = union.covariance().trace() <= MAX_SPREAD * MAX_SPREAD
@@ -154,8 +159,8 @@ fn cost(a: &Summary, b: &Summary) -> Option<f64> {
     is_small.then(|| error(&union) - a.error - b.error)
 }
 
-/// Squared error over a component's points relative to a plane with a linear colour, without `Σ |c|²`, which
-/// is the same for a union and for its parts.
+/// Returns the squared error of a component's points relative to a plane whose colour changes linearly.
+/// The sum of the squared colours is omitted, since merging does not change it.
 fn error(sums: &SceneSums) -> f64 {
     let n = sums.count;
     let (color, covariance) = (sums.color / n, sums.covariance());
@@ -172,7 +177,7 @@ fn error(sums: &SceneSums) -> f64 {
     n * (THICKNESS_COST * thickness - color.length_squared() - explained)
 }
 
-/// Seeds to which points are assigned and from which seeds are born, as in training.
+/// Partition of points into components, which are created as in training.
 ///
 /// ```
 /// use vbgs_studio::observation::surface::SurfacePoint;
@@ -191,12 +196,13 @@ pub struct Partition {
 }
 
 impl Partition {
-    /// Creates a partition without seeds; `h` is the structural scale, world units.
+    /// Creates a partition without components; `h` is the structural scale, world units.
     pub fn new(h: f64) -> Self {
         Self { h, seeds: Seeds::new(h), owners: Vec::new() }
     }
 
-    /// Returns the component of every point; new ones are born where none is near. `None` beyond the limit.
+    /// Returns the component of every point. Creates new components where none is within the structural
+    /// scale. A point has `None` if no component can be created.
     pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
         let Self { h, seeds, owners } = self;
         assign(seeds, Reach::new(*h, 0.0), points, owners);
@@ -205,21 +211,23 @@ impl Partition {
         owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()
     }
 
-    /// Number of components born so far.
+    /// Returns the number of components created so far.
     pub fn components(&self) -> usize {
         self.seeds.components.used()
     }
 }
 
-/// Returns the factor on the structural scale after `steps` steps; each halves the number of components.
+/// Returns the factor on the structural scale after `steps` coarsening steps. Each step about halves the
+/// number of components.
 pub fn factor(steps: u32) -> f64 {
     // Bounds the shift; valid steps are far below.
     let twice = f64::from(1u32 << (steps / 2).min(31));
     if steps.is_multiple_of(2) { twice } else { twice * SQRT_2 }
 }
 
-/// Converts the sums to a structural scale that is `steps` wider than the configured one. Seeds stay and
-/// represent the same surface; sums are rounded to whole quanta. `None` if the scale is already wider.
+/// Converts a scene to the structural scale that is `steps` coarsening steps above the configured one.
+/// Seeds keep their positions and the surface that they represent. Sums are rounded to whole quanta.
+/// `None` if the scene already has a larger scale or `steps` is out of range.
 pub fn coarsened(state: SceneState, steps: u32) -> Option<SceneState> {
     if steps > MAX_COARSENING_STEPS {
         return None;
@@ -241,7 +249,7 @@ pub fn coarsened(state: SceneState, steps: u32) -> Option<SceneState> {
     Some(SceneState { coarsening_steps: steps, shares, sums, visibility, ..state })
 }
 
-/// Converts sums to offsets in units `by` times as long, in whole quanta.
+/// Converts sums to a unit of length that is `by` times as long, rounded to whole quanta.
 fn in_units(mut sums: [f64; N_SUMS], by: f64) -> [f64; N_SUMS] {
     // `Σ d`, `Σ d dᵀ` and `Σ c dᵀ`; the other sums contain no length.
     let lengths = [(1..4, by), (4..10, by * by), (13..22, by)];
@@ -312,7 +320,7 @@ mod coarsening_tests {
     use crate::model::scene::state::{QUANTUM, VisibilityCounts};
     use crate::model::scene::sums::{SceneSums, terms};
 
-    /// Points of a wall about two seeds.
+    /// Returns a scene of two components whose points are on planes of different slope.
     fn scene() -> SceneState {
         let mut sums = ComponentSums::default();
         for slope in [0.0, 0.3] {

@@ -48,8 +48,8 @@ fn merging_keeps_moments_within_their_bounds() {
     }
 }
 
-/// True if some set of points has these moments, decided in integers: all principal minors of
-/// `N · Σ d dᵀ − Σ d Σ dᵀ` must be at least 0.
+/// True if some set of points can have the moments in `sums`. Decided in integers: all principal minors
+/// of `N · Σ d dᵀ − Σ d Σ dᵀ` must be at least 0.
 fn are_moments_of_points(sums: &[f64; N_SUMS]) -> bool {
     let quanta = |i: usize| (sums[i] / QUANTUM) as i128;
     let scatter = |i: usize, a: usize, b: usize| quanta(0) * quanta(i) - quanta(a) * quanta(b);
@@ -60,7 +60,7 @@ fn are_moments_of_points(sums: &[f64; N_SUMS]) -> bool {
     [xx, yy, zz, whole].into_iter().chain(pairs).all(|minor| minor >= 0)
 }
 
-/// A wall: points in an axis-parallel or tilted plane, with seeds beside it.
+/// Generates the components of a wall: seeds, each with points in one axis-parallel or tilted plane.
 fn wall() -> impl Strategy<Value = Vec<([f64; 3], Vec<[f64; 3]>)>> {
     let unit = || array::uniform3(-1.0..1.0);
     let component = (unit(), vec(unit(), 1..3));

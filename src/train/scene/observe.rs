@@ -16,9 +16,10 @@ pub struct FrameView<'a> {
     h: f64,
 }
 
-/// Counts one frame's evidence for every component: a hit if the frame measured it, a miss if it measured
-/// something farther; hidden or unknown components do not count. `camera` is the frame's camera with its
-/// corrected pose.
+/// Updates the visibility counts of all components with one frame. A component that the frame measured
+/// is a hit, a component in front of the measured surface a miss. Hidden or unknown components are not
+/// counted. `camera` is the frame's camera with the corrected pose, `h` the structural scale in world
+/// units.
 pub fn observe(
     component_sums: &mut ComponentSums,
     seeds: &Seeds,
@@ -53,14 +54,16 @@ impl<'a> FrameView<'a> {
         Self { frame, rotation, centre, h }
     }
 
-    /// True if the frame measured something behind a surface at `mean` (world units from the origin), false
-    /// if it measured the surface; `None` if it is hidden, out of view or unknown.
+    /// True if the frame measured something behind a surface at `mean`, false if it measured that
+    /// surface. `mean` is in world units from the origin. `None` if the surface is hidden, out of view
+    /// or unknown.
     pub fn measures_through(&self, mean: DVec3) -> Option<bool> {
         let (visibility, _) = self.visibility(mean, DVec3::ZERO)?;
         Some(visibility == Visibility::Miss)
     }
 
-    /// Returns the visibility of a component at `mean`, and its expected returns.
+    /// Returns the visibility of a component at `mean` and the expected number of points on the
+    /// component. `None` if the component is hidden, out of view or unknown.
     fn visibility(&self, mean: DVec3, normal: DVec3) -> Option<(Visibility, f64)> {
         let local = self.rotation * (mean - self.centre);
         // Behind the camera the projection would mirror the point.

@@ -19,14 +19,16 @@ use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Structural scales for which squared distances within reach are normal f32 numbers.
+/// Structural scales, world units, at which squared distances between points and seeds are normal f32
+/// numbers.
 const SCALES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
 #[derive(Default)]
 pub struct PointFits {
     device: Option<PointFitter>,
     used: PassUse,
-    /// Number of points that the device processed, and of those that it left to the processor.
+    /// Number of points passed to the device for search or summation. Of that number, `open_points` were
+    /// left to the processor.
     points: u64,
     open_points: u64,
     slots: PointSlots,
@@ -35,12 +37,12 @@ pub struct PointFits {
 struct PointFitter {
     device: Box<dyn PointsDevice>,
     trial: DeviceTrial,
-    /// True if it has the seeds of the current grid.
+    /// True if the device has the seeds of the current grid.
     has_seeds: bool,
-    /// True if it has the points of the current frame.
+    /// True if the device has the points of the current frame.
     has_points: bool,
     turn: DeviceChoice,
-    /// Milliseconds of the frame on processor and device, while both are timed.
+    /// Times of the current frame on processor and device, milliseconds, during a trial.
     ms: [f64; 2],
     owners: Vec<u32>,
 }
@@ -65,7 +67,8 @@ impl PointFits {
         PassUse { open_share, ..self.used.clone() }
     }
 
-    /// Begins a frame of `n_points` points at the structural scale `h`.
+    /// Begins a frame of `n_points` points and chooses its device. `h` is the structural scale, world
+    /// units.
     pub fn begin_frame(&mut self, n_points: usize, h: f64) {
         let Some(fitter) = &mut self.device else { return };
         fitter.has_points = false;
@@ -77,21 +80,22 @@ impl PointFits {
         };
     }
 
-    /// Begins a frame whose points are assigned but not summed, which the processor does.
+    /// Begins a frame whose points are assigned but not summed. The processor assigns the points.
     pub fn begin_untimed_frame(&mut self) {
         if let Some(fitter) = &mut self.device {
             fitter.turn = DeviceChoice::Processor;
         }
     }
 
-    /// Marks the grid as rebuilt.
+    /// Marks the device's copy of the seeds as outdated, so that all seeds are uploaded again. Called
+    /// after the seed grid has been rebuilt.
     pub fn forget_seeds(&mut self) {
         if let Some(fitter) = &mut self.device {
             fitter.has_seeds = false;
         }
     }
 
-    /// Finds the component of every point, as [`assign`] does.
+    /// Finds the component of every point on the chosen device, with the same result as [`assign`].
     pub fn assign(
         &mut self,
         seeds: &Seeds,
@@ -118,7 +122,7 @@ impl PointFits {
         }
     }
 
-    /// Assigns on the device if it is its turn; returns true on success.
+    /// Assigns the points on the device, if one was chosen for this frame. Returns true on success.
     fn assign_on_device(&mut self, seeds: &Seeds, reach: Reach, points: &[SurfacePoint]) -> bool {
         let Some(fitter) =
             self.device.as_mut().filter(|fitter| fitter.turn != DeviceChoice::Processor)
@@ -188,7 +192,8 @@ impl PointFits {
         self.used.device_frames += 1;
     }
 
-    /// Accepts or drops a device after a trial, given the milliseconds of the sums on processor and device.
+    /// Accepts the device after a trial if its sums are equal, else drops it. `processor` and
+    /// `on_device` are the times of the sums, milliseconds.
     fn conclude_trial(&mut self, is_equal: bool, [processor, on_device]: [f64; 2]) {
         if !is_equal {
             return self.drop_device(DIFFERING.to_owned());
@@ -206,8 +211,8 @@ impl PointFits {
 }
 
 impl PointFitter {
-    /// Stores the nearest seed of every point in `owners`; returns the number that the processor has to
-    /// search.
+    /// Stores the nearest seed of every point in `owners`. Returns the number of points whose seeds the
+    /// processor has to search.
     fn find_seeds(
         &mut self,
         grid: &SeedGrid,
@@ -225,7 +230,8 @@ impl PointFitter {
         Ok(found.par_iter().filter(|seed| **seed == LEFT_TO_PROCESSOR).count())
     }
 
-    /// Returns the sums of the points by slot, in whole quanta.
+    /// Returns the sums over the points of each slot (component with points in the frame), in whole
+    /// quanta.
     fn sums(
         &mut self,
         slots: &PointSlots,
@@ -242,34 +248,37 @@ impl PointFitter {
     }
 }
 
-/// Marks a component with a point that the device cannot sum.
+/// Bit that marks a component with a point that the device cannot sum.
 const LEFT: u32 = 1 << 31;
 // Largest number, and pixels per point, for which the device rounds terms as the processor does: quanta stay
 // below 2²², the limit of rounding by addition.
 const MAX_NUMBER: f32 = 2.0;
 const MAX_WEIGHT: u32 = 16;
-/// Largest factor on a colour and largest shift of a point, so that products are finite.
+/// Largest colour gain, and largest shift of a point in world units, for sums on a device. The limit
+/// keeps products finite.
 const MAX_FACTOR: f32 = 65_536.0;
 
-/// Slots of the components with points in a frame.
+/// Slots for sums on a device, one per component with points in a frame.
 #[derive(Default)]
 pub struct PointSlots {
-    /// Per component, the pixels of its points, then its slot.
+    /// Number of pixels of each component's points while the points are counted, afterwards the
+    /// component's slot.
     of_components: Vec<AtomicU32>,
     /// Component of each slot, ascending.
     pub ids: Vec<u32>,
-    /// Seed of each slot's sums, and a 0.
+    /// Seed of each slot's component, world units from the scene's origin, followed by a 0.
     pub seeds: Vec<[f32; 4]>,
-    /// Per point, its slot ([`NONE`] if the device does not sum it) and the bits of its shift.
+    /// Per point, its slot ([`NONE`] if the device does not sum it) and the bits of its shift (f32).
     pub points: Vec<[u32; 2]>,
-    /// Per point, its component if the processor sums it, else [`NONE`]; empty if there are none.
+    /// Per point, its component if the processor sums it, else [`NONE`]. Empty if the processor sums no
+    /// point.
     pub left: Vec<u32>,
     pub n_left: usize,
 }
 
 impl PointSlots {
-    /// Assigns a slot to every component with points, except those that the processor must sum: with more
-    /// points than a row holds, or with invalid or large numbers.
+    /// Assigns a slot to every component with points that the device can sum. The processor sums
+    /// components with more points than a row holds, or with invalid or large numbers.
     pub fn fill(&mut self, n_components: usize, frame: AssignedPoints<'_>) {
         self.count(n_components, frame);
         self.ids.clear();
@@ -309,7 +318,7 @@ impl PointSlots {
         });
     }
 
-    /// Lists the points with their slots, and those left to the processor.
+    /// Fills the list of points with slots for the device, and the list of points left to the processor.
     fn list(&mut self, frame: AssignedPoints<'_>, any_left: bool) {
         let slots = &self.of_components;
         let slot = |owner: u32| slots.get(owner as usize).map(|slot| slot.load(Ordering::Relaxed));

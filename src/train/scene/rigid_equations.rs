@@ -13,7 +13,7 @@ use rayon::prelude::*;
 pub struct Motion {
     /// Rotation about the camera centre.
     pub turn: DQuat,
-    /// Translation after it, world units.
+    /// Translation after the rotation, world units.
     pub shift: DVec3,
 }
 
@@ -24,8 +24,8 @@ impl Motion {
         Self { turn, shift: to.centre() - from.centre() }
     }
 
-    /// Returns a function that applies this motion to a frame's points, relative to [`Observation::origin`],
-    /// world units.
+    /// Returns a function that applies this motion to a frame's points. The function returns positions
+    /// relative to [`Observation::origin`], world units.
     pub fn point_mover(
         &self,
         frame: &Observation,
@@ -35,7 +35,7 @@ impl Motion {
         move |point| array(centre + turn * (point.position_vector() - centre) + shift)
     }
 
-    /// Moves the frame's points into `points` and returns the moved camera.
+    /// Replaces `points` by the moved points of a frame and returns the moved camera.
     pub fn apply(&self, frame: &Observation, points: &mut Vec<SurfacePoint>) -> Camera {
         let Camera { intrinsics, pose } = frame.camera;
         let (turn, place) = (DMat3::from_quat(self.turn), self.point_mover(frame));
@@ -56,18 +56,18 @@ impl Motion {
     }
 }
 
-/// Normal equations of a [`Motion`].
+/// Normal equations for the least-squares estimate of a [`Motion`].
 pub(super) struct RigidEquations {
-    /// Per parameter, the row of the matrix, the negative right-hand side, and a zero: eight numbers fill
-    /// whole vectors.
+    /// For each parameter: its row of the matrix, the negative right-hand side, and a zero that fills
+    /// the row to eight numbers.
     rows: [[f64; 8]; 6],
 }
 
 impl RigidEquations {
     pub const NONE: Self = Self { rows: [[0.0; 8]; 6] };
 
-    /// Returns the prior: zero motion with the given standard deviations of rotation (radians) and
-    /// translation (world units), linearised at `motion`.
+    /// Returns the equations of a prior of zero motion, linearised at `motion`. The standard deviations
+    /// refer to rotation (radians) and translation (world units).
     pub fn prior(motion: &Motion, [turn_deviation, shift_deviation]: [f64; 2]) -> Self {
         let mut normal = Self::NONE;
         let turn = motion.turn.to_scaled_axis();
@@ -84,8 +84,8 @@ impl RigidEquations {
         normal
     }
 
-    /// Adds a residual whose gradient with respect to the position of a point at `arm` from the camera is
-    /// `slope`.
+    /// Adds a residual of the point at `arm`, the vector from the camera centre. `slope` is the gradient
+    /// of the residual with respect to the point's position.
     pub fn add(&mut self, residual: f64, slope: DVec3, arm: DVec3, weight: f64) {
         let turn = arm.cross(slope);
         let row = [turn.x, turn.y, turn.z, slope.x, slope.y, slope.z, residual, 0.0];
@@ -95,8 +95,8 @@ impl RigidEquations {
         }
     }
 
-    /// Adds several residuals `r` of a point at `arm` from the camera, given the sums `Σ w s sᵀ` and
-    /// `Σ w r s` over them, with slopes `s` and weights `w`.
+    /// Adds several residuals of the point at `arm`, the vector from the camera centre. With residuals
+    /// `r`, slopes `s` and weights `w`, `information` is `Σ w s sᵀ` and `pull` is `Σ w r s`.
     pub fn add_all(&mut self, information: DMat3, pull: DVec3, arm: DVec3) {
         let crossed = |m: DMat3| {
             DMat3::from_cols(arm.cross(m.x_axis), arm.cross(m.y_axis), arm.cross(m.z_axis))
@@ -130,7 +130,8 @@ impl RigidEquations {
         std::array::from_fn(|i| self.rows[i / 6][i % 6])
     }
 
-    /// Returns rotation (axis times angle) and translation; `None` unless all numbers are finite.
+    /// Returns the rotation (axis times angle, radians) and translation (world units) that solve the
+    /// equations. `None` without a finite solution.
     pub fn solution(&self) -> Option<[DVec3; 2]> {
         let x = Cholesky::new(6, &self.matrix())?.solve(&self.rows.map(|row| -row[6]));
         let [turn, shift] = [DVec3::from_slice(&x[..3]), DVec3::from_slice(&x[3..])];

@@ -22,7 +22,7 @@ pub struct SeedGroups {
 
 struct Group {
     n_points: usize,
-    /// End of the group's seeds in the common list.
+    /// End of the group's seeds in the list of all groups' seeds.
     end: usize,
 }
 
@@ -32,13 +32,15 @@ impl SeedGroups {
         self.seeds.clear();
     }
 
-    /// Adds a group of points with at least all seeds within `radius` (world units) of each.
+    /// Adds points as one or more groups, with at least all seeds within `radius` (world units) of each
+    /// point.
     pub fn gather(&mut self, grid: &SeedGrid, radius: f32, points: &[[f32; 3]]) {
         // Slightly larger, since distances are rounded.
         self.gather_halves(grid, radius * (1.0 + 1e-5), points);
     }
 
-    /// Halves a group that spans a depth edge until it is compact; a single point always covers few cells.
+    /// Adds points as one group with the seeds around them. Points that span a depth edge are halved
+    /// until each group is compact.
     fn gather_halves(&mut self, grid: &SeedGrid, radius: f32, points: &[[f32; 3]]) {
         let near = points.iter().copied().filter(|point| grid.may_reach_seed(*point, radius));
         if let Some(corners) = corners(near, radius) {
@@ -54,15 +56,17 @@ impl SeedGroups {
         self.groups.push(Group { n_points: points.len(), end: self.seeds.len() });
     }
 
-    /// Sets the nearest seed within `reach` of each point, or [`NONE`]. The points must be those passed to
-    /// `gather`, moved by at most the difference between its radius and `reach`.
+    /// Stores the nearest seed within `reach` (world units) of each point in `owners`, or [`NONE`]. The
+    /// points must be the ones passed to [`Self::gather`]. Each may have moved by at most the radius of
+    /// that call minus `reach`.
     pub fn nearest(&self, grid: &SeedGrid, reach: f32, points: &[[f32; 3]], owners: &mut [u32]) {
         let limit = reach * reach;
         Isa::best().run(Nearest { groups: self, grid, limit, points, owners });
     }
 }
 
-/// Corners of the bounding box of some places, enlarged by `radius` on every side; `None` without places.
+/// Returns the corners of the bounding box of `places`, enlarged by `radius` on every side; `None`
+/// without places.
 fn corners(places: impl Iterator<Item = [f32; 3]>, radius: f32) -> Option<[[f32; 3]; 2]> {
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for place in places {
@@ -112,7 +116,8 @@ impl Kernel for Nearest<'_> {
     }
 }
 
-/// Nearest of some seeds to each of eight places; `limit` is the maximum squared distance.
+/// Returns the nearest of `seeds` to each of eight positions, or [`NONE`]. `limit` is the maximum
+/// squared distance.
 #[inline(always)]
 fn nearest_of<V: Vector>(
     along: &[[f32; LANES]; 3],
@@ -149,7 +154,7 @@ fn nearest_of<V: Vector>(
     nearest
 }
 
-/// Scalar version for one place, which resolves ties.
+/// Returns the nearest of `seeds` to one position, or [`NONE`]; among equally near seeds, the oldest.
 fn oldest_nearest(place: [f32; 3], seeds: &[(u32, [f32; 3])], limit: f32) -> u32 {
     let near = seeds.iter().map(|&(id, seed)| (squared_distance(place, seed), id));
     let near = near.filter(|(squared, _)| *squared <= limit);
@@ -157,12 +162,12 @@ fn oldest_nearest(place: [f32; 3], seeds: &[(u32, [f32; 3])], limit: f32) -> u32
 }
 
 const CHUNK: usize = 64;
-/// Number of points that share candidates: consecutive points are neighbours in the image.
+/// Number of consecutive points, neighbours in the image, that share candidate seeds.
 pub const GROUP: usize = 8;
-/// Movement after which candidates are gathered again, relative to the reach.
+/// Movement of a point after which candidate seeds are gathered again, relative to the reach.
 const MARGIN: f32 = 0.25;
 
-/// Candidate seeds within reach of points that move; refreshed after large movements.
+/// Candidate seeds within reach of points that move; gathered again after large movements.
 pub struct NearSeeds<'a> {
     grid: &'a SeedGrid,
     reach: f32,
@@ -173,22 +178,23 @@ pub struct NearSeeds<'a> {
 #[derive(Default)]
 struct Chunk {
     places: Vec<[f32; 3]>,
-    /// Positions when the groups were last formed.
+    /// Positions of the points when the groups were last formed.
     gathered: Vec<[f32; 3]>,
     groups: SeedGroups,
 }
 
 impl<'a> NearSeeds<'a> {
-    /// Prepares for `n_points` points; `reach` is at most one cell width.
+    /// Creates a search for `n_points` points. `reach` is the maximum distance of a seed, world units,
+    /// at most one cell width of the grid.
     pub fn new(grid: &'a SeedGrid, reach: f32, n_points: usize) -> Self {
         let mut chunks = Vec::new();
         chunks.resize_with(n_points.div_ceil(CHUNK), Chunk::default);
         Self { grid, reach, chunks }
     }
 
-    /// Replaces `owners` by the component of each point moved by `place`, that of the nearest seed; [`NONE`]
-    /// if no seed is near enough. The points must be the same in every call. Returns the results of `of_chunk`
-    /// for each [`CHUNK`] of points and owners, in order.
+    /// Replaces `owners` by the component of the seed nearest to each point at the position that `place`
+    /// returns. A point without a seed within reach has [`NONE`]. The points must be the same in every
+    /// call. Returns the results of `of_chunk` for each [`CHUNK`] of points and owners, in order.
     pub fn assign<T: Send>(
         &mut self,
         components: &Components,
@@ -218,7 +224,8 @@ impl<'a> NearSeeds<'a> {
 }
 
 impl Chunk {
-    /// True if a point moved more than `margin` since the last gathering, or none has taken place.
+    /// True if a point has moved by more than `margin` (world units) since the last gathering, or before
+    /// the first.
     fn has_moved_beyond(&self, margin: f32) -> bool {
         let has_stayed = |(place, gathered): (&[f32; 3], &[f32; 3])| {
             squared_distance(*place, *gathered) <= margin * margin
@@ -237,12 +244,13 @@ impl Chunk {
     }
 }
 
-/// Maximum distance of points from their seeds.
+/// Maximum distance of points from their seeds, directly and with a search along rays.
 #[derive(Clone, Copy, Debug)]
 pub struct Reach {
     /// Structural scale, world units.
     pub h: f32,
-    /// Length of the search along rays, in half-widths of depth noise; 0 for none.
+    /// Maximum distance of the search along rays, in half-widths of the depth noise; 0 disables the
+    /// search.
     half_widths: f32,
 }
 
@@ -256,7 +264,8 @@ impl Reach {
         self.half_widths > 0.0
     }
 
-    /// Returns how far along its ray, in either direction, a point may find its surface, world units.
+    /// Returns the maximum distance along a point's ray, in either direction, at which its surface is
+    /// searched, world units.
     #[inline(always)]
     pub fn along_ray(self, point: &SurfacePoint) -> f32 {
         // Limited by the maximum offset in sums.
@@ -268,9 +277,10 @@ impl Reach {
 // Distance of the searched places, as a share of the point's reach, so that the searched spheres overlap.
 const STEP: f32 = 0.7;
 
-/// Assigns points without a seed the nearest seed within reach of a place on their ray, nearest places first.
-/// Of two equally near places the farther from the camera is preferred, since a surface in front would have
-/// occluded the point.
+/// Kernel that searches seeds along the rays of points that have no seed. Positions on a ray are
+/// searched outwards from the point. The nearest seed within reach of the first successful position is
+/// used. Of two equally near positions, the one farther from the camera comes first. A surface in front
+/// of the point would have hidden the point.
 pub struct SearchRays<'a> {
     pub grid: &'a SeedGrid,
     pub reach: Reach,

@@ -5,17 +5,19 @@ use serde::{Deserialize, Serialize};
 
 /// Default structural scale, pixels.
 pub const DEFAULT_PIXELS: f64 = 2.5;
-/// Minimum structural scale, as a share of the sensor's tolerance, if rays are searched: points within the
-/// noise are then found along the ray (`scene.md`, Ray search).
+/// Minimum structural scale with ray search, as a share of the sensor's depth tolerance. Points
+/// displaced by depth noise are then assigned along their rays (`scene.md`, Ray search).
 const ALONG_RAYS: f64 = 0.8;
 
-/// Structural scale: maximum distance of a point from the seed of its component.
+/// Structural scale: maximum distance of a point from its component's seed, the point at which that
+/// component was created.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum StructuralScale {
-    /// Pixels at the 95th percentile of depth; on nearer surfaces the same length covers more pixels.
+    /// Length in pixels at the 95th percentile of depth. On nearer surfaces the same length covers more
+    /// pixels.
     Pixels(f64),
-    /// World units.
+    /// Length in world units.
     World(f64),
 }
 
@@ -26,8 +28,9 @@ impl StructuralScale {
         length.is_finite() && *length > 0.0
     }
 
-    /// Returns the minimum length, world units, if depths within `tolerance` are one surface. A length given
-    /// in world units may be as small as half the tolerance.
+    /// Returns the minimum structural scale, world units, for a sensor that cannot separate depths
+    /// within `tolerance` (world units). A scale given in world units may be as small as half the
+    /// tolerance.
     pub fn min_length(self, tolerance: f64, are_rays_searched: bool) -> f64 {
         match self {
             Self::Pixels(_) if are_rays_searched => ALONG_RAYS * tolerance,
@@ -91,7 +94,7 @@ pub enum Budget {
 }
 
 impl Budget {
-    /// Returns the budget in components.
+    /// Returns the budget as a number of components.
     pub fn components(self) -> usize {
         match self {
             Self::Components(n) => n,

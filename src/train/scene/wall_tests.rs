@@ -9,7 +9,7 @@ use crate::math::rng::{Purpose, Rng};
 use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
 use glam::{DQuat, DVec3};
 
-/// Distance of the wall, whose normal is the first axis, metres.
+/// Distance of the wall along the first world axis, which is its normal, metres.
 const DISTANCE: f64 = 1.2;
 
 /// Standard deviations of recorded positions, metres, and rotations, radians, per axis.
@@ -20,7 +20,7 @@ const FRAMES: usize = 24;
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Paint {
     Pattern,
-    /// Lines that leave motion along them undetermined.
+    /// Parallel lines; motion along the lines is undetermined.
     Stripes,
     /// A gradual change of brightness only.
     Plain,
@@ -69,7 +69,8 @@ impl Wall {
         Pose::look_at(eye, target, DVec3::Z).unwrap()
     }
 
-    /// Half of a pose's error drifts slowly, the other half is independent per frame.
+    /// Returns the recorded pose of frame `i`. Half of its error drifts slowly; the other half is
+    /// independent per frame.
     fn recorded(&self, i: usize) -> Pose {
         let mut fast = Rng::new(self.seed, Purpose::Synthetic, i as u64);
         let mut slow = Rng::new(self.seed, Purpose::Init, 0);
@@ -150,7 +151,7 @@ fn train(trainer: &mut SceneTrainer, wall: &Wall, frames: usize) {
     }
 }
 
-/// Returns the errors of the recorded poses and of those found by training.
+/// Trains on the wall. Returns the errors of the recorded poses and of the poses found by training.
 fn before_and_after(wall: &Wall, h: f64) -> [[f64; 2]; 2] {
     let mut trainer = SceneTrainer::new(&SceneConfig::coarse(h), DVec3::ZERO);
     train(&mut trainer, wall, FRAMES);
@@ -184,7 +185,7 @@ fn motions_that_a_wall_leaves_open_stay_as_recorded() {
     }
 }
 
-/// Large components cannot represent the slope of a texture that repeats within them.
+/// A texture too fine for the components must not move poses far from the recorded ones.
 #[test]
 fn paint_that_is_finer_than_components_moves_nothing_far() {
     for seed in 0..3 {

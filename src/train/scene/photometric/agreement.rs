@@ -11,29 +11,31 @@ use rayon::prelude::*;
 
 // Stride over the points: neighbours are redundant.
 const EVERY: usize = 8;
-/// Points per task; a multiple of [`EVERY`].
+/// Number of points per task; a multiple of [`EVERY`].
 const CHUNK: usize = 1024;
 /// Minimum number of components per task.
 const MIN_TASK: usize = 128;
-/// Approximate maximum number of components that are tested.
+/// Approximate maximum number of components that are tested for visibility.
 const MAX_COMPONENTS: usize = 4096;
-/// Minimum number of points, or of components in view, for a decision.
+/// Minimum number of compared points, or of components in view, for an outlier test.
 const MIN_MATCHES: f64 = 100.0;
 
-/// Agreement of a frame's points with the components before the frame.
+/// Agreement of a frame's points with the components that existed before the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameAgreement {
-    /// Sum over points and channels of the squared difference from the mean colour of their component.
+    /// Squared difference between the colour of a point and the mean of its component, summed over
+    /// points and channels.
     pub squared_error: f64,
-    /// Number of these points.
+    /// Number of points whose colours were compared.
     pub points: f64,
-    /// Number of components in view that the frame measured or measured through.
+    /// Number of components in view that the frame either measured or saw through.
     pub in_view: f64,
-    /// Number of these that the frame measured through.
+    /// Number of components in view that the frame saw through: the ray towards each reached a farther
+    /// surface or none.
     pub seen_through: f64,
 }
 
-/// A frame and the scene before training on it.
+/// A frame and the scene before training on that frame.
 pub struct FrameBesideScene<'a> {
     pub component_sums: &'a ComponentSums,
     pub seeds: &'a Seeds,
@@ -41,18 +43,19 @@ pub struct FrameBesideScene<'a> {
     pub h: f64,
     /// The frame as recorded.
     pub frame: &'a Observation,
-    /// Its camera with the corrected pose.
+    /// Camera of the frame with the corrected pose.
     pub camera: &'a Camera,
-    /// Its points under that pose.
+    /// Points of the frame under the corrected pose.
     pub points: &'a [SurfacePoint],
     /// Component of each point.
     pub owners: &'a [u32],
-    /// Factors from its colours to the scene's exposure.
+    /// Factor per channel that converts the frame's colours to the scene's exposure.
     pub gain: [f32; 3],
 }
 
 impl FrameBesideScene<'_> {
-    /// Measures the agreement; zeros where too few points or components are known.
+    /// Returns the agreement of the frame with the scene. Values that too few points or components
+    /// support are zero.
     pub fn agreement(&self) -> FrameAgreement {
         let mut found = FrameAgreement::default();
         for (squared_error, points) in self.differences() {
@@ -70,8 +73,8 @@ impl FrameBesideScene<'_> {
         found
     }
 
-    /// Squared error and number of points per [`CHUNK`]; a fixed size makes sums independent of the number of
-    /// threads.
+    /// Returns the squared colour error and the number of compared points of each [`CHUNK`]. The fixed
+    /// size makes sums independent of the number of threads.
     fn differences(&self) -> Vec<(f64, f64)> {
         let chunks = self.points.par_chunks(CHUNK).zip(self.owners.par_chunks(CHUNK));
         let chunks = chunks.map(|(points, owners)| {
@@ -87,7 +90,8 @@ impl FrameBesideScene<'_> {
         chunks.collect()
     }
 
-    /// Number of components in view that the frame measured or measured through, and number of the latter.
+    /// Returns the number of tested components that the frame measured or saw through, and the number
+    /// that it saw through.
     fn count_seen_through(&self) -> (f64, f64) {
         let viewer = FrameView::new(self.frame, self.camera, self.h);
         let every = self.component_sums.len().div_ceil(MAX_COMPONENTS).max(1);

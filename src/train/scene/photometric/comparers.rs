@@ -15,17 +15,17 @@ use crate::train::device_trial::{
 };
 use crate::train::timing::Stopwatch;
 
-/// View of a photograph and parameters of its comparison.
+/// Camera of a photograph and parameters of the comparison with the rendered scene.
 pub struct TrainingView {
-    /// The camera that took it.
+    /// Camera that took the photograph.
     pub camera: Camera,
-    /// Distance, world units, below which splats are not compared.
+    /// Near plane: distance from the camera, world units, below which splats are ignored.
     pub near: f64,
-    /// Rows to compare.
+    /// Rows of the photograph that are compared.
     pub rows: RowSubset,
     /// Factor on the usual mean square residual above which the photograph is an outlier.
     pub outlier_factor: f64,
-    /// Pixels of the photograph per pixel of depth, at least 1.
+    /// Number of pixels of the photograph per pixel of the depth image, at least 1.
     pub per_depth_pixel: f64,
 }
 
@@ -34,15 +34,15 @@ pub struct Comparers {
     view: ViewBuffers,
     processor: PhotometricWalk,
     device: Option<Device>,
-    /// Counts of photographs trained on; milliseconds are sums.
+    /// Number of photographs trained on by each device, and summed times in milliseconds.
     counts: ComparerUse,
-    /// Counts before [`Self::begin_settling`]; `None` unless settling.
+    /// Value of `counts` at the last [`Self::begin_settling`]; `None` after [`Self::end_settling`].
     before_settling: Option<ComparerUse>,
-    /// Latest comparison, which may not have been followed by a step.
+    /// Latest comparison, which is counted when its step has been taken.
     latest: LatestComparison,
 }
 
-/// Device and time of a comparison, without the step.
+/// Device and times of a comparison, without the time of the step that follows.
 #[derive(Default)]
 struct LatestComparison {
     is_by_device: bool,
@@ -61,7 +61,8 @@ impl Comparers {
         self.device = Some(Device { comparer, trial: DeviceTrial::new(policy) });
     }
 
-    /// Returns counts and mean times per photograph.
+    /// Returns the number of photographs compared by each device, and mean times per photograph in
+    /// milliseconds.
     pub fn used(&self) -> ComparerUse {
         let frames = (self.counts.device_frames + self.counts.processor_frames).max(1) as f64;
         let ComparerMs { prepare, compare, step } = self.counts.ms;
@@ -80,13 +81,14 @@ impl Comparers {
         counts.ms.step += step_ms;
     }
 
-    /// Begins steps for the final picture, which are discarded and repeated when training resumes.
+    /// Saves the counts before temporary steps on buffered photographs for drawing. The steps are
+    /// discarded when training resumes.
     pub fn begin_settling(&mut self) {
         self.end_settling();
         self.before_settling = Some(self.counts.clone());
     }
 
-    /// Discards the counts since [`Self::begin_settling`].
+    /// Restores the counts saved by [`Self::begin_settling`], if there are any.
     pub fn end_settling(&mut self) {
         if let Some(before) = self.before_settling.take() {
             // Except those of the device, which may have failed meanwhile.
@@ -95,7 +97,8 @@ impl Comparers {
         }
     }
 
-    /// Compares a photograph; see [`PhotometricComparer::compare`].
+    /// Compares a photograph with the rendered splats on the chosen device; see
+    /// [`PhotometricComparer::compare`].
     pub fn compare(
         &mut self,
         splats: SplatView<'_>,
@@ -144,7 +147,8 @@ impl Comparers {
     }
 }
 
-/// Returns a device's result; a failure is logged once, since the device is not used again.
+/// Returns the result of a device. A failure gives `None` and is logged once, since the device is then
+/// not used again.
 fn note<'a>(
     answer: Result<PhotometricSums<'a>, DeviceError>,
     counts: &mut ComparerUse,
@@ -167,7 +171,7 @@ mod tests {
 
     const RULE: PixelRule = PixelRule { full_coverage: 1.0, tau: 0.5, coverage: 1.0, depth: 0.5 };
 
-    /// The processor under another name; fails from a given photograph on.
+    /// Device that compares on the processor and fails after `left` photographs.
     struct Failing {
         walk: PhotometricWalk,
         left: usize,
@@ -211,7 +215,7 @@ mod tests {
         squared_error
     }
 
-    /// Numbers of photographs compared by device and processor.
+    /// Returns the numbers of photographs compared by device and by processor.
     fn frames(comparers: &Comparers) -> [u64; 2] {
         let ComparerUse { device_frames, processor_frames, .. } = comparers.used();
         [device_frames, processor_frames]

@@ -28,24 +28,27 @@ use step::{LearnRun, SplatRun};
 pub(in crate::train::scene) use comparers::TrainingView;
 pub(in crate::train::scene) use step::{LEAST_OPACITY, PointExtents, is_trained, prior_precision};
 
-/// Minimum weight of a splat, px, for a photometric step.
+/// Minimum blending weight of a splat, summed over pixels, for a photometric step.
 const MIN_SEEN: f32 = 0.5;
-/// Components per task that initialises splats: those touched by a frame are clustered.
+/// Number of components per task that initialises splats; small, since the components with points in a
+/// frame have neighbouring numbers.
 const BEGUN_BY_TASK: usize = 64;
-/// Components per task that takes steps, in groups of eight visible ones.
+/// Number of components per task that takes photometric steps.
 const LEARNT_BY_TASK: usize = 256;
 
-/// Parameters of the steps of a scene's splats.
+/// Parameters of the photometric steps of a scene's splats.
 #[derive(Clone, Copy)]
 pub(in crate::train::scene) struct SplatStep<'a> {
     rule: &'a PhotometricRule,
     pixels: PixelRule,
-    /// Mean and extent of each component's points, which bound its splat.
+    /// Function that returns mean and extent of a component's points, which limit position and size of
+    /// its splat.
     extents: &'a PointExtents<'a>,
 }
 
 impl<'a> SplatStep<'a> {
-    /// Creates the parameters; pixels count as fully covered from `full_coverage` on.
+    /// Creates the parameters. A pixel counts as fully covered if its coverage is at least
+    /// `full_coverage`.
     pub fn new(
         full_coverage: f64,
         rule: &'a PhotometricRule,
@@ -57,13 +60,13 @@ impl<'a> SplatStep<'a> {
     }
 }
 
-/// Photometric state with its buffers.
+/// Photometric state of a scene, with the devices and buffers for training it.
 pub(in crate::train::scene) struct PhotometricLearner {
     pub state: PhotometricState,
     pub comparers: Comparers,
-    /// Unpacked photograph from the shuffle buffer.
+    /// Latest photograph unpacked from the shuffle buffer; its memory is reused.
     image: Image<MeasuredPixel>,
-    /// Number of precisions reset to the prior since training began or resumed.
+    /// Number of times that a splat's precision was reset to the prior since training began or resumed.
     pub repaired: u64,
 }
 
@@ -74,15 +77,15 @@ impl Default for PhotometricLearner {
 }
 
 impl PhotometricLearner {
-    /// Resumes from a state.
+    /// Resumes photometric training from a state.
     pub fn restore(state: PhotometricState) -> Self {
         let image = Image::filled(0, 0, MeasuredPixel::UNKNOWN);
         Self { state, comparers: Comparers::default(), image, repaired: 0 }
     }
 
-    /// Initialises the splats of touched components from their points: those without a splat, with few points,
-    /// or not yet trained by a photograph. Splats that cannot be drawn are skipped. `points` returns the number
-    /// of a component's points, `splat` the splat made of them.
+    /// Initialises the splats of the components in `touched` from their points. A splat is kept if it
+    /// has many points and a photograph has trained it. Splats that cannot be drawn are skipped.
+    /// `points` returns the number of a component's points, `splat` the splat derived from its points.
     pub fn initialise_splats(
         &mut self,
         n_components: usize,
@@ -106,7 +109,8 @@ impl PhotometricLearner {
         });
     }
 
-    /// Sets the observed directions of changed components.
+    /// Sets the range of view directions from which changed components were observed. `observed` returns
+    /// that range for one component.
     pub fn observe(
         &mut self,
         changed: Changed<'_>,
@@ -126,8 +130,8 @@ impl PhotometricLearner {
         });
     }
 
-    /// If the buffer holds more than `most` photographs, draws one at random and takes its step. Returns the
-    /// changed splats and the comparison.
+    /// If the buffer holds more than `most` photographs, removes one at random and takes its photometric
+    /// step. Returns the changed splats and the comparison.
     pub fn train_on_buffered_beyond(
         &mut self,
         most: usize,
@@ -141,8 +145,8 @@ impl PhotometricLearner {
         self.train_on_drawn(&mut draws, step)
     }
 
-    /// Returns the state after steps for all buffered photographs, and their comparisons; the learner itself
-    /// is unchanged.
+    /// Returns the state after the photometric steps for all buffered photographs, and the comparisons.
+    /// The learner's own state is unchanged.
     pub fn settled_state(
         &mut self,
         step: &SplatStep<'_>,
@@ -197,7 +201,8 @@ impl PhotometricLearner {
         waiting::init_running_mean(&mut state.noise, differences);
     }
 
-    /// Takes the step of a photograph unless it is an outlier. Returns the changed splats and the comparison.
+    /// Takes the photometric step of a photograph unless the photograph is an outlier. Returns the
+    /// changed splats and the comparison.
     pub fn learn(
         &mut self,
         view: &TrainingView,
@@ -229,7 +234,8 @@ impl PhotometricLearner {
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
     }
 
-    /// Steps all visible splats; returns the number of reset precisions.
+    /// Takes the photometric step of all visible splats. Returns the number of splats whose precision
+    /// was reset to the prior.
     fn step(
         &mut self,
         compared: &PhotometricSums<'_>,
@@ -245,7 +251,7 @@ impl PhotometricLearner {
         repaired.sum()
     }
 
-    /// Splits all splats into runs of `n`, one per task.
+    /// Splits all splats into runs of `n` consecutive splats, one run per task.
     fn runs(&mut self, n: usize) -> impl ParallelIterator<Item = SplatRun<'_>> {
         let PhotometricState { splats, appearance, form, color, .. } = &mut self.state;
         let shapes = splats.par_chunks_mut(n).zip(form.par_chunks_mut(n));

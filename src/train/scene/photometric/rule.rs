@@ -7,7 +7,7 @@ use crate::train::setting::value::named_values;
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// Largest shuffle buffer a user may set, in photographs.
+/// Maximum size of the shuffle buffer that can be configured, in photographs.
 pub const MAX_WAITING: usize = 1000;
 /// Maximum size of the shuffle buffer in bytes.
 const MOST_WAITING_BYTES: usize = 64_000_000;
@@ -15,44 +15,47 @@ const MOST_WAITING_BYTES: usize = 64_000_000;
 // Pixels per frame if rows are skipped at all: photographs of phones have millions.
 const MOST_PIXELS: usize = 100_000;
 
-/// Weight of photographs, and prior of the splats.
+/// Parameters of photometric training: weight of photographs, limits of steps, and prior of the splats.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotometricRule {
-    /// Standard deviation of a pixel's colour, in units of the running root mean square residual of covered
-    /// pixels, measured before each step.
+    /// Standard deviation of a pixel's colour, in units of the usual residual. The usual residual is the
+    /// running root mean square of the residuals of covered pixels before each step.
     pub noise: f64,
-    /// Share of a frame's curvature that is added to the precision: pixels of a splat are correlated, and the
-    /// model is not linear.
+    /// Share of a frame's curvature that is added to a splat's precision. It is below 1 because pixels
+    /// of a splat are correlated and the model is not linear.
     pub kept: f64,
-    /// Share of the precision that reverts to the prior's with every frame that shows the splat.
+    /// Share of a splat's precision that is replaced by the prior's precision in every frame that shows
+    /// the splat.
     pub forgotten: f64,
-    /// Factor on a frame's curvature in its own step.
+    /// Factor on a frame's curvature in the step for that frame; values above 1 shorten the step.
     pub damping: f64,
-    /// Scale of the Cauchy weight of residuals, colour units.
+    /// Residual at which the Cauchy weight is one half, colour units.
     pub tau: f64,
     /// Weight of a squared coverage error relative to a squared colour error.
     pub coverage: f64,
-    /// The same for depth: weight of a pixel whose splats all lie far from its measured depth. 0 in older
-    /// files.
+    /// Weight of a squared depth error relative to a squared colour error. The depth error of a pixel is
+    /// 1 if all its splats are far from the measured depth. 0 in files without this value.
     #[serde(default)]
     pub depth: f64,
-    /// Trust region: maximum step of means in units of the largest scale, of log scales, and of rotations in
-    /// radians. Opacities and colours may change three times as much.
+    /// Trust region: maximum change of a splat in one step. It limits means in units of the largest
+    /// scale, logarithms of scales, and rotations in radians. Logarithms of opacities, and colours, may
+    /// change three times as much.
     pub trust: f64,
-    /// Stride of the rows used for training, each weighted by it: 1, 2, 4, 8 or 16. The first row changes
-    /// from frame to frame.
+    /// Stride of the pixel rows used for training: 1, 2, 4, 8 or 16. Each row is weighted by the stride,
+    /// and the first row changes from frame to frame.
     #[serde(default = "every_row")]
     pub rows: u32,
-    /// Number of points of a component up to which its splat is reinitialised in every frame: few points are
-    /// a poor start. The same holds until the first photograph has trained the splat.
+    /// Number of points below which a component's splat is reinitialised from its points in every frame.
+    /// A splat that no photograph has trained is reinitialised too.
     #[serde(default)]
     pub young: f64,
-    /// Maximum number of photographs in the shuffle buffer; for every new one, one is drawn at random.
+    /// Maximum number of photographs in the shuffle buffer; 0 disables the buffer. When the buffer is
+    /// full, every new photograph causes a step on a random one.
     #[serde(default)]
     pub shuffle_buffer: usize,
     /// Standard deviations of the prior.
     pub prior: PriorDeviations,
-    /// Maximum opacity after a step.
+    /// Maximum opacity of a splat after a step.
     // Follows from the kind of splats, which their own rule stores.
     #[serde(skip, default = "flat")]
     pub most_opacity: f64,
@@ -68,11 +71,11 @@ fn every_row() -> u32 {
     1
 }
 
-/// Prior standard deviations of a splat's parameters about the values from its points. Colour by direction or
-/// by position is not trained if its deviation is 0.
+/// Prior standard deviations of a splat's parameters around their initial values, which derive from
+/// points. A deviation of 0 excludes `directional` or `gradient` from training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PriorDeviations {
-    /// Mean, in units of the largest scale.
+    /// Position of the splat's mean, in units of its largest scale.
     pub mean: f64,
     /// Logarithm of a scale.
     pub scale: f64,
@@ -80,16 +83,17 @@ pub struct PriorDeviations {
     pub turn: f64,
     /// Logarithm of the opacity.
     pub opacity: f64,
-    /// Constant colour of a channel.
+    /// Constant part of the colour, per channel.
     pub color: f64,
-    /// Colour by direction.
+    /// Coefficients of the colour's dependence on the view direction.
     pub directional: f64,
-    /// Change of colour over the largest scale.
+    /// Change of colour over a distance of the largest scale.
     pub gradient: f64,
 }
 
 impl PhotometricRule {
-    /// Disables the parameters that splats of a rule do not have.
+    /// Returns this rule with training disabled for parameters that the given kind of splats does not
+    /// have.
     pub fn of_splats(self, splats: &SplatRule) -> Self {
         let of = |has: bool, deviation: f64| if has { deviation } else { 0.0 };
         let gradient = of(splats.gradient, self.prior.gradient);
@@ -102,9 +106,9 @@ impl PhotometricRule {
         }
     }
 
-    /// Returns the row stride for an image of `pixels` pixels, with `per_depth_pixel` of them per pixel of
-    /// depth. In full training about one row per row of depth remains, otherwise about 100,000 pixels at
-    /// most.
+    /// Returns the row stride for an image of `pixels` pixels, `per_depth_pixel` of which cover one
+    /// depth pixel. Full training uses about one row per row of the depth image. Light training uses
+    /// about 100,000 pixels at most.
     pub fn row_stride(&self, pixels: usize, per_depth_pixel: f64) -> u32 {
         let power_of_two =
             |rows: usize| rows.min(RowSubset::MAX_STRIDE as usize).next_power_of_two();
@@ -121,17 +125,18 @@ impl PhotometricRule {
         self.shuffle_buffer.min(MOST_WAITING_BYTES / bytes.max(1))
     }
 
-    /// Returns the maximum size in bytes of buffered photographs of `pixels` pixels.
+    /// Returns the maximum memory of the shuffle buffer, in bytes, for photographs of `pixels` pixels
+    /// each.
     pub fn waiting_bytes(&self, pixels: usize) -> usize {
         let of_one = pixels / self.row_stride(pixels, 1.0) as usize
             * (size_of::<[u8; 4]>() + size_of::<u16>());
         of_one * self.most_waiting(of_one)
     }
 
-    /// Rule that two cores can compute live.
+    /// Rule for [`PhotometricMode::Light`]: two CPU cores suffice for training in real time.
     pub const LIGHT: Self = Self { rows: 4, ..Self::DEFAULT };
 
-    /// Rule for all sensors.
+    /// Default rule, used for all sensors.
     pub const DEFAULT: Self = Self {
         noise: 4.0,
         kept: 0.5,
@@ -164,16 +169,17 @@ impl PhotometricRule {
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum PhotometricMode {
-    /// None: splats derive from the points alone.
+    /// No photometric training: splats are derived from the points alone.
     Off,
-    /// Every fourth row of pixels, which two cores can compute live.
+    /// Training on every fourth row of pixels, for which two CPU cores suffice in real time.
     Light,
-    /// Every pixel; if the photograph has more pixels than the depth image, about one row per row of depth.
+    /// Training on every pixel. If the photograph has more pixels than the depth image, about one row
+    /// per depth row is used.
     Full,
 }
 
 impl PhotometricMode {
-    /// Returns the mode of a rule.
+    /// Returns the mode that corresponds to a rule; [`Self::Off`] without a rule.
     pub fn of(rule: Option<PhotometricRule>) -> Self {
         match rule {
             None => Self::Off,
@@ -182,7 +188,7 @@ impl PhotometricMode {
         }
     }
 
-    /// Returns the rule of the mode.
+    /// Returns the rule of this mode; `None` for [`Self::Off`].
     pub fn rule(self) -> Option<PhotometricRule> {
         match self {
             Self::Off => None,

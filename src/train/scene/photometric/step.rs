@@ -11,7 +11,8 @@ use crate::model::splat::splats::{Splat, rotation_array};
 use crate::render::cpu::photometric::{ParameterSums, PhotometricSums, VisibleSplat};
 use glam::{DMat3, DQuat, DVec3};
 
-/// Minimum opacity: a splat that one photograph makes transparent remains visible to later ones.
+/// Minimum opacity after a photometric step. A splat that one photograph makes transparent remains
+/// visible to later photographs.
 pub const LEAST_OPACITY: f64 = 0.01;
 // Deviation of a colour coefficient that is not trained, colour units: so small that its row in a block has
 // no effect.
@@ -19,11 +20,11 @@ const HELD: f64 = 1e-4;
 // Maximum ratio of standard deviations: thinner needles represent no surface.
 const MAX_ASPECT: f64 = 1e4;
 
-/// Maximum standard deviation of a splat along each of its axes, in units of that of its points. Its mean
-/// stays within one unit.
+/// Maximum scale of a splat along each of its axes, relative to the splat derived from its component's
+/// points. The mean stays within one standard deviation of the derived splat.
 const MOST_SCALE: f64 = 2.0;
 
-/// Consecutive splats with their precision, borrowed from a scene's columns.
+/// Consecutive splats of a scene with their precisions, borrowed for one task.
 pub struct SplatRun<'a> {
     pub first: usize,
     pub splats: &'a mut [Splat],
@@ -32,7 +33,8 @@ pub struct SplatRun<'a> {
     pub color: &'a mut [[f32; N_COLOR_PRECISION]],
 }
 
-/// Steps of a run of splats for one photograph; returns the number of reset precisions.
+/// Kernel that takes the photometric steps of a run of splats for one photograph. Returns the number of
+/// splats whose precision was reset to the prior.
 pub struct LearnRun<'a> {
     pub run: SplatRun<'a>,
     pub compared: &'a PhotometricSums<'a>,
@@ -42,7 +44,7 @@ pub struct LearnRun<'a> {
     pub extents: &'a PointExtents<'a>,
 }
 
-/// Returns mean and extent of a component's points.
+/// Function that returns mean and extent of a component's points; `None` without points.
 pub type PointExtents<'a> = dyn Fn(usize) -> Option<PointExtent> + Sync + 'a;
 
 impl Kernel for LearnRun<'_> {
@@ -75,7 +77,8 @@ impl Kernel for LearnRun<'_> {
 }
 
 impl SplatRun<'_> {
-    /// Returns the entries of an ascending list that refer to this run's splats.
+    /// Returns the entries of an ascending `list` that refer to splats of this run. `splat` returns the
+    /// splat number of an entry.
     pub fn own<'l, T>(&self, list: &'l [T], splat: impl Fn(&T) -> u32) -> &'l [T] {
         let before = |end: usize| list.partition_point(|entry| (splat(entry) as usize) < end);
         &list[before(self.first)..before(self.first + self.splats.len())]
@@ -85,7 +88,7 @@ impl SplatRun<'_> {
         self.splats[row].opacity > 0.0
     }
 
-    /// Initialises a row from a splat made of points, with the prior's precision.
+    /// Initialises the splat in `row` with the given parameters and the prior's precision.
     pub fn begin(&mut self, row: usize, splat: Splat, look: Appearance, prior: &PriorDeviations) {
         (self.splats[row], self.appearance[row]) = (splat, look);
         let (form, color) = prior_precision(&splat, prior);
@@ -93,8 +96,9 @@ impl SplatRun<'_> {
         self.color[row] = diagonal(&color);
     }
 
-    /// Steps up to eight rows, one per lane, whose pixels have the given variance, and updates their
-    /// precision; returns the number of precisions reset to the prior.
+    /// Takes the photometric step of up to eight splats, one per SIMD lane, and updates their
+    /// precisions. `variance` is the colour variance of a pixel. Returns the number of splats whose
+    /// precision was reset to the prior.
     #[inline(always)]
     fn step_rows<V: Vector>(
         &mut self,
@@ -149,9 +153,10 @@ impl SplatRun<'_> {
     }
 }
 
-/// Updates precisions with a frame's curvature, `Λ ← (1 − f)·Λ + f·Λ⁰ + µF`. Returns the Cholesky factors of
-/// `Λ + cF`, which solve the frame's step, and a bit per lane for success: a sum that is not positive
-/// definite is reset to the prior.
+/// Updates precisions `Λ` with the curvature `F` of a frame: `Λ ← (1 − f)·Λ + f·Λ⁰ + µF`. Here `f` is
+/// `rule.forgotten`, `Λ⁰` the prior precision and `µ` is `rule.kept`. Returns the Cholesky factors of `Λ
+/// + cF`, with `c = rule.damping`, and a bit mask of successful lanes. Where `Λ + cF` is not positive
+/// definite, the precision is reset to the prior.
 #[inline(always)]
 fn update_precision<V: Vector, const N: usize, const P: usize>(
     triangles: &mut [[f32; P]],
@@ -206,7 +211,8 @@ fn solved<V: Vector, const N: usize, const P: usize>(
     lanes
 }
 
-/// Applies a step to a splat's form, scaled down as a whole to the trust region.
+/// Applies a step to position, scales, rotation and opacity of a splat. A step beyond the trust region
+/// is scaled down as a whole.
 fn apply_form_step(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRule) {
     let extent = largest(splat);
     let mean = DVec3::new(step[0], step[1], step[2]);
@@ -234,8 +240,8 @@ fn apply_form_step(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRul
     splat.opacity = opacity.clamp(LEAST_OPACITY, rule.most_opacity) as f32;
 }
 
-/// Applies a step to one colour channel, scaled down to the trust region; `extent` is the splat's largest
-/// scale.
+/// Applies a step to one colour channel of a splat. A step beyond the trust region is scaled down.
+/// `extent` is the splat's largest scale, world units.
 fn apply_color_step(
     splat: &mut Splat,
     look: &mut Appearance,
@@ -266,8 +272,8 @@ fn apply_color_step(
     }
 }
 
-/// Keeps a splat on the surface of its points: photographs from one side determine neither its extent nor its
-/// position along the view.
+/// Limits position and scales of a splat to the extent of its component's points. Photographs from one
+/// side determine neither the size nor the position along the view direction.
 fn clamp_to_points(splat: &mut Splat, extent: &PointExtent) {
     let axes = DMat3::from_quat(splat.quaternion().normalize());
     let at = DVec3::from_array(splat.mean.map(f64::from));
@@ -291,7 +297,8 @@ fn largest(splat: &Splat) -> f64 {
     f64::from(splat.scale.iter().fold(f32::MIN_POSITIVE, |a, &s| a.max(s)))
 }
 
-/// Returns the prior precision of a splat's form and colour, parameter by parameter.
+/// Returns the prior precisions of position, scales, rotation and opacity of a splat, and of one colour
+/// channel.
 pub fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM], [f64; N_COLOR]) {
     let extent = largest(splat);
     let (mean, scale, turn) =
@@ -312,7 +319,7 @@ pub fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM]
     (form, color)
 }
 
-/// True if photographs have increased the precision of a colour.
+/// True if a photometric step has changed the colour precision since the splat was initialised.
 pub fn is_trained(color: &[f32; N_COLOR_PRECISION], prior: &PriorDeviations) -> bool {
     // An exact comparison suffices, since `begin` stores this very value.
     color[0] != precision_of(prior.color) as f32
@@ -372,7 +379,7 @@ mod tests {
         }
     }
 
-    /// Ten pixels of full weight with an error of `residual` in red.
+    /// Kernel that takes the step for ten pixels of full weight with an error of `residual` in red.
     struct Redder<'a> {
         run: SplatRun<'a>,
         residual: f32,

@@ -17,8 +17,9 @@ use rayon::prelude::*;
 const COLOR_LEVELS: f32 = 255.0;
 const COVERAGE_LEVELS: f32 = (UNKNOWN_COVERAGE - 1) as f32;
 
-/// Packs a photograph, before exposure correction: the selected rows, colours in 8 bits and depths in 16.
-/// Surfaces within `margin` of a depth count as the measured ones.
+/// Packs the selected rows of a photograph for the shuffle buffer. Colours take 8 bits per channel,
+/// before exposure correction, and depths 16 bits. A surface within `margin` of a measured depth counts
+/// as the measured surface.
 pub fn packed(
     view: PhotographView,
     photograph: &Photograph,
@@ -50,8 +51,8 @@ pub fn packed(
     BufferedPhotograph { view, pixels: colors.into(), depths }
 }
 
-/// Unpacks a photograph in the scene's exposure into `image`; rows that were not stored keep their content.
-/// `None` for an invalid pose, which file loading rejects.
+/// Unpacks a photograph into `image`, with colours in the scene's exposure. Rows that were not stored
+/// keep their content. `None` for an invalid pose, which loading of files rejects.
 pub fn unpacked(
     photograph: &BufferedPhotograph,
     image: &mut Image<MeasuredPixel>,
@@ -88,42 +89,44 @@ pub fn unpacked(
     Some(TrainingView { camera, near, rows, outlier_factor, per_depth_pixel })
 }
 
-/// Returns the random numbers for drawing from the buffer. They depend on the newest photograph only, so that
-/// a resumed run draws the same.
+/// Returns the random number generator that draws photographs from the buffer. Its seed depends only on
+/// the newest photograph, so that a resumed run draws the same photographs.
 pub fn buffer_rng(buffered: &[BufferedPhotograph]) -> Rng {
     let newest = buffered.iter().map(|photograph| photograph.view.frame as u64).max();
     Rng::new(0, Purpose::ShuffleBuffer, newest.unwrap_or(0))
 }
 
-/// Weight of the newest frame in the running mean.
+/// Weight of the newest frame in a running mean over many frames.
 const SHARE: f64 = 0.05;
 // Residual assumed before the first frame, colour units: typical of a scene's first frames.
 const FIRST: f64 = 0.1;
 // Minimum residual, colour units: half a level of 8 bits.
 const LEAST: f64 = 0.002;
-/// Number of frames after which the running mean is used for outlier tests.
+/// Number of frames after which a running mean is used for outlier tests.
 pub const SETTLED: f64 = 8.0;
-/// Factor on the usual mean square above which a frame is an outlier.
+/// Factor on the usual mean square residual above which a frame is an outlier.
 pub const CONTRADICTION: f64 = 6.0;
-/// The same for photographs drawn at random, whose residuals have no trend.
+/// Factor on the usual mean square residual above which a photograph from the shuffle buffer is an
+/// outlier. Residuals of photographs in random order have no trend, so the factor is smaller.
 pub const DRAWN_CONTRADICTION: f64 = 4.0;
-/// Factor on the usual share of surfaces seen through above which a frame's depth is an outlier, and the
-/// minimum share.
+/// Limits on the share of components that a frame sees through. A frame is an outlier if its share
+/// exceeds the first value times the usual share, and the second value.
 const SEEN_THROUGH: [f64; 2] = [4.0, 0.2];
 
-/// Mean squared difference over `pixels` pixels of three channels; `None` without pixels.
+/// Returns the mean squared error per pixel and channel; `None` without pixels or with an infinite
+/// error.
 pub fn difference(squared_error: f64, pixels: f64) -> Option<f64> {
     // One infinite residual would spoil the running mean for good.
     (pixels > 0.0 && squared_error.is_finite()).then(|| squared_error / (3.0 * pixels))
 }
 
-/// True once a value has been recorded.
+/// True if the running mean contains at least one value.
 pub fn is_known(noise: &[f64; 2]) -> bool {
     noise[1] > 0.0
 }
 
-/// Initialises the running mean with the median of a few residuals, which is robust against outliers among
-/// them.
+/// Initialises the running mean with the median of a few squared residuals, which is robust against
+/// outliers.
 pub fn init_running_mean(noise: &mut [f64; 2], mut differences: Vec<f64>) {
     differences.sort_unstable_by(f64::total_cmp);
     if let Some(&median) = differences.get(differences.len() / 2) {
@@ -131,8 +134,9 @@ pub fn init_running_mean(noise: &mut [f64; 2], mut differences: Vec<f64>) {
     }
 }
 
-/// Updates the running mean square and its weight, `noise`, with a frame's squared difference over `pixels`
-/// pixels of three channels. The frame is an outlier above `most` times the mean. `None` without pixels.
+/// Updates the running mean square residual and its weight, `noise`, with the residual of a frame.
+/// `squared_error` is summed over `pixels` pixels and three channels. The outcome marks an outlier if
+/// the frame's mean square exceeds `most` times the running mean. `None` without pixels.
 pub fn judge(
     noise: &mut [f64; 2],
     squared_error: f64,
@@ -145,8 +149,8 @@ pub fn judge(
     Some(PhotographOutcome { difference: of_frame.sqrt(), usual, contradiction })
 }
 
-/// Updates the running means with the agreement of a frame's points; returns an outcome only if the frame is
-/// an outlier.
+/// Updates the running means with the agreement of a frame's points. Returns an outcome only if the
+/// frame is an outlier.
 pub fn update_point_residuals(
     state: &mut PhotometricState,
     agreement: &FrameAgreement,
@@ -164,8 +168,8 @@ pub fn update_point_residuals(
     colors.or(contradiction.map(|_| PhotographOutcome { difference, usual, contradiction }))
 }
 
-/// Updates a running mean and its weight with a frame's value; returns true if the mean has settled and the
-/// value exceeds `most`.
+/// Updates a running mean and its weight with the value of a frame. Returns true if the value exceeds
+/// `most` and the mean covers enough frames.
 fn update_running_mean([mean, weight]: &mut [f64; 2], of_frame: f64, most: f64) -> bool {
     let contradicts = *weight >= SETTLED && of_frame > most;
     // A plain mean over the first frames, then an exponential one.
@@ -177,7 +181,8 @@ fn update_running_mean([mean, weight]: &mut [f64; 2], of_frame: f64, most: f64) 
     contradicts
 }
 
-/// Square root of the running mean square, colour units.
+/// Returns the usual residual: square root of the running mean square, colour units. Before the first
+/// frame it is a typical value.
 pub fn usual(noise: &[f64; 2]) -> f64 {
     let root = if noise[1] > 0.0 { noise[0].sqrt() } else { FIRST };
     root.max(LEAST)

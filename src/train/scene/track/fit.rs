@@ -12,13 +12,15 @@ use glam::{DQuat, DVec3};
 
 /// Standard deviation of brightness between a frame and the rendered scene.
 const BRIGHTNESS: f64 = 0.05;
-/// Standard deviation of the scene's surfaces, relative to depth.
+/// Standard deviation of the positions of rendered surfaces, relative to depth.
 const SURFACE: f64 = 0.004;
 /// Squared residual, in units of its variance, at which the Cauchy weight is one half.
 const ROBUST: f64 = 4.0;
-/// Prior standard deviations of a motion: radians, and relative to depth.
+/// Prior standard deviations of a motion: rotation in radians, and translation relative to the typical
+/// depth.
 const PRIOR: [f64; 2] = [0.5, 0.5];
-/// Step below which the iteration has converged: radians, or relative to depth.
+/// Rotation (radians) and translation (relative to depth) of a step below which the iteration has
+/// converged.
 const SMALL_STEP: f64 = 2e-5;
 /// Minimum length of a depth residual's gradient; a shorter one has no usable direction.
 const MIN_SLOPE: f64 = 1e-9;
@@ -29,26 +31,26 @@ pub struct PoseFit {
     pub pose: Pose,
     /// Share of the samples that fall on the rendered scene.
     pub overlap: f64,
-    /// Mean agreement of these samples, 0 to 1.
+    /// Mean agreement of the samples that fall on the rendered scene, 0 to 1.
     pub agreement: f64,
     /// Standard deviations of rotation (radians) and centre (world units) along the least certain axes.
     pub deviations: [f64; 2],
 }
 
 impl PoseFit {
-    /// Returns the quality of the fit: agreement over the whole frame.
+    /// Returns the quality of the fit, 0 to 1: overlap times agreement.
     pub fn score(&self) -> f64 {
         self.overlap * self.agreement
     }
 }
 
 struct Residual {
-    /// Vector from the camera, world axes.
+    /// Vector from the camera centre to the sample, along the world axes, world units.
     arm: DVec3,
     distance: f64,
     /// Normal of the rendered surface.
     normal: DVec3,
-    /// Normal of the frame's own surface.
+    /// Normal of the surface measured by the frame.
     own_normal: DVec3,
     variance: f64,
     brightness: f64,
@@ -91,7 +93,8 @@ impl Residual {
     }
 }
 
-/// Gain on the brightness of samples that fall on the rendered scene; 1 without any.
+/// Returns the factor that converts the frame's brightness to the rendered brightness; 1 without
+/// residuals.
 fn gain(residuals: &[Residual]) -> f64 {
     let (above, below) = residuals.iter().fold((0.0, 0.0), |(above, below), r| {
         let trust = r.depth_trust();
@@ -100,8 +103,9 @@ fn gain(residuals: &[Residual]) -> f64 {
     if below > 0.0 { above / below } else { 1.0 }
 }
 
-/// Share of the rendered contrast that the frame has as well, 0 to 1: slope of its brightness over the
-/// scene's. The brightness of a uniform frame gives no information, whatever the contrast of the scene.
+/// Returns the share of the rendered contrast that the frame also has, 0 to 1. It is the slope of a
+/// regression of the frame's brightness on the rendered brightness. A uniform frame gives 0, whatever
+/// the contrast of the scene.
 fn shared_contrast(residuals: &[Residual], gain: f64) -> f64 {
     let mut sums = [0.0; 5];
     for r in residuals {
@@ -114,9 +118,10 @@ fn shared_contrast(residuals: &[Residual], gain: f64) -> f64 {
     if variance > 0.0 { (covariance / variance).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// Standard deviations of rotation (radians) and centre (world units) along the least certain axes, computed
-/// with the frame's own normals and contrast. If the frame shows something else than the scene, the scene's
-/// slopes would give a false certainty. `None` unless all numbers are finite.
+/// Returns the standard deviations of rotation (radians) and centre (world units) along the least
+/// certain axes. They are computed with the frame's own normals and contrast. If the frame shows
+/// something else than the scene, the scene's slopes would give a false certainty. `None` unless all
+/// numbers are finite.
 fn pose_deviations(
     residuals: &[Residual],
     gain: f64,
@@ -137,8 +142,9 @@ fn pose_deviations(
     equations.deviations()
 }
 
-/// Aligns a frame, from `start`, with the scene rendered from `from`, in at most `rounds` steps; `depth` is
-/// the frame's typical depth, world units.
+/// Aligns a frame with the scene rendered from `from`, starting at the pose `start`, in at most `rounds`
+/// Gauss–Newton steps. `depth` is the frame's typical depth, world units. `None` if the samples do not
+/// determine a finite pose.
 pub fn fit(
     SampleLevel { samples, alike }: &SampleLevel,
     (level, from): (&ReferenceLevel, &Pose),

@@ -39,15 +39,16 @@ const MIN_SAMPLES: usize = 100;
 const MIN_BRIGHTNESS: f64 = 0.02;
 /// Minimum share of a frame that the scene must cover.
 const MIN_OVERLAP: f64 = 0.2;
-/// Minimum agreement of that share.
+/// Minimum agreement of the covered samples with the scene, 0 to 1.
 const MIN_AGREEMENT: f64 = 0.4;
 /// Maximum standard deviation of the rotation, radians, and of the centre, relative to depth.
 const MAX_DEVIATIONS: [f64; 2] = [0.01, 0.01];
-/// Margins of the picture for the search over rotations and of that for the final alignment.
+/// Margins on each side of the rendered picture, relative to the size of a frame. The first is for the
+/// search over rotations, the second for the final alignment.
 const MARGINS: [f64; 2] = [0.4, 0.1];
-/// Number of poses that the search returns.
+/// Maximum number of poses that the search over rotations returns.
 const CANDIDATES: usize = 6;
-/// Gauss–Newton steps by level, finest first.
+/// Maximum number of Gauss–Newton steps at each resolution level, finest level first.
 const ROUNDS: [usize; LEVELS] = [6, 8, 10];
 /// Maximum number of earlier poses that are tried after tracking is lost.
 const MAX_PLACES: usize = 24;
@@ -55,30 +56,31 @@ const MAX_PLACES: usize = 24;
 /// Reason why the pose of a frame was not found.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TrackingLoss {
-    /// Too few samples with depth.
+    /// Too few samples with depth; holds the number of samples.
     #[error(
         "expected depth in at least {MIN_SAMPLES} blocks of pixels, found {0}; check the depth unit and range"
     )]
     Depth(usize),
-    /// Too dark; holds the mean brightness.
+    /// Too dark a frame; holds the mean brightness.
     #[error(
         "expected a mean brightness of at least {MIN_BRIGHTNESS}, found {0:.3}; record with more light"
     )]
     Dark(f64),
-    /// Too small an overlap with the scene; holds the share.
+    /// Too small an overlap with the scene; holds the share of the frame that the scene covers.
     #[error("expected the scene to cover at least {:.0} % of the frame, found {:.0} %; move slower or return to a known view", 100.0 * MIN_OVERLAP, 100.0 * .0)]
     Overlap(f64),
-    /// Too low an agreement with the scene.
+    /// Too low an agreement with the scene; holds the agreement at the best pose.
     #[error(
         "expected an agreement with the scene of at least {MIN_AGREEMENT}, found {0:.2} at the best pose; move slower or return to a known view"
     )]
     Agreement(f64),
-    /// Undetermined pose; holds the standard deviations of rotation, radians, and centre, world units.
+    /// Undetermined pose; holds the standard deviations of rotation (radians) and centre (world units).
     #[error("expected surfaces and colours that determine the pose, found uncertainties of {:.2} degrees and {:.3} world units; keep more than one plain wall in view", .0[0].to_degrees(), .0[1])]
     Undetermined([f64; 2]),
 }
 
-/// Returns the recorded pose for the first frame, if tracking can start from that frame.
+/// Returns the recorded pose of the first frame as a tracked pose, if tracking can start from that
+/// frame.
 ///
 /// # Errors
 /// [`TrackingLoss`] if the frame has too few samples or too little light.
@@ -98,11 +100,11 @@ fn check_samples(samples: &FrameSamples) -> Result<(), TrackingLoss> {
     }
 }
 
-/// Finds the pose of a frame from `guesses`, most likely first; if that fails, from `known` poses of earlier
-/// frames.
+/// Finds the pose of a frame by alignment to the scene from `guesses`. If that fails, starts from
+/// `known`, the poses of earlier frames.
 ///
 /// # Errors
-/// [`TrackingLoss`] of the best pose.
+/// [`TrackingLoss`] of the best pose from `guesses`, or if the frame has too few samples or is too dark.
 pub fn find_pose(
     scene: SplatView<'_>,
     frame: &Observation,
@@ -141,7 +143,7 @@ impl Tracker<'_> {
         Reference::draw(renderer, *scene, pose, intrinsics, samples.block, margin)
     }
 
-    /// Aligns from each guess and returns the best pose.
+    /// Aligns the frame from each guess and returns the best pose.
     fn track(&mut self, guesses: &[Pose]) -> Result<TrackedPose, TrackingLoss> {
         let mut best: Option<PoseFit> = None;
         for guess in guesses {
@@ -153,7 +155,7 @@ impl Tracker<'_> {
         self.check_fit(&settled)
     }
 
-    /// Best pose within a rotation or a small motion of a guess.
+    /// Returns the best pose that alignment reaches from a guess and from rotations of that guess.
     fn near(&mut self, guess: &Pose) -> Option<PoseFit> {
         let reference = self.draw(guess, MARGINS[0]);
         let [_, middle, coarsest] = &self.samples.levels;
@@ -169,8 +171,8 @@ impl Tracker<'_> {
         aligned.collect::<Vec<_>>().into_iter().fold(None, better)
     }
 
-    /// Refines a pose with the scene rendered from that pose, where no surface that the frame sees is
-    /// occluded.
+    /// Refines a pose with the scene rendered from that pose. No surface that the frame shows is then
+    /// occluded in the rendered picture.
     fn refine_pose(&mut self, found: &PoseFit) -> Option<PoseFit> {
         let mut settled = *found;
         // The first picture is drawn from a pose that was aligned at coarse levels only.

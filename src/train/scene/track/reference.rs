@@ -12,12 +12,12 @@ use crate::render::cpu::CpuRenderer;
 use crate::render::{Exposing, RenderMethod, RenderOptions};
 use glam::DVec3;
 
-/// Minimum coverage of a valid pixel.
+/// Minimum coverage at which a rendered pixel is valid.
 const MIN_COVERAGE: f32 = 0.5;
-/// Maximum relative difference of the depths around a point; a larger one is an edge.
+/// Maximum relative difference of neighbouring depths on one surface; a larger difference is an edge.
 const EDGE: f64 = 0.1;
 
-/// The scene rendered from a pose, finest level first.
+/// The scene rendered from a pose at several resolutions, finest first.
 pub struct Reference {
     pub pose: Pose,
     pub levels: [ReferenceLevel; LEVELS],
@@ -26,11 +26,11 @@ pub struct Reference {
 /// One resolution of a [`Reference`].
 pub struct ReferenceLevel {
     intrinsics: Intrinsics,
-    /// Brightness, and depth along the optical axis; 0 where the scene is empty.
+    /// Brightness, and depth along the optical axis in world units. Depth is 0 where the scene is empty.
     texels: Image<[f64; 2]>,
 }
 
-/// Interpolated values of the picture.
+/// Brightness and depth of the rendered scene at a point, interpolated, with their gradients.
 #[derive(Clone, Copy)]
 pub struct Texel {
     /// Brightness in `[0, 1]`, in the scene's exposure.
@@ -39,13 +39,13 @@ pub struct Texel {
     pub depth: f64,
     /// Gradient of brightness with respect to the position of the point, camera axes, per world unit.
     pub brightness_slope: DVec3,
-    /// Gradient of depth with respect to the position of the point.
+    /// Gradient of depth with respect to the position of the point, along the camera axes.
     pub depth_slope: DVec3,
 }
 
 impl Reference {
-    /// Renders the scene from `pose` for frames with the given intrinsics: one pixel per `block` of theirs,
-    /// and a margin on each side of `margin` times the frame's size.
+    /// Renders the scene from `pose` for frames with the given intrinsics. One rendered pixel covers
+    /// `block` by `block` pixels of a frame. The margin on each side is `margin` times the frame's size.
     pub fn draw(
         renderer: &mut CpuRenderer,
         scene: SplatView<'_>,
@@ -101,7 +101,8 @@ fn widened(frame: &Intrinsics, block: usize, margin: f64) -> Intrinsics {
 }
 
 impl ReferenceLevel {
-    /// Next coarser level: means over the valid ones of two by two pixels on one surface.
+    /// Returns the next coarser level. Of each two by two pixels, the ones that show the nearest surface
+    /// are averaged.
     fn halved(&self) -> Self {
         let (width, height) = (self.texels.width / 2, self.texels.height / 2);
         let texel = |i: usize| {
@@ -131,13 +132,14 @@ impl ReferenceLevel {
         Self { intrinsics, texels }
     }
 
-    /// Returns the angle of a pixel at the centre, radians.
+    /// Returns the angle that a pixel at the centre of the picture covers, radians.
     pub fn pixel_angle(&self) -> f64 {
         1.0 / self.intrinsics.fx
     }
 
-    /// Projects a point in camera axes; `None` within `rim` pixels of the picture's border or outside it. The
-    /// origin is `rim` pixels from the corner.
+    /// Projects a point in camera axes to pixel coordinates. `None` outside the picture or within `rim`
+    /// pixels of its border. The origin of the coordinates is `rim` pixels from the left and upper
+    /// borders.
     fn project(&self, point: DVec3, rim: f64) -> Option<(f64, f64)> {
         let k = &self.intrinsics;
         let (u, v) = (k.fx * point.x / point.z + k.cx - rim, k.fy * point.y / point.z + k.cy - rim);
@@ -147,15 +149,15 @@ impl ReferenceLevel {
         is_inside.then_some((u, v))
     }
 
-    /// Returns brightness and depth of the pixel nearest to a point in camera axes; depth 0 where the scene
-    /// is empty, `None` outside.
+    /// Returns brightness and depth of the pixel nearest to a point in camera axes. Depth is 0 where the
+    /// scene is empty; `None` outside the picture.
     pub fn nearest(&self, point: DVec3) -> Option<[f64; 2]> {
         let (u, v) = self.project(point, 0.0)?;
         Some(*self.texels.at(u as usize, v as usize))
     }
 
-    /// Interpolates bilinearly at a point in camera axes; `None` outside, next to empty pixels, and at depth
-    /// edges.
+    /// Interpolates the picture bilinearly at a point in camera axes. `None` outside the picture, next
+    /// to empty pixels, and at depth edges.
     pub fn at(&self, point: DVec3) -> Option<Texel> {
         let k = &self.intrinsics;
         // Texels are centred half a pixel from their corners.

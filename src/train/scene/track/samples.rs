@@ -3,21 +3,21 @@
 use crate::observation::surface::Observation;
 use glam::DVec3;
 
-/// Approximate number of columns of the finest level.
+/// Approximate number of columns of samples at the finest level.
 const COLUMNS: usize = 160;
-/// Number of blocks of a whole picture with independent errors.
+/// Number of blocks with independent errors in a whole picture.
 const INDEPENDENT: f64 = 1000.0;
-/// Number of levels, each with half the columns of the previous one.
+/// Number of resolution levels, each with half the columns of the previous one.
 pub const LEVELS: usize = 3;
-/// Points of a block belong to one surface if their ranges differ by at most this share.
+/// Maximum relative difference in range between points of a block that belong to one surface.
 const ONE_SURFACE: f32 = 0.03;
 
 /// Mean of the points of a block of pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// Position in axes of the depth camera, world units from its centre.
+    /// Position along the axes of the depth camera, world units from its centre.
     pub position: DVec3,
-    /// Unit surface normal in the same axes; zero if unknown.
+    /// Unit surface normal along the axes of the depth camera; zero if unknown.
     pub normal: DVec3,
     pub brightness: f64,
     /// Half-width of the depth noise, world units.
@@ -25,9 +25,10 @@ pub struct Sample {
 }
 
 pub struct SampleLevel {
-    /// Row by row from the top.
+    /// Samples, row by row from the top.
     pub samples: Vec<Sample>,
-    /// Number of neighbours with correlated errors that count as one; larger for finer levels.
+    /// Number of neighbouring samples that count as one, since their errors correlate; larger for finer
+    /// levels.
     pub alike: f64,
 }
 
@@ -41,14 +42,14 @@ pub struct FrameSamples {
     pub brightness: f64,
 }
 
-/// Brightness of an sRGB-encoded colour.
+/// Returns the brightness of an sRGB-encoded colour, 0 to 1.
 pub fn brightness(color: [f32; 3]) -> f64 {
     let [red, green, blue] = color.map(f64::from);
     // Luma weights of ITU-R BT.601.
     0.299 * red + 0.587 * green + 0.114 * blue
 }
 
-/// Sums over the points of a block that lie on the same surface as its first.
+/// Sums over the points of a block that belong to the same surface as the block's first point.
 #[derive(Clone, Copy, Default)]
 struct Block {
     range: f32,

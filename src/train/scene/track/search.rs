@@ -9,18 +9,21 @@ use crate::math::pose::Pose;
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 use rayon::prelude::*;
 
-/// Maximum rotations: pitch, yaw and roll, radians.
+/// Maximum rotations that are searched: pitch, yaw and roll, radians.
 const REACH: [f64; 3] = [0.5, 0.6, 0.45];
-/// Grid step in pixels of the coarsest level; a roll moves the rim of the picture by about as much.
+/// Steps of the grid in pitch, yaw and roll, in pixel angles of the coarsest level. A step in roll moves
+/// the rim of the picture about as far as a step in pitch or yaw.
 const STEP: [f64; 3] = [2.5, 2.5, 5.0];
 /// Approximate number of samples that are compared.
 const SAMPLES: usize = 400;
-/// Relative depth difference and brightness difference (in `[0, 1]`) at which a sample counts half.
+/// Relative depth difference and brightness difference (in `[0, 1]`) at which the weight of a sample is
+/// one half.
 const TOLERANCE: [f64; 2] = [0.06, 0.1];
-/// Score of a sample that falls where the scene is empty.
+/// Score of a sample that falls outside the rendered scene.
 const UNKNOWN: f64 = 0.15;
 
-/// Returns the most likely poses of a frame rotated from about `guess`, best first.
+/// Returns up to `most` rotations of the pose `guess` at which a frame agrees best with the scene, best
+/// first. The scene is rendered from the pose `from`.
 pub fn search(
     samples: &[Sample],
     (level, from): (&ReferenceLevel, &Pose),
@@ -60,7 +63,7 @@ pub fn search(
     found.iter().map(pose).collect()
 }
 
-/// Score of a frame at a pose, per sample.
+/// Returns the mean score of a frame's samples at a pose, 0 to 1.
 fn score(samples: &[Sample], level: &ReferenceLevel, from: &Pose, pose: &Pose) -> f64 {
     let turn: DMat3 = from.rotation().transpose() * pose.rotation();
     let shift = from.rotation().transpose() * (pose.centre() - from.centre());

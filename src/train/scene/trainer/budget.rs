@@ -8,27 +8,27 @@ use crate::train::scene::config::SceneConfig;
 use crate::train::scene::merge::{coarsened, factor};
 use crate::train::timing::SceneStage;
 
-/// Points without a component.
+/// Numbers of points that received no component, by reason.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct UnassignedPoints {
-    /// Points for which the budget had no room.
+    /// Number of points for which the budget had no room.
     pub budget: u64,
-    /// Points too far from the origin to be distinguished from their neighbours.
+    /// Number of points too far from the origin for f32 positions to distinguish neighbours.
     pub reach: u64,
 }
 
-/// Components created for a frame.
+/// Numbers of components created and merged for one frame.
 pub(super) struct FrameComponents {
     pub born: usize,
-    /// Number of components merged to make room.
+    /// Number of components merged to make room for new ones.
     pub merged: usize,
-    /// True if components were merged or the scale grew.
+    /// True if components were merged or the structural scale grew.
     pub is_rebuilt: bool,
 }
 
 impl SceneTrainer {
-    /// Creates components for points without one. If the budget is exhausted, others are merged first; if
-    /// merging cannot free enough, the structural scale grows.
+    /// Creates components for points that have none. If the budget is exhausted, existing components are
+    /// merged first. If merging cannot free enough, the structural scale grows.
     pub(super) fn create_within_budget(
         &mut self,
         points: &[SurfacePoint],
@@ -59,9 +59,10 @@ impl SceneTrainer {
         FrameComponents { born: births.born, merged, is_rebuilt }
     }
 
-    /// Merges components to allow `refused` births, an eighth of the budget at most, and coarsens the scale
-    /// if that frees less than half of it. Returns the number of merged components, `None` if nothing can be
-    /// done. It runs before births, so that the budget holds at all times.
+    /// Merges components to make room for `refused` new ones, but at most for an eighth of the budget.
+    /// If merging frees less than half of that room, the structural scale grows. Returns the number of
+    /// merged components; `None` if no room can be made. Merging precedes the creation of components, so
+    /// that the budget holds at all times.
     fn free_components(&mut self, refused: usize) -> Option<usize> {
         let most = self.scene.config.max_components;
         let used = self.scene.seeds.components.used();
@@ -74,7 +75,7 @@ impl SceneTrainer {
         if is_too_little && !self.coarsen() && freed == 0 { None } else { Some(freed) }
     }
 
-    /// Grows the scale by one step; returns false if it cannot.
+    /// Grows the structural scale by one step. Returns false if it cannot grow.
     fn coarsen(&mut self) -> bool {
         let steps = self.scene.coarsened + 1;
         let h = self.scene.asked_scale;
@@ -99,8 +100,8 @@ impl SceneTrainer {
         self.merge_worthwhile(target, 1);
     }
 
-    /// Merges until `target` are left, or a pass merges fewer than `worthwhile`; returns the number of merged
-    /// components.
+    /// Merges components until `target` are left, or until one pass merges fewer than `worthwhile`
+    /// pairs. Returns the number of merged components.
     fn merge_worthwhile(&mut self, target: usize, worthwhile: usize) -> usize {
         let used = self.scene.seeds.components.used();
         self.scene.grow_sums();

@@ -80,8 +80,8 @@ impl SceneTrainer {
         }
     }
 
-    /// Resumes a scene with the same configuration after `frames` frames; `None` if seeds are too far from the
-    /// origin for their scale.
+    /// Resumes training of a scene with the same configuration after `frames` frames. `None` if a seed
+    /// is too far from the origin for the scale, or a component number is invalid.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
         // The configuration holds the scale as requested, the state how far it has grown.
         let h = config.h * merge::factor(state.coarsening_steps);
@@ -104,7 +104,7 @@ impl SceneTrainer {
         self.state_with(&self.photographs.learner.state)
     }
 
-    /// Returns the state after steps for all buffered photographs.
+    /// Takes the photometric steps for all buffered photographs and returns the resulting state.
     pub(in crate::train::scene) fn into_settled_state(mut self) -> SceneState {
         self.photographs.settle(&self.scene);
         self.state_with(self.photographs.drawn())
@@ -131,7 +131,7 @@ impl SceneTrainer {
         }
     }
 
-    /// Trains on one frame; cannot fail.
+    /// Trains on one frame. Training cannot fail, but skips outliers and frames whose pose is not found.
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
         let mut clock = FrameClock::start();
         self.changes.restart(self.photographs.resume());
@@ -190,7 +190,8 @@ impl SceneTrainer {
         }
     }
 
-    /// Corrects the pose of a frame, or finds it if poses are tracked.
+    /// Returns the frame under its corrected pose. If poses are tracked, the pose is found from the
+    /// scene.
     fn place(
         &mut self,
         frame: &Observation,
@@ -204,7 +205,7 @@ impl SceneTrainer {
         Ok((placed, Some(FrameTracking::Placed(found))))
     }
 
-    /// Returns the most probable motion of a recorded frame.
+    /// Returns the camera motion that most probably corrects the recorded pose of a frame.
     #[cfg(test)]
     pub(in crate::train::scene) fn motion(
         &mut self,
@@ -219,8 +220,9 @@ impl SceneTrainer {
         self.photographs.is_outlier(&self.scene, frame, placed, owners, gain)
     }
 
-    /// Finds the most probable depths of the points. Returns the number of points with a component and the
-    /// mean ELBO of their measured positions under the initial model; 0 without points.
+    /// Computes the shift of each point to its most probable depth. Returns the number of points with a
+    /// component, and the mean ELBO of the measured positions under the initial model. The ELBO is 0
+    /// without points.
     fn explain(&mut self, points: &[SurfacePoint], tolerance: DepthTolerance) -> (usize, f64) {
         let (sum, n) = self.points.explain(&self.scene, points, tolerance);
         if let Some(owners) = self.component_elbo.owners() {
@@ -231,7 +233,8 @@ impl SceneTrainer {
         (n, if n == 0 { 0.0 } else { self.scene.scoring.elbo(sum / n as f64) })
     }
 
-    /// Moves the whole scene to where the corrections of its frames are smallest, if that is due.
+    /// Moves the whole scene so that the pose corrections of its frames become smallest. This happens
+    /// each time the number of frames has doubled.
     fn move_to_recorded(&mut self, frame: &Observation) {
         let Some(motion) = self.poses.common_motion(&self.scene, frame) else { return };
         if !self.scene.seeds.move_by(&motion, self.scene.origin) {
@@ -266,20 +269,20 @@ impl SceneTrainer {
 /// Components changed by the last frame.
 #[derive(Default)]
 pub(super) struct Changes {
-    /// Ascending.
+    /// Numbers of changed components, ascending.
     listed: Vec<u32>,
-    /// True if components that are not listed have changed too.
+    /// True if every component counts as changed.
     has_changed_all: bool,
 }
 
 impl Changes {
-    /// Begins a frame.
+    /// Clears the list for a new frame. `has_changed_all` is true if every component counts as changed.
     pub fn restart(&mut self, has_changed_all: bool) {
         self.listed.clear();
         self.has_changed_all = has_changed_all;
     }
 
-    /// Components with points in the frame, which training replaces.
+    /// Returns the list of components with points in the frame, for training to fill.
     pub fn touched(&mut self) -> &mut Vec<u32> {
         &mut self.listed
     }
@@ -288,7 +291,7 @@ impl Changes {
         &self.listed
     }
 
-    /// Adds components, ascending.
+    /// Adds components, in ascending order, to the list.
     pub fn add(&mut self, changed: &[u32]) {
         self.listed.extend_from_slice(changed);
         // A stable sort, which merges the two sorted runs.
@@ -305,7 +308,7 @@ impl Changes {
     }
 }
 
-/// Times the stages of one frame.
+/// Clock for the stages of training on one frame.
 struct FrameClock {
     wall: Stopwatch,
     stage: Stopwatch,

@@ -20,10 +20,11 @@ use crate::train::scene::photometric::{PhotometricLearner, SplatStep, TrainingVi
 
 // Stride over the points to estimate the distance of a frame's nearest surfaces.
 const NEAREST_OF: usize = 16;
-/// Share of points that may be nearer than the estimate.
+/// Share of points that may be nearer than the estimated distance of the nearest surfaces.
 const NEARER: f64 = 0.02;
 
-/// Distance that nearly all points of a frame exceed, world units; 0 without points.
+/// Returns the distance from the camera that nearly all points of a frame exceed, world units; 0 without
+/// points.
 fn nearest(points: &[SurfacePoint]) -> f64 {
     let mut ranges: Vec<f32> = points.iter().step_by(NEAREST_OF).map(|p| p.range).collect();
     // A quantile instead of the minimum, which a single stray point would set.
@@ -34,19 +35,20 @@ fn nearest(points: &[SurfacePoint]) -> f64 {
     }
 }
 
-/// Pixels of a photograph per pixel of its depth image, at least 1.
+/// Returns the number of pixels of a photograph per pixel of its depth image, at least 1.
 fn pixels_for_each(depth: &Intrinsics, pixels: usize) -> f64 {
     let depth = f64::from(depth.width) * f64::from(depth.height);
     (pixels as f64 / depth).max(1.0)
 }
 
-/// Splats as corrected by photographs.
+/// Photometric training of a scene: learner, temporary state for drawing, and comparisons.
 #[derive(Default)]
 pub(super) struct Photographs {
     pub learner: PhotometricLearner,
-    /// State after steps for all buffered photographs; reset by the next frame.
+    /// State for drawing, after the photometric steps for all buffered photographs. Dropped when
+    /// training resumes.
     pub settled: Option<PhotometricState>,
-    /// Comparisons of the last frame, or of the photographs settled since.
+    /// Comparisons of photographs during the last frame, or during the last [`Self::settle`].
     pub compared: Vec<ComparedPhotograph>,
 }
 
@@ -58,15 +60,16 @@ impl Photographs {
         photographs
     }
 
-    /// Resumes training: drops the settled state. Returns true if there was one.
+    /// Resumes training: drops the temporary state for drawing and clears the comparisons. Returns true
+    /// if there was such a state.
     pub fn resume(&mut self) -> bool {
         self.compared.clear();
         self.learner.comparers.end_settling();
         self.settled.take().is_some()
     }
 
-    /// True if a frame's points show it to be an outlier. Tested only with photometric training, so that
-    /// scenes of points alone do not depend on it.
+    /// True if a frame is an outlier because its points disagree with the scene. Always false without
+    /// photometric training, so that scenes trained on points alone do not depend on this test.
     pub fn is_outlier(
         &mut self,
         scene: &Scene,
@@ -93,8 +96,9 @@ impl Photographs {
         outcome.is_some()
     }
 
-    /// Takes the photometric step for a frame, if enabled: initialises the splats of new components, then
-    /// takes the step of the frame's photograph, or buffers it and takes the step of a buffered one.
+    /// Trains on the photograph of a frame, if photometric training is on. First initialises the splats
+    /// of changed components. Then takes the photometric step of the photograph. With a shuffle buffer,
+    /// the photograph is buffered instead, and the step of a random buffered one is taken.
     pub fn learn(
         &mut self,
         scene: &Scene,
@@ -117,18 +121,20 @@ impl Photographs {
         changes.add(&changed);
     }
 
-    /// Updates the observed directions of changed components.
+    /// Updates the range of view directions from which changed components were observed.
     fn observe(&mut self, scene: &Scene, changed: Changed<'_>) {
         self.learner.observe(changed, |id| scene.sums.observed_cone(id));
     }
 
-    /// Moves splats and buffered photographs with the world, after the scene.
+    /// Applies a rigid motion of the world to splats and buffered photographs. `scene` must have been
+    /// moved before.
     pub fn move_by(&mut self, scene: &Scene, motion: &Pose) {
         self.learner.state.move_by(motion);
         self.observe(scene, Changed::All);
     }
 
-    /// Returns the changed splats and the comparison.
+    /// Takes the photometric step of a photograph, or of a buffered one. Returns the changed splats and
+    /// the comparison.
     fn step(
         &mut self,
         scene: &Scene,
@@ -161,7 +167,8 @@ impl Photographs {
         self.learner.train_on_buffered_beyond(most, &step)
     }
 
-    /// Computes the state after steps for all buffered photographs. Returns true if there were any.
+    /// Computes the state for drawing, after the photometric steps for all buffered photographs. Returns
+    /// true if a new state was computed.
     pub fn settle(&mut self, scene: &Scene) -> bool {
         let Some(rule) = scene.config.photometric_rule() else { return false };
         if self.settled.is_some() || self.learner.state.buffered.is_empty() {
@@ -174,7 +181,7 @@ impl Photographs {
         true
     }
 
-    /// Returns the state for drawing.
+    /// Returns the photometric state from which splats are drawn.
     pub fn drawn(&self) -> &PhotometricState {
         self.settled.as_ref().unwrap_or(&self.learner.state)
     }

@@ -7,7 +7,8 @@ use crate::train::scene::explain::Explainer;
 use crate::train::scene::gain::{MIN_MATCHES, fewest_matches, gain};
 use crate::train::scene::point_fits::PointFits;
 
-/// Assignment of a frame's points, in buffers that frames share.
+/// Points of the current frame with their components and shifts. The buffers are reused for the next
+/// frame.
 #[derive(Default)]
 pub(super) struct FramePoints {
     /// Assigns and sums points on the processor or a device.
@@ -16,23 +17,25 @@ pub(super) struct FramePoints {
     pub owners: Vec<u32>,
     /// Shift of each point along its ray, world units.
     shifts: Vec<f32>,
-    /// Squared distance of each point from its seed.
+    /// Squared distance of each point from the seed of its component, world units².
     pub q: Vec<f64>,
 }
 
 impl FramePoints {
-    /// Assigns the points of a new frame, for which the device is chosen first.
+    /// Assigns the points of a new frame to components, after the choice of a device for that frame.
     pub fn assign_new(&mut self, scene: &Scene, points: &[SurfacePoint]) {
         self.fits.begin_frame(points.len(), scene.config.h);
         self.assign(scene, points);
     }
 
-    /// Assigns points that are not summed, or again after merging.
+    /// Assigns the points to components without choosing a device. Used for points that are not summed,
+    /// and again after merging.
     pub fn assign(&mut self, scene: &Scene, points: &[SurfacePoint]) {
         self.fits.assign(&scene.seeds, scene.reach(), points, &mut self.owners);
     }
 
-    /// Factors from the frame's colours to the scene's exposure; `weight` is the number of pixels per point.
+    /// Returns the factor per channel that converts the frame's colours to the scene's exposure.
+    /// `weight` is the number of pixels per point.
     pub fn gain(&self, scene: &Scene, points: &[SurfacePoint], weight: u32) -> [f32; 3] {
         if !scene.config.gain {
             return [1.0; 3];
@@ -41,8 +44,8 @@ impl FramePoints {
         gain(&scene.sums, points, &self.owners, fewest)
     }
 
-    /// Finds the most probable depths of the points. Returns the sum of their squared distances from their
-    /// seeds, and the number of points with a component.
+    /// Computes the shift of each point along its ray to the most probable depth. Returns the sum of
+    /// squared distances from the seeds (world units²) and the number of points with a component.
     pub fn explain(
         &mut self,
         scene: &Scene,
@@ -60,7 +63,8 @@ impl FramePoints {
         explainer.explain(points, &self.owners, &mut self.q, &mut self.shifts)
     }
 
-    /// Adds the points to the sums; replaces `touched` by their components, ascending.
+    /// Adds the points to the sums of their components. Replaces `touched` by the components with
+    /// points, ascending.
     pub fn sum_up(
         &mut self,
         scene: &mut Scene,

@@ -20,11 +20,11 @@ use crate::train::scene::track;
 use crate::train::scene::track::TrackingLoss;
 use std::sync::Arc;
 
-/// Number of recent frames used to predict the correction of the next one.
+/// Number of recent frames used to predict the pose correction of the next frame.
 const RECENT: usize = 1000;
-/// Minimum number of frames for a motion of the whole scene.
+/// Minimum number of frames before the whole scene is moved to fit the recorded poses.
 const FEWEST_FRAMES: usize = 4;
-/// Number of known points, among those compared, that determine the gain of a large frame.
+/// Number of compared points in known components that suffice to determine the gain of a large frame.
 const MIN_EXPOSED: f64 = 1000.0;
 
 /// Poses and exposures of the frames so far.
@@ -40,10 +40,10 @@ pub(super) struct Poses {
     buffer: Vec<SurfacePoint>,
 }
 
-/// A frame under its corrected pose.
+/// Camera and points of a frame under its corrected pose.
 pub(super) struct PlacedFrame {
     pub camera: Camera,
-    /// Moved points; `None` if the pose is as recorded.
+    /// Points under the corrected pose; `None` if the recorded pose is used.
     moved: Option<Vec<SurfacePoint>>,
 }
 
@@ -65,7 +65,8 @@ impl Poses {
         (self.exposures.clone(), self.corrections.clone(), self.trajectory.clone())
     }
 
-    /// Aligns a recorded frame, if poses are corrected. `owners` is a buffer.
+    /// Corrects the recorded pose of a frame by alignment to the scene, if alignment is on. `owners` is
+    /// a buffer for the component of each point.
     pub fn align(
         &mut self,
         scene: &Scene,
@@ -86,7 +87,8 @@ impl Poses {
         PlacedFrame { camera, moved: Some(points) }
     }
 
-    /// Finds the pose of a frame without a recorded one by the picture of the scene.
+    /// Finds the pose of a frame that has no recorded pose, by comparison with the rendered scene.
+    /// `scene` returns the splats to render.
     pub fn track(
         &self,
         frame: &Observation,
@@ -97,8 +99,9 @@ impl Poses {
         track::find_pose(scene().view(), frame, &[*last], &known)
     }
 
-    /// Corrects a tracked pose like a recorded one, since planes and colours of components constrain it better
-    /// than the rendered picture. Returns the frame there, and its entry in the trajectory.
+    /// Corrects a tracked pose like a recorded one and adds it to the trajectory. Planes and colours of
+    /// components constrain a pose better than the rendered picture. Returns the frame under the
+    /// corrected pose, and the entry in the trajectory.
     pub fn place_tracked(
         &mut self,
         scene: &Scene,
@@ -132,8 +135,8 @@ impl Poses {
         Some(TrackedPose::new(&pose, deviations, tracked.overlap, tracked.agreement))
     }
 
-    /// Returns the most probable motion of a frame reduced by [`alignment_subset`]; `None` if too little of
-    /// the scene is known.
+    /// Returns the motion that most probably corrects the pose of `part`, a frame reduced by
+    /// [`alignment_subset`]. `None` if too few components are known.
     pub fn motion(
         &self,
         scene: &Scene,
@@ -149,7 +152,8 @@ impl Poses {
         rayon::scope(|_| Alignment::new(scene).motion(part, likely, owners))
     }
 
-    /// Logs a frame's exposure and pose correction, if they were estimated, and takes its buffer back.
+    /// Logs a frame's exposure and pose correction, if they were estimated, and reclaims the point
+    /// buffer of `placed`.
     pub fn log(&mut self, scene: &Scene, frame: &Observation, placed: PlacedFrame, gain: [f32; 3]) {
         let pose = &placed.camera.pose;
         if scene.config.gain {
@@ -165,8 +169,9 @@ impl Poses {
         self.buffer = placed.moved.unwrap_or_default();
     }
 
-    /// Returns the motion of the whole scene that minimises its frames' pose corrections, each time their
-    /// number has doubled: their common error shrinks with every doubling.
+    /// Returns the motion of the whole scene that minimises the pose corrections of its frames. `None`
+    /// unless the number of corrected frames is a power of two. The common error shrinks with every such
+    /// motion.
     pub fn common_motion(&self, scene: &Scene, frame: &Observation) -> Option<Pose> {
         let n = self.corrections.len();
         let is_due =
@@ -183,7 +188,8 @@ impl Poses {
         self.exposures.iter_mut().for_each(|frame| *frame = frame.moved(motion));
     }
 
-    /// Returns the logs by which views of a scene of scale `h` are drawn; `None` if they are empty.
+    /// Returns the logs of exposures and pose corrections for drawing a scene of structural scale `h`
+    /// (world units). An empty log gives `None`.
     pub fn logs(&self, h: f64) -> (Option<Arc<ExposureLog>>, Option<Arc<PoseLog>>) {
         let exposures = (!self.exposures.is_empty())
             .then(|| Arc::new(ExposureLog::new(self.exposures.clone(), h)));
@@ -221,8 +227,9 @@ impl<'a> Alignment<'a> {
         self.iterate_rounds(part, fewest, rounds, start, owners)
     }
 
-    /// Iterates from `motion`, at most `rounds` times, at least once. The gain is estimated only from at
-    /// least `fewest` known points.
+    /// Improves `motion` in at least one and at most `rounds` rounds. Each round assigns the points to
+    /// components and aligns the frame with the assigned components. The exposure gain is estimated only
+    /// if at least `fewest` points belong to known components. `None` if too few components are known.
     fn iterate_rounds(
         &mut self,
         part: &Observation,

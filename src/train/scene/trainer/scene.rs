@@ -15,13 +15,13 @@ use crate::train::scene::merge::merge_down;
 use crate::train::scene::seed_groups::Reach;
 use glam::DVec3;
 
-/// Components of a scene, with everything that splats made of points derive from.
+/// Components of a scene, with all data from which splats are computed before photometric training.
 pub(in crate::train::scene) struct Scene {
-    /// Configuration, with the current structural scale, which may have grown.
+    /// Configuration. Its structural scale is the current one, which may have grown.
     pub config: SceneConfig,
     /// Configured structural scale, world units.
     pub asked_scale: f64,
-    /// Number of steps by which it has grown.
+    /// Number of steps by which the structural scale has grown.
     pub coarsened: u32,
     pub origin: DVec3,
     pub frames: u64,
@@ -47,12 +47,13 @@ impl Scene {
         }
     }
 
-    /// Returns all sums of a component, in world units about its seed.
+    /// Returns all sums over the points of a component, with offsets from its seed in world units.
     pub fn sums_of(&self, id: usize) -> SceneSums {
         SceneSums::new(&self.sums.sums(id), self.config.h)
     }
 
-    /// Seed of a component's sums, world units from the origin.
+    /// Returns the seed from which a component's sums measure offsets, world units from the scene's
+    /// origin.
     pub fn seed(&self, id: usize) -> DVec3 {
         DVec3::from_array(self.seeds.of(id).map(f64::from))
     }
@@ -63,7 +64,7 @@ impl Scene {
         SplatContext { seed: self.origin + self.seed(id), h, expected, frames: self.frames }
     }
 
-    /// Splat of a component from its points alone.
+    /// Returns the splat of a component computed from its points alone, without photometric training.
     pub fn splat(&self, id: usize) -> (Splat, Appearance) {
         self.config.splat_rule.splat(&self.sums_of(id), &self.splat_context(id))
     }
@@ -76,7 +77,7 @@ impl Scene {
         Reach::new(self.config.h, self.config.ray_search)
     }
 
-    /// Creates components for points without one, within the budget.
+    /// Creates components for points that have none, within the budget.
     pub fn create_components(
         &mut self,
         points: &[SurfacePoint],
@@ -87,12 +88,13 @@ impl Scene {
         create_components(self.config.h, &mut self.seeds, points, owners, limits)
     }
 
-    /// Adds empty rows for components born since the last frame.
+    /// Adds empty rows of sums for components created since the last call.
     pub fn grow_sums(&mut self) {
         self.sums.grow(self.seeds.components.n_rows());
     }
 
-    /// Merges components until `target` are left, or a pass merges fewer than `worthwhile`.
+    /// Merges components until `target` are left, or until one pass merges fewer than `worthwhile`
+    /// pairs.
     pub fn merge_down(&mut self, target: usize, worthwhile: usize) {
         merge_down(&mut self.sums, &mut self.seeds, self.config.h, target, worthwhile);
     }

@@ -71,8 +71,9 @@ impl Learner for SceneTrainer {
         }
     }
 
-    /// World units relative to the scene's origin, colours normalised. The prior mean is the seed
-    /// (`model.md`, Quirks of the reference).
+    /// Returns posterior, normal and photometric deviations of a component, in world units relative to
+    /// the scene's origin. Colours are normalised. The prior mean is the component's seed (`model.md`,
+    /// Quirks of the reference).
     fn component(&self, id: usize) -> Component {
         let sums = self.scene.sums_of(id);
         // Computed about the seed, so that the prior pulls towards it and not to the origin, then moved.
@@ -140,7 +141,7 @@ impl Learner for SceneTrainer {
 }
 
 impl SceneTrainer {
-    /// Sets the splat rule from now on.
+    /// Replaces the rule by which splats are computed from points.
     pub fn set_splat_rule(&mut self, rule: SplatRule) {
         self.scene.config.splat_rule = rule;
         // It was computed from pictures drawn with the previous rule.
@@ -159,7 +160,8 @@ impl SceneTrainer {
         budget.into_iter().chain(coarsened).chain(reach).chain(repaired).collect()
     }
 
-    /// Splat of a component, from photographs if they were trained on.
+    /// Returns the splat of a component: the photometric estimate if there is one, else the splat of its
+    /// points.
     pub(super) fn splat(&self, id: usize) -> (Splat, Appearance) {
         let (splat, appearance) =
             self.photographs.drawn().splat(id).unwrap_or_else(|| self.scene.splat(id));
