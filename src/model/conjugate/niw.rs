@@ -71,13 +71,14 @@ impl Niw {
         self.nu * self.scale.quadratic_form(self.mean) + D / self.kappa
     }
 
-    /// Returns `E[ln N(x | μ, Λ⁻¹)]`, from the distance `x − m` (the square is not expanded).
+    /// Returns `E[ln N(x | μ, Λ⁻¹)]`. It is computed from `x − m` without expanding the square, which
+    /// avoids cancellation.
     pub fn expected_ln_likelihood(&self, x: DVec3) -> f64 {
         let distance = self.nu * self.scale.quadratic_form(x - self.mean);
         0.5 * (self.expected_ln_det_precision() - D * TAU.ln() - D / self.kappa - distance)
     }
 
-    /// Log-normaliser `ln Z` of the density.
+    /// Returns the log-normaliser `ln Z` of the density.
     pub fn ln_normaliser(&self) -> f64 {
         -0.5 * D * self.kappa.ln()
             + 0.5 * self.nu * self.ln_det_scale

@@ -11,9 +11,9 @@ const MOST_EVERY: u32 = 16;
 const MOST_SIDE: u32 = 1 << 16;
 /// Maximum frame number: f64 represents all whole numbers up to here.
 const MOST_FRAMES: f64 = (1u64 << 53) as f64;
-/// Depth steps in the smallest margin.
+/// Number of depth steps in the smallest margin (tolerance of a surface's depth).
 const STEPS_PER_MARGIN: f64 = 16.0;
-/// Coverage value for unknown; all others are 254ths.
+/// Coverage byte that means unknown; all other values are 254ths.
 pub const UNKNOWN_COVERAGE: u8 = u8::MAX;
 
 /// An invalid number: name, expected range, found value.
@@ -23,7 +23,7 @@ pub type NumberDefect = (&'static str, String, f64);
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct PhotographView {
-    /// Number of frames trained before the photograph's own.
+    /// Number of frames trained on before the frame of the photograph.
     pub frame: f64,
     /// Columns and rows of the image.
     pub size: [f64; 2],
@@ -88,7 +88,7 @@ impl PhotographView {
         self.stored_rows().len().saturating_mul(self.size[0] as usize)
     }
 
-    /// Returns the first invalid number with its name and expected range.
+    /// Returns the first invalid number with its name and expected range, if any.
     pub fn first_invalid_number(&self) -> Option<NumberDefect> {
         use NumberRange::{Finite, NotNegative, Positive, PowerOfTwo, Whole};
         let ([every, first], [width, height]) = (self.rows, self.size);
@@ -159,13 +159,13 @@ impl Display for NumberRange {
 /// Depths of the stored pixels of a photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BufferedDepths {
-    /// Unit of the steps and tolerance of a surface.
+    /// Size of a depth step, and the tolerance within which depths belong to one surface.
     pub scale: DepthScale,
     /// Depth along the optical axis in steps; 0 if unknown. Shared between copies, like the pixels.
     pub steps: Arc<[u16]>,
 }
 
-/// Parameters of [`BufferedDepths`], as numbers in a checkpoint.
+/// Parameters of [`BufferedDepths`], stored as numbers in a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct DepthScale {
@@ -176,7 +176,7 @@ pub struct DepthScale {
 }
 
 impl DepthScale {
-    /// Chooses steps that are small relative to the margin.
+    /// Creates the scale for a margin, with steps that are small relative to it.
     pub fn new(margin: [f32; 2]) -> Self {
         let margin = margin.map(f64::from);
         Self { step: margin[0] / STEPS_PER_MARGIN, margin }
@@ -194,7 +194,7 @@ impl DepthScale {
         (f64::from(steps) * self.step) as f32
     }
 
-    /// Returns the first invalid number with its name.
+    /// Returns the first invalid number with its name and expected range, if any.
     pub fn defect(&self) -> Option<NumberDefect> {
         use NumberRange::{NotNegative, Positive};
         let [least, linear] = self.margin;

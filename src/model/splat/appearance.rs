@@ -10,10 +10,11 @@ use crate::math::pose::Pose;
 use std::ops::Deref;
 use std::sync::Arc;
 
-/// Limit of the change of a pixel's colour by a splat's gradient.
+/// Maximum change of a colour channel of a pixel by a splat's gradient.
 pub const GRADIENT_LIMIT: f64 = 0.5;
 
-/// Colour that varies over a splat and with the view direction. Zero is a plain splat.
+/// Colour that varies over a splat and with the view direction. All coefficients of a plain splat are
+/// zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Appearance {
@@ -24,7 +25,7 @@ pub struct Appearance {
     /// clamped to the observed directions. The splat's own colour is then the constant term and may lie
     /// outside `[0, 1]`.
     pub directional: [[f32; 3]; 3],
-    /// Range of the observed directions.
+    /// Range of the directions from which the splat was observed.
     pub observed: ObservedCone,
 }
 
@@ -62,7 +63,7 @@ impl<'a> SplatView<'a> {
         self.appearance
     }
 
-    /// Returns how composited pixels are finished.
+    /// Returns the parameters for finishing composited pixels.
     pub fn finishing(&self) -> &'a Finishing {
         self.finishing
     }
@@ -77,7 +78,7 @@ pub struct SplatSet {
     finishing: Finishing,
 }
 
-/// Finishing of composited pixels, and logs of the training frames.
+/// Parameters for finishing composited pixels, and logs of the training frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finishing {
     /// Coverage from which a pixel counts as fully covered, in `(0, 1]`; 1 for plain splats.
@@ -98,7 +99,7 @@ impl Finishing {
 // Static, so that views of plain splats can borrow it.
 static PLAIN: Finishing = Finishing { full_coverage: 1.0, exposures: None, poses: None };
 
-/// Leaves pixels unchanged, as for plain splats.
+/// Parameters that leave pixels unchanged, as for plain splats.
 impl Default for Finishing {
     fn default() -> Self {
         PLAIN.clone()
@@ -112,12 +113,12 @@ impl SplatSet {
         Self { splats, appearance, ..Self::default() }
     }
 
-    /// Replaces the finishing.
+    /// Returns the set with other parameters for finishing composited pixels.
     pub fn finished(self, finishing: Finishing) -> Self {
         Self { finishing, ..self }
     }
 
-    /// Returns how composited pixels are finished.
+    /// Returns the parameters for finishing composited pixels.
     pub fn finishing(&self) -> &Finishing {
         &self.finishing
     }
@@ -209,12 +210,13 @@ impl<'a, const N: usize> From<&'a [Splat; N]> for SplatView<'a> {
 /// Maximum opacity of a plain splat; renderers cap alpha at this value too.
 pub const OPAQUE: f64 = 0.99;
 
-/// Factor on the standard deviations of plain splats, which have no colour gradient: the best picture needs
-/// 1.3 times the deviation of the points, where native splats need 1.2.
+/// Factor on the standard deviations of plain splats, which have no colour gradient. The best picture
+/// needs 1.3 times the deviation of the points, where native splats need 1.2.
 pub const PLAIN_WIDTH: f64 = 1.3 / 1.2;
 
-/// Returns opacity and factor on the standard deviations of the plain splat that covers the same area as one
-/// of `opacity`: `∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c))`, and a Gaussian of peak `c` covers `2πc`.
+/// Returns opacity and factor on the standard deviations of a plain splat. It covers the same area as a
+/// splat of `opacity`: `∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c))`, while a Gaussian of peak `c`
+/// covers `2πc`.
 pub fn plain_of_equal_area(opacity: f64) -> (f64, f64) {
     match opacity > OPAQUE {
         true => (OPAQUE, (1.0 + (opacity / OPAQUE).ln()).sqrt()),

@@ -18,12 +18,12 @@ pub struct Framing {
 
 // Share of the splats in the scene's core.
 const CORE_SHARE: f64 = 0.9;
-/// Thickness of a shell, in radii of the core.
+/// Thickness of a shell around the core, relative to the core's radius.
 const SHELL: f64 = 0.25;
-/// Maximum number of shells. Anything farther away, such as sky and hills, surrounds the scene and is not
-/// part of it.
+/// Maximum number of shells around the core. Anything farther away, such as sky and hills, surrounds the
+/// scene and is not part of it.
 const N_SHELLS: usize = 6;
-/// A shell with less than this share of all splats contains only strays.
+/// Share of all splats below which a shell contains only strays.
 const STRAY_SHARE: f64 = 1.0 / 5000.0;
 /// Extent of a splat in standard deviations.
 const VISIBLE_SIGMAS: f64 = 2.5;
@@ -68,13 +68,14 @@ pub fn core_sphere(splats: &[Splat]) -> Option<Framing> {
     Some(Framing { centre, radius: quantile(away, CORE_SHARE)?.max(1e-6) })
 }
 
-/// Median of the centres, per axis: insensitive to distant strays.
+/// Returns the median of the centres, per axis; it is insensitive to distant strays.
 fn median(blobs: &[SplatExtent]) -> Option<DVec3> {
     let axis = |i: usize| quantile(blobs.iter().map(|blob| blob.centre[i]).collect(), 0.5);
     Some(DVec3::new(axis(0)?, axis(1)?, axis(2)?))
 }
 
-/// Radius at which the scene ends, given the reach of every splat and the radius of the core.
+/// Returns the radius at which the scene ends, given the reach of every splat and the radius of the
+/// core.
 fn end_of_scene(reaches: &[f64], core: f64) -> f64 {
     let mut counts = [0usize; N_SHELLS];
     for reach in reaches.iter().filter(|reach| **reach > core) {
@@ -97,7 +98,8 @@ fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
 
 struct SplatExtent {
     centre: DVec3,
-    /// Columns: the splat's axes, scaled to its visible extent.
+    /// Half axes of the visible ellipsoid: each column is an axis of the splat, scaled to its visible
+    /// extent.
     axes: DMat3,
 }
 

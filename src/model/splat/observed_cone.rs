@@ -45,16 +45,17 @@ impl ObservedCone {
         DVec3::from_array(self.mean.map(f64::from))
     }
 
-    /// Clamps the unit direction `d` to the cone: `d` itself inside, its projection onto the edge outside.
-    /// The colour is evaluated for the result.
+    /// Returns the unit direction `d` if it is inside the cone, else its projection onto the edge. A
+    /// splat's colour is evaluated for the returned direction.
     pub fn clamp_direction(&self, d: DVec3) -> DVec3 {
         let offset = d - self.mean();
         let squared = self.inverse().quadratic_form(offset);
         self.mean() + offset / squared.max(1.0).sqrt()
     }
 
-    /// Returns the linear map `M` for which `M (d − m)` best fits `clamp_direction(d) − m`, per axis of the
-    /// cone and over differences up to `reach`: the factor on an unclamped slope.
+    /// Returns the matrix `M` for which `M (d − m)` best fits `clamp_direction(d) − m`, for differences
+    /// up to `reach`. The fit is made per axis of the cone. `M` is the factor on a colour slope that is
+    /// not clamped.
     pub fn linear_fit(&self, reach: f64) -> DMat3 {
         let eigen = self.inverse().eigen();
         // Rounding to f32 can make an eigenvalue negative.
@@ -77,7 +78,7 @@ impl ObservedCone {
     }
 }
 
-/// Least-squares factor `s` that fits `s·ρ` to `min(ρ, r)` over a disc of radius 1.
+/// Returns the least-squares factor `s` that fits `s·ρ` to `min(ρ, r)` over a disc of radius 1.
 fn linear_share(radius: f64) -> f64 {
     let r = radius.min(1.0);
     r.powi(4) + 4.0 / 3.0 * r * (1.0 - r.powi(3))

@@ -10,7 +10,7 @@ use glam::{DQuat, DVec3};
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FramePose {
-    /// Viewpoint as recorded.
+    /// Viewpoint of the recorded pose.
     pub recorded: Viewpoint,
     /// Rotation from the recorded camera's OpenCV axes to the world's: unit quaternion x, y, z, w. Zeros if
     /// unknown, as in older checkpoints.
