@@ -4,9 +4,9 @@ use crate::math::real::Real;
 use crate::math::sym3::Sym3;
 use glam::DVec3;
 
-/// Number of sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3). A point
-/// has responsibility `r`, position `s`, colour `c` and offset `d = s − m_k` from the initial mean
-/// (`model.md`, Sufficient statistics and precision).
+/// Number of sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3)
+/// (`model.md`, Sufficient statistics and precision). A point has responsibility `r`, position `s`,
+/// colour `c` and offset `d = s − m_k` from the initial mean.
 // `Σ r c cᵀ`, which the reference sums as well, is left out: the colour precision is fixed, so nothing reads
 // it.
 pub const N_SUMS: usize = 13;

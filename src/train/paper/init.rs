@@ -21,9 +21,9 @@ const NOISE: f64 = 0.025;
 /// ```
 #[derive(Clone, Debug)]
 pub struct InitialDraw {
-    /// Rows `[s, c]`, normalised.
+    /// Rows of mean position and colour, normalised.
     pub means: Vec<[f64; 6]>,
-    /// `α_init`, one per component.
+    /// Dirichlet parameter `α_init` of each component.
     pub alpha: Vec<f64>,
 }
 
