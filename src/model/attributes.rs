@@ -59,7 +59,7 @@ pub enum StoredModel {
     Mixture {
         /// Transform from world to model coordinates.
         normalization: Normalization,
-        /// Prior and initial hyper-parameters.
+        /// Hyper-parameters of the prior and of the initial model.
         hyper: Hyper,
         /// Weights, means and statistics.
         state: ModelState,

@@ -20,7 +20,7 @@ pub struct Inspection {
     pub mean: DVec3,
     /// Expected covariance `E[Σ]`, world units².
     pub covariance: Sym3,
-    /// Standard deviations along the axes of `rotation`, world units, largest first.
+    /// Standard deviations along the principal axes, world units, largest first.
     pub scales: DVec3,
     /// Rotation from the component's principal axes, to which `scales` refers, to the world axes.
     pub rotation: DQuat,
@@ -34,12 +34,14 @@ pub struct Inspection {
     pub splat: Splat,
     /// Variation of the splat's colour with position and direction.
     pub appearance: Appearance,
-    /// Standard deviations of the photometric estimate; `None` without photometric learning.
+    /// Standard deviations of the splat's parameters as estimated from photographs; `None` without
+    /// photometric training.
     pub photometric_deviations: Option<PhotometricDeviations>,
 }
 
 impl Inspection {
-    /// Describes component `id` of a mixture whose concentrations `α` sum to `total`.
+    /// Describes component `id` of a mixture in which the Dirichlet concentrations `α` of all components
+    /// sum to `total`.
     pub fn new(
         id: u32,
         posterior: ComponentPosterior,

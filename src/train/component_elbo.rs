@@ -68,7 +68,8 @@ impl ComponentElbo {
     }
 }
 
-/// Sums over the points owned by each component. Buffers are reused from frame to frame.
+/// Sums over the points owned by each component (those for which it has the largest responsibility).
+/// Buffers are reused from frame to frame.
 #[derive(Default)]
 struct Ownership {
     /// Owner of each point of the last frame.

@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Policy for using a device besides the CPU.
+/// Policy for choosing between the CPU and a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DevicePolicy {
     /// Always uses the device.
@@ -57,7 +57,7 @@ const MANY: usize = 2;
 // Load below which no trial runs: the first frames of a scene show few splats.
 const FEW: usize = 1000;
 
-/// Where a frame is processed.
+/// Choice of where a frame is processed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DeviceChoice {
     Processor,
@@ -78,7 +78,7 @@ pub(super) struct DeviceTrial {
     is_verified: bool,
     /// Milliseconds on the CPU and on the device during a trial.
     times_ms: [Vec<f64>; 2],
-    /// Medians of the last trial.
+    /// Median times of the last trial.
     pub medians: Option<DeviceMs>,
 }
 
@@ -185,11 +185,11 @@ impl ComparerUse {
 pub struct PassUse {
     /// Name of the device requested besides the CPU, if any.
     pub device: Option<String>,
-    /// Number of frames fitted by the device.
+    /// Number of frames processed by the device.
     pub device_frames: u64,
-    /// Number of frames fitted by the CPU.
+    /// Number of frames processed by the CPU.
     pub processor_frames: u64,
-    /// Share of tiles (of points for a scene) that the device left to the CPU.
+    /// Share of tiles (or of points for a scene) that the device left to the CPU.
     pub open_share: f64,
     /// Timings of one fit that decided between device and CPU, if measured.
     pub trial: Option<DeviceMs>,

@@ -10,13 +10,13 @@ use crate::model::paper::state::InitialModel;
 // starts with 1, in either precision.
 const HARD_NATS: f64 = 40.0;
 
-/// Constants of the log-score.
+/// Constants for the log-scores of components for points.
 #[derive(Clone, Copy, Debug)]
 pub struct Scoring {
     /// `λ = E[Λ^c] / E[Λ^s]`: weight of a squared colour distance relative to a squared distance of
     /// positions.
     pub color_ratio: f64,
-    /// `½ E[Λ^s]`: nats per squared distance in normalised coordinates.
+    /// Nats per unit of squared distance in normalised coordinates, `½ E[Λ^s]`.
     pub half_precision: f64,
     /// Part of the log-score that is equal for all points and components.
     ln_constant: f64,

@@ -17,7 +17,7 @@ use crate::model::splat::appearance::SplatSet;
 use crate::render::cpu::photometric::PhotometricComparer;
 use glam::DVec3;
 
-/// A trainable model. Components are numbered from 0 and keep their numbers.
+/// A trainable model. Components are numbered from 0; a component keeps its number.
 pub trait Learner: Send + Sync {
     /// Returns size and state of the model.
     fn status(&self) -> Status;
@@ -80,7 +80,8 @@ pub struct Status {
     pub used: usize,
     /// Memory of the model in bytes, without training buffers.
     pub model_bytes: usize,
-    /// True if the scene is drawn as described at [`Learner::settle`].
+    /// True if the scene is drawn as if all buffered photographs had been trained on (see
+    /// [`Learner::settle`]).
     pub is_settled: bool,
     /// Warnings shown when training ends; empty if every point found a component.
     pub warnings: Vec<TrainingWarning>,
@@ -112,11 +113,11 @@ pub struct Component {
 
 /// A learner for one type of observation.
 pub trait Learns<Input>: Learner {
-    /// Trains on one frame.
+    /// Trains on one frame. A frame is applied completely or not at all.
     ///
     /// # Errors
-    /// [`IndexError`] if the candidate index cannot be rebuilt. A frame is applied completely or not at
-    /// all. If only the reassignment after the fit fails, the frame is applied and no component moves.
+    /// [`IndexError`] if the candidate index cannot be rebuilt. If only the reassignment after the fit
+    /// fails, the frame is applied and no component moves.
     fn learn(&mut self, observation: &Input) -> Result<FrameOutcome, IndexError>;
 
     /// Trains again on the photograph of an earlier frame; the frame's points are not counted again.
@@ -131,7 +132,7 @@ pub trait Learns<Input>: Learner {
 pub enum Changed<'a> {
     /// Only the listed components, each once, in any order.
     Listed(&'a [u32]),
-    /// All components, whether or not they received a point.
+    /// All components, including those that received no point.
     All,
 }
 

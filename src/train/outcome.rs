@@ -6,7 +6,7 @@ use super::timing::StageMs;
 use crate::model::scene::state::TrackedPose;
 use serde::{Deserialize, Serialize};
 
-/// Result of training on one frame. Fields that a preset does not use are 0.
+/// Result of training on one frame. Numbers that a preset does not compute are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameOutcome {
     /// Number of points trained on.
@@ -23,7 +23,7 @@ pub struct FrameOutcome {
     pub merged: usize,
     /// Result of pose tracking, if enabled.
     pub tracking: Option<FrameTracking>,
-    /// Milliseconds by stage.
+    /// Wall time by stage, milliseconds.
     pub ms: StageMs,
 }
 
@@ -42,11 +42,11 @@ pub enum FrameTracking {
 pub struct ComparedPhotograph {
     /// Number of frames trained on before this frame.
     pub frame: u64,
-    /// Result of the comparison.
+    /// Result of comparing the frame with the scene.
     pub outcome: PhotographOutcome,
 }
 
-/// Comparison of a frame with the scene before training on it: a score on unseen data.
+/// Result of comparing a frame with the scene before training on it: a score on unseen data.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotographOutcome {
     /// RMS difference between photograph and rendering over the channels of covered pixels, colour
@@ -170,7 +170,7 @@ pub enum TrainingWarning {
         "photometric precisions of {splats} splats were not positive definite and were reset; these splats again follow from points alone. `--photometric off` disables training on photographs"
     )]
     PrecisionReset {
-        /// Number of resets since training began or resumed.
+        /// Number of splats reset since training began or resumed.
         splats: u64,
     },
 }

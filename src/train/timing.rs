@@ -8,12 +8,13 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Milliseconds of one frame by stage. JSON form: an object with a field per stage, and `train`.
+/// Wall time of training one frame by stage, milliseconds. Stored in JSON as an object with a field per
+/// stage and the field `train`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StageMs {
     stages: &'static [TrainStage],
     ms: [f64; MAX_STAGES],
-    /// Total wall time of the frame, including work outside all stages.
+    /// Total wall time of the frame in milliseconds, including work outside all stages.
     pub train: f64,
 }
 
@@ -131,12 +132,12 @@ impl StageClock {
     }
 }
 
-/// Running stopwatch.
+/// Stopwatch that runs from its creation and measures laps.
 #[derive(Clone, Copy, Debug)]
 pub struct Stopwatch(Instant);
 
 impl Stopwatch {
-    /// Starts the stopwatch.
+    /// Creates and starts a stopwatch.
     pub fn start() -> Self {
         Self(Instant::now())
     }
@@ -174,9 +175,9 @@ pub struct TrainStage {
 /// Stages of training one frame in the `paper` preset; values are indices into [`PAPER_STAGES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PaperStage {
-    /// Candidate search, for scoring and for the fit.
+    /// Candidate search for scoring and for the fit.
     Candidates,
-    /// Scores and responsibilities, for scoring and for the fit.
+    /// Scores and responsibilities for scoring passes and for the fit.
     EStep,
     /// Sums of each tile by component, not yet added to the model.
     Stats,
@@ -196,13 +197,13 @@ pub enum SceneStage {
     Assign,
     /// Creation of components for unassigned points, sequentially on one thread.
     Births,
-    /// Evidence of the points, refinement along their rays, and the frame's exposure.
+    /// ELBO of the points, their refinement along rays, and the frame's exposure.
     Refine,
-    /// Sufficient statistics per component.
+    /// Sums of sufficient statistics per component.
     Stats,
     /// Projection of every component into the frame, with counts of hits and misses.
     Visibility,
-    /// Gauss-Newton step on the splats from the photograph, if enabled.
+    /// Gauss-Newton step that fits the splats to the photograph, if enabled.
     Photometric,
     /// Merging of components down to the budget; rarely needed.
     Merge,

@@ -44,7 +44,7 @@ pub struct ComponentPosterior {
     pub mean_space: DVec3,
     /// Inverse `U⁻¹` of the spatial Wishart scale, normalised coordinates².
     pub inverse_scale: Sym3,
-    /// Mean `m` of the colour, normalised.
+    /// Mean `m` of the colour, in normalised colour units.
     pub mean_color: DVec3,
 }
 
@@ -84,14 +84,14 @@ impl ComponentPosterior {
         }
     }
 
-    /// Returns `E[Σ^s] = U⁻¹ / (ν − D − 1)`.
+    /// Returns the expected spatial covariance `E[Σ^s] = U⁻¹ / (ν − D − 1)`, normalised coordinates².
     pub fn expected_covariance(&self) -> Sym3 {
         // Mean of an inverse Wishart distribution in D = 3: ν − D − 1 is positive because the prior has ν =
         // 5.
         self.inverse_scale.scaled(1.0 / (self.nu_space - 4.0))
     }
 
-    /// Returns `E[Σ^s]` in world units².
+    /// Returns the expected spatial covariance `E[Σ^s]` in world units².
     pub fn world_covariance(&self, normalization: &Normalization) -> Sym3 {
         self.expected_covariance().scaled_axes(DVec3::from_array(normalization.scale))
     }
@@ -145,7 +145,7 @@ pub struct Conversion {
     pub form: CovarianceForm,
     /// Factor on the standard deviations of the splats.
     pub scale_factor: f64,
-    /// Opacity of a used component.
+    /// Opacity of a component that has received points.
     pub opacity: f64,
     /// True if components that never received a point also become splats (tiny ones at the origin).
     pub keep_unused: bool,

@@ -25,7 +25,7 @@ pub struct Hyper {
     pub alpha0: f64,
     /// Spatial κ of the prior.
     pub kappa0_space: f64,
-    /// Spatial κ of the initial model; enters the reported ELBO only.
+    /// Spatial κ of the initial model; it affects the reported ELBO only.
     pub kappa_init_space: f64,
     /// Factor `u` of the spatial Wishart scale `U = u I` of prior and initial model.
     pub u0_space: f64,
@@ -108,7 +108,7 @@ pub fn expected_ln_weights(alpha: &[f64]) -> Vec<f64> {
     alpha.iter().map(|&a| digamma(a) - total).collect()
 }
 
-/// Returns `KL(Dir(a) ‖ Dir(b))`; the slices must have equal length.
+/// Returns the Kullback-Leibler divergence `KL(Dir(a) ‖ Dir(b))`; the slices must have equal length.
 pub fn kl(a: &[f64], b: &[f64]) -> f64 {
     let (sum_a, sum_b): (f64, f64) = (a.iter().sum(), b.iter().sum());
     let psi_sum = digamma(sum_a);
@@ -124,7 +124,7 @@ pub fn kl(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// The check values of `model.md`, Expectations and divergences.
+    /// Compares with the check values of `model.md`, Expectations and divergences.
     #[test]
     fn constants_match_the_specification() {
         for (components, expected) in

@@ -83,13 +83,13 @@ pub fn add_point<R: Real>(sums: &mut [R; N_SUMS], r: R, d: [R; 3], color: [R; 3]
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
-    /// `N_k = Σ r`.
+    /// Number of points, `N_k = Σ r`.
     pub count: f64,
-    /// `a' = Σ r (s − m_k)`.
+    /// Sum of the offsets of positions, `a' = Σ r (s − m_k)`.
     pub first: DVec3,
-    /// `B' = Σ r (s − m_k)(s − m_k)ᵀ`.
+    /// Sum of the squares of offsets, `B' = Σ r (s − m_k)(s − m_k)ᵀ`.
     pub second: Sym3,
-    /// `b = Σ r c`.
+    /// Sum of the colours, `b = Σ r c`.
     pub color: DVec3,
 }
 

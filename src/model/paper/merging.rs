@@ -111,9 +111,9 @@ pub(super) struct TotalShard<T: TotalScalar> {
 // `C` keeps the stamp in front: it is read together with the first sums, on one cache line.
 #[repr(C, align(64))]
 pub(super) struct TotalRow<T> {
-    /// Frame that last changed the row.
+    /// Number of the frame that last changed the row.
     frame: u32,
-    /// Sums in the order of [`N_SUMS`]; low bits if high limbs are stored separately.
+    /// Sums in the order of [`N_SUMS`]; only their low bits if the component has high limbs.
     pub sums: [T; N_SUMS],
 }
 

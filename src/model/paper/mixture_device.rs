@@ -17,13 +17,13 @@ pub trait MixtureDevice: Send + Sync {
     /// Returns the device's name for reports.
     fn name(&self) -> String;
 
-    /// Uploads the initial means, or those that have changed, for the following passes.
+    /// Uploads the initial means, or only those that have changed, for the following passes.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost or out of memory.
     fn set_means(&mut self, means: &MeanCells<'_>) -> Result<(), DeviceError>;
 
-    /// Uploads a frame for the following passes.
+    /// Uploads the points of a frame for the following passes.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost or out of memory.
@@ -108,7 +108,7 @@ pub struct DevicePass<'a> {
     pub q: &'a [f32],
     /// Indices of the tiles left to the processor, in any order.
     pub open: &'a [u32],
-    /// Sums of the other tiles, in any order, in the format of
+    /// Sums of the tiles that the device completed, in any order, in the format of
     /// [`TileRecord::from_words`](crate::model::conjugate::statistics::TileRecord::from_words).
     pub records: &'a [[u32; RECORD_WORDS]],
 }

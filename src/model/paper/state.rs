@@ -20,14 +20,14 @@ pub struct ModelState {
 /// Initial means in the precision used by the E-step.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InitialMeans {
-    /// Means of mixed-precision runs.
+    /// Means in f32, for runs of mixed precision.
     F32 {
         /// Spatial means, one row per component.
         space: Vec<[f32; 3]>,
         /// Colour means, one row per component.
         color: Vec<[f32; 3]>,
     },
-    /// Means of f64 runs.
+    /// Means in f64, for runs in f64 throughout.
     F64 {
         /// Spatial means, one row per component.
         space: Vec<[f64; 3]>,
@@ -55,7 +55,8 @@ impl InitialMeans {
 /// Totals of all components, one row of sums each, in the order of [`N_SUMS`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Totals {
-    /// 64-bit fixed point; quanta as in [`super::totals`].
+    /// 64-bit fixed point with high limbs for overflows; the unit depends on the sum (see
+    /// [`super::totals`]).
     Fixed64 {
         /// Low 64 bits of every sum.
         rows: Vec<[i64; N_SUMS]>,
@@ -126,7 +127,7 @@ impl<R: Real> InitialModel<R> {
         }
     }
 
-    /// Replaces a component's mean (position, colour) and returns the old one.
+    /// Replaces a component's mean (position and colour) and returns the old mean.
     pub fn replace_mean(
         &mut self,
         component: usize,

@@ -23,11 +23,11 @@ const SCALES: [f64; N_SUMS] = {
 };
 
 pub(super) trait TotalScalar: Copy + Default + PartialOrd + Send + Sync {
-    /// Adds `terms` to `sums`; returns the increments of their high limbs, if any.
+    /// Adds `terms` to `sums`. Returns the increments of the sums' high limbs, if any.
     fn add(sums: &mut [Self; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]>;
     /// True if a count rounds to zero in this number format.
     fn rounds_to_zero(count: f64) -> bool;
-    /// Returns the value of sum `index` given its high limb.
+    /// Returns this sum as f64, given its high limb and its index in the order of [`N_SUMS`].
     fn value(self, high: i32, index: usize) -> f64;
 }
 

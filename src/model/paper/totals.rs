@@ -17,7 +17,7 @@ use crate::model::conjugate::statistics::{Moments, N_SUMS, TileRecord};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of shards; a power of two.
+/// Maximum number of shards (ranges of components by id); a power of two.
 const MAX_SHARDS: usize = 64;
 
 /// Number format of the totals over all frames.
@@ -113,7 +113,7 @@ impl Statistics {
         self.components == 0
     }
 
-    /// Number of components with `N_k > 0`.
+    /// Returns the number of components with `N_k > 0`.
     pub fn used(&self) -> usize {
         self.used
     }

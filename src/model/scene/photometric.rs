@@ -55,7 +55,7 @@ impl PhotometricState {
         self.splats.len() * Self::BYTES
     }
 
-    /// Grows the state to `n` components; new ones have no splat.
+    /// Grows the state to `n` components; new components have no splat.
     pub fn grow(&mut self, n: usize) {
         self.splats.resize(n, Splat::default());
         self.appearance.resize(n, Appearance::default());
@@ -81,7 +81,7 @@ impl PhotometricState {
         }
     }
 
-    /// Returns splat and appearance of a component, if any.
+    /// Returns the splat of a component and its appearance; `None` if it has no splat.
     pub fn splat(&self, component: usize) -> Option<(Splat, Appearance)> {
         self.has_splat(component).then(|| (self.splats[component], self.appearance[component]))
     }

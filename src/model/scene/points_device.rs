@@ -15,7 +15,7 @@ pub const NO_SEED: u32 = u32::MAX;
 /// Value for a point whose seed the processor must find.
 pub const LEFT_TO_PROCESSOR: u32 = u32::MAX - 1;
 
-/// Finds the seeds of points and sums points about the seeds of their components.
+/// Finds the seed of each point (the nearest creation point of a component) and sums points about seeds.
 pub trait PointsDevice: Send + Sync {
     /// Returns the device's name for reports.
     fn name(&self) -> String;
@@ -54,9 +54,9 @@ pub trait PointsDevice: Send + Sync {
 pub struct Seeds<'a> {
     /// Structural scale: the maximum distance of a point from its seed, world units.
     pub h: f32,
-    /// `1 / h` as used by the seed grid, whose cells have that width.
+    /// Reciprocal of `h` as used by the grid of seeds, whose cells have the width `h`.
     pub per_cell: f32,
-    /// Distance from the origin, in cells, beyond which no seeds exist.
+    /// Number of cells from the origin, per axis, beyond which there are no seeds.
     pub max_cells: f32,
     /// Positions of all seeds.
     pub positions: &'a [[f32; 3]],
@@ -74,7 +74,7 @@ pub struct SlotSums<'a> {
     pub seeds: &'a [[f32; 4]],
     /// Reciprocal of the structural scale, per world unit.
     pub per_h: f32,
-    /// Factor on each colour channel.
+    /// Factor on each colour channel of the points.
     pub gain: [f32; 3],
     /// Number of pixels that a point represents, a power of two.
     pub weight: f32,

@@ -14,8 +14,8 @@ const FORM_VECTORS: [usize; 1] = [0];
 const COLOR_VECTORS: [usize; 2] = [1, 4];
 
 impl PhotometricState {
-    /// Moves splats, their precision and the cameras of buffered photographs: `motion` maps old to new world
-    /// coordinates.
+    /// Moves splats, their precision and the cameras of buffered photographs. `motion` maps old to new
+    /// world coordinates.
     pub fn move_by(&mut self, motion: &Pose) {
         let turn = motion.rotation();
         let rotation = DQuat::from_mat3(&turn);

@@ -23,7 +23,7 @@ pub enum SplatKind {
 }
 
 impl SplatKind {
-    /// Returns the kind of the splats that a rule makes.
+    /// Returns the kind of splats that `rule` makes.
     pub fn of(rule: &SplatRule) -> Self {
         if rule.flat_top { Self::Native } else { Self::Plain }
     }
@@ -36,9 +36,9 @@ pub struct SplatRule {
     pub opacity: DensityOpacity,
     /// Minimum number of points of a component that is drawn.
     pub least_points: f64,
-    /// Factor on the standard deviations.
+    /// Factor on the standard deviations of a splat.
     pub scale: f64,
-    /// Coverage from which a pixel counts as fully covered, in `(0, 1]`.
+    /// Opacity of the composited splats from which a pixel counts as fully covered, in `(0, 1]`.
     #[serde(default = "open", rename = "closing")]
     pub full_coverage: f64,
     /// True if opacities may exceed 1, which gives splats a flat top.
@@ -63,7 +63,7 @@ pub struct SplatRule {
     pub directional_ridge: [f64; 2],
 }
 
-/// Inputs of a component's splat besides its sums.
+/// Data from which a component's splat is derived besides its sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatContext {
     /// Seed of the component (the point at which it was created), world units.
@@ -92,7 +92,8 @@ impl SplatRule {
         Self { flat_top: false, gradient: false, full_coverage: 1.0, scale, ..self }
     }
 
-    /// Returns the splat of a component and its appearance; an empty slot if it must not be drawn.
+    /// Returns the splat and the appearance of a component. The splat is an empty slot if it must not be
+    /// drawn.
     pub fn splat(&self, sums: &SceneSums, context: &SplatContext) -> (Splat, Appearance) {
         let opacity = self.opacity.opacity(sums.count, context.expected, context.frames);
         // In the first frames every component has few points, but something must be visible.
@@ -133,7 +134,7 @@ impl SplatRule {
         if splat.is_valid() { (splat, appearance) } else { Default::default() }
     }
 
-    /// Returns mean and extent of a component's points, as a bound of its splat; `None` without points.
+    /// Returns mean and extent of a component's points, which bound its splat; `None` without points.
     pub fn extent(&self, sums: &SceneSums, context: &SplatContext) -> Option<PointExtent> {
         let SplatContext { seed, h, .. } = *context;
         if sums.count < 1.0 {
@@ -222,7 +223,7 @@ impl DensityOpacity {
     }
 }
 
-/// Number of frames from which on `doubt` and the minimum number of points apply in full.
+/// Number of frames from which on `doubt` and the minimum number of points are not reduced.
 const EARLY_FRAMES: f64 = 50.0;
 
 /// Returns a factor, 0 to 1, for thresholds that need many frames: it grows over the first

@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Unit of integer sums; exact in f64 as long as a sum is below [`MAX_SUM`].
+/// Unit of integer sums. Their values are exact in f64 as long as a sum is below [`MAX_SUM`].
 // Terms up to 7.84 take 18 bits, and 4,096 of them 30: finer quanta would spill rows sooner.
 pub const QUANTUM: f64 = 1.0 / 32768.0;
 
@@ -47,7 +47,7 @@ pub struct SceneState {
     pub components: Option<Vec<u32>>,
     /// Sums over all points so far, relative to the seeds.
     pub sums: StoredSums,
-    /// Visibility counts per component.
+    /// Visibility counts, one entry per component.
     pub visibility: Vec<VisibilityCounts>,
     /// Exposures of the frames in training order, if gains are estimated.
     pub exposures: Vec<FrameExposure>,
@@ -55,7 +55,7 @@ pub struct SceneState {
     pub poses: Vec<FramePose>,
     /// Estimated camera poses in tracking order, if poses are tracked.
     pub trajectory: Vec<TrackedPose>,
-    /// Photometric state, row by component, if splats are trained on photographs.
+    /// Photometric state, one row per component, if splats are trained on photographs.
     pub photometric: Option<PhotometricState>,
 }
 
@@ -82,7 +82,7 @@ impl VisibilityCounts {
     }
 }
 
-/// Sums in the order of [`N_SUMS`], offsets in units of the structural scale.
+/// Sums of all components in the order of [`N_SUMS`], with offsets in units of the structural scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoredSums {
     /// One row per component, in multiples of [`QUANTUM`]; zeros where the sums are in `wide`.
@@ -112,9 +112,9 @@ pub struct TrackedPose {
     pub turn_deviation: f64,
     /// Standard deviation of the centre along the least certain axis, world units.
     pub shift_deviation: f64,
-    /// Share of the frame covered by the scene from that pose, 0 to 1.
+    /// Share of the frame that the scene covers from the tracked pose, 0 to 1.
     pub overlap: f64,
-    /// Agreement of depth and colour at that pose, 0 to 1.
+    /// Agreement of depth and colour between frame and scene at the tracked pose, 0 to 1.
     pub agreement: f64,
 }
 

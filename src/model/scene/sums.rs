@@ -13,10 +13,13 @@ use crate::model::splat::observed_cone::ObservedCone;
 use glam::{DMat3, DVec3};
 use std::ops::Add;
 
-/// Number of sums per component, each of terms within ±[`MAX_TERM`]. With `d` the offset of a point from the
-/// seed in units of the structural scale `h`, `c` its colour, `n` its normal and `v` its view direction: `N`,
-/// `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ v` (3), `Σ v vᵀ` without
-/// its last entry, which is `N` minus the other two of the diagonal (5), `Σ c vᵀ` (9).
+/// Number of sums per component, each of terms within ±[`MAX_TERM`]. The offset of a point from the seed
+/// in units of the structural scale `h` is `d`; `c` is its colour, `n` its normal and `v` its view
+/// direction.
+///
+/// The sums are `N`, `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ v`
+/// (3), `Σ v vᵀ` (5) and `Σ c vᵀ` (9). The last entry of `Σ v vᵀ` is left out: it is `N` minus the other
+/// two of the diagonal.
 pub const N_SUMS: usize = 42;
 
 /// Largest offset of a point from its component's seed in sums, in units of the structural scale `h`.
@@ -26,8 +29,9 @@ pub const MAX_OFFSET: f32 = 2.8;
 /// Largest term of a sum: the square of [`MAX_OFFSET`].
 pub const MAX_TERM: f64 = 7.84;
 
-/// Returns the terms that one point at offset `d` (units of `h`) adds to each sum, given its colour, unit
-/// surface normal and unit view direction in world axes.
+/// Returns the terms that one point adds to each sum, given its colour, unit surface normal and unit
+/// view direction. `d` is its offset from the seed in units of the structural scale; axes are the
+/// world's.
 #[inline(always)]
 pub fn terms<R: Real>(d: [R; 3], c: [R; 3], normal: [f32; 3], direction: [f32; 3]) -> [R; N_SUMS] {
     // Entry by entry: `map` would not be inlined into the SIMD kernels, as it is compiled for the baseline.
@@ -118,7 +122,8 @@ pub fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
-/// Sums of one component with names, in world units about its seed; `D` is the offset of a point.
+/// Sums of one component as named fields, in world units relative to its seed. `D` is the offset of a
+/// point from the seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneSums {
     /// Number of points `N`.
@@ -129,7 +134,7 @@ pub struct SceneSums {
     pub second: Sym3,
     /// `Σ c`, red, green and blue in `[0, 1]`.
     pub color: DVec3,
-    /// `Σ c Dᵀ`: `color_offset.transpose().col(i)` belongs to channel `i`.
+    /// Colour times offset, `Σ c Dᵀ`: `color_offset.transpose().col(i)` belongs to channel `i`.
     pub color_offset: DMat3,
     /// `Σ n` of the unit normals of the points' surfaces, world axes.
     pub normal: DVec3,
@@ -222,7 +227,8 @@ impl SceneSums {
         }
     }
 
-    /// Returns the sums of the same points about a seed displaced by `−shift`, in the unit of the offsets.
+    /// Returns the sums of the same points about a seed displaced by `−shift`. `shift` is in the unit of
+    /// the offsets.
     pub fn about_shifted_seed(&self, shift: DVec3) -> Self {
         let crossed = outer(self.first, shift);
         let second = self
@@ -267,7 +273,7 @@ impl SceneSums {
     }
 }
 
-/// Adds sums about the same seed.
+/// Addition of sums about the same seed.
 impl Add for SceneSums {
     type Output = Self;
 

@@ -18,12 +18,12 @@ pub const GRADIENT_LIMIT: f64 = 0.5;
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Appearance {
-    /// Colour gradient: row per channel, column per world axis; change per world unit from the mean. A
-    /// pixel's change is clamped to ±[`GRADIENT_LIMIT`].
+    /// Colour gradient: one row per channel, one column per world axis. It is the change per world unit
+    /// of distance from the mean; a pixel's change is clamped to ±[`GRADIENT_LIMIT`].
     pub gradient: [[f32; 3]; 3],
-    /// Degree-1 colour: row per channel, multiplied by the unit direction from the camera to the mean,
-    /// clamped to the observed directions. The splat's own colour is then the constant term and may lie
-    /// outside `[0, 1]`.
+    /// Coefficients of the view-dependent colour (degree 1), one row per channel. They are multiplied by
+    /// the unit direction from the camera to the mean, clamped to the observed directions. The splat's
+    /// own colour is the constant term and may lie outside `[0, 1]`.
     pub directional: [[f32; 3]; 3],
     /// Range of the directions from which the splat was observed.
     pub observed: ObservedCone,
@@ -46,8 +46,8 @@ pub struct SplatView<'a> {
 }
 
 impl<'a> SplatView<'a> {
-    /// Combines splats with one appearance each; an empty appearance makes them plain. `None` if the lengths
-    /// differ.
+    /// Combines splats with one appearance each. An empty `appearance` makes all splats plain. Returns
+    /// `None` if the lengths differ.
     pub fn new(splats: &'a [Splat], appearance: &'a [Appearance]) -> Option<Self> {
         let fits = appearance.is_empty() || appearance.len() == splats.len();
         fits.then_some(Self { splats, appearance, finishing: &PLAIN })
@@ -58,7 +58,7 @@ impl<'a> SplatView<'a> {
         self.splats
     }
 
-    /// Returns one appearance per splat, or none if all are plain.
+    /// Returns one appearance per splat, or an empty slice if all splats are plain.
     pub fn appearance(&self) -> &'a [Appearance] {
         self.appearance
     }
@@ -69,7 +69,7 @@ impl<'a> SplatView<'a> {
     }
 }
 
-/// Splats with their appearance, which is empty if all are plain. Dereferences to the splats.
+/// Splats with their appearance, which is empty if all splats are plain. Dereferences to the splats.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatSet {
     splats: Vec<Splat>,
@@ -81,7 +81,8 @@ pub struct SplatSet {
 /// Parameters for finishing composited pixels, and logs of the training frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finishing {
-    /// Coverage from which a pixel counts as fully covered, in `(0, 1]`; 1 for plain splats.
+    /// Opacity of the composited splats from which a pixel counts as fully covered, in `(0, 1]`; 1 for
+    /// plain splats.
     pub full_coverage: f32,
     /// Exposures of the training frames, if known.
     pub exposures: Option<Arc<ExposureLog>>,
@@ -128,8 +129,8 @@ impl SplatSet {
         self.put(self.splats.len(), splat, appearance);
     }
 
-    /// Writes the splats of `new` into the listed slots, in order, and copies its finishing. Missing slots are
-    /// added; slots between them stay empty.
+    /// Writes the splats of `new` into the listed slots, in order, and copies its finishing. Slots that
+    /// do not exist are added; other new slots stay empty.
     pub fn replace(&mut self, slots: &[u32], new: &SplatSet) {
         self.finishing.clone_from(&new.finishing);
         for (i, (&slot, splat)) in slots.iter().zip(&new.splats).enumerate() {

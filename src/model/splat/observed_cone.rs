@@ -9,8 +9,8 @@ const EDGE: f64 = 2.0;
 // Standard deviation added across the cone: one viewpoint determines a splat's colour within about 2°.
 const LEAST: f64 = 0.02;
 
-/// Mean and spread of unit directions from camera to splat, world axes. Zero means unknown: any direction
-/// counts as observed.
+/// Mean and spread of the unit directions from cameras to a splat, world axes. If all numbers are zero,
+/// the directions are unknown and any direction counts as observed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct ObservedCone {
@@ -131,7 +131,7 @@ mod tests {
         assert!(difference.length() < 1e-6, "{difference}");
     }
 
-    /// Compares with a numerical integral over the radii of the disc.
+    /// Compares the factor with a numerical integral over the radii of the disc.
     #[test]
     fn a_line_fits_a_slope_that_ends() {
         for radius in [0.03, 0.3, 0.8, 1.0, 1.5] {

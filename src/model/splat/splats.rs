@@ -27,7 +27,7 @@ pub struct Splat {
     pub opacity: f32,
     /// sRGB-encoded colour in `[0, 1]`.
     pub color: [f32; 3],
-    /// Standard deviations along the rotated axes, world units (linear, not logarithms).
+    /// Standard deviations along the splat's own axes, world units (linear, not logarithms).
     pub scale: [f32; 3],
     /// Unit quaternion `w x y z`; the columns of its matrix are the axes of `scale`.
     pub rotation: [f32; 4],
@@ -37,20 +37,20 @@ pub struct Splat {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CovarianceForm {
-    /// Eigen-decomposition: the covariance itself.
+    /// Eigen-decomposition, which represents the covariance exactly.
     Eigen,
-    /// Cholesky rows interpreted as a rotation, as in the reference exporter; correct for diagonal
-    /// covariances only, for parity runs.
+    /// Cholesky rows interpreted as a rotation, as in the reference exporter. Correct for diagonal
+    /// covariances only; used to reproduce the reference's figures.
     LegacyCholesky,
 }
 
-/// Maximum coordinate or standard deviation of a valid splat, world units: its fourth power still fits an
-/// f32.
+/// Maximum coordinate or standard deviation of a valid splat, world units. The fourth power of this
+/// value still fits an f32.
 pub const MAX_LENGTH: f32 = 1e9;
 /// Tolerance of the squared norm of a rotation, wide enough for quaternions in half precision.
 const UNIT_TOLERANCE: f32 = 4e-3;
 
-/// Jitter that the reference adds before its Cholesky factorisation.
+/// Value that the reference adds to the diagonal before its Cholesky factorisation.
 const LEGACY_JITTER: f64 = 1e-10;
 /// Maximum number of factorisation attempts in the reference; each multiplies the jitter by ten.
 const LEGACY_TRIES: i32 = 5;

@@ -5,17 +5,17 @@ use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-/// Angle between view directions, radians, equivalent to [`DISTANCE`].
+/// Angle between view directions, radians, with the same effect as the camera distance [`DISTANCE`].
 const ANGLE: f64 = 0.3;
 /// Distance between cameras, in structural scales, at which the values of two frames correlate by one
 /// half.
 const DISTANCE: f64 = 12.0;
-/// Noise variance of a single frame's value, relative to its variance between places.
+/// Variance of the noise in a single frame's value, relative to the value's variance between places.
 const NOISE: f64 = 0.05;
 // Maximum number of frames used, the nearest ones: more add nothing.
 const MOST: usize = 16;
 
-/// Viewpoint of a frame.
+/// Viewpoint of a frame: camera centre and view direction.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Viewpoint {
@@ -31,7 +31,7 @@ impl Viewpoint {
         Self { centre: pose.centre().to_array(), forward: pose.forward().to_array() }
     }
 
-    /// Moves the viewpoint with the world: `motion` maps old to new coordinates.
+    /// Returns the viewpoint moved by `motion`, which maps old to new world coordinates.
     pub fn moved(&self, motion: &Pose) -> Self {
         let [centre, forward] = [self.centre, self.forward].map(DVec3::from_array);
         Self {

@@ -22,7 +22,7 @@ pub(super) struct CellSort {
 /// Part of the ids, sorted by range of cells.
 #[derive(Debug, Default)]
 struct Part {
-    /// Pairs of cell and id.
+    /// Pairs of cell and id, sorted by range of cells.
     entries: Vec<(u32, u32)>,
     /// Range `r` holds `entries[starts[r]..starts[r + 1]]`.
     starts: Vec<u32>,
@@ -58,7 +58,8 @@ impl CellSort {
 }
 
 /// Sorts the indices of `cells` by range of `2^shift` cells; indices in a range ascend. Calls
-/// `put(to, index)` for each. Fills `start` with the first entry of each range, then the total.
+/// `put(to, index)` with the sorted position `to` of each index. Fills `start` with the position of each
+/// range's first index, then the total.
 fn counting_sort(
     cells: &[u32],
     shift: u32,
@@ -137,7 +138,7 @@ impl Ranges<'_> {
     }
 }
 
-/// Replaces each number by the running total, which starts at `sum`.
+/// Replaces each number by the running total up to it, starting at `sum`.
 fn prefix_sum(mut sum: u32, numbers: &mut [u32]) {
     for number in numbers {
         sum += *number;

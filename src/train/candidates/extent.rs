@@ -16,7 +16,7 @@ const MIN_MARGIN: f32 = 1e-18;
 // Largest radius whose square is safely finite.
 pub(super) const MAX_RADIUS: f32 = 1e18;
 
-/// Bounding box and bounding sphere of the points of a group or chunk.
+/// Bounding box and bounding sphere of the points of a group or chunk (part of a group).
 #[derive(Clone, Copy)]
 pub(super) struct Extent {
     pub lo: [f32; 3],
@@ -87,9 +87,9 @@ impl Extent {
 /// Tests whether any of some places is near a point of a tile: within that point's own radius.
 pub(in crate::train) struct AnyWithin<'a> {
     pub places: &'a MeanGrid,
-    /// Scratch memory for the places near the tile.
+    /// Scratch memory for the entries of `places` near the tile.
     pub near: &'a mut Columns,
-    /// Scratch memory for the tile.
+    /// Scratch memory for the points of the tile.
     pub tile: &'a mut Columns,
     /// Positions of the tile's points, at least one.
     pub points: [&'a [f32]; 3],

@@ -21,7 +21,7 @@ const MARGIN: f64 = 0.02;
 
 const PART: usize = 1 << 12;
 
-/// Means sorted by grid cell. Border cells extend to infinity.
+/// Means sorted by grid cell (entries). Border cells extend to infinity.
 #[derive(Debug, Default)]
 pub struct MeanGrid {
     shape: GridShape,

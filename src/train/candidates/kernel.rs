@@ -254,7 +254,7 @@ fn sorted_keys<V: Vector, const N: usize, const KEYS: usize>(
 // neighbours without a selection.
 pub(super) const STEP: usize = 2 * LANES;
 
-/// Number of points that share a candidate list.
+/// Maximum number of points that share a near list of candidates.
 pub(in crate::train) const CHUNK: usize = 16;
 
 /// Positions in columns, each with a tag. At least [`STEP`] entries of padding follow in each column, so
@@ -272,7 +272,7 @@ pub(in crate::train) struct Columns {
 }
 
 impl Columns {
-    /// Makes room for `len` entries; never shrinks.
+    /// Ensures capacity for `len` entries and the padding; never shrinks.
     #[inline(always)]
     pub fn reserve(&mut self, len: usize) {
         if self.x.len() < len + STEP {

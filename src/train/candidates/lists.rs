@@ -18,7 +18,8 @@ const MAX_KERNEL_LIST: usize = 1 << 13;
 // Initial capacity of the lists; few tiles need more.
 const USUAL_LEN: usize = 4096;
 
-/// Candidate lists of grid entries, with scratch memory.
+/// Candidate lists of a group of points and of a chunk of it, with scratch memory. Candidates are grid
+/// entries.
 #[derive(Debug)]
 pub(in crate::train) struct Lists {
     /// Candidates of a group of points.
@@ -41,7 +42,7 @@ pub(in crate::train) struct Lists {
 pub(in crate::train) struct Nearest {
     /// Index of the grid entry. It is not certainly the nearest if `second2` is negative infinity.
     pub entry: u32,
-    /// Lower bound on the squared distance of every other entry, or negative infinity if unknown.
+    /// Lower bound on the squared distance of every entry except `entry`; negative infinity if unknown.
     pub second2: f32,
 }
 

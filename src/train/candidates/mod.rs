@@ -32,6 +32,6 @@ pub use nearest::{CandidateSearch, nearest_in_tile, nearest_in_tile_wide};
 pub struct IndexError {
     /// Number of means.
     pub components: usize,
-    /// Message of the index library.
+    /// Reason why the index could not be built.
     pub reason: String,
 }

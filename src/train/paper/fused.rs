@@ -77,7 +77,7 @@ pub(super) struct FusedMemory {
 }
 
 impl FusedMemory {
-    /// Allocates the capacity that tiles of a model with `components` components usually need.
+    /// Allocates the memory that tiles of a model with `components` components usually need.
     pub fn new(components: usize) -> Self {
         // Allocated up front: the assignment of tiles to threads changes from frame to frame, and a warm
         // frame must allocate nothing (`tests/engine/allocations.rs`).
@@ -377,7 +377,7 @@ impl Slots {
         self.n = 0;
     }
 
-    /// Returns the slot of `key`, assigning the next one if it is new.
+    /// Returns the slot of `key` in this tile. A new key gets the next slot.
     #[inline(always)]
     pub fn find(&mut self, key: u32) -> usize {
         let seen = &mut self.stamps[key as usize];

@@ -39,8 +39,8 @@ pub struct Index {
 pub struct SortedMeans {
     /// Grid over the spatial means, rounded to f32.
     pub grid: MeanGrid,
-    /// Mean colour and weight by grid entry, for models in f32. Sorted by entry so that fused kernels read
-    /// neighbouring memory.
+    /// Mean colour (three values) and weight by grid entry, for models in f32. In this order fused
+    /// kernels read neighbouring memory.
     pub appearance: Vec<[f32; 4]>,
     /// Spatial means rounded to f32, unless they are f32 already.
     narrowed: Vec<[f32; 3]>,
@@ -104,9 +104,10 @@ impl Index {
         grid_shape(R::narrow_rows(&model.space, &mut spare.narrowed), sample)
     }
 
-    /// Returns the means of the current model, sorted by cell.
+    /// Returns the spatial means of the current model, sorted by cell.
     ///
-    /// The first call sorts them on all threads, so it must not be made from several threads at once.
+    /// The first call sorts the means on all threads, so it must not be made from several threads at
+    /// once.
     pub fn sorted<R: PaperScalar>(&self, model: &InitialModel<R>) -> &SortedMeans {
         self.sorted.get_or_init(|| {
             let mut sorted =
@@ -182,7 +183,7 @@ pub trait PaperScalar: Real {
     /// Returns rows rounded to f32, copied into `memory` if needed.
     fn narrow_rows<'a>(rows: &'a [[Self; 3]], memory: &'a mut Vec<[f32; 3]>) -> &'a [[f32; 3]];
 
-    /// Converts means to the checkpoint's representation.
+    /// Converts means of position and colour to the form stored in checkpoints.
     fn means(space: &[[Self; 3]], color: &[[Self; 3]]) -> InitialMeans;
 }
 

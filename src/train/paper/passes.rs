@@ -35,7 +35,7 @@ struct DeviceInputs<'a> {
 /// Runs passes over frames on the CPU or on a device.
 #[derive(Default)]
 pub struct Passes {
-    /// The CPU's pass, which also collects the device's results.
+    /// Buffers of passes on the CPU, which also collect the device's results.
     pub processor: Pass,
     device: Option<PassDevice>,
     used: PassUse,
@@ -87,7 +87,7 @@ impl Passes {
         device_inputs(inputs, &Points::new()).map(|_| PassUse { open_share, ..self.used.clone() })
     }
 
-    /// True if the next pass will probably run on the device, which sorts means itself.
+    /// True if the next pass will probably run on the device, which sorts the means itself.
     pub fn is_next_on_device(&self) -> bool {
         self.device.as_ref().is_some_and(|device| device.is_chosen)
     }

@@ -29,7 +29,7 @@ use rayon::prelude::*;
 const SUMMED: usize = 64;
 const SUMS: usize = 128;
 
-/// Model and buffers in precision `R`.
+/// Model of the `paper` preset with its training buffers, in precision `R`.
 pub struct PaperTrainer<R: PaperScalar> {
     pub(super) mixture: Mixture<R>,
     alpha_init: Vec<f64>,
@@ -294,7 +294,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
         (&self.mixture.scoring, &self.mixture.model)
     }
 
-    /// Scores a frame's points without training; results are in [`PaperTrainer::elbo`].
+    /// Scores a frame's points without training on the frame; [`PaperTrainer::elbo`] returns the
+    /// results.
     pub fn evaluate(&mut self, points: &Points<R>, candidates: Candidates) {
         self.passes.begin_frame();
         self.run_pass(points, candidates, Output::Elbo, &mut StageMs::new(&PAPER_STAGES));

@@ -22,7 +22,7 @@ pub enum Spelling {
 /// Description of a setting, independent of its type.
 #[derive(Clone, Copy)]
 pub struct About {
-    /// Name in files.
+    /// Name of the setting in files.
     pub field: &'static str,
     /// Name in messages, followed by the setting's option if it has one.
     pub name: &'static str,
@@ -47,7 +47,7 @@ pub struct About {
 }
 
 impl About {
-    /// Returns the help text: sentences, the last without its full stop.
+    /// Returns the help text: sentences, of which the last has no full stop.
     pub fn help(&self) -> &'static str {
         let doc = self.doc.trim();
         doc.strip_suffix('.').unwrap_or(doc)
@@ -98,7 +98,7 @@ impl<L: SettingLayer> Setting<L> {
 
 /// User-specified settings of one preset. A setting that is not set is taken from the next layer.
 pub trait SettingLayer: Default + Sized + 'static {
-    /// All settings of a run.
+    /// Settings of a run after all layers have been applied.
     type Run;
     /// Table of all settings, in the order in which they are applied and listed.
     const TABLE: &'static [Setting<Self>];
@@ -131,7 +131,7 @@ pub trait SettingLayer: Default + Sized + 'static {
         }
     }
 
-    /// Returns the first set value that differs from a run's.
+    /// Returns the first value of this layer that differs from the run's, with the run's.
     fn conflict(&self, run: &Self::Run) -> Option<Conflict> {
         Self::TABLE.iter().find_map(|setting| setting.conflict(self, run))
     }

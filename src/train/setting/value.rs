@@ -8,11 +8,11 @@ use strum::{Display, EnumString, VariantNames};
 /// One of the values of a setting whose values are named.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// Spelling on the command line.
+    /// Name of the value on the command line.
     pub name: &'static str,
-    /// Label in the window.
+    /// Label of the value in the window.
     pub label: &'static str,
-    /// Meaning, one sentence without a full stop; empty if the name suffices.
+    /// Meaning of the value, one sentence without a full stop; empty if the name suffices.
     pub help: &'static str,
 }
 
@@ -27,12 +27,12 @@ pub enum ValueError {
     File(Box<dyn std::error::Error + Send + Sync>),
 }
 
-/// Type of a value that a command-line option can have.
+/// Type of the value of a setting, as parsed from a command-line option.
 pub trait SettingValue: Clone + PartialEq + Debug + Serialize {
     /// True if the option names a file that holds the value.
     const IS_FILE: bool = false;
 
-    /// Lists all values, if they are few and named.
+    /// Returns all values, if they are few and named.
     fn choices() -> Vec<Choice> {
         Vec::new()
     }
@@ -157,21 +157,21 @@ pub(crate) use named_values;
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Preset {
-    /// The published algorithm.
+    /// The published algorithm, with a fixed number of components.
     Paper,
     /// Scene reconstruction, which creates components as needed.
     Scene,
 }
 
-/// A setting is out of its range.
+/// Error of a setting that is out of its range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{setting}: expected {expected}, found {found}")]
 pub struct ConfigError {
     /// Name of the setting: as in settings files, with its option if it has one.
     pub setting: &'static str,
-    /// Permitted range.
+    /// Permitted range of the setting.
     pub expected: String,
-    /// Value found.
+    /// Value found for the setting.
     pub found: String,
 }
 

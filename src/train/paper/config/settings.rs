@@ -14,7 +14,7 @@ pub use crate::model::paper::totals::UpdateWidth;
 /// Maximum number of candidates per point; the dense E-step serves for larger numbers.
 pub const MAX_CANDIDATES: usize = 1024;
 
-/// Serialized form of a setting that is a number or a word.
+/// Serialised form of a setting that is a number or a word.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged)]
 enum NumberOrWord {
@@ -67,7 +67,7 @@ impl FromStr for Candidates {
 }
 
 impl Candidates {
-    /// True if the number is within the permitted range.
+    /// True if the number of candidates is within the permitted range.
     pub fn is_legal(&self) -> bool {
         match self {
             Self::Dense => true,
@@ -81,7 +81,7 @@ impl Candidates {
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Init {
-    /// Uniform in the normalised cube, independent of the data.
+    /// Positions uniform in the normalised cube, independent of the data.
     Random,
     /// Points of the first frame.
     Data,
@@ -148,7 +148,7 @@ impl SettingValue for CovarianceForm {
 pub enum Precision {
     /// f64 throughout, including points and means: the reference.
     F64,
-    /// f32 in hot loops about a local centre, 64-bit fixed-point totals.
+    /// f32 in inner loops with coordinates relative to a local centre, and 64-bit fixed-point totals.
     Mixed,
     /// Arithmetic chosen by operation, see [`Operations`].
     #[strum(disabled)]

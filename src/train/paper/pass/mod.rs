@@ -54,7 +54,7 @@ pub struct PassInputs<'a, R: PaperScalar> {
     pub candidates: Candidates,
 }
 
-/// Buffers of a pass, reused from frame to frame.
+/// Buffers of a pass over a frame's points, reused from frame to frame.
 #[derive(Default)]
 pub struct Pass {
     /// Scratch memory by thread. Results do not depend on earlier tasks.
@@ -283,7 +283,7 @@ impl<R: PaperScalar> Mixture<R> {
 }
 
 impl<'a, R: PaperScalar> PassInputs<'a, R> {
-    /// Returns the inputs of the fused kernels, if they support the configuration.
+    /// Returns the inputs of the fused kernels; `None` if the kernels do not support the configuration.
     pub fn fused(&self, points: &'a Points<R>) -> Option<FusedInputs<'a>> {
         let Mixture { model, scoring, statistics, .. } = self.mixture;
         let rank = self.fused_rank()?;
@@ -299,7 +299,8 @@ impl<'a, R: PaperScalar> PassInputs<'a, R> {
         })
     }
 
-    /// Returns the number of candidates per point, if the fused kernels support the configuration.
+    /// Returns the number of candidates per point; `None` if the fused kernels do not support the
+    /// configuration.
     pub fn fused_rank(&self) -> Option<usize> {
         let PaperConfig { operations, is_plain, .. } = self.mixture.config;
         let Operations { distance, log_score, normaliser, moments, .. } = operations;
