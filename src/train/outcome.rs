@@ -50,8 +50,8 @@ pub struct ComparedPhotograph {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotographOutcome {
     /// RMS difference between photograph and rendering over the channels of covered pixels, colour
-    /// units. For a frame rejected by its points, the RMS colour difference of the points or the share
-    /// of surfaces measured through.
+    /// units. If a frame is rejected by its points: RMS colour difference of the points, or share of
+    /// surfaces measured through.
     pub difference: f64,
     /// Running mean of `difference` over earlier frames.
     pub usual: f64,

@@ -36,7 +36,7 @@ pub struct PhotometricState {
     /// Running mean of a squared colour difference, and its weight in frames. The difference is between
     /// a frame's points and the mean colours of their components before training on the frame.
     pub points: [f64; 2],
-    /// Running mean of the share of components in view behind which a frame measured a farther surface,
+    /// Share of the components in view behind which a frame measured a farther surface: running mean,
     /// and its weight in frames.
     pub seen_through: [f64; 2],
     /// Buffered photographs for later photometric steps, in no particular order.

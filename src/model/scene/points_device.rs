@@ -67,8 +67,8 @@ pub struct Seeds<'a> {
 /// Points to be summed and their parameters (`scene.md`, Component sums).
 #[derive(Clone, Copy, Debug)]
 pub struct SlotSums<'a> {
-    /// Slot of each point ([`NO_SEED`] if it is not summed), and the bits of its shift along the ray
-    /// (f32, world units).
+    /// Slot of each point, and the bits of the point's shift along its ray (f32, world units). The slot
+    /// is [`NO_SEED`] if the point is not summed.
     pub points: &'a [[u32; 2]],
     /// Seed of each slot, world units from the origin, followed by a 0.
     pub seeds: &'a [[f32; 4]],

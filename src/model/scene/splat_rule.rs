@@ -189,7 +189,7 @@ fn rows(m: DMat3) -> [[f32; 3]; 3] {
 
 /// Opacity from the density `ρ = N / (h²·X + c₀)`: `τ·(1 − exp(−ρ/ρ₀))` (`model.md`, Density opacity).
 /// `N` is the component's number of points and `h` the structural scale. `X` is the number of pixels per
-/// unit of area in which the component could have been measured, summed over frames.
+/// unit of area in which the component could be measured, summed over frames.
 ///
 /// ```
 /// use vbgs_studio::model::scene::splat_rule::DensityOpacity;

@@ -184,8 +184,8 @@ impl MeanGrid {
     }
 }
 
-/// Chooses the geometry of a grid with one mean per cell on average, within the trimmed bounding box of
-/// the means. An axis shorter than a cell gets one layer of cells.
+/// Chooses the geometry of a grid within the trimmed bounding box of the means, with one mean per cell
+/// on average. An axis shorter than a cell gets one layer of cells.
 ///
 /// # Errors
 /// [`IndexError`] if a mean is not finite or there are too many.
@@ -232,8 +232,8 @@ pub(in crate::train) fn grid_shape(
     Ok(GridShape { lo, cell: cell as f32, per_unit, dims: dims(cell) })
 }
 
-/// Returns the index of a cell along one axis. It is monotone in `value` even with rounding, so a range
-/// of cells holds every mean in the range of values.
+/// Returns the index of a cell along one axis. It is monotone in `value` even with rounding. A range of
+/// cells therefore holds every mean in the range of values.
 #[inline(always)]
 fn coordinate(shape: &GridShape, value: f32, axis: usize) -> usize {
     // The cast saturates, so every value has a cell; infinite ones are clamped to the border.

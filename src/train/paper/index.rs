@@ -27,7 +27,7 @@ pub struct Index {
     /// Memory of the previous grid, for reuse.
     spare: Mutex<SortedMeans>,
     moved: Vec<u32>,
-    /// True if only the components in `moved` have changed since the last sort, few in number, and the
+    /// True if few components have changed since the last sort, all of which are in `moved`, and the
     /// cells are unchanged.
     is_incremental: bool,
     n_moved: usize,

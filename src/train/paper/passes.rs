@@ -99,7 +99,7 @@ impl Passes {
         }
     }
 
-    /// True if the scoring pass can serve as the fit, so that only tiles reached by moved means are run
+    /// True if the scoring pass can serve as the fit. Only tiles reached by moved means must then run
     /// again. False if a device runs two full passes faster.
     pub fn can_run_again<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> bool {
         !self.is_next_on_device() && inputs.fused_rank().is_some()

@@ -169,8 +169,7 @@ const PARTS: usize = 16;
 // second search.
 const BOUND_MARGIN_SIGMAS: f64 = 4.0;
 
-/// A point with its sort key in the upper bits, so that one comparison of integers orders by key, then
-/// by point.
+/// A point with its sort key in the upper bits. One comparison of integers orders by key, then by point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Ranked(u128);
 

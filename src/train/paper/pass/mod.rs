@@ -201,7 +201,7 @@ impl Pass {
     }
 
     /// Prepares a pass on the CPU: clears the records. Every thread reserves space for all records of
-    /// the last pass, because the assignment of tiles to threads changes from frame to frame.
+    /// the last pass, as tiles change threads from frame to frame.
     pub(super) fn begin(&mut self, statistics: &Statistics) {
         self.make_workers(statistics);
         for shard in 0..statistics.shards() {
