@@ -10,21 +10,23 @@ use crate::math::measured_pixel::Normalization;
 /// Attributes of a component besides its splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ComponentAttributes {
-    /// Number of points received, `N_k`; `None` for splats that were not trained here.
+    /// Number of points that the component received, `N_k`; `None` for splats that this program did not
+    /// train.
     pub evidence: Option<f32>,
-    /// Standard deviation of the drawn position, world units: that of the points' mean
-    /// ([`ComponentPosterior::mean_deviation`]), or of the splat's position as estimated from photographs.
+    /// Standard deviation of the splat's position, world units. It is that of the points' mean
+    /// ([`ComponentPosterior::mean_deviation`]) or, if photographs have changed the splat, estimated
+    /// from them.
     pub uncertainty: Option<f32>,
     /// Mean ELBO, nats, of the points of the last frame for which this component has the largest
-    /// responsibility; `None` if there are none or the sum was not requested.
+    /// responsibility. `None` if there are no such points or if the ELBO was not requested.
     pub elbo: Option<f32>,
-    /// Index, within the run, of the frame in which the component first received points; `None` if unknown or
-    /// not yet born.
+    /// Index, within the run, of the frame in which the component first received points; `None` if
+    /// unknown or if it has not received any.
     pub birth: Option<u32>,
 }
 
 impl ComponentAttributes {
-    /// Derives the attributes from a posterior; a component without points has none.
+    /// Derives the attributes from a posterior. All of them are `None` for a component without points.
     pub fn new(
         posterior: &ComponentPosterior,
         normalization: &Normalization,
@@ -42,21 +44,22 @@ impl ComponentAttributes {
         }
     }
 
-    /// Replaces the uncertainty by the photometric one, if photographs have changed the splat.
+    /// Replaces the uncertainty by the position's standard deviation in `found`, if photographs have
+    /// changed the splat.
     pub fn with_photometric_uncertainty(self, found: Option<PhotometricDeviations>) -> Self {
         let uncertainty = found.map(|found| found.position_deviation() as f32).or(self.uncertainty);
         Self { uncertainty, ..self }
     }
 }
 
-/// Model of either preset.
+/// Trained model of one of the two presets, as stored in a checkpoint.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StoredModel {
     /// Model of the `paper` preset.
     Mixture {
         /// Transform from world to model coordinates.
         normalization: Normalization,
-        /// Prior and initial hyper-parameters.
+        /// Hyper-parameters of the prior and of the initial model.
         hyper: Hyper,
         /// Weights, means and statistics.
         state: ModelState,

@@ -12,17 +12,17 @@ use glam::{DQuat, DVec3};
 /// Complete description of one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inspection {
-    /// Number of the component.
+    /// Index of the component.
     pub id: u32,
     /// Posterior in normalised coordinates.
     pub posterior: ComponentPosterior,
     /// Posterior mean, world units.
     pub mean: DVec3,
-    /// `E[Σ]`, world units².
+    /// Expected covariance `E[Σ]`, world units².
     pub covariance: Sym3,
-    /// Standard deviations along the axes of `rotation`, world units, largest first.
+    /// Standard deviations along the principal axes, world units, largest first.
     pub scales: DVec3,
-    /// Rotation from the axes of `scales` to the world.
+    /// Rotation from the component's principal axes, to which `scales` refers, to the world axes.
     pub rotation: DQuat,
     /// Posterior mean of the colour, sRGB-encoded, not clamped.
     pub color: DVec3,
@@ -32,14 +32,16 @@ pub struct Inspection {
     pub attributes: ComponentAttributes,
     /// Splat as drawn; opacity 0 if it is not drawn.
     pub splat: Splat,
-    /// Variation of its colour with position and direction.
+    /// Variation of the splat's colour with position and direction.
     pub appearance: Appearance,
-    /// Standard deviations of the photometric estimate; `None` without photometric learning.
+    /// Standard deviations of the splat's parameters as estimated from photographs; `None` without
+    /// photometric training.
     pub photometric_deviations: Option<PhotometricDeviations>,
 }
 
 impl Inspection {
-    /// Describes component `id` of a mixture whose concentrations `α` sum to `total`.
+    /// Describes component `id` of a mixture in which the Dirichlet concentrations `α` of all components
+    /// sum to `total`.
     pub fn new(
         id: u32,
         posterior: ComponentPosterior,
@@ -67,7 +69,7 @@ impl Inspection {
     }
 }
 
-/// A device failed; the caller continues on the processor.
+/// Error of a compute device; the caller continues on the processor.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{device} failed: {reason}")]
 pub struct DeviceError {

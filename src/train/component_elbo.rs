@@ -3,10 +3,11 @@
 
 use super::estep::Scoring;
 
-/// Marks a point without an owner: its score is NaN.
+/// Owner of a point that has none, because its score is NaN.
 pub(super) const NO_OWNER: u32 = u32::MAX;
 
-/// Returns the component of largest responsibility, the first of equals; [`NO_OWNER`] if all are zero.
+/// Returns the component of largest responsibility, the first of equal ones; [`NO_OWNER`] if all
+/// responsibilities are zero.
 #[inline(always)]
 pub(super) fn owner_of_shares(shares: impl Iterator<Item = (u32, f64)>) -> u32 {
     let first = (NO_OWNER, 0.0);
@@ -30,34 +31,36 @@ impl ComponentElbo {
         self.scoring = scoring;
     }
 
-    /// Enables the sums, beginning with the next frame.
+    /// Enables the per-component sums, beginning with the next frame.
     pub fn start(&mut self) {
         self.ownership.get_or_insert_default();
     }
 
-    /// Disables the sums and frees their memory.
+    /// Disables the per-component sums and frees their memory.
     pub fn stop(&mut self) {
         self.ownership = None;
     }
 
-    /// Returns the mean ELBO (nats) and number of the last frame's points owned by a component; `None` if it
-    /// owns none or the sums were off.
+    /// Returns the mean ELBO (nats) and the number of the last frame's points that a component owns.
+    /// `None` if it owns no point or the sums were disabled.
     pub fn mean_elbo_of(&self, component: usize) -> Option<(f64, u32)> {
         let (q, n) = self.ownership.as_ref()?.of(component)?;
         Some((self.scoring.elbo(q), n))
     }
 
-    /// Components that own points of the last frame, in the order of their first points.
+    /// Returns the components that own points of the last frame, in the order of their first points.
     pub fn components(&self) -> &[u32] {
         self.ownership.as_ref().map_or(&[], |ownership| &ownership.ids)
     }
 
-    /// Buffer for the owner of every point, written by a pass; `None` while off.
+    /// Returns the buffer to which a pass writes the owner of every point; `None` while the sums are
+    /// disabled.
     pub(super) fn owners(&mut self) -> Option<&mut Vec<u32>> {
         self.ownership.as_mut().map(|ownership| &mut ownership.owners)
     }
 
-    /// Recomputes the sums from effective distances `q`, one per entry of [`Self::owners`].
+    /// Recomputes the sums from the effective distances `q` of the points whose owners are in
+    /// [`Self::owners`].
     pub(super) fn accumulate(&mut self, q: &[f64], n_components: usize) {
         if let Some(ownership) = &mut self.ownership {
             ownership.count(q, n_components);
@@ -65,7 +68,8 @@ impl ComponentElbo {
     }
 }
 
-/// Sums over the points owned by each component. Buffers are reused from frame to frame.
+/// Sums over the points owned by each component (those for which it has the largest responsibility).
+/// Buffers are reused from frame to frame.
 #[derive(Default)]
 struct Ownership {
     /// Owner of each point of the last frame.

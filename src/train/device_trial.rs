@@ -5,29 +5,29 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Policy for using a device besides the CPU.
+/// Policy for choosing between the CPU and a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DevicePolicy {
-    /// Always use the device.
+    /// Always uses the device.
     Device,
-    /// Use the faster one, as measured.
+    /// Uses the faster of CPU and device, as measured.
     Fastest,
 }
 
 /// Reason for a fallback when the device's results differ from the CPU's.
 pub(super) const DIFFERING: &str = "its arithmetic differs from the processor's";
 
-/// Median milliseconds of the same work on the CPU and on a device.
+/// Median time of the same work on the CPU and on a device, milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceMs {
-    /// On the CPU.
+    /// Time on the CPU.
     pub processor: f64,
-    /// On the device.
+    /// Time on the device.
     pub device: f64,
 }
 
 /// Formats a one-line summary. `did` and `what` are a verb and its object, such as "compared" and
-/// "photographs"; `counts` are those of the device and of the CPU.
+/// "photographs". `counts` holds the number of objects that the device and the CPU processed.
 fn device_summary(
     [did, what]: [&str; 2],
     device: Option<&str>,
@@ -48,36 +48,37 @@ fn device_summary(
     by + &measured.unwrap_or_default() + &lost.unwrap_or_default()
 }
 
-/// Number of measurements before the choice.
+/// Number of frames measured on CPU and device before the choice.
 const N_TRIALS: usize = 4;
 // Leading measurements to ignore: buffers are still growing and clocks rising.
 const N_IGNORED: usize = 1;
-/// Growth of the load that triggers a new trial.
+/// Factor by which the load must exceed the largest one of a trial to trigger a new trial.
 const MANY: usize = 2;
 // Load below which no trial runs: the first frames of a scene show few splats.
 const FEW: usize = 1000;
 
-/// Where a frame is processed.
+/// Choice of where a frame is processed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DeviceChoice {
     Processor,
     Device,
-    /// Both in turn; the CPU's result is used.
+    /// First the device, then the CPU; the CPU's result is used.
     Both,
 }
 
-/// Timings and the resulting choice.
+/// Timings of CPU and device, and the resulting choice.
 #[derive(Debug)]
 pub(super) struct DeviceTrial {
     policy: DevicePolicy,
-    /// Load at the last choice: number of drawn splats or of points.
+    /// Largest load of a trial so far: number of drawn splats or of points.
     load: usize,
     is_device_faster: bool,
-    /// True once a frame was processed by both with equal results, or if these may differ.
+    /// True once CPU and device have processed a frame with equal results, or if their results may
+    /// differ.
     is_verified: bool,
     /// Milliseconds on the CPU and on the device during a trial.
     times_ms: [Vec<f64>; 2],
-    /// Medians of the last trial.
+    /// Median times of the last trial.
     pub medians: Option<DeviceMs>,
 }
 
@@ -116,7 +117,8 @@ impl DeviceTrial {
         if self.is_device_faster { DeviceChoice::Device } else { DeviceChoice::Processor }
     }
 
-    /// Records the milliseconds of a frame that both processed, with results that pass as equal.
+    /// Records the milliseconds of a frame that CPU and device have processed. Their results are equal
+    /// or may differ.
     pub fn record_times(&mut self, processor: f64, device: f64) {
         self.is_verified = true;
         let [on_processor, on_device] = &mut self.times_ms;
@@ -139,11 +141,11 @@ impl DeviceTrial {
     }
 }
 
-/// Devices used to compare photographs in this session. Each trained photograph counts once; a settled
-/// model includes those still in the shuffle buffer.
+/// Devices used to compare photographs with renderings in this session. Each trained photograph counts
+/// once. For a settled model, photographs still in the shuffle buffer count as trained.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ComparerUse {
-    /// Name of the device requested besides the CPU.
+    /// Name of the device requested besides the CPU, if any.
     pub device: Option<String>,
     /// Number of trained photographs compared by the device.
     pub device_frames: u64,
@@ -157,19 +159,19 @@ pub struct ComparerUse {
     pub ms: ComparerMs,
 }
 
-/// Milliseconds per photograph, by stage.
+/// Mean milliseconds per photograph, by stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ComparerMs {
-    /// Projecting, sorting and binning splats, on the CPU.
+    /// Time to project, sort and bin splats, on the CPU.
     pub prepare: f64,
-    /// Comparing pixels on the chosen device; the sum of both during a trial.
+    /// Time to compare pixels on the chosen device; during a trial, the sum of CPU and device.
     pub compare: f64,
-    /// Computing and applying the step, on the CPU.
+    /// Time to compute and apply the optimisation step, on the CPU.
     pub step: f64,
 }
 
 impl ComparerUse {
-    /// Returns a one-line summary.
+    /// Returns a one-line summary of the devices that compared photographs.
     pub fn summary_line(&self) -> String {
         let counts = [self.device_frames, self.processor_frames];
         let Self { device, trial, given_up, .. } = self;
@@ -178,16 +180,16 @@ impl ComparerUse {
     }
 }
 
-/// Devices used in this session for passes over frames or for fitting a scene's points.
+/// Devices used in this session to fit frames: for the passes of a mixture, or for a scene's points.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PassUse {
-    /// Name of the device requested besides the CPU.
+    /// Name of the device requested besides the CPU, if any.
     pub device: Option<String>,
-    /// Number of frames fitted by the device.
+    /// Number of frames processed by the device.
     pub device_frames: u64,
-    /// Number of frames fitted by the CPU.
+    /// Number of frames processed by the CPU.
     pub processor_frames: u64,
-    /// Share of tiles (of points for a scene) that the device left to the CPU.
+    /// Share of tiles (or of points for a scene) that the device left to the CPU.
     pub open_share: f64,
     /// Timings of one fit that decided between device and CPU, if measured.
     pub trial: Option<DeviceMs>,
@@ -202,7 +204,7 @@ impl PassUse {
         self.given_up = Some(reason);
     }
 
-    /// Returns a one-line summary.
+    /// Returns a one-line summary of the devices that fitted frames.
     pub fn summary_line(&self) -> String {
         let counts = [self.device_frames, self.processor_frames];
         let Self { device, trial, given_up, .. } = self;

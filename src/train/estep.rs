@@ -10,14 +10,15 @@ use crate::model::paper::state::InitialModel;
 // starts with 1, in either precision.
 const HARD_NATS: f64 = 40.0;
 
-/// Constants of the log-score.
+/// Constants for the log-scores of components for points.
 #[derive(Clone, Copy, Debug)]
 pub struct Scoring {
-    /// `λ = E[Λ^c] / E[Λ^s]`: weight of a squared colour distance relative to a position distance.
+    /// `λ = E[Λ^c] / E[Λ^s]`: weight of a squared colour distance relative to a squared distance of
+    /// positions.
     pub color_ratio: f64,
-    /// `½ E[Λ^s]`: nats per squared distance in normalised coordinates.
+    /// Nats per unit of squared distance in normalised coordinates, `½ E[Λ^s]`.
     pub half_precision: f64,
-    /// Point- and component-independent part of the log-score.
+    /// Part of the log-score that is equal for all points and components.
     ln_constant: f64,
 }
 
@@ -32,12 +33,13 @@ impl Scoring {
         }
     }
 
-    /// Distance in units of `q` beyond the minimum at which a component receives nothing.
+    /// Returns the difference from the smallest score `q` beyond which a component receives no part of a
+    /// point.
     pub fn hard_gap(&self) -> f64 {
         HARD_NATS / self.half_precision
     }
 
-    /// Computes the score `q` of a component for a point in precision `S`; smaller is better.
+    /// Computes the score `q` of a component for a point in precision `S`; a smaller score is better.
     #[inline(always)]
     pub fn distance<R: Real, S: Real>(
         &self,
@@ -53,16 +55,17 @@ impl Scoring {
             - of(model.weight[component])
     }
 
-    /// Converts an effective distance to an ELBO in nats.
+    /// Converts the effective distance `q` of a point to its ELBO in nats.
     #[inline(always)]
     pub fn elbo(&self, q: f64) -> f64 {
         self.ln_constant - self.half_precision * q
     }
 
-    /// Converts distances to responsibilities in place, in precision `S`.
+    /// Converts a point's scores to responsibilities in place, in precision `S`.
     ///
-    /// Returns the effective distance `q_min − (2/E_s) ln Σ exp(−½E_s(q − q_min))`, which encodes the
-    /// point's ELBO, `logsumexp ln γ̂`; infinity without candidates.
+    /// Returns the effective distance `q_min − (2/E_s) ln Σ exp(−½E_s(q − q_min))`, where `E_s` is the
+    /// expected spatial precision. It encodes the point's ELBO, `logsumexp ln γ̂`, and is infinite
+    /// without candidates.
     #[inline(always)]
     pub fn responsibilities<S: Real>(&self, distances: &mut [f64]) -> f64 {
         // Scores are of the order of 1e9 nats, where f32 resolves only hundreds: only differences to the
@@ -83,7 +86,7 @@ impl Scoring {
     }
 }
 
-/// Computes `(dx² + dy²) + dz²`.
+/// Returns the squared distance `(dx² + dy²) + dz²` of two points.
 #[inline(always)]
 pub fn squared_distance<S: Real>(a: [S; 3], b: [S; 3]) -> S {
     // No closure: kernels would call it, compiled for the baseline instruction set.

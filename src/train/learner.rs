@@ -17,35 +17,37 @@ use crate::model::splat::appearance::SplatSet;
 use crate::render::cpu::photometric::PhotometricComparer;
 use glam::DVec3;
 
-/// A trainable model. Components are numbered from 0 and keep their numbers.
+/// A trainable model. Components are numbered from 0; a component keeps its number.
 pub trait Learner: Send + Sync {
-    /// Size and state of the model.
+    /// Returns size and state of the model.
     fn status(&self) -> Status;
 
-    /// Effects of the last frame, or of the [`Self::settle`] after it.
+    /// Returns the effects of the last frame, or those of a later [`Self::settle`].
     fn last_frame(&self) -> LastFrame<'_>;
 
-    /// Posterior and surface of a component, for the inspector and attributes; the E-step does not use them.
+    /// Returns posterior and surface normal of a component, for the inspector and attributes; the E-step
+    /// does not use them.
     fn component(&self, component: usize) -> Component;
 
-    /// Number of points received by a component, `N_k`; 0 if it is unused.
+    /// Returns the number of points received by a component, `N_k`; 0 if it is unused.
     fn evidence(&self, component: usize) -> f64;
 
-    /// Splats of all components, in world units; slot `k` is component `k`, with opacity 0 if it draws
-    /// nothing. Equal models give the same order, so equal files.
+    /// Returns the splats of all components, in world units. Slot `k` is component `k`; its opacity is 0
+    /// if the component is not drawn. Equal models give equal files, because the order is fixed.
     fn splats(&self) -> SplatSet;
 
-    /// Splats of the listed components, in world units and in the order of the list.
+    /// Returns the splats of the listed components, in world units and in the order of the list.
     fn splats_of(&self, components: &[u32]) -> SplatSet;
 
-    /// Draws the scene as if all buffered photographs had been trained on, until the next frame.
+    /// Prepares the scene to be drawn as if all buffered photographs had been trained on, until the next
+    /// frame.
     ///
     /// Does not affect later training. Returns true if this changes the drawn scene.
     fn settle(&mut self) -> bool {
         false
     }
 
-    /// Adds a device for a part of training; ignored if the model has no such part.
+    /// Adds a device that computes a part of training; ignored if the model has no such part.
     ///
     /// # Errors
     /// [`DeviceError`] if the device has too little memory for the model; it is then not used.
@@ -55,13 +57,13 @@ pub trait Learner: Send + Sync {
         policy: DevicePolicy,
     ) -> Result<(), DeviceError>;
 
-    /// Devices used so far.
+    /// Returns the devices used so far.
     fn device_use(&self) -> DeviceUse;
 
-    /// Mutable access to [`LastFrame::component_elbo`], to enable or disable it.
+    /// Returns [`LastFrame::component_elbo`] for enabling or disabling it.
     fn component_elbo_mut(&mut self) -> &mut ComponentElbo;
 
-    /// Copy of the model for a checkpoint; a run resumed from it gives the same bits.
+    /// Returns a copy of the model for a checkpoint; a run resumed from it gives the same bits.
     fn checkpoint_model(&self) -> StoredModel;
 }
 
@@ -70,13 +72,16 @@ pub trait Learner: Send + Sync {
 pub struct Status {
     /// Number of frames trained on, including those before a resumed checkpoint.
     pub frames: u64,
-    /// Number of components, used or not: one more than the highest id. Also the number of splat slots.
+    /// Number of components, used or not: one more than the highest index. Also the number of splat
+    /// slots.
     pub components: usize,
-    /// Number of components in use: with points in the `paper` preset, with seeds in the `scene` preset.
+    /// Number of components in use: with points in the `paper` preset, with seeds (creation points) in
+    /// the `scene` preset.
     pub used: usize,
-    /// Bytes of the model, without training buffers.
+    /// Memory of the model in bytes, without training buffers.
     pub model_bytes: usize,
-    /// True if the scene is drawn as described at [`Learner::settle`].
+    /// True if the scene is drawn as if all buffered photographs had been trained on (see
+    /// [`Learner::settle`]).
     pub is_settled: bool,
     /// Warnings shown when training ends; empty if every point found a component.
     pub warnings: Vec<TrainingWarning>,
@@ -87,34 +92,36 @@ pub struct Status {
 pub struct LastFrame<'a> {
     /// Components whose splats and attributes viewers must update.
     pub changed: Changed<'a>,
-    /// Photographs compared with the scene.
+    /// Results of comparing photographs with the scene.
     pub compared_photographs: &'a [ComparedPhotograph],
     /// Per-component ELBO of the frame's points, if enabled.
     pub component_elbo: &'a ComponentElbo,
 }
 
-/// Posterior and surface of a component.
+/// Posterior and surface normal of a component.
 pub struct Component {
     /// Posterior. Positions are normalised, or for a scene in world units relative to its origin.
-    /// Colours are normalised.
+    /// Colours are normalised in any case.
     pub posterior: ComponentPosterior,
-    /// Unit normal of the surface in world axes, towards the cameras that saw it; `None` if unknown.
+    /// Unit normal of the component's surface in world axes, towards the cameras that saw it; `None` if
+    /// unknown.
     pub normal: Option<DVec3>,
-    /// Uncertainty of the splat from photographs; `None` if the model does not train on them.
+    /// Uncertainty of the splat as estimated from photographs; `None` if the model does not train on
+    /// photographs.
     pub photometric_deviations: Option<PhotometricDeviations>,
 }
 
 /// A learner for one type of observation.
 pub trait Learns<Input>: Learner {
-    /// Trains on one frame.
+    /// Trains on one frame. A frame is applied completely or not at all.
     ///
     /// # Errors
-    /// [`IndexError`] if the candidate index cannot be rebuilt. A frame is applied completely or not at
-    /// all. If only the reassignment after the fit fails, the frame is applied and no component moves.
+    /// [`IndexError`] if the candidate index cannot be rebuilt. If only the reassignment after the fit
+    /// fails, the frame is applied and no component moves.
     fn learn(&mut self, observation: &Input) -> Result<FrameOutcome, IndexError>;
 
-    /// Revisits a frame already trained on: only its photograph's residual is used, its points are not
-    /// counted again. Does nothing if the model does not train on photographs.
+    /// Trains again on the photograph of an earlier frame; the frame's points are not counted again.
+    /// Does nothing if the model does not train on photographs.
     fn revisit_photograph(&mut self, _observation: &Input) -> FrameOutcome {
         FrameOutcome::default()
     }
@@ -123,29 +130,29 @@ pub trait Learns<Input>: Learner {
 /// Components changed by a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Changed<'a> {
-    /// Only these, each once, in any order.
+    /// Only the listed components, each once, in any order.
     Listed(&'a [u32]),
-    /// All components, whether or not they received a point.
+    /// All components, including those that received no point.
     All,
 }
 
-/// Device for a part of training.
+/// Device that computes a part of training.
 pub enum TrainingDevice {
-    /// Compares photographs.
+    /// Compares photographs with renderings.
     Photographs(Box<dyn PhotometricComparer>),
     /// Computes the passes of a mixture over a frame.
     Passes(Box<dyn MixtureDevice>),
-    /// Finds the seeds of points and sums them.
+    /// Finds the seeds of a scene's points and sums the points.
     Points(Box<dyn PointsDevice>),
 }
 
 /// Devices used for each part of training; `None` if the model has no such part.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DeviceUse {
-    /// Comparison of photographs.
+    /// Devices for the comparison of photographs.
     pub photographs: Option<ComparerUse>,
-    /// Passes over frames.
+    /// Devices for the passes of a mixture over frames.
     pub passes: Option<PassUse>,
-    /// Search and sums of points.
+    /// Devices for the search of seeds and the sums of points.
     pub points: Option<PassUse>,
 }

@@ -6,12 +6,12 @@ use super::timing::StageMs;
 use crate::model::scene::state::TrackedPose;
 use serde::{Deserialize, Serialize};
 
-/// Result of training on one frame. Fields that a preset does not use are 0.
+/// Result of training on one frame. Numbers that a preset does not compute are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameOutcome {
     /// Number of points trained on.
     pub points: usize,
-    /// Pixels represented by these points: total added to the components' counts.
+    /// Number of pixels that the trained points represent: the total added to the components' counts.
     pub evidence: u64,
     /// Mean ELBO of the points under the initial model, nats; 0 without points.
     pub elbo_mean: f64,
@@ -23,7 +23,7 @@ pub struct FrameOutcome {
     pub merged: usize,
     /// Result of pose tracking, if enabled.
     pub tracking: Option<FrameTracking>,
-    /// Milliseconds by stage.
+    /// Wall time by stage, milliseconds.
     pub ms: StageMs,
 }
 
@@ -36,22 +36,24 @@ pub enum FrameTracking {
     Lost(TrackingLoss),
 }
 
-/// A photograph compared with the scene before training on it, or an outlier frame.
+/// Result of comparing a photograph with the scene before training on it, or of detecting an outlier
+/// frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ComparedPhotograph {
-    /// Number of frames trained on before this one.
+    /// Number of frames trained on before this frame.
     pub frame: u64,
-    /// Result of the comparison.
+    /// Result of comparing the frame with the scene.
     pub outcome: PhotographOutcome,
 }
 
-/// Comparison of a frame with the scene before training on it: a score on unseen data.
+/// Result of comparing a frame with the scene before training on it: a score on unseen data.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotographOutcome {
-    /// RMS difference from the rendering over the channels of covered pixels, colour units. For a frame
-    /// rejected by its points: RMS difference of their colours, or share of surfaces measured through.
+    /// RMS difference between photograph and rendering over the channels of covered pixels, colour
+    /// units. If a frame is rejected by its points: RMS colour difference of the points, or share of
+    /// surfaces measured through.
     pub difference: f64,
-    /// Running average of `difference` over earlier frames.
+    /// Running mean of `difference` over earlier frames.
     pub usual: f64,
     /// Kind of outlier; `None` for an inlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -64,29 +66,30 @@ pub struct PhotographOutcome {
 pub enum OutlierReason {
     /// The photograph differs from the rendering; its pixels are not trained on.
     Picture,
-    /// The points differ in colour from their surfaces; the frame is not trained on.
+    /// The points differ in colour from the scene's surfaces; the frame is not trained on.
     Colors,
-    /// The frame saw through surfaces; it is not trained on.
+    /// The frame measured farther surfaces behind those of the scene; it is not trained on.
     Depth,
 }
 
 const UNBORN: u32 = u32::MAX;
-/// In use before this session began.
+/// Birth of a component that was in use before this session began.
 const UNKNOWN: u32 = u32::MAX - 1;
 
-/// Frame in which each component first received points. Reassignment moves only unused components,
-/// so a component's age is the age at its present place.
+/// Log of the frame in which each component first received points. Only unused components are
+/// reassigned, so a component has had its present place since that frame.
 #[derive(Clone, Debug)]
 pub struct BirthLog(Vec<u32>);
 
 impl BirthLog {
-    /// Creates the log at the start of a session; components already in use have no known birth.
+    /// Creates the log at the start of a session. The birth of components already in use is unknown.
     pub fn new(learner: &dyn Learner) -> Self {
         let birth = |id| if learner.evidence(id) > 0.0 { UNKNOWN } else { UNBORN };
         Self((0..learner.status().components).map(birth).collect())
     }
 
-    /// Records the components changed by the learner's last frame, which is at `position` of the run.
+    /// Records the births of components that the learner's last frame changed. `position` is the index
+    /// of the frame in the run.
     pub fn record(&mut self, learner: &dyn Learner, position: usize) {
         let n_components = learner.status().components.max(self.0.len());
         self.0.resize(n_components, UNBORN);
@@ -105,27 +108,28 @@ impl BirthLog {
         }
     }
 
-    /// Returns the position of a component's first frame; `None` if unused or born before this session.
+    /// Returns the index, within the run, of the frame in which a component first received points.
+    /// `None` if it is unused or was in use before this session.
     pub fn first_frame_of(&self, component: usize) -> Option<u32> {
         self.0.get(component).copied().filter(|&birth| birth < UNKNOWN)
     }
 }
 
-/// Decoded images of a frame and unprojection buffers, per pixel.
+/// Bytes per pixel of a frame's decoded images and unprojection buffers.
 pub(super) const PIXEL_BYTES: usize = 24;
 pub(super) const PROGRAM_BYTES: u64 = 30_000_000;
 
 /// Upper estimate of the bytes used by a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MemoryEstimate {
-    /// Proportional to the number of components.
+    /// Bytes proportional to the number of components.
     pub model: u64,
-    /// Remaining bytes, proportional to the size of a frame.
+    /// All other bytes, proportional to the size of a frame.
     pub frames: u64,
 }
 
 impl MemoryEstimate {
-    /// Total bytes.
+    /// Returns the total number of bytes.
     pub fn total(&self) -> u64 {
         self.model.saturating_add(self.frames)
     }
@@ -134,15 +138,15 @@ impl MemoryEstimate {
 /// A warning about a trained model.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TrainingWarning {
-    /// Points without a component were dropped because the budget was exhausted.
+    /// Points without a component were dropped because the budget of components was exhausted.
     #[error(
         "{points} points were dropped because the budget was exhausted; raise the budget (`--budget`), or increase the structural scale (`--scale`) if depth is noisy"
     )]
     OverBudget {
-        /// Number of points since training began.
+        /// Number of points dropped since training began.
         points: u64,
     },
-    /// The structural scale grew because merging could not meet the budget.
+    /// The structural scale was increased because merging components could not meet the budget.
     #[error(
         "the budget is too small for a structural scale of {requested}, which was increased to {scale}; raise the budget (`--budget`), or start with that structural scale (`--scale {scale}`), which is faster"
     )]
@@ -152,12 +156,13 @@ pub enum TrainingWarning {
         /// Current structural scale, world units.
         scale: f64,
     },
-    /// Points were dropped: too many structural scales from the origin to distinguish neighbours.
+    /// Points were dropped because they are too many structural scales from the origin to distinguish
+    /// neighbours.
     #[error(
         "{points} points lie more than a million structural scales from the scene's origin and were dropped; correct outlier poses (listed by `info`) or the depth unit, or increase the structural scale (`--scale`)"
     )]
     TooFarFromOrigin {
-        /// Number of points since training began.
+        /// Number of points dropped since training began.
         points: u64,
     },
     /// A splat's photometric precision was not positive definite and was reset.
@@ -165,7 +170,7 @@ pub enum TrainingWarning {
         "photometric precisions of {splats} splats were not positive definite and were reset; these splats again follow from points alone. `--photometric off` disables training on photographs"
     )]
     PrecisionReset {
-        /// Number of resets since training began or resumed.
+        /// Number of splats reset since training began or resumed.
         splats: u64,
     },
 }

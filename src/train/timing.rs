@@ -8,44 +8,45 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Milliseconds of one frame by stage. JSON form: an object with a field per stage, and `train`.
+/// Wall time of training one frame by stage, milliseconds. Stored in JSON as an object with a field per
+/// stage and the field `train`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StageMs {
     stages: &'static [TrainStage],
     ms: [f64; MAX_STAGES],
-    /// Total wall time of the frame, including work outside all stages.
+    /// Total wall time of the frame in milliseconds, including work outside all stages.
     pub train: f64,
 }
 
 impl StageMs {
-    /// Creates zero times for a preset's stages, at most [`MAX_STAGES`].
+    /// Creates zero times for the stages of a preset, of which there are at most [`MAX_STAGES`].
     pub fn new(stages: &'static [TrainStage]) -> Self {
         // More stages than the arrays hold would panic at the first time added.
         Self { stages: &stages[..stages.len().min(MAX_STAGES)], ..Self::default() }
     }
 
-    /// Adds time to the stage at an index.
+    /// Adds milliseconds to the stage with an index.
     pub fn add(&mut self, stage: usize, ms: f64) {
         self.ms[stage] += ms;
     }
 
-    /// Stages with their milliseconds, in the order they run.
+    /// Returns the stages with their milliseconds, in the order in which they run.
     pub fn stages(&self) -> impl Iterator<Item = (&'static TrainStage, f64)> {
         self.stages.iter().zip(self.ms)
     }
 
-    /// Milliseconds by stage index.
+    /// Returns the milliseconds by stage index.
     pub fn values(&self) -> &[f64] {
         &self.ms[..self.stages.len()]
     }
 
-    /// Stages, in the order they run.
+    /// Returns the stages, in the order in which they run.
     pub fn names(&self) -> &'static [TrainStage] {
         self.stages
     }
 
-    /// Adds a pass of `wall_ms`, split among search, E-step and sums in proportion to the thread time of
-    /// each.
+    /// Adds the wall time of a pass. It is split among search, E-step and sums in proportion to the
+    /// thread time of each.
     pub fn add_pass(&mut self, wall_ms: f64, thread_nanos: [u64; 3]) {
         // A pass without points has no thread time.
         let total = thread_nanos.iter().sum::<u64>().max(1) as f64;
@@ -54,7 +55,8 @@ impl StageMs {
         }
     }
 
-    /// Reduces each stage over several frames of one preset, such as to its median.
+    /// Combines the times of several frames of one preset, stage by stage; `of` is, for example, the
+    /// median.
     pub fn combine(frames: &[Self], of: impl Fn(Vec<f64>) -> f64) -> Self {
         let Some(first) = frames.first() else { return Self::default() };
         let mut combined = Self::new(first.stages);
@@ -78,8 +80,8 @@ impl Serialize for StageMs {
     }
 }
 
-/// Ignores unknown fields. Reports of scenes by version 0.1.0 use the stage names of the `paper`
-/// preset.
+/// Reads the times of either preset and ignores unknown fields. Reports of scenes by version 0.1.0 use
+/// the stage names of the `paper` preset.
 impl<'de> Deserialize<'de> for StageMs {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let fields = BTreeMap::<String, f64>::deserialize(deserializer)?;
@@ -94,23 +96,24 @@ impl<'de> Deserialize<'de> for StageMs {
     }
 }
 
-/// Measures a pass's stages on a sample of tiles: reading the clock costs as much as scoring a point.
+/// Measures the thread time of a pass's stages on a sample of tiles. Reading the clock for every tile
+/// would cost too much: each reading takes as long as scoring a point.
 #[derive(Debug, Default)]
 pub struct StageClock {
     running: Option<Stopwatch>,
-    /// By stage: candidate search, E-step and sums, the first of [`PAPER_STAGES`].
+    /// Nanoseconds of candidate search, E-step and sums, the first stages in [`PAPER_STAGES`].
     nanos: [u64; 3],
 }
 
 impl StageClock {
-    /// Begins a tile; the clock runs only if the tile is in the sample.
+    /// Begins a tile; the clock runs only if the tile is in the sample (`is_looked_at`).
     #[inline(always)]
     pub fn begin_tile(&mut self, is_looked_at: bool) {
         // A tile outside the sample must not continue the clock of the last one.
         self.running = is_looked_at.then(Stopwatch::start);
     }
 
-    /// Adds the time since the last lap to a stage.
+    /// Adds the time since the last lap, if the clock runs, to a stage.
     #[inline(always)]
     pub fn lap(&mut self, stage: PaperStage) {
         if let Some(clock) = &mut self.running {
@@ -118,23 +121,23 @@ impl StageClock {
         }
     }
 
-    /// Adds times of another clock.
+    /// Adds the nanoseconds measured by another clock, by stage.
     pub fn add(&mut self, nanos: [u64; 3]) {
         self.nanos.iter_mut().zip(nanos).for_each(|(sum, nanos)| *sum += nanos);
     }
 
-    /// Returns the nanoseconds by stage and resets them.
+    /// Returns the nanoseconds measured by stage and resets them.
     pub fn take_nanos(&mut self) -> [u64; 3] {
         std::mem::take(&mut self.nanos)
     }
 }
 
-/// Running stopwatch.
+/// Stopwatch that runs from its creation and measures laps.
 #[derive(Clone, Copy, Debug)]
 pub struct Stopwatch(Instant);
 
 impl Stopwatch {
-    /// Starts the stopwatch.
+    /// Creates and starts a stopwatch.
     pub fn start() -> Self {
         Self(Instant::now())
     }
@@ -163,45 +166,46 @@ impl Stopwatch {
 pub struct TrainStage {
     /// Field name in reports and column name in spreadsheets. Renaming it loses the times in older reports.
     pub key: &'static str,
-    /// Label in the latency panel.
+    /// Label of the stage in the latency panel.
     pub label: &'static str,
-    /// Tooltip.
+    /// Tooltip of the stage in the latency panel.
     pub tooltip: &'static str,
 }
 
-/// Stages of the `paper` preset; values are indices into [`PAPER_STAGES`].
+/// Stages of training one frame in the `paper` preset; values are indices into [`PAPER_STAGES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PaperStage {
-    /// Candidate search, for scoring and for the fit.
+    /// Candidate search for scoring and for the fit.
     Candidates,
-    /// Scores and responsibilities, for scoring and for the fit.
+    /// Scores and responsibilities for scoring passes and for the fit.
     EStep,
-    /// Sums per tile, not yet added to the model.
+    /// Sums of each tile by component, not yet added to the model.
     Stats,
-    /// Adds the frame's sums to the model's totals; the only stage that changes them.
+    /// Addition of the frame's sums to the model's totals; the only stage that changes the totals.
     Update,
-    /// Selects and moves components, and rebuilds the index.
+    /// Selection and move of unused components, and sorting of the index.
     Reassign,
 }
 
-/// Stages of the `scene` preset; values are indices into [`SCENE_STAGES`].
+/// Stages of training one frame in the `scene` preset; values are indices into [`SCENE_STAGES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneStage {
     /// Correction of the frame's pose, unless recorded poses are treated as exact.
     Pose,
-    /// Assignment of each point to the nearest seed within the structural scale.
+    /// Assignment of each point to the nearest seed (creation point of a component) within the
+    /// structural scale.
     Assign,
-    /// New components for unassigned points, sequentially on one thread.
+    /// Creation of components for unassigned points, sequentially on one thread.
     Births,
-    /// Evidence of the points, refinement along their rays, and the frame's exposure.
+    /// ELBO of the points, their refinement along rays, and the frame's exposure.
     Refine,
-    /// Sufficient statistics per component.
+    /// Sums of sufficient statistics per component.
     Stats,
-    /// Projection of every component into the frame, counting hits and misses.
+    /// Projection of every component into the frame, with counts of hits and misses.
     Visibility,
-    /// Gauss-Newton step on the splats from the photograph, if enabled.
+    /// Gauss-Newton step that fits the splats to the photograph, if enabled.
     Photometric,
-    /// Merging down to the budget; rarely needed.
+    /// Merging of components down to the budget; rarely needed.
     Merge,
 }
 
@@ -238,6 +242,6 @@ pub const SCENE_STAGES: [TrainStage; 8] = [
     stage("merge", "Merging", "Merges components down to the budget"),
 ];
 
-/// Maximum number of stages in any preset; size of timing arrays.
+/// Maximum number of stages in any preset: the size of timing arrays.
 pub const MAX_STAGES: usize = SCENE_STAGES.len();
 const _: () = assert!(PAPER_STAGES.len() <= MAX_STAGES);

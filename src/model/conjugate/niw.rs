@@ -21,7 +21,8 @@ pub enum NiwError {
     Scale(Sym3),
 }
 
-/// `N(μ | m, (κΛ)⁻¹) · W(Λ | U, ν)`. Invariant: κ > 0, ν > 2, U positive definite.
+/// Density `N(μ | m, (κΛ)⁻¹) · W(Λ | U, ν)` of the mean `μ` and precision `Λ` of a Gaussian. Invariant:
+/// κ > 0, ν > 2, U positive definite.
 ///
 /// ```
 /// use glam::DVec3;
@@ -43,7 +44,8 @@ pub struct Niw {
 }
 
 impl Niw {
-    /// Validates the parameters; `scale` is the Wishart scale `U`, so that `E[Λ] = νU`.
+    /// Creates the distribution after validating its parameters. `scale` is the Wishart scale `U`, so
+    /// that `E[Λ] = νU`.
     pub fn new(mean: DVec3, kappa: f64, scale: Sym3, nu: f64) -> Result<Self, NiwError> {
         // NaN fails every comparison, so it is tested by itself.
         if kappa.is_nan() || kappa <= 0.0 {
@@ -61,23 +63,24 @@ impl Niw {
         self.ln_det_scale
     }
 
-    /// Returns `E[ln |Λ|] = D ln 2 + ln |U| + ψ_D(ν/2)`.
+    /// Returns the expected log determinant of the precision, `E[ln |Λ|] = D ln 2 + ln |U| + ψ_D(ν/2)`.
     pub fn expected_ln_det_precision(&self) -> f64 {
         D * LN_2 + self.ln_det_scale + mv_digamma3(0.5 * self.nu)
     }
 
-    /// Returns `E[μᵀΛμ] = ν mᵀUm + D/κ`.
+    /// Returns `E[μᵀΛμ] = ν mᵀUm + D/κ`, the expected squared norm of the mean under the precision.
     pub fn expected_mean_precision_mean(&self) -> f64 {
         self.nu * self.scale.quadratic_form(self.mean) + D / self.kappa
     }
 
-    /// Returns `E[ln N(x | μ, Λ⁻¹)]`, from the distance `x − m` (the square is not expanded).
+    /// Returns `E[ln N(x | μ, Λ⁻¹)]`. It is computed from `x − m` without expanding the square, which
+    /// avoids cancellation.
     pub fn expected_ln_likelihood(&self, x: DVec3) -> f64 {
         let distance = self.nu * self.scale.quadratic_form(x - self.mean);
         0.5 * (self.expected_ln_det_precision() - D * TAU.ln() - D / self.kappa - distance)
     }
 
-    /// Log-normaliser `ln Z` of the density.
+    /// Returns the log-normaliser `ln Z` of the density.
     pub fn ln_normaliser(&self) -> f64 {
         -0.5 * D * self.kappa.ln()
             + 0.5 * self.nu * self.ln_det_scale
@@ -85,7 +88,8 @@ impl Niw {
             + mv_ln_gamma3(0.5 * self.nu)
     }
 
-    /// Returns `KL(self ‖ other)` (`model.md`, Expectations and divergences).
+    /// Returns the Kullback-Leibler divergence `KL(self ‖ other)` (`model.md`, Expectations and
+    /// divergences).
     pub fn kl(&self, other: &Self) -> f64 {
         let (q, p) = (self, other);
         let ratio = p.kappa / q.kappa;

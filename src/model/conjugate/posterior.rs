@@ -38,18 +38,19 @@ pub struct ComponentPosterior {
     pub kappa_space: f64,
     /// Spatial degrees of freedom `ν = ν_0 + N_k`.
     pub nu_space: f64,
-    /// Colour `κ`; the colour `U` and `ν` stay at the prior.
+    /// Colour `κ = κ_0 + N_k`; the colour parameters `U` and `ν` keep the values of the prior.
     pub kappa_color: f64,
     /// Mean `m` of the position, normalised coordinates.
     pub mean_space: DVec3,
     /// Inverse `U⁻¹` of the spatial Wishart scale, normalised coordinates².
     pub inverse_scale: Sym3,
-    /// Mean `m` of the colour, normalised.
+    /// Mean `m` of the colour, in normalised colour units.
     pub mean_color: DVec3,
 }
 
 impl ComponentPosterior {
-    /// Combines the prior (mean 0) with the statistics of a component whose initial mean is `mean_init`.
+    /// Combines the prior (mean 0) with the statistics `moments` of a component, which are sums about
+    /// its initial mean `mean_init`.
     pub fn new(hyper: &Hyper, mean_init: DVec3, moments: &Moments) -> Self {
         let n = moments.count;
         let kappa_space = hyper.kappa0_space + n;
@@ -83,21 +84,22 @@ impl ComponentPosterior {
         }
     }
 
-    /// Returns `E[Σ^s] = U⁻¹ / (ν − D − 1)`.
+    /// Returns the expected spatial covariance `E[Σ^s] = U⁻¹ / (ν − D − 1)`, normalised coordinates².
     pub fn expected_covariance(&self) -> Sym3 {
         // Mean of an inverse Wishart distribution in D = 3: ν − D − 1 is positive because the prior has ν =
         // 5.
         self.inverse_scale.scaled(1.0 / (self.nu_space - 4.0))
     }
 
-    /// Returns `E[Σ^s]` in world units².
+    /// Returns the expected spatial covariance `E[Σ^s]` in world units².
     pub fn world_covariance(&self, normalization: &Normalization) -> Sym3 {
         self.expected_covariance().scaled_axes(DVec3::from_array(normalization.scale))
     }
 
-    /// Returns the standard deviation of the mean's position in world units, `√(tr(A E[Σ^s] A) / κ)`, with
-    /// the world units per axis on the diagonal of `A`. Under the normal-inverse-Wishart distribution
-    /// (`model.md`, Posterior) the mean given `Σ` has covariance `Σ/κ`, hence `E[Σ]/κ` marginally.
+    /// Returns the standard deviation of the mean's position in world units, `√(tr(A E[Σ^s] A) / κ)`.
+    /// The diagonal matrix `A` holds the world units per normalised unit of each axis. Under the
+    /// normal-inverse-Wishart distribution (`model.md`, Posterior), the covariance of the mean is `Σ/κ`
+    /// given `Σ`, hence `E[Σ]/κ` marginally.
     pub fn mean_deviation(&self, normalization: &Normalization) -> f64 {
         (self.world_covariance(normalization).trace() / self.kappa_space).sqrt()
     }
@@ -106,9 +108,9 @@ impl ComponentPosterior {
 /// Eigenvalues below this share of the largest one are not distinguishable from zero in f64.
 const RESOLUTION: f64 = 16.0 * f64::EPSILON;
 
-/// Returns the matrix, made positive definite if it is not. `U⁻¹` is the prior's plus terms that are not
-/// negative, but with few points the rounding of f32 sums outweighs the prior; eigenvalues below the prior's
-/// are then raised to it.
+/// Returns `inverse_scale`, with eigenvalues below `prior` raised to it if the matrix is not positive
+/// definite. In exact arithmetic, `U⁻¹` is the prior's matrix plus positive semidefinite terms. With few
+/// points, rounding of the f32 sums can outweigh the prior.
 fn make_positive_definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
     // A Cholesky factor exists only for positive definite matrices.
     if inverse_scale.cholesky().is_some() {
@@ -141,22 +143,22 @@ fn make_positive_definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
 pub struct Conversion {
     /// Decomposition of the covariance into scales and rotation.
     pub form: CovarianceForm,
-    /// Factor on the standard deviations.
+    /// Factor on the standard deviations of the splats.
     pub scale_factor: f64,
-    /// Opacity of a used component.
+    /// Opacity of a component that has received points.
     pub opacity: f64,
-    /// True if components that never received a point become splats as well (specks at the origin).
+    /// True if components that never received a point also become splats (tiny ones at the origin).
     pub keep_unused: bool,
 }
 
 /// Opacity that the reference implementation gives every component with `α > 1e-6`.
 const OPACITY: f64 = 0.95;
-/// Opacity that it gives the other components.
+/// Opacity that the reference implementation gives components with `α ≤ 1e-6`.
 const LEGACY_UNUSED_OPACITY: f64 = 1e-4;
 const LEGACY_ALPHA: f64 = 1e-6;
 
 impl Conversion {
-    /// Plain conversion: unscaled covariance, unused components dropped.
+    /// Returns the plain conversion: unscaled covariance, unused components dropped.
     pub fn right() -> Self {
         Self {
             form: CovarianceForm::Eigen,
@@ -168,7 +170,8 @@ impl Conversion {
         }
     }
 
-    /// Conversion of the reference exporter with its quirks (`model.md`, Quirks of the reference).
+    /// Returns the conversion of the reference exporter, with its quirks (`model.md`, Quirks of the
+    /// reference).
     pub fn legacy() -> Self {
         Self {
             form: CovarianceForm::LegacyCholesky,

@@ -4,7 +4,7 @@ use crate::math::special::{digamma, ln_gamma, mv_digamma3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{LN_2, TAU};
 
-/// Degrees of freedom of both blocks, `D + 1 + 1`.
+/// Degrees of freedom of the prior, equal for position and colour: `D + 1 + 1`.
 const NU0: f64 = 5.0;
 const D: f64 = 3.0;
 
@@ -25,22 +25,23 @@ pub struct Hyper {
     pub alpha0: f64,
     /// Spatial κ of the prior.
     pub kappa0_space: f64,
-    /// Spatial κ of the initial model; enters the reported ELBO only.
+    /// Spatial κ of the initial model; it affects the reported ELBO only.
     pub kappa_init_space: f64,
-    /// Spatial Wishart scale `U = u I` of prior and initial model.
+    /// Factor `u` of the spatial Wishart scale `U = u I` of prior and initial model.
     pub u0_space: f64,
-    /// Degrees of freedom of both blocks.
+    /// Degrees of freedom of the prior, equal for position and colour.
     pub nu0: f64,
     /// Colour κ of the prior.
     pub kappa0_color: f64,
     /// Colour κ of the initial model.
     pub kappa_init_color: f64,
-    /// Colour Wishart scale `U = u I`, never updated.
+    /// Factor `u` of the colour Wishart scale `U = u I`, which is never updated.
     pub u0_color: f64,
 }
 
 impl Hyper {
-    /// Returns the paper's values for `components` and a position scale (equal in the reference).
+    /// Returns the paper's values for a number of components. `position_scale` sets the prior precision
+    /// of positions; the reference uses the number of components for it.
     pub fn paper(components: usize, position_scale: f64) -> Self {
         Self {
             components,
@@ -57,10 +58,12 @@ impl Hyper {
         }
     }
 
-    /// Returns the values of a scene of structural scale `h` (world units), for sums in world units about the
-    /// seeds. The prior of the covariance equals two points of standard deviation 0.3 h (`model.md`, Scene
-    /// splat rule). As the number of components is not known in advance, each has a concentration of 1 before
-    /// it receives points.
+    /// Returns the values for a scene of structural scale `h` (world units). Its sums are in world
+    /// units, relative to the seeds (the points at which components were created).
+    ///
+    /// The prior of the covariance has the weight of two points of standard deviation 0.3 h (`model.md`,
+    /// Scene splat rule). The number of components is not known in advance, so each has a concentration
+    /// of 1 before it receives points.
     pub fn scene(h: f64) -> Self {
         let prior_scatter = 2.0 * (0.3 * h).powi(2);
         Self {
@@ -99,13 +102,13 @@ impl Hyper {
     }
 }
 
-/// `E[ln π_k] = ψ(α_k) − ψ(Σ_j α_j)` for every component.
+/// Returns the expected log weight of every component, `E[ln π_k] = ψ(α_k) − ψ(Σ_j α_j)`.
 pub fn expected_ln_weights(alpha: &[f64]) -> Vec<f64> {
     let total = digamma(alpha.iter().sum());
     alpha.iter().map(|&a| digamma(a) - total).collect()
 }
 
-/// Returns `KL(Dir(a) ‖ Dir(b))`; the slices must have equal length.
+/// Returns the Kullback-Leibler divergence `KL(Dir(a) ‖ Dir(b))`; the slices must have equal length.
 pub fn kl(a: &[f64], b: &[f64]) -> f64 {
     let (sum_a, sum_b): (f64, f64) = (a.iter().sum(), b.iter().sum());
     let psi_sum = digamma(sum_a);
@@ -121,7 +124,7 @@ pub fn kl(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// The check values of `model.md`, Expectations and divergences.
+    /// Compares with the check values of `model.md`, Expectations and divergences.
     #[test]
     fn constants_match_the_specification() {
         for (components, expected) in

@@ -4,28 +4,30 @@ use crate::math::real::Real;
 use crate::math::sym3::Sym3;
 use glam::DVec3;
 
-/// Sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3), with `d = s − m_k`
-/// (`model.md`, Sufficient statistics and precision).
+/// Number of sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3)
+/// (`model.md`, Sufficient statistics and precision). A point has responsibility `r`, position `s`,
+/// colour `c` and offset `d = s − m_k` from the initial mean.
 // `Σ r c cᵀ`, which the reference sums as well, is left out: the colour precision is fixed, so nothing reads
 // it.
 pub const N_SUMS: usize = 13;
 
-/// Sums of one component over one tile of points, before rounding to the form of the totals.
+/// Sums of one component over one tile (group of neighbouring points), not yet rounded to the number
+/// format of the totals.
 #[derive(Clone, Copy, Debug)]
 pub struct TileRecord<R> {
-    /// Number of the component.
+    /// Index of the component.
     pub id: u32,
     /// Index of the tile within its frame.
     pub tile: u32,
-    /// In the order of [`N_SUMS`].
+    /// Sums in the order of [`N_SUMS`].
     pub sums: [R; N_SUMS],
 }
 
-/// Words of a record as written by a device: component, tile and sums.
+/// Number of 32-bit words of a record written by a device: component, tile and sums.
 pub const RECORD_WORDS: usize = 2 + N_SUMS;
 
 impl TileRecord<f32> {
-    /// Decodes the words written by a device: component, tile, and the bits of the sums.
+    /// Decodes a record from the words written by a device: component, tile, and sums as f32 bits.
     ///
     /// ```
     /// use vbgs_studio::model::conjugate::statistics::{RECORD_WORDS, TileRecord};
@@ -42,7 +44,8 @@ impl TileRecord<f32> {
     }
 }
 
-/// Adds a point with responsibility `r` at offset `d` from the component's initial mean.
+/// Adds a point to a component's sums. The point has responsibility `r` and offset `d` from the
+/// component's initial mean.
 #[inline(always)]
 pub fn add_point<R: Real>(sums: &mut [R; N_SUMS], r: R, d: [R; 3], color: [R; 3]) {
     let rd = [r * d[0], r * d[1], r * d[2]];
@@ -80,18 +83,18 @@ pub fn add_point<R: Real>(sums: &mut [R; N_SUMS], r: R, d: [R; 3], color: [R; 3]
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
-    /// `N_k = Σ r`.
+    /// Number of points, `N_k = Σ r`.
     pub count: f64,
-    /// `a' = Σ r (s − m_k)`.
+    /// Sum of the offsets of positions, `a' = Σ r (s − m_k)`.
     pub first: DVec3,
-    /// `B' = Σ r (s − m_k)(s − m_k)ᵀ`.
+    /// Sum of the squares of offsets, `B' = Σ r (s − m_k)(s − m_k)ᵀ`.
     pub second: Sym3,
-    /// `b = Σ r c`.
+    /// Sum of the colours, `b = Σ r c`.
     pub color: DVec3,
 }
 
 impl Moments {
-    /// Reads sums in the order of [`N_SUMS`].
+    /// Creates the statistics from sums in the order of [`N_SUMS`].
     pub fn from_sums(t: [f64; N_SUMS]) -> Self {
         Self {
             count: t[0],

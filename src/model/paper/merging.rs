@@ -10,18 +10,18 @@ use std::collections::BTreeMap;
 /// Reasons why totals cannot be added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddError {
-    /// Different number formats, lengths or origins.
+    /// The totals differ in number format, number of components or origin.
     #[error("totals of different forms, numbers of components or origins cannot be added")]
     Unlike,
     /// A sum exceeds the range of its number format.
     #[error("a sum of component {component} exceeds the range of its form")]
     Overflow {
-        /// Number of the component.
+        /// Index of the component.
         component: usize,
     },
 }
 
-/// Adds two totals of equal form and length.
+/// Adds two totals of equal number format and length.
 ///
 /// ```
 /// use vbgs_studio::model::paper::merging::add;
@@ -97,7 +97,7 @@ const ROWS_AHEAD: usize = 16;
 
 pub(super) struct TotalShard<T: TotalScalar> {
     pub rows: Vec<TotalRow<T>>,
-    /// High limbs of the components that have any.
+    /// High limbs by component id, for components with a sum outside the range of its row.
     pub carries: BTreeMap<u32, [i32; N_SUMS]>,
     /// Bit `i` of word `j` is set if row `64 j + i` has received points.
     pub used: Vec<u64>,
@@ -106,14 +106,14 @@ pub(super) struct TotalShard<T: TotalScalar> {
     pub touched: Vec<u32>,
 }
 
-/// Row of sums; two cache lines in 64-bit form.
+/// Sums of one component, with a frame stamp; two cache lines in 64-bit form.
 #[derive(Clone, Copy)]
 // `C` keeps the stamp in front: it is read together with the first sums, on one cache line.
 #[repr(C, align(64))]
 pub(super) struct TotalRow<T> {
-    /// Frame that last changed the row.
+    /// Number of the frame that last changed the row.
     frame: u32,
-    /// Sums in the order of [`N_SUMS`]; low bits if high limbs are stored separately.
+    /// Sums in the order of [`N_SUMS`]; only their low bits if the component has high limbs.
     pub sums: [T; N_SUMS],
 }
 
@@ -138,7 +138,8 @@ impl<T: TotalScalar> TotalShard<T> {
         self.rows.iter_mut().for_each(|row| row.frame = 0);
     }
 
-    /// Adds the records of one frame; the first row belongs to component `first`.
+    /// Adds the records of one frame to the rows of this shard, whose first row belongs to component
+    /// `first`.
     pub fn add_frame<R: Real>(
         &mut self,
         frame: u32,
@@ -149,7 +150,8 @@ impl<T: TotalScalar> TotalShard<T> {
         records(&mut |records| self.add_records(frame, first, records));
     }
 
-    /// Prefetches the rows of a group of records before adding to any of them, to hide memory latency.
+    /// Adds records in groups. The rows of a group are prefetched before any of them changes, which
+    /// hides memory latency.
     #[inline(always)]
     fn add_records<R: Real>(&mut self, frame: u32, first: usize, records: &[TileRecord<R>]) {
         for records in records.chunks(ROWS_AHEAD) {
@@ -195,7 +197,7 @@ impl<T: TotalScalar> TotalShard<T> {
         *word |= bit;
     }
 
-    /// Returns the statistics of one component of the shard, about its initial mean.
+    /// Returns the statistics of one component of this shard, about its initial mean.
     pub fn moments(&self, component: usize, shard_bits: u32) -> Moments {
         // The number of components per shard is a power of two, so the low bits are the row.
         let row = &self.rows[component & ((1 << shard_bits) - 1)];

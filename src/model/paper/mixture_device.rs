@@ -17,33 +17,34 @@ pub trait MixtureDevice: Send + Sync {
     /// Returns the device's name for reports.
     fn name(&self) -> String;
 
-    /// Uploads the initial means, or those that have changed, for the following passes.
+    /// Uploads the initial means, or only those that have changed, for the following passes.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost or out of memory.
     fn set_means(&mut self, means: &MeanCells<'_>) -> Result<(), DeviceError>;
 
-    /// Uploads a frame for the following passes.
+    /// Uploads the points of a frame for the following passes.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost or out of memory.
     fn set_points(&mut self, points: &PointColumns<'_>) -> Result<(), DeviceError>;
 
-    /// Scores the points against the means and, if `with_sums`, sums them; both must be set.
+    /// Scores the uploaded points against the uploaded means. If `with_sums` is true, also sums the
+    /// points of every tile by component.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost, out of memory or times out; the pass then has no result.
     fn pass(&mut self, rule: &PassRule, with_sums: bool) -> Result<DevicePass<'_>, DeviceError>;
 }
 
-/// Geometry of the grid of means, normalised coordinates.
+/// Geometry of the grid into which the initial means are sorted, normalised coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GridShape {
     /// Lower corner of the first cell; border cells extend to infinity.
     pub lo: [f32; 3],
     /// Edge length of a cell.
     pub cell: f32,
-    /// Cells per unit.
+    /// Number of cells per unit length.
     pub per_unit: f32,
     /// Number of cells along each axis; the first index varies fastest.
     pub dims: [usize; 3],
@@ -56,16 +57,17 @@ impl GridShape {
     }
 }
 
-/// Initial means by component, normalised, and the grid to sort them into.
+/// Initial means by component, in normalised coordinates, and the grid into which they are sorted.
 #[derive(Clone, Copy, Debug)]
 pub struct MeanCells<'a> {
-    /// Grid; means are finite, and the search does not depend on their order within a cell.
+    /// Geometry of the grid. All means are finite; the search does not depend on their order within a
+    /// cell.
     pub shape: GridShape,
-    /// Positions.
+    /// Positions of the means.
     pub space: &'a [[f32; 3]],
-    /// Colours.
+    /// Colours of the means.
     pub color: &'a [[f32; 3]],
-    /// Weights.
+    /// Log weights of the components, in units of squared distance.
     pub weight: &'a [f32],
     /// Components that changed since the last upload, in any order; `None` if all may have changed.
     pub changed_components: Option<&'a [u32]>,
@@ -74,7 +76,7 @@ pub struct MeanCells<'a> {
 /// Points of a frame, normalised.
 #[derive(Clone, Copy, Debug)]
 pub struct PointColumns<'a> {
-    /// Positions and colours, one column per coordinate.
+    /// Positions and colours of the points, one column per coordinate.
     pub columns: [&'a [f32]; 6],
     /// Tile `t` holds the points `tiles[t]..tiles[t + 1]`, at most [`MAX_TILE_POINTS`].
     pub tiles: &'a [u32],
@@ -87,23 +89,26 @@ pub struct PassRule {
     pub candidates: usize,
     /// Weight of a squared colour distance relative to a squared distance of positions.
     pub color_ratio: f32,
-    /// Excess over the least score beyond which a component certainly receives nothing. A tile with a closer
-    /// but unequal candidate is left to the processor.
+    /// Difference from the smallest score beyond which a component certainly receives no part of a
+    /// point. A tile is left to the processor if it has a candidate within this difference whose score
+    /// is not equal.
     pub certain_gap: f32,
-    /// Responsibility of each of `i + 1` candidates with equal scores.
+    /// Entry `i`: responsibility of each of `i + 1` candidates with equal scores.
     pub equal_share: [f32; MAX_DEVICE_CANDIDATES],
-    /// Amount by which the effective distance is below the score, for `i + 1` candidates with equal scores.
+    /// Entry `i`: amount by which the effective distance is below the score, for `i + 1` candidates with
+    /// equal scores.
     pub equal_gain: [f32; MAX_DEVICE_CANDIDATES],
 }
 
 /// Result of a pass on a device.
 #[derive(Clone, Copy, Debug)]
 pub struct DevicePass<'a> {
-    /// Effective distance of every point; undefined for tiles left to the processor.
+    /// Effective distance of every point, which encodes its ELBO; undefined for tiles left to the
+    /// processor.
     pub q: &'a [f32],
-    /// Tiles that are left to the processor, in any order.
+    /// Indices of the tiles left to the processor, in any order.
     pub open: &'a [u32],
-    /// Sums of the other tiles, in any order, in the format of
+    /// Sums of the tiles that the device completed, in any order, in the format of
     /// [`TileRecord::from_words`](crate::model::conjugate::statistics::TileRecord::from_words).
     pub records: &'a [[u32; RECORD_WORDS]],
 }

@@ -20,14 +20,14 @@ pub struct ModelState {
 /// Initial means in the precision used by the E-step.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InitialMeans {
-    /// Means of mixed-precision runs.
+    /// Means in f32, for runs of mixed precision.
     F32 {
         /// Spatial means, one row per component.
         space: Vec<[f32; 3]>,
         /// Colour means, one row per component.
         color: Vec<[f32; 3]>,
     },
-    /// Means of f64 runs.
+    /// Means in f64, for runs in f64 throughout.
     F64 {
         /// Spatial means, one row per component.
         space: Vec<[f64; 3]>,
@@ -37,7 +37,7 @@ pub enum InitialMeans {
 }
 
 impl InitialMeans {
-    /// Returns rows `[s, c]` without rounding.
+    /// Returns the means as rows of position and colour, in f64 without rounding.
     pub fn rows(&self) -> Vec<[f64; 6]> {
         let row = |s: [f64; 3], c: [f64; 3]| [s[0], s[1], s[2], c[0], c[1], c[2]];
         match self {
@@ -52,14 +52,15 @@ impl InitialMeans {
     }
 }
 
-/// Sums in the order of [`N_SUMS`].
+/// Totals of all components, one row of sums each, in the order of [`N_SUMS`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Totals {
-    /// 64-bit fixed point; quanta as in [`super::totals`].
+    /// 64-bit fixed point with high limbs for overflows; the unit depends on the sum (see
+    /// [`super::totals`]).
     Fixed64 {
         /// Low 64 bits of every sum.
         rows: Vec<[i64; N_SUMS]>,
-        /// High limbs, by ascending id; components without an entry have none.
+        /// High limbs of sums that exceed 64 bits, by ascending component id.
         carries: Vec<Carry>,
     },
     /// 128-bit fixed point.
@@ -81,12 +82,12 @@ impl Totals {
     }
 }
 
-/// High limbs of a component: a sum is `limb · 2⁶⁴ + row` quanta.
+/// High limbs of a component's sums: a sum is `limb · 2⁶⁴ + row` quanta.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Carry {
-    /// Number of the component.
+    /// Index of the component.
     pub id: u32,
-    /// One limb per sum.
+    /// High limb of each sum.
     pub limbs: [i32; N_SUMS],
 }
 
@@ -97,17 +98,18 @@ pub struct InitialModel<R> {
     pub space: Vec<[R; 3]>,
     /// Colour means, one row per component, normalised.
     pub color: Vec<[R; 3]>,
-    /// `w_k = 2 E[ln π_k] / E_s`: the log weight in units of squared distance.
+    /// `w_k = 2 E[ln π_k] / E_s`: the log weight in units of squared distance. `E_s` is the expected
+    /// spatial precision.
     pub weight: Vec<R>,
-    /// Largest of the weights.
+    /// Largest entry of `weight`.
     pub max_weight: R,
     /// Prior and initial hyper-parameters.
     pub hyper: Hyper,
 }
 
 impl<R: Real> InitialModel<R> {
-    /// Builds the model from rows `[s, c]` and the initial Dirichlet parameters, both of length
-    /// `hyper.components`.
+    /// Builds the model from rows of position and colour and from the initial Dirichlet parameters. Both
+    /// have length `hyper.components`.
     pub fn new(hyper: Hyper, means: &[[f64; 6]], alpha: &[f64]) -> Self {
         assert_eq!(means.len(), hyper.components, "one mean per component");
         assert_eq!(alpha.len(), hyper.components, "one concentration per component");
@@ -125,7 +127,7 @@ impl<R: Real> InitialModel<R> {
         }
     }
 
-    /// Replaces a component's mean (position, colour) and returns the old one.
+    /// Replaces a component's mean (position and colour) and returns the old mean.
     pub fn replace_mean(
         &mut self,
         component: usize,

@@ -7,8 +7,8 @@
 use crate::math::fixed::{Quanta, from_fixed, round_small, to_fixed, to_quanta};
 use crate::model::conjugate::statistics::N_SUMS;
 
-/// Fraction bits of every sum in 64-bit totals (`training.md`, Fixed point): counts and colours reach 1.3e8
-/// before they carry; second moments resolve a standard deviation of 6e-8.
+/// Number of fraction bits of every sum in 64-bit totals (`training.md`, Fixed point). Counts and
+/// colours reach 1.3e8 before they carry; second moments resolve a standard deviation of 6e-8.
 const FRACTION_BITS: [u32; N_SUMS] = [36, 40, 40, 40, 48, 48, 48, 48, 48, 48, 36, 36, 36];
 
 const SCALES: [f64; N_SUMS] = {
@@ -23,11 +23,11 @@ const SCALES: [f64; N_SUMS] = {
 };
 
 pub(super) trait TotalScalar: Copy + Default + PartialOrd + Send + Sync {
-    /// Adds `terms` to `sums`; returns the increments of their high limbs, if any.
+    /// Adds `terms` to `sums`. Returns the increments of the sums' high limbs, if any.
     fn add(sums: &mut [Self; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]>;
-    /// True if a count rounds to zero.
+    /// True if a count rounds to zero in this number format.
     fn rounds_to_zero(count: f64) -> bool;
-    /// Returns the value of sum `index` given its high limb.
+    /// Returns this sum as f64, given its high limb and its index in the order of [`N_SUMS`].
     fn value(self, high: i32, index: usize) -> f64;
 }
 

@@ -17,20 +17,20 @@ use crate::model::conjugate::statistics::{Moments, N_SUMS, TileRecord};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of shards; a power of two.
+/// Maximum number of shards (ranges of components by id); a power of two.
 const MAX_SHARDS: usize = 64;
 
 /// Number format of the totals over all frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UpdateWidth {
-    /// 64-bit fixed point with a carry.
+    /// 64-bit fixed point, with separate high limbs for sums that overflow.
     Fixed64,
     /// 128-bit fixed point.
     Fixed128,
 }
 
-/// Totals of all components.
+/// Totals of all components over all frames so far.
 pub struct Statistics {
     form: Form,
     components: usize,
@@ -113,12 +113,12 @@ impl Statistics {
         self.components == 0
     }
 
-    /// Number of components with `N_k > 0`.
+    /// Returns the number of components with `N_k > 0`.
     pub fn used(&self) -> usize {
         self.used
     }
 
-    /// Bytes per component.
+    /// Returns the memory of a component's sums, in bytes.
     pub fn row_bytes(&self) -> usize {
         any_form!(&self.form, shards => row_bytes(shards))
     }
@@ -128,14 +128,15 @@ impl Statistics {
         any_form!(&self.form, shards => shards.len())
     }
 
-    /// Binary logarithm of the components per shard: id `k` belongs to shard `k >> shard_bits`.
+    /// Returns the binary logarithm of the number of components per shard: component `k` belongs to
+    /// shard `k >> shard_bits`.
     pub fn shard_bits(&self) -> u32 {
         self.shard_bits
     }
 
-    /// Adds one frame's records. `of_shard(s, add)` passes those of shard `s` to `add`, slice by slice in any
-    /// order, at most one record per tile and component. Records whose count rounds to zero are skipped as a
-    /// whole.
+    /// Adds one frame's records. `of_shard(s, add)` passes the records of shard `s` to `add`, slice by
+    /// slice in any order. There is at most one record per tile and component. A record whose count
+    /// rounds to zero is skipped.
     pub fn add_frame<R: Real>(
         &mut self,
         of_shard: impl Fn(usize, &mut dyn FnMut(&[TileRecord<R>])) + Sync,

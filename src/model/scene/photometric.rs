@@ -7,14 +7,14 @@ use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use rayon::prelude::*;
 
-/// Parameters of position and form: mean (world units), logarithms of the scales, rotation about the splat's
-/// own axes (radians), logarithm of the opacity.
+/// Number of parameters of a splat's position and shape: mean (world units), logarithms of the scales,
+/// rotation about the splat's own axes (radians), logarithm of the opacity.
 pub const N_FORM: usize = 10;
-/// Colour coefficients of a channel: constant, by direction, by position (per world unit).
+/// Number of colour coefficients of a channel: constant, by direction, by position (per world unit).
 pub const N_COLOR: usize = 7;
-/// Entries in the lower triangle of the precision of position and form.
+/// Number of entries in the lower triangle of the precision of position and shape.
 pub const N_FORM_PRECISION: usize = N_FORM * (N_FORM + 1) / 2;
-/// Entries in the lower triangle of the precision of a channel's colour.
+/// Number of entries in the lower triangle of the precision of a channel's colour.
 pub const N_COLOR_PRECISION: usize = N_COLOR * (N_COLOR + 1) / 2;
 
 /// Splats as corrected by photographs, one row per component; a component with opacity 0 has no splat.
@@ -22,27 +22,29 @@ pub const N_COLOR_PRECISION: usize = N_COLOR * (N_COLOR + 1) / 2;
 pub struct PhotometricState {
     /// The splats, world units.
     pub splats: Vec<Splat>,
-    /// Variation of their colour with position and direction.
+    /// Variation of the splats' colour with position and direction.
     pub appearance: Vec<Appearance>,
-    /// Precision of mean, log scales, rotation and log opacity: lower triangle, row by row.
+    /// Precision matrix of each splat's mean, log scales, rotation and log opacity: lower triangle, row
+    /// by row.
     pub form: Vec<[f32; N_FORM_PRECISION]>,
-    /// Precision of the colour coefficients, shared by all channels.
+    /// Precision matrix of each splat's colour coefficients, shared by all channels: lower triangle, row
+    /// by row.
     pub color: Vec<[f32; N_COLOR_PRECISION]>,
-    /// Running mean square residual per channel between photographs and the scene rendered before training on
-    /// them, and its weight in frames.
+    /// Running mean of the squared residual per channel, and its weight in frames. The residual is
+    /// between a photograph and the scene rendered before training on it.
     pub noise: [f64; 2],
-    /// Running mean square difference of the colours of points from the mean colours of their components,
-    /// before training on them, and its weight in frames.
+    /// Running mean of a squared colour difference, and its weight in frames. The difference is between
+    /// a frame's points and the mean colours of their components before training on the frame.
     pub points: [f64; 2],
-    /// Running mean of the share of components in view that a frame measured through, and its weight in
-    /// frames.
+    /// Share of the components in view behind which a frame measured a farther surface: running mean,
+    /// and its weight in frames.
     pub seen_through: [f64; 2],
     /// Buffered photographs for later photometric steps, in no particular order.
     pub buffered: Vec<BufferedPhotograph>,
 }
 
 impl PhotometricState {
-    /// Bytes of a component in addition to its sums.
+    /// Memory of a component in addition to its sums, in bytes.
     pub const BYTES: usize = size_of::<Splat>()
         + size_of::<Appearance>()
         + size_of::<[f32; N_FORM_PRECISION]>()
@@ -53,7 +55,7 @@ impl PhotometricState {
         self.splats.len() * Self::BYTES
     }
 
-    /// Grows the state to `n` components; new ones have no splat.
+    /// Grows the state to `n` components; new components have no splat.
     pub fn grow(&mut self, n: usize) {
         self.splats.resize(n, Splat::default());
         self.appearance.resize(n, Appearance::default());
@@ -79,7 +81,7 @@ impl PhotometricState {
         }
     }
 
-    /// Returns splat and appearance of a component, if any.
+    /// Returns the splat of a component and its appearance; `None` if it has no splat.
     pub fn splat(&self, component: usize) -> Option<(Splat, Appearance)> {
         self.has_splat(component).then(|| (self.splats[component], self.appearance[component]))
     }
@@ -90,19 +92,19 @@ impl PhotometricState {
     }
 }
 
-/// Posterior standard deviations of a splat's parameters, marginalised over the other parameters of the same
-/// block.
+/// Posterior standard deviations of a splat's parameters. Parameters of shape and parameters of colour
+/// are two blocks; a deviation is marginalised over the other parameters of its block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotometricDeviations {
-    /// Mean, along the world's axes, world units.
+    /// Deviation of the mean along each world axis, world units.
     pub mean: [f64; 3],
-    /// Scales, relative.
+    /// Deviation of each scale, relative to the scale.
     pub scale: [f64; 3],
-    /// Rotation about the splat's own axes, radians.
+    /// Deviation of the rotation about each of the splat's own axes, radians.
     pub turn: [f64; 3],
-    /// Opacity, relative.
+    /// Deviation of the opacity, relative to the opacity.
     pub opacity: f64,
-    /// Constant colour of a channel, colour units.
+    /// Deviation of the constant colour of a channel, colour units.
     pub color: f64,
 }
 
@@ -126,7 +128,8 @@ impl PhotometricDeviations {
     }
 }
 
-/// Returns the square roots of the diagonal of the inverse of a matrix given by its lower triangle.
+/// Returns the standard deviations of a covariance, the inverse of the precision matrix with the given
+/// lower triangle; `None` if that is not positive definite.
 fn deviations<const N: usize>(triangle: &[f32]) -> Option<[f64; N]> {
     let entry = |i: usize| f64::from(triangle[at((i / N).max(i % N), (i / N).min(i % N))]);
     let matrix: Vec<f64> = (0..N * N).map(entry).collect();
@@ -138,7 +141,7 @@ fn deviations<const N: usize>(triangle: &[f32]) -> Option<[f64; N]> {
     }))
 }
 
-/// Copies `n` rows; missing ones become `none`.
+/// Returns a copy of the first `n` rows; missing ones become `none`.
 fn copied_rows<T: Copy + Send + Sync>(rows: &[T], n: usize, none: T) -> Vec<T> {
     // Parallel: this copies most bytes of a scene while training is blocked.
     let row = |i: usize| rows.get(i).copied().unwrap_or(none);

@@ -7,15 +7,15 @@
 use super::sums::N_SUMS;
 use crate::model::inspection::DeviceError;
 
-/// Words of a surface point as stored in a frame: position, colour, normal, direction, each as three f32
-/// followed by one integer.
+/// Number of 32-bit words of a surface point as stored in a frame: position, colour, normal and
+/// direction, each as three f32 followed by one integer.
 pub const POINT_WORDS: usize = 16;
-/// Marks a point without seed or slot.
+/// Value for a point without a seed (creation point of a component) or without a slot.
 pub const NO_SEED: u32 = u32::MAX;
-/// Marks a point whose seed the processor must find.
+/// Value for a point whose seed the processor must find.
 pub const LEFT_TO_PROCESSOR: u32 = u32::MAX - 1;
 
-/// Finds the seeds of points and sums points about the seeds of their components.
+/// Finds the seed of each point (the nearest creation point of a component) and sums points about seeds.
 pub trait PointsDevice: Send + Sync {
     /// Returns the device's name for reports.
     fn name(&self) -> String;
@@ -32,47 +32,50 @@ pub trait PointsDevice: Send + Sync {
     /// [`DeviceError`] if the device is lost or out of memory.
     fn set_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), DeviceError>;
 
-    /// Returns, per point, its nearest seed within the scale, the first of equals; [`NO_SEED`] if there is
-    /// none, [`LEFT_TO_PROCESSOR`] if the processor has to search.
+    /// Returns, for each point, the index of the nearest seed within the structural scale, the first of
+    /// equally near ones. [`NO_SEED`] means that there is none, [`LEFT_TO_PROCESSOR`] that the processor
+    /// has to search.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost, out of memory or times out.
     fn nearest(&mut self) -> Result<&[u32], DeviceError>;
 
-    /// Returns, per slot, the sums of its points in whole quanta.
+    /// Returns the sums of each slot's points, in whole quanta. A slot collects the points that are
+    /// summed about one seed.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost, out of memory or times out.
     fn sums(&mut self, asked: &SlotSums<'_>) -> Result<&[[i32; N_SUMS]], DeviceError>;
 }
 
-/// Seeds of a scene, world units from its origin. Seeds never move; new ones are appended.
+/// Seeds of a scene (the points at which components were created), world units from the scene's origin.
+/// Seeds never move; new ones are appended.
 #[derive(Clone, Copy, Debug)]
 pub struct Seeds<'a> {
-    /// Maximum distance of a point from its seed, world units.
+    /// Structural scale: the maximum distance of a point from its seed, world units.
     pub h: f32,
-    /// `1 / h` as used by the seed grid, whose cells have that width.
+    /// Reciprocal of `h` as used by the grid of seeds, whose cells have the width `h`.
     pub per_cell: f32,
-    /// Distance from the origin, in cells, beyond which no seeds exist.
+    /// Number of cells from the origin, per axis, beyond which there are no seeds.
     pub max_cells: f32,
-    /// All seeds.
+    /// Positions of all seeds.
     pub positions: &'a [[f32; 3]],
-    /// True if the seeds differ from those of the last upload or are hashed at another scale.
+    /// True if more has changed since the last upload than the seeds that were appended.
     pub are_new: bool,
 }
 
 /// Points to be summed and their parameters (`scene.md`, Component sums).
 #[derive(Clone, Copy, Debug)]
 pub struct SlotSums<'a> {
-    /// Per point, its slot ([`NO_SEED`] if it is not summed) and the bits of its shift along the ray, world
-    /// units (f32).
+    /// Slot of each point, and the bits of the point's shift along its ray (f32, world units). The slot
+    /// is [`NO_SEED`] if the point is not summed.
     pub points: &'a [[u32; 2]],
-    /// Per slot, the seed about which it is summed, world units from the origin, and a 0.
+    /// Seed of each slot, world units from the origin, followed by a 0.
     pub seeds: &'a [[f32; 4]],
-    /// Structural scales per world unit.
+    /// Reciprocal of the structural scale, per world unit.
     pub per_h: f32,
-    /// Factor on each colour channel.
+    /// Factor on each colour channel of the points.
     pub gain: [f32; 3],
-    /// Pixels per point, a power of two.
+    /// Number of pixels that a point represents, a power of two.
     pub weight: f32,
 }

@@ -14,8 +14,8 @@ const FORM_VECTORS: [usize; 1] = [0];
 const COLOR_VECTORS: [usize; 2] = [1, 4];
 
 impl PhotometricState {
-    /// Moves splats, their precision and the cameras of buffered photographs: `motion` maps old to new world
-    /// coordinates.
+    /// Moves splats, their precision and the cameras of buffered photographs. `motion` maps old to new
+    /// world coordinates.
     pub fn move_by(&mut self, motion: &Pose) {
         let turn = motion.rotation();
         let rotation = DQuat::from_mat3(&turn);
@@ -33,7 +33,7 @@ impl PhotometricState {
     }
 }
 
-/// `turn` is the rotation of `motion`.
+/// Returns `splat` moved by `motion`, whose rotation is `turn`.
 fn moved(splat: &Splat, motion: &Pose, turn: DQuat) -> Splat {
     let mean = motion.transform_point(DVec3::from_array(splat.mean.map(f64::from)));
     let rotation = rotation_array((turn * splat.quaternion()).normalize());
@@ -48,8 +48,8 @@ fn turned(look: &Appearance, turn: DMat3) -> Appearance {
     Appearance { gradient: rows(look.gradient), directional: rows(look.directional), observed }
 }
 
-/// Rotates a precision of `N` parameters given by its lower triangle: `T Λ Tᵀ`, where `T` rotates the vectors
-/// that begin at the given indices.
+/// Rotates the precision matrix of `N` parameters, given by its lower triangle, to `T Λ Tᵀ`. `T` applies
+/// `turn` to the parameter vectors that begin at the indices `vectors`.
 fn rotate_precision<const N: usize>(lower: &mut [f32], vectors: &[usize], turn: DMat3) {
     let mut full = [[0.0; N]; N];
     for i in 0..N {

@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// Kind of splats.
+/// Kind of splats that represent a scene.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
@@ -18,12 +18,12 @@ use strum::{Display, EnumString, VariantNames};
 pub enum SplatKind {
     /// Splats with flat tops, colour gradients and filled cracks, as this program draws them.
     Native,
-    /// Gaussians with opacity up to 1, drawn alike by every viewer.
+    /// Gaussians with opacity up to 1, which every viewer draws alike.
     Plain,
 }
 
 impl SplatKind {
-    /// Returns the kind of the splats that a rule makes.
+    /// Returns the kind of splats that `rule` makes.
     pub fn of(rule: &SplatRule) -> Self {
         if rule.flat_top { Self::Native } else { Self::Plain }
     }
@@ -32,43 +32,45 @@ impl SplatKind {
 /// Parameters of the conversion from sums to a splat.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SplatRule {
-    /// Opacity by the share of returned points.
+    /// Opacity as a function of a component's density: the number of points received per point expected.
     pub opacity: DensityOpacity,
     /// Minimum number of points of a component that is drawn.
     pub least_points: f64,
-    /// Factor on the standard deviations.
+    /// Factor on the standard deviations of a splat.
     pub scale: f64,
-    /// Coverage from which a pixel counts as fully covered, in `(0, 1]`.
+    /// Opacity of the composited splats from which a pixel counts as fully covered, in `(0, 1]`.
     #[serde(default = "open", rename = "closing")]
     pub full_coverage: f64,
     /// True if opacities may exceed 1, which gives splats a flat top.
     // Skipped if true, so that files of native scenes are unchanged.
     #[serde(default = "yes", skip_serializing_if = "Clone::clone")]
     pub flat_top: bool,
-    /// Least standard deviation, units of `h`.
+    /// Minimum standard deviation of a splat, in units of the structural scale `h`.
     pub least_scale: f64,
-    /// Standard deviation of the prior's points, units of `h`.
+    /// Standard deviation of the pseudo-points that represent the prior, in units of the structural
+    /// scale `h`.
     pub prior_scale: f64,
-    /// Number of the prior's points.
+    /// Number of pseudo-points that represent the prior.
     pub prior_points: f64,
     /// True if colour varies over a splat.
     pub gradient: bool,
-    /// Ridge of the regression of colour on position, units of `h²`.
+    /// Ridge of the regression of colour on position, in units of `h²` (`h` is the structural scale).
     pub gradient_ridge: f64,
     /// True if colour depends on the view direction.
     pub directional: bool,
-    /// Ridge of the regression of colour on direction: constant part, and part that falls as `1/N`.
+    /// Ridge of the regression of colour on view direction: constant part, and part that is divided by
+    /// the number of points.
     pub directional_ridge: [f64; 2],
 }
 
-/// Inputs of a component's splat besides its sums.
+/// Data from which a component's splat is derived besides its sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatContext {
-    /// Seed, world units.
+    /// Seed of the component (the point at which it was created), world units.
     pub seed: DVec3,
     /// Structural scale, world units.
     pub h: f64,
-    /// Returns expected from the component so far, in points.
+    /// Number of points expected from the component over all frames so far.
     pub expected: f64,
     /// Number of frames trained on.
     pub frames: u64,
@@ -77,9 +79,9 @@ pub struct SplatContext {
 /// Location and extent of a component's points, world axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointExtent {
-    /// Their mean, world units.
+    /// Mean of the points, world units.
     pub mean: DVec3,
-    /// Covariance of the splat derived from them, world units².
+    /// Covariance of the splat derived from the points, world units².
     pub covariance: Sym3,
 }
 
@@ -90,7 +92,8 @@ impl SplatRule {
         Self { flat_top: false, gradient: false, full_coverage: 1.0, scale, ..self }
     }
 
-    /// Returns the splat of a component and its appearance; an empty slot if it must not be drawn.
+    /// Returns the splat and the appearance of a component. The splat is an empty slot if it must not be
+    /// drawn.
     pub fn splat(&self, sums: &SceneSums, context: &SplatContext) -> (Splat, Appearance) {
         let opacity = self.opacity.opacity(sums.count, context.expected, context.frames);
         // In the first frames every component has few points, but something must be visible.
@@ -131,7 +134,7 @@ impl SplatRule {
         if splat.is_valid() { (splat, appearance) } else { Default::default() }
     }
 
-    /// Returns mean and extent of a component's points, as a bound of its splat; `None` without points.
+    /// Returns mean and extent of a component's points, which bound its splat; `None` without points.
     pub fn extent(&self, sums: &SceneSums, context: &SplatContext) -> Option<PointExtent> {
         let SplatContext { seed, h, .. } = *context;
         if sums.count < 1.0 {
@@ -144,7 +147,7 @@ impl SplatRule {
         Some(PointExtent { mean: seed + sums.mean_offset(), covariance })
     }
 
-    /// Adds the prior's points to a covariance.
+    /// Returns the covariance regularised by the prior's pseudo-points.
     fn regular(&self, covariance: Sym3, count: f64, h: f64) -> Sym3 {
         let prior = Sym3::diagonal((self.prior_scale * h).powi(2));
         covariance
@@ -155,7 +158,7 @@ impl SplatRule {
             .scaled(1.0 / (count + self.prior_points))
     }
 
-    /// Ridge regression of colour on view direction, one row per channel.
+    /// Regresses colour on view direction with a ridge; returns the slopes, one row per channel.
     fn directional(&self, sums: &SceneSums) -> DMat3 {
         let n = sums.count;
         let (view, spread) = sums.view_moments();
@@ -169,12 +172,12 @@ impl SplatRule {
     }
 }
 
-/// Default for scenes written before crack filling existed.
+/// Returns the default full coverage of scenes written before crack filling existed.
 fn open() -> f64 {
     1.0
 }
 
-/// Default for native scenes and those written before plain splats existed.
+/// Returns the default of `flat_top`, for native scenes and those written before plain splats existed.
 fn yes() -> bool {
     true
 }
@@ -184,9 +187,9 @@ fn rows(m: DMat3) -> [[f32; 3]; 3] {
     [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.as_vec3().to_array())
 }
 
-/// Density opacity (`model.md`, Density opacity): with `ρ = N / (h²·X + c₀)`, where `X` is the number of
-/// pixels per unit of area in which the component could have been measured, summed over frames, the opacity
-/// is `τ·(1 − exp(−ρ/ρ₀))`.
+/// Opacity from the density `ρ = N / (h²·X + c₀)`: `τ·(1 − exp(−ρ/ρ₀))` (`model.md`, Density opacity).
+/// `N` is the component's number of points and `h` the structural scale. `X` is the number of pixels per
+/// unit of area in which the component could be measured, summed over frames.
 ///
 /// ```
 /// use vbgs_studio::model::scene::splat_rule::DensityOpacity;
@@ -197,20 +200,20 @@ fn rows(m: DMat3) -> [[f32; 3]; 3] {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DensityOpacity {
-    /// Opacity at full density; above 1 the splat has a flat top.
+    /// Limit `τ` of the opacity at high density; above 1 the splat has a flat top.
     pub tau: f64,
-    /// Density at which the opacity reaches `1 − 1/e` of `tau`, returns per expected return.
+    /// Density `ρ₀` at which the opacity reaches `1 − 1/e` of `tau`: points received per point expected.
     pub rho0: f64,
-    /// Constant `c₀` added to the expected number of returns. Components of a few stray points stay
-    /// transparent.
+    /// Constant `c₀` added to the expected number of points, so that components of a few stray points
+    /// stay transparent.
     pub doubt: f64,
-    /// Components of lower opacity are not drawn.
+    /// Minimum opacity of a component that is drawn.
     pub least: f64,
 }
 
 impl DensityOpacity {
-    /// Returns the opacity for `count` points out of `expected`, 0 if it is below the threshold. The constant
-    /// `doubt` is reduced over the first frames, when all surfaces have few points.
+    /// Returns the opacity for `count` points out of `expected`, 0 if it does not exceed `least`. The
+    /// constant `doubt` is reduced over the first frames, when all surfaces have few points.
     pub fn opacity(&self, count: f64, expected: f64, frames: u64) -> f64 {
         let rho = count / (expected + self.doubt * early_factor(frames));
         // `exp_m1` preserves the digits of small densities. A power of the density was tried: no better at an
@@ -220,10 +223,11 @@ impl DensityOpacity {
     }
 }
 
-/// Number of frames from which on `doubt` and the minimum number of points apply in full.
+/// Number of frames from which on `doubt` and the minimum number of points are not reduced.
 const EARLY_FRAMES: f64 = 50.0;
 
-/// Returns the factor, 0 to 1, on thresholds that need many frames, after `frames` frames.
+/// Returns a factor, 0 to 1, for thresholds that need many frames: it grows over the first
+/// `EARLY_FRAMES` frames.
 pub fn early_factor(frames: u64) -> f64 {
     // With the full threshold from the start, new surfaces would stay invisible for many frames.
     (frames as f64 / EARLY_FRAMES).min(1.0)

@@ -8,51 +8,54 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Unit of integer sums; exact in f64 as long as a sum is below [`MAX_SUM`].
+/// Unit of integer sums. Their values are exact in f64 as long as a sum is below [`MAX_SUM`].
 // Terms up to 7.84 take 18 bits, and 4,096 of them 30: finer quanta would spill rows sooner.
 pub const QUANTUM: f64 = 1.0 / 32768.0;
 
-/// Number of points from which a component's sums are stored in a wide row. With as many more terms within
-/// ±7.84 (offsets within ±2.8) a row of 32-bit quanta is still below its limit.
+/// Number of points from which a component's sums are stored in a wide row ([`WideRow`]). A row of
+/// 32-bit quanta can hold the terms of twice as many points, for offsets within ±2.8 structural scales.
 pub const WIDE_POINTS: u32 = 1 << 12;
 
 /// Largest sum of a wide row: 2⁵³ quanta.
 pub const MAX_SUM: f64 = (1u64 << 38) as f64;
 
-/// Denominator of a seed's share of the structural scale.
+/// Denominator of the entries of [`SceneState::shares`]; this value stands for the whole structural
+/// scale.
 pub const WHOLE: u8 = 64;
 
-/// Maximum number of steps by which a structural scale grows: 64 times as wide.
+/// Maximum number of steps of √2 by which the structural scale grows: to 64 times its width.
 // At that limit a whole seed's share is 1/64 of the scale.
 pub const MAX_COARSENING_STEPS: u32 = 12;
 
-/// A trained scene between two frames. Row `k` of the sums and visibility counts is component `k`; it is free
-/// if no seed refers to it.
+/// A trained scene between two frames. Row `k` of the sums and visibility counts is component `k`; a row
+/// to which no seed refers is unused.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
-    /// World position that the seeds are relative to.
+    /// World position relative to which the seeds are stored.
     pub origin: [f64; 3],
     /// Number of steps of √2 by which the structural scale exceeds the configured one, at most
     /// [`MAX_COARSENING_STEPS`].
     pub coarsening_steps: u32,
-    /// Seeds, world units, in the order of their birth.
+    /// Seeds (the points at which components were created), world units from `origin`, in order of
+    /// creation.
     pub seeds: Vec<[f32; 3]>,
-    /// Per seed, the maximum distance of its points as a share of the structural scale, in units of
-    /// 1/[`WHOLE`]; `None` if all shares are [`WHOLE`].
+    /// For each seed, the maximum distance of its points as a fraction of the structural scale, in
+    /// multiples of 1/[`WHOLE`]. `None` if all entries are [`WHOLE`].
     pub shares: Option<Vec<u8>>,
-    /// Per seed, its component, if seeds share components; `None` while seed `k` belongs to component `k`.
+    /// For each seed, the index of its component. `None` while seed `k` belongs to component `k`; merged
+    /// components share one row.
     pub components: Option<Vec<u32>>,
-    /// Sums over all points so far, about the seeds.
+    /// Sums over all points so far, relative to the seeds.
     pub sums: StoredSums,
-    /// Visibility counts per component.
+    /// Visibility counts, one entry per component.
     pub visibility: Vec<VisibilityCounts>,
     /// Exposures of the frames in training order, if gains are estimated.
     pub exposures: Vec<FrameExposure>,
-    /// Pose corrections of the frames in the same order, unless poses count as exact.
+    /// Pose corrections of the frames in training order, unless recorded poses count as exact.
     pub poses: Vec<FramePose>,
     /// Estimated camera poses in tracking order, if poses are tracked.
     pub trajectory: Vec<TrackedPose>,
-    /// Photometric state, row by component, if splats are trained on photographs.
+    /// Photometric state, one row per component, if splats are trained on photographs.
     pub photometric: Option<PhotometricState>,
 }
 
@@ -60,16 +63,16 @@ pub struct SceneState {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct VisibilityCounts {
-    /// Expected returns, in 64ths of a pixel.
+    /// Number of points expected from the component, in 64ths.
     pub expected: u32,
     /// Number of frames that measured a surface at the component.
     pub hits: u16,
-    /// Number of frames that measured a farther surface through it.
+    /// Number of frames that measured a farther surface behind the component.
     pub misses: u16,
 }
 
 impl VisibilityCounts {
-    /// Adds both counts, saturating.
+    /// Adds the counts of `other`, saturating.
     pub fn plus(self, other: Self) -> Self {
         Self {
             expected: self.expected.saturating_add(other.expected),
@@ -79,7 +82,7 @@ impl VisibilityCounts {
     }
 }
 
-/// Sums in the order of [`N_SUMS`], offsets in units of the structural scale.
+/// Sums of all components in the order of [`N_SUMS`], with offsets in units of the structural scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoredSums {
     /// One row per component, in multiples of [`QUANTUM`]; zeros where the sums are in `wide`.
@@ -88,10 +91,10 @@ pub struct StoredSums {
     pub wide: Vec<WideRow>,
 }
 
-/// Sums of one component, whole multiples of [`QUANTUM`].
+/// Sums of one component with many points, whole multiples of [`QUANTUM`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WideRow {
-    /// Number of the component.
+    /// Index of the component.
     pub id: u32,
     /// Sums of the component in the order of [`N_SUMS`].
     pub sums: [f64; N_SUMS],
@@ -109,9 +112,9 @@ pub struct TrackedPose {
     pub turn_deviation: f64,
     /// Standard deviation of the centre along the least certain axis, world units.
     pub shift_deviation: f64,
-    /// Share of the frame covered by the scene from that pose, 0 to 1.
+    /// Share of the frame that the scene covers from the tracked pose, 0 to 1.
     pub overlap: f64,
-    /// Agreement of depth and colour at that pose, 0 to 1.
+    /// Agreement of depth and colour between frame and scene at the tracked pose, 0 to 1.
     pub agreement: f64,
 }
 
@@ -130,7 +133,7 @@ impl TrackedPose {
         Self { centre, rotation, turn_deviation, shift_deviation, overlap, agreement }
     }
 
-    /// Returns the pose; `None` if the numbers do not form one.
+    /// Returns the pose; `None` if the stored numbers do not form one.
     pub fn pose(&self) -> Option<Pose> {
         let rotation = unit_rotation(self.rotation)?;
         let matrix = DMat4::from_rotation_translation(rotation, DVec3::from_array(self.centre));

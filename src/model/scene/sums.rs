@@ -13,21 +13,25 @@ use crate::model::splat::observed_cone::ObservedCone;
 use glam::{DMat3, DVec3};
 use std::ops::Add;
 
-/// Number of sums per component, each of terms within ±[`MAX_TERM`]. With `d` the offset of a point from the
-/// seed in units of the structural scale `h`, `c` its colour, `n` its normal and `v` its view direction: `N`,
-/// `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ v` (3), `Σ v vᵀ` without
-/// its last entry, which is `N` minus the other two of the diagonal (5), `Σ c vᵀ` (9).
+/// Number of sums per component, each of terms within ±[`MAX_TERM`]. The offset of a point from the seed
+/// in units of the structural scale `h` is `d`; `c` is its colour, `n` its normal and `v` its view
+/// direction.
+///
+/// The sums are `N`, `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ v`
+/// (3), `Σ v vᵀ` (5) and `Σ c vᵀ` (9). The last entry of `Σ v vᵀ` is left out: it is `N` minus the other
+/// two of the diagonal.
 pub const N_SUMS: usize = 42;
 
-/// Largest offset of a point from its component's seed in sums, units of `h`.
+/// Largest offset of a point from its component's seed in sums, in units of the structural scale `h`.
 // Just below √8: 8,192 squares then stay below 2³¹ quanta of 2⁻¹⁵.
 pub const MAX_OFFSET: f32 = 2.8;
 
 /// Largest term of a sum: the square of [`MAX_OFFSET`].
 pub const MAX_TERM: f64 = 7.84;
 
-/// Returns the terms that one point at offset `d` (units of `h`) adds to each sum, given its colour, unit
-/// surface normal and unit view direction in world axes.
+/// Returns the terms that one point adds to each sum, given its colour, unit surface normal and unit
+/// view direction. `d` is its offset from the seed in units of the structural scale; axes are the
+/// world's.
 #[inline(always)]
 pub fn terms<R: Real>(d: [R; 3], c: [R; 3], normal: [f32; 3], direction: [f32; 3]) -> [R; N_SUMS] {
     // Entry by entry: `map` would not be inlined into the SIMD kernels, as it is compiled for the baseline.
@@ -81,7 +85,7 @@ pub fn terms<R: Real>(d: [R; 3], c: [R; 3], normal: [f32; 3], direction: [f32; 3
 }
 
 /// The two factors of each term of [`terms`], as indices into 13 numbers: 1, offset, colour, normal and
-/// direction. For code that forms terms one by one.
+/// direction. Used by code that computes terms one by one.
 pub const TERM_FACTORS: [[u32; 2]; N_SUMS] = {
     const D: u32 = 1;
     const C: u32 = 4;
@@ -113,12 +117,13 @@ pub const TERM_FACTORS: [[u32; 2]; N_SUMS] = {
     factors
 };
 
-/// Outer product `a bᵀ`, row per entry of `a`.
+/// Returns the outer product `a bᵀ`, one row per entry of `a`.
 pub fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
-/// Sums of one component with names, in world units about its seed; `D` is the offset of a point.
+/// Sums of one component as named fields, in world units relative to its seed. `D` is the offset of a
+/// point from the seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneSums {
     /// Number of points `N`.
@@ -129,11 +134,11 @@ pub struct SceneSums {
     pub second: Sym3,
     /// `Σ c`, red, green and blue in `[0, 1]`.
     pub color: DVec3,
-    /// `Σ c Dᵀ`: `color_offset.transpose().col(i)` belongs to channel `i`.
+    /// Colour times offset, `Σ c Dᵀ`: `color_offset.transpose().col(i)` belongs to channel `i`.
     pub color_offset: DMat3,
     /// `Σ n` of the unit normals of the points' surfaces, world axes.
     pub normal: DVec3,
-    /// `Σ v`, from the camera to the points.
+    /// `Σ v` of the unit view directions from the camera to the points.
     pub view: DVec3,
     /// `Σ v vᵀ`.
     pub view_second: Sym3,
@@ -142,7 +147,7 @@ pub struct SceneSums {
 }
 
 impl SceneSums {
-    /// Reads sums in the order of [`N_SUMS`], offsets in units of `h`.
+    /// Creates the sums from an array in the order of [`N_SUMS`], with offsets in units of `h`.
     pub fn new(sums: &[f64; N_SUMS], h: f64) -> Self {
         let vector = |at: usize| DVec3::new(sums[at], sums[at + 1], sums[at + 2]);
         let rows =
@@ -164,7 +169,7 @@ impl SceneSums {
         }
     }
 
-    /// Writes the sums in the order of [`N_SUMS`], in the current unit of the offsets.
+    /// Returns the sums as an array in the order of [`N_SUMS`], in the current unit of the offsets.
     pub fn to_array(&self) -> [f64; N_SUMS] {
         let mut sums = [0.0; N_SUMS];
         let mut put =
@@ -181,24 +186,24 @@ impl SceneSums {
         sums
     }
 
-    /// Returns the mean of the points, about the seed.
+    /// Returns the mean position of the points relative to the seed; there must be points.
     pub fn mean_offset(&self) -> DVec3 {
         self.first / self.count
     }
 
-    /// Returns the covariance of the points; N > 0.
+    /// Returns the covariance of the points' positions; there must be points.
     pub fn covariance(&self) -> Sym3 {
         self.second.scaled(1.0 / self.count).add_scaled(-1.0, Sym3::outer(self.mean_offset()))
     }
 
-    /// Returns mean and covariance of the view directions; N > 0.
+    /// Returns mean and covariance of the view directions; there must be points.
     pub fn view_moments(&self) -> (DVec3, Sym3) {
         let mean = self.view / self.count;
         let second = self.view_second.scaled(1.0 / self.count);
         (mean, second.add_scaled(-1.0, Sym3::outer(mean)))
     }
 
-    /// Returns the range of view directions; unknown without points.
+    /// Returns the cone of observed view directions, which is unknown without points.
     pub fn observed_cone(&self) -> ObservedCone {
         if self.count < 1.0 {
             return ObservedCone::default();
@@ -207,14 +212,14 @@ impl SceneSums {
         ObservedCone::new(mean, covariance)
     }
 
-    /// Returns the covariance of colour and position, row per channel; N > 0.
+    /// Returns the covariance of colour and position, one row per channel; there must be points.
     pub fn color_covariance(&self) -> DMat3 {
         self.color_offset * (1.0 / self.count) - outer(self.color / self.count, self.mean_offset())
     }
 
-    /// Returns the change of colour with position, from the conditional mean of their joint Gaussian:
-    /// `G = cov(c, s) (Σ + l I)⁻¹` with the covariance `Σ` of [`Self::covariance`] and the ridge `l` in world
-    /// units², row per channel; N > 0.
+    /// Returns the change of colour with position, one row per channel; there must be points. It follows
+    /// from the conditional mean of their joint Gaussian: `G = cov(c, s) (Σ + l I)⁻¹`. `Σ` is the
+    /// covariance of [`Self::covariance`], `l` the ridge in world units².
     pub fn gradient(&self, covariance: Sym3, ridge: f64) -> DMat3 {
         match covariance.add_scaled(1.0, Sym3::diagonal(ridge)).inverse() {
             Some(inverse) => self.color_covariance() * inverse.to_mat3(),
@@ -222,7 +227,8 @@ impl SceneSums {
         }
     }
 
-    /// Returns the sums of the same points about a seed displaced by `−shift`, in the unit of the offsets.
+    /// Returns the sums of the same points about a seed displaced by `−shift`. `shift` is in the unit of
+    /// the offsets.
     pub fn about_shifted_seed(&self, shift: DVec3) -> Self {
         let crossed = outer(self.first, shift);
         let second = self
@@ -267,7 +273,7 @@ impl SceneSums {
     }
 }
 
-/// Adds sums about the same seed.
+/// Addition of sums about the same seed.
 impl Add for SceneSums {
     type Output = Self;
 
@@ -287,17 +293,20 @@ impl Add for SceneSums {
     }
 }
 
-/// Indices of the sums of squares.
+/// Indices of the sums of squares: the diagonals of `Σ d dᵀ` and `Σ v vᵀ`.
 pub const SQUARES: [usize; 5] = [4, 7, 9, 28, 31];
 
-/// Tolerance for rounding, relative to a sum: view directions are unit vectors in f32.
+/// Tolerance of moments for rounding, relative to a sum: view directions are unit vectors in f32.
 pub const RELATIVE_SLACK: f64 = 1e-6;
-/// Tolerance for rounding per point: every term is rounded to half a quantum.
+/// Tolerance of moments for rounding, per point: every term is rounded to half a quantum.
 pub const SLACK_PER_POINT: f64 = 3.0 * QUANTUM;
 
 /// Returns the index of the first mixed moment that no set of points can have, and its largest valid
-/// magnitude. With second moments `a` and `b` of its axes, that is `√(ab)`; moments are refused from `(a +
-/// b)/2` on. The missing second moment of view directions is the count less the other two.
+/// magnitude; `None` if all are possible.
+///
+/// For second moments `a` and `b` along two axes, the mixed moment is at most `√(ab)`. Only moments
+/// above `(a + b)/2` are reported, with a tolerance for rounding. The missing second moment of view
+/// directions is the count less the other two.
 pub fn first_violated_moment(row: &[f64; N_SUMS]) -> Option<(usize, f64)> {
     let [xx, yy, zz] = [row[4], row[7], row[9]];
     let [view_xx, view_yy] = [row[28], row[31]];
@@ -319,8 +328,9 @@ pub fn first_violated_moment(row: &[f64; N_SUMS]) -> Option<(usize, f64)> {
     Some((i, (a.max(0.0) * b.max(0.0)).sqrt()))
 }
 
-/// Clamps moments that no set of points can have to the nearest whole quantum within their bounds, after sums
-/// moved to another seed. Returns true if any changed. Sums within bounds stay unchanged to the bit.
+/// Clamps moments that no set of points can have to the nearest whole quantum within their bounds. Such
+/// moments result from rounding when sums move to another seed. Returns true if any changed. Sums within
+/// bounds stay unchanged to the bit.
 pub fn clamp_moments(row: &mut [f64; N_SUMS]) -> bool {
     let mut changed = false;
     // Rounding after a move can leave a square a quantum below 0.
@@ -342,12 +352,16 @@ pub fn clamp_moments(row: &mut [f64; N_SUMS]) -> bool {
 
 // Relative rounding error of f64 sums, as a share of the trace of a second moment.
 const ARITHMETIC: f64 = 1e-14;
-/// Minors above this share of powers of the trace prove a scatter to be definite despite rounding.
+/// Minimum minors, relative to powers of the trace, at which a scatter matrix is positive definite
+/// despite rounding.
 const NO_DOUBT: f64 = 1e-12;
 
-/// Repairs moments that rounding after a motion made impossible for any set of points. Adds as many whole
-/// quanta to the second moment along each axis as make the scatter about the mean positive semidefinite, the
-/// least possible. Rows of definite scatter stay unchanged to the bit. Returns true if the row was changed.
+/// Repairs second moments that no set of points can have, as rounding after a motion of the scene can
+/// cause. Returns true if the row was changed.
+///
+/// Adds the same number of whole quanta to the second moment along each axis. The number just suffices
+/// for a positive semidefinite scatter about the mean. Rows with a positive definite scatter stay
+/// unchanged to the bit.
 pub fn repair_scatter(row: &mut [f64; N_SUMS]) -> bool {
     // Without points there is no mean to subtract.
     if row[0] <= 0.0 {
@@ -374,8 +388,9 @@ pub fn repair_scatter(row: &mut [f64; N_SUMS]) -> bool {
     true
 }
 
-/// True if the leading minors prove a scatter to be definite; takes a tenth of the time of its eigenvalues.
-/// The smallest eigenvalue is then at least [`NO_DOUBT`] of the trace.
+/// True if the leading minors prove that a scatter matrix is positive definite. The smallest eigenvalue
+/// is then at least [`NO_DOUBT`] of the trace. The test takes a tenth of the time of an
+/// eigendecomposition.
 fn is_clearly_definite(scatter: &Sym3) -> bool {
     let [xx, xy, xz, yy, yz, zz] = scatter.to_array();
     let trace = scatter.trace();

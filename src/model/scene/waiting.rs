@@ -9,21 +9,21 @@ use std::sync::Arc;
 
 const MOST_EVERY: u32 = 16;
 const MOST_SIDE: u32 = 1 << 16;
-/// Maximum frame number: f64 represents all whole numbers up to here.
+/// Maximum number of a frame: f64 represents all whole numbers up to this one.
 const MOST_FRAMES: f64 = (1u64 << 53) as f64;
-/// Depth steps in the smallest margin.
+/// Number of depth steps in the smallest margin (tolerance of a surface's depth).
 const STEPS_PER_MARGIN: f64 = 16.0;
-/// Coverage value for unknown; all others are 254ths.
+/// Coverage byte that means unknown; all other values are 254ths.
 pub const UNKNOWN_COVERAGE: u8 = u8::MAX;
 
 /// An invalid number: name, expected range, found value.
 pub type NumberDefect = (&'static str, String, f64);
 
-/// Camera of a buffered photograph and the stored rows, as numbers in a checkpoint.
+/// Camera of a buffered photograph and selection of its stored rows, as numbers in a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct PhotographView {
-    /// Number of frames trained before the photograph's own.
+    /// Number of frames trained on before the frame of the photograph.
     pub frame: f64,
     /// Columns and rows of the image.
     pub size: [f64; 2],
@@ -33,7 +33,7 @@ pub struct PhotographView {
     pub pose: [f64; 16],
     /// Factors on red, green and blue that give the scene's exposure.
     pub gain: [f64; 3],
-    /// Distance, world units, below which splats are not compared.
+    /// Distance from the camera, world units, below which splats are left out of the comparison.
     pub near: f64,
     /// Row stride and first row of the stored rows.
     pub rows: [f64; 2],
@@ -42,8 +42,8 @@ pub struct PhotographView {
 }
 
 impl PhotographView {
-    /// Creates the view of the photograph that follows `frame` frames, with as many pixels as its depth
-    /// image.
+    /// Creates the view of a photograph with as many pixels as its depth image. `frame` is the number of
+    /// frames trained on before it.
     pub fn new(frame: u64, camera: &Camera, gain: [f32; 3], near: f64, rows: [u32; 2]) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = camera.intrinsics;
         Self {
@@ -69,7 +69,7 @@ impl PhotographView {
         Ok(Camera { intrinsics: Intrinsics { width, height, fx, fy, cx, cy }, pose })
     }
 
-    /// Moves the camera with the world: `motion` maps old to new coordinates.
+    /// Returns the view with a camera moved by `motion`, which maps old to new world coordinates.
     pub fn moved(&self, motion: &Pose) -> Self {
         let pose = motion.to_opencv() * DMat4::from_cols_array(&self.pose);
         Self { pose: pose.to_cols_array(), ..*self }
@@ -88,7 +88,7 @@ impl PhotographView {
         self.stored_rows().len().saturating_mul(self.size[0] as usize)
     }
 
-    /// Returns the first invalid number with its name and expected range.
+    /// Returns the first invalid number with its name and expected range, if any.
     pub fn first_invalid_number(&self) -> Option<NumberDefect> {
         use NumberRange::{Finite, NotNegative, Positive, PowerOfTwo, Whole};
         let ([every, first], [width, height]) = (self.rows, self.size);
@@ -159,13 +159,14 @@ impl Display for NumberRange {
 /// Depths of the stored pixels of a photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BufferedDepths {
-    /// Unit of the steps and tolerance of a surface.
+    /// Size of a depth step, and the tolerance within which depths belong to one surface.
     pub scale: DepthScale,
-    /// Depth along the optical axis in steps; 0 if unknown. Shared between copies, like the pixels.
+    /// Depth along the optical axis in steps; 0 if unknown. Copies of a scene share the values, like the
+    /// pixels.
     pub steps: Arc<[u16]>,
 }
 
-/// Parameters of [`BufferedDepths`], as numbers in a checkpoint.
+/// Parameters of [`BufferedDepths`], stored as numbers in a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct DepthScale {
@@ -176,7 +177,7 @@ pub struct DepthScale {
 }
 
 impl DepthScale {
-    /// Chooses steps that are small relative to the margin.
+    /// Creates the scale for a margin, with steps that are small relative to it.
     pub fn new(margin: [f32; 2]) -> Self {
         let margin = margin.map(f64::from);
         Self { step: margin[0] / STEPS_PER_MARGIN, margin }
@@ -194,7 +195,7 @@ impl DepthScale {
         (f64::from(steps) * self.step) as f32
     }
 
-    /// Returns the first invalid number with its name.
+    /// Returns the first invalid number with its name and expected range, if any.
     pub fn defect(&self) -> Option<NumberDefect> {
         use NumberRange::{NotNegative, Positive};
         let [least, linear] = self.margin;
@@ -213,10 +214,10 @@ impl DepthScale {
 pub struct BufferedPhotograph {
     /// Camera and stored rows.
     pub view: PhotographView,
-    /// Red, green and blue, sRGB-encoded in 255ths, and coverage in 254ths or [`UNKNOWN_COVERAGE`], of the
-    /// stored rows. Shared, as they never change: copies of a scene do not duplicate them.
+    /// Red, green and blue (sRGB-encoded, in 255ths) and coverage (in 254ths, or [`UNKNOWN_COVERAGE`])
+    /// of each pixel in the stored rows. Copies of a scene share the pixels, which never change.
     pub pixels: Arc<[[u8; 4]]>,
-    /// Depths of the same pixels, if measured.
+    /// Depths of the pixels in the stored rows, if measured.
     pub depths: Option<BufferedDepths>,
 }
 

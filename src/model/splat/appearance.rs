@@ -10,21 +10,22 @@ use crate::math::pose::Pose;
 use std::ops::Deref;
 use std::sync::Arc;
 
-/// Limit of the change of a pixel's colour by a splat's gradient.
+/// Maximum change of a colour channel of a pixel by a splat's gradient.
 pub const GRADIENT_LIMIT: f64 = 0.5;
 
-/// Colour that varies over a splat and with the view direction. Zero is a plain splat.
+/// Colour that varies over a splat and with the view direction. All coefficients of a plain splat are
+/// zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Appearance {
-    /// Colour gradient: row per channel, column per world axis; change per world unit from the mean. A
-    /// pixel's change is clamped to ±[`GRADIENT_LIMIT`].
+    /// Colour gradient: one row per channel, one column per world axis. It is the change per world unit
+    /// of distance from the mean; a pixel's change is clamped to ±[`GRADIENT_LIMIT`].
     pub gradient: [[f32; 3]; 3],
-    /// Degree-1 colour: row per channel, multiplied by the unit direction from the camera to the mean,
-    /// clamped to the observed directions. The splat's own colour is then the constant term and may lie
-    /// outside `[0, 1]`.
+    /// Coefficients of the view-dependent colour (degree 1), one row per channel. They are multiplied by
+    /// the unit direction from the camera to the mean, clamped to the observed directions. The splat's
+    /// own colour is the constant term and may lie outside `[0, 1]`.
     pub directional: [[f32; 3]; 3],
-    /// Range of the observed directions.
+    /// Range of the directions from which the splat was observed.
     pub observed: ObservedCone,
 }
 
@@ -45,8 +46,8 @@ pub struct SplatView<'a> {
 }
 
 impl<'a> SplatView<'a> {
-    /// Combines splats with one appearance each; an empty appearance makes them plain. `None` if the lengths
-    /// differ.
+    /// Combines splats with one appearance each. An empty `appearance` makes all splats plain. Returns
+    /// `None` if the lengths differ.
     pub fn new(splats: &'a [Splat], appearance: &'a [Appearance]) -> Option<Self> {
         let fits = appearance.is_empty() || appearance.len() == splats.len();
         fits.then_some(Self { splats, appearance, finishing: &PLAIN })
@@ -57,18 +58,18 @@ impl<'a> SplatView<'a> {
         self.splats
     }
 
-    /// Returns one appearance per splat, or none if all are plain.
+    /// Returns one appearance per splat, or an empty slice if all splats are plain.
     pub fn appearance(&self) -> &'a [Appearance] {
         self.appearance
     }
 
-    /// Returns how composited pixels are finished.
+    /// Returns the parameters for finishing composited pixels.
     pub fn finishing(&self) -> &'a Finishing {
         self.finishing
     }
 }
 
-/// Splats with their appearance, which is empty if all are plain. Dereferences to the splats.
+/// Splats with their appearance, which is empty if all splats are plain. Dereferences to the splats.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatSet {
     splats: Vec<Splat>,
@@ -77,10 +78,11 @@ pub struct SplatSet {
     finishing: Finishing,
 }
 
-/// Finishing of composited pixels, and logs of the training frames.
+/// Parameters for finishing composited pixels, and logs of the training frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finishing {
-    /// Coverage from which a pixel counts as fully covered, in `(0, 1]`; 1 for plain splats.
+    /// Opacity of the composited splats from which a pixel counts as fully covered, in `(0, 1]`; 1 for
+    /// plain splats.
     pub full_coverage: f32,
     /// Exposures of the training frames, if known.
     pub exposures: Option<Arc<ExposureLog>>,
@@ -98,7 +100,7 @@ impl Finishing {
 // Static, so that views of plain splats can borrow it.
 static PLAIN: Finishing = Finishing { full_coverage: 1.0, exposures: None, poses: None };
 
-/// Leaves pixels unchanged, as for plain splats.
+/// Parameters that leave pixels unchanged, as for plain splats.
 impl Default for Finishing {
     fn default() -> Self {
         PLAIN.clone()
@@ -112,12 +114,12 @@ impl SplatSet {
         Self { splats, appearance, ..Self::default() }
     }
 
-    /// Replaces the finishing.
+    /// Returns the set with other parameters for finishing composited pixels.
     pub fn finished(self, finishing: Finishing) -> Self {
         Self { finishing, ..self }
     }
 
-    /// Returns how composited pixels are finished.
+    /// Returns the parameters for finishing composited pixels.
     pub fn finishing(&self) -> &Finishing {
         &self.finishing
     }
@@ -127,8 +129,8 @@ impl SplatSet {
         self.put(self.splats.len(), splat, appearance);
     }
 
-    /// Writes the splats of `new` into the listed slots, in order, and copies its finishing. Missing slots are
-    /// added; slots between them stay empty.
+    /// Writes the splats of `new` into the listed slots, in order, and copies its finishing. Slots that
+    /// do not exist are added; other new slots stay empty.
     pub fn replace(&mut self, slots: &[u32], new: &SplatSet) {
         self.finishing.clone_from(&new.finishing);
         for (i, (&slot, splat)) in slots.iter().zip(&new.splats).enumerate() {
@@ -209,12 +211,13 @@ impl<'a, const N: usize> From<&'a [Splat; N]> for SplatView<'a> {
 /// Maximum opacity of a plain splat; renderers cap alpha at this value too.
 pub const OPAQUE: f64 = 0.99;
 
-/// Factor on the standard deviations of plain splats, which have no colour gradient: the best picture needs
-/// 1.3 times the deviation of the points, where native splats need 1.2.
+/// Factor on the standard deviations of plain splats, which have no colour gradient. The best picture
+/// needs 1.3 times the deviation of the points, where native splats need 1.2.
 pub const PLAIN_WIDTH: f64 = 1.3 / 1.2;
 
-/// Returns opacity and factor on the standard deviations of the plain splat that covers the same area as one
-/// of `opacity`: `∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c))`, and a Gaussian of peak `c` covers `2πc`.
+/// Returns opacity and factor on the standard deviations of a plain splat. It covers the same area as a
+/// splat of `opacity`: `∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c))`, while a Gaussian of peak `c`
+/// covers `2πc`.
 pub fn plain_of_equal_area(opacity: f64) -> (f64, f64) {
     match opacity > OPAQUE {
         true => (OPAQUE, (1.0 + (opacity / OPAQUE).ln()).sqrt()),

@@ -7,7 +7,7 @@
 use super::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Sphere around the visible part of a scene.
+/// Sphere around the part of a scene that should be visible.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Framing {
     /// Centre, world units.
@@ -18,26 +18,27 @@ pub struct Framing {
 
 // Share of the splats in the scene's core.
 const CORE_SHARE: f64 = 0.9;
-/// Thickness of a shell, in radii of the core.
+/// Thickness of a shell around the core, relative to the core's radius.
 const SHELL: f64 = 0.25;
-/// Maximum number of shells. Anything farther away, such as sky and hills, surrounds the scene and is not
-/// part of it.
+/// Maximum number of shells around the core. Anything farther away, such as sky and hills, surrounds the
+/// scene and is not part of it.
 const N_SHELLS: usize = 6;
-/// A shell with less than this share of all splats contains only strays.
+/// Share of all splats below which a shell contains only strays.
 const STRAY_SHARE: f64 = 1.0 / 5000.0;
-/// Extent of a splat in standard deviations.
+/// Visible extent of a splat from its centre, in standard deviations.
 const VISIBLE_SIGMAS: f64 = 2.5;
-/// Margin around the visible splats, as a factor of the radius.
+/// Factor on the radius that leaves a margin around the visible splats.
 const AIR: f64 = 1.03;
 
 impl Framing {
-    /// Returns the distance from which the sphere fills a field of view (radians).
+    /// Returns the distance from the sphere's centre at which the sphere fills a field of view
+    /// (radians).
     pub fn distance(&self, fov: f64) -> f64 {
         (self.radius / (0.5 * fov).sin()).max(1e-6)
     }
 }
 
-/// Returns the framing of the finite splats; `None` if there are none.
+/// Returns the sphere that frames the finite splats; `None` if there are none.
 pub fn framing<'a>(splats: impl IntoIterator<Item = &'a Splat>) -> Option<Framing> {
     let blobs: Vec<SplatExtent> =
         splats.into_iter().filter(|s| s.is_finite()).map(SplatExtent::new).collect();
@@ -68,13 +69,14 @@ pub fn core_sphere(splats: &[Splat]) -> Option<Framing> {
     Some(Framing { centre, radius: quantile(away, CORE_SHARE)?.max(1e-6) })
 }
 
-/// Median of the centres, per axis: insensitive to distant strays.
+/// Returns the median of the centres, per axis; it is insensitive to distant strays.
 fn median(blobs: &[SplatExtent]) -> Option<DVec3> {
     let axis = |i: usize| quantile(blobs.iter().map(|blob| blob.centre[i]).collect(), 0.5);
     Some(DVec3::new(axis(0)?, axis(1)?, axis(2)?))
 }
 
-/// Radius at which the scene ends, given the reach of every splat and the radius of the core.
+/// Returns the radius at which the scene ends, given the reach of every splat and the radius of the
+/// core.
 fn end_of_scene(reaches: &[f64], core: f64) -> f64 {
     let mut counts = [0usize; N_SHELLS];
     for reach in reaches.iter().filter(|reach| **reach > core) {
@@ -97,7 +99,8 @@ fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
 
 struct SplatExtent {
     centre: DVec3,
-    /// Columns: the splat's axes, scaled to its visible extent.
+    /// Half axes of the visible ellipsoid: each column is an axis of the splat, scaled to its visible
+    /// extent.
     axes: DMat3,
 }
 
@@ -114,7 +117,7 @@ impl SplatExtent {
         }
     }
 
-    /// Distance from `from` to the far side of the splat.
+    /// Returns the distance from the point `from` to the far side of the splat.
     fn reach(&self, from: DVec3) -> f64 {
         let away = self.centre - from;
         // For a splat centred at `from` the longest axis counts.
@@ -125,7 +128,7 @@ impl SplatExtent {
         away.length() + (self.axes.transpose() * direction).length()
     }
 
-    /// Half extent along the world's axes.
+    /// Returns half of the splat's visible extent along each world axis.
     fn half_extent(&self) -> DVec3 {
         let rows = self.axes.transpose();
         DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length())
@@ -140,7 +143,7 @@ mod tests {
         Splat { mean: [x, y, z], opacity: 0.9, scale: [0.01; 3], ..Splat::default() }
     }
 
-    /// A cube of ten splats a side, with an edge of 2.
+    /// Returns a cube of 10 × 10 × 10 splats with an edge length of 2.
     fn cube() -> Vec<Splat> {
         let side = |i: usize| -1.0 + 2.0 * i as f32 / 9.0;
         (0..1000).map(|i| at(side(i / 100), side(i / 10 % 10), side(i % 10))).collect()

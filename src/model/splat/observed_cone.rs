@@ -9,8 +9,8 @@ const EDGE: f64 = 2.0;
 // Standard deviation added across the cone: one viewpoint determines a splat's colour within about 2°.
 const LEAST: f64 = 0.02;
 
-/// Mean and spread of unit directions from camera to splat, world axes. Zero means unknown: any direction
-/// counts as observed.
+/// Mean and spread of the unit directions from cameras to a splat, world axes. If all numbers are zero,
+/// the directions are unknown and any direction counts as observed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct ObservedCone {
@@ -45,16 +45,17 @@ impl ObservedCone {
         DVec3::from_array(self.mean.map(f64::from))
     }
 
-    /// Clamps the unit direction `d` to the cone: `d` itself inside, its projection onto the edge outside.
-    /// The colour is evaluated for the result.
+    /// Returns the unit direction `d` if it is inside the cone, else its projection onto the edge. A
+    /// splat's colour is evaluated for the returned direction.
     pub fn clamp_direction(&self, d: DVec3) -> DVec3 {
         let offset = d - self.mean();
         let squared = self.inverse().quadratic_form(offset);
         self.mean() + offset / squared.max(1.0).sqrt()
     }
 
-    /// Returns the linear map `M` for which `M (d − m)` best fits `clamp_direction(d) − m`, per axis of the
-    /// cone and over differences up to `reach`: the factor on an unclamped slope.
+    /// Returns the matrix `M` for which `M (d − m)` best fits `clamp_direction(d) − m`, for differences
+    /// up to `reach`. The fit is made per axis of the cone. `M` is the factor on a colour slope that is
+    /// not clamped.
     pub fn linear_fit(&self, reach: f64) -> DMat3 {
         let eigen = self.inverse().eigen();
         // Rounding to f32 can make an eigenvalue negative.
@@ -77,7 +78,7 @@ impl ObservedCone {
     }
 }
 
-/// Least-squares factor `s` that fits `s·ρ` to `min(ρ, r)` over a disc of radius 1.
+/// Returns the least-squares factor `s` that fits `s·ρ` to `min(ρ, r)` over a disc of radius 1.
 fn linear_share(radius: f64) -> f64 {
     let r = radius.min(1.0);
     r.powi(4) + 4.0 / 3.0 * r * (1.0 - r.powi(3))
@@ -130,7 +131,7 @@ mod tests {
         assert!(difference.length() < 1e-6, "{difference}");
     }
 
-    /// Compares with a numerical integral over the radii of the disc.
+    /// Compares the factor with a numerical integral over the radii of the disc.
     #[test]
     fn a_line_fits_a_slope_that_ends() {
         for radius in [0.03, 0.3, 0.8, 1.0, 1.5] {

@@ -10,10 +10,10 @@ use glam::{DQuat, DVec3};
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FramePose {
-    /// Viewpoint as recorded.
+    /// Viewpoint of the recorded pose.
     pub recorded: Viewpoint,
-    /// Rotation from the recorded camera's OpenCV axes to the world's: unit quaternion x, y, z, w. Zeros if
-    /// unknown, as in older checkpoints.
+    /// Rotation from the recorded camera's OpenCV axes to the world's: unit quaternion x, y, z, w. Zeros
+    /// if the rotation is unknown, as in older checkpoints.
     pub rotation: [f64; 4],
     /// Rotation from the recorded to the corrected camera: axis times angle in the recorded camera's frame,
     /// radians.
@@ -43,7 +43,8 @@ impl FramePose {
         Some([recorded, recorded.attached_camera(DVec3::from_array(self.shift), turn)])
     }
 
-    /// Moves the corrected pose with the world; the recorded pose stays fixed.
+    /// Returns the correction with the corrected pose moved with the world; the recorded pose stays
+    /// fixed. `motion` maps old to new world coordinates.
     pub fn moved(&self, motion: &Pose) -> Option<Self> {
         let [recorded, real] = self.poses()?;
         let Self { turn, shift, .. } = Self::new(&recorded, &real.transformed_by(motion));
@@ -86,9 +87,9 @@ impl PoseLog {
     }
 }
 
-/// Returns the corrected pose of a camera recorded at `pose`: the corrections of nearby frames, interpolated
-/// and applied in the camera's own axes; the recorded pose without frames. `reach` is the distance between
-/// cameras at which corrections correlate by one half, world units.
+/// Returns the corrected pose of a camera recorded at `pose`; the recorded pose if there are no frames.
+/// The corrections of nearby frames are interpolated and applied in the camera's own axes. `reach` is
+/// the distance between cameras at which corrections correlate by one half, world units.
 pub fn corrected(frames: &[FramePose], reach: f64, pose: &Pose) -> Pose {
     let entry = |frame: &FramePose| {
         let [a, b, c] = frame.turn;
@@ -110,7 +111,7 @@ pub fn corrected(frames: &[FramePose], reach: f64, pose: &Pose) -> Pose {
 pub struct FrameExposure {
     /// Camera viewpoint.
     pub viewpoint: Viewpoint,
-    /// Factors from the frame's red, green and blue to the scene's.
+    /// Gain: factors from the frame's red, green and blue to those of the scene.
     pub gain: [f64; 3],
 }
 
@@ -120,7 +121,7 @@ impl FrameExposure {
         Self { viewpoint: Viewpoint::new(pose), gain: gain.map(f64::from) }
     }
 
-    /// Moves the viewpoint with the world: `motion` maps old to new coordinates.
+    /// Returns the entry with its viewpoint moved by `motion`, which maps old to new world coordinates.
     pub fn moved(&self, motion: &Pose) -> Self {
         Self { viewpoint: self.viewpoint.moved(motion), ..*self }
     }
@@ -151,8 +152,8 @@ impl ExposureLog {
         Self { frames, reach: reach(h) }
     }
 
-    /// Returns factors on the scene's red, green and blue as seen from `pose`: the inverse gains of nearby
-    /// frames, interpolated between them ([`interpolate`]); 1 without frames.
+    /// Returns factors on the scene's red, green and blue as seen from `pose`; 1 without frames. They
+    /// are the inverse gains of nearby frames, interpolated by [`interpolate`].
     pub fn at(&self, pose: &Pose) -> [f32; 3] {
         // Logarithms, since gains are factors: half and twice as bright average to 1.
         let entry = |frame: &FrameExposure| (frame.viewpoint, frame.gain.map(|gain| -gain.ln()));

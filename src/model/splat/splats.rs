@@ -27,7 +27,7 @@ pub struct Splat {
     pub opacity: f32,
     /// sRGB-encoded colour in `[0, 1]`.
     pub color: [f32; 3],
-    /// Standard deviations along the rotated axes, world units (linear, not logarithms).
+    /// Standard deviations along the splat's own axes, world units (linear, not logarithms).
     pub scale: [f32; 3],
     /// Unit quaternion `w x y z`; the columns of its matrix are the axes of `scale`.
     pub rotation: [f32; 4],
@@ -37,26 +37,26 @@ pub struct Splat {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CovarianceForm {
-    /// Eigen-decomposition: the covariance itself.
+    /// Eigen-decomposition, which represents the covariance exactly.
     Eigen,
-    /// Cholesky rows interpreted as a rotation, as in the reference exporter; correct for diagonal
-    /// covariances only, for parity runs.
+    /// Cholesky rows interpreted as a rotation, as in the reference exporter. Correct for diagonal
+    /// covariances only; used to reproduce the reference's figures.
     LegacyCholesky,
 }
 
-/// Maximum coordinate or standard deviation of a valid splat, world units: its fourth power still fits an
-/// f32.
+/// Maximum coordinate or standard deviation of a valid splat, world units. The fourth power of this
+/// value still fits an f32.
 pub const MAX_LENGTH: f32 = 1e9;
-/// Tolerance of the squared norm of a rotation: quaternions in half precision pass.
+/// Tolerance of the squared norm of a rotation, wide enough for quaternions in half precision.
 const UNIT_TOLERANCE: f32 = 4e-3;
 
-/// Jitter that the reference adds before its Cholesky factorisation.
+/// Value that the reference adds to the diagonal before its Cholesky factorisation.
 const LEGACY_JITTER: f64 = 1e-10;
-/// Number of attempts in the reference; each multiplies the jitter by ten.
+/// Maximum number of factorisation attempts in the reference; each multiplies the jitter by ten.
 const LEGACY_TRIES: i32 = 5;
 
 impl Default for Splat {
-    /// An empty slot: a ball of no opacity.
+    /// Returns an empty slot: a sphere with opacity 0.
     fn default() -> Self {
         Self {
             mean: [0.0; 3],
@@ -69,8 +69,8 @@ impl Default for Splat {
 }
 
 impl Splat {
-    /// True if the slot holds a splat whose every field is finite. Files can store it; renderers clamp or
-    /// normalise any other defect.
+    /// True if the slot holds a splat whose fields are all finite. Files can store such a splat;
+    /// renderers clamp or normalise any other defect.
     pub fn is_finite(&self) -> bool {
         let finite = |v: &[f32]| v.iter().all(|x| x.is_finite());
         self.opacity > 0.0
@@ -100,7 +100,8 @@ impl Splat {
             && (norm2 - 1.0).abs() <= UNIT_TOLERANCE
     }
 
-    /// Returns the rotation as stored: of length 1 within [`Splat::is_valid`]'s tolerance, or broken.
+    /// Returns the rotation as stored. If the splat is valid ([`Splat::is_valid`]), its length is 1
+    /// within a tolerance.
     pub fn quaternion(&self) -> DQuat {
         let [w, x, y, z] = self.rotation.map(f64::from);
         DQuat::from_xyzw(x, y, z, w)
@@ -119,8 +120,8 @@ pub fn rotation_array(q: DQuat) -> [f32; 4] {
     [q.w, q.x, q.y, q.z].map(|q| q as f32)
 }
 
-/// Returns standard deviations (before any factor) and unit quaternion `w ≥ 0` of a covariance. Eigenvalues
-/// that are negative due to rounding count as zero.
+/// Returns the standard deviations (before any factor) and the unit quaternion (`w ≥ 0`) of a
+/// covariance. Eigenvalues that are negative due to rounding count as zero.
 pub fn decompose(covariance: Sym3, form: CovarianceForm) -> (DVec3, DQuat) {
     match form {
         CovarianceForm::Eigen => eigen_form(covariance),
@@ -152,8 +153,9 @@ fn legacy_form(covariance: Sym3) -> (DVec3, DQuat) {
     (scale, trace_formula_quaternion(unit))
 }
 
-/// Quaternion by the usual trace or largest-diagonal formulas, normalised afterwards. For a matrix that is no
-/// rotation this differs from any projection onto rotations; parity requires it.
+/// Converts a matrix to a quaternion by the usual trace or largest-diagonal formulas, normalised
+/// afterwards. For a matrix that is no rotation this differs from any projection onto rotations; parity
+/// requires it.
 fn trace_formula_quaternion(m: DMat3) -> DQuat {
     let e = |row: usize, column: usize| m.col(column)[row];
     let (m00, m11, m22) = (e(0, 0), e(1, 1), e(2, 2));

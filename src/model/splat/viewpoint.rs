@@ -5,16 +5,17 @@ use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-/// Angle between view directions, radians, equivalent to [`DISTANCE`].
+/// Angle between view directions, radians, with the same effect as the camera distance [`DISTANCE`].
 const ANGLE: f64 = 0.3;
-/// Distance between cameras, structural scales, at which the values of two frames correlate by one half.
+/// Distance between cameras, in structural scales, at which the values of two frames correlate by one
+/// half.
 const DISTANCE: f64 = 12.0;
-/// Noise variance of a single frame's value, relative to its variance between places.
+/// Variance of the noise in a single frame's value, relative to the value's variance between places.
 const NOISE: f64 = 0.05;
 // Maximum number of frames used, the nearest ones: more add nothing.
 const MOST: usize = 16;
 
-/// Viewpoint of a frame.
+/// Viewpoint of a frame: camera centre and view direction.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Viewpoint {
@@ -30,7 +31,7 @@ impl Viewpoint {
         Self { centre: pose.centre().to_array(), forward: pose.forward().to_array() }
     }
 
-    /// Moves the viewpoint with the world: `motion` maps old to new coordinates.
+    /// Returns the viewpoint moved by `motion`, which maps old to new world coordinates.
     pub fn moved(&self, motion: &Pose) -> Self {
         let [centre, forward] = [self.centre, self.forward].map(DVec3::from_array);
         Self {
@@ -39,7 +40,8 @@ impl Viewpoint {
         }
     }
 
-    /// Combined distance in position and direction; 1 where either alone gives a correlation of one half.
+    /// Returns the combined distance in position and direction, with the spatial scale `reach`. It is 1
+    /// where position or direction alone gives a correlation of one half.
     fn distance(&self, other: &Self, reach: f64) -> f64 {
         let [a, b] = [self, other].map(|view| DVec3::from_array(view.centre));
         let [to, from] = [self, other].map(|view| DVec3::from_array(view.forward));
@@ -94,7 +96,7 @@ pub fn interpolate<T, const N: usize>(
     (n > 0).then_some(sums)
 }
 
-/// Matérn correlation of smoothness 3/2.
+/// Returns the Matérn correlation of smoothness 3/2 at a distance.
 fn covariance(distance: f64) -> f64 {
     let scaled = 3f64.sqrt() * distance;
     (1.0 + scaled) * (-scaled).exp()

@@ -10,7 +10,7 @@ use std::ops::Range;
 const MANY: usize = 4;
 // Number of parts of the ids. Fixed rather than one per thread, so memory grows only once.
 const PARTS: usize = 16;
-/// Number of ranges of cells.
+/// Number of ranges of consecutive cells, into which ids are sorted first.
 const RANGES: usize = 64;
 
 /// Sorts ids by cell; buffers are reused.
@@ -19,18 +19,18 @@ pub(super) struct CellSort {
     parts: [Part; PARTS],
 }
 
-/// Consecutive ids, sorted by range.
+/// Part of the ids, sorted by range of cells.
 #[derive(Debug, Default)]
 struct Part {
-    /// Pairs of cell and id.
+    /// Pairs of cell and id, sorted by range of cells.
     entries: Vec<(u32, u32)>,
     /// Range `r` holds `entries[starts[r]..starts[r + 1]]`.
     starts: Vec<u32>,
 }
 
 impl CellSort {
-    /// Writes the indices of `cell_of_id`, sorted by cell, to `ids`. Fills `start` with the first entry of
-    /// each cell, then the total.
+    /// Sorts the indices of `cell_of_id` by cell and writes them to `ids`. Fills `start` with the
+    /// position in `ids` of each cell's first index, then the total.
     pub fn sort(
         &mut self,
         cell_of_id: &[u32],
@@ -58,7 +58,8 @@ impl CellSort {
 }
 
 /// Sorts the indices of `cells` by range of `2^shift` cells; indices in a range ascend. Calls
-/// `put(to, index)` for each. Fills `start` with the first entry of each range, then the total.
+/// `put(to, index)` with the sorted position `to` of each index. Fills `start` with the position of each
+/// range's first index, then the total.
 fn counting_sort(
     cells: &[u32],
     shift: u32,
@@ -81,7 +82,7 @@ fn counting_sort(
 }
 
 impl Part {
-    /// Sorts ids from `first` on into ranges of `2^shift` cells.
+    /// Sorts the ids from `first` on, whose cells are `cells`, into ranges of `2^shift` cells.
     fn fill(&mut self, first: u32, cells: &[u32], shift: u32) {
         let Self { entries, starts } = self;
         entries.resize(cells.len(), (0, 0));
@@ -94,7 +95,7 @@ impl Part {
     }
 }
 
-/// Merges the parts range by range.
+/// Merges the parts of all ids, range by range.
 #[derive(Clone, Copy)]
 struct Ranges<'a> {
     parts: &'a [Part; PARTS],
@@ -103,8 +104,8 @@ struct Ranges<'a> {
 }
 
 impl Ranges<'_> {
-    /// Fills cell starts and ids of some ranges; `first` is the index of their first entry. Halves are
-    /// processed in parallel.
+    /// Fills `start` and `ids` for some ranges of cells; `first` is the position of their first id.
+    /// Halves of the ranges are processed in parallel.
     fn fill(self, ranges: Range<usize>, first: u32, start: &mut [u32], ids: &mut [u32]) {
         if ranges.len() == 1 {
             return self.fill_one(ranges.start, first, start, ids);
@@ -137,7 +138,7 @@ impl Ranges<'_> {
     }
 }
 
-/// Replaces each number by the running total, which starts at `sum`.
+/// Replaces each number by the running total up to it, starting at `sum`.
 fn prefix_sum(mut sum: u32, numbers: &mut [u32]) {
     for number in numbers {
         sum += *number;
@@ -145,18 +146,20 @@ fn prefix_sum(mut sum: u32, numbers: &mut [u32]) {
     }
 }
 
-/// Removals and insertions in an ordered list of entries.
+/// Removals and insertions that keep entries ordered by cell after some components have moved.
 #[derive(Debug, Default)]
 pub(in crate::train) struct Edits {
-    /// Cell, component, and true for an insertion, false for a removal.
+    /// Old or new cell of a component, the component, and true for the insertion into the new cell.
     moves: Vec<(u32, u32, bool)>,
-    /// Old entry to remove (`None`) or to insert a component before (`Some`).
+    /// Index in the old list, and the component to insert before it, or `None` to remove the entry
+    /// there.
     insertions_and_removals: Vec<(u32, Option<u32>)>,
 }
 
 impl Edits {
-    /// Finds the edits for components that move from the cells in `cell_of_id`, which is updated, to those
-    /// given by `cell_of`. `cell` returns the first entry of a cell and its components, ascending.
+    /// Finds the edits for the `moved` components and updates their cells in `cell_of_id`. `cell_of`
+    /// returns the new cell of a component. `cell` returns the first entry of a cell and its components,
+    /// ascending.
     pub fn find<'a>(
         &mut self,
         moved: &[u32],
@@ -183,7 +186,7 @@ impl Edits {
         }));
     }
 
-    /// Shifts the first entries of cells (one more than the number of cells).
+    /// Updates `start`, the first entry of each cell and the total, after the edits.
     pub fn shift_starts(&self, start: &mut [u32]) {
         let (mut from, mut shift) = (0, 0u32);
         for &(cell, _, comes) in &self.moves {
@@ -196,8 +199,8 @@ impl Edits {
         start[from..].iter_mut().for_each(|start| *start = start.wrapping_add(shift));
     }
 
-    /// Writes a table of entries in the new order from the old one; `of` gives the value of a moved
-    /// component.
+    /// Writes the entries of a table to `new` in the order after the edits. `of` returns the value of a
+    /// moved component.
     pub fn apply<T: Copy>(&self, old: &[T], new: &mut [T], of: impl Fn(u32) -> T) {
         let (mut from, mut to) = (0, 0);
         for &(at, comes) in &self.insertions_and_removals {

@@ -16,7 +16,7 @@ const MIN_MARGIN: f32 = 1e-18;
 // Largest radius whose square is safely finite.
 pub(super) const MAX_RADIUS: f32 = 1e18;
 
-/// Bounding box and bounding sphere of the points of a group or chunk.
+/// Bounding box and bounding sphere of the points of a group or chunk (part of a group).
 #[derive(Clone, Copy)]
 pub(super) struct Extent {
     pub lo: [f32; 3],
@@ -25,7 +25,7 @@ pub(super) struct Extent {
     pub centre: [f32; 3],
     /// Largest distance of a point from the centre.
     reach: f32,
-    /// Part of the margin that does not depend on the radius.
+    /// Part of the rounding margin that does not depend on the radius.
     absolute_margin: f32,
 }
 
@@ -57,21 +57,23 @@ impl Extent {
         self.reach.is_finite() && self.absolute_margin.is_finite()
     }
 
-    /// Upper bound on the distance from the box to its points' neighbours, given that of the centre's
-    /// neighbours from the centre.
+    /// Returns an upper bound on the distance from the box to the `n` nearest means of any of its
+    /// points. `nearest` is the distance from the centre to its `n`-th nearest mean.
     #[inline(always)]
     pub fn neighbour_radius(&self, nearest: f32) -> f32 {
         (nearest + self.reach) * RELATIVE_MARGIN + self.absolute_margin
     }
 
-    /// Upper bound on the distance from the box to anything within `reach` of one of its points.
+    /// Returns an upper bound on the distance from the box to anything within `reach` of one of its
+    /// points.
     #[inline(always)]
     pub fn radius_for_reach(&self, reach: f32) -> f32 {
         reach * RELATIVE_MARGIN + self.absolute_margin
     }
 
-    /// Upper bound on the distance from the centre to its points' nearest entries, given the squared
-    /// distance of the centre's nearest; `None` if squares might overflow.
+    /// Returns an upper bound on the distance from the centre to the `n` nearest means of any point.
+    /// `nearest2` is the squared distance from the centre to its `n`-th nearest mean. `None` if squares
+    /// might overflow.
     #[inline(always)]
     pub fn centre_radius(&self, nearest2: f32) -> Option<f32> {
         // Twice the reach: a point's neighbours are bounded from the centre's, then measured from the
@@ -82,12 +84,12 @@ impl Extent {
     }
 }
 
-/// Tests whether any place lies within the radius of a point of a tile.
+/// Tests whether any of some places is near a point of a tile: within that point's own radius.
 pub(in crate::train) struct AnyWithin<'a> {
     pub places: &'a MeanGrid,
-    /// Scratch memory for the places near the tile.
+    /// Scratch memory for the entries of `places` near the tile.
     pub near: &'a mut Columns,
-    /// Scratch memory for the tile.
+    /// Scratch memory for the points of the tile.
     pub tile: &'a mut Columns,
     /// Positions of the tile's points, at least one.
     pub points: [&'a [f32]; 3],

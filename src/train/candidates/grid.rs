@@ -14,14 +14,14 @@ use rayon::prelude::*;
 
 const MAX_CELLS: usize = 1 << 22;
 const SAMPLE: usize = 2048;
-/// Share of the sample trimmed on either side of an axis.
+/// Share of the sample trimmed at each end of an axis.
 const TRIM: f64 = 0.005;
-/// Growth of the trimmed bounds on either side, as a share of their length.
+/// Margin added to the trimmed bounds at each end of an axis, as a share of their length.
 const MARGIN: f64 = 0.02;
 
 const PART: usize = 1 << 12;
 
-/// Means sorted by grid cell. Border cells extend to infinity.
+/// Means sorted by grid cell (entries). Border cells extend to infinity.
 #[derive(Debug, Default)]
 pub struct MeanGrid {
     shape: GridShape,
@@ -31,7 +31,7 @@ pub struct MeanGrid {
     cell_of_id: Vec<u32>,
     cell_sort: CellSort,
     sample: Vec<f32>,
-    /// Edits of the last [`MeanGrid::move_means`]; `shifted` holds the entries before it.
+    /// Edits of the last [`MeanGrid::move_means`]. `shifted` holds the entries from before the edits.
     edits: Edits,
     shifted: Columns,
 }
@@ -51,7 +51,7 @@ impl MeanGrid {
         Ok(())
     }
 
-    /// Sorts means into the cells found by [`grid_shape`], reusing memory.
+    /// Sorts means into the cells of `shape`, reusing memory.
     pub(in crate::train) fn fill(&mut self, shape: GridShape, means: &[[f32; 3]]) {
         self.shape = shape;
         self.cell_of_id.resize(means.len(), 0);
@@ -64,8 +64,8 @@ impl MeanGrid {
         self.sort(means);
     }
 
-    /// Updates the cells of components whose means have moved, each listed once. The result equals
-    /// [`MeanGrid::fill`]. Parallel tables can be updated with [`MeanGrid::edits`].
+    /// Updates the cells of the `moved` components, each listed once. The result equals
+    /// [`MeanGrid::fill`]. Other tables in the order of entries can be updated with [`MeanGrid::edits`].
     pub(in crate::train) fn move_means(&mut self, moved: &[u32], means: &[[f32; 3]]) {
         let Self { shape, start, means: sorted, cell_of_id, edits, shifted, .. } = self;
         edits.find(
@@ -99,12 +99,12 @@ impl MeanGrid {
         sorted.pad();
     }
 
-    /// Edits of the last [`MeanGrid::move_means`].
+    /// Returns the edits of the last [`MeanGrid::move_means`].
     pub(in crate::train) fn edits(&self) -> &Edits {
         &self.edits
     }
 
-    /// Counting sort by cell, stable by id.
+    /// Sorts the means by cell with a counting sort, stable by id.
     fn sort(&mut self, means: &[[f32; 3]]) {
         let Self { shape, start, means: sorted, cell_of_id, cell_sort, .. } = self;
         sorted.reserve(means.len());
@@ -146,7 +146,8 @@ impl MeanGrid {
         self.shape.cell
     }
 
-    /// Largest distance along an axis between a box and the grid's bounds; 0 if they overlap.
+    /// Returns the largest distance along an axis between a box and the grid's bounds; 0 if they
+    /// overlap.
     pub(super) fn gap(&self, lo: [f32; 3], hi: [f32; 3]) -> f32 {
         let GridShape { lo: first, cell, dims, .. } = self.shape;
         (0..3).fold(0f32, |gap, axis| {
@@ -155,7 +156,7 @@ impl MeanGrid {
         })
     }
 
-    /// Fills `list` with a superset of the entries in the box `lo..hi` grown by `radius`.
+    /// Fills `list` with all entries in the box `lo..hi` grown by `radius`, and possibly others near it.
     #[inline(always)]
     pub(super) fn gather(&self, lo: [f32; 3], hi: [f32; 3], radius: f32, list: &mut Columns) {
         let shape = &self.shape;
@@ -183,7 +184,8 @@ impl MeanGrid {
     }
 }
 
-/// Chooses cells for one mean each within the trimmed bounding box. Axes shorter than a cell get one layer.
+/// Chooses the geometry of a grid within the trimmed bounding box of the means, with one mean per cell
+/// on average. An axis shorter than a cell gets one layer of cells.
 ///
 /// # Errors
 /// [`IndexError`] if a mean is not finite or there are too many.
@@ -230,8 +232,8 @@ pub(in crate::train) fn grid_shape(
     Ok(GridShape { lo, cell: cell as f32, per_unit, dims: dims(cell) })
 }
 
-/// Cell along one axis. Monotone in `value` even with rounding, so a range of cells holds every mean
-/// in the range of values.
+/// Returns the index of a cell along one axis. It is monotone in `value` even with rounding. A range of
+/// cells therefore holds every mean in the range of values.
 #[inline(always)]
 fn coordinate(shape: &GridShape, value: f32, axis: usize) -> usize {
     // The cast saturates, so every value has a cell; infinite ones are clamped to the border.
@@ -245,7 +247,7 @@ fn cell_of(shape: &GridShape, mean: [f32; 3]) -> usize {
     (z * shape.dims[1] + y) * shape.dims[0] + x
 }
 
-/// Lower corner and edge lengths of the trimmed bounding box of a sample.
+/// Returns the lower corner and the edge lengths of the trimmed bounding box of a sample of the means.
 fn bounds(means: &[[f32; 3]], sample: &mut Vec<f32>) -> ([f64; 3], [f64; 3]) {
     let (mut lo, mut extent) = ([0.0; 3], [0.0; 3]);
     if means.is_empty() {

@@ -27,13 +27,14 @@ fn distance2<V: Vector>(a: [V; 3], b: [V; 3]) -> V {
     (x * x + y * y) + z * z
 }
 
-/// Start of the last whole vector of a range of at least eight; may overlap the one before.
+/// Returns the start of the last full vector in a range of at least eight entries. The vector may
+/// overlap the one before.
 #[inline(always)]
 fn last_vector(range: &Range<usize>) -> usize {
     range.end - LANES
 }
 
-/// Bounding box of some points, as lower and upper corner.
+/// Returns the lower and the upper corner of the bounding box of some points.
 #[inline(always)]
 pub(super) fn bounding_box<V: Vector>(points: &Columns, range: Range<usize>) -> [[f32; 3]; 2] {
     let [mut lo, mut hi] = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
@@ -58,7 +59,7 @@ pub(super) fn bounding_box<V: Vector>(points: &Columns, range: Range<usize>) -> 
     [lo, hi]
 }
 
-/// Largest squared distance of some points to `centre`; infinity or NaN if any is.
+/// Returns the largest squared distance of some points to `centre`; infinity or NaN if any distance is.
 #[inline(always)]
 pub(super) fn reach2<V: Vector>(points: &Columns, range: Range<usize>, centre: [f32; 3]) -> f32 {
     if range.len() < LANES {
@@ -82,8 +83,9 @@ pub(super) fn reach2<V: Vector>(points: &Columns, range: Range<usize>, centre: [
     if sum.is_finite() { lane_max(reach.to_array()) } else { sum }
 }
 
-/// Writes the squared distances of all entries to `centre`, padding included. Returns the minima over
-/// entries with equal index modulo 16: distances of sixteen different entries, or infinity.
+/// Writes the squared distances of all entries to `centre` into `out`, padding included. Returns sixteen
+/// minima, each over the entries with equal index modulo 16. They are distances of different entries, or
+/// infinity.
 #[inline(always)]
 pub(super) fn distances<V: Vector>(
     list: &Columns,
@@ -169,18 +171,20 @@ fn lane_max(v: [f32; LANES]) -> f32 {
     max(max(max(v[0], v[1]), max(v[2], v[3])), max(max(v[4], v[5]), max(v[6], v[7])))
 }
 
-/// Nearest neighbours of a chunk's points as sorted keys; undefined for lanes beyond the chunk's end.
+/// Nearest neighbours of a chunk's points, as sorted keys. Keys of lanes beyond the chunk's end are
+/// undefined.
 pub(super) struct Neighbours<const KEYS: usize> {
-    /// Keys by rank, then point: squared distance with the entry in its low bits.
+    /// Keys by rank, then point: the squared distance, with the index of the entry in the low bits.
     pub keys: [[f32; CHUNK]; KEYS],
-    /// Bits of the points whose last two keys agree except for the entry: either may be the nearer one.
+    /// Bit `i` is set if the last two keys of point `i` differ at most in the entry: either may be the
+    /// nearer one.
     pub set_uncertain: u32,
-    /// Bits of the points with any two adjacent keys that agree except for the entry.
+    /// Bit `i` is set if any two adjacent keys of point `i` differ at most in the entry.
     pub order_uncertain: u32,
 }
 
-/// Finds the `KEYS` nearest entries of `near` for a chunk's points. `entry_bits` masks low bits large
-/// enough for every entry. All squared distances must be finite.
+/// Finds the `KEYS` nearest entries of `near` for each point of a chunk. `entry_bits` masks enough low
+/// bits for the index of every entry. All squared distances must be finite.
 #[inline(always)]
 pub(super) fn neighbours<V: Vector, const KEYS: usize>(
     near: &Columns,
@@ -219,7 +223,8 @@ impl<const KEYS: usize> Neighbours<KEYS> {
     }
 }
 
-/// Finds the smallest keys of `N` × 8 points, sorted. Interleaving points hides the latency of insertions.
+/// Finds the `KEYS` smallest keys, sorted, for each of `N` × 8 points. Interleaving the points hides the
+/// latency of insertions.
 #[inline(always)]
 fn sorted_keys<V: Vector, const N: usize, const KEYS: usize>(
     near: &Columns,
@@ -249,25 +254,25 @@ fn sorted_keys<V: Vector, const N: usize, const KEYS: usize>(
 // neighbours without a selection.
 pub(super) const STEP: usize = 2 * LANES;
 
-/// Number of points that share a candidate list.
+/// Maximum number of points that share a near list of candidates.
 pub(in crate::train) const CHUNK: usize = 16;
 
-/// Positions in columns, with a tag each. Every column has at least [`STEP`] entries of padding behind
-/// `len`, so that whole vectors can be read and written at any entry.
+/// Positions in columns, each with a tag. At least [`STEP`] entries of padding follow in each column.
+/// Full vectors can therefore be read and written at any entry.
 #[derive(Clone, Debug, Default)]
 pub(in crate::train) struct Columns {
     pub x: Vec<f32>,
     pub y: Vec<f32>,
     pub z: Vec<f32>,
-    /// Meaning by use: component id in the grid, grid entry in a candidate list, index in the tile for
-    /// points.
+    /// Tag of each position: component id in the grid, grid entry in a candidate list, index in the tile
+    /// for points.
     pub tag: Vec<u32>,
     /// Number of valid entries.
     pub len: usize,
 }
 
 impl Columns {
-    /// Makes room for `len` entries; never shrinks.
+    /// Ensures capacity for `len` entries and the padding; never shrinks.
     #[inline(always)]
     pub fn reserve(&mut self, len: usize) {
         if self.x.len() < len + STEP {
@@ -285,7 +290,8 @@ impl Columns {
         self.tag.resize(size, 0);
     }
 
-    /// Replaces all entries by positions in columns of equal length; tags are indices.
+    /// Replaces all entries by positions in columns of equal length. Each tag is the index of its
+    /// position.
     #[inline(always)]
     pub fn load(&mut self, [x, y, z]: [&[f32]; 3]) {
         let n = x.len();
@@ -297,7 +303,7 @@ impl Columns {
         self.tag[..n].iter_mut().zip(0..).for_each(|(tag, place)| *tag = place);
     }
 
-    /// Appends entries `span` of `other`, tagged with their indices there.
+    /// Appends the entries `span` of `other`. Each is tagged with its index in `other`.
     #[inline(always)]
     pub fn append(&mut self, other: &Columns, span: Range<usize>) {
         let n = span.len();
@@ -324,7 +330,7 @@ impl Columns {
         self.tag[i] = tag;
     }
 
-    /// Moves the padding to infinity.
+    /// Moves the padding to infinity, where it is no neighbour of any point.
     #[inline(always)]
     pub fn pad(&mut self) {
         self.reserve(self.len);
@@ -332,7 +338,7 @@ impl Columns {
         self.x[self.len..self.len + STEP].fill(f32::INFINITY);
     }
 
-    /// Squared distance of an entry to a point, rounded as everywhere in the search.
+    /// Returns the squared distance of an entry to a point, rounded as in all other code of the search.
     #[inline(always)]
     pub fn distance2(&self, i: usize, point: [f32; 3]) -> f32 {
         squared_distance(self.position(i), point)

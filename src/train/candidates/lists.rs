@@ -18,33 +18,35 @@ const MAX_KERNEL_LIST: usize = 1 << 13;
 // Initial capacity of the lists; few tiles need more.
 const USUAL_LEN: usize = 4096;
 
-/// Candidate lists of grid entries, with scratch memory.
+/// Candidate lists of a group of points and of a chunk of it, with scratch memory. Candidates are grid
+/// entries.
 #[derive(Debug)]
 pub(in crate::train) struct Lists {
-    /// Candidates of a group.
+    /// Candidates of a group of points.
     raw: Columns,
     near: Columns,
-    /// Centre of the chunk, and the radius around it within which `near` is complete.
+    /// Centre of the chunk. `near` is complete within the radius `near_limit` around it.
     near_centre: [f32; 3],
     near_limit: f32,
     distance2: Vec<f32>,
     sorted: Vec<f32>,
-    /// Squared distance in the high half, component in the low half; then the grid's entry.
+    /// Sort key of each candidate (squared distance in the high half, component in the low half), and
+    /// its grid entry.
     keys: Vec<(u64, u32)>,
-    /// Squared distance in f64, and component.
+    /// Squared distance in f64 of each candidate, and its component.
     f64_keys: Vec<(f64, u32)>,
 }
 
-/// Nearest entry of a point, with a bound on all others.
+/// Nearest grid entry of a point, with a bound on all others.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::train) struct Nearest {
-    /// Grid entry. Not certainly the nearest if `second2` is negative infinity.
+    /// Index of the grid entry. It is not certainly the nearest if `second2` is negative infinity.
     pub entry: u32,
-    /// Lower bound on the squared distance of every other entry, or negative infinity if unknown.
+    /// Lower bound on the squared distance of every entry except `entry`; negative infinity if unknown.
     pub second2: f32,
 }
 
-/// Sort key: squared distance, then id.
+/// Returns a sort key that orders by squared distance, then by id.
 fn key(distance2: f32, id: u32) -> u64 {
     // Squares are not negative, so their bits sort like their values.
     u64::from(distance2.to_bits()) << 32 | u64::from(id)
@@ -71,7 +73,7 @@ impl Default for Lists {
 }
 
 impl Lists {
-    /// Candidates of the group.
+    /// Returns the candidates of the group of points.
     pub fn raw(&self) -> &Columns {
         &self.raw
     }
@@ -80,7 +82,7 @@ impl Lists {
         &mut self.raw
     }
 
-    /// Upper bound on the squared distance of the `rank`-th nearest raw entry to `centre`.
+    /// Returns an upper bound on the squared distance of the `rank`-th nearest raw entry to `centre`.
     #[inline(always)]
     pub(super) fn raw_bound2<V: Vector>(&mut self, centre: [f32; 3], rank: usize) -> f32 {
         let least = distances::<V>(&self.raw, centre, &mut self.distance2);
@@ -93,8 +95,8 @@ impl Lists {
         *self.sorted.select_nth_unstable_by(rank - 1, f32::total_cmp).1
     }
 
-    /// Fills the near list with a superset of the `rank` nearest entries of a chunk's points. Returns true
-    /// if it is short enough for [`Lists::neighbours`].
+    /// Fills the near list with a superset of the `rank` nearest entries of each point of a chunk.
+    /// Returns true if the list is short enough for [`Lists::neighbours`].
     #[inline(always)]
     pub(super) fn fill_near<V: Vector>(
         &mut self,
@@ -118,12 +120,13 @@ impl Lists {
         &self.near
     }
 
-    /// Mask of a key's low bits that hold its index in the near list.
+    /// Returns the mask of the low bits of a key that hold its index in the near list.
     pub(super) fn place_bits(&self) -> u32 {
         self.near.len.next_power_of_two() as u32 - 1
     }
 
-    /// Finds the nearest entries of the near list for a chunk's points, with the branch-free kernel.
+    /// Finds the `KEYS` nearest entries of the near list for each point of a chunk, with the branch-free
+    /// kernel.
     #[inline(always)]
     pub(super) fn neighbours<V: Vector, const KEYS: usize>(
         &self,
@@ -156,8 +159,9 @@ impl Lists {
         nearest
     }
 
-    /// Finds the entries nearest to one point by (squared distance, component): at most `rank`, and if
-    /// squares are finite, none farther than squared distance `within2`. `ids` maps entries to components.
+    /// Finds the entries nearest to one point by (squared distance, component), at most `rank` of them.
+    /// If squared distances are finite, none is farther than `within2` (squared). `ids` maps entries to
+    /// components.
     #[inline(always)]
     pub fn rank<V: Vector>(
         &mut self,
@@ -203,7 +207,8 @@ impl Lists {
         keys
     }
 
-    /// Selects a list that is complete within a squared distance of a point of the chunk.
+    /// Selects a list that contains every entry within the given squared distance of a point of the
+    /// chunk.
     #[inline(always)]
     pub fn complete_list_for(&self, position: [f32; 3], distance2: f32) -> ListKind {
         // The near list is complete within a ball about the chunk's centre, not about the point.
@@ -213,8 +218,8 @@ impl Lists {
         if reach < self.near_limit { ListKind::Near } else { ListKind::Raw }
     }
 
-    /// Finds the components nearest to one point by squared distances `of(component)`, in order of
-    /// (squared distance, component).
+    /// Finds the `rank` components nearest to one point, in order of (squared distance, component). `of`
+    /// returns the squared distance of a component.
     pub(super) fn rank_by(
         &mut self,
         among: ListKind,

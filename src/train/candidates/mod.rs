@@ -24,7 +24,7 @@ pub(in crate::train) use lists::{ListKind, Lists, Nearest};
 pub(in crate::train) use nearest::VisitChunk;
 pub use nearest::{CandidateSearch, nearest_in_tile, nearest_in_tile_wide};
 
-/// The candidate index could not be built.
+/// Error of building the candidate index.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "building the candidate index over {components} components failed: {reason}; try fewer components"
@@ -32,6 +32,6 @@ pub use nearest::{CandidateSearch, nearest_in_tile, nearest_in_tile_wide};
 pub struct IndexError {
     /// Number of means.
     pub components: usize,
-    /// Message of the index library.
+    /// Reason why the index could not be built.
     pub reason: String,
 }

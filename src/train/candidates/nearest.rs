@@ -15,11 +15,11 @@ use crate::train::estep::squared_distance;
 use std::num::NonZero;
 use std::ops::Range;
 
-/// Appends the ids of the `n` nearest means of each point of `tile`, point by point; all means if there
+/// Appends the ids of the `n` means nearest to each point of `tile`, point by point; all means if there
 /// are fewer. `tile` holds columns of equal length.
 ///
-/// Nearest means smallest squared distance `(dx² + dy²) + dz²` in f32, ties to the lower id; ids are in
-/// that order. Fast if the points of the tile are close together.
+/// Means are ordered by squared distance `(dx² + dy²) + dz²` in f32, at equal distance by id. The search
+/// is fast if the points of the tile are close together.
 pub fn nearest_in_tile(
     isa: Isa,
     grid: &MeanGrid,
@@ -37,8 +37,8 @@ pub fn nearest_in_tile(
     }
 }
 
-/// Like [`nearest_in_tile`], with squared distances in f64 between `points` and `means` of precision
-/// `R`. The grid is over the means rounded to f32.
+/// As [`nearest_in_tile`], with squared distances in f64 between `points` and `means` of precision `R`.
+/// The grid is over the means rounded to f32.
 pub fn nearest_in_tile_wide<R: Real>(
     grid: &MeanGrid,
     search: &mut CandidateSearch,
@@ -113,7 +113,8 @@ impl VisitChunk for NarrowVisitor<'_> {
 }
 
 impl NarrowVisitor<'_> {
-    /// Ranks all points by their keys; points whose order is uncertain are ranked again in full.
+    /// Ranks the neighbours of all points by their keys. Points with an uncertain order are ranked again
+    /// by full distances.
     #[inline(always)]
     fn visit_near<V: Vector, const KEYS: usize>(
         &mut self,
@@ -160,7 +161,7 @@ struct WideVisitor<'a, R, P> {
     grid: &'a MeanGrid,
     rank: usize,
     means: &'a [[R; 3]],
-    /// Position of the point at an index of the tile.
+    /// Returns the position of the point with an index in the tile.
     position: P,
     ids: &'a mut [u32],
 }
@@ -187,36 +188,37 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
 // surface stay whole. Smaller groups gained nothing, even on stepped depth (`training.md`, Tried and
 // dropped).
 const MAX_GROUP_CELLS: f32 = 2.0;
-/// First guess of the neighbours' distance, relative to the last group's.
+/// First guess of the distance to the nearest means, relative to that of the last group of points.
 const NEAREST_GUESS: f32 = 1.1;
 
-/// Scratch memory of a search, reused. Only a first guess of the radius carries over between tiles.
+/// Scratch memory of a search, reused between tiles. Results do not depend on earlier tiles: only a
+/// first guess of the radius is kept.
 #[derive(Debug, Default)]
 pub struct CandidateSearch {
     tile: Tile,
     lists: Lists,
     pending: Vec<Range<usize>>,
-    /// Distance of the last group's neighbours.
+    /// Distance from the centre of the last group of points to its `rank`-th nearest mean.
     nearest: f32,
 }
 
-/// Points of a tile, reordered by group; tags are indices in the tile.
+/// Points of a tile, reordered by group. Each tag is the point's index in the tile.
 #[derive(Debug, Default)]
 struct Tile {
     points: Columns,
     swap: Vec<([f32; 3], u32)>,
 }
 
-/// Visitor of at most [`CHUNK`] points with their candidate lists.
+/// Processes at most [`CHUNK`] points with their candidate lists.
 pub(in crate::train) trait VisitChunk {
-    /// Processes the points `chunk` of `points`, whose nearest entries are in `lists`. Tags are indices in
-    /// the tile. Must be `#[inline(always)]`.
+    /// Processes the points `chunk` of `points`, whose nearest entries are in `lists`. Tags of points
+    /// are indices in the tile. Implementations must be `#[inline(always)]`.
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>);
 }
 
 impl CandidateSearch {
-    /// Visits each point of a tile once, in chunks, with lists that hold its `rank` nearest entries.
-    /// `rank` is between 1 and the number of means.
+    /// Visits each point of a tile once, in chunks, with lists that hold the point's `rank` nearest
+    /// entries. `rank` is between 1 and the number of means.
     #[inline(always)]
     pub(in crate::train) fn visit_tile<V: Vector>(
         &mut self,
@@ -256,6 +258,7 @@ impl CandidateSearch {
     }
 
     /// Fills the raw list with a superset of the `rank` nearest entries of each point of a group.
+    /// `extent` bounds the group.
     #[inline(always)]
     fn gather<V: Vector>(&mut self, grid: &MeanGrid, extent: &Extent, rank: usize) {
         let Self { lists, nearest, .. } = self;
@@ -285,8 +288,8 @@ impl CandidateSearch {
 }
 
 impl Tile {
-    /// Moves the points below the middle of the longest axis to the front, in order. Returns the index of
-    /// the others.
+    /// Reorders a group: the points below the middle of its longest axis move to the front, in order.
+    /// Returns the index of the first of the other points.
     fn split(&mut self, group: Range<usize>, extent: &Extent) -> usize {
         let Self { points, swap } = self;
         let length = |axis: usize| extent.hi[axis] - extent.lo[axis];

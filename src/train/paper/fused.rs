@@ -27,21 +27,24 @@ const SHARED: u32 = 1 << 31;
 #[derive(Clone, Copy)]
 pub(super) struct FusedInputs<'a> {
     pub grid: &'a MeanGrid,
-    /// Mean colour and weight by grid entry.
+    /// Mean colour (three values) and weight by grid entry.
     pub appearance: &'a [[f32; 4]],
     pub max_weight: f32,
     pub points: &'a Points<f32>,
     pub scoring: &'a Scoring,
-    /// Candidates per point, between 1 and the number of components.
+    /// Number of candidates per point, between 1 and the number of components.
     pub rank: usize,
     /// Binary logarithm of the number of components per shard of the totals.
     pub shard_bits: u32,
 }
 
 impl FusedInputs<'_> {
-    /// Squared distance beyond which no component affects a point of effective distance `q`, including
-    /// rounding. Uses twice the hard gap: a component between one gap and two receives nothing, whether or not
-    /// it is a candidate.
+    /// Returns the squared distance beyond which no component affects a point of effective distance `q`,
+    /// including rounding.
+    ///
+    /// The distance allows for twice the hard gap (the score difference beyond which a component
+    /// receives nothing). A component between one gap and two receives nothing, whether or not it is a
+    /// candidate.
     pub fn influence_radius2(&self, q: f64) -> f32 {
         let gap = 2.0 * self.scoring.hard_gap() as f32;
         // The factor covers the rounding of the sum and of the distances compared with it.
@@ -53,11 +56,11 @@ pub(super) struct FusedTiles<'a> {
     pub inputs: FusedInputs<'a>,
     pub memory: &'a mut FusedMemory,
     pub tiles: Range<usize>,
-    /// Output: effective distances of the tiles' points.
+    /// Output: effective distance of each point of the tiles.
     pub q: &'a mut [f64],
-    /// Output: components of largest responsibility of the tiles' points; empty if not requested.
+    /// Output: component of largest responsibility of each point of the tiles; empty if not requested.
     pub owners: &'a mut [u32],
-    /// Output: the tiles' sums by shard; `None` to compute only scores.
+    /// Output: sums of the tiles by shard; `None` to compute only scores.
     pub records: Option<&'a mut [Vec<TileRecord<f32>>]>,
     pub clock: &'a mut StageClock,
 }
@@ -65,7 +68,7 @@ pub(super) struct FusedTiles<'a> {
 // Initial capacity in slots: four per point of a tile.
 const USUAL_SLOTS: usize = 256;
 
-/// Scratch memory of a thread, reused. Results never depend on earlier tiles.
+/// Scratch memory of a thread, reused between tiles. Results do not depend on earlier tiles.
 #[derive(Default)]
 pub(super) struct FusedMemory {
     search: CandidateSearch,
@@ -74,7 +77,7 @@ pub(super) struct FusedMemory {
 }
 
 impl FusedMemory {
-    /// Allocates the capacity that tiles of a model with `components` components usually need.
+    /// Allocates the memory that tiles of a model with `components` components usually need.
     pub fn new(components: usize) -> Self {
         // Allocated up front: the assignment of tiles to threads changes from frame to frame, and a warm
         // frame must allocate nothing (`tests/engine/allocations.rs`).
@@ -95,16 +98,17 @@ impl FusedMemory {
 struct TileMemory {
     slots: Slots,
     components: Vec<Component>,
-    /// Slot of each point of the tile; or [`SHARED`] plus an index into `shared`; or [`NO_OWNER`].
+    /// For each point of the tile: its slot, or [`SHARED`] plus an index into `shared`, or [`NO_OWNER`].
     owners: Vec<u32>,
     shared: Vec<Range<u32>>,
     shares: Vec<(u32, f32)>,
-    /// Component and entry of one point's candidates; their scores follow in `scores`.
+    /// Component and grid entry of one point's candidates; `scores` holds their scores in the same
+    /// order.
     candidates: Vec<(u32, u32)>,
     scores: Vec<f64>,
 }
 
-/// Copy of a component's data used by a tile.
+/// Copy of a component's data for use within a tile.
 #[derive(Clone, Copy)]
 struct Component {
     space: [f32; 3],
@@ -176,7 +180,7 @@ impl TileMemory {
         self.owners.resize(n_points, NO_OWNER);
     }
 
-    /// Writes the component of largest responsibility of each point.
+    /// Writes the component of largest responsibility of each point to `owners`.
     fn find_owners(&self, owners: &mut [u32]) {
         let id = |slot: u32| self.components[slot as usize].id;
         for (of_point, &owner) in owners.iter_mut().zip(&self.owners) {
@@ -192,7 +196,7 @@ impl TileMemory {
         }
     }
 
-    /// Adds the tile's points, in order, to one row per slot.
+    /// Sums the tile's points, in order, into one row per slot.
     #[inline(always)]
     fn sum(&self, points: &Points<f32>, range: Range<usize>, sums: &mut Vec<[f32; N_SUMS]>) {
         sums.clear();
@@ -269,7 +273,7 @@ impl OwnerAssigner<'_> {
         slot
     }
 
-    /// Computes `q` of a point for the component of a slot.
+    /// Computes the score `q` of a point for the component of a slot.
     #[inline(always)]
     fn distance(&self, slot: usize, space: [f32; 3], color: [f32; 3]) -> f32 {
         let component = &self.memory.components[slot];
@@ -278,9 +282,11 @@ impl OwnerAssigner<'_> {
             - component.weight
     }
 
-    /// True if no other component can come within the hard gap of `q`: any other has a score of at least
-    /// `second2 − w_max`, also in f32, since rounding is monotone. For a single candidate it suffices to
-    /// be nearer.
+    /// True if no other component can come within the hard gap of the score `q` of this slot's
+    /// component.
+    ///
+    /// Any other component has a score of at least `second2 − w_max`, also in f32, since rounding is
+    /// monotone. With a single candidate per point it suffices that this component is the nearest.
     #[inline(always)]
     fn is_sole_owner(&self, slot: usize, space: [f32; 3], q: f32, second2: f32) -> bool {
         if self.inputs.rank == 1 {
@@ -289,14 +295,14 @@ impl OwnerAssigner<'_> {
         self.is_out_of_reach(q, second2)
     }
 
-    /// True if a component at this squared distance cannot come within the hard gap of `q`.
+    /// True if a component at this squared distance cannot come within the hard gap of the score `q`.
     #[inline(always)]
     fn is_out_of_reach(&self, q: f32, distance2: f32) -> bool {
         (distance2 - self.inputs.max_weight) - q > self.hard_gap
     }
 
-    /// Scores a point against all candidates that may come within the hard gap of `q`, in ascending order of
-    /// components. The omitted ones would receive nothing.
+    /// Divides a point among all candidates that may come within the hard gap of the score `q`.
+    /// Candidates are scored in ascending order of components; the omitted ones would receive nothing.
     #[inline(always)]
     fn assign_shares<V: Vector>(
         &mut self,
@@ -347,17 +353,18 @@ impl OwnerAssigner<'_> {
     }
 }
 
-/// Maps keys below a bound to slots. A stamp per tile avoids clearing the table.
+/// Numbers the keys used by a tile from 0 (slots); keys are below a bound. A stamp per tile avoids
+/// clearing the table.
 #[derive(Debug, Default)]
 pub(super) struct Slots {
-    /// By key: the tile that used it last, and its slot there.
+    /// For each key: the last tile that used it, and its slot there.
     stamps: Vec<(u32, u32)>,
     tile: u32,
     n: u32,
 }
 
 impl Slots {
-    /// Begins a tile whose keys are below `bound`.
+    /// Begins a tile without slots, whose keys are below `bound`.
     #[inline(always)]
     pub fn begin(&mut self, bound: usize) {
         // When the stamp wraps, slots of early tiles could be mistaken for this one's, so it is reset.
@@ -370,7 +377,7 @@ impl Slots {
         self.n = 0;
     }
 
-    /// Returns the slot of `key`, assigning the next one if it is new.
+    /// Returns the slot of `key` in this tile. A new key gets the next slot.
     #[inline(always)]
     pub fn find(&mut self, key: u32) -> usize {
         let seen = &mut self.stamps[key as usize];

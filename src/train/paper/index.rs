@@ -18,16 +18,17 @@ const FEW: usize = 64;
 // Cells are recomputed once more than a quarter of the components have moved.
 const STALE: usize = 4;
 
-/// A grid over the means.
+/// Index over the initial spatial means: a grid that is sorted on first use.
 pub struct Index {
     shape: GridShape,
-    /// Scratch memory for the sample that determines the shape.
+    /// Scratch memory for the sample of means that determines the shape.
     sample: Vec<f32>,
     sorted: OnceLock<SortedMeans>,
     /// Memory of the previous grid, for reuse.
     spare: Mutex<SortedMeans>,
     moved: Vec<u32>,
-    /// True if only these have moved since the last sort, few of them, and cells are unchanged.
+    /// True if few components have changed since the last sort, all of which are in `moved`, and the
+    /// cells are unchanged.
     is_incremental: bool,
     n_moved: usize,
     revision: u64,
@@ -36,12 +37,12 @@ pub struct Index {
 /// Means sorted by grid cell.
 #[derive(Default)]
 pub struct SortedMeans {
-    /// Grid over the means rounded to f32.
+    /// Grid over the spatial means, rounded to f32.
     pub grid: MeanGrid,
-    /// Mean colour and weight by grid entry, for models in f32. Sorted by entry so that fused kernels read
-    /// neighbouring memory.
+    /// Mean colour (three values) and weight by grid entry, for models in f32. In this order fused
+    /// kernels read neighbouring memory.
     pub appearance: Vec<[f32; 4]>,
-    /// Means rounded to f32, unless they are f32 already.
+    /// Spatial means rounded to f32, unless they are f32 already.
     narrowed: Vec<[f32; 3]>,
     shifted: Vec<[f32; 4]>,
 }
@@ -64,7 +65,8 @@ impl Index {
         Ok(index)
     }
 
-    /// Registers that components of a model have moved. On error the index is unchanged.
+    /// Registers that components of a model have moved, so that the index is updated on next use. On
+    /// error the index is unchanged.
     pub fn update_moved<R: PaperScalar>(
         &mut self,
         model: &InitialModel<R>,
@@ -102,9 +104,10 @@ impl Index {
         grid_shape(R::narrow_rows(&model.space, &mut spare.narrowed), sample)
     }
 
-    /// Returns the means of the current model, sorted by cell.
+    /// Returns the spatial means of the current model, sorted by cell.
     ///
-    /// The first call sorts them on all threads, so it must not be made from several threads at once.
+    /// The first call sorts the means on all threads, so it must not be made from several threads at
+    /// once.
     pub fn sorted<R: PaperScalar>(&self, model: &InitialModel<R>) -> &SortedMeans {
         self.sorted.get_or_init(|| {
             let mut sorted =
@@ -117,7 +120,7 @@ impl Index {
         })
     }
 
-    /// Returns the means for a device that holds those of revision `known`.
+    /// Returns the means for upload to a device, whose means are those of revision `known`.
     pub fn means_for_device<'a>(
         &'a self,
         model: &'a InitialModel<f32>,
@@ -130,7 +133,7 @@ impl Index {
         MeanCells { shape: self.shape, space, color, weight, changed_components: moved }
     }
 
-    /// Revision number, incremented whenever means move.
+    /// Returns the revision number, which grows by one whenever means move.
     pub fn revision(&self) -> u64 {
         self.revision
     }
@@ -166,20 +169,21 @@ fn appearance_of(model: &InitialModel<f32>, id: u32) -> [f32; 4] {
     [r, g, b, weight]
 }
 
-/// Returns a value of generic precision in its f32 form, if that is its type.
+/// Returns `value` as type `B` if it has that type: the f32 form of a value of generic precision.
 pub(super) fn narrow<A: Any, B: Any>(value: &A) -> Option<&B> {
     (value as &dyn Any).downcast_ref()
 }
 
-/// `f32`, required by the fused kernels, or `f64`, the reference.
+/// Number type of a mixture's points and means: `f32`, required by the fused kernels, or `f64`, the
+/// reference.
 pub trait PaperScalar: Real {
-    /// Returns a frame's points in this precision, converted into `memory` if needed.
+    /// Returns a frame's points in this number type, converted into `memory` if needed.
     fn points<'a>(points: &'a Points<f32>, memory: &'a mut Points<Self>) -> &'a Points<Self>;
 
     /// Returns rows rounded to f32, copied into `memory` if needed.
     fn narrow_rows<'a>(rows: &'a [[Self; 3]], memory: &'a mut Vec<[f32; 3]>) -> &'a [[f32; 3]];
 
-    /// Converts means to the checkpoint's representation.
+    /// Converts means of position and colour to the form stored in checkpoints.
     fn means(space: &[[Self; 3]], color: &[[Self; 3]]) -> InitialMeans;
 }
 

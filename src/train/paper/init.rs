@@ -4,10 +4,10 @@ use crate::math::real::Real;
 use crate::math::rng::{Purpose, Rng};
 use crate::observation::points::Points;
 
-/// Half-width of the cube of random means, normalised units: ±0.98 in the world for a range of
+/// Half-width of the cube of random means, in normalised units. In the world it is 0.98 for a range of
 /// [−1, 1].
 const HALF_WIDTH: f64 = 1.7;
-/// Standard deviation of the noise added to all six coordinates.
+/// Standard deviation of the noise added to all six coordinates (position and colour) of a mean.
 const NOISE: f64 = 0.025;
 
 /// Means and Dirichlet parameters of the initial model.
@@ -21,9 +21,9 @@ const NOISE: f64 = 0.025;
 /// ```
 #[derive(Clone, Debug)]
 pub struct InitialDraw {
-    /// Rows `[s, c]`, normalised.
+    /// Rows of mean position and colour, normalised.
     pub means: Vec<[f64; 6]>,
-    /// `α_init`, one per component.
+    /// Dirichlet parameter `α_init` of each component.
     pub alpha: Vec<f64>,
 }
 

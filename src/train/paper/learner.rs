@@ -26,13 +26,14 @@ use rayon::prelude::*;
 // Minimum number of components per parallel task: smaller tasks cost more than they save.
 const MIN_SPLATS: usize = 1024;
 
-/// Operations specific to the `paper` preset, independent of precision.
+/// Operations of a learner of the `paper` preset, independent of its precision.
 pub trait PaperLearner: Learns<Points<f32>> {
-    /// ELBO of each point of the last frame under the model that scored it, nats, in point order; NaN for
-    /// points left out.
+    /// Returns the ELBO of each point of the last frame under the model that scored it, nats, in point
+    /// order. It is NaN for points left out.
     fn point_elbo(&self) -> Vec<f64>;
 
-    /// Computes candidates and responsibilities of each point, without training on it.
+    /// Computes the candidates of each point with their responsibilities, without training on the
+    /// points.
     fn responsibilities(&mut self, points: &Points<f32>) -> Vec<Vec<(u32, f64)>>;
 
     /// Returns the state of the mixture.
@@ -47,7 +48,7 @@ pub trait PaperLearner: Learns<Points<f32>> {
 struct NormalizedTrainer<R: PaperScalar> {
     trainer: PaperTrainer<R>,
     normalization: Normalization,
-    /// Points of the frame converted to the trainer's precision, if it differs.
+    /// Points of the frame in the trainer's precision, if that differs from f32.
     widened: Points<R>,
 }
 
@@ -152,21 +153,21 @@ impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
     }
 }
 
-/// Bytes of a point: six f32 coordinates.
+/// Bytes per point: six f32 coordinates.
 const POINT_BYTES: usize = 24;
-/// Bytes of a stored candidate with its responsibility.
+/// Bytes per stored candidate with its responsibility.
 const PAIR_BYTES: usize = 12;
 const TILE_POINTS: usize = 64;
 // Bytes per record of a component in a tile, at worst one per point. Each thread reserves space for
 // all records, and buffers grow to three times the size needed.
 const RECORD_BYTES: usize = 3 * 60;
-/// Grid entry, its copy of colour and weight, and cells.
+/// Bytes per component of the index: grid entry, copy of colour and weight, and cells.
 const INDEX_BYTES: usize = 16 + 16 + 8;
 const SLOT_BYTES: usize = 8;
 
 impl PaperConfig {
-    /// Estimates the maximum memory of a run with frames of `pixels` pixels, `frames_at_once` of them in
-    /// memory, on `threads` threads.
+    /// Estimates the maximum memory of a run on `threads` threads. Frames have `pixels` pixels, and
+    /// `frames_at_once` of them are in memory at a time.
     pub fn memory(&self, pixels: usize, frames_at_once: usize, threads: usize) -> MemoryEstimate {
         // Only this precision stores means in f64; custom operations widen f32 means.
         let scalar = if self.precision == Precision::F64 { 8 } else { 4 };
@@ -225,7 +226,7 @@ pub fn begin(
     })
 }
 
-/// Restores a mixture of the same configuration after `frames` frames.
+/// Restores a mixture of the same configuration, as it was after `frames` frames.
 ///
 /// # Errors
 /// [`IndexError`] if the initial means cannot be indexed.

@@ -32,10 +32,10 @@ struct DeviceInputs<'a> {
     candidates: usize,
 }
 
-/// Runs passes on the CPU or the device.
+/// Runs passes over frames on the CPU or on a device.
 #[derive(Default)]
 pub struct Passes {
-    /// The CPU's pass, which also collects the device's results.
+    /// Buffers of passes on the CPU, which also collect the device's results.
     pub processor: Pass,
     device: Option<PassDevice>,
     used: PassUse,
@@ -47,17 +47,17 @@ struct PassDevice {
     device: Box<dyn MixtureDevice>,
     trial: DeviceTrial,
     is_chosen: bool,
-    /// True if its last pass left tiles open; consecutive frames are similar.
+    /// True if the device's last pass left tiles to the CPU; consecutive frames are similar.
     had_open_tiles: bool,
     revision: Option<u64>,
     has_points: bool,
 }
 
 impl Passes {
-    /// Adds a device for passes over a model's means. Ignored for models in f64, which no device supports.
+    /// Adds a device for passes. Ignored for models in f64, which no device supports.
     ///
     /// # Errors
-    /// [`DeviceError`] if the means do not fit in its memory; it is then not used.
+    /// [`DeviceError`] if the means do not fit in the device's memory; it is then not used.
     pub fn add_device<R: PaperScalar>(
         &mut self,
         mut device: Box<dyn MixtureDevice>,
@@ -81,31 +81,32 @@ impl Passes {
         Ok(())
     }
 
-    /// Devices used for passes; `None` if the settings do not allow a device.
+    /// Returns the devices used for passes; `None` if the settings do not allow a device.
     pub fn usage<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> Option<PassUse> {
         let open_share = self.open_tiles as f64 / self.tiles.max(1) as f64;
         device_inputs(inputs, &Points::new()).map(|_| PassUse { open_share, ..self.used.clone() })
     }
 
-    /// True if the next pass will probably run on the device, which sorts means itself.
+    /// True if the next pass will probably run on the device, which sorts the means itself.
     pub fn is_next_on_device(&self) -> bool {
         self.device.as_ref().is_some_and(|device| device.is_chosen)
     }
 
-    /// Begins a frame: the device's points are outdated.
+    /// Begins a frame: marks the points on the device as outdated.
     pub fn begin_frame(&mut self) {
         if let Some(device) = &mut self.device {
             device.has_points = false;
         }
     }
 
-    /// True if the scoring pass can serve as the fit, with only tiles reached by moves run again. False if a
-    /// device runs both passes faster.
+    /// True if the scoring pass can serve as the fit. Only tiles reached by moved means must then run
+    /// again. False if a device runs two full passes faster.
     pub fn can_run_again<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> bool {
         !self.is_next_on_device() && inputs.fused_rank().is_some()
     }
 
-    /// Runs those tiles of the last fit again that are within reach of places that means left or moved to.
+    /// Runs some tiles of the last fit again: those within reach of `places`, which means left or moved
+    /// to.
     pub fn run_reached<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<'_, R>,
@@ -160,8 +161,8 @@ impl Passes {
         }
     }
 
-    /// Runs a pass on the device, and its open tiles on the CPU. Returns the milliseconds, or `None` after a
-    /// fallback to the CPU.
+    /// Runs a pass on the device, and the tiles that the device leaves open on the CPU. Returns the
+    /// milliseconds, or `None` after a fallback to the CPU.
     fn run_on_device<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<'_, R>,
@@ -213,7 +214,8 @@ impl Passes {
         }
     }
 
-    /// Evaluates a trial: records both times, or falls back to the CPU if the device's results differ.
+    /// Evaluates a trial on CPU and device. Records both times, or falls back to the CPU if the device's
+    /// results differ (`is_proved` is false).
     fn evaluate_trial(&mut self, is_proved: bool, [processor, device_ms]: [f64; 2]) {
         let Some(device) = &mut self.device else { return };
         if !is_proved {
@@ -297,7 +299,8 @@ const WIDENED: usize = 1 << 13;
 type RecordBits = (u32, u32, [u32; N_SUMS]);
 
 impl Pass {
-    /// Copies scores and records; scores of open tiles are computed later.
+    /// Copies scores and records from a device's pass. Scores of tiles left to the CPU are computed
+    /// later.
     pub fn adopt_device_pass(&self, shard_bits: u32, found: &DevicePass<'_>, q: &mut [f64]) {
         let scores = q.par_iter_mut().zip(found.q).with_min_len(WIDENED);
         // In parallel, because both are dominated by the time to wake threads.
@@ -324,7 +327,7 @@ impl Pass {
         self.worker().clock.add(clock.take_nanos());
     }
 
-    /// Records of the last pass that affect the totals, sorted for comparison.
+    /// Returns the records of the last pass that affect the totals, sorted for comparison.
     pub fn effective_records(&self) -> Vec<RecordBits> {
         let mut kept = Vec::new();
         for worker in self.read_workers() {

@@ -23,7 +23,7 @@ pub(super) struct PlainInputs<'a, R: PaperScalar> {
     pub points: &'a Points<R>,
 }
 
-/// Scratch memory of a thread, reused.
+/// Scratch memory of a thread, reused between tiles.
 #[derive(Default)]
 pub(super) struct PlainMemory {
     search: CandidateSearch,
@@ -47,7 +47,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         self.pass.mixture.config.operations
     }
 
-    /// Fills `ids` with the candidates of a tile's points.
+    /// Fills `ids` with the candidates of the points in `range`, which form a tile.
     pub fn find(&self, memory: &mut PlainMemory, range: Range<usize>, ids: &mut Vec<u32>) {
         let PassInputs { mixture, candidates } = self.pass;
         let (points, space) = (self.points, &mixture.model.space);
@@ -67,7 +67,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Computes the scores of a tile's points against their candidates.
+    /// Computes the scores of the points in `range` against their candidates `ids`.
     pub fn score(&self, range: Range<usize>, ids: &[u32], scores: &mut [f64]) {
         match self.operations().log_score {
             Width::F32 => self.score_in::<f32>(range, ids, scores),
@@ -89,8 +89,8 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Converts scores to responsibilities and writes effective distances. Points with a NaN score get NaN
-    /// and zero responsibilities.
+    /// Converts scores to responsibilities in place and writes effective distances to `q`. Points with a
+    /// NaN score get NaN and zero responsibilities.
     pub fn normalise(&self, scores: &mut [f64], q: &mut [f64]) {
         let (scoring, per_point) = (&self.pass.mixture.scoring, self.per_point().max(1));
         for (scores, q) in scores.chunks_exact_mut(per_point).zip(q) {
@@ -106,8 +106,8 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Writes the component of largest responsibility (the first of equals) of each point in `owners`;
-    /// `NO_OWNER` if all responsibilities are zero.
+    /// Writes the component of largest responsibility of each point to `owners`, the first of equal
+    /// ones. It is `NO_OWNER` if all responsibilities are zero.
     pub fn find_owners(&self, ids: &[u32], responsibilities: &[f64], owners: &mut [u32]) {
         let per_point = self.per_point().max(1);
         let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));
@@ -116,7 +116,8 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Adds one record per component that receives points of the tile, in point order.
+    /// Sums the points of a tile, in point order, and appends one record per component that receives any
+    /// of them.
     pub fn sum<M: Real>(
         &self,
         slots: &mut Slots,

@@ -9,24 +9,25 @@ use crate::math::rng::Rng;
 use rayon::prelude::*;
 
 const BITS: usize = u64::BITS as usize;
-/// Approximate sample size for the bound on the lowest scores.
+/// Approximate number of points sampled to bound the lowest ELBO values.
 const SCORES: usize = 1 << 11;
-/// Approximate sample size for the bound on the earliest draws.
+/// Approximate number of points sampled to bound the earliest times of the race.
 const DRAWS: usize = 1 << 9;
 // Relative margin for rounding when comparing a time with its bound.
 const ROUNDING: f64 = 1e-9;
 
-/// Number of components that may move, and of candidate destinations.
+/// Maximum numbers of components that move in a frame and of points to which they may move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quota {
     /// Maximum number of components to move.
     pub moves: usize,
-    /// Number of points with the lowest ELBO that may become destinations; unlimited for `dense`.
+    /// Number of points of lowest ELBO to which components may move; unlimited for `dense`.
     pub low_elbo: usize,
 }
 
 impl Quota {
-    /// Computes `n_max = ⌊K f⌋` and `n_req = ⌊unused f⌋`, and takes the minimum; `None` if it is 0.
+    /// Computes the quota for `unused` unused components. `moves` is the minimum of `⌊K f⌋` and
+    /// `⌊unused f⌋` for K components and the configured fraction f; `None` if it is 0.
     pub fn new(config: &PaperConfig, unused: usize) -> Option<Self> {
         let fraction = config.reassign_fraction;
         // f64 products are truncated as in the reference: one more or less would move other components.
@@ -43,10 +44,10 @@ impl Quota {
     }
 }
 
-/// Selects destinations; buffers are reused.
+/// Chooses the points to which unused components move; buffers are reused.
 #[derive(Default)]
 pub struct DestinationChooser {
-    /// Selects by score, in reversed order so that the lowest ELBO comes first.
+    /// Selection of the points of lowest ELBO; its sort keys reverse the order of scores.
     lowest: Smallest,
     draws: Smallest,
     marks: Vec<u64>,
@@ -54,7 +55,7 @@ pub struct DestinationChooser {
 }
 
 impl DestinationChooser {
-    /// Allocates all memory that this configuration can need for any frames.
+    /// Creates a chooser with all memory that this configuration can need for any frames.
     pub fn reserved(config: &PaperConfig) -> Self {
         // All components unused is the largest quota.
         let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
@@ -68,8 +69,9 @@ impl DestinationChooser {
         }
     }
 
-    /// Selects points that receive a component, in ascending order: a D²-weighted sample without
-    /// replacement from the points of lowest ELBO, that is of largest effective distance `q`.
+    /// Selects points to which components move, in ascending order. They are a D²-weighted sample
+    /// without replacement from the points of lowest ELBO, which have the largest effective distance
+    /// `q`.
     ///
     /// Points with a NaN `q` are never selected. `stream` gives every point its random number.
     pub fn choose_destinations(&mut self, q: &[f64], quota: Quota, stream: &Rng) -> &[u32] {
@@ -97,7 +99,8 @@ impl DestinationChooser {
         points
     }
 
-    /// Selects the `n` points of lowest ELBO (all, if fewer), ties to the lower index; unordered.
+    /// Selects the `n` points of lowest ELBO (all, if fewer) in any order. At equal ELBO, points of
+    /// lower index are preferred.
     pub fn lowest_elbo(&mut self, q: &[f64], n: usize) -> impl Iterator<Item = u32> {
         find_lowest(&mut self.lowest, q, n).iter().map(|chosen| chosen.point())
     }
@@ -111,9 +114,9 @@ fn find_lowest<'a>(lowest: &'a mut Smallest, q: &[f64], n: usize) -> &'a [Ranked
     })
 }
 
-/// Selects `n` candidates by an exponential race: taking the smallest `−ln u_i / p_i` has the
-/// distribution of successive draws with probabilities `p_i` (`training.md`, Sampling
-/// without replacement). Candidates of probability zero come last, in uniform order.
+/// Selects `n` candidates by an exponential race (`training.md`, Sampling without replacement). The
+/// smallest times `−ln u_i / p_i` have the distribution of successive draws with probabilities `p_i`.
+/// Candidates of probability zero come last, in uniform order.
 fn draw_by_race<'a>(
     draws: &'a mut Smallest,
     candidates: &[Ranked],
@@ -130,7 +133,7 @@ fn draw_by_race<'a>(
     })
 }
 
-/// Sort key of a candidate's arrival time; `None` if it certainly exceeds `bound`.
+/// Returns the sort key of a candidate's time in the race; `None` if it certainly exceeds `bound`.
 fn arrival_key(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Option<u64> {
     // Times are not negative, so their sign bit is free to sort probability zero last.
     const LAST: u64 = 1 << 63;
@@ -148,7 +151,7 @@ fn arrival_key(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Option
     (!is_late).then(|| (-libm::log(uniform) / gap).to_bits())
 }
 
-/// Sort key that orders distances from largest to smallest.
+/// Returns a sort key that orders distances from largest to smallest.
 fn descending_key(distance: f64) -> u64 {
     let bits = distance.to_bits();
     // Bits of negative floats already grow as the value falls; those of the others are inverted.
@@ -166,7 +169,7 @@ const PARTS: usize = 16;
 // second search.
 const BOUND_MARGIN_SIGMAS: f64 = 4.0;
 
-/// A point with its sort key in the upper bits: one comparison of integers orders both.
+/// A point with its sort key in the upper bits. One comparison of integers orders by key, then by point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Ranked(u128);
 
@@ -184,7 +187,7 @@ impl Ranked {
     }
 }
 
-/// Selects the smallest items; buffers are reused.
+/// Selects the items of smallest rank; buffers are reused.
 #[derive(Default)]
 struct Smallest {
     parts: [Vec<Ranked>; PARTS],
@@ -202,10 +205,11 @@ impl Smallest {
         }
     }
 
-    /// Returns the `n` smallest items, or all if there are fewer; ties go to the lower point; unordered.
+    /// Returns the `n` items of smallest rank in any order, or all if there are fewer. At equal sort
+    /// key, the lower point is preferred.
     ///
-    /// `ranked(item, bound)` returns an item's rank, or `None` if it has none or exceeds `bound`. The bound
-    /// is estimated from about `sampled` items.
+    /// `ranked(item, bound)` returns an item's rank, or `None` if it has none or exceeds `bound`. The
+    /// bound is estimated from about `sampled` items.
     fn find(
         &mut self,
         items: usize,
@@ -229,7 +233,7 @@ impl Smallest {
         found
     }
 
-    /// Estimates an order that at least `n` items, and not many more, do not exceed.
+    /// Estimates a sort key that at least `n` items, and not many more, do not exceed.
     fn estimate_bound(
         &mut self,
         items: usize,

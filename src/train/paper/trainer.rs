@@ -29,7 +29,7 @@ use rayon::prelude::*;
 const SUMMED: usize = 64;
 const SUMS: usize = 128;
 
-/// Model and buffers in precision `R`.
+/// Model of the `paper` preset with its training buffers, in precision `R`.
 pub struct PaperTrainer<R: PaperScalar> {
     pub(super) mixture: Mixture<R>,
     alpha_init: Vec<f64>,
@@ -39,9 +39,9 @@ pub struct PaperTrainer<R: PaperScalar> {
     q_sums: Vec<(f64, usize)>,
     pub(super) component_elbo: ComponentElbo,
     chooser: DestinationChooser,
-    /// Components moved by the last reassignment, each with the point that it moved to.
+    /// Components moved by the last reassignment, each with the index of the point to which it moved.
     moves: Vec<(u32, u32)>,
-    /// Means of these components before they moved, to undo a failed reassignment.
+    /// Means of the components in `moves` before they moved, to undo a failed reassignment.
     displaced: Vec<([R; 3], [R; 3])>,
     places: Vec<[f32; 3]>,
     /// Number of frames trained on.
@@ -49,7 +49,7 @@ pub struct PaperTrainer<R: PaperScalar> {
 }
 
 impl<R: PaperScalar> PaperTrainer<R> {
-    /// Creates an untrained model. `draw` holds one mean and one weight per component.
+    /// Creates an untrained model. `draw` holds one mean and one Dirichlet parameter per component.
     pub fn new(config: &PaperConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
         Self::with_hyper(config, config.hyper(), draw)
     }
@@ -86,8 +86,9 @@ impl<R: PaperScalar> PaperTrainer<R> {
         })
     }
 
-    /// Trains on one frame, completely or not at all. On an error before the fit the model is unchanged. If
-    /// only the forwarded reassignment after it fails, the frame is applied and no component moves.
+    /// Trains on one frame, completely or not at all. On an error before the fit, the model is
+    /// unchanged. If only the forwarded reassignment after the fit fails, the frame is applied and no
+    /// component moves.
     pub fn train(&mut self, points: &Points<R>) -> Result<FrameOutcome, IndexError> {
         let wall = Stopwatch::start();
         self.passes.begin_frame();
@@ -125,8 +126,9 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.commit(ms);
     }
 
-    /// Moves components by scores computed before the fit, then fits; returns the number moved. If moves
-    /// affect few tiles, the scoring pass serves as the fit, and only those tiles are run again.
+    /// Moves components by scores computed before the fit, then fits; returns the number of components
+    /// moved. If moves affect few tiles, the scoring pass serves as the fit, and only those tiles are
+    /// run again.
     fn reassign_and_fit(
         &mut self,
         points: &Points<R>,
@@ -212,8 +214,9 @@ impl<R: PaperScalar> PaperTrainer<R> {
         (n, if n == 0 { 0.0 } else { mixture.scoring.elbo(sum / n as f64) })
     }
 
-    /// Quota of the next reassignment. Before the first fit no component counts as unused: the posterior
-    /// equals the initial model, whose weights are not below the prior's (`training.md`, Reassignment).
+    /// Returns the quota of the next reassignment, if any. Before the first fit no component counts as
+    /// unused. The posterior then equals the initial model, whose weights are not below the prior's
+    /// (`training.md`, Reassignment).
     fn quota(&self) -> Option<Quota> {
         let Mixture { config, statistics, .. } = &self.mixture;
         if self.frames == 0 && statistics.used() == 0 {
@@ -222,7 +225,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         Quota::new(config, statistics.len() - statistics.used())
     }
 
-    /// Moves components by the scores of the last pass; returns their number.
+    /// Moves components by the scores of the last pass; returns the number of components moved.
     fn reassign(
         &mut self,
         points: &Points<R>,
@@ -276,28 +279,29 @@ impl<R: PaperScalar> PaperTrainer<R> {
         rebuilt
     }
 
-    /// ELBO of each point of the last frame, in point order; NaN for points left out.
+    /// Returns the ELBO of each point of the last frame, nats, in point order; NaN for points left out.
     pub fn elbo(&self) -> Vec<f64> {
         self.q.iter().map(|&q| self.mixture.scoring.elbo(q)).collect()
     }
 
-    /// Effective distances of the points of the last frame (see [`Scoring::elbo`]).
+    /// Returns the effective distances of the points of the last frame (see [`Scoring::elbo`]).
     pub fn effective_distances(&self) -> &[f64] {
         &self.q
     }
 
-    /// Constants of the log-score, and the model that scores points.
+    /// Returns the constants of the log-score, and the model that scores points.
     pub fn scoring(&self) -> (&Scoring, &InitialModel<R>) {
         (&self.mixture.scoring, &self.mixture.model)
     }
 
-    /// Scores a frame's points without training; results are in [`PaperTrainer::elbo`].
+    /// Scores a frame's points without training on the frame; [`PaperTrainer::elbo`] returns the
+    /// results.
     pub fn evaluate(&mut self, points: &Points<R>, candidates: Candidates) {
         self.passes.begin_frame();
         self.run_pass(points, candidates, Output::Elbo, &mut StageMs::new(&PAPER_STAGES));
     }
 
-    /// Restores a model after `frames` frames.
+    /// Restores a model as it was after `frames` frames.
     pub fn restore(
         config: &PaperConfig,
         state: ModelState,
@@ -321,7 +325,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         }
     }
 
-    /// Computes candidates and responsibilities of each point, without training.
+    /// Computes the candidates of each point with their responsibilities, without training.
     pub fn responsibilities(&self, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
         Pass::responsibilities(&self.inputs(), points)
     }
@@ -340,12 +344,12 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.mixture.statistics.used()
     }
 
-    /// Initial spatial mean of a component, normalised.
+    /// Returns the initial spatial mean of a component, normalised.
     pub fn mean_init(&self, component: usize) -> DVec3 {
         DVec3::from_array(self.mixture.model.space[component].map(R::to_f64))
     }
 
-    /// Statistics of a component about its initial mean.
+    /// Returns the statistics of a component, about its initial mean.
     pub fn moments(&self, component: usize) -> Moments {
         self.mixture.statistics.moments(component)
     }

@@ -10,85 +10,85 @@
 use super::value::{Choice, ConfigError, Preset, ValueError};
 use std::ffi::OsStr;
 
-/// Form of a setting on the command line.
+/// How a setting is given on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spelling {
-    /// An option and the placeholder of its value in help texts.
+    /// By an option of its own; the second text is the placeholder of its value in help texts.
     Option(&'static str, &'static str),
-    /// By its name: in files and by `--set NAME=VALUE`.
+    /// By its name with `--set NAME=VALUE`.
     Name,
 }
 
 /// Description of a setting, independent of its type.
 #[derive(Clone, Copy)]
 pub struct About {
-    /// Name in files.
+    /// Name of the setting in files.
     pub field: &'static str,
-    /// Name in messages: with its option, if it has one.
+    /// Name in messages, followed by the setting's option if it has one.
     pub name: &'static str,
-    /// Form on the command line.
+    /// How the setting is given on the command line.
     pub spelling: Spelling,
-    /// Label in the window; `None` if not shown there.
+    /// Label in the window; `None` if the setting is not shown there.
     pub label: Option<&'static str>,
-    /// Default value, or what the default depends on.
+    /// Default value, or a description of what the default depends on.
     pub default: &'static str,
     /// True if the default does not depend on the dataset or other settings.
     pub is_default_fixed: bool,
-    /// Permitted values, if not all values of the type are.
+    /// Returns a description of the permitted values; `None` if all values of the type are permitted.
     pub range: Option<fn() -> String>,
-    /// All values, if they are few and named.
+    /// Returns all values, if they are few and named.
     pub choices: fn() -> Vec<Choice>,
     /// True if the option names a file that holds the value.
     pub is_in_file: bool,
-    /// Checks that a text is a value, before the preset is known.
+    /// Checks that a text is a valid value; used before the preset is known.
     pub check_text: fn(&OsStr) -> Result<(), ValueError>,
     #[doc(hidden)]
     pub doc: &'static str,
 }
 
 impl About {
-    /// Returns the help text: sentences, the last without its full stop.
+    /// Returns the help text: sentences, of which the last has no full stop.
     pub fn help(&self) -> &'static str {
         let doc = self.doc.trim();
         doc.strip_suffix('.').unwrap_or(doc)
     }
 }
 
-/// A requested value differs from the stored run's.
+/// A difference between a requested value and that of a stored run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Conflict {
     /// Name of the setting in messages.
     pub setting: &'static str,
-    /// Stored value, if any.
+    /// Value of the stored run, if any.
     pub stored: Option<String>,
     /// Requested value.
     pub requested: String,
 }
 
-/// Table row of one setting of layer `L`.
+/// Table row of one setting of the layer (a set of user-specified settings) `L`.
 pub struct Setting<L: SettingLayer> {
-    /// Description.
+    /// Description of the setting, independent of its type.
     pub about: About,
-    /// Returns the layer's value as text.
+    /// Returns the layer's value as text, if it is set.
     pub given: fn(&L) -> Option<String>,
-    /// Returns the layer's value in the format of preset files.
+    /// Returns the layer's value in the format of preset files, if it is set.
     pub ron: fn(&L) -> Result<Option<String>, ron::Error>,
     /// Sets the layer's value from text.
     pub parse: fn(&mut L, &OsStr) -> Result<(), ValueError>,
     /// Removes the layer's value, so that the layer below applies.
     pub clear: fn(&mut L),
-    /// Returns the layer's slot if the setting is a boolean.
+    /// Returns a mutable reference to the layer's value if the setting is a boolean.
     pub flag: fn(&mut L) -> Option<&mut Option<bool>>,
     /// Writes the layer's value, if any, to a run's settings.
     pub apply: fn(&L, &mut L::Run),
-    /// Returns a run's value as text.
+    /// Returns a run's value as text, if any.
     pub stored: fn(&L::Run) -> Option<String>,
     /// True if a run's value is within the permitted range.
     pub is_in_range: fn(&L::Run) -> bool,
 }
 
 impl<L: SettingLayer> Setting<L> {
-    /// Returns the layer's value, if any, and the run's if they differ.
+    /// Returns the layer's value and the run's, if the layer's value is set and differs.
     pub fn conflict(&self, layer: &L, run: &L::Run) -> Option<Conflict> {
         let (stored, requested) = ((self.stored)(run), (self.given)(layer)?);
         let setting = self.about.name;
@@ -96,11 +96,11 @@ impl<L: SettingLayer> Setting<L> {
     }
 }
 
-/// User-specified settings of one preset; unset ones are taken from the layer below.
+/// User-specified settings of one preset. A setting that is not set is taken from the next layer.
 pub trait SettingLayer: Default + Sized + 'static {
-    /// All settings of a run.
+    /// Settings of a run after all layers have been applied.
     type Run;
-    /// All settings, in the order in which they are applied and listed.
+    /// Table of all settings, in the order in which they are applied and listed.
     const TABLE: &'static [Setting<Self>];
 
     /// Preset that the settings belong to.
@@ -116,7 +116,7 @@ pub trait SettingLayer: Default + Sized + 'static {
         Self::TABLE.iter().for_each(|setting| (setting.apply)(self, run));
     }
 
-    /// Checks all ranges of a run's settings.
+    /// Checks the ranges of all settings of a run.
     ///
     /// # Errors
     /// [`ConfigError`] for the first setting out of range.
@@ -131,12 +131,12 @@ pub trait SettingLayer: Default + Sized + 'static {
         }
     }
 
-    /// Returns the first set value that differs from a run's.
+    /// Returns the first value of this layer that differs from the run's, with the run's.
     fn conflict(&self, run: &Self::Run) -> Option<Conflict> {
         Self::TABLE.iter().find_map(|setting| setting.conflict(self, run))
     }
 
-    /// Returns the first set value that `Other` lacks, and its setting's name.
+    /// Returns the name and value of the first set setting that the layer type `Other` lacks.
     fn first_unsupported_by<Other: SettingLayer>(&self) -> Option<(&'static str, String)> {
         let is_shared = |field| Other::TABLE.iter().any(|other| other.about.field == field);
         let mut own = Self::TABLE.iter().filter(|setting| !is_shared(setting.about.field));

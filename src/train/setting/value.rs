@@ -5,14 +5,14 @@ use std::ffi::OsStr;
 use std::fmt::Debug;
 use strum::{Display, EnumString, VariantNames};
 
-/// One of the named values of a setting.
+/// One of the values of a setting whose values are named.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// Spelling on the command line.
+    /// Name of the value on the command line.
     pub name: &'static str,
-    /// Label in the window.
+    /// Label of the value in the window.
     pub label: &'static str,
-    /// Meaning, one sentence without a full stop; empty if the name suffices.
+    /// Meaning of the value, one sentence without a full stop; empty if the name suffices.
     pub help: &'static str,
 }
 
@@ -22,17 +22,17 @@ pub enum ValueError {
     /// Message with the expected and the found value.
     #[error("{0}")]
     Text(String),
-    /// Error in the file that holds the value.
+    /// Error in the file that the option names.
     #[error(transparent)]
     File(Box<dyn std::error::Error + Send + Sync>),
 }
 
-/// Type of a value that a command-line option can have.
+/// Type of the value of a setting, as parsed from a command-line option.
 pub trait SettingValue: Clone + PartialEq + Debug + Serialize {
     /// True if the option names a file that holds the value.
     const IS_FILE: bool = false;
 
-    /// Lists all values, if they are few and named.
+    /// Returns all values, if they are few and named.
     fn choices() -> Vec<Choice> {
         Vec::new()
     }
@@ -43,14 +43,14 @@ pub trait SettingValue: Clone + PartialEq + Debug + Serialize {
     /// [`ValueError`] states what was expected.
     fn parse(text: &OsStr) -> Result<Self, ValueError>;
 
-    /// Returns the slot itself if it is a boolean.
+    /// Returns `slot` itself if its type is a boolean.
     fn flag(_: &mut Option<Self>) -> Option<&mut Option<bool>> {
         None
     }
 }
 
-/// Formats a value for messages: as JSON, with strings unquoted and numbers as short as exactness
-/// allows. Values without a JSON form (NaN) use Rust's debug format.
+/// Formats a value for messages: as JSON, with strings unquoted, and numbers in the shortest exact form.
+/// Values without a JSON form (NaN) use Rust's debug format.
 pub fn text_of(value: &(impl Serialize + Debug)) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(text)) => text,
@@ -65,7 +65,7 @@ pub fn text_of(value: &(impl Serialize + Debug)) -> String {
     }
 }
 
-/// Implements [`SettingValue`] for types that parse from text without names.
+/// Implements [`SettingValue`] for number types by [`std::str::FromStr`].
 macro_rules! parsed_values {
     ($($value:ty, $expected:literal;)+) => {$(
         impl SettingValue for $value {
@@ -97,7 +97,7 @@ impl SettingValue for bool {
     }
 }
 
-/// Implements [`SettingValue`] by [`std::str::FromStr`]. With `by name`, the named values are listed,
+/// Implements [`SettingValue`] by [`std::str::FromStr`]. With `by name`, it also lists the named values,
 /// either from `strum` or with a label and help for each.
 macro_rules! named_values {
     (by text $($value:ty),+) => {$(
@@ -150,30 +150,30 @@ macro_rules! named_values {
 }
 pub(crate) use named_values;
 
-/// A named set of defaults and the learner they are for.
+/// A named set of default settings, and the kind of learner that uses them.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Preset {
-    /// The published algorithm.
+    /// The published algorithm, with a fixed number of components.
     Paper,
-    /// Scene reconstruction: components are created as needed.
+    /// Scene reconstruction, which creates components as needed.
     Scene,
 }
 
-/// A setting is out of its range.
+/// Error of a setting that is out of its range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{setting}: expected {expected}, found {found}")]
 pub struct ConfigError {
     /// Name of the setting: as in settings files, with its option if it has one.
     pub setting: &'static str,
-    /// Permitted range.
+    /// Permitted range of the setting.
     pub expected: String,
-    /// Value found.
+    /// Value found for the setting.
     pub found: String,
 }
 
-/// Maximum number of components of a model: ids are stored as `i32`.
+/// Maximum number of components of a model; their indices are stored as `i32`.
 pub const MAX_COMPONENTS: usize = 20_000_000;

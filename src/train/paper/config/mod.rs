@@ -29,7 +29,7 @@ pub use settings::{
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self", default = "PaperConfig::paper")]
 pub struct PaperConfig {
-    /// Seed of all random streams.
+    /// Seed of all random number streams.
     pub seed: u64,
     /// Number of components, the paper's N.
     pub components: usize,
@@ -43,13 +43,14 @@ pub struct PaperConfig {
     pub reassign_fraction: f64,
     /// Minimum number of badly explained points to sample from.
     pub low_elbo_floor: usize,
-    /// Named arithmetic of the hot loops.
+    /// Named arithmetic of the inner loops.
     pub precision: Precision,
-    /// Arithmetic of the hot loops by operation.
+    /// Arithmetic of the inner loops, by operation.
     pub operations: Operations,
     /// Conversion of posteriors to splats.
     pub conversion: Conversion,
-    /// Runs the plain engine even where the fused kernels apply. No option sets it: tests compare the two.
+    /// True to use the plain implementation even where the fused kernels support the configuration. Only
+    /// tests set it, to compare the two.
     #[serde(skip)]
     pub is_plain: bool,
 }
@@ -134,7 +135,7 @@ settings! {
     }
 }
 
-/// Maximum of `low_elbo_floor`; 1024 is the published value.
+/// Maximum of `low_elbo_floor`; the published value of that setting is 1024.
 const MAX_LOW_ELBO_FLOOR: usize = 1 << 16;
 
 fn refuse<T>(setting: &'static str, expected: String, found: String) -> Result<T, ConfigError> {
@@ -142,7 +143,7 @@ fn refuse<T>(setting: &'static str, expected: String, found: String) -> Result<T
 }
 
 impl PaperOverrides {
-    /// Rejects a named precision combined with different operations.
+    /// Returns an error if a named precision is combined with different operations.
     fn check_precision(&self) -> Result<(), ConfigError> {
         match (self.precision, self.operations) {
             (Some(Precision::Custom), None) => refuse(
@@ -165,7 +166,8 @@ impl PaperOverrides {
 }
 
 impl PaperConfig {
-    /// The published algorithm: N = 100,000, C = 4, random start, reassignment before the fit.
+    /// Returns the published configuration: N = 100,000, C = 4, random start, reassignment before the
+    /// fit.
     pub fn paper() -> Self {
         Self {
             seed: 0,

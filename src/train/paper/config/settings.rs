@@ -11,10 +11,10 @@ use strum::EnumString;
 
 pub use crate::model::paper::totals::UpdateWidth;
 
-/// Maximum number of candidates per point; larger numbers should use the dense E-step.
+/// Maximum number of candidates per point; the dense E-step serves for larger numbers.
 pub const MAX_CANDIDATES: usize = 1024;
 
-/// Serialized form of a setting that is a number or a word.
+/// Serialised form of a setting that is a number or a word.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged)]
 enum NumberOrWord {
@@ -28,7 +28,7 @@ enum NumberOrWord {
 pub enum Candidates {
     /// All components.
     Dense,
-    /// The components whose initial spatial means are nearest, in number.
+    /// The components with the nearest initial spatial means; the value is their number.
     Nearest(usize),
 }
 
@@ -67,7 +67,7 @@ impl FromStr for Candidates {
 }
 
 impl Candidates {
-    /// True if the number is within the permitted range.
+    /// True if the number of candidates is within the permitted range.
     pub fn is_legal(&self) -> bool {
         match self {
             Self::Dense => true,
@@ -81,25 +81,26 @@ impl Candidates {
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Init {
-    /// Uniform in the normalised cube, independent of the data.
+    /// Positions uniform in the normalised cube, independent of the data.
     Random,
     /// Points of the first frame.
     Data,
 }
 
-/// Time and scores by which unused components move (`training.md`, Reassignment).
+/// When unused components move to badly explained points, and by which scores (`training.md`,
+/// Reassignment).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum ReassignPolicy {
-    /// Never.
+    /// Unused components never move.
     Off,
-    /// Before the fit, by scores against all components.
+    /// Move before the fit, by scores against all components.
     Dense,
-    /// Before the fit, by scores against the candidates, among the worst-explained points; the paper's
-    /// default.
+    /// Move before the fit, by scores against the candidates, to points among the worst explained; the
+    /// paper's default.
     Padded,
-    /// After the fit, by the scores of the fit; affects the next frame.
+    /// Move after the fit, by the scores of the fit; takes effect with the next frame.
     Forwarded,
 }
 
@@ -117,7 +118,8 @@ named_values!(by name ReassignPolicy {
     "forwarded" "Forwarded" "After the fit, by its scores; takes effect with the next frame";
 });
 
-/// The command line names whole conversions, files only their decomposition.
+/// Lists and parses the names of whole conversions, which the command line accepts. Files store only the
+/// decomposition.
 impl SettingValue for CovarianceForm {
     fn choices() -> Vec<Choice> {
         let (right, legacy) = (
@@ -146,9 +148,9 @@ impl SettingValue for CovarianceForm {
 pub enum Precision {
     /// f64 throughout, including points and means: the reference.
     F64,
-    /// f32 in hot loops about a local centre, 64-bit fixed-point totals.
+    /// f32 in inner loops with coordinates relative to a local centre, and 64-bit fixed-point totals.
     Mixed,
-    /// Chosen by operation, see [`Operations`].
+    /// Arithmetic chosen by operation, see [`Operations`].
     #[strum(disabled)]
     Custom,
 }
@@ -169,7 +171,7 @@ impl Precision {
     }
 }
 
-/// Width of one operation on f32 points and means.
+/// Number type of one operation on f32 points and means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Width {
@@ -179,15 +181,15 @@ pub enum Width {
     F64,
 }
 
-/// Arithmetic by operation.
+/// Arithmetic of the inner loops, by operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Operations {
-    /// Squared distances that rank candidates.
+    /// Squared distances by which candidates are ranked.
     pub distance: Width,
     /// Scores `q` of the candidates.
     pub log_score: Width,
-    /// Exponentials and their sum.
+    /// Exponentials of scores and their sum.
     pub normaliser: Width,
     /// Sums over the points of a tile.
     pub moments: Width,
@@ -196,12 +198,12 @@ pub struct Operations {
 }
 
 impl Operations {
-    /// All in f64 with 128-bit totals.
+    /// All inner loops in f64, with 128-bit totals.
     pub const F64: Self = Self::all(Width::F64, UpdateWidth::Fixed128);
-    /// All in f32 with 64-bit totals.
+    /// All inner loops in f32, with 64-bit totals.
     pub const MIXED: Self = Self::all(Width::F32, UpdateWidth::Fixed64);
 
-    /// One width for the loops and one for the totals.
+    /// Returns operations with the number type `width` for all inner loops and `update` for the totals.
     pub const fn all(width: Width, update: UpdateWidth) -> Self {
         Self { distance: width, log_score: width, normaliser: width, moments: width, update }
     }

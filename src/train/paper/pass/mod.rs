@@ -26,38 +26,38 @@ use reached::{ReachMemory, RerunTiles};
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use tasks::{Columns, for_each_part, for_each_task};
 
-/// Requested results of a pass.
+/// Results requested from a pass over a frame's points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
-    /// ELBO per point only, for reassignment.
+    /// ELBO of each point only, for reassignment.
     Elbo,
-    /// ELBO and sums.
+    /// ELBO of each point, and sums by component.
     ElboAndSums,
 }
 
-/// Model between two frames, as passes read it.
+/// Model between two frames: the data that passes read.
 pub struct Mixture<R: PaperScalar> {
     pub config: PaperConfig,
     /// Initial model, which scores the points.
     pub model: InitialModel<R>,
-    /// Index over the spatial means of `model`.
+    /// Index over the initial spatial means of `model`.
     pub index: Index,
     pub scoring: Scoring,
-    /// Totals over all frames, about the means of `model`.
+    /// Totals over all frames, relative to the initial means of `model`.
     pub statistics: Statistics,
 }
 
 #[derive(Clone, Copy)]
 pub struct PassInputs<'a, R: PaperScalar> {
     pub mixture: &'a Mixture<R>,
-    /// Components that each point is compared with.
+    /// Rule for the components that each point is compared with.
     pub candidates: Candidates,
 }
 
-/// Buffers of a pass, reused from frame to frame.
+/// Buffers of a pass over a frame's points, reused from frame to frame.
 #[derive(Default)]
 pub struct Pass {
-    /// Scratch memory by thread; results never depend on earlier tasks.
+    /// Scratch memory by thread. Results do not depend on earlier tasks.
     pub(super) workers: Vec<RwLock<Worker>>,
     again: RerunTiles,
 }
@@ -68,10 +68,10 @@ pub(super) struct Worker {
     plain: PlainMemory,
     ids: Vec<u32>,
     scores: Vec<f64>,
-    /// Records by shard of the totals, in f32 or f64.
+    /// Sums of tiles (records) by shard of the totals: here in f32, in `wide` in f64.
     pub(super) narrow: Vec<Vec<TileRecord<f32>>>,
     wide: Vec<Vec<TileRecord<f64>>>,
-    /// Number of records in `narrow` by shard before tiles were run again; empty if none were.
+    /// Number of records in each shard of `narrow` before tiles were run again; empty if none were.
     first_run: Vec<usize>,
     reach: ReachMemory,
     pub(super) clock: StageClock,
@@ -82,7 +82,8 @@ impl Worker {
         [self.narrow.get(shard).map_or(0, Vec::len), self.wide.get(shard).map_or(0, Vec::len)]
     }
 
-    /// Clears a shard's records and ensures capacity for `seen` plus a quarter. Growth leaves a large margin.
+    /// Clears a shard's records and ensures capacity for the numbers `seen` in the last pass plus a
+    /// quarter. If the capacity must grow, it becomes at least three times `seen`.
     fn clear_records(&mut self, shard: usize, seen: [usize; 2]) {
         if self.narrow.len() <= shard {
             self.narrow.resize_with(shard + 1, Vec::new);
@@ -105,10 +106,10 @@ fn add(a: [usize; 2], b: [usize; 2]) -> [usize; 2] {
 }
 
 impl Pass {
-    /// Runs over all points.
+    /// Scores all points and, if requested, sums them by component.
     ///
-    /// `q` receives each point's effective distance (see [`Scoring::elbo`]), or NaN for points that are left
-    /// out because their score is NaN. `owners`, if given, receives the component of largest
+    /// `q` receives each point's effective distance (see [`Scoring::elbo`]). Points whose score is NaN
+    /// are left out and receive NaN. `owners`, if given, receives the component of largest
     /// responsibility, or `u32::MAX` for points left out.
     pub fn run<R: PaperScalar>(
         &mut self,
@@ -178,7 +179,7 @@ impl Pass {
         });
     }
 
-    /// Computes candidates and responsibilities of each point.
+    /// Computes the candidates of each point with their responsibilities.
     pub fn responsibilities<R: PaperScalar>(
         inputs: &PassInputs<R>,
         points: &Points<R>,
@@ -199,8 +200,8 @@ impl Pass {
         found
     }
 
-    /// Clears the records. Every thread reserves space for all records of the last pass and more, because the
-    /// assignment of tiles to threads changes from frame to frame.
+    /// Prepares a pass on the CPU: clears the records. Every thread reserves space for all records of
+    /// the last pass, as tiles change threads from frame to frame.
     pub(super) fn begin(&mut self, statistics: &Statistics) {
         self.make_workers(statistics);
         for shard in 0..statistics.shards() {
@@ -209,8 +210,8 @@ impl Pass {
         }
     }
 
-    /// Clears the records for a device's results. Workers receive equal parts of these, so reserving
-    /// space for all would waste memory.
+    /// Prepares a pass on a device: clears the records. Workers receive equal parts of the device's
+    /// records, so reserving space for all records in each would waste memory.
     pub(super) fn begin_device_pass(&mut self, statistics: &Statistics) {
         self.make_workers(statistics);
         (0..statistics.shards()).for_each(|shard| self.clear_records(shard, [0; 2]));
@@ -261,8 +262,8 @@ impl Pass {
         }
     }
 
-    /// Returns sampled thread time in search, E-step and sums of the last pass, and resets it. Only
-    /// proportions are meaningful.
+    /// Returns the thread time of search, E-step and sums in the last pass, in nanoseconds, and resets
+    /// it. Tiles are sampled, so only the proportions are meaningful.
     pub fn take_stage_nanos(&mut self) -> [u64; 3] {
         let mut sum = [0; 3];
         for worker in &mut self.workers {
@@ -275,14 +276,14 @@ impl Pass {
 }
 
 impl<R: PaperScalar> Mixture<R> {
-    /// Returns the means of the current model, sorted by cell.
+    /// Returns the initial spatial means of the current model, sorted by grid cell.
     pub fn sorted(&self) -> &SortedMeans {
         self.index.sorted(&self.model)
     }
 }
 
 impl<'a, R: PaperScalar> PassInputs<'a, R> {
-    /// Returns the inputs of the fused kernels, if they support the configuration.
+    /// Returns the inputs of the fused kernels; `None` if the kernels do not support the configuration.
     pub fn fused(&self, points: &'a Points<R>) -> Option<FusedInputs<'a>> {
         let Mixture { model, scoring, statistics, .. } = self.mixture;
         let rank = self.fused_rank()?;
@@ -298,7 +299,8 @@ impl<'a, R: PaperScalar> PassInputs<'a, R> {
         })
     }
 
-    /// Returns the number of candidates per point, if the fused kernels support the configuration.
+    /// Returns the number of candidates per point; `None` if the fused kernels do not support the
+    /// configuration.
     pub fn fused_rank(&self) -> Option<usize> {
         let PaperConfig { operations, is_plain, .. } = self.mixture.config;
         let Operations { distance, log_score, normaliser, moments, .. } = operations;
@@ -316,8 +318,8 @@ impl<'a, R: PaperScalar> PassInputs<'a, R> {
 const PART: usize = 64;
 
 impl Pass {
-    /// Runs those tiles of the last pass again that are within reach of `places`, which means have left or
-    /// moved to since. Returns their number. The result equals a full pass.
+    /// Runs some tiles of the last pass again: those within reach of `places`, the positions that means
+    /// have left or moved to since. Returns the number of tiles. The result equals a full pass.
     pub fn run_reached(
         &mut self,
         inputs: &FusedInputs<'_>,
@@ -364,7 +366,8 @@ impl Pass {
             .extend((0..).zip(&*is_again).filter(|(_, is_again)| **is_again).map(|(tile, _)| tile));
     }
 
-    /// Runs the given tiles, ascending and unique. `q` and, if requested, `owners` cover all points.
+    /// Scores and, if requested, sums the points of the given tiles, which are ascending and unique. `q`
+    /// covers all points, `owners` too unless it is empty.
     pub fn run_some(
         &self,
         inputs: &FusedInputs<'_>,

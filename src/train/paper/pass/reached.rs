@@ -8,15 +8,15 @@ use crate::train::paper::fused::FusedInputs;
 
 #[derive(Default)]
 pub(super) struct RerunTiles {
-    /// True for each tile that was run again; empty if none were.
+    /// For each tile, true if it was run again; empty if none were.
     pub is_again: Vec<bool>,
-    /// These tiles, ascending.
+    /// Indices of the tiles that were run again, ascending.
     pub tiles: Vec<u32>,
-    /// Places that means left or moved to.
+    /// Positions that means left or moved to.
     pub places: MeanGrid,
 }
 
-/// Scratch memory of a thread for finding these tiles.
+/// Scratch memory of a thread for finding the tiles to run again.
 #[derive(Default)]
 pub(super) struct ReachMemory {
     near: Columns,
@@ -25,8 +25,8 @@ pub(super) struct ReachMemory {
 }
 
 impl RerunTiles {
-    /// Selects the valid records, in slices. Of the first `n_first` records, made before tiles were run
-    /// again, those of such tiles are outdated.
+    /// Returns the valid records, in slices. The first `n_first` records were made before tiles were run
+    /// again; of them, the records of such tiles are outdated.
     pub fn valid_records<'a>(
         &'a self,
         records: &'a [TileRecord<f32>],
@@ -40,8 +40,8 @@ impl RerunTiles {
 }
 
 impl ReachMemory {
-    /// True if a place is within reach of a point of the tile: near enough for its mean to receive, or to
-    /// have received, part of the point.
+    /// True if any of `places` is within reach of a point of the tile. A mean there may receive part of
+    /// the point, or may have received part of it.
     pub fn reaches(
         &mut self,
         inputs: &FusedInputs<'_>,

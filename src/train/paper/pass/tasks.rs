@@ -4,16 +4,17 @@ use crate::observation::points::Points;
 use crate::train::paper::index::PaperScalar;
 use std::ops::Range;
 
-/// Number of tiles per task: about a thousand points.
+/// Number of tiles per parallel task: about a thousand points.
 const TILES_PER_TASK: usize = 16;
 
-/// Data of the points of some tiles. `owners` is empty unless requested.
+/// Results for the points of some tiles: effective distances and owners. `owners` is empty unless
+/// requested.
 pub(super) struct Columns<'a> {
     pub(super) q: &'a mut [f64],
     pub(super) owners: &'a mut [u32],
 }
 
-/// Splits tiles and their columns into parallel tasks.
+/// Splits tiles and the columns of their points into parallel tasks, and runs `task` for each.
 pub(super) fn for_each_task<R: PaperScalar>(
     points: &Points<R>,
     tiles: Range<usize>,
@@ -36,7 +37,8 @@ pub(super) fn for_each_task<R: PaperScalar>(
     );
 }
 
-/// Runs a task for each of some ascending tiles, with its columns; columns begin at point `first`.
+/// Runs `task` for each of some tiles, in ascending order, with the columns of its points. `columns`
+/// begin at point `first`.
 pub(super) fn for_each_part<R: PaperScalar>(
     points: &Points<R>,
     tiles: &[u32],
