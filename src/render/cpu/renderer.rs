@@ -19,7 +19,7 @@ use crate::render::options::{RenderOptions, TILE};
 pub struct Rendered {
     /// sRGB-encoded colour over the background, clamped to `[0, 1]`.
     pub color: RgbImage,
-    /// `A = 1 − T` in `[0, 1]`.
+    /// Coverage `A = 1 − T` in `[0, 1]`, with transmittance `T`.
     pub coverage: Image<f32>,
     /// Depth in world units, averaged with the blending weights. View depth `z` (projected) or
     /// distance along the pixel's ray at the largest response (exact); 0 where `A` is 0.
@@ -47,8 +47,8 @@ impl CpuStage {
     pub const ALL: [Self; 4] = [Self::Prepare, Self::Sort, Self::Bin, Self::Raster];
 }
 
-/// Renders splats by either method. Reuses its buffers between images, so keep one renderer per view
-/// instead of creating one per image.
+/// Renders splats by the projected or the exact method. Reuses its buffers between images, so keep one
+/// renderer per view instead of creating one per image.
 #[derive(Default)]
 pub struct CpuRenderer {
     lists: ViewLists,

@@ -132,8 +132,8 @@ pub(super) const WEIGHT: usize = COLOR_CURVATURE + N_QUADRATIC;
 /// Number of sums per splat.
 pub const N_IMAGE_SUMS: usize = WEIGHT + 1;
 
-/// Sums of one splat in one view: gradient and curvature moments of `ln α`, gradient and curvature moments
-/// of the colours, and total weight.
+/// Sums of one splat in one view: gradient and curvature moments of `ln α`, gradient and curvature
+/// moments of the colours, and total weight.
 pub type ImageSums = [f32; N_IMAGE_SUMS];
 
 /// Index of the moment `pⁱqʲ` among [`N_QUARTIC`].

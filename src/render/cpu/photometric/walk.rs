@@ -39,8 +39,8 @@ pub struct PixelRule {
     pub depth: f32,
 }
 
-/// Pixel state of the second walk. One instance is reused for all tiles. Pixels outside the image show no
-/// splat; their values are irrelevant as long as they are finite.
+/// Pixel state of the second walk. One instance is reused for all tiles. Pixels outside the image show
+/// no splat; their values are irrelevant as long as they are finite.
 #[derive(Default)]
 pub(super) struct SecondWalk {
     left: usize,
