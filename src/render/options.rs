@@ -182,8 +182,8 @@ impl DisplayStyle {
 pub struct RenderOptions {
     /// Colour behind the splats, sRGB-encoded.
     pub background: [f32; 3],
-    /// Near plane in world units. Splats with a view depth `z ≤ near` (fisheye: distance `≤ near`) of the
-    /// centre are dropped. Negative values count as 0.
+    /// Near plane in world units. Splats with a view depth `z ≤ near` (fisheye: distance `≤ near`) of
+    /// the centre are dropped. Negative values count as 0.
     pub near: f64,
     /// Renderer and its settings.
     pub method: RenderMethod,
@@ -273,6 +273,11 @@ pub fn scale_floor(largest: f64) -> f64 {
 }
 
 /// Returns a near plane, in world units, that scales with the world unit of the scene.
+///
+/// `nearest` is the distance of the nearest splats, excluding outliers, in world units. The result is
+/// [`EVALUATION_NEAR`] times the largest power of ten that keeps it at or below half of `nearest`.
+/// Measured images thus do not depend on the world unit. For rooms and objects in metres the result is
+/// [`EVALUATION_NEAR`] itself.
 pub fn near_plane_for(nearest: f64) -> f64 {
     let decades = (0.5 * nearest / EVALUATION_NEAR).log10().floor();
     // `log10` is not finite for 0 and NaN for negative distances.

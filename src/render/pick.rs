@@ -90,7 +90,7 @@ fn depth_and_alpha(
     (distance2 >= 0.0 && alpha >= ALPHA_CUT).then_some((depth, alpha))
 }
 
-/// Returns the squared Mahalanobis distance from a splat to the nearest point of a ray (`rendering.md`,
+/// Returns the smallest squared Mahalanobis distance from a splat to a point of a ray (`rendering.md`,
 /// Exact renderer).
 fn ray_distance_squared(placed: &CameraSplat, ray: DVec3, response: Response) -> f64 {
     let p = placed.axes.transpose_mul_vec3(placed.m) / placed.scale;
@@ -234,8 +234,8 @@ mod tests {
         Splat { mean, scale: [0.5, 0.2, 0.05], rotation: turned(), ..ball(0.0, 0.0, 0.9) }
     }
 
-    /// On the silhouette at k standard deviations, the nearest ray has a Mahalanobis distance of k. The exact
-    /// renderer's response there is `o·exp(−k²/2)`.
+    /// On the silhouette at `k` standard deviations, the nearest ray has a Mahalanobis distance of `k`.
+    /// The exact renderer's response there is `o·exp(−k²/2)` with opacity `o`.
     #[test]
     fn the_rim_is_where_the_exact_response_says() {
         let (camera, splat) = (outside(), pancake());

@@ -24,8 +24,9 @@ pub struct Rendered {
     /// Depth in world units, averaged with the blending weights. View depth `z` (projected) or
     /// distance along the pixel's ray at the largest response (exact); 0 where `A` is 0.
     pub depth: Image<f32>,
-    /// Number of splats dropped as invalid, or with invalid appearance
-    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and invisible splats do not count.
+    /// Number of splats dropped because the splat or its appearance is invalid
+    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and invisible splats do not
+    /// count.
     pub n_invalid: usize,
 }
 

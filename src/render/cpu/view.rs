@@ -126,8 +126,8 @@ impl CameraSplat {
         2.0 * (self.opacity / ALPHA_CUT).ln()
     }
 
-    /// Widens the splat by the exact renderer's antialiasing (`rendering.md`, Antialiasing); `None` if it
-    /// fades below the alpha cut.
+    /// Widens the splat by the exact renderer's antialiasing (`rendering.md`, Antialiasing). `None` if
+    /// the opacity falls below the alpha cut.
     pub(in crate::render) fn apply_antialiasing(
         mut self,
         exact: ExactOptions,
