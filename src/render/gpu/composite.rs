@@ -17,16 +17,17 @@ use crate::render::finish::Finish;
 pub struct SecondImage<'a> {
     /// View of another [`SplatTarget`] or of a [`PhotoTexture`].
     pub view: &'a wgpu::TextureView,
-    /// Finishing of its pixels; [`Finish::NONE`] for a photograph.
+    /// Crack filling and exposure of this image; [`Finish::NONE`] for a photograph.
     pub finish: Finish,
-    /// Part of the viewport that it fills.
+    /// Part of the viewport that this image fills.
     pub area: Area,
     /// Method of combining the two images.
     pub how: Combination,
 }
 
-/// Finishes a splat image, composites it over a background as `C + (1 − A)·bg` (`rendering.md`, GPU
-/// renderer), and combines it with an optional second image.
+/// Applies crack filling and exposure to a splat image and composites the image over a background. The
+/// result is `C + (1 − A)·bg` with premultiplied colour `C` and coverage `A` (`rendering.md`, GPU
+/// renderer). Optionally combines it with a second image.
 #[derive(Debug)]
 pub struct Compositor {
     pipeline: wgpu::RenderPipeline,
@@ -118,7 +119,7 @@ impl Compositor {
     }
 }
 
-/// Opaque image of sRGB-encoded bytes.
+/// Texture of an opaque, sRGB-encoded image, such as a photograph.
 #[derive(Debug)]
 pub struct PhotoTexture {
     view: wgpu::TextureView,
@@ -166,7 +167,7 @@ impl PhotoTexture {
         Ok(Self { view: texture.create_view(&Default::default()) })
     }
 
-    /// View for sampling.
+    /// Texture view for sampling.
     pub fn view(&self) -> &wgpu::TextureView {
         &self.view
     }

@@ -77,7 +77,7 @@ pub enum GpuError {
         /// Number of pairs drawn.
         capacity: u64,
     },
-    /// An option, intended for comparisons, that the shaders do not support.
+    /// The shaders do not support an option that is intended for comparisons.
     #[error("{found} is not supported on the GPU; use the CPU renderer")]
     CpuOnly {
         /// The unsupported option.
@@ -96,7 +96,7 @@ pub enum GpuError {
         height: u32,
         /// Maximum side of a texture, pixels.
         limit: u32,
-        /// What the user can do about it.
+        /// Remedy, shown at the end of the message.
         remedy: &'static str,
     },
 }
@@ -118,7 +118,7 @@ struct Log {
 }
 
 impl GpuFaults {
-    /// Redirects a device's loss and uncaptured errors here, instead of panicking.
+    /// Records a device's loss and uncaptured errors in this log, instead of panicking.
     pub fn watch(&self, device: &wgpu::Device) {
         let lost = self.clone();
         device.set_device_lost_callback(move |reason, message| {
@@ -153,7 +153,8 @@ impl GpuFaults {
         }
     }
 
-    /// Ignores poisoning: each write is a single push, so a panicking thread leaves the log consistent.
+    /// Locks the log. Poisoning is ignored: each write is a single push, so a panicking thread leaves
+    /// the log consistent.
     fn lock(&self) -> MutexGuard<'_, Log> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -48,7 +48,7 @@ pub enum MeshKind {
 pub struct MeshBatch {
     /// Shading.
     pub kind: MeshKind,
-    /// Clip rectangle.
+    /// Clip rectangle in the target, pixels.
     pub scissor: PixelRect,
     /// Range in [`MeshList::indices`].
     pub indices: Range<u32>,
@@ -74,7 +74,7 @@ pub struct MeshSampling {
     pub is_minified_smoothly: bool,
 }
 
-/// Draws triangle lists into its own image and presents it.
+/// Draws triangle lists into a persistent image and copies this image into the window.
 #[derive(Debug)]
 pub struct MeshPainter {
     format: wgpu::TextureFormat,
@@ -83,7 +83,7 @@ pub struct MeshPainter {
     textured: wgpu::RenderPipeline,
     whole: wgpu::RenderPipeline,
     textures: HashMap<u64, BoundTexture>,
-    /// The persistent image, and what presents it.
+    /// Persistent image, and the binding for copying it into the window.
     picture: Option<(wgpu::Texture, wgpu::BindGroup)>,
 }
 
@@ -152,7 +152,7 @@ impl MeshPainter {
         self.textures.insert(key, BoundTexture { texture: texture.clone(), sampling, bindings });
     }
 
-    /// Removes textures whose key is not wanted.
+    /// Removes the textures for whose keys `is_wanted` returns false.
     pub fn retain_textures(&mut self, is_wanted: impl Fn(u64) -> bool) {
         self.textures.retain(|key, _| is_wanted(*key));
     }
