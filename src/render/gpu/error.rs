@@ -104,8 +104,8 @@ pub enum GpuError {
 // Maximum number of distinct messages; a broken driver can report the same fault in endless variants.
 const MAX_FAULTS: usize = 32;
 
-/// Collects device faults from any wgpu thread, to be polled by the application. A fault that repeats every
-/// frame is reported once.
+/// Collects device faults from any wgpu thread, to be polled by the application. A fault that repeats
+/// every frame is reported once.
 #[derive(Clone, Debug, Default)]
 pub struct GpuFaults(Arc<Mutex<Log>>);
 

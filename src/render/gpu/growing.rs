@@ -18,13 +18,14 @@ pub(super) struct GrowingBuffer {
 }
 
 impl GrowingBuffer {
-    /// Creates a small buffer. With `MAP_WRITE` it starts mapped and must be mapped again after each upload.
+    /// Creates a small buffer. With `MAP_WRITE` it starts mapped and must be mapped again after each
+    /// upload.
     pub(super) fn new(device: &wgpu::Device, label: &'static str, usage: Usage) -> Self {
         Self { buffer: create_buffer(device, label, usage, INITIAL_BYTES), label, usage }
     }
 
-    /// Ensures a size of at least `needed` bytes. Returns true if the buffer was replaced, which loses its
-    /// contents.
+    /// Ensures a size of at least `needed` bytes. Returns true if the buffer was replaced, which loses
+    /// its contents.
     ///
     /// # Errors
     /// [`GpuError::TaskTooLarge`] or [`GpuError::NoMemoryForTask`]. In either case the buffer is

@@ -216,9 +216,9 @@ impl MeshPainter {
         }
     }
 
-    /// Copies the persistent image to the viewport set on `pass`, which must have the same size. The pass
-    /// must have one colour attachment of this painter's format and no depth attachment. Does nothing before
-    /// the first [`Self::draw`].
+    /// Copies the persistent image to the viewport set on `pass`, which must have the same size. The
+    /// pass must have one colour attachment of this painter's format and no depth attachment. Does
+    /// nothing before the first [`Self::draw`].
     pub fn show(&self, pass: &mut wgpu::RenderPass<'_>) {
         if let Some((_, bindings)) = &self.picture {
             pass.set_pipeline(&self.whole);

@@ -218,8 +218,8 @@ fn write(queue: &wgpu::Queue, to: &wgpu::Buffer, records: &[impl bytemuck::NoUni
     bytes.len() as u64
 }
 
-/// Scatters changed records with their indices into `target`, which must contain every index. Returns the
-/// number of bytes uploaded.
+/// Scatters changed records with their indices into `target`, which must contain every index. Returns
+/// the number of bytes uploaded.
 fn scatter(
     device: &wgpu::Device,
     queue: &wgpu::Queue,

@@ -132,8 +132,9 @@ pub(super) struct ReadbackRing {
 #[derive(Debug)]
 struct Slot {
     buffer: wgpu::Buffer,
-    /// True once the buffer is mapped. wgpu's callback holds the second reference while it is pending. If
-    /// this is the only reference and the value is false, the slot is free, even if a submission was dropped.
+    /// True once the buffer is mapped. wgpu's callback holds the second reference while it is pending.
+    /// If this is the only reference and the value is false, the slot is free, even if a submission was
+    /// dropped.
     mapped: Arc<AtomicBool>,
 }
 

@@ -199,7 +199,8 @@ impl TilePlan {
         encoder.clear_buffer(&self.tile_ranges, 0, None);
     }
 
-    /// Records one stage of an image of `n_splats` splats; `tiles` is the number of tile columns and rows.
+    /// Records one stage of an image of `n_splats` splats; `tiles` is the number of tile columns and
+    /// rows.
     pub(super) fn record(
         &self,
         pass: &mut wgpu::ComputePass<'_>,

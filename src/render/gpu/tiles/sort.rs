@@ -25,9 +25,9 @@ pub struct RadixSort {
 /// Input of a sort. Slots are indices in [`SortBuffers::counts`].
 #[derive(Clone, Copy, Debug)]
 pub enum Keys<'a> {
-    /// Keys without values; the value of each key is its index. Keys of all ones are dropped. The smallest
-    /// remaining key is subtracted from the others. If the range exceeds the bits of the sort, low bits are
-    /// dropped.
+    /// Keys without values; the value of each key is its index. Keys of all ones are dropped. The
+    /// smallest remaining key is subtracted from the others. If the range exceeds the bits of the sort,
+    /// low bits are dropped.
     Indexed {
         /// Keys, u32 each.
         keys: &'a wgpu::Buffer,
