@@ -165,6 +165,9 @@ pub struct GpuView {
 
 impl GpuView {
     /// Converts a camera and options to uniforms.
+    ///
+    /// # Errors
+    /// [`GpuError::CpuOnly`] for options that the shaders do not support.
     pub fn new(camera: &Camera, options: &RenderOptions) -> Result<Self, GpuError> {
         let k = &camera.intrinsics;
         let axes = camera.pose.rotation();
