@@ -49,7 +49,7 @@ pub enum Antialias {
     /// Adds the variance 0.3 px², converted to world units at the splat's distance, along every axis.
     /// Corresponds to the projected renderer's low-pass in the image.
     Footprint,
-    /// Adds nothing; thin splats flicker.
+    /// Adds no variance; thin splats flicker.
     None,
     /// Adds the variance 1e-7 world units² and divides the opacity by the gain in volume, as in the
     /// published renderer.
@@ -73,7 +73,7 @@ pub enum Lens {
 /// Settings of the exact renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExactOptions {
-    /// Part of the line of sight on which a splat's largest response is searched.
+    /// Part of a pixel's line of sight that can contain a splat's largest response.
     pub response: Response,
     /// Treatment of splats thinner than a pixel.
     pub antialias: Antialias,
@@ -146,10 +146,11 @@ pub enum Exposing {
 pub enum Paint {
     /// The stored colour, with gradient and view dependence if the scene has them.
     Stored,
-    /// Distance of the centre from the camera, mapped from `[near, far]` (world units) to
-    /// [`super::finish::ramp`].
+    /// Distance of the splat's centre from the camera, mapped from `[near, far]` (world units) to the
+    /// colours of [`super::finish::ramp`].
     Depth([f32; 2]),
-    /// World direction `n` of the shortest axis, turned towards the camera, as `½ + ½·n`.
+    /// World direction `n` of the splat's shortest axis, turned towards the camera, shown as the colour
+    /// `½ + ½·n`.
     Normal,
 }
 

@@ -192,7 +192,7 @@ mod tests {
         }
     }
 
-    /// With a single splat, its weight equals the coverage of the image.
+    /// For a single splat, the picked weight equals the coverage of the rendered image.
     #[test]
     fn weights_are_what_the_renderer_blends() {
         let scale = [0.5, 0.1, 0.02];

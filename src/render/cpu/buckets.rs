@@ -13,8 +13,8 @@ pub(super) struct Buckets {
 }
 
 impl Buckets {
-    /// Replaces the lists: enters each record into the lists of the buckets that `touched` returns for
-    /// it.
+    /// Replaces the lists. Each record is added to the lists of all buckets in the range that `touched`
+    /// returns for the record.
     pub(super) fn fill(
         &mut self,
         n_buckets: usize,

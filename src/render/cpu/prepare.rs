@@ -80,7 +80,7 @@ fn grow<T: Clone + Default>(list: &mut Vec<T>, n: usize) {
 /// Chunk of splats and its part of the output.
 struct Chunk<'a> {
     splats: &'a [Splat],
-    /// Appearance from the chunk's first splat on, or empty.
+    /// Appearances of the splats from the chunk's first one on; empty for a scene without appearance.
     appearance: &'a [Appearance],
     /// Index of the chunk's first splat.
     first: u32,

@@ -96,8 +96,8 @@ impl Covariance2 {
         Self { xx: xx + LOW_PASS_PX2, yy: yy + LOW_PASS_PX2, xy: w_x.dot(w_y), det }
     }
 
-    /// Returns the coefficients of the squared Mahalanobis distance: `D² = (√(yy/det)·δx −
-    /// xy/√(yy·det)·δy)² + δy²/yy`.
+    /// Returns the coefficients of the squared Mahalanobis distance:
+    /// `D² = (√(yy/det)·δx − xy/√(yy·det)·δy)² + δy²/yy`.
     fn conic(self) -> Conic {
         let per_root = (self.yy * self.det).sqrt().recip();
         Conic {

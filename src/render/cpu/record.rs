@@ -90,7 +90,7 @@ fn tile_range(lo: u16, hi: u16) -> Range<usize> {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct DepthEntry {
     /// View depth (projected renderer) or distance (exact renderer) of the centre. Positive, so that
-    /// its bits order like its value.
+    /// the bits have the same order as the values.
     pub key: f32,
     y0: u16,
     y1: u16,

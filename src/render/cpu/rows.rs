@@ -102,7 +102,7 @@ pub(super) fn longest_first<T: Send>(
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Keyed {
-    /// Bits of a positive `f32`, which order like its value.
+    /// Bits of a positive `f32`, which have the same order as the values.
     key: u32,
     record: u32,
 }

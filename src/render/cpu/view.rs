@@ -18,8 +18,8 @@ pub(in crate::render) struct CpuView {
     pub camera_from_world: DMat3,
     pub centre: DVec3,
     pub intrinsics: Intrinsics,
-    /// Lower limit of `x/z` and `y/z` for the Jacobian, which is evaluated at the splat's centre
-    /// clamped to the limits.
+    /// Lower limit of `x/z` and `y/z`; `tangent_hi` is the upper limit. The Jacobian is evaluated at
+    /// the splat's centre, clamped to these limits.
     pub tangent_lo: DVec2,
     pub tangent_hi: DVec2,
     pub near: f32,
@@ -34,8 +34,8 @@ pub(in crate::render) struct CameraSplat {
     pub m: DVec3,
     /// Unit directions of the principal axes (those of the scales) in camera axes, one per column.
     pub axes: DMat3,
-    /// Standard deviations along the principal axes, world units, after the display factor and the
-    /// floor.
+    /// Standard deviations along the principal axes, world units: multiplied by the display factor and
+    /// raised to the floor.
     pub scale: DVec3,
     pub opacity: f64,
 }
@@ -59,7 +59,8 @@ impl CpuView {
         }
     }
 
-    /// Transforms a splat to camera axes; `None` if it is faint, hidden or not beyond the near plane.
+    /// Transforms a splat to camera axes. `None` if its opacity is below the alpha cut or the display
+    /// style's cut, or if its centre is not beyond the near plane.
     pub(in crate::render) fn to_camera(&self, splat: &Splat) -> Option<CameraSplat> {
         // The camera is subtracted in f64, because far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));

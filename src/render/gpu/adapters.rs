@@ -52,7 +52,7 @@ impl fmt::Display for AdapterChoice {
 pub struct AdapterInfo {
     /// Name of the device.
     pub name: String,
-    /// Graphics API that drives it.
+    /// Graphics API through which the adapter is used.
     pub backend: wgpu::Backend,
     /// Kind of adapter: discrete, integrated, virtual or software.
     pub device_type: wgpu::DeviceType,

@@ -27,7 +27,7 @@ pub struct SecondImage<'a> {
 
 /// Applies crack filling and exposure to a splat image and composites the image over a background. The
 /// result is `C + (1 − A)·bg` with premultiplied colour `C` and coverage `A` (`rendering.md`, GPU
-/// renderer). Optionally combines it with a second image.
+/// renderer). Optionally combines this result with a second image.
 #[derive(Debug)]
 pub struct Compositor {
     pipeline: wgpu::RenderPipeline,
@@ -63,9 +63,9 @@ impl Compositor {
         }
     }
 
-    /// Sets the image, the sRGB-encoded background and an optional second image over the same background
-    /// for the next [`Self::draw`]. Call it after the images have been rendered and before the pass that
-    /// draws them is submitted.
+    /// Sets the image, the sRGB-encoded background and an optional second image over the same
+    /// background for the next [`Self::draw`]. Must be called after the images have been rendered and
+    /// before the pass that calls `draw` is submitted.
     pub fn prepare(
         &mut self,
         device: &wgpu::Device,
@@ -108,8 +108,9 @@ impl Compositor {
         self.bindings = Some(bind_group(device, &layout, &resources));
     }
 
-    /// Fills the viewport set on `pass`. The pass must have one colour attachment of this
-    /// compositor's format and no depth attachment. Does nothing before the first [`Self::prepare`].
+    /// Draws the prepared image into the whole viewport set on `pass`. The pass must have one colour
+    /// attachment of this compositor's format and no depth attachment. Does nothing before the first
+    /// [`Self::prepare`].
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
         if let Some(bindings) = &self.bindings {
             pass.set_pipeline(&self.pipeline);

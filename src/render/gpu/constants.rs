@@ -63,15 +63,16 @@ pub(super) const N_QUARTERS: u32 = (N_IMAGE_SUMS as u32).div_ceil(4);
 /// within a frame.
 pub(super) mod slot {
     pub(in super::super) const N_SPLATS: u32 = 0;
-    /// Number of splats with at least one entry (splat-tile pair).
+    /// Counter of splats with at least one entry (splat-tile pair).
     pub(in super::super) const N_VISIBLE: u32 = 1;
-    /// Number of entries (splat-tile pairs) stored.
+    /// Counter of stored entries (splat-tile pairs).
     pub(in super::super) const N_ENTRIES: u32 = 2;
-    /// Number of entries (splat-tile pairs) needed, saturated at the largest u32.
+    /// Counter of entries (splat-tile pairs) needed, saturated at the largest u32.
     pub(in super::super) const N_NEEDED: u32 = 3;
-    /// Depth key of the nearest splat with an entry; all ones if there is none.
+    /// Slot of the depth key of the nearest splat with an entry; the key is all ones if there is no
+    /// such splat.
     pub(in super::super) const NEAREST: u32 = 4;
-    /// Depth key of the farthest splat with an entry.
+    /// Slot of the depth key of the farthest splat with an entry.
     pub(in super::super) const FARTHEST: u32 = 5;
     pub(in super::super) const N_SLOTS: usize = 6;
 }

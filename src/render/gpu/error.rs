@@ -22,14 +22,14 @@ pub enum GpuError {
     TooManySplats {
         /// Number of splats to upload.
         n_splats: usize,
-        /// Size of their records, MiB.
+        /// Size of the splats' records, MiB.
         needed_mib: u64,
         /// Largest buffer that a shader can bind completely, MiB.
         limit_mib: u64,
         /// Number of splats that would fit.
         max_splats: usize,
     },
-    /// The driver refused an allocation that is within its limits.
+    /// The driver refused an allocation that is within the adapter's limits.
     #[error(
         "{n_splats} splats: the GPU is out of memory ({mib} MiB requested); the previously uploaded splats are still drawn; close other GPU programs or train fewer components"
     )]
@@ -83,7 +83,7 @@ pub enum GpuError {
         /// The unsupported option.
         found: &'static str,
     },
-    /// An image is larger than a texture may be.
+    /// An image exceeds the adapter's maximum texture size.
     #[error(
         "{what} {width}x{height}: this adapter supports at most {limit} pixels per side; {remedy}"
     )]

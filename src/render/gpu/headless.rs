@@ -10,7 +10,7 @@ use super::task::WAIT_TIMEOUT;
 /// Failure to open or use a headless device.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HeadlessError {
-    /// There are only software adapters, or none.
+    /// No hardware adapter was found: only software adapters, or none at all.
     #[error(
         "expected a hardware graphics adapter, found {found}; install its driver or choose an adapter with --adapter"
     )]

@@ -17,7 +17,7 @@ use crate::render::options::{
     ExactOptions, Paint, RenderMethod, RenderOptions, Response, tangent_range,
 };
 
-/// WGSL of each pipeline, to be prefixed by [`super::constants`].
+/// WGSL source of each pipeline, without the constants that [`super::constants`] prepends.
 pub mod shader {
     use super::super::constants::wgsl;
 
@@ -133,7 +133,7 @@ pub struct GpuView {
     pub paint: u32,
     /// Camera z axis in world space.
     pub forward: [f32; 3],
-    /// Factor on the standard deviations.
+    /// Display factor on the splats' standard deviations.
     pub scale: f32,
     /// Camera centre, world units.
     pub centre: [f32; 3],
@@ -149,11 +149,12 @@ pub struct GpuView {
     pub principal: [f32; 2],
     /// Width and height, px.
     pub viewport: [f32; 2],
-    /// Lower clamp of `x/z` and `y/z` in the Jacobian (`rendering.md`, Projected renderer).
+    /// Lower limit to which `x/z` and `y/z` are clamped in the Jacobian (`rendering.md`, Projected
+    /// renderer).
     pub tangent_min: [f32; 2],
-    /// Upper clamp of `x/z` and `y/z` in the Jacobian.
+    /// Upper limit to which `x/z` and `y/z` are clamped in the Jacobian.
     pub tangent_max: [f32; 2],
-    /// Range of the depth paint, world units.
+    /// Distances at the two ends of the depth paint's colour ramp, world units.
     pub depth_range: [f32; 2],
     /// Discriminant of [`crate::render::Antialias`].
     pub antialias: u32,
@@ -230,11 +231,11 @@ pub struct Composite {
     pub second_full_coverage: f32,
     /// Padding; the next vector starts at byte 48.
     pub padding: [u32; 2],
-    /// Factors on the colour of the first image.
+    /// Exposure factors of red, green and blue of the first image.
     pub exposure: [f32; 3],
     /// Coverage at which a pixel of the first image counts as full.
     pub full_coverage: f32,
-    /// Factors on the colour of the second image.
+    /// Exposure factors of red, green and blue of the second image.
     pub second_exposure: [f32; 3],
     /// Padding to the size in WGSL, 80 bytes.
     pub end: u32,

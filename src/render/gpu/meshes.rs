@@ -46,7 +46,7 @@ pub enum MeshKind {
 /// Triangles drawn by one call.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshBatch {
-    /// Shading.
+    /// Shading of the triangles.
     pub kind: MeshKind,
     /// Clip rectangle in the target, pixels.
     pub scissor: PixelRect,

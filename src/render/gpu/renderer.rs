@@ -34,9 +34,9 @@ impl SplatRenderer {
         })
     }
 
-    /// Records the drawing of a scene into `encoder`; the image has the camera's size. The background is
-    /// added by [`super::composite::Compositor`]. Call it once per submission: the camera's uniforms are
-    /// written at submission, not when encoding.
+    /// Records the drawing of a scene into `encoder`; the image has the camera's size. The background
+    /// is added by [`super::composite::Compositor`]. Must be called at most once per submission: the
+    /// camera's uniforms are written at submission, not when encoding.
     ///
     /// If the splats cover more tiles than expected, the first image leaves out the farthest splats. An
     /// unchanged view is complete [`SETTLING_IMAGES`] images later.
@@ -82,8 +82,8 @@ impl SplatRenderer {
         self.timer.as_ref().and_then(|timer| timer.latest)
     }
 
-    /// Returns the lack of memory for splat-tile pairs because of which the farthest splats are left
-    /// out, if it is permanent.
+    /// Returns an error if the farthest splats are permanently left out, because GPU memory holds too
+    /// few splat-tile pairs.
     pub fn shortage(&self) -> Option<&GpuError> {
         self.tiles.demand.shortage.as_ref()
     }
@@ -108,7 +108,7 @@ pub struct SplatTarget {
 }
 
 impl SplatTarget {
-    /// Creates a target of `width` by `height` pixels; both may be 0.
+    /// Creates a target of `width` by `height` pixels; either may be 0.
     pub fn new(device: &wgpu::Device, width: u32, height: u32) -> Result<Self, GpuError> {
         let limit = device.limits().max_texture_dimension_2d;
         // wgpu would report an uncaptured error that does not mention the viewport.

@@ -31,7 +31,7 @@ pub struct GpuScene {
 #[derive(Debug)]
 pub(super) struct SceneBuffers {
     pub(super) splats: wgpu::Buffer,
-    /// `None` for a scene without appearance.
+    /// Appearance records; `None` for a scene without appearance.
     pub(super) appearance: Option<wgpu::Buffer>,
     capacity: usize,
 }

@@ -32,7 +32,7 @@ pub(super) trait TaskPart: Copy + PartialEq + Send + Sync + 'static {
     const LABEL: &'static str;
     /// Descriptions of all parts, each at its own index.
     const ALL: &'static [PartRow<Self>];
-    /// Labels of the staging buffers, by number of the upload.
+    /// Labels of the staging buffers, one per upload.
     const UPLOADS: &'static [&'static str];
 
     fn index(self) -> usize;
@@ -119,7 +119,7 @@ impl<P: TaskPart> GpuTask<P> {
         DeviceError { device: self.name.clone(), reason: error.to_string() }
     }
 
-    /// Creates a kernel with values for the shader's override constants. Returns the kernel's number.
+    /// Creates a kernel with values for the shader's override constants. Returns the kernel's index.
     pub(super) fn add_kernel(
         &mut self,
         module: &wgpu::ShaderModule,
@@ -132,8 +132,8 @@ impl<P: TaskPart> GpuTask<P> {
         self.kernels.len() - 1
     }
 
-    /// Ensures that the buffers of `parts` hold the current sizes. Returns true if a buffer was
-    /// replaced, which loses its contents.
+    /// Ensures that the buffers of `parts` are large enough for the current sizes. Returns true if a
+    /// buffer was replaced, which loses its contents.
     pub(super) fn ensure_capacity(
         &mut self,
         parts: impl IntoIterator<Item = P>,
@@ -151,9 +151,10 @@ impl<P: TaskPart> GpuTask<P> {
         Ok(is_lost)
     }
 
-    /// Writes pieces to the mapped memory of upload number `upload`; the next run copies them to their
-    /// parts. Pieces of one part must follow each other. The first part is written from `first_byte`
-    /// on, all others from their first byte. Replaces pieces staged under this number before.
+    /// Writes pieces to the mapped staging buffer of the upload with index `upload`; the next run
+    /// copies the pieces to their parts. Pieces of one part must follow each other. The first part is
+    /// written from `first_byte` on, all others from byte 0. Replaces pieces that were staged for this
+    /// upload before.
     pub(super) fn stage_upload<'a>(
         &mut self,
         upload: usize,
@@ -182,7 +183,7 @@ impl<P: TaskPart> GpuTask<P> {
         Ok(())
     }
 
-    /// True if pieces are staged under this upload number and not copied to their parts yet.
+    /// True if pieces are staged for this upload and not copied to their parts yet.
     pub(super) fn is_staged(&self, upload: usize) -> bool {
         !self.uploads[upload].copies.is_empty()
     }
@@ -191,7 +192,7 @@ impl<P: TaskPart> GpuTask<P> {
         self.queue.write_buffer(&self.parts[part.index()].buffer, 0, bytemuck::bytes_of(contents));
     }
 
-    /// Copies the staged uploads, clears the parts `clears`, runs kernels by number, and maps the parts
+    /// Copies the staged uploads, clears the parts `clears`, runs kernels by index, and maps the parts
     /// `read` as the result, in this order.
     pub(super) fn run(
         &mut self,

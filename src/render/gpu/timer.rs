@@ -9,11 +9,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// GPU times of the stages of one image in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GpuTimes {
-    /// Converting splats to records.
+    /// Time for converting splats to records, milliseconds.
     pub preprocess: f64,
-    /// Sorting records by depth and tile.
+    /// Time for sorting records by depth and tile, milliseconds.
     pub sort: f64,
-    /// Drawing records.
+    /// Time for drawing records, milliseconds.
     pub draw: f64,
 }
 

@@ -22,7 +22,7 @@ pub(super) struct Hit {
 }
 
 pub(super) struct VisibleSplat {
-    /// Index in the list of the row of tiles.
+    /// Index of the splat in the list of its row of tiles.
     pub list_index: usize,
     /// End of the splat's hits in [`DrawnTile::hits`], which is the start of the next splat's hits.
     pub end: usize,

@@ -16,21 +16,21 @@ use crate::render::options::LOW_PASS_PX2;
 use glam::{DMat3, DVec3};
 use std::f64::consts::LN_2;
 
-/// Index of the first group in a linearisation, the derivatives of one splat's image. Per world axis of
-/// the mean: the coefficients of `d ln α` on `p, q, p², pq, q²`. `p` and `q` are the whitened offsets
-/// of the records: `α = o·2^−(p²+q²)` with opacity `o`.
+/// Index of the derivatives by the mean in a linearisation, the derivatives of one splat's image. Per
+/// world axis of the mean: the coefficients of `d ln α` on `p, q, p², pq, q²`. `p` and `q` are the
+/// whitened offsets of the records: `α = o·2^−(p²+q²)` with opacity `o`.
 pub(super) const BY_MEAN: usize = 0;
-/// Index of the next group. Per log-scale, then per rotation axis: the coefficients of `d ln α` on
-/// `p², pq, q²`.
+/// Index of the derivatives by shape in a linearisation. Per log-scale, then per rotation axis: the
+/// coefficients of `d ln α` on `p², pq, q²`.
 pub(super) const BY_SHAPE: usize = BY_MEAN + 15;
-/// Index of the next group. Per channel: derivative of the colour at a pixel by each world axis of the
-/// mean.
+/// Index of the derivatives of colour in a linearisation. Per channel: derivative of the colour at a
+/// pixel by each world axis of the mean.
 pub(super) const COLOR_BY_MEAN: usize = BY_SHAPE + 18;
-/// Index of the next group: viewing direction from the camera in world axes, limited to the observed
-/// cone.
+/// Index of the viewing direction in a linearisation: from the camera, in world axes, limited to the
+/// observed cone.
 pub(super) const DIRECTION: usize = COLOR_BY_MEAN + 9;
-/// Index of the last group: displacements on the splat's plane in world axes, per unit of a record's
-/// `p` and `q`.
+/// Index of two displacements on the splat's plane in a linearisation: world vectors per unit of a
+/// record's `p` and per unit of `q`.
 pub(super) const PLANE_VECTORS: usize = DIRECTION + 3;
 /// Number of values in a linearisation.
 pub(super) const N_LINEAR: usize = PLANE_VECTORS + 6;

@@ -57,7 +57,8 @@ pub(super) struct SecondWalk {
     curvature_weight: Plane,
     /// Final transmittance where coverage is compared, else 0.
     final_transmittance: Plane,
-    /// Weight times target coverage minus rendered coverage; 0 where coverage is not compared.
+    /// Target coverage minus rendered coverage, multiplied by the weight; 0 where coverage is not
+    /// compared.
     missing_coverage: Plane,
     /// Depth error of the splats behind those processed so far. `weighted_depth_error` is the weighted
     /// depth error of all splats.
@@ -71,7 +72,7 @@ pub(super) struct SecondWalk {
 }
 
 impl SecondWalk {
-    /// Initialises the walk from a drawn tile and its target, in the rows of `mask`.
+    /// Initialises the walk over the pixel rows of `mask` from a drawn tile and its target.
     #[inline(always)]
     pub(super) fn start_tile<V: Vector>(
         &mut self,
@@ -179,8 +180,8 @@ impl SecondWalk {
         }
     }
 
-    /// Computes the contribution of eight pixels to a splat's sums, and removes the splat from the
-    /// state behind it.
+    /// Computes the contribution of eight pixels to a splat's sums. Also advances the state of the
+    /// pixels past the splat.
     #[inline(always)]
     fn terms<V: Vector>(
         &mut self,
@@ -242,8 +243,8 @@ impl SecondWalk {
         }
     }
     /// Returns the derivative of the depth error of eight pixels by alpha. The depth error is an extra
-    /// channel with target 0. It only changes the visibility of splats; the measured points determine
-    /// their positions.
+    /// channel with target 0. It only changes how visible splats are; the positions of splats are
+    /// determined by the measured points.
     #[inline(always)]
     fn depth_error_derivative<V: Vector>(
         &mut self,

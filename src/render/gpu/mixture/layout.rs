@@ -91,7 +91,7 @@ impl Frame {
     }
 }
 
-/// `mixture/pass.wgsl`: computes search, E-step and sums of every tile.
+/// `mixture/pass.wgsl`: searches the candidates, and computes the E-step and the sums of every tile.
 pub const PASS: &str = wgsl!("mixture/cells", "mixture/pass");
 /// `mixture/index.wgsl`: sorts means into the cells of their grid.
 pub const INDEX: &str = wgsl!("mixture/cells", "mixture/index");
@@ -123,7 +123,7 @@ pub(super) enum Part {
     Strips,
 }
 
-/// Number of the upload of a frame's points and tiles; `MEAN_UPLOAD` is that of moved means.
+/// Index of the upload of a frame's points and tiles; `MEAN_UPLOAD` is that of moved means.
 pub(super) const FRAME_UPLOAD: usize = 0;
 pub(super) const MEAN_UPLOAD: usize = 1;
 

@@ -30,9 +30,9 @@ const PACKED: usize = 1 << 14;
 pub struct GpuMixture {
     task: GpuTask<Part>,
     pass: usize,
-    /// Numbers of the kernels of a counting sort, in execution order.
+    /// Indices of the kernels of a counting sort, in execution order.
     index: [usize; 5],
-    /// Number of records (sums of a tile) for which the next pass with sums has capacity.
+    /// Capacity of the next pass with sums, in records (sums of one tile).
     record_capacity: u64,
     cells: GridShape,
     packed: Vec<Mean>,

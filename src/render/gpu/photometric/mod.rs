@@ -31,8 +31,8 @@ pub struct GpuComparer {
     draw: wgpu::ShaderModule,
     walk: wgpu::ShaderModule,
     add: usize,
-    /// Numbers of the kernels that draw and walk, specialised by the number of compared pixels per
-    /// tile. Created on first use.
+    /// Indices of the kernels that draw and walk, specialised by the number of compared pixels per
+    /// tile. The kernels are created on first use.
     walks: Vec<(u64, [usize; 2])>,
     packed: PackedView,
 }

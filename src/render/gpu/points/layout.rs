@@ -85,8 +85,8 @@ pub(super) enum Part {
     Sums,
 }
 
-/// Number of the upload of points. The following constants are those of new seeds, and of the slots of
-/// points with the slots' seeds.
+/// Index of the upload of points. The following constants are those of new seeds, and of the components
+/// of points (slots) with their seeds.
 pub(super) const POINT_UPLOAD: usize = 0;
 pub(super) const SEED_UPLOAD: usize = 1;
 pub(super) const FIT_UPLOAD: usize = 2;

@@ -243,8 +243,7 @@ pub(in crate::render::gpu) struct EntryDemand {
     needed: u64,
     /// Smallest capacity for which allocation failed.
     refused: u64,
-    /// Lack of memory for entries because of which the farthest splats are left out, if it is
-    /// permanent.
+    /// Error if the farthest splats are permanently left out, because GPU memory holds too few entries.
     pub(in crate::render::gpu) shortage: Option<GpuError>,
 }
 
