@@ -190,7 +190,7 @@ pub struct PhotometricSums<'a> {
     pub(super) order: SumOrder,
     /// Sum of squared differences between photograph and rendering, over all channels of covered pixels.
     pub squared_error: f64,
-    /// Number of covered pixels, which `squared_error` sums over.
+    /// Number of covered pixels, over which `squared_error` is summed.
     pub pixels: f64,
 }
 
