@@ -112,8 +112,8 @@ impl Tile {
         [&self.transmittance, red, green, blue, &self.depth]
     }
 
-    /// Blends the listed splats into the tile, nearest first. `min_front` is 0 for rays that start at
-    /// the camera and `−∞` for whole lines.
+    /// Blends the listed splats into the tile, nearest first. The largest response is searched in front
+    /// of the camera if `min_front` is 0, and on the whole line if it is `−∞`.
     #[inline(always)]
     pub(super) fn blend_all<V: Vector, const FORM: u8, const SHADED: bool>(
         &mut self,

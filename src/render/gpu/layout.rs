@@ -100,7 +100,7 @@ pub struct GpuAppearance {
 }
 
 impl GpuAppearance {
-    /// Converts an appearance; `None` if it is not finite.
+    /// Converts an appearance; `None` if a value is not finite.
     pub fn new(appearance: &Appearance) -> Option<Self> {
         let Appearance { gradient, directional, observed } = *appearance;
         let ObservedCone { mean, inverse } = observed;

@@ -57,7 +57,7 @@ const PRODUCTS: [[usize; N_QUADRATIC]; N_QUADRATIC] = {
 const OPACITY: usize = N_FORM - 1;
 
 impl<V: Vector> ParameterSums<V> {
-    /// Combines the linearisations of eight splats with their image sums.
+    /// Computes the gradients and blocks of eight splats from their linearisations and image sums.
     #[inline(always)]
     pub(super) fn new(linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) -> Self {
         let zero = V::splat(0.0);
@@ -183,7 +183,7 @@ const fn range(parameter: usize) -> Range<usize> {
     }
 }
 
-/// Sums over the pixels of a photograph, per splat of a view.
+/// Sums over the pixels of a photograph for each splat of a view.
 pub struct PhotometricSums<'a> {
     pub(super) view: PreparedView<'a>,
     pub(super) sums: &'a [ImageSums],

@@ -50,7 +50,7 @@ pub struct PhotometricWalk {
 }
 
 impl PhotometricWalk {
-    /// Like [`PhotometricComparer::compare`], but cannot fail.
+    /// Compares on the CPU like [`PhotometricComparer::compare`], but cannot fail.
     pub fn compare<'a>(
         &'a mut self,
         view: &PreparedView<'a>,

@@ -115,7 +115,7 @@ impl ViewBuffers {
 }
 
 impl PreparedView<'_> {
-    /// Number of splats that may be visible in some pixel.
+    /// Number of splats that can be visible in at least one pixel.
     pub fn n_drawn(&self) -> usize {
         self.lists.n_visible()
     }
