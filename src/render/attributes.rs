@@ -16,7 +16,7 @@ pub enum Attribute {
     Uncertainty,
     /// Mean ELBO of the points of the current frame, in nats.
     Elbo,
-    /// Index of the frame that contributed the first points.
+    /// Index of the frame that contributed the component's first points.
     Birth,
 }
 
@@ -32,8 +32,8 @@ const MAX_SAMPLES: usize = 1 << 14;
 const RANGE_TOLERANCE: f64 = 0.1;
 
 impl Attribute {
-    /// Value on the colour scale (base-10 logarithm if logarithmic); `None` if unknown, not finite or not
-    /// positive on a logarithmic scale.
+    /// Returns a component's value on the colour scale; base-10 logarithm if the scale is logarithmic.
+    /// `None` if the value is unknown or not finite, or not positive on a logarithmic scale.
     fn scale_position(self, of: &ComponentAttributes) -> Option<f64> {
         let value = match self {
             Self::Evidence => of.evidence,
@@ -64,16 +64,17 @@ impl Attribute {
     }
 }
 
-/// Values at the two ends of the colour ramp.
+/// Range of an attribute's values that the colour ramp spans.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
     attribute: Attribute,
-    /// On the colour scale, ascending.
+    /// Lower and upper end on the colour scale; base-10 logarithms if the scale is logarithmic.
     ends: [f64; 2],
 }
 
 impl Range {
-    /// Range of the middle 96 % of the known values; `None` if no value is known.
+    /// Computes the range of the middle 96 % of an attribute's known values; `None` if no value is
+    /// known.
     pub fn of(attribute: Attribute, values: &[ComponentAttributes]) -> Option<Self> {
         // Strided over the whole list, because neighbours often have the same birth frame.
         let stride = values.len().div_ceil(MAX_SAMPLES).max(1);
@@ -115,12 +116,13 @@ impl Range {
         }
     }
 
-    /// Attribute of the range.
+    /// Returns the attribute whose values the range spans.
     pub fn attribute(&self) -> Attribute {
         self.attribute
     }
 
-    /// Values at the ends of the ramp, in the unit of [`Attribute::unit`].
+    /// Returns the values at the lower and upper end of the colour ramp, in the unit of
+    /// [`Attribute::unit`].
     pub fn ends(&self) -> [f64; 2] {
         match self.attribute.is_logarithmic() {
             true => self.ends.map(|end| 10f64.powf(end)),

@@ -14,11 +14,13 @@ pub enum Combination {
     /// Shows the first image left of a divider and the second one from there on. The value is the
     /// divider's position as a fraction of the viewport width.
     Wipe(f32),
-    /// `gain·|first − second|` per channel, at most 1; black where both agree. The value is the gain.
+    /// Shows `gain·|first − second|` per channel, limited to 1: black where the two images agree. The
+    /// value is the gain.
     Difference(f32),
 }
 
-/// Rectangle in fractions of the viewport; `(0, 0)` is the upper left.
+/// Rectangle in fractions of the viewport: `(0, 0)` is its upper left corner, `(1, 1)` its lower right
+/// one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Area {
     /// Upper left corner.
@@ -41,7 +43,7 @@ impl Area {
     }
 }
 
-/// Factor on the first image's brightness outside the area of the second.
+/// Brightness factor of the first image outside the area of the second one.
 pub const OUTSIDE_BRIGHTNESS: f32 = 0.35;
 
 /// Combines `first`, which fills the viewport, with `second`, which is scaled to fill `area`. Writes the
@@ -90,8 +92,8 @@ fn combine_pixel(
     }
 }
 
-/// Samples an image at a position in fractions of its size, like a GPU: bilinear between pixel
-/// centres, with the border clamped.
+/// Samples an image bilinearly between pixel centres, as GPUs do. `share` is the position in fractions
+/// of width and height. Beyond the outermost pixel centres, the border pixels are repeated.
 fn bilinear(image: &RgbImage, share: [f32; 2]) -> [f32; 3] {
     let axis = |share: f32, n: usize| {
         // Values belong to pixel centres, not corners.
@@ -115,7 +117,7 @@ mod tests {
     use super::*;
     use crate::math::image::Image;
 
-    /// Image in which no two pixels are equal.
+    /// Returns an image in which no two pixels are equal.
     fn picture(width: usize, height: usize, seed: f32) -> RgbImage {
         let value = |i: usize| (seed + 0.37 * i as f32).fract();
         let data = (0..width * height).map(|i| [value(3 * i), value(3 * i + 1), value(3 * i + 2)]);

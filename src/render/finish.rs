@@ -17,7 +17,7 @@ use crate::model::splat::appearance::Finishing;
 pub struct Finish {
     /// Coverage at which a pixel counts as fully covered, in `(0, 1]`.
     pub full_coverage: f32,
-    /// Factors on red, green and blue.
+    /// Exposure factors of red, green and blue.
     pub exposure: [f32; 3],
 }
 
@@ -34,8 +34,9 @@ impl Finish {
         Self { full_coverage: finishing.full_coverage, exposure }
     }
 
-    /// Finishes a pixel of premultiplied colour and coverage `A`. Multiplies all four by
-    /// `min(1/full_coverage, 1/A)`, which limits coverage to 1, and the colour by the exposure.
+    /// Applies crack filling and exposure to a pixel of premultiplied colour and coverage `A`.
+    /// Multiplies all four values by `min(1/full_coverage, 1/A)`, which limits coverage to 1, and the
+    /// colour by the exposure.
     #[inline(always)]
     pub fn apply(&self, [r, g, b, coverage]: [f32; 4]) -> [f32; 4] {
         // The second bound limits coverage to 1. At coverage 0 it is infinite, so the first bound
@@ -46,8 +47,9 @@ impl Finish {
     }
 }
 
-/// Polynomial of the viridis colour map per channel, constant first: least squares over the map's 256
-/// entries, maximum error 0.01. Viridis is perceptually uniform, also with colour blindness.
+/// Coefficients of a polynomial per channel that approximates the viridis colour map, one row per
+/// power, constant first. Fitted by least squares to the map's 256 entries; maximum error 0.01. Viridis
+/// is perceptually uniform, also with colour blindness.
 pub const RAMP: [[f32; 3]; 7] = [
     [0.277_727_3, 0.005_407_345, 0.334_099_8],
     [0.105_093_04, 1.404_613_5, 1.384_590_2],
@@ -58,12 +60,13 @@ pub const RAMP: [[f32; 3]; 7] = [
     [-5.435_456, 4.645_852_6, 26.312_435],
 ];
 
-/// Stored colour that marks a splat, such as one of a selection. A splat of exactly this colour keeps it
-/// under every paint. Neither the ramp nor recorded colours come near it, and trained colours do not match
-/// its digits exactly.
+/// Stored colour that marks a splat, for example as selected. A splat of exactly this colour keeps it
+/// under every paint. Neither the ramp nor recorded colours come near it, and trained colours do not
+/// match its digits exactly.
 pub const MARKER_COLOR: [f32; 3] = [1.0, 0.353, 0.863];
 
-/// Maps 0 to dark violet and 1 to yellow. Values outside are clamped; NaN counts as 0.
+/// Returns the colour at `share` of the viridis ramp: dark violet at 0, yellow at 1. Values outside are
+/// clamped; NaN counts as 0.
 pub fn ramp(share: f32) -> [f32; 3] {
     // `clamp` keeps NaN, and a NaN colour would spread through blending.
     let t = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) };

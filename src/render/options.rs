@@ -25,17 +25,17 @@ pub enum Renderer {
     Exact,
 }
 
-/// Part of a pixel's line on which the exact renderer searches for the largest response.
+/// Part of a pixel's line of sight on which the exact renderer searches for the largest response.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Response {
-    /// The ray in front of the camera.
+    /// The part in front of the camera.
     Ray,
-    /// The whole line, as in the published renderer. A long splat that reaches behind the camera
-    /// paints a mirrored ghost in front of it.
+    /// The whole line, as in the published renderer. A long splat that reaches behind the camera also
+    /// appears as a mirrored ghost in front of the camera.
     Line,
 }
 
@@ -46,13 +46,13 @@ pub enum Response {
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Antialias {
-    /// Adds 0.3 px² at the splat's distance to every variance, like the projected renderer's low-pass
-    /// in the image.
+    /// Adds the variance 0.3 px², converted to world units at the splat's distance, along every axis.
+    /// Corresponds to the projected renderer's low-pass in the image.
     Footprint,
-    /// Adds nothing; thin splats flicker.
+    /// Adds no variance; thin splats flicker.
     None,
-    /// Adds 1e-7 world units² and fades the splat by its gain in volume, as in the published
-    /// renderer.
+    /// Adds the variance 1e-7 world units² and divides the opacity by the gain in volume, as in the
+    /// published renderer.
     Reference,
 }
 
@@ -65,15 +65,15 @@ pub enum Antialias {
 pub enum Lens {
     /// Perspective projection: straight lines stay straight.
     Pinhole,
-    /// Equidistant fisheye: distance from the principal point is the angle to the optical axis, so `fx` and
-    /// `fy` are pixels per radian. Requires the exact renderer.
+    /// Equidistant fisheye: the distance from the principal point is proportional to the angle to the
+    /// optical axis. `fx` and `fy` are in pixels per radian. Requires the exact renderer.
     Fisheye,
 }
 
 /// Settings of the exact renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExactOptions {
-    /// Part of the line that responds.
+    /// Part of a pixel's line of sight that can contain a splat's largest response.
     pub response: Response,
     /// Treatment of splats thinner than a pixel.
     pub antialias: Antialias,
@@ -86,7 +86,7 @@ pub struct ExactOptions {
 pub enum RenderMethod {
     /// Projects the covariance to the image (`rendering.md`, Projected renderer).
     Projected,
-    /// Evaluates the response along each true ray (`rendering.md`, Exact renderer).
+    /// Evaluates the response along each pixel's true ray (`rendering.md`, Exact renderer).
     Exact(ExactOptions),
 }
 
@@ -101,7 +101,7 @@ impl RenderMethod {
         lens: Lens::Pinhole,
     });
 
-    /// Renderer without its settings.
+    /// Returns the renderer without its settings.
     pub fn renderer(self) -> Renderer {
         match self {
             Self::Projected => Renderer::Projected,
@@ -128,7 +128,7 @@ impl From<Renderer> for RenderMethod {
     }
 }
 
-/// Exposure of a scene that was recorded with automatic exposure.
+/// Exposure used to display a scene that was recorded with automatic exposure.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
@@ -146,10 +146,11 @@ pub enum Exposing {
 pub enum Paint {
     /// The stored colour, with gradient and view dependence if the scene has them.
     Stored,
-    /// Distance of the centre from the camera, mapped from `[near, far]` (world units) to
-    /// [`super::finish::ramp`].
+    /// Distance of the splat's centre from the camera, mapped from `[near, far]` (world units) to the
+    /// colours of [`super::finish::ramp`].
     Depth([f32; 2]),
-    /// World direction `n` of the shortest axis, turned towards the camera, as `½ + ½·n`.
+    /// World direction `n` of the splat's shortest axis, turned towards the camera, shown as the colour
+    /// `½ + ½·n`.
     Normal,
 }
 
@@ -165,11 +166,11 @@ pub struct DisplayStyle {
 }
 
 impl DisplayStyle {
-    /// Splats as stored.
+    /// Shows splats as stored.
     pub const PLAIN: Self = Self { scale: 1.0, opacity_cut: 0.0, paint: Paint::Stored };
 
-    /// Standard deviations as drawn, in world units, after the factor and the floor of
-    /// `rendering.md`, Conventions.
+    /// Returns a splat's standard deviations as drawn, in world units: multiplied by the factor and
+    /// raised to the floor (`rendering.md`, Conventions).
     pub fn display_scales(&self, splat: &Splat) -> DVec3 {
         let scales = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.scale);
         // Whitening divides by the scales; a scale of 0 would give 0/0 in the f32 inner loop.
@@ -182,8 +183,8 @@ impl DisplayStyle {
 pub struct RenderOptions {
     /// Colour behind the splats, sRGB-encoded.
     pub background: [f32; 3],
-    /// Near plane in world units. Splats with a view depth `z ≤ near` (fisheye: distance `≤ near`) of the
-    /// centre are dropped. Negative values count as 0.
+    /// Near plane in world units. Splats with a view depth `z ≤ near` (fisheye: distance `≤ near`) of
+    /// the centre are dropped. Negative values count as 0.
     pub near: f64,
     /// Renderer and its settings.
     pub method: RenderMethod,
@@ -194,8 +195,8 @@ pub struct RenderOptions {
 }
 
 impl RenderOptions {
-    /// Settings of measured images: near plane 0.2, unmodified splats, and the exposure recorded by the
-    /// cameras.
+    /// Returns the settings of measured images: near plane 0.2 (world units), unmodified splats, and
+    /// the exposure recorded by the cameras.
     pub fn evaluation(method: RenderMethod, background: [f32; 3]) -> Self {
         let exposing = Exposing::Recorded;
         Self {
@@ -207,8 +208,8 @@ impl RenderOptions {
         }
     }
 
-    /// Settings of an interactive view: neutral exposure, and a near plane that shrinks with
-    /// `scene_radius` (world units).
+    /// Returns the settings of an interactive view: neutral exposure, and a near plane that shrinks
+    /// with `scene_radius` (world units).
     pub fn viewport(method: RenderMethod, background: [f32; 3], scene_radius: f64) -> Self {
         // A small scene would lie before the fixed near plane and be black.
         let near = EVALUATION_NEAR.min(VIEWPORT_NEAR_SHARE * scene_radius);
@@ -222,7 +223,7 @@ impl RenderOptions {
 /// the reference renderer (`rendering.md`, Conventions).
 pub const EVALUATION_NEAR: f64 = 0.2;
 
-/// Near plane of the viewport as a fraction of the scene radius. Applies where that is nearer than
+/// Near plane of the viewport as a fraction of the scene radius, if the result is smaller than
 /// [`EVALUATION_NEAR`] (`rendering.md`, Conventions).
 pub const VIEWPORT_NEAR_SHARE: f64 = 0.005;
 
@@ -230,11 +231,12 @@ pub const VIEWPORT_NEAR_SHARE: f64 = 0.005;
 /// (`rendering.md`, Projected renderer).
 pub const LOW_PASS_PX2: f64 = 0.3;
 
-/// Margin around the image in half image widths (heights). Beyond it the Jacobian is evaluated at the
-/// clamped tangent `x/z`, `y/z` (`rendering.md`, Projected renderer).
+/// Margin around the image as a fraction of half its width or height. Beyond the margin, the Jacobian
+/// is evaluated at clamped tangents `x/z`, `y/z` (`rendering.md`, Projected renderer).
 pub const FRUSTUM_MARGIN: f64 = 0.3;
 
-/// Range of `x/z` and `y/z` within which the Jacobian follows the splat's centre.
+/// Returns the lower and upper limit of `x/z` and `y/z` between which the Jacobian is evaluated at the
+/// splat's centre.
 pub(super) fn tangent_range(k: &Intrinsics) -> [DVec2; 2] {
     let (focal, principal) = (DVec2::new(k.fx, k.fy), DVec2::new(k.cx, k.cy));
     let size = DVec2::new(k.width.into(), k.height.into());
@@ -263,20 +265,20 @@ pub const SCALE_FLOOR: f64 = 1e-6;
 /// small world units.
 pub const MAX_SCALE_FLOOR_RATIO: f64 = 1e-4;
 
-/// Minimum scale in world units. Splats of zero size are raised to it.
+/// Minimum scale in world units; smaller scales are raised to this value.
 pub const POINT_SCALE: f64 = 1e-12;
 
-/// Floor of a splat's scales, in world units; `largest` is the splat's largest scale.
+/// Returns the floor of a splat's scales, in world units; `largest` is the splat's largest scale.
 pub fn scale_floor(largest: f64) -> f64 {
     (SCALE_FLOOR * largest.max(1.0)).min(MAX_SCALE_FLOOR_RATIO * largest).max(POINT_SCALE)
 }
 
-/// Near plane that follows the unit of a scene, in world units.
+/// Returns a near plane, in world units, that scales with the world unit of the scene.
 ///
-/// `nearest` is the distance of the nearest splats without outliers, in world units. The result is
+/// `nearest` is the distance of the nearest splats, excluding outliers, in world units. The result is
 /// [`EVALUATION_NEAR`] times the largest power of ten that keeps it at or below half of `nearest`.
-/// Measured images thus do not depend on the world unit. For rooms and objects in metres the result
-/// is [`EVALUATION_NEAR`] itself.
+/// Measured images thus do not depend on the world unit. For rooms and objects in metres the result is
+/// [`EVALUATION_NEAR`] itself.
 pub fn near_plane_for(nearest: f64) -> f64 {
     let decades = (0.5 * nearest / EVALUATION_NEAR).log10().floor();
     // `log10` is not finite for 0 and NaN for negative distances.
@@ -291,9 +293,9 @@ pub const FOOTPRINT_PX2: f64 = 0.3;
 pub const REFERENCE_VARIANCE: f64 = 1e-7;
 
 impl Lens {
-    /// Ray in camera axes through a continuous image position in pixels, with `z = 1` for a pinhole and
-    /// of unit length for a fisheye. `None` beyond the fisheye's field of view (`rendering.md`, Wide views
-    /// and fisheye).
+    /// Returns the ray in camera axes through a continuous image position in pixels. The ray has
+    /// `z = 1` for a pinhole and unit length for a fisheye. `None` beyond the fisheye's field of view
+    /// (`rendering.md`, Wide views and fisheye).
     pub fn ray(self, k: &Intrinsics, position: DVec2) -> Option<DVec3> {
         let offset = (position - DVec2::new(k.cx, k.cy)) / DVec2::new(k.fx, k.fy);
         match self {
@@ -307,8 +309,8 @@ impl Lens {
         }
     }
 
-    /// Continuous image position in pixels of a point in camera axes. `None` outside the field of
-    /// view or if the position is not finite.
+    /// Projects a point in camera axes to a continuous image position in pixels. `None` outside the
+    /// field of view or if the position is not finite.
     pub fn project(self, k: &Intrinsics, point: DVec3) -> Option<DVec2> {
         let offset = match self {
             Self::Pinhole if point.z > 0.0 => point.truncate() / point.z,

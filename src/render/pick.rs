@@ -25,8 +25,8 @@ pub struct Pick {
     pub weight: f64,
 }
 
-/// Splat with the largest weight at a continuous image position in pixels; `None` if no splat is visible
-/// there.
+/// Returns the splat with the largest blending weight at a continuous image position in pixels. `None`
+/// if no splat is visible there.
 pub fn pick(
     splats: &[Splat],
     camera: &Camera,
@@ -63,8 +63,8 @@ pub fn pick(
     best
 }
 
-/// Sort depth and alpha of a splat in the pixel at `position`; `None` if it is invisible there. `ray` passes
-/// through the pixel in camera axes and may have any length.
+/// Returns the sort depth (world units) and alpha of a splat in the pixel at `position`; `None` if it
+/// is invisible there. `ray` passes through the pixel in camera axes and may have any length.
 fn depth_and_alpha(
     view: &CpuView,
     splat: &Splat,
@@ -90,7 +90,8 @@ fn depth_and_alpha(
     (distance2 >= 0.0 && alpha >= ALPHA_CUT).then_some((depth, alpha))
 }
 
-/// Squared Mahalanobis distance of a ray (`rendering.md`, Exact renderer).
+/// Returns the smallest squared Mahalanobis distance from a splat to a point of a ray (`rendering.md`,
+/// Exact renderer).
 fn ray_distance_squared(placed: &CameraSplat, ray: DVec3, response: Response) -> f64 {
     let p = placed.axes.transpose_mul_vec3(placed.m) / placed.scale;
     let g = placed.axes.transpose_mul_vec3(ray) / placed.scale;
@@ -105,9 +106,9 @@ fn ray_distance_squared(placed: &CameraSplat, ray: DVec3, response: Response) ->
 // Corners of the silhouette. At 1,000 pixels across, the polygon deviates by less than a pixel.
 const N_CORNERS: usize = 96;
 
-/// Line segments, in pixels, of the silhouette of the ellipsoid at `radius` standard deviations. It
-/// ignores antialiasing and is the same for both renderers. Empty if the splat is invalid or invisible, or
-/// if the camera is inside the ellipsoid.
+/// Returns line segments, in pixels, of the silhouette of the ellipsoid at `radius` standard
+/// deviations. The silhouette ignores antialiasing and is the same for both renderers. Empty if the
+/// splat is invalid or invisible, or if the camera is inside the ellipsoid.
 ///
 /// In whitened coordinates the splat is a ball and the camera is at `−p`. The silhouette is the circle
 /// where the tangent cone touches the ball.
@@ -191,7 +192,7 @@ mod tests {
         }
     }
 
-    /// With a single splat, its weight equals the coverage of the image.
+    /// For a single splat, the picked weight equals the coverage of the rendered image.
     #[test]
     fn weights_are_what_the_renderer_blends() {
         let scale = [0.5, 0.1, 0.02];
@@ -233,8 +234,8 @@ mod tests {
         Splat { mean, scale: [0.5, 0.2, 0.05], rotation: turned(), ..ball(0.0, 0.0, 0.9) }
     }
 
-    /// On the silhouette at k standard deviations, the nearest ray has a Mahalanobis distance of k. The exact
-    /// renderer's response there is `o·exp(−k²/2)`.
+    /// On the silhouette at `k` standard deviations, the nearest ray has a Mahalanobis distance of `k`.
+    /// The exact renderer's response there is `o·exp(−k²/2)` with opacity `o`.
     #[test]
     fn the_rim_is_where_the_exact_response_says() {
         let (camera, splat) = (outside(), pancake());

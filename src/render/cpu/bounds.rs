@@ -6,7 +6,9 @@ use crate::render::options::Response;
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Bounding box in pixels of the ellipsoid at the alpha cut; tight.
+/// Returns the tight bounding box, in pixels, of a splat's ellipsoid seen through a pinhole.
+/// `extent_squared` is the squared Mahalanobis radius of the ellipsoid, at which alpha equals the cut.
+/// `None` if the box contains no pixel centre of the image.
 pub(super) fn pinhole(
     view: &CpuView,
     placed: &CameraSplat,
@@ -29,8 +31,10 @@ pub(super) fn pinhole(
     view.pixels(lo, hi)
 }
 
-/// Range of `x/z` over the part of an ellipsoid in front of the camera, with centre `(x, z)` and
-/// `k²S = (xx, xz, zz)` in that plane: the roots of `T₂₂u² − 2T₀₂u + T₀₀` with `T = k²S − m mᵀ`.
+/// Returns the range of `x/z` over the part of an ellipse in front of the camera. The ellipse is the
+/// projection of an ellipsoid to the x-z plane. Its centre is `m = (x, z)` and its matrix
+/// `k²S = (xx, xz, zz)`. The ends of the range are the roots of `T₂₂u² − 2T₀₂u + T₀₀` with
+/// `T = k²S − m mᵀ`.
 fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
     let (t00, t02, t22) = (xx - x * x, xz - x * z, zz - z * z);
     // Expanded form of T₀₂² − T₂₂T₀₀, without the terms that cancel.
@@ -54,11 +58,15 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
     }
 }
 
-/// Bounding box in pixels of the ellipsoid at the alpha cut, seen through a fisheye; not tight.
+/// Returns a bounding box, in pixels, of a splat's ellipsoid seen through a fisheye; the box is not
+/// tight. `extent_squared` is the squared Mahalanobis radius of the ellipsoid, at which alpha equals
+/// the cut. `None` if the box contains no pixel centre of the image.
 ///
-/// The ellipsoid's shadow lies in a rectangle of the plane that touches the unit sphere in the direction of
-/// the centre. One side points along increasing `θ`. Straight lines in that plane are great circles. Along
-/// them `θ` and the azimuth have their extrema at the corners or midpoints, see [`shadow_bounds`].
+/// The ellipsoid is projected from the camera onto the plane that touches the unit sphere in the
+/// direction of the centre. The projection lies in a rectangle with one side along increasing angle `θ`
+/// from the optical axis. Straight lines in the plane are great circles on the sphere. Along a side of
+/// the rectangle, `θ` and the azimuth have their extrema at the corners or the midpoint, see
+/// [`shadow_bounds`].
 pub(super) fn fisheye(
     view: &CpuView,
     placed: &CameraSplat,
@@ -86,10 +94,12 @@ pub(super) fn fisheye(
     view.pixels(lo * focal + principal, hi * focal + principal)
 }
 
-/// Bounding box, in an equidistant fisheye image, of a rectangle in the plane that touches the unit sphere
-/// at the angle `theta` from the optical axis; radians from the principal point.
+/// Returns the bounding box, in an equidistant fisheye image, of a rectangle in a plane that touches
+/// the unit sphere. The plane touches it at the angle `theta` from the optical axis and at the given
+/// `azimuth`. The box is in radians from the principal point.
 ///
-/// The rectangle extends over `radial` along increasing `θ` and over `tangential` along increasing azimuth.
+/// The rectangle extends over the range `radial` along increasing `θ` and over the range `tangential`
+/// along increasing azimuth.
 fn shadow_bounds(
     [theta, azimuth]: [f64; 2],
     radial: (f64, f64),
@@ -121,7 +131,8 @@ fn shadow_bounds(
     sector_box(azimuth + first, azimuth + last, inner, outer)
 }
 
-/// Bounding box of the annular sector with azimuths `first..=last` and radii `inner..=outer`.
+/// Returns the lower and upper corner of the bounding box of an annular sector. The sector has the
+/// azimuths `first..=last` and the radii `inner..=outer`.
 fn sector_box(first: f64, last: f64, inner: f64, outer: f64) -> (DVec2, DVec2) {
     let (mut lo, mut hi) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     let mut hold = |azimuth: f64, radius: f64| {

@@ -4,7 +4,7 @@ use crate::math::image::split_by_sizes;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Lists of records per bucket, each in input order.
+/// One list of records per bucket (a tile or a row of tiles), each in input order.
 #[derive(Default)]
 pub(super) struct Buckets {
     /// End of each bucket's list in `records`, which is the start of the next one.
@@ -13,7 +13,8 @@ pub(super) struct Buckets {
 }
 
 impl Buckets {
-    /// Lists `records` under the buckets given by `touched`: count, prefix sum, fill.
+    /// Replaces the lists. Each record is added to the lists of all buckets in the range that `touched`
+    /// returns for the record.
     pub(super) fn fill(
         &mut self,
         n_buckets: usize,
@@ -37,8 +38,8 @@ impl Buckets {
         });
     }
 
-    /// Parallel form of [`Self::fill`]. `runs` are ascending ranges of records, and each group of `n` runs
-    /// is one task. Every group first counts, then fills its own part of every list.
+    /// Parallel form of [`Self::fill`]. `runs` are ascending ranges of records; each task processes `n`
+    /// of the ranges. A task first counts its entries per bucket, then fills its own part of each list.
     pub(super) fn fill_parallel(
         &mut self,
         n_buckets: usize,
@@ -81,7 +82,7 @@ impl Buckets {
         });
     }
 
-    /// End of each bucket's list, and all lists concatenated.
+    /// Returns the end of each bucket's list, and all lists concatenated.
     #[cfg(feature = "gui")]
     pub(super) fn lists(&self) -> (&[usize], &[u32]) {
         (&self.ends, &self.records)
@@ -92,7 +93,7 @@ impl Buckets {
         &self.records[start..self.ends[bucket]]
     }
 
-    /// Mutable lists of all buckets, for reordering.
+    /// Returns the lists of all buckets as mutable slices, for reordering.
     pub(super) fn each_mut(&mut self) -> Vec<&mut [u32]> {
         let mut start = 0;
         let sizes = self.ends.iter().map(|&end| end - std::mem::replace(&mut start, end));

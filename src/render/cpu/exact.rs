@@ -9,7 +9,8 @@ use crate::math::camera::Intrinsics;
 use crate::render::options::{ExactOptions, Lens};
 use glam::{DVec2, DVec3};
 
-/// Projects a splat through either lens, with its tangent plane; `None` if it is invisible.
+/// Projects a splat through a pinhole or a fisheye. Returns the projected splat and its tangent plane;
+/// `None` if the splat is invisible.
 pub(super) fn draw(
     view: &CpuView,
     placed: &CameraSplat,
@@ -44,7 +45,8 @@ pub(super) fn draw(
     Some((drawn, tangent))
 }
 
-/// Tangent plane `z = 1`, with `δ` in pixels.
+/// Returns the plane `z = 1`, parametrised by the offset `δ` in pixels from the splat's projected
+/// centre.
 pub(super) fn pinhole_tangent(placed: &CameraSplat, k: &Intrinsics) -> Tangent {
     Tangent {
         x0: placed.m / placed.m.z,
@@ -53,7 +55,8 @@ pub(super) fn pinhole_tangent(placed: &CameraSplat, k: &Intrinsics) -> Tangent {
     }
 }
 
-/// Plane that touches the unit sphere in the direction of the centre; `δ` in direction cosines.
+/// Returns the plane that touches the unit sphere in the direction of the splat's centre. It is
+/// parametrised by the offset `δ` from the centre in direction cosines.
 fn fisheye_tangent(placed: &CameraSplat) -> Tangent {
     let reach = placed.m.length();
     let x0 = placed.m / reach;

@@ -14,7 +14,8 @@ use rayon::prelude::*;
 // overhead.
 pub(super) const CHUNK: usize = 512;
 
-/// Counts of a chunk. Its visible records are packed at the front of its part of the lists.
+/// Numbers of visible and invalid splats in a chunk. The chunk's visible records are packed at the
+/// front of its part of the lists.
 #[derive(Clone, Copy, Default)]
 pub(super) struct ChunkCount {
     pub n_visible: usize,
@@ -79,7 +80,7 @@ fn grow<T: Clone + Default>(list: &mut Vec<T>, n: usize) {
 /// Chunk of splats and its part of the output.
 struct Chunk<'a> {
     splats: &'a [Splat],
-    /// Appearance from the chunk's first splat on, or empty.
+    /// Appearances of the splats from the chunk's first one on; empty for a scene without appearance.
     appearance: &'a [Appearance],
     /// Index of the chunk's first splat.
     first: u32,
@@ -91,7 +92,8 @@ struct Chunk<'a> {
 }
 
 impl Chunk<'_> {
-    /// Packs the visible splats into the front of the lists, in order.
+    /// Writes the records of the visible splats, in order, to the front of the chunk's lists. Returns
+    /// the numbers of visible and invalid splats.
     fn pack_visible(&mut self, view: &CpuView) -> ChunkCount {
         let mut count = ChunkCount::default();
         for (i, splat) in self.splats.iter().enumerate() {

@@ -34,8 +34,9 @@ pub(super) fn draw(view: &CpuView, placed: &CameraSplat) -> Option<ImageSplat> {
     Some(ImageSplat { centre, conic, linear, reach: m.z, key: m.z, opacity, extent_squared, rect })
 }
 
-/// Colour gradient, linearised at the centre. The point of largest response is `τ·x` with
-/// `τ ≈ 1 − ½ l·δ`, so the component along the line of sight is folded into the one across it.
+/// Returns the colour gradient in the image, linearised at the splat's centre. The largest response on
+/// a ray `x` is at `τ·x` with `τ ≈ 1 − ½ l·δ` (symbols as in [`super::record`]). The gradient along the
+/// line of sight is therefore added to the gradient across it.
 pub(super) fn gradient(shade: &ColorGradient, placed: &CameraSplat, view: &CpuView) -> Gradient {
     let tangent = pinhole_tangent(placed, &view.intrinsics);
     let half_linear = Whitened::new(placed, &tangent).half_linear().as_vec2();
@@ -48,8 +49,8 @@ pub(super) fn gradient(shade: &ColorGradient, placed: &CameraSplat, view: &CpuVi
     gradient
 }
 
-/// Rows of `J R Q diag(s)`, with the Jacobian `J` of the projection at the splat's centre: standard
-/// deviations of the splat's axes in the image, px.
+/// Principal axes of a splat, scaled by their standard deviations and projected to the image, px. They
+/// are the rows of `J R Q diag(s)` with the Jacobian `J` of the projection at the splat's centre.
 struct ImageAxes([DVec3; 2]);
 
 impl ImageAxes {
@@ -65,14 +66,15 @@ impl ImageAxes {
         Self([scaled(across), scaled(down)])
     }
 
-    /// Covariance of depth and image position, px times world units.
+    /// Returns the covariance of depth and image position, px times world units.
     fn depth_covariance(&self, placed: &CameraSplat) -> DVec2 {
         let depth = placed.axes.row(2) * placed.scale;
         DVec2::new(depth.dot(self.0[0]), depth.dot(self.0[1]))
     }
 }
 
-/// Squared Mahalanobis distance of an image position, in pixels, from the projected splat.
+/// Returns the squared Mahalanobis distance of an image position from the projected splat. The position
+/// is in pixels.
 pub(in crate::render) fn distance_squared(
     view: &CpuView,
     placed: &CameraSplat,
@@ -85,7 +87,7 @@ pub(in crate::render) fn distance_squared(
 }
 
 impl Covariance2 {
-    /// `J S Jᵀ + 0.3·I`.
+    /// Computes the covariance `J S Jᵀ + 0.3·I` from the projected axes.
     fn new(axes: &ImageAxes) -> Self {
         let [w_x, w_y] = axes.0;
         let (xx, yy) = (w_x.length_squared(), w_y.length_squared());
@@ -94,6 +96,7 @@ impl Covariance2 {
         Self { xx: xx + LOW_PASS_PX2, yy: yy + LOW_PASS_PX2, xy: w_x.dot(w_y), det }
     }
 
+    /// Returns the coefficients of the squared Mahalanobis distance:
     /// `D² = (√(yy/det)·δx − xy/√(yy·det)·δy)² + δy²/yy`.
     fn conic(self) -> Conic {
         let per_root = (self.yy * self.det).sqrt().recip();
@@ -105,7 +108,7 @@ impl Covariance2 {
         }
     }
 
-    /// Inverse covariance times `v`.
+    /// Returns the inverse covariance times `v`.
     fn solve(&self, v: DVec2) -> DVec2 {
         DVec2::new(self.yy * v.x - self.xy * v.y, self.xx * v.y - self.xy * v.x) / self.det
     }
@@ -115,13 +118,14 @@ impl Covariance2 {
 pub(super) struct Tangent {
     /// Base point: the centre divided by its depth (pinhole) or distance (fisheye).
     pub x0: DVec3,
-    /// Displacement per unit of each component of `δ`.
+    /// Displacement in the plane per unit of each component of the offset `δ`.
     pub steps: [DVec3; 2],
     /// Depth (pinhole) or distance (fisheye) of the centre, so that the centre is `reach·x0`.
     pub reach: f64,
 }
 
-/// Coefficients of `D²` in the tangent plane, see [`super::record`].
+/// Coefficients of the squared Mahalanobis distance `D²` of a ray, given by its offset in the tangent
+/// plane (see [`super::record`]).
 #[derive(Clone, Copy)]
 pub(super) struct Conic {
     pub p_x: f64,
@@ -131,7 +135,8 @@ pub(super) struct Conic {
 }
 
 impl Conic {
-    /// Computes `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` and `B = [A₁×g₀, A₂×g₀]`. Also returns `½ l`.
+    /// Computes the conic of a splat: its numerator is `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` and
+    /// `B = [A₁×g₀, A₂×g₀]`. Also returns `½ l`, half the linear term of the denominator.
     pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> (Self, DVec2) {
         let white = Whitened::new(placed, tangent);
         let Whitened { g0, a, sharpness } = white;
@@ -152,13 +157,14 @@ impl Conic {
     }
 }
 
-/// Tangent plane in whitened coordinates `M = diag(1/s)·(RQ)ᵀ`, in standard deviations.
+/// Tangent plane in whitened coordinates: multiplied by `M = diag(1/s)·(RQ)ᵀ`, so that lengths are in
+/// standard deviations.
 struct Whitened {
-    /// `M·x₀`
+    /// Base point `M·x₀`.
     g0: DVec3,
-    /// `M·steps`
+    /// Displacements `M·steps`.
     a: [DVec3; 2],
-    /// `1/s`
+    /// Reciprocal standard deviations `1/s`.
     sharpness: DVec3,
 }
 
@@ -170,7 +176,7 @@ impl Whitened {
         Self { g0: white(tangent.x0), a: tangent.steps.map(white), sharpness }
     }
 
-    /// `½ l` with `l = 2Aᵀg₀/|g₀|²`.
+    /// Returns `½ l`, half the linear term of the conic's denominator, with `l = 2Aᵀg₀/|g₀|²`.
     fn half_linear(&self) -> DVec2 {
         let Self { g0, a, .. } = self;
         DVec2::new(a[0].dot(*g0), a[1].dot(*g0)) / g0.length_squared()

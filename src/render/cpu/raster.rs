@@ -13,7 +13,7 @@ use wide::bytemuck::cast_slice;
 // the splats cover.
 pub(super) const BATCH: usize = 4096;
 
-/// Tiles of a row and their lists; reused between images.
+/// Buffers for one row of tiles, reused between images.
 #[derive(Default)]
 pub(super) struct RowCanvas {
     tiles: Vec<Tile>,
@@ -23,8 +23,8 @@ pub(super) struct RowCanvas {
 /// Consecutive splats of a row, nearest first, listed per tile.
 #[derive(Default)]
 pub(super) struct Batch {
-    /// Gathered side by side, because a row's tiles read each record several times and the view's records
-    /// are scattered in memory (`rendering.md`, CPU renderer).
+    /// Records of the batch, copied next to each other. A row's tiles read each record several times,
+    /// and the view's records are scattered in memory (`rendering.md`, CPU renderer).
     pub records: Records,
     /// Indices into `records` per tile.
     pub by_tile: Buckets,
@@ -51,11 +51,11 @@ pub(super) struct RowInputs<'a> {
     pub finish: Finish,
 }
 
-/// Draws the splats of `list` (nearest first) into one row of tiles.
+/// Task that draws the splats of `list` (nearest first) into one row of tiles.
 pub(super) struct DrawRow<'a> {
     pub sheet: RowInputs<'a>,
     pub canvas: &'a mut RowCanvas,
-    /// Top pixel row.
+    /// Index of the row's top pixel row in the image.
     pub top: usize,
     pub list: &'a [u32],
 }

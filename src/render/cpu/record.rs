@@ -25,14 +25,14 @@ pub(super) struct ConicRecord {
     /// Projected centre in pixels; unused with a fisheye.
     pub u: f32,
     pub v: f32,
-    /// Coefficients of the numerator, scaled so that `alpha = opacity · 2^−D²`.
+    /// Coefficients of the numerator `N`, scaled so that `alpha = opacity · 2^−D²`.
     pub p_x: f32,
     pub p_y: f32,
     pub q_y: f32,
-    /// Change per unit of `δ`. Exact renderer: half the linear term `l` of the conic's denominator.
-    /// Projected renderer: depth gradient of the splat's surface, world units.
+    /// Exact renderer: half the linear term `l` of the conic's denominator, per unit of `δ`. Projected
+    /// renderer: depth change of the splat's surface per px, world units.
     pub linear: [f32; 2],
-    /// `w`, scaled inversely to `N`, so that `w·N` is unchanged.
+    /// Coefficient `w` of the denominator, scaled inversely to `N`, so that `w·N` is unchanged.
     pub w: f32,
     /// Smallest exponent of 2 that passes the alpha cut and that `exp2` supports.
     pub min_exponent: f32,
@@ -44,7 +44,8 @@ pub(super) struct ConicRecord {
     pub rect: Rect,
 }
 
-/// Colour gradient over a splat, per channel: `(τ − 1)·along + τ·(across·δ)`
+/// Colour gradient over a splat. At the offset `δ`, each channel changes by
+/// `(τ − 1)·along + τ·(across·δ)`. `τ` is the position of the largest response on the ray
 /// (`rendering.md`, Native appearance).
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Gradient {
@@ -79,15 +80,17 @@ impl Rect {
     }
 }
 
-/// Tiles that contain the pixels `lo..hi`.
+/// Returns the range of tiles that contain the pixels `lo..hi`.
 fn tile_range(lo: u16, hi: u16) -> Range<usize> {
     lo as usize / TILE..(hi as usize).div_ceil(TILE)
 }
 
-/// Sort key and rows of a record, stored separately for sorting and listing.
+/// Sort key and pixel rows of a record. Stored separately, because sorting and listing read nothing
+/// else.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct DepthEntry {
-    /// View depth (projected) or distance (exact). Positive, so its bits order like its value.
+    /// View depth (projected renderer) or distance (exact renderer) of the centre. Positive, so that
+    /// the bits have the same order as the values.
     pub key: f32,
     y0: u16,
     y1: u16,

@@ -19,13 +19,14 @@ use crate::render::options::{RenderOptions, TILE};
 pub struct Rendered {
     /// sRGB-encoded colour over the background, clamped to `[0, 1]`.
     pub color: RgbImage,
-    /// `A = 1 − T` in `[0, 1]`.
+    /// Coverage `A = 1 − T` in `[0, 1]`, with transmittance `T`.
     pub coverage: Image<f32>,
     /// Depth in world units, averaged with the blending weights. View depth `z` (projected) or
     /// distance along the pixel's ray at the largest response (exact); 0 where `A` is 0.
     pub depth: Image<f32>,
-    /// Number of splats dropped as invalid, or with invalid appearance
-    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and invisible splats do not count.
+    /// Number of splats dropped because the splat or its appearance is invalid
+    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and invisible splats do not
+    /// count.
     pub n_invalid: usize,
 }
 
@@ -47,8 +48,8 @@ impl CpuStage {
     pub const ALL: [Self; 4] = [Self::Prepare, Self::Sort, Self::Bin, Self::Raster];
 }
 
-/// Renders splats by either method. Reuses its buffers between images, so keep one renderer per view
-/// instead of creating one per image.
+/// Renders splats by the projected or the exact method. Reuses its buffers between images, so keep one
+/// renderer per view instead of creating one per image.
 #[derive(Default)]
 pub struct CpuRenderer {
     lists: ViewLists,

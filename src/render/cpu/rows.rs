@@ -26,12 +26,12 @@ pub(super) struct ViewLists {
     /// Visible records per row of tiles, nearest first after sorting. Lists per row remain short even if
     /// every splat covers the image, and rows bin their own tiles in parallel.
     pub rows: Buckets,
-    /// One per thread.
+    /// Buffers for sorting, one instance per thread.
     sorters: Vec<Mutex<DepthSorter>>,
 }
 
 impl ViewLists {
-    /// Fills the records. Returns the number of invalid splats.
+    /// Converts the splats to records. Returns the number of invalid splats.
     pub(super) fn prepare(&mut self, splats: SplatView<'_>, view: &CpuView) -> usize {
         prepare::prepare(
             splats,
@@ -69,8 +69,8 @@ impl ViewLists {
         self.counts.iter().map(|count| count.n_visible).sum()
     }
 
-    /// Ranges of visible records in the order of their splats. Each [`prepare::CHUNK`] of splats has one
-    /// range, which starts at the chunk's first index.
+    /// Iterates over ranges of visible records in the order of their splats. Each chunk of
+    /// [`prepare::CHUNK`] splats has one range, which starts at the chunk's first index.
     pub(super) fn visible_runs(&self) -> impl Iterator<Item = Range<u32>> {
         let firsts = (0..).step_by(prepare::CHUNK);
         self.counts.iter().zip(firsts).map(|(count, first)| first..first + count.n_visible as u32)
@@ -102,7 +102,7 @@ pub(super) fn longest_first<T: Send>(
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Keyed {
-    /// Bits of a positive `f32`, which order like its value.
+    /// Bits of a positive `f32`, which have the same order as the values.
     key: u32,
     record: u32,
 }
@@ -122,7 +122,7 @@ pub(super) struct DepthSorter {
 }
 
 impl DepthSorter {
-    /// Sorts an ascending list of records by depth, which must be positive. Stable.
+    /// Sorts an ascending list of records stably by depth; depths must be positive.
     pub(super) fn sort(&mut self, records: &mut [u32], depth: impl Fn(u32) -> f32) {
         let Self { items, buffer } = self;
         items.clear();

@@ -20,8 +20,8 @@ impl ColorGradient {
         Self(DMat3::from_cols_array_2d(&rows).transpose() * view.world_from_camera)
     }
 
-    /// Coefficients of the colour gradient in the splat's tangent plane (`rendering.md`, Native
-    /// appearance).
+    /// Returns the coefficients of the colour gradient in the splat's tangent plane (`rendering.md`,
+    /// Native appearance).
     pub(super) fn gradient(&self, tangent: &Tangent) -> Gradient {
         let image = |v: DVec3| (self.0 * v * tangent.reach).as_vec3().to_array();
         let [x, y] = tangent.steps.map(image);
@@ -32,7 +32,7 @@ impl ColorGradient {
     }
 }
 
-/// Colour at the splat's centre. `appearance` only matters for [`Paint::Stored`].
+/// Returns the colour of a splat at its centre. `appearance` only matters for [`Paint::Stored`].
 pub(super) fn color(
     view: &CpuView,
     splat: &Splat,
@@ -51,7 +51,8 @@ pub(super) fn color(
     }
 }
 
-/// `clamp(c₀ + W·d, 0, 1)` with `d` the unit direction from the camera, limited to the observed cone.
+/// Returns the view-dependent colour `clamp(c₀ + W·d, 0, 1)`. `d` is the unit direction from the
+/// camera, limited to the cone of observed directions.
 fn directional_color(
     view: &CpuView,
     splat: &Splat,
@@ -66,7 +67,8 @@ fn directional_color(
     })
 }
 
-/// `½ + ½·n` with `n` the world direction of the shortest axis, turned towards the camera.
+/// Returns the colour `½ + ½·n`. `n` is the world direction of the splat's shortest axis, turned
+/// towards the camera.
 fn normal_color(view: &CpuView, placed: &CameraSplat) -> [f32; 3] {
     let [x, y, z] = placed.scale.to_array();
     let shortest = if x <= y && x <= z {
@@ -83,7 +85,7 @@ fn normal_color(view: &CpuView, placed: &CameraSplat) -> [f32; 3] {
     (0.5 + 0.5 * n).as_vec3().to_array()
 }
 
-/// Splat in the image, in f64.
+/// Splat projected to the image, in f64.
 pub(super) struct ImageSplat {
     pub centre: DVec2,
     pub conic: Conic,
@@ -94,13 +96,13 @@ pub(super) struct ImageSplat {
     /// Sort key, world units: view depth (projected) or distance (exact).
     pub key: f64,
     pub opacity: f64,
-    /// `k²` at the alpha cut.
+    /// Squared Mahalanobis distance `k²` at which alpha equals the cut.
     pub extent_squared: f64,
     pub rect: Rect,
 }
 
 impl ImageSplat {
-    /// Record and sort key; `None` if a value overflows f32.
+    /// Converts the splat to a record and its sort key; `None` if a value overflows f32.
     pub(super) fn record(&self, color: [f32; 3]) -> Option<(ConicRecord, f32)> {
         // exp(−½ D²) = 2^−(½ log₂e · D²).
         let unit = (0.5 * LOG2_E).sqrt();

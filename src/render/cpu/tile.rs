@@ -19,29 +19,32 @@ pub(super) const GROUPS: usize = TILE / LANES;
 // Avoids `0/0` in the direction opposite to a splat's centre.
 const MIN_NUMERATOR: f32 = 1e-20;
 
-/// Projection of the records, as a constant: the compiler generates one loop for each.
+/// Kinds of projection as constants: the compiler generates one loop for each.
 pub(super) struct ProjectionForm;
 
 impl ProjectionForm {
-    /// `D² = N`.
+    /// Projected renderer: `D² = N`, offsets in pixels from the centre.
     pub(super) const PROJECTED: u8 = 0;
-    /// Offsets in pixels from the centre.
+    /// Exact renderer through a pinhole: offsets in pixels from the centre.
     pub(super) const PINHOLE: u8 = 1;
-    /// Offsets in direction cosines along the splat's tangent frame, from one ray per pixel.
+    /// Exact renderer through a fisheye: offsets in direction cosines along the splat's tangent frame,
+    /// computed from one ray per pixel.
     pub(super) const FISHEYE: u8 = 2;
 }
 
-/// 16×16 values; group `GROUPS·row + half` holds eight pixels of a row.
+/// One value per pixel of a 16×16 tile, in groups of eight adjacent pixels of a row. Pixel row `row`
+/// has the groups `GROUPS·row` (left half) and `GROUPS·row + 1` (right half).
 pub(super) type Plane = [[f32; LANES]; TILE * GROUPS];
 
 /// Pixel planes of a tile; they remain in L1 while the tile is drawn.
 pub(super) struct Tile {
     left: usize,
     top: usize,
-    /// Negative if the pixel is finished or outside the image.
+    /// Transmittance of each pixel; negative if the pixel is finished or outside the image.
     transmittance: Plane,
     color: [Plane; 3],
-    /// Sum of weight × depth; for an exact pinhole, of weight × `t` on the ray `(x, y, 1)·t`.
+    /// Sum of weight × depth. For the exact renderer and a pinhole, depth is the parameter `t` of the
+    /// ray `(x, y, 1)·t`.
     depth: Plane,
     /// Unit ray of every pixel in camera axes; only for a fisheye.
     // Boxed, because most views have none and the planes of a tile share L1.
@@ -52,7 +55,7 @@ pub(super) struct Tile {
 
 /// Response of a splat in eight pixels.
 struct Response<V> {
-    /// `alpha = opacity · 2^exponent`.
+    /// Exponent of 2: `alpha = opacity · 2^exponent`.
     exponent: V,
     /// Position of the largest response on the ray, in units of the splat's depth or distance.
     tau: V,
@@ -63,8 +66,8 @@ struct Response<V> {
 }
 
 impl Tile {
-    /// Creates an empty tile at pixel `(left, top)`. Pixels beyond `columns` × `rows` lie outside the image
-    /// and start finished.
+    /// Creates an empty tile at pixel `(left, top)`. Pixels beyond `columns` × `rows` lie outside the
+    /// image and are marked finished.
     pub(super) fn new(left: usize, top: usize, columns: usize, rows: usize) -> Self {
         let rows = rows.min(TILE);
         let empty = [[0.0; LANES]; TILE * GROUPS];
@@ -102,14 +105,15 @@ impl Tile {
         self.open_rows == 0
     }
 
-    /// Transmittance (its absolute value), colour and depth sums.
+    /// Returns the planes of transmittance (only its absolute value is valid), red, green, blue and
+    /// summed depth.
     pub(super) fn planes(&self) -> [&Plane; 5] {
         let [red, green, blue] = &self.color;
         [&self.transmittance, red, green, blue, &self.depth]
     }
 
-    /// Blends splats, nearest first. `min_front` is 0 for rays that start at the camera and `−∞` for whole
-    /// lines.
+    /// Blends the listed splats into the tile, nearest first. The largest response is searched in front
+    /// of the camera if `min_front` is 0, and on the whole line if it is `−∞`.
     #[inline(always)]
     pub(super) fn blend_all<V: Vector, const FORM: u8, const SHADED: bool>(
         &mut self,
@@ -169,7 +173,8 @@ impl Tile {
         }
     }
 
-    /// Blends a splat into eight pixels. Returns true if it finished a pixel.
+    /// Blends a splat into eight pixels. Returns true if a pixel became finished: it accepts no further
+    /// splats.
     #[inline(always)]
     fn blend_group<V: Vector, const FORM: u8>(
         &mut self,
@@ -198,8 +203,9 @@ impl Tile {
     }
 }
 
-/// Initial transmittance of a group whose first pixel is in column `first`: 1 in the `columns` pixels of
-/// the image, negative beyond them.
+/// Returns the initial transmittance of a group of eight pixels: 1 inside the image, negative outside.
+/// `first` is the group's first column; the image ends before column `columns`. Both are relative to
+/// the tile.
 pub(super) fn initial_transmittance(first: usize, columns: usize) -> [f32; LANES] {
     std::array::from_fn(|lane| if first + lane < columns { 1.0 } else { -1.0 })
 }
@@ -210,12 +216,13 @@ pub(super) struct BlendStep<V> {
     pub uncapped_alpha: V,
     /// Alpha times the transmittance in front.
     pub weight: V,
-    /// True if the splat finished a pixel.
+    /// True if a pixel became finished: it accepts no further splats.
     pub stopped: bool,
 }
 
-/// Attenuates eight pixels by one splat with `alpha = opacity · 2^exponent`. Shared by all loops over a
-/// tile, so that they blend the same splats. `None` if the splat is invisible in all eight.
+/// Attenuates eight pixels by one splat with `alpha = opacity · 2^exponent`. Returns `None` if the
+/// splat is invisible in all eight pixels. All loops over a tile use this function, so that they blend
+/// the same splats.
 #[inline(always)]
 pub(super) fn attenuate<V: Vector>(
     transmittance: &mut [f32; LANES],
@@ -246,7 +253,7 @@ pub(super) fn attenuate<V: Vector>(
     Some(BlendStep { uncapped_alpha: free, weight, stopped: stopped != 0 })
 }
 
-/// Alpha with its cap applied.
+/// Limits alpha to [`ALPHA_CAP`].
 #[inline(always)]
 pub(super) fn cap_alpha<V: Vector>(free: V) -> V {
     free.min(V::splat(ALPHA_CAP as f32))
@@ -259,7 +266,8 @@ pub(super) fn row_is_finished(transmittance: &Plane, row: usize) -> bool {
     groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
 }
 
-/// Rows of a tile at pixel `(left, top)` that a rectangle covers, and the lane groups within these rows.
+/// Returns the rows, relative to a tile at pixel `(left, top)`, that a rectangle covers, and the lane
+/// groups within these rows.
 #[inline(always)]
 pub(super) fn covered_rows_and_groups(
     rect: &Rect,
@@ -269,7 +277,7 @@ pub(super) fn covered_rows_and_groups(
     (span(rect.y0, rect.y1, top), columns.start / LANES..columns.end.div_ceil(LANES))
 }
 
-/// Part of `lo..hi` inside a tile that starts at `first`, relative to `first`.
+/// Returns the part of `lo..hi` inside a tile that starts at pixel `first`, relative to `first`.
 #[inline(always)]
 fn span(lo: u16, hi: u16, first: usize) -> Range<usize> {
     let end = first + TILE;
@@ -281,7 +289,7 @@ fn add<V: Vector>(plane: &mut [f32; LANES], value: V) {
     (V::load(plane) + value).store(plane);
 }
 
-/// Response through a pinhole: `δ` in pixels, `c = 1`.
+/// Computes the response of a splat through a pinhole: `δ` in pixels, `c = 1`.
 #[inline(always)]
 fn through_plane<V: Vector, const FORM: u8>(
     splat: &ConicRecord,
@@ -299,7 +307,8 @@ fn through_plane<V: Vector, const FORM: u8>(
     }
 }
 
-/// Response through a fisheye: `δ` and `c` are the unit ray's components along the splat's tangent frame.
+/// Computes the response of a splat through a fisheye: `δ` and `c` are the unit ray's components along
+/// the splat's tangent frame.
 #[inline(always)]
 fn through_fisheye<V: Vector>(
     splat: &ConicRecord,
@@ -347,7 +356,7 @@ fn evaluate_response<V: Vector>(
     }
 }
 
-/// One channel of a projected splat's colour at an offset in pixels from its centre.
+/// Returns one channel of a projected splat's colour at an offset in pixels from the splat's centre.
 #[inline(always)]
 pub(super) fn offset_color<V: Vector>(
     color: f32,
@@ -359,7 +368,8 @@ pub(super) fn offset_color<V: Vector>(
     apply_color_change(color, V::splat(x) * offset[0] + V::splat(y) * offset[1])
 }
 
-/// One channel of the colour with its gradient (`rendering.md`, Native appearance).
+/// Returns one channel of a splat's colour, including its gradient, at the largest response
+/// (`rendering.md`, Native appearance).
 #[inline(always)]
 fn gradient_color<V: Vector>(
     color: f32,
@@ -372,7 +382,8 @@ fn gradient_color<V: Vector>(
     apply_color_change(color, V::splat(gradient.along[channel]) * at.tau_minus_one + across)
 }
 
-/// Colour at the centre plus its change by the gradient, limited and non-negative.
+/// Adds a colour change to the colour at the centre. The change is limited to ±[`GRADIENT_LIMIT`] and
+/// the result to at least 0.
 #[inline(always)]
 fn apply_color_change<V: Vector>(color: f32, change: V) -> V {
     let limit = GRADIENT_LIMIT as f32;
@@ -396,7 +407,8 @@ const EXP2: [f32; 6] =
 // Smallest exponent of a normal `f32`.
 pub(super) const EXP2_MIN: f32 = -126.0;
 
-/// `2^x` for `x` from [`EXP2_MIN`] to 126. Other lanes are undefined and must be masked by the caller.
+/// Returns `2^x` for `x` from [`EXP2_MIN`] to 126. Lanes outside this range are undefined and must be
+/// masked by the caller.
 #[inline(always)]
 pub(super) fn exp2<V: Vector>(x: V) -> V {
     // Rounding by addition works in every instruction set; a rounding instruction is not always available.

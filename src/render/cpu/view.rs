@@ -9,7 +9,7 @@ use crate::render::options::{
 };
 use glam::{DMat3, DVec2, DVec3};
 
-/// View parameters in f64.
+/// Camera and options of a view.
 #[derive(Clone)]
 pub(in crate::render) struct CpuView {
     pub width: usize,
@@ -18,7 +18,8 @@ pub(in crate::render) struct CpuView {
     pub camera_from_world: DMat3,
     pub centre: DVec3,
     pub intrinsics: Intrinsics,
-    /// Range of `x/z` and `y/z` within which the Jacobian follows the splat's centre.
+    /// Lower limit of `x/z` and `y/z`; `tangent_hi` is the upper limit. The Jacobian is evaluated at
+    /// the splat's centre, clamped to these limits.
     pub tangent_lo: DVec2,
     pub tangent_hi: DVec2,
     pub near: f32,
@@ -31,9 +32,10 @@ pub(in crate::render) struct CpuView {
 pub(in crate::render) struct CameraSplat {
     /// Centre in camera axes (x right, y down, z forward), world units.
     pub m: DVec3,
-    /// Directions of the scales in camera axes, in columns.
+    /// Unit directions of the principal axes (those of the scales) in camera axes, one per column.
     pub axes: DMat3,
-    /// Standard deviations, world units, after the display factor and the floor.
+    /// Standard deviations along the principal axes, world units: multiplied by the display factor and
+    /// raised to the floor.
     pub scale: DVec3,
     pub opacity: f64,
 }
@@ -57,7 +59,8 @@ impl CpuView {
         }
     }
 
-    /// Transforms a splat to camera axes; `None` if it is faint, hidden or not beyond the near plane.
+    /// Transforms a splat to camera axes. `None` if its opacity is below the alpha cut or the display
+    /// style's cut, or if its centre is not beyond the near plane.
     pub(in crate::render) fn to_camera(&self, splat: &Splat) -> Option<CameraSplat> {
         // The camera is subtracted in f64, because far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));
@@ -78,7 +81,8 @@ impl CpuView {
         Some(CameraSplat { m, axes, scale: self.style.display_scales(splat), opacity })
     }
 
-    /// Clips to the image; `None` if nothing remains. Casts saturate: infinite bounds give the whole image.
+    /// Clips a pixel rectangle to the image; `None` if nothing remains. Infinite bounds give the whole
+    /// image, because casts saturate.
     pub(super) fn clip(&self, lo: DVec2, hi: DVec2) -> Option<Rect> {
         // Records hold 16 bits per side.
         let limit =
@@ -92,14 +96,16 @@ impl CpuView {
         (rect.x0 < rect.x1 && rect.y0 < rect.y1).then_some(rect)
     }
 
-    /// Pixels whose centres lie between two points of the image plane.
+    /// Returns the rectangle of the pixels whose centres lie between two points of the image plane, in
+    /// pixels. `None` if the image contains no such pixel.
     pub(super) fn pixels(&self, lo: DVec2, hi: DVec2) -> Option<Rect> {
         self.clip((lo - 0.5).ceil(), (hi - 0.5).floor() + 1.0)
     }
 }
 
-/// World directions of the three scales, in columns, for a rotation `w x y z` of any non-zero length. The
-/// squared length is divided out once, instead of normalising.
+/// Converts a quaternion `w x y z` of any non-zero length to a rotation matrix. Its columns are the
+/// world directions of the principal axes. The squared length is divided out once, instead of
+/// normalising.
 fn rotation_matrix(rotation: [f32; 4]) -> DMat3 {
     let [w, x, y, z] = rotation.map(f64::from);
     let double = 2.0 / (w * w + x * x + y * y + z * z);
@@ -115,13 +121,14 @@ fn rotation_matrix(rotation: [f32; 4]) -> DMat3 {
 }
 
 impl CameraSplat {
-    /// `k²`: squared Mahalanobis distance of the alpha cut, where `o·exp(−k²/2)` equals the cut.
+    /// Returns the squared Mahalanobis distance `k²` at which alpha equals the cut: `o·exp(−k²/2)` with
+    /// opacity `o`.
     pub(super) fn extent_squared(&self) -> f64 {
         2.0 * (self.opacity / ALPHA_CUT).ln()
     }
 
-    /// Widens the splat by the exact renderer's antialiasing (`rendering.md`, Antialiasing); `None` if it
-    /// fades below the alpha cut.
+    /// Widens the splat by the exact renderer's antialiasing (`rendering.md`, Antialiasing). `None` if
+    /// the opacity falls below the alpha cut.
     pub(in crate::render) fn apply_antialiasing(
         mut self,
         exact: ExactOptions,

@@ -11,13 +11,13 @@ use std::future::Future;
 use std::path::Path;
 use std::task::{Context, Poll, Waker};
 
-/// Selection of an adapter.
+/// Choice of a graphics adapter.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum AdapterChoice {
-    /// The most capable adapter, as ranked by wgpu (windows) or [`super::headless`].
+    /// The most capable adapter, as ranked by wgpu (for windows) or by [`super::headless`].
     #[default]
     Auto,
-    /// A driver that runs shaders on the CPU (llvmpipe, WARP).
+    /// The first adapter whose driver runs shaders on the CPU (llvmpipe, WARP).
     Software,
     /// The first adapter whose [`AdapterInfo`] text contains this string, ignoring case.
     Named(String),
@@ -52,9 +52,9 @@ impl fmt::Display for AdapterChoice {
 pub struct AdapterInfo {
     /// Name of the device.
     pub name: String,
-    /// Graphics API that drives it.
+    /// Graphics API through which the adapter is used.
     pub backend: wgpu::Backend,
-    /// Discrete, integrated, virtual or software.
+    /// Kind of adapter: discrete, integrated, virtual or software.
     pub device_type: wgpu::DeviceType,
 }
 
@@ -65,7 +65,7 @@ impl AdapterInfo {
         Self { name: info.name, backend: info.backend, device_type: info.device_type }
     }
 
-    /// Warning for a software or OpenGL adapter.
+    /// Returns a warning if this is a software or OpenGL adapter.
     pub fn warning(&self) -> Option<String> {
         let what = if self.device_type == wgpu::DeviceType::Cpu {
             "runs on the CPU instead of a graphics card"
@@ -95,7 +95,7 @@ impl fmt::Display for AdapterInfo {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("adapter: expected auto, software, or the name or number of an available adapter: {}; found `{choice}`", listed(.there))]
 pub struct UnknownAdapter {
-    /// The choice that matched nothing.
+    /// Choice that matches no adapter.
     pub choice: AdapterChoice,
     /// Available adapters.
     pub there: Vec<AdapterInfo>,
@@ -107,8 +107,9 @@ pub(super) fn listed(adapters: &[AdapterInfo]) -> String {
     if lines.is_empty() { "none".to_owned() } else { format!("[{}]", lines.join("; ")) }
 }
 
-/// True if this computer may have a graphics card, which Linux lists in `/dev`. Enumerating adapters instead
-/// would load all drivers, and the software driver brings a compiler of 50 MB.
+/// True if this computer may have a graphics card. Only Linux is checked, where `/dev` lists the cards.
+/// Enumerating adapters instead would load all drivers, and the software driver includes a compiler of
+/// 50 MB.
 pub fn may_have_gpu() -> bool {
     !cfg!(target_os = "linux") || has_gpu_device_file(Path::new("/dev"))
 }
@@ -122,19 +123,19 @@ fn has_gpu_device_file(devices: &Path) -> bool {
     entries.flatten().any(|entry| entry.file_name().to_str().is_some_and(is_card))
 }
 
-/// Adapters of this computer that can draw windows, in the order of
+/// Describes the adapters of this computer that can draw windows, in the order of
 /// [`AdapterChoice::Index`].
 pub fn list() -> Vec<AdapterInfo> {
     enumerate().iter().map(AdapterInfo::new).collect()
 }
 
-/// wgpu adapters in the order of [`list`].
+/// Returns the wgpu adapters in the order of [`list`].
 pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
     // Backends that can draw windows: all first-class ones, and OpenGL.
     enumerate_in(wgpu::Backends::PRIMARY | wgpu::Backends::GL)
 }
 
-/// Adapters of the given backends, unless the environment selects other backends.
+/// Returns the adapters of the given backends, unless the environment selects other backends.
 pub(super) fn enumerate_in(backends: wgpu::Backends) -> Vec<wgpu::Adapter> {
     let backends = wgpu::Backends::from_env().unwrap_or(backends);
     let environment = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
@@ -142,7 +143,8 @@ pub(super) fn enumerate_in(backends: wgpu::Backends) -> Vec<wgpu::Adapter> {
     poll_once(instance.enumerate_adapters(backends)).unwrap_or_default()
 }
 
-/// Polls a future once. Native wgpu futures resolve immediately; `None` if this one does not.
+/// Polls a future once and returns its value; native wgpu futures resolve immediately. `None` if the
+/// future is still pending.
 pub(super) fn poll_once<T>(future: impl Future<Output = T>) -> Option<T> {
     match std::pin::pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => Some(value),
@@ -150,7 +152,8 @@ pub(super) fn poll_once<T>(future: impl Future<Output = T>) -> Option<T> {
     }
 }
 
-/// Index of the chosen adapter; `None` leaves the choice to wgpu.
+/// Returns the index of the chosen adapter in `adapters`. `None` for [`AdapterChoice::Auto`], which
+/// leaves the ranking to wgpu or [`super::headless`].
 pub fn choose(
     choice: &AdapterChoice,
     adapters: &[AdapterInfo],
@@ -172,8 +175,8 @@ pub fn choose(
 
 const OPTIONAL: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY;
 
-/// Requests the adapter's own limits (a splat buffer needs the largest possible binding) and the
-/// available optional features.
+/// Returns a description of a device with the adapter's own limits and its available optional features.
+/// A splat buffer needs the adapter's largest possible binding.
 pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
     wgpu::DeviceDescriptor {
         label: Some("vbgs device"),
@@ -185,10 +188,10 @@ pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'sta
     }
 }
 
-/// Capabilities of a device and its description for the user.
+/// Capabilities of a device, and its description for the status bar.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GpuCaps {
-    /// The adapter.
+    /// Description of the adapter.
     pub info: AdapterInfo,
     /// Driver and version as reported by the driver; may be empty.
     driver: String,
@@ -251,7 +254,7 @@ impl fmt::Display for GpuCaps {
     }
 }
 
-/// Largest buffer, in bytes, that fits in one binding.
+/// Returns the size, in bytes, of the largest buffer that one binding can hold.
 pub(super) fn max_buffer_bytes(limits: &wgpu::Limits) -> u64 {
     limits.max_buffer_size.min(limits.max_storage_buffer_binding_size)
 }

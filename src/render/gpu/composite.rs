@@ -17,16 +17,17 @@ use crate::render::finish::Finish;
 pub struct SecondImage<'a> {
     /// View of another [`SplatTarget`] or of a [`PhotoTexture`].
     pub view: &'a wgpu::TextureView,
-    /// Finishing of its pixels; [`Finish::NONE`] for a photograph.
+    /// Crack filling and exposure of this image; [`Finish::NONE`] for a photograph.
     pub finish: Finish,
-    /// Part of the viewport that it fills.
+    /// Part of the viewport that this image fills.
     pub area: Area,
     /// Method of combining the two images.
     pub how: Combination,
 }
 
-/// Finishes a splat image, composites it over a background as `C + (1 − A)·bg` (`rendering.md`, GPU
-/// renderer), and combines it with an optional second image.
+/// Applies crack filling and exposure to a splat image and composites the image over a background. The
+/// result is `C + (1 − A)·bg` with premultiplied colour `C` and coverage `A` (`rendering.md`, GPU
+/// renderer). Optionally combines this result with a second image.
 #[derive(Debug)]
 pub struct Compositor {
     pipeline: wgpu::RenderPipeline,
@@ -36,8 +37,8 @@ pub struct Compositor {
 }
 
 impl Compositor {
-    /// Creates a compositor for targets of `format`. Values are sRGB-encoded. For a `*Srgb` format, which
-    /// encodes on write, the shader decodes them first, so the displayed colours are the same.
+    /// Creates a compositor for targets of `format`. Values are sRGB-encoded. For a `*Srgb` format,
+    /// which encodes on write, the shader decodes them first, so the displayed colours are the same.
     pub fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
         let module = module(device, "composite", shader::COMPOSITE);
         // The values are already sRGB-encoded, and such a target would encode them again.
@@ -62,9 +63,9 @@ impl Compositor {
         }
     }
 
-    /// Sets the image, the sRGB-encoded background and an optional second image over the same background
-    /// for the next [`Self::draw`]. Call it after the images have been rendered and before the pass that
-    /// draws them is submitted.
+    /// Sets the image, the sRGB-encoded background and an optional second image over the same
+    /// background for the next [`Self::draw`]. Must be called after the images have been rendered and
+    /// before the pass that calls `draw` is submitted.
     pub fn prepare(
         &mut self,
         device: &wgpu::Device,
@@ -107,8 +108,9 @@ impl Compositor {
         self.bindings = Some(bind_group(device, &layout, &resources));
     }
 
-    /// Fills the viewport set on `pass`. The pass must have one colour attachment of this
-    /// compositor's format and no depth attachment. Does nothing before the first [`Self::prepare`].
+    /// Draws the prepared image into the whole viewport set on `pass`. The pass must have one colour
+    /// attachment of this compositor's format and no depth attachment. Does nothing before the first
+    /// [`Self::prepare`].
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
         if let Some(bindings) = &self.bindings {
             pass.set_pipeline(&self.pipeline);
@@ -118,7 +120,7 @@ impl Compositor {
     }
 }
 
-/// Opaque image of sRGB-encoded bytes.
+/// Texture of an opaque, sRGB-encoded image, such as a photograph.
 #[derive(Debug)]
 pub struct PhotoTexture {
     view: wgpu::TextureView,
@@ -166,7 +168,7 @@ impl PhotoTexture {
         Ok(Self { view: texture.create_view(&Default::default()) })
     }
 
-    /// View for sampling.
+    /// Texture view for sampling.
     pub fn view(&self) -> &wgpu::TextureView {
         &self.view
     }

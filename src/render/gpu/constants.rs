@@ -25,7 +25,7 @@ macro_rules! wgsl {
 }
 pub(super) use wgsl;
 
-/// [`super::layout::GpuSplat::flags`]: the slot holds a drawable splat.
+/// Bit of [`super::layout::GpuSplat::flags`], set if the slot holds a drawable splat.
 pub const FLAG_LIVE: u32 = 1;
 
 // Values of `GpuView::renderer`.
@@ -35,7 +35,7 @@ pub(super) const RENDERER_EXACT: u32 = 1;
 // Values of `GpuView::paint`.
 pub(super) const PAINT_STORED: u32 = 0;
 pub(super) const PAINT_DEPTH: u32 = 1;
-/// [`super::layout::GpuView::paint`]: direction of the shortest axis.
+/// Value of [`super::layout::GpuView::paint`]: colours splats by the direction of their shortest axis.
 pub const PAINT_NORMAL: u32 = 2;
 
 // Values of `Composite::mode`.
@@ -59,18 +59,20 @@ pub(super) const N_STRIPS: u32 = 1024;
 // Number of `vec4` values that hold a splat's sums in one tile in `photometric`.
 pub(super) const N_QUARTERS: u32 = (N_IMAGE_SUMS as u32).div_ceil(4);
 
-/// Slots of the counter buffer of [`super::tiles`], which is not read back within a frame.
+/// Indices of the counters in the counter buffer of [`super::tiles`]. The buffer is not read back
+/// within a frame.
 pub(super) mod slot {
     pub(in super::super) const N_SPLATS: u32 = 0;
-    /// Number of splats with at least one entry.
+    /// Counter of splats with at least one entry (splat-tile pair).
     pub(in super::super) const N_VISIBLE: u32 = 1;
-    /// Number of stored splat-tile pairs.
+    /// Counter of stored entries (splat-tile pairs).
     pub(in super::super) const N_ENTRIES: u32 = 2;
-    /// Number of splat-tile pairs needed, saturated at the largest u32.
+    /// Counter of entries (splat-tile pairs) needed, saturated at the largest u32.
     pub(in super::super) const N_NEEDED: u32 = 3;
-    /// Key of the nearest splat with an entry; all ones if there is none.
+    /// Slot of the depth key of the nearest splat with an entry; the key is all ones if there is no
+    /// such splat.
     pub(in super::super) const NEAREST: u32 = 4;
-    /// Key of the farthest splat with an entry.
+    /// Slot of the depth key of the farthest splat with an entry.
     pub(in super::super) const FARTHEST: u32 = 5;
     pub(in super::super) const N_SLOTS: usize = 6;
 }

@@ -22,14 +22,14 @@ pub enum GpuError {
     TooManySplats {
         /// Number of splats to upload.
         n_splats: usize,
-        /// Size of their records, MiB.
+        /// Size of the splats' records, MiB.
         needed_mib: u64,
         /// Largest buffer that a shader can bind completely, MiB.
         limit_mib: u64,
         /// Number of splats that would fit.
         max_splats: usize,
     },
-    /// The driver refused an allocation that is within its limits.
+    /// The driver refused an allocation that is within the adapter's limits.
     #[error(
         "{n_splats} splats: the GPU is out of memory ({mib} MiB requested); the previously uploaded splats are still drawn; close other GPU programs or train fewer components"
     )]
@@ -77,13 +77,13 @@ pub enum GpuError {
         /// Number of pairs drawn.
         capacity: u64,
     },
-    /// An option, intended for comparisons, that the shaders do not support.
+    /// The shaders do not support an option that is intended for comparisons.
     #[error("{found} is not supported on the GPU; use the CPU renderer")]
     CpuOnly {
         /// The unsupported option.
         found: &'static str,
     },
-    /// An image is larger than a texture may be.
+    /// An image exceeds the adapter's maximum texture size.
     #[error(
         "{what} {width}x{height}: this adapter supports at most {limit} pixels per side; {remedy}"
     )]
@@ -96,7 +96,7 @@ pub enum GpuError {
         height: u32,
         /// Maximum side of a texture, pixels.
         limit: u32,
-        /// What the user can do about it.
+        /// Remedy, shown at the end of the message.
         remedy: &'static str,
     },
 }
@@ -104,8 +104,8 @@ pub enum GpuError {
 // Maximum number of distinct messages; a broken driver can report the same fault in endless variants.
 const MAX_FAULTS: usize = 32;
 
-/// Collects device faults from any wgpu thread, to be polled by the application. A fault that repeats every
-/// frame is reported once.
+/// Collects device faults from any wgpu thread, to be polled by the application. A fault that repeats
+/// every frame is reported once.
 #[derive(Clone, Debug, Default)]
 pub struct GpuFaults(Arc<Mutex<Log>>);
 
@@ -118,7 +118,7 @@ struct Log {
 }
 
 impl GpuFaults {
-    /// Redirects a device's loss and uncaptured errors here, instead of panicking.
+    /// Records a device's loss and uncaptured errors in this log, instead of panicking.
     pub fn watch(&self, device: &wgpu::Device) {
         let lost = self.clone();
         device.set_device_lost_callback(move |reason, message| {
@@ -153,7 +153,8 @@ impl GpuFaults {
         }
     }
 
-    /// Ignores poisoning: each write is a single push, so a panicking thread leaves the log consistent.
+    /// Locks the log. Poisoning is ignored: each write is a single push, so a panicking thread leaves
+    /// the log consistent.
     fn lock(&self) -> MutexGuard<'_, Log> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -9,7 +9,7 @@ pub(super) const MIB: u64 = 1 << 20;
 // Initial size in bytes; a binding cannot be empty.
 const INITIAL_BYTES: u64 = 256;
 
-/// Buffer of a task, as large as the largest size requested so far.
+/// GPU buffer that is at least as large as the largest size requested so far.
 #[derive(Debug)]
 pub(super) struct GrowingBuffer {
     pub(super) buffer: wgpu::Buffer,
@@ -18,16 +18,18 @@ pub(super) struct GrowingBuffer {
 }
 
 impl GrowingBuffer {
-    /// Creates a small buffer. With `MAP_WRITE` it starts mapped and must be mapped again after each upload.
+    /// Creates a small buffer. With `MAP_WRITE` it starts mapped and must be mapped again after each
+    /// upload.
     pub(super) fn new(device: &wgpu::Device, label: &'static str, usage: Usage) -> Self {
         Self { buffer: create_buffer(device, label, usage, INITIAL_BYTES), label, usage }
     }
 
-    /// Ensures a size of at least `needed` bytes. Returns true if the buffer was replaced, which loses its
-    /// contents.
+    /// Ensures a size of at least `needed` bytes. Returns true if the buffer was replaced, which loses
+    /// its contents.
     ///
     /// # Errors
-    /// [`GpuError::TaskTooLarge`], [`GpuError::NoMemoryForTask`]; the buffer is unchanged then.
+    /// [`GpuError::TaskTooLarge`] or [`GpuError::NoMemoryForTask`]. In either case the buffer is
+    /// unchanged.
     pub(super) fn ensure_capacity(
         &mut self,
         device: &wgpu::Device,
@@ -62,7 +64,8 @@ fn create_buffer(device: &wgpu::Device, label: &str, usage: Usage, size: u64) ->
     })
 }
 
-/// Creates buffers. Returns `refused` if the driver reports that it is out of memory.
+/// Creates buffers by calling `create`. Returns the error `refused` if the driver reports that it is
+/// out of memory.
 pub(super) fn allocate<T>(
     device: &wgpu::Device,
     refused: GpuError,

@@ -10,7 +10,7 @@ use super::task::WAIT_TIMEOUT;
 /// Failure to open or use a headless device.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HeadlessError {
-    /// Only software adapters, or none.
+    /// No hardware adapter was found: only software adapters, or none at all.
     #[error(
         "expected a hardware graphics adapter, found {found}; install its driver or choose an adapter with --adapter"
     )]
@@ -34,7 +34,7 @@ pub enum HeadlessError {
     Gpu(#[from] GpuError),
 }
 
-/// Device, queue and capabilities.
+/// GPU device without a window, with its queue and capabilities.
 #[derive(Debug)]
 pub struct HeadlessGpu {
     /// Device with all limits and optional features of its adapter.
@@ -43,12 +43,13 @@ pub struct HeadlessGpu {
     pub queue: wgpu::Queue,
     /// Capabilities of the device.
     pub caps: GpuCaps,
-    /// Loss and errors of the device.
+    /// Log of the device's loss and errors.
     pub faults: GpuFaults,
 }
 
 impl HeadlessGpu {
-    /// Opens a device with all features of its adapter. [`AdapterChoice::Auto`] excludes software adapters.
+    /// Opens a device with all limits and optional features of its adapter. [`AdapterChoice::Auto`]
+    /// excludes software adapters.
     pub fn new(choice: &AdapterChoice) -> Result<Self, HeadlessError> {
         let adapter = choose(choice)?;
         let name = adapter.get_info().name;
@@ -101,7 +102,7 @@ fn choose(choice: &AdapterChoice) -> Result<wgpu::Adapter, HeadlessError> {
     Ok(adapters.swap_remove(position))
 }
 
-/// Index of the first adapter of the most capable kind, excluding software and OpenGL.
+/// Returns the index of the first adapter of the most capable kind, excluding software and OpenGL.
 fn fastest(adapters: &[AdapterInfo]) -> Option<usize> {
     let rank = |adapter: &AdapterInfo| match adapter.device_type {
         wgpu::DeviceType::DiscreteGpu => Some(0),

@@ -17,15 +17,15 @@ use crate::render::options::{
     ExactOptions, Paint, RenderMethod, RenderOptions, Response, tangent_range,
 };
 
-/// WGSL of each pipeline, to be prefixed by [`super::constants`].
+/// WGSL source of each pipeline, without the constants that [`super::constants`] prepends.
 pub mod shader {
     use super::super::constants::wgsl;
 
-    /// `composite.wgsl` with its dependencies: the image over a background.
+    /// `composite.wgsl` with its dependencies: composites the splat image over a background.
     pub const COMPOSITE: &str = wgsl!("common", "composite");
-    /// `meshes.wgsl`: user interface triangles.
+    /// `meshes.wgsl`: draws triangles of the user interface.
     pub const MESHES: &str = wgsl!("meshes");
-    /// `scatter.wgsl` with its dependencies: sparse updates of records.
+    /// `scatter.wgsl` with its dependencies: replaces single records.
     pub const SCATTER: &str = wgsl!("common", "scatter");
 }
 
@@ -45,7 +45,7 @@ pub struct GpuSplat {
     pub rotation: [f32; 4],
     /// Standard deviations, world units.
     pub scale: [f32; 3],
-    /// WGSL rounds the size up to 64.
+    /// Padding to the size in WGSL, 64 bytes.
     pub padding: u32,
 }
 
@@ -72,7 +72,7 @@ impl GpuSplat {
     }
 }
 
-/// Record and index for sparse updates.
+/// Splat record and its index, for updates of single records.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct SparseSplat {
@@ -80,7 +80,7 @@ pub struct SparseSplat {
     pub splat: GpuSplat,
     /// Index of the record to replace.
     pub index: u32,
-    /// WGSL rounds the size up to 80.
+    /// Padding to the size in WGSL, 80 bytes.
     pub padding: [u32; 3],
 }
 
@@ -90,16 +90,17 @@ pub struct SparseSplat {
 pub struct GpuAppearance {
     /// Colour gradient per world unit: one row per channel, one column per world axis.
     pub gradient: [[f32; 3]; 3],
-    /// Degree-1 view dependence, same layout.
+    /// Colour change with the unit direction from the camera: one row per channel, one column per world
+    /// axis.
     pub directional: [[f32; 3]; 3],
-    /// Mean of the unit directions it was observed from, world axes.
+    /// Mean of the unit directions from the cameras to the splat, world axes.
     pub observed: [f32; 3],
-    /// Cone of the observed directions: upper triangle, row by row.
+    /// Matrix of the cone of observed directions: upper triangle, row by row.
     pub cone: [f32; 6],
 }
 
 impl GpuAppearance {
-    /// Converts an appearance; `None` if it is not finite.
+    /// Converts an appearance; `None` if a value is not finite.
     pub fn new(appearance: &Appearance) -> Option<Self> {
         let Appearance { gradient, directional, observed } = *appearance;
         let ObservedCone { mean, inverse } = observed;
@@ -108,7 +109,7 @@ impl GpuAppearance {
     }
 }
 
-/// Appearance and index for sparse updates.
+/// Appearance and its index, for updates of single appearances.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct SparseAppearance {
@@ -128,11 +129,11 @@ pub struct GpuView {
     pub near: f32,
     /// Camera y axis in world space.
     pub down: [f32; 3],
-    /// `PAINT_*` of [`super::constants`].
+    /// Source of colour: one of the constants `PAINT_*` of [`super::constants`].
     pub paint: u32,
     /// Camera z axis in world space.
     pub forward: [f32; 3],
-    /// Factor on the standard deviations.
+    /// Display factor on the splats' standard deviations.
     pub scale: f32,
     /// Camera centre, world units.
     pub centre: [f32; 3],
@@ -140,7 +141,7 @@ pub struct GpuView {
     pub opacity_cut: f32,
     /// Rounding error of `centre`: the exact centre minus `centre`.
     pub centre_rest: [f32; 3],
-    /// `RENDERER_*` of [`super::constants`].
+    /// Renderer: one of the constants `RENDERER_*` of [`super::constants`].
     pub renderer: u32,
     /// Focal lengths, px; px per radian through a fisheye.
     pub focal: [f32; 2],
@@ -148,22 +149,23 @@ pub struct GpuView {
     pub principal: [f32; 2],
     /// Width and height, px.
     pub viewport: [f32; 2],
-    /// Lower clamp of `x/z` and `y/z` in the Jacobian (`rendering.md`, Projected renderer).
+    /// Lower limit to which `x/z` and `y/z` are clamped in the Jacobian (`rendering.md`, Projected
+    /// renderer).
     pub tangent_min: [f32; 2],
-    /// Upper clamp of `x/z` and `y/z` in the Jacobian.
+    /// Upper limit to which `x/z` and `y/z` are clamped in the Jacobian.
     pub tangent_max: [f32; 2],
-    /// Range of the depth paint, world units.
+    /// Distances at the two ends of the depth paint's colour ramp, world units.
     pub depth_range: [f32; 2],
     /// Discriminant of [`crate::render::Antialias`].
     pub antialias: u32,
     /// Discriminant of [`crate::render::Lens`].
     pub lens: u32,
-    /// WGSL rounds the size up to 144.
+    /// Padding to the size in WGSL, 144 bytes.
     pub padding: [u32; 2],
 }
 
 impl GpuView {
-    /// Converts camera and options.
+    /// Converts a camera and options to uniforms.
     ///
     /// # Errors
     /// [`GpuError::CpuOnly`] for options that the shaders do not support.
@@ -217,7 +219,7 @@ impl GpuView {
 pub struct Composite {
     /// Colour behind the splats, sRGB-encoded.
     pub background: [f32; 3],
-    /// `COMPARE_*` of [`super::constants`].
+    /// Combination of images: one of the constants `COMPARE_*` of [`super::constants`].
     pub mode: u32,
     /// Upper left corner of the second image, fractions of the viewport.
     pub area_min: [f32; 2],
@@ -229,12 +231,12 @@ pub struct Composite {
     pub second_full_coverage: f32,
     /// Padding; the next vector starts at byte 48.
     pub padding: [u32; 2],
-    /// Factors on the colour of the first image.
+    /// Exposure factors of red, green and blue of the first image.
     pub exposure: [f32; 3],
     /// Coverage at which a pixel of the first image counts as full.
     pub full_coverage: f32,
-    /// Factors on the colour of the second image.
+    /// Exposure factors of red, green and blue of the second image.
     pub second_exposure: [f32; 3],
-    /// WGSL rounds the size up to 80.
+    /// Padding to the size in WGSL, 80 bytes.
     pub end: u32,
 }

@@ -46,9 +46,9 @@ pub enum MeshKind {
 /// Triangles drawn by one call.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshBatch {
-    /// Shading.
+    /// Shading of the triangles.
     pub kind: MeshKind,
-    /// Clip rectangle.
+    /// Clip rectangle in the target, pixels.
     pub scissor: PixelRect,
     /// Range in [`MeshList::indices`].
     pub indices: Range<u32>,
@@ -74,7 +74,7 @@ pub struct MeshSampling {
     pub is_minified_smoothly: bool,
 }
 
-/// Draws triangle lists into its own image and presents it.
+/// Draws triangle lists into a persistent image and copies this image into the window.
 #[derive(Debug)]
 pub struct MeshPainter {
     format: wgpu::TextureFormat,
@@ -83,7 +83,7 @@ pub struct MeshPainter {
     textured: wgpu::RenderPipeline,
     whole: wgpu::RenderPipeline,
     textures: HashMap<u64, BoundTexture>,
-    /// The persistent image, and what presents it.
+    /// Persistent image, and the binding for copying it into the window.
     picture: Option<(wgpu::Texture, wgpu::BindGroup)>,
 }
 
@@ -152,7 +152,7 @@ impl MeshPainter {
         self.textures.insert(key, BoundTexture { texture: texture.clone(), sampling, bindings });
     }
 
-    /// Removes textures whose key is not wanted.
+    /// Removes the textures for whose keys `is_wanted` returns false.
     pub fn retain_textures(&mut self, is_wanted: impl Fn(u64) -> bool) {
         self.textures.retain(|key, _| is_wanted(*key));
     }
@@ -216,9 +216,9 @@ impl MeshPainter {
         }
     }
 
-    /// Copies the persistent image to the viewport set on `pass`, which must have the same size. The pass
-    /// must have one colour attachment of this painter's format and no depth attachment. Does nothing before
-    /// the first [`Self::draw`].
+    /// Copies the persistent image to the viewport set on `pass`, which must have the same size. The
+    /// pass must have one colour attachment of this painter's format and no depth attachment. Does
+    /// nothing before the first [`Self::draw`].
     pub fn show(&self, pass: &mut wgpu::RenderPass<'_>) {
         if let Some((_, bindings)) = &self.picture {
             pass.set_pipeline(&self.whole);

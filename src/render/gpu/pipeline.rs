@@ -13,7 +13,7 @@ pub(super) struct BoundKernel {
     bindings: wgpu::BindGroup,
 }
 
-/// Two-dimensional grid of workgroups, because one dimension is limited to 65,535.
+/// Two-dimensional grid of workgroups; a single dimension is limited to 65,535 workgroups.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Grid {
     pub(super) columns: u32,
@@ -47,7 +47,7 @@ impl ComputeKernel {
         }))
     }
 
-    /// Binds whole buffers by binding number.
+    /// Binds whole buffers to the kernel, by binding number.
     pub(super) fn bind_buffers(
         &self,
         device: &wgpu::Device,
@@ -60,7 +60,7 @@ impl ComputeKernel {
         self.bind(device, &resources)
     }
 
-    /// Binds whole buffers and textures by binding number.
+    /// Binds whole buffers and textures to the kernel, by binding number.
     pub(super) fn bind(
         &self,
         device: &wgpu::Device,
@@ -80,17 +80,17 @@ impl BoundKernel {
 }
 
 impl Grid {
-    /// One row of workgroups, at most 65,535.
+    /// Returns a grid with one row of `columns` workgroups, at most 65,535.
     pub(super) fn row(columns: u32) -> Self {
         Self { columns, rows: 1 }
     }
 
-    /// At least one lane per item.
+    /// Returns a grid of workgroups with at least one lane per item.
     pub(super) fn lanes(n: usize) -> Self {
         Self::groups(n.div_ceil(GROUP as usize))
     }
 
-    /// At least `n_groups` workgroups.
+    /// Returns a grid of at least `n_groups` workgroups.
     pub(super) fn groups(n_groups: usize) -> Self {
         // Each dimension of a dispatch is limited to 65,535 groups.
         let columns = n_groups.clamp(1, 65_535);

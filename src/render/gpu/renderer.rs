@@ -9,7 +9,7 @@ use crate::math::camera::Camera;
 use crate::render::finish::Finish;
 use crate::render::options::RenderOptions;
 
-/// Draws scenes into its own image. Several renderers may share a scene.
+/// Draws scenes into an image of its own. Several renderers may share a scene.
 #[derive(Debug)]
 pub struct SplatRenderer {
     tiles: TilePath,
@@ -34,12 +34,12 @@ impl SplatRenderer {
         })
     }
 
-    /// Records the drawing of a scene into `encoder`; the image has the camera's size. The background is
-    /// added by [`super::composite::Compositor`]. Call it once per submission: the camera's uniforms are
-    /// written at submission, not when encoding.
+    /// Records the drawing of a scene into `encoder`; the image has the camera's size. The background
+    /// is added by [`super::composite::Compositor`]. Must be called at most once per submission: the
+    /// camera's uniforms are written at submission, not when encoding.
     ///
-    /// If the splats cover more tiles than expected, the first image leaves out the farthest. The number
-    /// needed is known [`SETTLING_IMAGES`] images later.
+    /// If the splats cover more tiles than expected, the first image leaves out the farthest splats. An
+    /// unchanged view is complete [`SETTLING_IMAGES`] images later.
     pub fn render(
         &mut self,
         device: &wgpu::Device,
@@ -71,30 +71,33 @@ impl SplatRenderer {
         Ok(())
     }
 
-    /// Image of the last render.
+    /// Returns the image of the last render.
     pub fn target(&self) -> &SplatTarget {
         &self.target
     }
 
-    /// Measurement from a few frames ago; `None` without timestamps or before the first result.
+    /// Returns the GPU times of an image from a few frames ago. `None` if the device has no timestamps,
+    /// or before the first result.
     pub fn gpu_times(&self) -> Option<GpuTimes> {
         self.timer.as_ref().and_then(|timer| timer.latest)
     }
 
-    /// Shortage that leaves out the farthest splats, if it is permanent.
+    /// Returns an error if the farthest splats are permanently left out, because GPU memory holds too
+    /// few splat-tile pairs.
     pub fn shortage(&self) -> Option<&GpuError> {
         self.tiles.demand.shortage.as_ref()
     }
 }
 
-/// Number of further images after which an unchanged view is complete: two until the number of tiles is
-/// read back, and one drawn with the capacity for them.
+/// Number of further images after which an unchanged view is complete. Two images pass until the number
+/// of splat-tile pairs is read back; the third is drawn with sufficient capacity.
 pub const SETTLING_IMAGES: usize = N_SLOTS;
 
 // Half floats, because blending in bytes would cause banding.
 pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
-/// Premultiplied, sRGB-encoded splat colour and coverage before finishing, without background.
+/// Image of premultiplied, sRGB-encoded splat colour and coverage, without background. Crack filling
+/// and exposure are not applied yet.
 #[derive(Debug)]
 pub struct SplatTarget {
     texture: wgpu::Texture,
@@ -105,7 +108,7 @@ pub struct SplatTarget {
 }
 
 impl SplatTarget {
-    /// Creates a target of `width` by `height` pixels; both may be 0.
+    /// Creates a target of `width` by `height` pixels; either may be 0.
     pub fn new(device: &wgpu::Device, width: u32, height: u32) -> Result<Self, GpuError> {
         let limit = device.limits().max_texture_dimension_2d;
         // wgpu would report an uncaptured error that does not mention the viewport.
@@ -135,22 +138,22 @@ impl SplatTarget {
         Ok(Self { texture, view, width, height, finish: Finish::NONE })
     }
 
-    /// Width and height; either may be 0.
+    /// Returns width and height in pixels; either may be 0.
     pub fn size(&self) -> (u32, u32) {
         (self.width, self.height)
     }
 
-    /// Finishing to apply when the image is composited.
+    /// Returns the crack filling and exposure to apply when the image is composited.
     pub fn finish(&self) -> Finish {
         self.finish
     }
 
-    /// Half-float texture of the image; 1 pixel per side if the image is empty.
+    /// Returns the half-float texture of the image; 1 pixel per side if the image is empty.
     pub fn texture(&self) -> &wgpu::Texture {
         &self.texture
     }
 
-    /// View for sampling or drawing.
+    /// Returns a texture view for sampling or drawing.
     pub fn view(&self) -> &wgpu::TextureView {
         &self.view
     }

@@ -31,7 +31,7 @@ pub struct GpuScene {
 #[derive(Debug)]
 pub(super) struct SceneBuffers {
     pub(super) splats: wgpu::Buffer,
-    /// `None` for a scene without appearance.
+    /// Appearance records; `None` for a scene without appearance.
     pub(super) appearance: Option<wgpu::Buffer>,
     capacity: usize,
 }
@@ -56,12 +56,13 @@ impl GpuScene {
         Ok(scene)
     }
 
-    /// Updates the GPU to `splats`. Only the splats in `changed` (any order, repeats allowed) and those
-    /// beyond the previous length may differ from the last call. Gaining or losing appearance updates all of
-    /// them. Returns the number of bytes uploaded.
+    /// Uploads the changes that turn the scene into `splats`. Only the splats in `changed` (any order,
+    /// repeats allowed) and those beyond the previous length may differ from the last call. If
+    /// appearance is added or removed, all splats are uploaded. Returns the number of bytes uploaded.
     ///
     /// # Errors
-    /// [`GpuError::TooManySplats`], [`GpuError::OutOfMemory`]; the scene keeps its previous contents.
+    /// [`GpuError::TooManySplats`] or [`GpuError::OutOfMemory`]. In either case the scene keeps its
+    /// previous splats.
     pub fn update<'a>(
         &mut self,
         device: &wgpu::Device,
@@ -101,7 +102,7 @@ impl GpuScene {
         self.n_splats
     }
 
-    /// Number of splats that fit before the next growth.
+    /// Number of splats that fit before the buffers must grow.
     pub fn capacity(&self) -> usize {
         self.buffers.capacity
     }
@@ -138,13 +139,14 @@ impl GpuScene {
     }
 }
 
-/// Record of a splat; all zeros for an empty slot and for an invalid splat or appearance.
+/// Returns the record of splat `id`; all zeros for an empty slot and for an invalid splat or
+/// appearance.
 fn record(splats: SplatView<'_>, id: usize) -> GpuSplat {
     let is_sound = splats.appearance().get(id).is_none_or(|a| GpuAppearance::new(a).is_some());
     if is_sound { GpuSplat::new(&splats.splats()[id]) } else { bytemuck::Zeroable::zeroed() }
 }
 
-/// Appearance of a splat; zeros if invalid, as its splat is not drawn either.
+/// Returns the appearance of splat `id`; zeros if it is invalid, because the splat is then not drawn.
 fn appearance(splats: SplatView<'_>, id: usize) -> GpuAppearance {
     GpuAppearance::new(&splats.appearance()[id]).unwrap_or_else(bytemuck::Zeroable::zeroed)
 }
@@ -154,7 +156,8 @@ fn has_appearance(splats: SplatView<'_>) -> bool {
 }
 
 impl SceneBuffers {
-    /// Allocates buffers for the splats, with 1.5 times the capacity `before` if they no longer fit.
+    /// Allocates buffers for the splats. If the splats exceed the capacity `before`, the new capacity
+    /// is at least 1.5 times as large, within the adapter's limit.
     fn new(device: &wgpu::Device, splats: SplatView<'_>, before: usize) -> Result<Self, GpuError> {
         let splat_bytes = size_of::<GpuSplat>() as u64;
         let appearance_bytes =
@@ -186,7 +189,8 @@ impl SceneBuffers {
     }
 }
 
-/// Number of slots of `bytes_each` for `n_splats`: at least 1.5 times `before`, within the adapter's limit.
+/// Returns the capacity for `n_splats` splats in slots of `bytes_each` bytes: at least 1.5 times
+/// `before`, within the adapter's limit.
 fn capacity_for(
     n_splats: usize,
     before: usize,
@@ -214,8 +218,8 @@ fn write(queue: &wgpu::Queue, to: &wgpu::Buffer, records: &[impl bytemuck::NoUni
     bytes.len() as u64
 }
 
-/// Scatters changed records with their indices into `target`, which must contain every index. Returns the
-/// number of bytes uploaded.
+/// Scatters changed records with their indices into `target`, which must contain every index. Returns
+/// the number of bytes uploaded.
 fn scatter(
     device: &wgpu::Device,
     queue: &wgpu::Queue,

@@ -17,22 +17,22 @@ use wgpu::BufferUsages as Usage;
 // Timeout after which the GPU counts as lost.
 pub(super) const WAIT_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Shader input, filled by copies.
+/// Usage of shader inputs, which are filled by copies.
 pub(super) const IN: Usage = Usage::STORAGE.union(Usage::COPY_DST);
-/// Shader output, source of copies.
+/// Usage of shader outputs, which are copied for reading back.
 pub(super) const OUT: Usage = Usage::STORAGE.union(Usage::COPY_SRC);
 pub(super) const SETTINGS: Usage = Usage::UNIFORM.union(Usage::COPY_DST);
 
 pub(super) const WORD: u64 = size_of::<u32>() as u64;
 
-/// Contents of one of a task's buffers.
+/// One of a task's buffers, identified by its contents.
 pub(super) trait TaskPart: Copy + PartialEq + Send + Sync + 'static {
     /// Numbers of items that a task processes.
     type Sizes: Default + Send + Sync;
     const LABEL: &'static str;
-    /// All parts, each at its own index.
+    /// Descriptions of all parts, each at its own index.
     const ALL: &'static [PartRow<Self>];
-    /// Labels of the buffers that take uploads to the device, by number.
+    /// Labels of the staging buffers, one per upload.
     const UPLOADS: &'static [&'static str];
 
     fn index(self) -> usize;
@@ -42,7 +42,8 @@ pub(super) trait TaskPart: Copy + PartialEq + Send + Sync + 'static {
     }
 }
 
-/// Part, label (also used in messages), usage, and size in bytes.
+/// Description of a part: the part, its label (also used in messages), its usage, and its size in
+/// bytes.
 pub(super) type PartRow<P> = (P, &'static str, Usage, fn(&<P as TaskPart>::Sizes) -> u64);
 
 pub(super) const fn bytes_of<T>() -> u64 {
@@ -57,7 +58,7 @@ pub(super) struct GpuTask<P: TaskPart> {
     queue: wgpu::Queue,
     faults: GpuFaults,
     pub(super) name: String,
-    /// Sizes that buffers are allocated, cleared and read back for.
+    /// Numbers of items for which buffers are allocated, cleared and read back.
     pub(super) sizes: P::Sizes,
     parts: Vec<GrowingBuffer>,
     uploads: Vec<Upload<P>>,
@@ -69,13 +70,13 @@ pub(super) struct GpuTask<P: TaskPart> {
 struct TaskKernel<P: 'static> {
     kernel: ComputeKernel,
     bindings: Bindings<P>,
-    /// `None` if a buffer was replaced.
+    /// Kernel with its buffers; `None` before its first run and after a buffer was replaced.
     bound: Option<BoundKernel>,
 }
 
 struct Upload<P> {
     staging: GrowingBuffer,
-    /// Copies to make with the next run; empty if nothing was staged since the last one.
+    /// Copies to be made by the next run; empty if nothing was staged since the last run.
     copies: Vec<PartCopy<P>>,
 }
 
@@ -109,7 +110,7 @@ impl<P: TaskPart> GpuTask<P> {
         }
     }
 
-    /// Error of this device: the task failed for a reason given by wgpu or the driver.
+    /// Returns an error of this device: the task failed for a `reason` given by wgpu or the driver.
     pub(super) fn failed(&self, reason: impl ToString) -> DeviceError {
         self.refused(&GpuError::TaskFailed { reason: reason.to_string() })
     }
@@ -118,7 +119,7 @@ impl<P: TaskPart> GpuTask<P> {
         DeviceError { device: self.name.clone(), reason: error.to_string() }
     }
 
-    /// Creates a kernel with values for the shader's override constants. Returns its number.
+    /// Creates a kernel with values for the shader's override constants. Returns the kernel's index.
     pub(super) fn add_kernel(
         &mut self,
         module: &wgpu::ShaderModule,
@@ -131,7 +132,8 @@ impl<P: TaskPart> GpuTask<P> {
         self.kernels.len() - 1
     }
 
-    /// Ensures the size of some parts. Returns true if any was replaced and lost its contents.
+    /// Ensures that the buffers of `parts` are large enough for the current sizes. Returns true if a
+    /// buffer was replaced, which loses its contents.
     pub(super) fn ensure_capacity(
         &mut self,
         parts: impl IntoIterator<Item = P>,
@@ -149,9 +151,10 @@ impl<P: TaskPart> GpuTask<P> {
         Ok(is_lost)
     }
 
-    /// Writes to mapped memory what the next run copies to its parts. Pieces of one part must follow each
-    /// other; those of the first part go to `first_byte` and following bytes. Replaces what was staged under
-    /// this number before.
+    /// Writes pieces to the mapped staging buffer of the upload with index `upload`; the next run
+    /// copies the pieces to their parts. Pieces of one part must follow each other. The first part is
+    /// written from `first_byte` on, all others from byte 0. Replaces pieces that were staged for this
+    /// upload before.
     pub(super) fn stage_upload<'a>(
         &mut self,
         upload: usize,
@@ -180,7 +183,7 @@ impl<P: TaskPart> GpuTask<P> {
         Ok(())
     }
 
-    /// True if the last upload of this number has not been copied yet.
+    /// True if pieces are staged for this upload and not copied to their parts yet.
     pub(super) fn is_staged(&self, upload: usize) -> bool {
         !self.uploads[upload].copies.is_empty()
     }
@@ -189,8 +192,8 @@ impl<P: TaskPart> GpuTask<P> {
         self.queue.write_buffer(&self.parts[part.index()].buffer, 0, bytemuck::bytes_of(contents));
     }
 
-    /// Copies uploads, clears parts, runs kernels by number, and maps the parts to read as the result, one
-    /// after another.
+    /// Copies the staged uploads, clears the parts `clears`, runs kernels by index, and maps the parts
+    /// `read` as the result, in this order.
     pub(super) fn run(
         &mut self,
         clears: &[P],
@@ -229,7 +232,8 @@ impl<P: TaskPart> GpuTask<P> {
         Ok(())
     }
 
-    /// Parts read by the last run; empty if it failed.
+    /// Returns the parts read by the last run, one after another; empty before the first run and after
+    /// a failure.
     pub(super) fn result(&self) -> &[u8] {
         self.result.as_deref().unwrap_or_default()
     }
@@ -275,7 +279,8 @@ impl<P: TaskPart> GpuTask<P> {
     }
 }
 
-/// Waits for a submission and maps the first bytes of each buffer, with mode and length as given.
+/// Waits for a submission and maps the start of each buffer. `maps` holds each buffer, its map mode and
+/// the number of bytes.
 ///
 /// # Errors
 /// Message from wgpu or the driver.

@@ -9,11 +9,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// GPU times of the stages of one image in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GpuTimes {
-    /// Converting splats to records.
+    /// Time for converting splats to records, milliseconds.
     pub preprocess: f64,
-    /// Sorting records by depth and tile.
+    /// Time for sorting records by depth and tile, milliseconds.
     pub sort: f64,
-    /// Drawing records.
+    /// Time for drawing records, milliseconds.
     pub draw: f64,
 }
 
@@ -46,7 +46,7 @@ pub(super) struct StageTimer {
 }
 
 impl StageTimer {
-    /// `None` if the device has no timestamps.
+    /// Creates a timer; `None` if the device has no timestamps.
     pub(super) fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Option<Self> {
         if !device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
             return None;
@@ -69,7 +69,8 @@ impl StageTimer {
         })
     }
 
-    /// Collects arrived results and reserves a slot for the next image; `None` if the GPU is behind.
+    /// Collects arrived results and reserves a slot for the next image. `None` if no slot is free
+    /// because the GPU is behind.
     pub(super) fn reserve_slot(&mut self) -> Option<usize> {
         let Self { ring, latest, milliseconds_per_tick, .. } = self;
         ring.collect_and_reserve(|bytes| {
@@ -92,7 +93,8 @@ impl StageTimer {
         }
     }
 
-    /// Resolves the timestamps and sends them to the CPU. Must follow the passes in the same encoder.
+    /// Resolves the timestamps of an image and copies them for the CPU. Must be recorded after the
+    /// passes in the same encoder.
     pub(super) fn end(&self, encoder: &mut wgpu::CommandEncoder, slot: usize) {
         let first = first_query(slot, GpuStage::Preprocess);
         let end = first + 2 * N_STAGES;
@@ -105,7 +107,7 @@ fn first_query(slot: usize, stage: GpuStage) -> u32 {
     2 * (N_STAGES * slot as u32 + stage as u32)
 }
 
-/// Times in milliseconds; `None` if the GPU's clock ran backwards.
+/// Converts the timestamps of an image to stage times; `None` if the GPU's clock ran backwards.
 fn times(bytes: &[u8], milliseconds_per_tick: f64) -> Option<GpuTimes> {
     let ticks: [[u64; 2]; N_STAGES as usize] = bytemuck::pod_read_unaligned(bytes);
     let mut stages = [0.0; N_STAGES as usize];
@@ -130,8 +132,9 @@ pub(super) struct ReadbackRing {
 #[derive(Debug)]
 struct Slot {
     buffer: wgpu::Buffer,
-    /// True once the buffer is mapped. wgpu's callback holds the second reference while it is pending. If
-    /// this is the only reference and the value is false, the slot is free, even if a submission was dropped.
+    /// True once the buffer is mapped. wgpu's callback holds the second reference while it is pending.
+    /// If this is the only reference and the value is false, the slot is free, even if a submission was
+    /// dropped.
     mapped: Arc<AtomicBool>,
 }
 
@@ -149,7 +152,8 @@ impl ReadbackRing {
         Self { slots, next: 0 }
     }
 
-    /// Passes all arrived results to `read`, oldest first. Returns a free slot; `None` if the GPU is behind.
+    /// Passes all arrived results to `read`, oldest first. Returns a free slot; `None` if there is none
+    /// because the GPU is behind.
     pub(super) fn collect_and_reserve(&mut self, mut read: impl FnMut(&[u8])) -> Option<usize> {
         for age in 0..N_SLOTS {
             let slot = (self.next + age) % N_SLOTS;

@@ -17,22 +17,27 @@ use crate::model::splat::splats::Splat;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Gradient and Gauss-Newton blocks from one photograph for eight splats, one per lane.
+/// Gradients and Gauss-Newton blocks of the parameters of eight splats, one per lane, from one
+/// photograph.
 #[derive(Clone, Copy, Debug)]
 pub struct ParameterSums<V> {
-    /// Gradient of `−½Σρr²` by the ten form parameters.
+    /// Gradient of `−½Σρr²` by the ten form parameters: mean, log-scales, rotation and log-opacity. `r`
+    /// is the residual of a pixel and `ρ` its weight.
     pub gradient: [V; N_FORM],
     /// Gauss-Newton block of the form parameters: lower triangle, row by row.
     pub curvature: [V; N_FORM_PRECISION],
-    /// Gradient of `−½Σρr²` by the coefficients of red, green and blue.
+    /// Gradient of the same objective as [`ParameterSums::gradient`] by the colour coefficients of red,
+    /// green and blue.
     pub color: [[V; N_COLOR]; 3],
-    /// Gauss-Newton block of one channel's coefficients, common to all channels: lower triangle.
+    /// Gauss-Newton block of one channel's colour coefficients, equal for all channels: lower triangle,
+    /// row by row.
     pub color_curvature: [V; N_COLOR_PRECISION],
 }
 
-/// Powers of `p` and `q` of each feature of `ln α`.
+/// Exponents of the whitened offsets `p` and `q` in each feature (monomial) of the derivatives of
+/// `ln α`.
 const FEATURES: [(usize, usize); N_QUADRATIC] = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
-/// Index of the curvature moment for the product of two features.
+/// Index, among the image sums, of the curvature moment of the product of two features.
 const PRODUCTS: [[usize; N_QUADRATIC]; N_QUADRATIC] = {
     let mut places = [[0; N_QUADRATIC]; N_QUADRATIC];
     // `for` loops are not allowed in constants.
@@ -52,7 +57,7 @@ const PRODUCTS: [[usize; N_QUADRATIC]; N_QUADRATIC] = {
 const OPACITY: usize = N_FORM - 1;
 
 impl<V: Vector> ParameterSums<V> {
-    /// Combines the linearisations of eight splats with their image sums.
+    /// Computes the gradients and blocks of eight splats from their linearisations and image sums.
     #[inline(always)]
     pub(super) fn new(linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) -> Self {
         let zero = V::splat(0.0);
@@ -70,8 +75,8 @@ impl<V: Vector> ParameterSums<V> {
         found
     }
 
-    /// Sets one row of the form block and its gradient. `of_row` holds the row's feature coefficients on
-    /// `1, p, q, p², pq, q²`.
+    /// Sets the gradient by form parameter `row` and the parameter's row of the Gauss-Newton block.
+    /// `of_row` holds the parameter's coefficients of the features `1, p, q, p², pq, q²`.
     #[inline(always)]
     fn add_form(
         &mut self,
@@ -99,7 +104,8 @@ impl<V: Vector> ParameterSums<V> {
         }
     }
 
-    /// Adds the effect of the mean on colour: view-dependent and spatially varying colours change with it.
+    /// Adds the effect of the mean on colour: view-dependent and spatially varying colours change as
+    /// the mean moves.
     #[inline(always)]
     fn add_moving_color(&mut self, linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) {
         // One curvature serves all channels: the blending weight is the same in each.
@@ -117,7 +123,9 @@ impl<V: Vector> ParameterSums<V> {
         }
     }
 
-    /// Sets the colour sums. A channel's colour `c + W·d + G·e(p, q)` is linear in its seven coefficients.
+    /// Sets the gradient and the Gauss-Newton block of the colour coefficients. A channel's colour is
+    /// `c + W·d + G·e(p, q)`, linear in its seven coefficients `c`, `W` and `G`. `d` is the viewing
+    /// direction and `e` the displacement on the splat's plane.
     #[inline(always)]
     fn add_color(&mut self, linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) {
         let one = V::splat(1.0);
@@ -154,7 +162,7 @@ impl<V: Vector> ParameterSums<V> {
     }
 }
 
-/// Coefficients of a parameter on `1, p, q, p², pq, q²`.
+/// Returns the derivative of `ln α` by a form parameter: its coefficients of `1, p, q, p², pq, q²`.
 #[inline(always)]
 fn features<V: Vector>(linear: &[V; N_LINEAR], parameter: usize) -> [V; N_QUADRATIC] {
     let mut features = [V::splat(0.0); N_QUADRATIC];
@@ -166,7 +174,7 @@ fn features<V: Vector>(linear: &[V; N_LINEAR], parameter: usize) -> [V; N_QUADRA
     features
 }
 
-/// Features affected by a parameter.
+/// Returns the features whose coefficients for a form parameter can differ from 0.
 const fn range(parameter: usize) -> Range<usize> {
     match parameter {
         OPACITY => 0..1,
@@ -175,22 +183,22 @@ const fn range(parameter: usize) -> Range<usize> {
     }
 }
 
-/// Sums over the pixels of a photograph, per splat of a view.
+/// Sums over the pixels of a photograph for each splat of a view.
 pub struct PhotometricSums<'a> {
     pub(super) view: PreparedView<'a>,
     pub(super) sums: &'a [ImageSums],
     pub(super) order: SumOrder,
     /// Sum of squared differences between photograph and rendering, over all channels of covered pixels.
     pub squared_error: f64,
-    /// Number of covered pixels, which `squared_error` sums over.
+    /// Number of covered pixels, over which `squared_error` is summed.
     pub pixels: f64,
 }
 
 #[derive(Clone, Copy)]
 pub(super) enum SumOrder {
-    /// Same index as the splat's record.
+    /// The sums have the indices of the splats' records.
     ByRecord,
-    /// In splat order, only for the visible splats.
+    /// Only visible splats have sums, in splat order.
     BySplat,
 }
 
@@ -204,7 +212,7 @@ pub struct VisibleSplat {
 }
 
 impl<'a> PhotometricSums<'a> {
-    /// Wraps the result of another device: sums in splat order, [`PreparedView::n_drawn`] entries.
+    /// Wraps sums computed by another device: [`PreparedView::n_drawn`] entries in splat order.
     pub fn from_splat_sums(
         view: PreparedView<'a>,
         sums: &'a [ImageSums],
@@ -214,7 +222,8 @@ impl<'a> PhotometricSums<'a> {
         Self { view, sums, order: SumOrder::BySplat, squared_error, pixels }
     }
 
-    /// Splats whose blending weights sum to more than `weight` over the pixels (px), in splat order.
+    /// Returns the splats whose blending weights, summed over the compared pixels, exceed `weight`.
+    /// They are in splat order.
     pub fn visible_splats(&self, weight: f32) -> Vec<VisibleSplat> {
         let lists = self.view.lists;
         let seen = |(rank, record): (u32, u32)| {
@@ -239,8 +248,8 @@ impl<'a> PhotometricSums<'a> {
         runs.flat_map_iter(|(rank, run)| (rank..).zip(run).filter_map(seen)).collect()
     }
 
-    /// Parameter sums of up to eight splats, one per lane. `splats` must be as they were when rendered; lanes
-    /// without a splat are 0.
+    /// Computes the parameter sums of up to eight splats, one per lane. `splats` must be unchanged
+    /// since they were rendered. Lanes without a splat are 0.
     #[inline(always)]
     pub fn parameter_sums<V: Vector>(
         &self,

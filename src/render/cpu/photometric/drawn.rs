@@ -22,9 +22,9 @@ pub(super) struct Hit {
 }
 
 pub(super) struct VisibleSplat {
-    /// Index in the row's list.
+    /// Index of the splat in the list of its row of tiles.
     pub list_index: usize,
-    /// End of its hits, which is the start of the next splat's.
+    /// End of the splat's hits in [`DrawnTile::hits`], which is the start of the next splat's hits.
     pub end: usize,
 }
 
@@ -33,10 +33,10 @@ pub(super) struct VisibleSplat {
 pub(super) struct DrawnTile {
     pub left: usize,
     pub top: usize,
-    /// Negative if the pixel is finished or outside the image.
+    /// Transmittance of each pixel; negative if the pixel is finished or outside the image.
     pub transmittance: Plane,
     pub color: [Plane; 3],
-    /// Blended depth error (`wrongness`); only set if measured depths are known.
+    /// Depth error per pixel, blended over the splats; only set if measured depths are known.
     pub depth_error: Plane,
     open_rows: u32,
     /// Visible splats, nearest first.
@@ -45,8 +45,8 @@ pub(super) struct DrawnTile {
 }
 
 impl DrawnTile {
-    /// Resets the tile at pixel `(left, top)`, with `columns` pixels to the image's right edge and the rows
-    /// of `mask`.
+    /// Clears the tile and moves it to pixel `(left, top)`. `columns` is the number of pixels from
+    /// there to the image's right edge. `mask` has one bit per pixel row to draw.
     pub(super) fn reset(&mut self, [left, top]: [usize; 2], columns: usize, mask: u32) {
         (self.left, self.top, self.open_rows) = (left, top, mask);
         self.shown.clear();
@@ -61,8 +61,8 @@ impl DrawnTile {
         }
     }
 
-    /// Draws the listed splats, nearest first, and their depth errors relative to the target. `first` is the
-    /// batch's offset in the row's list.
+    /// Blends the colours of the listed splats, nearest first, and their depth errors relative to the
+    /// target. `first` is the index of the batch's first splat in the row's list.
     #[inline(always)]
     pub(super) fn draw<V: Vector>(
         &mut self,
@@ -111,7 +111,8 @@ impl DrawnTile {
         }
     }
 
-    /// Draws a splat in eight pixels. Returns true if it finished a pixel.
+    /// Blends a splat into eight pixels. Returns true if a pixel became finished: it accepts no further
+    /// splats.
     #[inline(always)]
     fn draw_group<V: Vector>(
         &mut self,
@@ -144,13 +145,13 @@ impl DrawnTile {
     }
 }
 
-/// Offset from a splat's centre, whitened: `[p, q]`.
+/// Converts an offset in pixels from a splat's centre to the whitened offset `[p, q]`.
 #[inline(always)]
 pub(super) fn whiten_offset<V: Vector>(splat: &ConicRecord, [x, y]: [V; 2]) -> [V; 2] {
     [V::splat(splat.p_x) * x + V::splat(splat.p_y) * y, V::splat(splat.q_y) * y]
 }
 
-/// One channel of a splat's colour at an offset from its centre, px.
+/// Returns one channel of a splat's colour at an offset, in pixels, from the splat's centre.
 #[inline(always)]
 pub(super) fn color_at<V: Vector>(
     splat: &ConicRecord,

@@ -16,18 +16,23 @@ use crate::render::options::LOW_PASS_PX2;
 use glam::{DMat3, DVec3};
 use std::f64::consts::LN_2;
 
-/// Offsets of the groups of a linearisation. This group: per world axis of the mean, the coefficients of
-/// `d ln α` on `p, q, p², pq, q²`. `p` and `q` are those of the records: `α = o·2^−(p²+q²)`.
+/// Index of the derivatives by the mean in a linearisation, the derivatives of one splat's image. Per
+/// world axis of the mean: the coefficients of `d ln α` on `p, q, p², pq, q²`. `p` and `q` are the
+/// whitened offsets of the records: `α = o·2^−(p²+q²)` with opacity `o`.
 pub(super) const BY_MEAN: usize = 0;
-/// Per log-scale, then per rotation axis: the coefficients on `p², pq, q²`.
+/// Index of the derivatives by shape in a linearisation. Per log-scale, then per rotation axis: the
+/// coefficients of `d ln α` on `p², pq, q²`.
 pub(super) const BY_SHAPE: usize = BY_MEAN + 15;
-/// Per channel: derivative of the colour at a pixel by each world axis of the mean.
+/// Index of the derivatives of colour in a linearisation. Per channel: derivative of the colour at a
+/// pixel by each world axis of the mean.
 pub(super) const COLOR_BY_MEAN: usize = BY_SHAPE + 18;
-/// Unit direction from the camera in world axes, limited to the observed cone.
+/// Index of the viewing direction in a linearisation: from the camera, in world axes, limited to the
+/// observed cone.
 pub(super) const DIRECTION: usize = COLOR_BY_MEAN + 9;
-/// World vectors from the splat's centre to its plane, per unit of a record's `p` and `q`.
+/// Index of two displacements on the splat's plane in a linearisation: world vectors per unit of a
+/// record's `p` and per unit of `q`.
 pub(super) const PLANE_VECTORS: usize = DIRECTION + 3;
-/// Length of a linearisation.
+/// Number of values in a linearisation.
 pub(super) const N_LINEAR: usize = PLANE_VECTORS + 6;
 
 /// Converts the records' `p²` to squared Mahalanobis distance: `p²` is `½ log₂e` times the latter.
@@ -51,7 +56,7 @@ pub(super) struct SplatLanes {
 }
 
 impl SplatLanes {
-    /// Fills all lanes with a splat in front of the camera.
+    /// Creates lanes that all hold the same placeholder, a splat in front of the camera.
     pub(super) fn new() -> Self {
         let [zeros, ones] = [[0.0; LANES], [1.0; LANES]];
         Self {
@@ -65,7 +70,7 @@ impl SplatLanes {
         }
     }
 
-    /// Stores a visible splat in a lane; `gradient` belongs to its record.
+    /// Stores a visible splat in a lane; `gradient` is the colour gradient of its record.
     #[inline(always)]
     pub(super) fn set(
         &mut self,
@@ -102,7 +107,8 @@ impl SplatLanes {
         }
     }
 
-    /// Linearisations, laid out by the constants above.
+    /// Computes the linearisations of the eight splats. The constants [`BY_MEAN`] to [`PLANE_VECTORS`]
+    /// define the layout.
     #[inline(always)]
     pub(super) fn linearize<V: Vector>(&self, view: &CpuView) -> [V; N_LINEAR] {
         let mut linear = [V::splat(0.0); N_LINEAR];
@@ -143,7 +149,7 @@ impl SplatLanes {
         Shape { per_z, tangent, shifts, follows, axes, scale, rows, scaled, whitening, depth: z }
     }
 
-    /// Directions of the scales in camera axes.
+    /// Returns the directions of the principal axes (those of the scales) in camera axes.
     #[inline(always)]
     fn axes<V: Vector>(&self, camera: &LiftCamera) -> [[V; 3]; 3] {
         let [w, x, y, z] = load_rows(&self.rotation);
@@ -160,8 +166,9 @@ impl SplatLanes {
         ]
     }
 
-    /// Per channel, derivative of the colour at a pixel by the mean along the world axes: spatial variation
-    /// shifts with the mean, and the viewing direction rotates.
+    /// Writes the derivative of each colour channel at a pixel by the mean along the world axes. A
+    /// motion of the mean shifts the spatial variation and rotates the viewing direction. Also writes
+    /// that direction.
     #[inline(always)]
     fn write_color_derivatives<V: Vector>(
         &self,
@@ -199,7 +206,7 @@ impl SplatLanes {
 
 /// Camera parameters of the Jacobian, in f32.
 struct LiftCamera {
-    /// Rotations from world to camera axes and back, by rows.
+    /// Rotation from world to camera axes, by rows; `to_world` is the inverse.
     from_world: [[f32; 3]; 3],
     to_world: [[f32; 3]; 3],
     focal: [f32; 2],
@@ -220,7 +227,8 @@ impl LiftCamera {
         }
     }
 
-    /// Derivative of the projected centre by the mean along a world axis, px per world unit.
+    /// Returns the derivative of the projected centre by the mean along a world axis, px per world
+    /// unit.
     #[inline(always)]
     fn centre_derivative<V: Vector>(&self, axis: usize, tangent: [V; 2], per_z: V) -> [V; 2] {
         let ahead = V::splat(self.from_world[2][axis]);
@@ -237,24 +245,27 @@ impl LiftCamera {
 struct Shape<V> {
     depth: V,
     per_z: V,
-    /// `x/z` and `y/z` of the centre.
+    /// `x/z` and `y/z` of the centre in camera axes.
     tangent: [V; 2],
     /// Per world axis, derivative of the projected centre by the mean, px per world unit.
     shifts: [[V; 2]; 3],
-    /// Mask: set where the Jacobian follows the centre, that is, within the clamping range.
+    /// Mask: set for splats whose Jacobian is evaluated at the centre itself, not at a clamped
+    /// position.
     follows: V,
-    /// Directions of the scales in camera axes.
+    /// Directions of the principal axes (those of the scales) in camera axes.
     axes: [[V; 3]; 3],
     scale: [V; 3],
-    /// Rows of the projection's Jacobian, px per world unit: the entry of the row's own axis, and of depth.
+    /// Non-zero entries of each row of the projection's Jacobian, px per world unit: that of the row's
+    /// own axis, then that of depth.
     rows: [[V; 2]; 2],
-    /// Per image axis, the standard deviations of the splat's axes, px.
+    /// Principal axes, scaled by their standard deviations and projected to each image axis, px.
     scaled: [[V; 3]; 2],
     whitening: Whitening<V>,
 }
 
 impl<V: Vector> Shape<V> {
-    /// Derivative of the image covariance by the mean along a world axis, px² per world unit: xx, xy, yy.
+    /// Returns the derivative `[xx, xy, yy]` of the image covariance by the mean along a world axis,
+    /// px² per world unit.
     #[inline(always)]
     fn covariance_derivative(&self, camera: &LiftCamera, axis: usize) -> [V; 3] {
         let zero = V::splat(0.0);
@@ -299,15 +310,17 @@ impl<V: Vector> Shape<V> {
         }
     }
 
-    /// Symmetrised product of two splat axes in the image: xx, xy, yy.
+    /// Returns the symmetrised product `[xx, xy, yy]` of two principal axes projected to the image,
+    /// px².
     #[inline(always)]
     fn product(&self, i: usize, j: usize) -> [V; 3] {
         let ([w_x, w_y], two) = (self.scaled, V::splat(2.0));
         [two * w_x[i] * w_x[j], w_x[i] * w_y[j] + w_x[j] * w_y[i], two * w_y[i] * w_y[j]]
     }
 
-    /// World vectors from the splat's centre to the point of largest response on the ray through an
-    /// offset in the image (`rendering.md`, Rational conic), per unit of `p` and `q`.
+    /// Writes the displacements on the splat's plane, in world axes, per unit of `p` and `q`. They lead
+    /// from the splat's centre to the point of largest response on the ray through an image offset
+    /// (`rendering.md`, Rational conic).
     #[inline(always)]
     fn write_plane_vectors(&self, camera: &LiftCamera, linear: &mut [V; N_LINEAR]) {
         let [x, y] = self.tangent;
@@ -341,7 +354,8 @@ impl<V: Vector> Shape<V> {
     }
 }
 
-/// Triangular factor of the inverse image covariance, low-pass included, per px.
+/// Triangular factor `L` of the inverse image covariance `LᵀL`, per px. The covariance includes the
+/// low-pass.
 #[derive(Clone, Copy)]
 struct Whitening<V> {
     p_x: V,
@@ -366,7 +380,8 @@ impl<V: Vector> Whitening<V> {
         Self { p_x: yy * per_root, p_y: V::splat(0.0) - xy * per_root, q_y: one / yy.sqrt() }
     }
 
-    /// Coefficients of `½ zᵀ(L dΣ Lᵀ)z` for a change of covariance, on the records' `p²`, `pq`, `q²`.
+    /// Returns the coefficients of `½ zᵀ(L dΣ Lᵀ)z` on the records' `p²`, `pq` and `q²`.
+    /// `dΣ = [xx, xy, yy]` is a change of the image covariance and `z` the whitened offset.
     #[inline(always)]
     fn quadratic(&self, [xx, xy, yy]: [V; 3]) -> [V; 3] {
         let Self { p_x, p_y, q_y } = *self;
@@ -376,7 +391,8 @@ impl<V: Vector> Whitening<V> {
     }
 }
 
-/// Splat axes projected by one row of the Jacobian, given as its entries for `across` and depth; px.
+/// Projects the scaled principal axes by one row of the Jacobian, px. `row` holds the Jacobian's
+/// entries for the camera axis `across` and for depth.
 #[inline(always)]
 fn project_axes<V: Vector>(
     axes: &[[V; 3]; 3],

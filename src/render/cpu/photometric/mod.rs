@@ -42,7 +42,7 @@ pub use walk::PixelRule;
 // Visible records per parallel task of `add_rows`, at least.
 const MIN_TASK: usize = 512;
 
-/// Compares photographs with splats on the CPU. Buffers are reused between views.
+/// Compares photographs with rendered splats on the CPU. Buffers are reused between views.
 #[derive(Default)]
 pub struct PhotometricWalk {
     canvases: Vec<WalkCanvas>,
@@ -50,7 +50,7 @@ pub struct PhotometricWalk {
 }
 
 impl PhotometricWalk {
-    /// Like [`PhotometricComparer::compare`], but cannot fail.
+    /// Compares on the CPU like [`PhotometricComparer::compare`], but cannot fail.
     pub fn compare<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
@@ -76,8 +76,9 @@ impl PhotometricWalk {
         PhotometricSums { view, sums, order, squared_error, pixels }
     }
 
-    /// Adds the sums of all rows in row order, because the order of additions affects rounding. Every task
-    /// scans all rows for its own records, so the number of tasks is close to the number of threads.
+    /// Adds the sums of all rows of tiles in row order, because the order of additions affects
+    /// rounding. Every task scans all rows for its own records, so the number of tasks is close to the
+    /// number of threads.
     fn add_rows(&mut self, lists: &ViewLists) {
         let (canvases, rows_of) = (&self.canvases, &lists.rows);
         let runs: Vec<Range<u32>> = lists.visible_runs().collect();
@@ -115,15 +116,15 @@ impl PhotometricWalk {
 
 /// Compares photographs with rendered splats, on the CPU or another device.
 pub trait PhotometricComparer: Send + Sync {
-    /// Device name for reports.
+    /// Returns the device's name for reports.
     fn name(&self) -> String;
 
-    /// Compares the chosen rows of a photograph with the rendering of the view's splats. If a pixel's target
-    /// coverage is unknown, a mostly covered pixel counts as fully covered.
+    /// Compares the chosen rows of a photograph with the rendering of the view's splats. A pixel of
+    /// unknown target coverage counts as fully covered if the splats mostly cover it.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost, runs out of memory or does not respond. No result is
-    /// available then.
+    /// available in that case.
     fn compare<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
@@ -133,8 +134,9 @@ pub trait PhotometricComparer: Send + Sync {
     ) -> Result<PhotometricSums<'a>, DeviceError>;
 }
 
-/// Pixel rows to compare: every `every`-th row (1, 2, 4, 8 or 16), starting at `first`. Rows rather than
-/// tiles, because a splat that is compared in only some of its tiles would be fitted to those alone.
+/// Pixel rows to compare: row `first` and then every `every`-th row (`every` is 1, 2, 4, 8 or 16). Rows
+/// are chosen rather than tiles, because a splat compared in only some of its tiles would be fitted to
+/// those tiles alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowSubset {
     every: u32,
@@ -142,20 +144,20 @@ pub struct RowSubset {
 }
 
 impl RowSubset {
-    /// Maximum of `every`: one row per tile remains.
+    /// Largest distance between compared rows. At this distance, one row of each tile is compared.
     pub const MAX_STRIDE: u32 = TILE as u32;
-    /// Every row.
+    /// Compares every row.
     pub const ALL: Self = Self { every: 1, first: 0 };
 
-    /// Chooses every `every`-th row, rounded down to a power of two of at most 16. `turn` cycles through
-    /// the possible first rows.
+    /// Chooses every `every`-th row; `every` is limited to 1 to 16 and rounded down to a power of two.
+    /// Consecutive values of `turn` cycle through the possible first rows.
     pub fn new(every: u32, turn: u64) -> Self {
         // A power of two divides a tile, so every tile has equally many rows.
         let every = 1 << every.clamp(1, Self::MAX_STRIDE).ilog2();
         Self { every, first: (turn % u64::from(every)) as u32 }
     }
 
-    /// Distance between compared rows.
+    /// Returns the distance between compared rows, in rows.
     pub fn stride(self) -> u32 {
         self.every
     }
@@ -165,7 +167,7 @@ impl RowSubset {
         self.first
     }
 
-    /// One bit per compared row of a tile.
+    /// Returns a mask with one bit per pixel row of a tile, set if the row is compared.
     fn mask(self) -> u32 {
         (self.first..Self::MAX_STRIDE)
             .step_by(self.every as usize)

@@ -16,11 +16,11 @@ pub(super) struct HitTerms<V> {
     pub whitened_offset: [V; 2],
     /// Derivative of the objective by `ln α`.
     pub alpha_gradient: V,
-    /// Gauss-Newton curvature by `ln α`.
+    /// Gauss-Newton curvature of the objective by `ln α`.
     pub alpha_curvature: V,
-    /// Gauss-Newton curvature by the colour.
+    /// Gauss-Newton curvature of the objective by the colour.
     pub color_curvature: V,
-    /// Derivatives by the colour channels.
+    /// Derivatives of the objective by the colour channels.
     pub color_gradients: [V; 3],
     /// Blending weight.
     pub weight: V,
@@ -46,7 +46,7 @@ impl<V: Vector> HitTerms<V> {
         [V::splat(1.0), p, q, p * p, p * q, q * q]
     }
 
-    /// Moments of third and fourth order, in decreasing powers of `p`.
+    /// Returns the moments of third and then of fourth order, each in decreasing powers of `p`.
     #[inline(always)]
     fn higher_moments(&self) -> [V; N_ABOVE] {
         let [_, p, q, pp, pq, qq] = self.quadratic();
@@ -122,7 +122,8 @@ pub const N_QUADRATIC: usize = 6;
 /// Number of moments up to fourth order, sorted by order and then by decreasing powers of `p`.
 pub const N_QUARTIC: usize = 15;
 
-/// Offsets of the groups of sums.
+/// Index of the gradient moments of `ln α` in [`ImageSums`]. The following constants are the indices of
+/// the other groups of sums.
 pub(super) const GRADIENT: usize = 0;
 pub(super) const CURVATURE: usize = GRADIENT + N_QUADRATIC;
 pub(super) const COLOR: usize = CURVATURE + N_QUARTIC;
@@ -131,8 +132,8 @@ pub(super) const WEIGHT: usize = COLOR_CURVATURE + N_QUADRATIC;
 /// Number of sums per splat.
 pub const N_IMAGE_SUMS: usize = WEIGHT + 1;
 
-/// Sums of one splat in one view: gradient and curvature moments of `ln α`, gradient and curvature moments
-/// of the colours, and total weight.
+/// Sums of one splat in one view: gradient and curvature moments of `ln α`, gradient and curvature
+/// moments of the colours, and total weight.
 pub type ImageSums = [f32; N_IMAGE_SUMS];
 
 /// Index of the moment `pⁱqʲ` among [`N_QUARTIC`].

@@ -9,27 +9,29 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Input of the pixel walks for one splat.
+/// Projected splat as read by the kernels of the GPU.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(in crate::render) struct PackedSplat {
     centre: [f32; 2],
-    /// Coefficients of the exponent `−(p² + q²)` of 2: `p = p[0]·x + p[1]·y`, `q = q_y·y`.
+    /// Coefficients of `alpha = opacity·2^−(p² + q²)` at the offset `(x, y)` from the centre, px:
+    /// `p = p[0]·x + p[1]·y`, `q = q_y·y`.
     p: [f32; 2],
     q_y: f32,
-    /// Smallest exponent that passes the alpha cut.
+    /// Smallest exponent of 2 that passes the alpha cut.
     cut: f32,
     opacity: f32,
     color: [f32; 3],
     /// Colour change by channel, per px.
     across: [[f32; 2]; 3],
-    /// Depth change per px, and depth at the centre, world units.
+    /// Depth change per px, world units; `depth` is the depth at the centre.
     depth_across: [f32; 2],
     depth: f32,
     padding: u32,
 }
 
-/// Location of a splat's sums among those of all splat-tile pairs, ordered by tile row and column.
+/// Location of a splat's sums in the list of sums of all splat-tile pairs. The pairs of a splat are
+/// ordered by tile row, then by tile column.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(in crate::render) struct PackedSumLocation {
@@ -41,7 +43,7 @@ pub(in crate::render) struct PackedSumLocation {
     size: u32,
 }
 
-/// Packed view. Buffers are reused between views.
+/// View in the memory layout of a GPU. Buffers are reused between views.
 #[derive(Default)]
 pub(in crate::render) struct PackedView {
     runs: Vec<Run>,
@@ -67,7 +69,7 @@ struct Run {
 }
 
 impl PackedView {
-    /// Packs a view of `columns` × `rows` tiles.
+    /// Converts a view of `columns` × `rows` tiles to the memory layout of a GPU.
     pub(in crate::render) fn fill(
         &mut self,
         view: &PreparedView<'_>,

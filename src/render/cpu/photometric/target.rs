@@ -11,8 +11,8 @@ use crate::render::cpu::tile::{GROUPS, Plane};
 use crate::render::cpu::view::CpuView;
 use crate::render::options::{RenderMethod, RenderOptions, TILE};
 
-/// Tile of a photograph. One instance is reused for all tiles of a row, so rows that are not chosen hold
-/// stale values.
+/// Tile of a photograph. One instance is reused for all tiles of a row, so pixel rows that are not
+/// compared hold stale values.
 #[derive(Default)]
 pub(super) struct TargetTile {
     pub color: [Plane; 3],
@@ -24,7 +24,8 @@ pub(super) struct TargetTile {
 }
 
 impl TargetTile {
-    /// Loads the chosen rows of the tile at pixel `(left, top)`. Pixels outside the image have coverage 0.
+    /// Loads the pixel rows of `mask` of the tile at pixel `(left, top)`. Pixels outside the image have
+    /// coverage 0.
     pub(super) fn fill(
         &mut self,
         photograph: &Image<MeasuredPixel>,
@@ -51,8 +52,9 @@ impl TargetTile {
         }
     }
 
-    /// Depth error of a splat in eight pixels, at offsets from its centre in px: 0 at the measured depth or
-    /// if depth is unknown, ½ at the tolerance, close to 1 far from it (`photographs.md`, Depth).
+    /// Returns the depth error of a splat in eight pixels, at offsets in px from the splat's centre.
+    /// The error is 0 at the measured depth or if that depth is unknown. It is ½ at the tolerance and
+    /// close to 1 far beyond it (`photographs.md`, Depth).
     #[inline(always)]
     pub(super) fn depth_error<V: Vector>(
         &self,
@@ -68,7 +70,7 @@ impl TargetTile {
     }
 }
 
-/// Indices of the bits set in `mask`, ascending.
+/// Iterates over the indices of the bits set in `mask`, ascending.
 #[inline(always)]
 pub(super) fn set_bits(mut mask: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -92,8 +94,9 @@ pub struct PreparedView<'a> {
 }
 
 impl ViewBuffers {
-    /// Prepares the splats beyond the plane `near` (world units) that are visible in a photograph of
-    /// `height` pixels, with the projected renderer that evaluation and other programs use.
+    /// Projects, lists and sorts the splats of a photograph for the projected renderer. Splats with a
+    /// view depth of at most `near` (world units) are dropped. `height` is the height of the photograph
+    /// in pixels.
     pub fn prepare(
         &mut self,
         splats: SplatView<'_>,
@@ -112,7 +115,7 @@ impl ViewBuffers {
 }
 
 impl PreparedView<'_> {
-    /// Number of splats that may be visible in some pixel.
+    /// Number of splats that can be visible in at least one pixel.
     pub fn n_drawn(&self) -> usize {
         self.lists.n_visible()
     }

@@ -25,21 +25,22 @@ pub(in crate::render) const MIN_WEIGHT: f32 = 1e-8;
 // Coverage from which a pixel's difference counts as noise and contributes to the error.
 pub(in crate::render) const MIN_COUNTED_COVERAGE: f32 = 0.5;
 
-/// Weighting of pixels.
+/// Weighting of pixels and errors in the comparison of a photograph with its rendering.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelRule {
     /// Coverage at which a pixel counts as fully covered.
     pub full_coverage: f32,
-    /// Scale of the Cauchy weight `1/(1 + |r|²/τ²)` of a residual `r`, colour units.
+    /// Scale `τ` of the Cauchy weight `1/(1 + |r|²/τ²)` of a colour residual `r`, colour units.
     pub tau: f32,
-    /// Squared weight of a coverage error of 1 relative to a colour error of 1.
+    /// Weight of a pixel's squared coverage error relative to its squared colour error.
     pub coverage: f32,
-    /// Squared weight of a pixel whose splats all lie far from its measured depth.
+    /// Weight of a pixel's squared depth error relative to its squared colour error; 0 ignores depth.
+    /// The depth error approaches 1 if all splats of the pixel are far from its measured depth.
     pub depth: f32,
 }
 
-/// Pixel state of the second walk. One instance is reused for all tiles. Pixels outside the image show no
-/// splat; their values are irrelevant as long as they are finite.
+/// Pixel state of the second walk. One instance is reused for all tiles. Pixels outside the image show
+/// no splat; their values are irrelevant as long as they are finite.
 #[derive(Default)]
 pub(super) struct SecondWalk {
     left: usize,
@@ -49,18 +50,21 @@ pub(super) struct SecondWalk {
     behind: [Plane; 3],
     /// Crack filling factor `f`.
     fill: Plane,
-    /// Weighted residual `ρ·r`.
+    /// Colour residual `r` times its weight `ρ`.
     residual: [Plane; 3],
-    /// Curvature weight of the pixel, without the splat's own weight: `ρ·A^¾`.
+    /// Curvature weight shared by all splats of a pixel: `ρ·A^¾` with the residual's weight `ρ` and
+    /// coverage `A`.
     curvature_weight: Plane,
-    /// Final transmittance where the target coverage is known, else 0.
+    /// Final transmittance where coverage is compared, else 0.
     final_transmittance: Plane,
-    /// Weighted missing coverage.
+    /// Target coverage minus rendered coverage, multiplied by the weight; 0 where coverage is not
+    /// compared.
     missing_coverage: Plane,
-    /// Depth error behind the splats processed so far, and the weighted total depth error.
+    /// Depth error of the splats behind those processed so far. `weighted_depth_error` is the weighted
+    /// depth error of all splats.
     depth_error_behind: Plane,
     weighted_depth_error: Plane,
-    /// Weights, see [`PixelRule`].
+    /// Weights of coverage and depth errors, see [`PixelRule`].
     coverage: f32,
     depth: f32,
     /// Sum of squared differences over the channels of covered pixels, and the number of these pixels.
@@ -68,7 +72,7 @@ pub(super) struct SecondWalk {
 }
 
 impl SecondWalk {
-    /// Initialises the walk from a drawn tile and its target, in the rows of `mask`.
+    /// Initialises the walk over the pixel rows of `mask` from a drawn tile and its target.
     #[inline(always)]
     pub(super) fn start_tile<V: Vector>(
         &mut self,
@@ -86,7 +90,7 @@ impl SecondWalk {
         }
     }
 
-    /// Computes the pixel state of eight pixels.
+    /// Compares eight pixels with the target and sets the pixels' initial state for the walk.
     #[inline(always)]
     fn compare<V: Vector>(
         &mut self,
@@ -140,7 +144,8 @@ impl SecondWalk {
         self.transmittance[group] = [1.0; LANES];
     }
 
-    /// Accumulates the error. Pixels with little coverage are skipped: they carry no information about noise.
+    /// Adds the squared differences of eight pixels to the error. Pixels with little coverage are
+    /// skipped, because they carry no information about noise.
     #[inline(always)]
     fn count_error(&mut self, squared: [f32; LANES], covered: [f32; LANES]) {
         for (squared, _) in
@@ -175,7 +180,8 @@ impl SecondWalk {
         }
     }
 
-    /// Terms of a splat in eight pixels.
+    /// Computes the contribution of eight pixels to a splat's sums. Also advances the state of the
+    /// pixels past the splat.
     #[inline(always)]
     fn terms<V: Vector>(
         &mut self,
@@ -236,8 +242,9 @@ impl SecondWalk {
             weight,
         }
     }
-    /// Derivative of the depth error of eight pixels by alpha. The error is an extra channel with target 0.
-    /// It only adjusts how visible splats are; their positions are determined by the measured points.
+    /// Returns the derivative of the depth error of eight pixels by alpha. The depth error is an extra
+    /// channel with target 0. It only changes how visible splats are; the positions of splats are
+    /// determined by the measured points.
     #[inline(always)]
     fn depth_error_derivative<V: Vector>(
         &mut self,

@@ -7,7 +7,7 @@ use crate::render::gpu::task::{Bindings, IN, OUT, PartRow, SETTINGS, TaskPart, W
 use bytemuck::{Pod, Zeroable};
 use wgpu::BufferUsages as Usage;
 
-/// `Index` of `index.wgsl`.
+/// Settings of the kernels that sort means into cells: `Index` of `index.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Index {
@@ -35,7 +35,7 @@ impl Index {
     }
 }
 
-/// `Mean` of `index.wgsl`.
+/// Mean of a component: `Mean` of `index.wgsl`.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Mean {
@@ -45,7 +45,7 @@ pub(super) struct Mean {
     pub(super) id: u32,
 }
 
-/// `Frame` of `pass.wgsl`.
+/// Settings of a pass over a frame: `Frame` of `pass.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Frame {
@@ -91,17 +91,18 @@ impl Frame {
     }
 }
 
-/// `mixture/pass.wgsl`: search, E-step and sums of every tile.
+/// `mixture/pass.wgsl`: searches the candidates, and computes the E-step and the sums of every tile.
 pub const PASS: &str = wgsl!("mixture/cells", "mixture/pass");
 /// `mixture/index.wgsl`: sorts means into the cells of their grid.
 pub const INDEX: &str = wgsl!("mixture/cells", "mixture/index");
 
-/// Bytes per point: six coordinates.
+/// Bytes per point: three coordinates of position and three of colour.
 const POINT_BYTES: u64 = 24;
-/// Bytes per mean: position and component, or colour and weight.
+/// Bytes per mean in each of two buffers: position and component, or colour and weight.
 const MEAN_BYTES: u64 = 16;
 pub(super) const RECORD_BYTES: u64 = RECORD_WORDS as u64 * WORD;
-/// Words before the list of open tiles: the numbers of records and of open tiles.
+/// Number of words before the list of open tiles (those left to the CPU): the numbers of records and of
+/// open tiles.
 pub(super) const HEAD_WORDS: u64 = 2;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,11 +123,12 @@ pub(super) enum Part {
     Strips,
 }
 
-/// Numbers of the uploads: points and tiles of a frame, and moved means.
+/// Index of the upload of a frame's points and tiles; `MEAN_UPLOAD` is that of moved means.
 pub(super) const FRAME_UPLOAD: usize = 0;
 pub(super) const MEAN_UPLOAD: usize = 1;
 
-/// Parts bound by the pass over a frame, and by the kernels of the index over means.
+/// Buffers bound by the pass over a frame. The following constants are those of the kernels that sort
+/// means.
 pub(super) const RUN: Bindings<Part> = &[
     (0, Part::Frame),
     (1, Part::Points),
@@ -157,7 +159,7 @@ pub(super) struct PassSizes {
     pub(super) points: u64,
     pub(super) tiles: u64,
     pub(super) means: u64,
-    /// Means uploaded with the next pass.
+    /// Number of means uploaded with the next pass.
     pub(super) moved: u64,
     pub(super) cells: u64,
     pub(super) records: u64,

@@ -23,23 +23,23 @@ use layout::{
 use rayon::prelude::*;
 
 const MIN_RECORDS: u64 = 4096;
-/// Means packed per task.
+/// Number of means packed per parallel task.
 const PACKED: usize = 1 << 14;
 
-/// Runs passes on its own device.
+/// Runs the passes of the published algorithm on a GPU device of its own.
 pub struct GpuMixture {
     task: GpuTask<Part>,
     pass: usize,
-    /// Kernels of a counting sort in execution order.
+    /// Indices of the kernels of a counting sort, in execution order.
     index: [usize; 5],
-    /// Capacity for records in the next pass with sums.
+    /// Capacity of the next pass with sums, in records (sums of one tile).
     record_capacity: u64,
     cells: GridShape,
     packed: Vec<Mean>,
 }
 
 impl GpuMixture {
-    /// Creates the kernels on a device.
+    /// Creates the kernels on the device `gpu`.
     pub fn new(gpu: HeadlessGpu) -> Self {
         let mut task = GpuTask::new(gpu);
         let pass = module(&task.device, "pass over a frame", layout::PASS);
@@ -56,8 +56,9 @@ impl GpuMixture {
         }
     }
 
-    /// Runs a pass with capacity for `sizes.records` records. Returns the numbers of records and of open
-    /// tiles; records beyond the capacity are counted but not stored.
+    /// Runs a pass with capacity for `sizes.records` records (sums of a tile). Returns the numbers of
+    /// records and of open tiles, which are left to the CPU. Records beyond the capacity are counted
+    /// but not stored.
     fn run(&mut self, rule: &PassRule, with_sums: bool) -> Result<[u64; 2], DeviceError> {
         let task = &mut self.task;
         task.ensure_capacity([Part::Records])?;
@@ -79,8 +80,8 @@ impl GpuMixture {
         Ok(head.map(u64::from))
     }
 
-    /// Runs a pass, and repeats it if the capacity for records was too small. Returns the numbers of records
-    /// and of open tiles.
+    /// Runs a pass, and repeats it if the capacity for records was too small. Returns the numbers of
+    /// records and of open tiles, which are left to the CPU.
     fn run_until_fits(
         &mut self,
         rule: &PassRule,

@@ -11,12 +11,12 @@ use crate::render::gpu::task::{Bindings, IN, OUT, PartRow, SETTINGS, TaskPart, W
 use bytemuck::{Pod, Zeroable, cast_slice};
 use wgpu::BufferUsages as Usage;
 
-/// Bytes per pixel between the walks.
+/// Bytes per pixel of the state stored between the two walks.
 const PIXEL_BYTES: u64 = 64;
 /// Bytes per splat-tile pair: its sums, padded to `vec4` values.
 const QUARTERS_BYTES: u64 = N_QUARTERS as u64 * 16;
 
-/// `Frame` of `pixel.wgsl`.
+/// Settings of a comparison: `Frame` of `pixel.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Frame {
@@ -33,9 +33,9 @@ pub(super) struct Frame {
 
 /// `photometric/draw.wgsl`: draws the splats and compares the pixels with the photograph.
 pub const DRAW: &str = wgsl!("photometric/pixel", "photometric/draw");
-/// `photometric/walk.wgsl`: sums of every splat in every tile.
+/// `photometric/walk.wgsl`: computes the sums of every splat in every tile.
 pub const WALK: &str = wgsl!("photometric/pixel", "photometric/place", "photometric/walk");
-/// `photometric/add.wgsl`: sums of every splat over its tiles.
+/// `photometric/add.wgsl`: adds the sums of every splat over its tiles.
 pub const ADD: &str = wgsl!("photometric/pixel", "photometric/place", "photometric/add");
 
 #[derive(Clone, Copy)]
@@ -46,7 +46,7 @@ pub(super) struct Comparison<'a> {
     pub(super) rows: RowSubset,
 }
 
-/// Number of tile columns and rows of a photograph.
+/// Returns the number of tile columns and rows of a photograph.
 pub(super) fn tile_grid(photograph: &Image<MeasuredPixel>) -> (usize, usize) {
     (photograph.width.div_ceil(TILE), photograph.height.div_ceil(TILE))
 }
@@ -111,19 +111,20 @@ pub(super) enum Part {
     Starts,
     Entries,
     Photograph,
-    /// Per chosen pixel, between the walks.
+    /// State of each compared pixel between the two walks.
     Pixels,
-    /// Per tile: squared error and number of pixels.
+    /// Squared error and number of covered pixels of each tile.
     Errors,
-    /// Per splat-tile pair: whether a pixel shows the splat.
+    /// Flag of each splat-tile pair, set if a pixel of the tile shows the splat.
     Shown,
-    /// Per splat-tile pair.
+    /// Sums of each splat-tile pair.
     PartialSums,
-    /// Per splat.
+    /// Sums of each splat over its tiles.
     Totals,
 }
 
-/// Parts bound by the kernels.
+/// Buffers bound by the kernel that draws. `WALKED` and `ADDED` are those of the kernels that walk and
+/// add.
 pub(super) const DRAWN: Bindings<Part> = &[
     (0, Part::Frame),
     (1, Part::Splats),
@@ -157,9 +158,9 @@ pub(super) struct ComparisonSizes {
     pub(super) tiles: u64,
     /// Number of splat-tile pairs.
     pub(super) entries: u64,
-    /// Number of pixels in the chosen rows of the photograph.
+    /// Number of pixels in the compared rows of the photograph.
     pub(super) pixels: u64,
-    /// Number of chosen pixels per tile.
+    /// Number of compared pixels per tile.
     pub(super) lanes: u64,
 }
 

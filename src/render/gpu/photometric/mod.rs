@@ -25,20 +25,20 @@ use crate::render::cpu::photometric::{
 };
 use layout::{ADDED, Comparison, DRAWN, Part, WALKED, tile_grid};
 
-/// Compares photographs on its own device.
+/// Compares photographs with rendered splats on a GPU device of its own.
 pub struct GpuComparer {
     task: GpuTask<Part>,
     draw: wgpu::ShaderModule,
     walk: wgpu::ShaderModule,
     add: usize,
-    /// Kernels that draw and walk, specialised by the number of chosen pixels per tile; created on first
-    /// use.
+    /// Indices of the kernels that draw and walk, specialised by the number of compared pixels per
+    /// tile. The kernels are created on first use.
     walks: Vec<(u64, [usize; 2])>,
     packed: PackedView,
 }
 
 impl GpuComparer {
-    /// Creates the kernels on a device.
+    /// Creates the kernels on the device `gpu`.
     pub fn new(gpu: HeadlessGpu) -> Self {
         let mut task = GpuTask::new(gpu);
         let [draw, walk, add] =

@@ -10,7 +10,7 @@ use wgpu::BufferUsages as Usage;
 // Factor by which the search radius exceeds the structural scale, to allow for rounding of distances.
 const MARGIN: f32 = 1.0 + 1e-5;
 
-/// `Settings` of `settings.wgsl`.
+/// Settings of all kernels: `Settings` of `settings.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Settings {
@@ -43,8 +43,8 @@ impl Settings {
         }
     }
 
-    /// Adds the sizes of a frame: `n_points` points, new seeds from `first_seed` on, and the number of hash
-    /// buckets, a power of two.
+    /// Sets the sizes of a frame: `n_points` points, new seeds from index `first_seed` on, and
+    /// `buckets` hash buckets (a power of two).
     pub(super) fn of_frame(self, n_points: u64, first_seed: u64, buckets: u64) -> Self {
         let [n_points, first_seed, bucket_mask] =
             [n_points, first_seed, buckets.saturating_sub(1)].map(|n| n as u32);
@@ -63,11 +63,11 @@ impl Settings {
     }
 }
 
-/// `points/file.wgsl`: inserts seeds into the hash grid.
+/// `points/file.wgsl`: inserts seeds (points at which components were created) into the hash grid.
 pub const FILE: &str = wgsl!("points/settings", "points/cells", "points/file");
 /// `points/find.wgsl`: finds the nearest seed of every point.
 pub const FIND: &str = wgsl!("points/settings", "points/cells", "points/find");
-/// `points/sum.wgsl`: sums of the points of every slot.
+/// `points/sum.wgsl`: sums the points of every slot, that is, of every component with points.
 pub const SUM: &str = wgsl!("points/settings", "points/sum");
 
 // Bytes per seed: position and chain link, or position and padding.
@@ -85,12 +85,14 @@ pub(super) enum Part {
     Sums,
 }
 
-/// Numbers of the uploads: points, new seeds, and the slots of points with the slots' seeds.
+/// Index of the upload of points. The following constants are those of new seeds, and of the components
+/// of points (slots) with their seeds.
 pub(super) const POINT_UPLOAD: usize = 0;
 pub(super) const SEED_UPLOAD: usize = 1;
 pub(super) const FIT_UPLOAD: usize = 2;
 
-/// Parts bound by the kernels.
+/// Buffers bound by the kernel that inserts seeds. `FOUND` and `SUMMED` are those of the kernels that
+/// search and sum.
 pub(super) const FILED: Bindings<Part> = &[(0, Part::Settings), (2, Part::Seeds), (3, Part::Heads)];
 pub(super) const FOUND: Bindings<Part> = &[
     (0, Part::Settings),
@@ -112,7 +114,7 @@ pub(super) struct PointSizes {
     pub(super) points: u64,
     pub(super) seeds: u64,
     pub(super) buckets: u64,
-    /// Number of components with points.
+    /// Number of components with points in the frame.
     pub(super) slots: u64,
 }
 

@@ -19,7 +19,8 @@ use layout::{
 
 const MIN_BUCKETS: u64 = 1 << 12;
 
-/// Searches seeds and sums points on its own device.
+/// Finds the nearest seed of each point and sums the points of each component, on a GPU device of its
+/// own. A component's seed is the point at which it was created.
 pub struct GpuPoints {
     task: GpuTask<Part>,
     file: usize,
@@ -31,7 +32,7 @@ pub struct GpuPoints {
 }
 
 impl GpuPoints {
-    /// Creates the kernels on a device.
+    /// Creates the kernels on the device `gpu`.
     pub fn new(gpu: HeadlessGpu) -> Self {
         let mut task = GpuTask::new(gpu);
         let mut kernel = |entry, shader, parts| {

@@ -9,7 +9,7 @@ use crate::render::gpu::pipeline::storage;
 use crate::render::gpu::task::WORD;
 
 pub(super) const PAIR: u64 = 2 * WORD;
-/// Struct sizes in `packed.wgsl` and `footprint.wgsl`.
+/// Sizes in bytes of the structs in `packed.wgsl` (record and gradient) and `footprint.wgsl`.
 const RECORD_BYTES: u64 = 64;
 const GRADIENT_BYTES: u64 = 48;
 const FOOTPRINT_BYTES: u64 = 16;
@@ -22,14 +22,15 @@ pub(super) const COUNTS_BYTES: u64 = slot::N_SLOTS as u64 * WORD;
 #[derive(Debug)]
 pub(super) struct SplatBuffers {
     pub(super) keys: wgpu::Buffer,
-    /// Pairs of key and splat.
+    /// Pairs of depth key and splat, in two buffers between which the sort alternates.
     pub(super) order: [wgpu::Buffer; 2],
     pub(super) records: wgpu::Buffer,
-    /// Packed tile list of splats that touch at most 2×2 tiles, one word each.
+    /// Packed list of the tiles of each splat, one word per splat; only for splats on at most 2×2
+    /// tiles.
     pub(super) small_footprints: wgpu::Buffer,
     pub(super) footprints: wgpu::Buffer,
     pub(super) entry_counts: wgpu::Buffer,
-    /// One per splat if the scene has appearance, otherwise a single unused one.
+    /// Colour gradients: one per splat if the scene has appearance, otherwise a single unused one.
     pub(super) gradients: wgpu::Buffer,
     /// Placeholder for the appearance buffer of a scene without appearance.
     pub(super) no_appearance: wgpu::Buffer,
@@ -70,7 +71,7 @@ impl SplatBuffers {
     }
 }
 
-/// Entries: pairs of tile and splat.
+/// Entries (pairs of tile and splat), in two buffers between which the sort alternates.
 #[derive(Debug)]
 pub(super) struct EntryBuffers {
     pub(super) pairs: [wgpu::Buffer; 2],
@@ -94,19 +95,19 @@ impl EntryBuffers {
     }
 }
 
-/// Maximum number of entries in one of the adapter's buffers.
+/// Returns the maximum number of entries that fit in one of the adapter's buffers.
 pub(super) fn max_entries(limits: &wgpu::Limits) -> u64 {
     max_buffer_bytes(limits) / PAIR
 }
 
-/// Number of tile columns and rows of an image.
+/// Returns the number of tile columns and rows of an image, given its size in pixels.
 pub(super) fn tile_grid((width, height): (u32, u32)) -> (u32, u32) {
     (width.div_ceil(TILE_PIXELS), height.div_ceil(TILE_PIXELS))
 }
 
 const TILE_PIXELS: u32 = crate::render::TILE as u32;
 
-/// `tiles/sort.wgsl`: stable radix sort, used by depth and by tile.
+/// `tiles/sort.wgsl`: stable radix sort, applied by depth and then by tile.
 pub const SORT: &str = wgsl!("tiles/stages", "tiles/sort");
 /// `tiles/preprocess.wgsl`: converts splats to records, depth keys and tile footprints.
 pub const PREPROCESS: &str = wgsl!(

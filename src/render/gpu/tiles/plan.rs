@@ -15,7 +15,7 @@ use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::task::IN;
 use crate::render::gpu::timer::{GpuStage, ReadbackRing};
 
-/// Workgroups of the pass over all entries that finds the range of each tile.
+/// Number of workgroups of the pass over all entries that finds each tile's range of entries.
 const RANGE_GROUPS: u32 = 1024;
 // Bits of the depth range between the nearest and the farthest splat. Keys are the bits of positive floats,
 // with 2²³ values per doubling. No bit is lost up to a depth ratio of 4, one bit up to 16, and two up to
@@ -24,14 +24,14 @@ const DEPTH_BITS: u32 = 24;
 
 #[derive(Debug)]
 pub(super) struct Kernels {
-    /// Without and with appearance.
+    /// Kernels that convert splats to records, for scenes without and with appearance.
     preprocess: [ComputeKernel; 2],
     sort: RadixSort,
     count: ComputeKernel,
     offsets: ComputeKernel,
     emit: ComputeKernel,
     ranges: ComputeKernel,
-    /// Without and with appearance.
+    /// Kernels that blend the entries of a tile, for scenes without and with appearance.
     raster: [ComputeKernel; 2],
 }
 
@@ -56,7 +56,7 @@ impl Kernels {
     }
 }
 
-/// External resources. A plan is valid while they stay the same.
+/// Resources from outside the tile path. A plan is valid while these resources stay the same.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Inputs {
     view: wgpu::Buffer,
@@ -101,8 +101,8 @@ pub(super) struct TileMemory<'a> {
 }
 
 impl Kernels {
-    /// Binds the kernels that count, offset and write the entries, in this order; `order` holds the splats
-    /// sorted by depth.
+    /// Binds the kernels that count the entries, compute their offsets and write them, in this order.
+    /// `order` holds the splats sorted by depth.
     fn bind_bin(
         &self,
         device: &wgpu::Device,
@@ -193,12 +193,14 @@ impl TilePlan {
         }
     }
 
-    /// Clears the entry ranges before an image, because only tiles with entries are written.
+    /// Clears the tiles' ranges of entries before an image, because kernels write only the ranges of
+    /// tiles with entries.
     pub(super) fn clear(&self, encoder: &mut wgpu::CommandEncoder) {
         encoder.clear_buffer(&self.tile_ranges, 0, None);
     }
 
-    /// Records one stage of an image of `n_splats` splats; `tiles` is the number of tile columns and rows.
+    /// Records one stage of an image of `n_splats` splats; `tiles` is the number of tile columns and
+    /// rows.
     pub(super) fn record(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -225,7 +227,7 @@ impl TilePlan {
     }
 }
 
-/// Number of bits needed for the values `0..n`.
+/// Returns the number of bits needed for the values `0..n`.
 fn bits_of(n: u32) -> u32 {
     u32::BITS - n.saturating_sub(1).leading_zeros()
 }
@@ -237,11 +239,11 @@ const MIN_ENTRIES: u64 = 1 << 16;
 #[derive(Debug)]
 pub(in crate::render::gpu) struct EntryDemand {
     ring: ReadbackRing,
-    /// Maximum number of entries needed since the last [`Self::capacity`].
+    /// Maximum number of entries that an image needed since the last call of [`Self::capacity`].
     needed: u64,
     /// Smallest capacity for which allocation failed.
     refused: u64,
-    /// Shortage that leaves out the farthest splats, if it is permanent.
+    /// Error if the farthest splats are permanently left out, because GPU memory holds too few entries.
     pub(in crate::render::gpu) shortage: Option<GpuError>,
 }
 
@@ -251,7 +253,8 @@ impl EntryDemand {
         Self { ring, needed: 0, refused: u64::MAX, shortage: None }
     }
 
-    /// Capacity for the next image. `now` is the current one and `most` the adapter's limit.
+    /// Returns the capacity, in entries, for the next image. `now` is the current capacity and `most`
+    /// the adapter's limit.
     pub(super) fn capacity(&mut self, now: u64, n_splats: usize, most: u64) -> u64 {
         let needed = std::mem::take(&mut self.needed);
         let wanted = capacity_for(needed, now, n_splats, most);
@@ -269,13 +272,14 @@ impl EntryDemand {
         if wanted < self.refused { wanted } else { now }
     }
 
-    /// Records that a capacity could not be allocated, so that it is not requested again.
+    /// Records that buffers of this capacity could not be allocated, so that it is not requested again.
     pub(super) fn record_failure(&mut self, capacity: u64, error: GpuError) {
         self.refused = capacity;
         self.shortage = Some(error);
     }
 
-    /// Sends the counters of the image to the CPU. Must follow the image in the same encoder.
+    /// Reads the counters of earlier images and copies those of this image for the CPU. Must be
+    /// recorded after the image in the same encoder.
     pub(super) fn send(&mut self, encoder: &mut wgpu::CommandEncoder, counts: &wgpu::Buffer) {
         let needed = &mut self.needed;
         let free = self.ring.collect_and_reserve(|bytes| {
@@ -288,7 +292,8 @@ impl EntryDemand {
     }
 }
 
-/// Capacity of 1.5 times what was needed, never below the current one.
+/// Returns a capacity of 1.5 times `needed` if the current capacity `now` is too small. The result is
+/// never below `now` or an estimate for `n_splats`, and never above `most`.
 fn capacity_for(needed: u64, now: u64, n_splats: usize, most: u64) -> u64 {
     let guess = MIN_ENTRIES.max(PER_SPLAT * n_splats as u64);
     // Extra capacity, because approaching the scene raises the demand frame by frame, and each growth

@@ -22,25 +22,25 @@ pub struct RadixSort {
     totals: wgpu::Buffer,
 }
 
-/// Input of the first pass. Slots refer to the counter buffer.
+/// Input of a sort. Slots are indices in [`SortBuffers::counts`].
 #[derive(Clone, Copy, Debug)]
 pub enum Keys<'a> {
-    /// Keys without values; the value of each key is its index. Keys of all ones are dropped. The smallest
-    /// remaining key is subtracted from the others. If the range exceeds the bits of the sort, low bits are
-    /// dropped.
+    /// Keys without values; the value of each key is its index. Keys of all ones are dropped. The
+    /// smallest remaining key is subtracted from the others. If the range exceeds the bits of the sort,
+    /// low bits are dropped.
     Indexed {
         /// Keys, u32 each.
         keys: &'a wgpu::Buffer,
-        /// Slot of the number of keys.
+        /// Slot that holds the number of keys.
         source: u32,
         /// Slot that receives the number of retained keys.
         sink: u32,
-        /// Slots of the smallest and largest retained key.
+        /// Slots that hold the smallest and the largest retained key.
         range: [u32; 2],
     },
-    /// Pairs in the first of the two buffers.
+    /// Pairs of key and value in the first buffer of [`SortBuffers::pairs`].
     Valued {
-        /// Slot of the number of pairs.
+        /// Slot that holds the number of pairs.
         source: u32,
     },
 }
@@ -48,19 +48,19 @@ pub enum Keys<'a> {
 /// Two buffers of pairs, between which the passes alternate.
 #[derive(Clone, Copy, Debug)]
 pub struct SortBuffers<'a> {
-    /// Pairs before and after a pass, u32 key and u32 value each.
+    /// Buffers of pairs before and after a pass; a pair is a u32 key and a u32 value.
     pub pairs: [&'a wgpu::Buffer; 2],
     /// Counters, u32 each.
     pub counts: &'a wgpu::Buffer,
 }
 
-/// Sort of specific buffers, to be recorded every frame.
+/// Sort of specific buffers, recorded anew for every frame.
 #[derive(Debug)]
 pub struct SortPlan {
     passes: Vec<[(BoundKernel, Grid); 3]>,
 }
 
-/// `Digit` in `sort.wgsl`.
+/// Settings of a pass: `Digit` in `sort.wgsl`.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct Digit {
@@ -141,20 +141,21 @@ impl RadixSort {
 }
 
 impl SortPlan {
-    /// Records all passes.
+    /// Records all passes of the sort.
     pub fn record(&self, pass: &mut wgpu::ComputePass<'_>) {
         for (kernel, grid) in self.passes.iter().flatten() {
             kernel.dispatch(pass, *grid);
         }
     }
 
-    /// Index of the buffer that holds the sorted pairs.
+    /// Returns the index in [`SortBuffers::pairs`] of the buffer that holds the sorted pairs.
     pub fn result(&self) -> usize {
         self.passes.len() % 2
     }
 }
 
-/// Splits `bits` into the minimum number of passes with digits of nearly equal width.
+/// Splits the lowest `bits` bits of the keys into the minimum number of digits, of nearly equal width.
+/// Each digit takes one pass.
 fn digits(bits: u32, keys: Keys<'_>) -> Vec<Digit> {
     let n_passes = bits.div_ceil(DIGIT_BITS);
     // Equal widths instead of 8 and a remainder: digits with fewer values are faster to count.
