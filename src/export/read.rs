@@ -82,16 +82,17 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
     Ok(bytes)
 }
 
-/// Bytes of a splat: position and scale as six f32, colour and opacity as four bytes, the rotation `w x y z`
-/// as four more.
+/// Size of a splat in bytes: six f32 for position and scale, four bytes for colour and opacity, and four
+/// for the rotation `w x y z`.
 const ROW_BYTES: usize = 32;
 /// Number of rows examined to detect the format, which has no magic bytes.
 const N_PROBED: usize = 64;
-/// Tolerance of a quaternion's squared length: 8-bit components, of which 255 represents 1.
+/// Tolerance for the squared length of a quaternion with 8-bit components, in which byte 255 represents
+/// 1.
 const LENGTH_SLACK: f64 = 0.1;
 
-/// True if most of the first rows are plausible splats: finite, no negative scales, and a unit quaternion.
-/// Text and images are not.
+/// True if most of the first rows are plausible splats, with finite values, no negative scales, and a
+/// unit quaternion. False for text and images.
 pub(super) fn is_likely(bytes: &[u8]) -> bool {
     let probed = bytes.as_chunks::<ROW_BYTES>().0.iter().take(N_PROBED);
     let likely = |row: &&[u8; ROW_BYTES]| {
@@ -137,7 +138,7 @@ struct Record {
     scale: DVec3,
     /// Red, green, blue and opacity, 0 to 1.
     color: [f64; 4],
-    /// `w x y z`; byte 128 is 0, with steps of 1/128.
+    /// Quaternion `w x y z`; byte 128 represents 0, in steps of 1/128.
     rotation: [f64; 4],
 }
 

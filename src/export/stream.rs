@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::io::Write;
 use std::{fmt, io};
 
-/// Number of rows that are encoded before they are written and progress is reported.
+/// Number of rows per block. Progress is reported after each written block.
 // At most 16 MB of the widest format.
 const BLOCK_ROWS: usize = 1 << 16;
 /// Number of rows that one thread encodes at a time.
@@ -83,7 +83,8 @@ pub(super) struct ProgressCounter<'a> {
 }
 
 impl<'a> ProgressCounter<'a> {
-    /// Starts a count of `total` rows. Rows written per column count once for each column.
+    /// Starts to count up to `total` rows. In a format with separate columns, a row counts once for each
+    /// column.
     pub fn new(progress: WriteProgress<'a>, total: usize) -> Self {
         Self { progress, done: 0, total }
     }

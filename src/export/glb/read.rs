@@ -11,7 +11,8 @@ use std::path::{Component, Path, PathBuf};
 const MAX_JSON_BYTES: usize = 64 << 20;
 /// Maximum nesting of JSON arrays and objects (`files.md`, Limits).
 const MAX_JSON_DEPTH: usize = 64;
-/// Extensions that a file may require: the splat extension, and those that do not affect the import.
+/// glTF extensions that a file may require: the splat extension, and those that do not affect the
+/// import.
 const KNOWN_EXTENSIONS: [&str; 2] = [EXTENSION, "KHR_materials_unlit"];
 
 pub(in crate::export) fn glb(
@@ -150,7 +151,7 @@ fn read_sibling(path: &Path, length: usize, place: &str) -> Result<Vec<u8>, Faul
     std::fs::read(path).map_err(|source| Fault::Io { action: "read the buffer file", source })
 }
 
-/// Decodes a URI into a relative path, if it stays inside the folder of the glTF.
+/// Decodes a URI into a relative path; `None` if it is invalid or leaves the folder of the glTF.
 fn sibling(uri: &str) -> Option<PathBuf> {
     let decoded = decode_percent(uri)?;
     // Excludes schemes, drive letters, foreign separators and embedded NUL bytes.
