@@ -30,12 +30,13 @@ pub enum SessionError {
     /// The candidate index could not be built.
     #[error("{0}")]
     Index(#[from] IndexError),
-    /// Further passes would have no effect.
+    /// Several passes were requested without training on photographs, but further passes use only
+    /// photographs.
     #[error(
         "passes: expected 1 without photometric training, found {0}: points count once; train on photographs, or use one pass"
     )]
     Passes(usize),
-    /// Tracking excludes another setting.
+    /// Another setting is incompatible with tracking.
     #[error("poses (`--poses track`): expected {expected}, found {found}")]
     Tracking { expected: &'static str, found: String },
     /// A stored model does not match the settings stored with it.

@@ -9,7 +9,7 @@ use crate::train::setting::{ConfigError, Preset};
 use method::{Method, MethodRequest};
 use scene::SceneOverrides;
 
-/// Settings given by the user, per preset; an option common to both is set in both.
+/// Settings given by the user, for each preset. An option common to both presets is set in both.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GivenSettings {
     /// Settings of the paper preset.
@@ -38,7 +38,7 @@ impl GivenSettings {
         }
     }
 
-    /// Returns the first given setting that the run lacks or has another value for.
+    /// Returns the first given setting that the run lacks or that has another value in the run.
     pub fn conflict(&self, method: &Method) -> Option<Conflict> {
         let conflict = match method {
             Method::Paper(config) => self.paper.conflict(config),
