@@ -239,7 +239,7 @@ impl Write for Content<'_> {
     }
 }
 
-/// Maximum number of symbolic links before a cycle is assumed.
+/// Maximum number of symbolic links that are followed; a longer chain counts as a cycle.
 // The limit of Linux.
 const MAX_LINKS: usize = 40;
 

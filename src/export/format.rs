@@ -48,11 +48,11 @@ pub enum ModelFormat {
 }
 
 impl ModelFormat {
-    /// All formats, in menu order.
+    /// All formats, in the order of the menu.
     pub const ALL: [ModelFormat; 4] =
         [ModelFormat::Ply, ModelFormat::PointCloudPly, ModelFormat::Glb, ModelFormat::Spz];
 
-    /// Name on the command line and in settings.
+    /// Name of the format on the command line and in settings.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -137,15 +137,16 @@ pub struct WriteSelection<'a> {
     pub min_evidence: Option<f64>,
     /// Maximum standard deviation of a splat's position, in world units; requires `uncertainty`.
     pub max_uncertainty: Option<f64>,
-    /// Standard deviation of each splat's position, world units, for `max_uncertainty` and for point clouds,
-    /// which store it.
+    /// Standard deviation of each splat's position, in world units. Required for `max_uncertainty`, and
+    /// stored in point clouds.
     pub uncertainty: Option<&'a [f64]>,
     /// One flag per splat. Splats with `true` are always left out.
     pub left_out: Option<&'a [bool]>,
 }
 
 impl WriteSelection<'_> {
-    /// True if splat `i` is selected. `evidence` and the lists of the selection have one entry per splat.
+    /// True if splat `i`, with centre `mean`, is selected. `evidence` and the lists of the selection
+    /// have one entry per splat.
     pub fn selects(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
         // The corners may come in any order.
         let is_inside =
@@ -181,7 +182,8 @@ pub struct WriteOptions<'a> {
     pub camera_centres: &'a [DVec3],
     /// Number of training points `N_k` of each given splat. A point cloud stores it with each point.
     pub confidence: Option<&'a [f64]>,
-    /// Up direction in the model's world, not zero. GLB and SPZ rotate it to y; a PLY states it.
+    /// Up direction in the world of the model, not zero. GLB and SPZ rotate it to y; a PLY stores it in
+    /// a comment.
     pub up: DVec3,
     /// Local origin, to which positions are relative, in world axes and units; omitted if zero. A GLB
     /// stores it as the translation of its node, a PLY as a comment, both in the axes and units of the

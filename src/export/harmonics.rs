@@ -24,7 +24,8 @@ pub(super) fn from_directional(w: DMat3) -> [DVec3; 3] {
     [-w.y_axis, w.z_axis, -w.x_axis].map(|change| change / C1 + DVec3::ZERO)
 }
 
-/// Inverse of [`from_directional`].
+/// Inverse of [`from_directional`]: converts three coefficients of degree 1 to the matrix of a
+/// directional colour.
 pub(super) fn to_directional([y, z, x]: [DVec3; 3]) -> DMat3 {
     DMat3::from_cols(-x, -y, z) * C1
 }

@@ -11,11 +11,11 @@ pub(super) const EXTRA: &str = "local_origin";
 /// Way in which a file format stores the local origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OriginCarrier {
-    /// As a transform, which every program applies.
+    /// The local origin is stored as a transform, which every program applies.
     Transform,
-    /// As a comment, which only this program reads.
+    /// The local origin is stored as a comment, which only this program reads.
     Comment,
-    /// The format cannot store it.
+    /// The format cannot store the local origin.
     None,
 }
 

@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 use std::io::Read;
 use std::path::Path;
 
-/// Maximum number of splats [`read`] accepts: about 1.4 GB of PLY.
+/// Maximum number of splats that [`read`] accepts, about 1.4 GB as PLY.
 pub const DEFAULT_MAX_SPLATS: usize = 20_000_000;
 
 /// Reads a model: PLY (splats, points or PlayCanvas' compressed form), GLB, glTF with `data:` or sibling
@@ -22,7 +22,7 @@ pub fn read(path: &Path) -> Result<Imported, ExportError> {
     read_up_to(path, DEFAULT_MAX_SPLATS)
 }
 
-/// Reads like [`read`], with another limit on the number of rows.
+/// Reads like [`read`], with `max_splats` as the limit on the number of rows.
 ///
 /// # Errors
 /// As [`read`], and [`Fault::TooMany`] above `max_splats`.

@@ -55,7 +55,8 @@ pub(super) fn put_floats(row: &mut Vec<u8>, values: &[f64]) {
     }
 }
 
-/// Callback between blocks of rows. Receives the completed fraction, 0 to 1, and returns false to cancel.
+/// Progress callback, called between blocks of rows. Receives the completed fraction, 0 to 1, and
+/// returns false to cancel writing.
 #[derive(Clone, Copy, Default)]
 pub struct WriteProgress<'a>(Option<&'a dyn Fn(f64) -> bool>);
 

@@ -35,7 +35,7 @@ struct VideoWriter {
     folder: TempDir,
 }
 
-/// Video extensions and their encoder options.
+/// Video file extensions, each with the encoder options for ffmpeg.
 // Qualities are visually near lossless, and most players know the pixel format.
 const ENDINGS: [(&str, &[&str]); 3] = [
     // `+faststart` moves the index to the front, so that players can stream the file.

@@ -13,7 +13,7 @@ use crate::train::candidates::IndexError;
 use crate::train::learner::Learner;
 use crate::train::outcome::MemoryEstimate;
 
-/// Settings of a run, independent of the preset.
+/// Interface to the settings of a run that is the same for all presets.
 pub trait AnyPreset {
     /// Seed of every random stream.
     fn seed(&self) -> u64;
@@ -36,7 +36,7 @@ pub trait AnyPreset {
     /// dataset. Only models with equal values can be merged.
     fn world_placement(&self) -> Vec<(&'static str, String)>;
 
-    /// Convention by which pixels of a layout become rays.
+    /// Convention by which pixels become viewing rays, for datasets of a layout.
     fn camera_convention(&self, layout: Layout) -> CameraConvention;
 
     /// Upper bound on the memory in bytes of a run with frames of `pixels` pixels.
@@ -87,13 +87,13 @@ pub enum Mismatch {
     /// The prior differs.
     #[error("expected the prior that its settings imply, found another")]
     Prior,
-    /// The settings require another form of model, described here.
+    /// The settings require another form of model, which the text describes.
     #[error("expected {0} according to its settings, found another")]
     Form(String),
     /// A setting is out of range.
     #[error("section `CONF`: {0}")]
     Setting(String),
-    /// The means cannot be indexed.
+    /// The search index over the components' means could not be built.
     #[error(transparent)]
     Index(#[from] IndexError),
 }

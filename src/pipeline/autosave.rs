@@ -1,8 +1,8 @@
 //! Autosave without blocking training (`pipeline.md`, Autosave).
 //!
 //! Between two frames the training thread takes a snapshot and continues; another thread writes it. At most
-//! one save is in progress. One that falls due meanwhile is postponed, so a slow disk costs saves, but
-//! neither frames nor memory.
+//! one save is in progress, and a save that becomes due meanwhile is postponed. A slow disk therefore
+//! reduces the number of saves, but delays no frames and needs no more memory.
 
 use super::checkpoint::{RunError, SessionSnapshot};
 use super::job::Job;
@@ -49,7 +49,7 @@ pub enum AutosaveError {
 /// Result of a save.
 pub type SaveOutcome = Result<Autosaved, AutosaveError>;
 
-/// Repeated saves of one run under one name; the previous file is retained as `<name>.bak`.
+/// Repeated saves of one run to one file; the previous file is retained as `<name>.bak`.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -144,7 +144,7 @@ impl Autosave {
         Ok(())
     }
 
-    /// Waits for the save in progress and returns its result.
+    /// Waits for the save in progress and returns its result; `None` if no save is in progress.
     pub fn wait(&mut self) -> Option<SaveOutcome> {
         self.take_outcome(Duration::MAX)
     }

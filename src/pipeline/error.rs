@@ -15,7 +15,7 @@ pub enum SessionError {
     /// The dataset lacks what was requested.
     #[error("{0}")]
     Dataset(#[from] DatasetError),
-    /// The scene preset does not fit the dataset.
+    /// The scene preset cannot start on the dataset.
     #[error("{0}")]
     Scene(#[from] SceneError),
     /// The range of positions could not be estimated.
@@ -27,7 +27,7 @@ pub enum SessionError {
     /// The machine has too little memory.
     #[error("{0}")]
     Memory(#[from] MemoryError),
-    /// The candidate index could not be built.
+    /// The search index for candidate components could not be built.
     #[error("{0}")]
     Index(#[from] IndexError),
     /// Several passes were requested without training on photographs, but further passes use only

@@ -147,7 +147,7 @@ impl Follow {
         &self.selection
     }
 
-    /// Time until the next scan may find something.
+    /// Time until the next scan is due; zero while a scan is in progress.
     pub fn time_to_next_scan(&self) -> Duration {
         if self.scan.is_some() {
             return Duration::ZERO;

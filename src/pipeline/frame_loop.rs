@@ -170,7 +170,7 @@ pub trait TypedPreset: AnyPreset {
         range: &PositionRange,
     ) -> Result<LearnerOf<Self>, SessionError>;
 
-    /// Restores a learner after `frames` frames from a stored model.
+    /// Restores a learner from a stored model that was trained on `frames` frames.
     ///
     /// # Errors
     /// [`Mismatch`] if the stored model does not match these settings.

@@ -91,7 +91,7 @@ impl<T: Send + 'static> Job<T> {
 }
 
 impl<T> Job<T> {
-    /// Time since the start.
+    /// Time since the start of the work.
     pub fn elapsed(&self) -> Duration {
         self.started.elapsed()
     }

@@ -181,7 +181,7 @@ impl Plan {
         self.frames.extend(further);
     }
 
-    /// Frames of the first pass.
+    /// Returns the frames of the first pass, as indices in the split.
     pub fn first_pass(&self) -> Vec<usize> {
         let repeats = self.repeat_flags();
         self.frames.iter().zip(repeats).filter(|(_, again)| !again).map(|(&i, _)| i).collect()

@@ -22,7 +22,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Maximum number of frames prepared at once, ahead of training or between trainings.
+/// Maximum number of frames prepared at the same time.
 // Every one of them is held in memory.
 const MAX_AT_ONCE: usize = 4;
 /// Number of cores per decoding thread, unless the number of training threads is set explicitly.
@@ -46,7 +46,8 @@ pub fn frames_at_once() -> usize {
     }
 }
 
-/// Number of decoding threads: one for each core that the current thread pool leaves free.
+/// Number of decoding threads: one for each core that the current thread pool leaves free, up to
+/// `MAX_AT_ONCE`.
 fn decoder_count() -> usize {
     cores().saturating_sub(rayon::current_num_threads()).min(MAX_AT_ONCE)
 }
@@ -60,9 +61,9 @@ fn cores() -> usize {
 pub struct Prepared<O> {
     /// Position in the plan.
     pub position: usize,
-    /// True if the frame occurs earlier in the plan.
+    /// True if the same frame also occurs earlier in the plan.
     pub is_repeat: bool,
-    /// Name within the split.
+    /// Name of the frame in its split.
     pub name: String,
     /// Modification times and sizes of the frame's files before they were read.
     // Taken by the decoding thread, so that the training thread never accesses the drive.
@@ -87,7 +88,7 @@ pub struct PreparedFrame<O> {
 pub struct PlannedFrame {
     /// Position in the plan.
     pub position: usize,
-    /// True if the frame occurs earlier in the plan.
+    /// True if the same frame also occurs earlier in the plan.
     pub is_repeat: bool,
     /// Dataset entry of the frame.
     pub entry: FrameEntry,

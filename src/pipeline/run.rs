@@ -28,7 +28,7 @@ pub struct RunConfig {
     /// Options for reading depth files.
     #[serde(flatten)]
     pub load: LoadOptions,
-    /// Convention by which pixels become rays.
+    /// Convention by which pixels become viewing rays.
     pub camera_convention: CameraConvention,
     /// Treatment of mixed pixels, which average foreground and background.
     pub edge_filter: EdgeFilter,

@@ -3,7 +3,7 @@
 use crate::model::attributes::StoredModel;
 use bytemuck::Pod;
 
-/// Type of a section's elements. The discriminant is its code in the file.
+/// Type of a section's elements. The discriminant is the code of the type in the file.
 // The last three extend the published codes (`files.md`, Checkpoint container).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
@@ -52,7 +52,8 @@ impl ElementType {
     }
 }
 
-/// Contents of a checkpoint. The JSON texts are opaque here; `pipeline` writes and reads them.
+/// Contents of a checkpoint. This module does not interpret the JSON texts, which `pipeline` writes and
+/// reads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
     /// Every setting that affects the result, as JSON.

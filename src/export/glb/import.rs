@@ -136,7 +136,7 @@ impl ScaleForm {
 struct Columns<'a> {
     position: Column<'a>,
     color: Color<'a>,
-    /// `None` for point clouds.
+    /// Columns besides position and colour; `None` for point clouds.
     shape: Option<Shape<'a>>,
 }
 

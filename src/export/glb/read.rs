@@ -7,7 +7,7 @@ use crate::export::imported::Imported;
 use std::borrow::Cow;
 use std::path::{Component, Path, PathBuf};
 
-/// Maximum size of the JSON in a GLB (`files.md`, Limits).
+/// Maximum size in bytes of the JSON in a GLB (`files.md`, Limits).
 const MAX_JSON_BYTES: usize = 64 << 20;
 /// Maximum nesting of JSON arrays and objects (`files.md`, Limits).
 const MAX_JSON_DEPTH: usize = 64;
@@ -113,7 +113,7 @@ fn check_nesting(json: &[u8]) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Shortens a long parser error to its position.
+/// Formats a JSON parser error; shortens a long message to the position of the error.
 fn shorten_error(error: &serde_json::Error) -> String {
     // The message may quote strings of the file, of any length.
     let text = error.to_string();

@@ -97,7 +97,7 @@ impl PrimitiveExtensions {
     }
 }
 
-/// Accessor indices by semantic, written in this order.
+/// Attributes of a primitive: semantic and accessor index of each, in the order of writing.
 #[derive(Debug)]
 pub(super) struct Attributes(pub Vec<(String, usize)>);
 
@@ -120,7 +120,8 @@ impl<'de> Deserialize<'de> for Attributes {
     }
 }
 
-/// Extension object of a primitive. Missing strings are read as empty, since drafts lack some.
+/// Splat extension of a primitive. Missing strings are read as empty, because drafts of the extension
+/// lack some.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct GaussianSplatting {

@@ -125,7 +125,7 @@ impl GlbLayout {
     }
 }
 
-/// Returns the exact f32 bounds of the positions.
+/// Returns the minimum and maximum of the positions after rounding to f32.
 fn extremes(rows: &impl SplatRows) -> ([f32; 3], [f32; 3]) {
     // Of the rounded positions: validators compare the bounds with the data.
     let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);

@@ -14,10 +14,10 @@ use glam::{DMat3, DVec3, IVec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Oriented plane segment.
+/// Plane segment with an oriented normal, which represents one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surfel {
-    /// Centre, world units.
+    /// Centre, in world units.
     pub mean: DVec3,
     /// Unit normal, facing the observing cameras.
     pub normal: DVec3,
@@ -25,13 +25,13 @@ pub struct Surfel {
     pub covariance: Sym3,
     /// sRGB-encoded colour.
     pub color: DVec3,
-    /// Number of points.
+    /// Number of points of the component.
     pub evidence: f64,
 }
 
 /// Number of grid corners of a block along each axis.
 pub(super) const BLOCK: i32 = 8;
-/// Maximum number of blocks.
+/// Maximum number of grid blocks.
 // About 1 GB.
 const MAX_BLOCKS: usize = 100_000;
 /// Maximum distance from the plane, in cells, at which a segment contributes.

@@ -42,9 +42,9 @@ pub use field::{Surfel, TriangleMesh, triangulate};
 /// File format of meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshFormat {
-    /// Binary PLY with `red green blue`.
+    /// Binary PLY with vertex colours (`red green blue`).
     Ply,
-    /// glTF 2.0 with linear `COLOR_0`, y-up.
+    /// glTF 2.0, y-up, with linear vertex colours (`COLOR_0`).
     Glb,
     /// Wavefront OBJ text with colours after the coordinates, as MeshLab and Blender read them.
     Obj,

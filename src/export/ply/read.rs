@@ -103,7 +103,7 @@ impl PlyElement {
 struct Layout {
     mean: [usize; 3],
     color: Color,
-    /// `None` for point clouds.
+    /// Columns besides position and colour; `None` for point clouds.
     shape: Option<Shape>,
 }
 

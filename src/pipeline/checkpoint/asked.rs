@@ -24,7 +24,7 @@ use std::sync::Arc;
 /// Settings requested for a resumed run. `None` keeps the run's value.
 #[derive(Clone, Debug, Default)]
 pub struct ResumeRequest {
-    /// Preset.
+    /// Preset of the model.
     pub preset: Option<Preset>,
     /// Settings of the model.
     pub model: GivenSettings,
@@ -32,7 +32,7 @@ pub struct ResumeRequest {
     pub split: Option<String>,
     /// Order of the frames.
     pub order: Option<Order>,
-    /// Stride of the frames.
+    /// Stride: only every N-th frame is used.
     pub stride: Option<usize>,
     /// Shard of the frames: the part for one of several runs.
     pub shard: Option<Shard>,

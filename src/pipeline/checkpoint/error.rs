@@ -63,7 +63,7 @@ pub enum RunError {
          --start", paths[0].display(), paths[1].display()
     )]
     Overlap { paths: [PathBuf; 2], n_frames: usize, first: u32 },
-    /// The statistics cannot be added exactly.
+    /// The statistics of two runs cannot be added exactly.
     #[error("{} and {}: {source}; train them with precision=mixed or f64", paths[0].display(), paths[1].display())]
     Add { paths: [PathBuf; 2], source: AddError },
     /// The dataset lacks something that the run needs.
@@ -72,7 +72,7 @@ pub enum RunError {
     /// The session could not be started.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// The candidate index could not be built.
+    /// The search index for candidate components could not be built.
     #[error("{0}")]
     Index(#[from] IndexError),
 }

@@ -1,5 +1,5 @@
 //! Merging of runs that started alike and were trained on different frames. Mixtures, whose components are
-//! the same from the start, are added; scenes, whose components are born from points, are fused.
+//! the same from the start, are added; scenes, whose components are created from points, are fused.
 
 use super::error::RunError;
 use super::saved::{Meta, SavedRun, canonical};
@@ -32,8 +32,8 @@ pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
     runs.try_fold(first, add).map(Some)
 }
 
-/// Merges scenes of runs that all continued the run `origin`. The statistics that the runs added to the
-/// components of `origin` are combined.
+/// Merges scenes of runs that all continued the run `origin`. Components of `origin` get the statistics
+/// that all runs added to them.
 ///
 /// # Errors
 /// As [`merge`], and [`RunError::Origin`] unless all continued `origin`.

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 /// Content of the `META` section.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Meta {
-    /// Program and version.
+    /// Name and version of the program that saved the run.
     pub program: String,
     /// Time of saving, Unix seconds.
     pub saved_unix_s: u64,
@@ -49,7 +49,7 @@ pub struct SavedRun {
     pub config: RunConfig,
     /// Dataset, program and time of the run.
     pub meta: Meta,
-    /// Model, cursor and the unparsed sections.
+    /// Contents of the file: model, progress and the JSON texts.
     pub content: Checkpoint,
 }
 

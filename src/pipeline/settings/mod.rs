@@ -19,7 +19,7 @@ pub struct GivenSettings {
 }
 
 impl GivenSettings {
-    /// Returns the request for a model of a preset.
+    /// Returns a request for a model of a preset with the given settings.
     ///
     /// # Errors
     /// [`ConfigError`] states a setting that is out of range.
@@ -63,7 +63,7 @@ impl From<SceneOverrides> for GivenSettings {
     }
 }
 
-/// Returns a preset as a RON file: every setting with its help and its default.
+/// Returns the text of a RON file for a preset: every setting with its help and its default.
 ///
 /// ```
 /// use vbgs_studio::pipeline::settings::{preset_file, scene::SceneOverrides};
