@@ -47,7 +47,7 @@ pub struct Follow {
 }
 
 impl Follow {
-    /// Starts without frames. The folder may not exist yet.
+    /// Starts to follow the recording in the folder `path`, which may not exist yet.
     ///
     /// # Errors
     /// A selection that requires all frames in advance, an option out of range, or a file instead of a
@@ -226,8 +226,8 @@ impl Follow {
         scan.map_err(|source| self.problem = Some(no_thread(source))).ok()
     }
 
-    /// Returns an unreadable frame to the recording, so that later scans find it again once its files
-    /// have changed.
+    /// Marks an unreadable frame as not found, so that later scans find it again once its files have
+    /// changed.
     pub(super) fn give_back(&mut self, frame: String, marks: FrameMarks) {
         match self.scan {
             // The scan holds the lock, perhaps for as long as its drive hangs.

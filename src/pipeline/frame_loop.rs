@@ -107,7 +107,7 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
 }
 
 pub(super) enum InitialState<'a> {
-    /// Start without a trained model; positions are in this range.
+    /// There is no trained model yet; the positions of the dataset are in this range.
     Fresh(&'a PositionRange),
     /// Stored model that matches the run's settings, and its number of trained frames.
     Stored(&'a StoredModel, u64),

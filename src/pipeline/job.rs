@@ -33,7 +33,7 @@ pub struct Job<T> {
 }
 
 impl<T: Send + 'static> Job<T> {
-    /// Starts `work` on a thread with this name.
+    /// Starts `work` on a thread named `name`.
     ///
     /// # Errors
     /// The system cannot start a thread.

@@ -325,8 +325,8 @@ impl<P: Prepare> Prefetch<P> {
         }
     }
 
-    /// Returns an observation, whose memory is reused for later frames. After the last frame the memory
-    /// is freed instead, so that saving can use it.
+    /// Takes back an observation to reuse its memory for later frames. After the last frame, frees the
+    /// memory instead, so that saving can use it.
     pub fn recycle(&mut self, observation: P::Observation) {
         if self.upcoming.is_empty() && self.coming.is_empty() {
             return;

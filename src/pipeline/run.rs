@@ -163,7 +163,7 @@ pub(super) struct RunProgress {
 }
 
 impl RunProgress {
-    /// Starts without trained frames. Frames that the dataset refused when it was opened count as
+    /// Returns the progress of a new run. Frames that the dataset refused when it was opened count as
     /// skipped.
     pub fn at_start(dataset: &Dataset, split: usize) -> Self {
         let name = &dataset.splits[split].name;

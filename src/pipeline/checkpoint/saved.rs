@@ -75,7 +75,8 @@ impl SavedRun {
         runs.max_by_key(|run| run.1).unwrap_or_default()
     }
 
-    /// Checks that the number of passes is valid and that no frame was visited more often.
+    /// Checks that the number of passes is valid, and that no frame has more visits than there are
+    /// passes.
     fn check_visits(&self) -> Result<(), RunError> {
         let passes = self.config.selection.passes;
         let refuse =
