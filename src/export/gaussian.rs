@@ -12,7 +12,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI};
 /// Absolute lower bound on written standard deviations, so that their logarithms are finite
 /// (`files.md`, From splat to file).
 pub(super) const SCALE_FLOOR: f64 = 1e-7;
-/// Lower bound on written standard deviations, relative to the splat's largest. The smaller bound applies.
+/// Lower bound on written standard deviations, relative to the splat's largest. The smaller one of this and
+/// the absolute bound applies.
 // In a world of large units all scales may be below the absolute minimum.
 const FLATTEST: f64 = 1e-4;
 /// Minimum distance of a written opacity from 0 and 1 where its logit is stored (`files.md`, From splat
