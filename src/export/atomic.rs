@@ -35,11 +35,11 @@ pub enum SaveStep {
     Sync,
     /// Makes a hard link to the older file.
     Link,
-    /// Renames the temporary.
+    /// Renames the temporary file or hard link.
     Rename,
     /// Flushes the entries of the folder to the storage device.
     SyncFolder,
-    /// Removes the temporary.
+    /// Removes the temporary file or hard link.
     Remove,
 }
 
@@ -89,8 +89,8 @@ pub fn write_with_backup(
     write_checked(&|_| Ok(()), path, true, write)
 }
 
-/// Writes like [`write_with_backup`], or like [`write_atomic`] unless `keeps_old`. Tests let single operations
-/// fail through `check`.
+/// Writes like [`write_with_backup`] if `keeps_old`, otherwise like [`write_atomic`]. Calls `check`
+/// before each disk operation, so that tests can let single operations fail.
 ///
 /// # Errors
 /// As [`write_with_backup`].
@@ -131,7 +131,8 @@ fn fill(
     Ok(out.written)
 }
 
-/// Replaces `path`, which must not be a symbolic link, by a complete file.
+/// Replaces the file at `path` by a complete one and returns its number of bytes. `path` must not be a
+/// symbolic link.
 fn replace(
     check: SaveCheck,
     path: &Path,
@@ -238,7 +239,7 @@ impl Write for Content<'_> {
     }
 }
 
-/// Maximum number of symbolic links before a cycle is assumed.
+/// Maximum number of symbolic links that are followed; a longer chain counts as a cycle.
 // The limit of Linux.
 const MAX_LINKS: usize = 40;
 
@@ -265,7 +266,8 @@ impl Destination {
     }
 }
 
-/// Follows the links of a path to a file that does not exist yet.
+/// Follows the symbolic links of a path whose target does not exist yet. Returns the path of the target,
+/// or the error `missing` if the links form a cycle.
 fn end_of_links(path: &Path, missing: io::Error) -> Result<PathBuf, Fault> {
     // `canonicalize` fails for a missing file.
     let mut end = path.to_path_buf();
@@ -292,7 +294,8 @@ struct Temporary<'a, T> {
 }
 
 impl<'a, T> Temporary<'a, T> {
-    /// Creates `.NAME.PROCESS.RANDOM<suffix>` with `make`, in the target's folder.
+    /// Creates the entry `.NAME.PROCESS.RANDOM<suffix>` in the target's folder by calling `make` with
+    /// its path.
     fn create(
         check: SaveCheck<'a>,
         target: &Path,
@@ -361,8 +364,8 @@ impl<T> Drop for Temporary<'_, T> {
     }
 }
 
-/// Removes temporary files of `path` that killed processes left behind. Files that a process is still writing
-/// stay.
+/// Removes temporary files that interrupted saves to `path` left behind. Keeps the files of saves in
+/// progress.
 pub fn remove_leftovers(path: &Path) {
     let Ok(Destination::File(file)) = Destination::resolve(path) else { return };
     let Some(name) = file.file_name().and_then(|name| name.to_str()) else { return };

@@ -9,7 +9,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 const VERSION: u32 = 1;
-/// Maximum number of pictures in a path.
+/// Maximum number of pictures rendered along a path.
 // One hour at 30 fps.
 const MAX_PICTURES: f64 = 108_000.0;
 // 10,000 keyframes take 2 MB.
@@ -57,8 +57,8 @@ struct FileText {
     keyframes: Vec<KeyframeText>,
 }
 
-/// Camera pose, given either by a rotation (quaternion x, y, z, w; camera to world, OpenCV axes) or by a
-/// target point.
+/// Keyframe in the file. The pose is given by a rotation (quaternion x, y, z, w; camera to world, OpenCV
+/// axes) or by a target point.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeyframeText {
@@ -83,7 +83,7 @@ fn usual_fov() -> f64 {
 }
 
 impl PacedPath {
-    /// Reads a file. `up` (unit length) is the up direction of keyframes that state none.
+    /// Reads a camera path from a JSON file. Keyframes without an up direction get `up`, a unit vector.
     ///
     /// # Errors
     /// [`CameraPathError`], which names the file.
@@ -120,7 +120,8 @@ impl PacedPath {
         serde_json::to_string_pretty(&text).unwrap_or_default()
     }
 
-    /// Returns the camera of every picture. The last keyframe of a loop equals its first and is left out.
+    /// Returns the interpolated keyframe of every picture. A closed path omits its last keyframe, which
+    /// equals the first.
     pub fn keyframe_per_frame(&self) -> impl ExactSizeIterator<Item = Keyframe> {
         // A path shorter than a frame still has its two ends.
         let steps = (self.path.duration() * self.fps).round().max(1.0) as usize;

@@ -7,7 +7,7 @@ use super::format::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Failed export or import of a file.
+/// Error of exporting or importing a file.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {fault}", path.display())]
 pub struct ExportError {
@@ -39,7 +39,7 @@ pub enum Fault {
     /// The file name has no known mesh extension.
     #[error("expected a mesh file name ending in .ply, .glb or .obj, found {found:?}; rename it")]
     UnknownMeshExtension { found: String },
-    /// The evidence is nowhere sufficient for a surface.
+    /// No region has enough evidence (number of points) for a surface.
     #[error(
         "no surface: expected enough evidence for one from {n_components} components, found too \
          little; use a larger cell or leave fewer components out"
@@ -112,7 +112,7 @@ pub enum Fault {
     NothingToImport { skipped: usize },
 }
 
-/// Error of a cancelled writer, which becomes [`Fault::Cancelled`].
+/// Error that a cancelled writer returns; it is converted to [`Fault::Cancelled`].
 #[derive(Debug, thiserror::Error)]
 #[error("cancelled")]
 pub(super) struct Cancelled;

@@ -48,11 +48,11 @@ pub enum ModelFormat {
 }
 
 impl ModelFormat {
-    /// All formats, in menu order.
+    /// All formats, in the order of the menu.
     pub const ALL: [ModelFormat; 4] =
         [ModelFormat::Ply, ModelFormat::PointCloudPly, ModelFormat::Glb, ModelFormat::Spz];
 
-    /// Name on the command line and in settings.
+    /// Name of the format on the command line and in settings.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -66,7 +66,7 @@ impl ModelFormat {
         }
     }
 
-    /// How files of this format store the local origin.
+    /// Returns how files of this format store the local origin.
     pub fn origin_carrier(self) -> OriginCarrier {
         match self {
             ModelFormat::Glb => OriginCarrier::Transform,
@@ -133,19 +133,20 @@ pub enum Axes {
 pub struct WriteSelection<'a> {
     /// Crop box as two opposite corners, in world units; splats with centres outside are left out.
     pub crop: Option<[DVec3; 2]>,
-    /// Minimum number of points behind a splat; requires [`WriteOptions::confidence`].
+    /// Minimum number of training points assigned to a splat; requires [`WriteOptions::confidence`].
     pub min_evidence: Option<f64>,
     /// Maximum standard deviation of a splat's position, in world units; requires `uncertainty`.
     pub max_uncertainty: Option<f64>,
-    /// Standard deviation of each splat's position, world units, for `max_uncertainty` and for point clouds,
-    /// which store it.
+    /// Standard deviation of each splat's position, in world units. Required for `max_uncertainty`, and
+    /// stored in point clouds.
     pub uncertainty: Option<&'a [f64]>,
-    /// True for splats that are always left out, one flag per splat.
+    /// One flag per splat. Splats with `true` are always left out.
     pub left_out: Option<&'a [bool]>,
 }
 
 impl WriteSelection<'_> {
-    /// True if splat `i` is selected. `evidence` and the lists of the selection have one entry per splat.
+    /// True if splat `i`, with centre `mean`, is selected. `evidence` and the lists of the selection
+    /// have one entry per splat.
     pub fn selects(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
         // The corners may come in any order.
         let is_inside =
@@ -167,24 +168,29 @@ pub struct WriteOptions<'a> {
     pub format: ModelFormat,
     /// Axes of both PLY formats.
     pub axes: Axes,
-    /// Writes 45 coefficients per splat above degree 0 (248 instead of 68 or 104 bytes), zero above degree 1,
-    /// for readers that require spherical harmonics of degree 3. 3DGS PLY only.
+    /// True to write 45 harmonic coefficients per splat, for readers that require spherical harmonics of
+    /// degree 3. Coefficients above degree 1 are zero. Each splat takes 248 bytes instead of 68 or 104.
+    /// 3DGS PLY only.
     pub sh3_padding: bool,
-    /// Conversion of native splats to plain ones. Plain splats and point clouds ignore it.
+    /// Conversion of native splats (with flat tops or colour gradients) to plain ones, which other
+    /// programs can draw. Plain splats and point clouds ignore it.
     pub mapping: Mapping,
     /// Comment lines in printable ASCII, such as `vbgs legacy-cov`: PLY comments, or `asset.extras.comments`
     /// of a GLB.
     pub comments: &'a [String],
     /// World positions of the training cameras. A point cloud then has normals that face the nearest camera.
     pub camera_centres: &'a [DVec3],
-    /// Number of points `N_k` of each given splat, stored with the points of a point cloud.
+    /// Number of training points `N_k` of each given splat. A point cloud stores it with each point.
     pub confidence: Option<&'a [f64]>,
-    /// Up direction in the model's world, not zero. GLB and SPZ rotate it to y; a PLY states it.
+    /// Up direction in the world of the model, not zero. GLB and SPZ rotate it to y; a PLY stores it in
+    /// a comment.
     pub up: DVec3,
-    /// Local origin, in world axes and units; omitted if zero. A GLB stores it as the translation of its
-    /// node, a PLY as a comment, both in the axes and units of the file.
+    /// Local origin, to which positions are relative, in world axes and units; omitted if zero. A GLB
+    /// stores it as the translation of its node, a PLY as a comment, both in the axes and units of the
+    /// file.
     pub local_origin: DVec3,
-    /// True if lengths are metres: a GLB states it in `asset.extras.units`.
+    /// True if world units are metres. A GLB with unit scale 1 then states metres in
+    /// `asset.extras.units`.
     pub metric: bool,
     /// File units per world unit, above 0.
     pub unit_scale: f64,
@@ -195,8 +201,8 @@ pub struct WriteOptions<'a> {
 }
 
 impl WriteOptions<'_> {
-    /// Options with unchanged axes, z-up, no padding, default mapping, no metadata, unknown units and all
-    /// splats selected.
+    /// Creates options with unchanged axes, z-up, no padding, default mapping, no metadata, unknown
+    /// units and all splats selected.
     pub fn new(format: ModelFormat) -> Self {
         Self {
             format,
@@ -216,13 +222,13 @@ impl WriteOptions<'_> {
     }
 }
 
-/// Extensions of the files that [`super::read()`] accepts. It detects the format from the content; dialogs
-/// filter by these.
+/// File extensions that [`super::read()`] accepts, for the filters of file dialogs. The format itself is
+/// detected from the content.
 pub const READ_ENDINGS: [&str; 5] = ["ply", "glb", "gltf", "spz", "splat"];
-/// Extensions of the files that [`super::write()`] writes, the default first.
+/// File extensions that [`super::write()`] writes, the default first.
 pub const WRITTEN_ENDINGS: [&str; 3] = ["ply", "glb", "spz"];
 
-/// Formats extensions for a sentence: `.ply, .glb or .spz`.
+/// Formats a list of extensions for a sentence, such as `.ply, .glb or .spz`.
 pub fn listed(endings: &[&str]) -> String {
     match endings {
         [] => String::new(),

@@ -9,17 +9,20 @@ use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
-/// Smallest scale written, so that its logarithm is finite (`files.md`, From splat to file).
+/// Absolute lower bound on written standard deviations, so that their logarithms are finite
+/// (`files.md`, From splat to file).
 pub(super) const SCALE_FLOOR: f64 = 1e-7;
-/// Smallest scale written, relative to the splat's largest.
+/// Lower bound on written standard deviations, relative to the splat's largest. The smaller one of this and
+/// the absolute bound applies.
 // In a world of large units all scales may be below the absolute minimum.
 const FLATTEST: f64 = 1e-4;
-/// Margin between opacities and 0 or 1 where a logit is written (`files.md`, From splat to file).
+/// Minimum distance of a written opacity from 0 and 1 where its logit is stored (`files.md`, From splat
+/// to file).
 // Limits logits to ±13.8.
 const LOGIT_MARGIN: f64 = 1e-6;
 /// Length below which a quaternion counts as zero.
 const MIN_QUATERNION: f64 = 1e-12;
-/// Largest change of a colour by clamping that counts as rounding.
+/// Largest change of a colour channel by clamping that counts as rounding.
 const COLOR_SLACK: f64 = 1e-4;
 
 /// Splat in f64; fields as in [`Splat`] and [`Appearance`], with a unit quaternion as rotation.
@@ -33,8 +36,8 @@ pub(super) struct Gaussian {
     pub directional: DMat3,
 }
 
-/// Range of view directions around the mean observed one within which the exported colour should match the
-/// native one: length of the difference of unit vectors.
+/// Radius around the mean observed view direction within which the exported colour should match the
+/// native one. Measured as the length of the difference of two unit vectors.
 // 60° to either side.
 const VIEW_RANGE: f64 = 1.0;
 
@@ -59,7 +62,8 @@ impl Gaussian {
         directional: DMat3::ZERO,
     };
 
-    /// Converts a drawable splat without its colour gradient and applies the lower bounds of all formats.
+    /// Converts a drawable splat, applies the lower bounds of all formats, and omits the colour
+    /// gradient.
     pub fn from_splat(splat: &Splat, appearance: &Appearance) -> Self {
         let wide = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
         let [w, x, y, z] = splat.rotation.map(f64::from);
@@ -93,7 +97,7 @@ impl Gaussian {
         Self { mean: factor * self.mean, scale: factor * self.scale, ..self }
     }
 
-    /// Negates the quaternion if `w < 0`; the rotation is the same.
+    /// Negates the quaternion if `w < 0`, which does not change the rotation.
     pub fn with_positive_w(self) -> Self {
         // Formats require `w ≥ 0` of the two quaternions that represent a rotation.
         let rotation = if self.rotation.w < 0.0 { -self.rotation } else { self.rotation };
@@ -104,8 +108,8 @@ impl Gaussian {
         self.color + self.directional * (self.mean - eye).normalize_or_zero()
     }
 
-    /// Converts to the records of a model; `None` if a field is not finite in f32. Clamps opacities, and
-    /// colours without view dependence, to `[0, 1]`.
+    /// Converts to the splat and the appearance of a model; `None` if a field is not finite in f32.
+    /// Clamps opacities, and colours without view dependence, to `[0, 1]`.
     pub fn to_splat(self) -> Option<(Splat, Appearance)> {
         let narrow = |v: DVec3| v.as_vec3().to_array();
         let splat = Splat {
@@ -127,7 +131,7 @@ impl Gaussian {
         self.directional == DMat3::ZERO
     }
 
-    /// Colour within `[0, 1]` if it does not depend on the view direction, otherwise unchanged.
+    /// Returns the colour, clamped to `[0, 1]` unless it depends on the view direction.
     fn bounded_color(&self) -> DVec3 {
         match self.is_diffuse() {
             true => self.color.map(|c| c.clamp(0.0, 1.0)),
@@ -142,13 +146,13 @@ impl Gaussian {
     }
 }
 
-/// Smallest scale written for a splat with these scales.
+/// Returns the smallest standard deviation written for a splat with standard deviations `scales`.
 pub(super) fn scale_floor(scales: DVec3) -> f64 {
     let largest = scales.max_element();
     if largest > 0.0 { SCALE_FLOOR.min(FLATTEST * largest) } else { SCALE_FLOOR }
 }
 
-/// Normalises `w x y z`; `None` for a zero quaternion. NaN stays NaN.
+/// Normalises the quaternion `w x y z`; returns `None` for a zero quaternion. NaN stays NaN.
 pub(super) fn unit_quaternion([w, x, y, z]: [f64; 4]) -> Option<DQuat> {
     let q = DQuat::from_xyzw(x, y, z, w);
     let length = q.length();
@@ -195,7 +199,7 @@ impl AxisRotation {
     pub const IDENTITY: AxisRotation =
         AxisRotation { matrix: DMat3::IDENTITY, quaternion: DQuat::IDENTITY };
 
-    /// z-up to the y-up of glTF: `(x, y, z)` becomes `(x, z, −y)`.
+    /// Rotation from z-up axes to the y-up axes of glTF: `(x, y, z)` becomes `(x, z, −y)`.
     pub const Z_UP_TO_Y_UP: AxisRotation = AxisRotation {
         matrix: DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y),
         quaternion: DQuat::from_xyzw(-FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2),
@@ -206,7 +210,7 @@ impl AxisRotation {
         quaternion: DQuat::from_xyzw(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2),
     };
 
-    /// z-up to the y-down world of splat viewers: `(x, y, z)` becomes `(−x, −z, −y)`.
+    /// Rotation from z-up axes to the y-down axes of splat viewers: `(x, y, z)` becomes `(−x, −z, −y)`.
     pub const Z_UP_TO_Y_DOWN: AxisRotation = AxisRotation {
         matrix: DMat3::from_cols(DVec3::NEG_X, DVec3::NEG_Z, DVec3::NEG_Y),
         quaternion: DQuat::from_xyzw(0.0, FRAC_1_SQRT_2, -FRAC_1_SQRT_2, 0.0),

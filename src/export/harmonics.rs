@@ -4,9 +4,9 @@
 
 use glam::{DMat3, DVec3};
 
-/// Degree 0, `1/(2√π)`.
+/// Constant factor of degree 0, `1/(2√π)`.
 const C0: f64 = 0.282_094_791_773_878_14;
-/// Degree 1, `√(3/(4π))`.
+/// Constant factor of degree 1, `√(3/(4π))`.
 const C1: f64 = 0.488_602_511_902_919_9;
 
 pub(super) fn from_color(color: DVec3) -> DVec3 {
@@ -17,14 +17,15 @@ pub(super) fn to_color(coefficient: DVec3) -> DVec3 {
     coefficient * C0 + 0.5
 }
 
-/// Converts the matrix `W` of a colour `W·d` for direction `d` to the three coefficients of degree 1, each
-/// with three channels.
+/// Converts the matrix `w` of a directional colour to the three coefficients of degree 1, each with
+/// three channels. The directional colour in direction `d` is `w·d`.
 pub(super) fn from_directional(w: DMat3) -> [DVec3; 3] {
     // Adding zero turns −0 into 0.
     [-w.y_axis, w.z_axis, -w.x_axis].map(|change| change / C1 + DVec3::ZERO)
 }
 
-/// Inverse of [`from_directional`].
+/// Inverse of [`from_directional`]: converts three coefficients of degree 1 to the matrix of a
+/// directional colour.
 pub(super) fn to_directional([y, z, x]: [DVec3; 3]) -> DMat3 {
     DMat3::from_cols(-x, -y, z) * C1
 }

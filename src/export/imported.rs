@@ -16,15 +16,15 @@ pub struct Imported {
     /// Finite splats in file order, in the file's axes (PLY, `.splat`) or rotated to z-up (glTF, SPZ). Points
     /// become opaque spheres with half the point spacing as radius. View-dependent colour has degree 1 at most.
     pub splats: SplatSet,
-    /// Kind of the rows.
+    /// Kind of the rows: splats or points.
     pub kind: ModelKind,
     /// Local origin in the file's world, in the axes of `splats`; zero if the file has none.
     pub local_origin: DVec3,
-    /// True if the format defines the up axis, so that reading rotated it to z.
+    /// True if the format defines the up axis; the model was then rotated to z-up.
     pub is_z_up: bool,
     /// Number of rows skipped because a field was NaN or infinite.
     pub skipped: usize,
-    /// What was ignored, guessed or converted.
+    /// Notices about content that was ignored, guessed or converted.
     pub notes: Vec<Note>,
     /// Comment lines of a PLY, or `asset.extras.comments` of a glTF.
     pub comments: Vec<String>,
@@ -47,7 +47,7 @@ impl Imported {
     }
 }
 
-/// Kind of a file's rows.
+/// Kind of the rows in a model file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelKind {
     /// Gaussian splats: rows with scales and a rotation.
@@ -60,7 +60,7 @@ pub enum ModelKind {
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
 pub enum Note {
-    /// Spherical harmonics above degree 1 were ignored; also those of degree 1, if incomplete or in linear
+    /// Spherical harmonics above degree 1 were ignored, and those of degree 1 if incomplete or in linear
     /// colour.
     #[strum(to_string = "view-dependent colour ignored ({n_coefficients} coefficients per splat)")]
     ViewDependentColorIgnored { n_coefficients: usize },
@@ -165,7 +165,7 @@ impl Rows {
     }
 }
 
-/// Sets the standard deviations to half the point spacing.
+/// Sets the standard deviations of points to half the estimated point spacing.
 fn set_point_scales(points: &mut [Splat]) {
     // Estimated as if the points covered a surface as large as their bounding box. Neighbours then touch in
     // any unit of length.

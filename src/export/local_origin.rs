@@ -8,18 +8,19 @@ use glam::DVec3;
 const COMMENT: &str = "vbgs local origin ";
 pub(super) const EXTRA: &str = "local_origin";
 
-/// How a format stores the local origin.
+/// Way in which a file format stores the local origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OriginCarrier {
-    /// As a transform, which every program applies.
+    /// The local origin is stored as a transform, which every program applies.
     Transform,
-    /// As a comment, which only this program reads.
+    /// The local origin is stored as a comment, which only this program reads.
     Comment,
-    /// Not at all.
+    /// The format cannot store the local origin.
     None,
 }
 
-/// True if a comment states the local origin. It then applies to that file only, in its axes and units.
+/// True if a comment line states the local origin. Such a comment applies only to its own file, in the
+/// axes and units of that file.
 pub fn is_comment(line: &str) -> bool {
     line.starts_with(COMMENT)
 }
@@ -49,7 +50,7 @@ pub fn warning(origin: DVec3, carrier: OriginCarrier) -> Option<String> {
     ))
 }
 
-/// Formats the comment for an origin in the axes and units of the file; `None` for zero.
+/// Formats the comment line for a local origin in the axes and units of the file; `None` for zero.
 pub(super) fn comment(origin: DVec3) -> Option<String> {
     let [x, y, z] = origin.to_array();
     (origin != DVec3::ZERO).then(|| format!("{COMMENT}{x} {y} {z}"))

@@ -30,7 +30,8 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use strum::{EnumMessage, EnumString, VariantNames};
 
-/// Conversion of native splats to plain ones; `default()` writes one splat for each.
+/// Conversion of native splats to plain ones, which other programs can draw. The default writes one
+/// plain splat for each native splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Mapping {
     /// Treatment of opacities above 0.99.
@@ -63,7 +64,7 @@ pub enum OpacityMapping {
     Clip,
 }
 
-/// Number of plain splats per native one.
+/// Number of plain splats written for each native splat.
 #[derive(
     Clone,
     Copy,
@@ -92,7 +93,7 @@ pub enum GradientSplit {
 }
 
 impl Mapping {
-    /// Returns the opacity treatment that measured best for a split.
+    /// Returns the mapping with the opacity treatment that measured best for a split.
     pub fn for_split(split: GradientSplit) -> Self {
         // On Lego, four clipped splats gave 26.6 dB and two of equal area 26.5. Single splats gave 26.1 with
         // equal area and 25.7 clipped.
@@ -103,7 +104,7 @@ impl Mapping {
         Self { opacity, split }
     }
 
-    /// Factor on standard deviations.
+    /// Returns the factor by which standard deviations are multiplied.
     fn scale(self, full_coverage: f64) -> f64 {
         // Crack filling also widens splats, by the fourth root of its opacity factor, because neighbours
         // overlap.
@@ -127,7 +128,8 @@ impl GradientSplit {
         }
     }
 
-    /// Distance of the pieces' centres from the mean along each axis, in standard deviations.
+    /// Returns the distance of the pieces' centres from the splat's mean along each split axis, in
+    /// standard deviations.
     fn piece_distance(self) -> f64 {
         match self {
             GradientSplit::One => 0.0,
@@ -161,7 +163,7 @@ pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     Some(plain)
 }
 
-/// Piece `k` of splat `i`, converted to plain; `None` if it is not finite in f32.
+/// Returns piece `k` of splat `i`, converted to a plain splat; `None` if it is not finite in f32.
 pub(super) fn plain_piece(
     view: SplatView,
     i: usize,
@@ -182,7 +184,7 @@ fn gradient(view: SplatView, i: usize) -> DMat3 {
     view.appearance().get(i).map_or(DMat3::ZERO, |appearance| from_rows(appearance.gradient))
 }
 
-/// Axes along which a splat is split, the longest first.
+/// Returns the axes along which a splat is split, the longest first.
 fn split_axes(native: &Gaussian, split: GradientSplit) -> impl DoubleEndedIterator<Item = usize> {
     // Along the longest axes the gradient changes the colour most.
     let scale = native.scale;

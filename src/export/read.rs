@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 use std::io::Read;
 use std::path::Path;
 
-/// Maximum number of splats [`read`] accepts: about 1.4 GB of PLY.
+/// Maximum number of splats that [`read`] accepts, about 1.4 GB as PLY.
 pub const DEFAULT_MAX_SPLATS: usize = 20_000_000;
 
 /// Reads a model: PLY (splats, points or PlayCanvas' compressed form), GLB, glTF with `data:` or sibling
@@ -22,7 +22,7 @@ pub fn read(path: &Path) -> Result<Imported, ExportError> {
     read_up_to(path, DEFAULT_MAX_SPLATS)
 }
 
-/// Reads like [`read`], with another limit on the number of rows.
+/// Reads like [`read`], with `max_splats` as the limit on the number of rows.
 ///
 /// # Errors
 /// As [`read`], and [`Fault::TooMany`] above `max_splats`.
@@ -82,16 +82,17 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
     Ok(bytes)
 }
 
-/// Bytes of a splat: position and scale as six f32, colour and opacity as four bytes, the rotation `w x y z`
-/// as four more.
+/// Size of a splat in bytes: six f32 for position and scale, four bytes for colour and opacity, and four
+/// for the rotation `w x y z`.
 const ROW_BYTES: usize = 32;
 /// Number of rows examined to detect the format, which has no magic bytes.
 const N_PROBED: usize = 64;
-/// Tolerance of a quaternion's squared length: 8-bit components, of which 255 represents 1.
+/// Tolerance for the squared length of a quaternion with 8-bit components, in which byte 255 represents
+/// 1.
 const LENGTH_SLACK: f64 = 0.1;
 
-/// True if most of the first rows are plausible splats: finite, no negative scales, and a unit quaternion.
-/// Text and images are not.
+/// True if most of the first rows are plausible splats, with finite values, no negative scales, and a
+/// unit quaternion. False for text and images.
 pub(super) fn is_likely(bytes: &[u8]) -> bool {
     let probed = bytes.as_chunks::<ROW_BYTES>().0.iter().take(N_PROBED);
     let likely = |row: &&[u8; ROW_BYTES]| {
@@ -137,7 +138,7 @@ struct Record {
     scale: DVec3,
     /// Red, green, blue and opacity, 0 to 1.
     color: [f64; 4],
-    /// `w x y z`; byte 128 is 0, with steps of 1/128.
+    /// Quaternion `w x y z`; byte 128 represents 0, in steps of 1/128.
     rotation: [f64; 4],
 }
 

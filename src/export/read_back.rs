@@ -16,8 +16,8 @@ pub struct ReadBack {
     pub bytes: u64,
 }
 
-/// Writes a model in memory and reads it again, in the model's own axes and units. Takes the memory of the
-/// file and of its splats.
+/// Writes a model to memory and reads it back, in the model's own axes and units. Needs memory for the
+/// whole file and for the splats read from it.
 ///
 /// ```
 /// use vbgs_studio::export::{ModelFormat, WriteOptions, read_back};

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 pub(super) struct ExportRows<'a> {
     view: SplatView<'a>,
-    /// Mapping of native splats; `None` for plain splats and point clouds.
+    /// Conversion of native splats; `None` for plain splats and point clouds.
     mapping: Option<Mapping>,
     turn: AxisRotation,
     unit_scale: f64,
@@ -119,7 +119,7 @@ pub(super) fn file_rotation(options: &WriteOptions) -> AxisRotation {
     }
 }
 
-/// Local origin in the axes and units of the file.
+/// Returns the local origin in the axes and units of the file.
 pub(super) fn file_origin(options: &WriteOptions) -> DVec3 {
     file_rotation(options).rotate_vector(options.local_origin) * options.unit_scale
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::io::Write;
 use std::{fmt, io};
 
-/// Number of rows that are encoded before they are written and progress is reported.
+/// Number of rows per block. Progress is reported after each written block.
 // At most 16 MB of the widest format.
 const BLOCK_ROWS: usize = 1 << 16;
 /// Number of rows that one thread encodes at a time.
@@ -55,7 +55,8 @@ pub(super) fn put_floats(row: &mut Vec<u8>, values: &[f64]) {
     }
 }
 
-/// Callback between blocks of rows. Receives the completed fraction, 0 to 1, and returns false to cancel.
+/// Progress callback, called between blocks of rows. Receives the completed fraction, 0 to 1, and
+/// returns false to cancel writing.
 #[derive(Clone, Copy, Default)]
 pub struct WriteProgress<'a>(Option<&'a dyn Fn(f64) -> bool>);
 
@@ -83,7 +84,8 @@ pub(super) struct ProgressCounter<'a> {
 }
 
 impl<'a> ProgressCounter<'a> {
-    /// Starts a count of `total` rows. Rows written per column count once for each column.
+    /// Starts to count up to `total` rows. In a format with separate columns, a row counts once for each
+    /// column.
     pub fn new(progress: WriteProgress<'a>, total: usize) -> Self {
         Self { progress, done: 0, total }
     }

@@ -35,7 +35,7 @@ struct VideoWriter {
     folder: TempDir,
 }
 
-/// Video extensions and their encoder options.
+/// Video file extensions, each with the encoder options for ffmpeg.
 // Qualities are visually near lossless, and most players know the pixel format.
 const ENDINGS: [(&str, &[&str]); 3] = [
     // `+faststart` moves the index to the front, so that players can stream the file.
@@ -116,7 +116,7 @@ enum Output {
     /// Numbered PNG files, each written immediately.
     Pictures {
         folder: PathBuf,
-        /// End of the names, after the number.
+        /// Part of the file names after the number.
         suffix: String,
         n: usize,
     },
@@ -127,7 +127,8 @@ impl FilmWriter {
     /// Creates a video if `output` has a video extension ([`is_video`]), else a folder of pictures.
     ///
     /// # Errors
-    /// [`FilmError::Folder`], or [`FilmError::Video`] for a folder that is not writable, or without ffmpeg.
+    /// [`FilmError::Folder`], or [`FilmError::Video`] if the folder is not writable or ffmpeg is
+    /// missing.
     pub fn new(output: &Path, size: [u32; 2], fps: f64) -> Result<Self, FilmError> {
         match is_video(output) {
             true => Ok(Self(Output::Video(VideoWriter::new(output, size, fps)?))),
@@ -146,7 +147,8 @@ impl FilmWriter {
         Ok(Self(Output::Pictures { folder, suffix, n: 0 }))
     }
 
-    /// Appends a picture. Returns false if a video accepts no more; [`Self::finish`] then returns the cause.
+    /// Appends a picture. Returns false if ffmpeg accepts no more pictures; [`Self::finish`] then
+    /// returns the cause.
     ///
     /// # Errors
     /// [`FilmError::Picture`].
@@ -172,7 +174,7 @@ impl FilmWriter {
         }
     }
 
-    /// Aborts: pictures already written stay, an unfinished video is removed.
+    /// Aborts the output. Pictures already written are kept, and an unfinished video is removed.
     pub fn abort(self) {
         if let Output::Video(video) = self.0 {
             video.abort();

@@ -13,7 +13,7 @@ use std::path::Path;
 /// Summary of an export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriteSummary {
-    /// Number of splats written: the drawable and selected ones, times two or four if they were split.
+    /// Number of splats written. A native splat that was split counts as two or four.
     pub n_written: usize,
     /// Number of undrawable splats: not finite, or with opacity 0 (unused components).
     pub n_skipped: usize,
@@ -23,9 +23,9 @@ pub struct WriteSummary {
     pub bytes: u64,
 }
 
-/// Writes the drawable splats to `path` atomically (see [`atomic::write_atomic`]); native splats are mapped
-/// to plain ones (see [`super::mapping`]). Takes 8 bytes of memory per splat and a block of rows; for SPZ
-/// also the compressed file and 16 bytes per splat.
+/// Writes the drawable splats to `path` atomically (see [`atomic::write_atomic`]). Native splats are
+/// mapped to plain ones (see [`super::mapping`]). Needs 8 bytes of memory per splat and a block of rows;
+/// SPZ also needs memory for the compressed file and 16 bytes per splat.
 ///
 /// Positions are exact except in SPZ, and scales are at least 1e-7. Opacities in PLY are limited to `[1e-6, 1
 /// − 1e-6]`.

@@ -13,7 +13,7 @@ use crate::train::candidates::IndexError;
 use crate::train::learner::Learner;
 use crate::train::outcome::MemoryEstimate;
 
-/// Settings of a run, independent of the preset.
+/// Interface to the settings of a run that is the same for all presets.
 pub trait AnyPreset {
     /// Seed of every random stream.
     fn seed(&self) -> u64;
@@ -29,21 +29,22 @@ pub trait AnyPreset {
     /// Maximum number of components.
     fn component_limit(&self) -> ComponentLimit;
 
-    /// Conversion of a component's posterior covariance to the shape of a splat.
+    /// Method for converting a component's posterior covariance to the shape of a splat.
     fn covariance_form(&self) -> CovarianceForm;
 
-    /// Names and values of settings that were estimated on the dataset and position the model in the world.
-    /// Models are only merged if these agree.
+    /// Names and values of the settings that position the model in the world and were estimated from the
+    /// dataset. Only models with equal values can be merged.
     fn world_placement(&self) -> Vec<(&'static str, String)>;
 
-    /// Convention by which pixels of a layout become rays.
+    /// Convention by which pixels become viewing rays, for datasets of a layout.
     fn camera_convention(&self, layout: Layout) -> CameraConvention;
 
-    /// Upper bound on the memory of a run with frames of `pixels` pixels.
+    /// Upper bound on the memory in bytes of a run with frames of `pixels` pixels.
     fn memory(&self, pixels: usize) -> MemoryEstimate;
 
-    /// Fuses the models in this order, within the limits of these settings. `origin` is the model that every
-    /// run continued, if any. `None` unless all can be fused and match these settings.
+    /// Fuses the models, in the given order, within the limits of these settings. `origin` is the common
+    /// earlier model that all runs continued, if any. `None` unless all models match these settings and
+    /// can be fused.
     fn fuse(&self, origin: Option<&StoredModel>, models: &[&StoredModel]) -> Option<StoredModel>;
 
     /// Checks that a stored model matches these settings.
@@ -56,7 +57,7 @@ pub trait AnyPreset {
 /// Maximum number of components of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ComponentLimit {
-    /// Fixed number of components, used or not.
+    /// Fixed number of components, all of which are allocated at the start.
     Fixed(usize),
     /// Maximum set by the user.
     Asked(usize),
@@ -72,11 +73,11 @@ impl ComponentLimit {
     }
 }
 
-/// Learner with the transform between the world and its model.
+/// Learner with the transformation from world to model coordinates.
 pub struct PlacedLearner<L: ?Sized = dyn Learner> {
     /// The learner.
     pub learner: Box<L>,
-    /// World to model coordinates.
+    /// Transformation from world to model coordinates.
     pub normalization: Normalization,
 }
 
@@ -86,19 +87,19 @@ pub enum Mismatch {
     /// The prior differs.
     #[error("expected the prior that its settings imply, found another")]
     Prior,
-    /// The settings require another form of model, described here.
+    /// The settings require another form of model, which the text describes.
     #[error("expected {0} according to its settings, found another")]
     Form(String),
     /// A setting is out of range.
     #[error("section `CONF`: {0}")]
     Setting(String),
-    /// The means cannot be indexed.
+    /// The search index over the components' means could not be built.
     #[error(transparent)]
     Index(#[from] IndexError),
 }
 
-/// Comment lines of a splat file: program and settings, antialiasing rule, and the covariance conversion if
-/// it is not the default.
+/// Returns the comment lines of a splat file: program and settings, antialiasing rule, and the
+/// covariance conversion if it is not the default.
 pub fn file_comments(method: &Method, n_frames: u64) -> Vec<String> {
     let program = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
     let preset = method.preset();

@@ -1,8 +1,8 @@
 //! Autosave without blocking training (`pipeline.md`, Autosave).
 //!
 //! Between two frames the training thread takes a snapshot and continues; another thread writes it. At most
-//! one save is in progress. One that falls due meanwhile is postponed, so a slow disk costs saves, but
-//! neither frames nor memory.
+//! one save is in progress, and a save that becomes due meanwhile is postponed. A slow disk therefore
+//! reduces the number of saves, but delays no frames and needs no more memory.
 
 use super::checkpoint::{RunError, SessionSnapshot};
 use super::job::Job;
@@ -12,10 +12,11 @@ use crate::export::{atomic, checkpoint};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Autosave interval, in frames or time, whichever comes first.
+/// Autosave interval, in trained frames, in time, or both. If both are given, the earlier one applies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AutosaveInterval {
-    /// Saves whenever the number of trained frames is a multiple of this, at least 1.
+    /// Number of frames, at least 1. A save is due whenever the number of trained frames is a multiple
+    /// of this.
     pub frames: Option<usize>,
     /// Time between saves.
     pub time: Option<Duration>,
@@ -48,7 +49,7 @@ pub enum AutosaveError {
 /// Result of a save.
 pub type SaveOutcome = Result<Autosaved, AutosaveError>;
 
-/// Repeated saves of one run under one name; the previous file is retained as `<name>.bak`.
+/// Repeated saves of one run to one file; the previous file is retained as `<name>.bak`.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -82,8 +83,8 @@ pub struct Autosave {
 }
 
 impl Autosave {
-    /// Starts to count frames and time, and removes leftovers of interrupted saves to this path. Two runs must
-    /// not save to the same path.
+    /// Prepares saves to `path` without saving yet, and removes files left over from interrupted saves.
+    /// Two runs must not save to the same path.
     pub fn new(path: PathBuf, interval: AutosaveInterval, session: &Session) -> Self {
         atomic::remove_leftovers(&path);
         let begun = (session.learner().status().frames, Instant::now());
@@ -100,8 +101,8 @@ impl Autosave {
         self.interval = interval;
     }
 
-    /// Starts a save if one is due and none is in progress; call it between frames. Returns the result of the
-    /// previous save, once, when it has finished.
+    /// Starts a save if one is due and none is in progress; to be called between frames. Returns the
+    /// result of the previous save, once, when it has finished.
     pub fn poll(&mut self, session: &Session) -> Option<SaveOutcome> {
         let ended = self.take_outcome(Duration::ZERO);
         if self.in_flight.is_some() {
@@ -143,7 +144,7 @@ impl Autosave {
         Ok(())
     }
 
-    /// Waits for the save in progress and returns its result.
+    /// Waits for the save in progress and returns its result; `None` if no save is in progress.
     pub fn wait(&mut self) -> Option<SaveOutcome> {
         self.take_outcome(Duration::MAX)
     }

@@ -15,7 +15,7 @@ pub enum SessionError {
     /// The dataset lacks what was requested.
     #[error("{0}")]
     Dataset(#[from] DatasetError),
-    /// The scene preset does not fit the dataset.
+    /// The scene preset cannot start on the dataset.
     #[error("{0}")]
     Scene(#[from] SceneError),
     /// The range of positions could not be estimated.
@@ -27,15 +27,16 @@ pub enum SessionError {
     /// The machine has too little memory.
     #[error("{0}")]
     Memory(#[from] MemoryError),
-    /// The candidate index could not be built.
+    /// The search index for candidate components could not be built.
     #[error("{0}")]
     Index(#[from] IndexError),
-    /// Further passes would have no effect.
+    /// Several passes were requested without training on photographs, but further passes use only
+    /// photographs.
     #[error(
         "passes: expected 1 without photometric training, found {0}: points count once; train on photographs, or use one pass"
     )]
     Passes(usize),
-    /// Tracking excludes another setting.
+    /// Another setting is incompatible with tracking.
     #[error("poses (`--poses track`): expected {expected}, found {found}")]
     Tracking { expected: &'static str, found: String },
     /// A stored model does not match the settings stored with it.

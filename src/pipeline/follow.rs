@@ -24,7 +24,7 @@ const POLL_TIMEOUT: Duration = Duration::from_millis(50);
 /// Time after which a drive counts as not responding.
 const DRIVE_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Recording that is followed while it grows.
+/// Recording that is polled for new frames while it grows.
 pub struct Follow {
     path: PathBuf,
     // The scan thread holds the lock until the drive responds, so other threads never wait for it.
@@ -37,20 +37,21 @@ pub struct Follow {
     dataset: Option<Arc<Dataset>>,
     started: Instant,
     pace: PollSchedule,
-    /// Error of the last scan.
+    /// Error message of the last scan.
     problem: Option<String>,
-    /// Error of starting a session on the frames so far.
+    /// Error message of starting a session on the frames found so far.
     unfit: Option<String>,
-    /// Notice during a scan that takes too long.
+    /// Warning during a scan in which the drive does not respond.
     silence: Option<String>,
     is_over: bool,
 }
 
 impl Follow {
-    /// Starts without frames; the folder may not exist yet.
+    /// Starts to follow the recording in the folder `path`, which may not exist yet.
     ///
     /// # Errors
-    /// A selection that requires all frames, an option out of range, or a file instead of a folder.
+    /// A selection that requires all frames in advance, an option out of range, or a file instead of a
+    /// folder.
     pub fn new(
         path: &Path,
         load: &LoadOptions,
@@ -74,7 +75,8 @@ impl Follow {
         Ok(Self::with(recording, selection))
     }
 
-    /// Continues after the frames of an opened dataset. `None` if it is no folder, or with a sector hold-out.
+    /// Follows the recording of an opened dataset for frames after the known ones. `None` if the dataset
+    /// is no folder, or with a sector hold-out.
     pub(super) fn of(dataset: &Dataset, split: usize, selection: &Selection) -> Option<Self> {
         // The sector depends on all cameras, so later frames would change it.
         if selection.hold_out == HoldOut::Sector {
@@ -100,11 +102,12 @@ impl Follow {
         }
     }
 
-    /// Returns the recording so far if it has grown and has a frame to train on. Start a session with it and
-    /// pass `self` to [`Session::follow`](super::session::Session::follow).
+    /// Polls the recording; returns the dataset so far if it has grown and has a frame to train on. A
+    /// session started with this dataset gets `self` through
+    /// [`Session::follow`](super::session::Session::follow).
     ///
     /// # Errors
-    /// A defect of a recording that has ended.
+    /// A defect in a recording that has ended.
     pub fn poll_dataset(&mut self) -> Result<Option<Arc<Dataset>>, DatasetError> {
         let (ScanFindings::Frames(found) | ScanFindings::End(Some(found))) = self.poll()? else {
             return Ok(None);
@@ -127,8 +130,8 @@ impl Follow {
         Ok((has_frames || self.is_over).then(|| dataset.clone()))
     }
 
-    /// Stores the error of starting a session. Returns true if further frames may give it the usable points
-    /// that the frames so far lack.
+    /// Stores an error of starting a session if it is due to a lack of usable points. Returns true if
+    /// further frames may provide such points.
     pub fn may_succeed_later(&mut self, error: &SessionError) -> bool {
         let is_of_frames =
             matches!(error, SessionError::Range(_) | SessionError::Scene(SceneError::NoPoints(_)));
@@ -139,12 +142,12 @@ impl Follow {
         is_of_frames && !self.is_over
     }
 
-    /// Selection of frames for the session.
+    /// Selection of the session's frames.
     pub fn selection(&self) -> &Selection {
         &self.selection
     }
 
-    /// Time until the next scan may find something.
+    /// Time until the next scan is due; zero while a scan is in progress.
     pub fn time_to_next_scan(&self) -> Duration {
         if self.scan.is_some() {
             return Duration::ZERO;
@@ -152,14 +155,14 @@ impl Follow {
         self.pace.time_to_next_check(self.started.elapsed())
     }
 
-    /// Error of the last scan, or of starting a session with its result. `None` if there are merely no new
+    /// Error of the last scan, or of starting a session on its frames. `None` if there are merely no new
     /// files.
     pub fn problem(&self) -> Option<&str> {
         // A silent drive hides everything older.
         self.silence.as_deref().or(self.problem.as_deref()).or(self.unfit.as_deref())
     }
 
-    /// Path of the folder.
+    /// Path of the recording's folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -172,7 +175,8 @@ impl Follow {
     /// Scans the recording if a scan is due, and returns the new frames.
     ///
     /// # Errors
-    /// A defect of a recording that has ended. Before the end, a defect may be temporary.
+    /// A defect in a recording that has ended. Before the end, a defect may be temporary and is not an
+    /// error.
     ///
     /// # Panics
     /// If the scan panicked.
@@ -222,7 +226,8 @@ impl Follow {
         scan.map_err(|source| self.problem = Some(no_thread(source))).ok()
     }
 
-    /// Allows later scans to find an unreadable frame again once its files have changed.
+    /// Marks an unreadable frame as not found, so that later scans find it again once its files have
+    /// changed.
     pub(super) fn give_back(&mut self, frame: String, marks: FrameMarks) {
         match self.scan {
             // The scan holds the lock, perhaps for as long as its drive hangs.
@@ -233,7 +238,7 @@ impl Follow {
 }
 
 pub(super) enum ScanFindings {
-    /// No complete new frame.
+    /// There is no complete new frame.
     Nothing,
     Frames(Dataset),
     /// The recording has ended, perhaps with further frames.
@@ -243,7 +248,7 @@ pub(super) enum ScanFindings {
 struct ScanResult {
     found: Result<ScanFindings, DatasetError>,
     has_ended: bool,
-    /// Time spent reading; `None` if there was nothing to read.
+    /// Time spent reading the recording; `None` if there was nothing to read.
     took: Option<Duration>,
 }
 
@@ -252,8 +257,8 @@ fn lock(recording: &Mutex<GrowingRecording>) -> MutexGuard<'_, GrowingRecording>
     recording.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Scans a recording that has changed, `now_s` seconds after the start. With `retries`, also scans an
-/// unchanged one that has unresolved frames.
+/// Scans a recording if it has changed or ended. With `retries`, also scans an unchanged recording that
+/// has unresolved frames. `now_s` is the time since the start, in seconds.
 fn scan(recording: &mut GrowingRecording, retries: bool, now_s: f64) -> ScanResult {
     // Checked before the scan: once the recorder has ended, the scan is complete.
     let has_ended = recording.has_ended();

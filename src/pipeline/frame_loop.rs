@@ -18,9 +18,9 @@ use crate::train::scene::track::TrackingLoss;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Prefetch and learner of one preset, with their types erased.
+/// Prefetch and learner of one preset, without the preset's types.
 pub(super) trait FrameLoop: Send {
-    /// Trains on the next frame, waiting at most `patience` for it to be decoded.
+    /// Trains on the next frame. Waits at most `patience` until it is decoded.
     fn step(&mut self, patience: Duration) -> Next<SteppedFrame>;
 
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>);
@@ -34,7 +34,7 @@ pub(super) struct SteppedFrame {
     /// Position in the plan.
     pub position: usize,
     pub name: String,
-    /// Marks of its files before they were read.
+    /// Modification times and sizes of the frame's files before they were read.
     pub marks: FrameMarks,
     pub status: FrameStatus,
 }
@@ -42,7 +42,7 @@ pub(super) struct SteppedFrame {
 pub(super) enum FrameStatus {
     Learned {
         outcome: Box<FrameOutcome>,
-        /// Measured pixels without a point.
+        /// Number of measured pixels that gave no point.
         dropped: usize,
         load_ms: f64,
         prepare_ms: f64,
@@ -107,14 +107,14 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
 }
 
 pub(super) enum InitialState<'a> {
-    /// No training yet; positions are in this range.
+    /// There is no trained model yet; the positions of the dataset are in this range.
     Fresh(&'a PositionRange),
     /// Stored model that matches the run's settings, and its number of trained frames.
     Stored(&'a StoredModel, u64),
 }
 
-/// Starts decoding the frames of a plan from position `first`, for a learner of the run's preset. Returns
-/// the loop and the transform from world to model coordinates.
+/// Creates the loop for the run's preset and starts decoding the plan's frames from position `first`.
+/// Returns the loop and the transformation from world to model coordinates.
 pub(super) fn frame_loop(
     dataset: &Arc<Dataset>,
     run: &RunConfig,
@@ -147,13 +147,13 @@ fn preset_loop<P: TypedPreset>(
     Ok((Box::new(PresetLoop { prefetch, learner }), normalization))
 }
 
-/// Learner of a preset, with the type of its observations.
+/// Learner of a preset that accepts the observations of the preset's preparation.
 pub type LearnerOf<P> =
     PlacedLearner<dyn Learns<<<P as TypedPreset>::Preparation as Prepare>::Observation>>;
 
-/// Settings of a preset, with its types.
+/// Settings of a preset, with the concrete types of its frame preparation and observations.
 pub trait TypedPreset: AnyPreset {
-    /// Preparation of frames for the learner.
+    /// Type that prepares frames for the learner.
     type Preparation: Prepare;
 
     /// Returns the preparation of frames for a model in the coordinates of `normalization`.
@@ -170,14 +170,15 @@ pub trait TypedPreset: AnyPreset {
         range: &PositionRange,
     ) -> Result<LearnerOf<Self>, SessionError>;
 
-    /// Restores a learner after `frames` frames from a stored model.
+    /// Restores a learner from a stored model that was trained on `frames` frames.
     ///
     /// # Errors
     /// [`Mismatch`] if the stored model does not match these settings.
     fn restore(&self, model: &StoredModel, frames: u64) -> Result<LearnerOf<Self>, Mismatch>;
 }
 
-/// Restores a learner as [`TypedPreset::restore`] does, without the type of its observations.
+/// Restores a learner of either preset (see [`TypedPreset::restore`]), without the type of its
+/// observations.
 pub(super) fn restore_any(
     method: &Method,
     model: &StoredModel,

@@ -11,10 +11,11 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread::Builder;
 use std::time::{Duration, Instant};
 
-/// Callback that wakes the thread that polls, such as a window.
+/// Callback that wakes the thread that polls a job, such as that of a window.
 pub type Waker = Arc<dyn Fn() + Send + Sync>;
 
-/// Running work. Dropping it cancels its [`Progress`] and abandons the work: its result is discarded.
+/// Job whose work runs on its own thread. Dropping the job requests cancellation through its
+/// [`Progress`] and discards the result.
 ///
 /// ```
 /// use std::time::Duration;
@@ -32,7 +33,7 @@ pub struct Job<T> {
 }
 
 impl<T: Send + 'static> Job<T> {
-    /// Starts work on a thread with this name.
+    /// Starts `work` on a thread named `name`.
     ///
     /// # Errors
     /// The system cannot start a thread.
@@ -40,7 +41,7 @@ impl<T: Send + 'static> Job<T> {
         Self::start_reporting(name, Arc::new(|| ()), |_| work())
     }
 
-    /// Like [`Self::start`], and calls `waker` once the result is available.
+    /// Starts work as [`Self::start`] does, and calls `waker` once the result is available.
     ///
     /// # Errors
     /// As [`Self::start`].
@@ -52,7 +53,8 @@ impl<T: Send + 'static> Job<T> {
         Self::start_reporting(name, waker, |_| work())
     }
 
-    /// Like [`Self::start_waking`], for work that reports its progress and can be cancelled.
+    /// Starts work as [`Self::start_waking`] does. The work receives a [`Progress`] to report progress
+    /// and detect cancellation.
     ///
     /// # Errors
     /// As [`Self::start`].
@@ -82,14 +84,14 @@ impl<T: Send + 'static> Job<T> {
         self.results.try_recv().ok()
     }
 
-    /// Like [`Self::poll`], waiting at most `patience`.
+    /// Returns the result as [`Self::poll`] does, after waiting at most `patience` for it.
     pub fn wait(&self, patience: Duration) -> Option<Result<T, PanicReport>> {
         self.results.recv_timeout(patience).ok()
     }
 }
 
 impl<T> Job<T> {
-    /// Time since the start.
+    /// Time since the start of the work.
     pub fn elapsed(&self) -> Duration {
         self.started.elapsed()
     }
@@ -106,15 +108,15 @@ impl<T> Drop for Job<T> {
     }
 }
 
-/// Value of `done` while there is no work.
+/// Value of `Progress::done` while there is no work.
 const NONE: u32 = u32::MAX;
-/// Value of `done` for complete work.
+/// Value of `Progress::done` for completed work.
 const WHOLE: f64 = 1000.0;
 
-/// Progress and cancellation of work, shared by its thread and the one that watches it.
+/// Progress and cancellation of work, shared by the working and the observing thread.
 #[derive(Debug)]
 pub struct Progress {
-    /// Finished thousandths, or [`NONE`].
+    /// Finished share in thousandths, or [`NONE`].
     // An integer, because std has no atomic floats.
     done: AtomicU32,
     is_cancelled: AtomicBool,
@@ -128,13 +130,13 @@ impl Default for Progress {
 
 // Relaxed throughout: no other memory depends on these values.
 impl Progress {
-    /// Starts work; clears the cancellation of earlier work.
+    /// Marks work as started, with a finished share of 0; clears an earlier cancellation.
     pub fn begin(&self) {
         self.is_cancelled.store(false, Ordering::Relaxed);
         self.done.store(0, Ordering::Relaxed);
     }
 
-    /// Sets the finished share, from 0 to 1; true if it changed enough to redraw.
+    /// Sets the finished share, from 0 to 1. Returns true if the share changed by enough for a redraw.
     pub fn set_share(&self, share: f64) -> bool {
         let done = (share.clamp(0.0, 1.0) * WHOLE) as u32;
         // Whole percents, so that a window is not redrawn for every thousandth.
@@ -146,18 +148,18 @@ impl Progress {
         !self.is_cancelled.load(Ordering::Relaxed)
     }
 
-    /// Ends the work, whether it is complete or not.
+    /// Marks work as ended, whether it is complete or not.
     pub fn end(&self) {
         self.done.store(NONE, Ordering::Relaxed);
     }
 
-    /// Finished share; `None` while there is no work.
+    /// Finished share, from 0 to 1; `None` while there is no work.
     pub fn share(&self) -> Option<f32> {
         let done = self.done.load(Ordering::Relaxed);
         (done != NONE).then(|| (f64::from(done) / WHOLE) as f32)
     }
 
-    /// Cancels the work.
+    /// Requests cancellation of the work.
     pub fn cancel(&self) {
         self.is_cancelled.store(true, Ordering::Relaxed);
     }
@@ -170,7 +172,7 @@ mod tests {
 
     const PATIENCE: Duration = Duration::from_secs(60);
 
-    /// Result of a job, read after the waker was called.
+    /// Runs a job and returns its result, read after the waker was called.
     fn answer(work: impl FnOnce() -> usize + Send + 'static) -> Result<usize, PanicReport> {
         PanicReport::install_hook();
         let (woken, wakes) = channel();

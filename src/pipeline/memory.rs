@@ -8,7 +8,7 @@ use crate::train::outcome::MemoryEstimate;
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MemoryError {
-    /// The number of components would not fit.
+    /// The maximum number of components would not fit.
     #[error(
         "{setting}: expected at most {most} components, which fit into the {available_mb} MB of free memory, found {found} ({needed_mb} MB); use fewer or close other programs"
     )]
@@ -20,10 +20,10 @@ pub enum MemoryError {
     Frames { available_mb: u64, needed_mb: u64 },
 }
 
-/// Checks a run against the free memory, if the machine reports it.
+/// Checks that a run fits into the free memory, if the machine reports its free memory.
 ///
 /// # Errors
-/// [`MemoryError`] states how many components would fit.
+/// [`MemoryError`] states how many components would fit, or that the frames alone would not fit.
 pub fn check(estimate: MemoryEstimate, limit: ComponentLimit) -> Result<(), MemoryError> {
     match report::available_bytes() {
         Some(available) => check_against(estimate, limit, available),

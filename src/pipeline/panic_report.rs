@@ -36,7 +36,7 @@ impl fmt::Display for PanicReport {
 }
 
 impl PanicReport {
-    /// Installs a hook that records panics and then calls the previous hook.
+    /// Installs a panic hook that records panics and then calls the previous hook.
     pub fn install_hook() {
         static ONCE: Once = Once::new();
         // Every window's worker calls this, and each further hook would record every panic again.
@@ -49,14 +49,15 @@ impl PanicReport {
         });
     }
 
-    /// Returns a notice that this panic ended the task `what`, which runs beside training.
+    /// Returns a notice for the user that a panic ended the task `what`, which runs beside training.
     pub fn failure_notice(&self, what: &str) -> String {
         format!(
             "{what} failed because of a bug in this program, please report it: {self}; nothing else is affected"
         )
     }
 
-    /// Finds the report of a panic by its caught payload.
+    /// Finds the recorded report of a panic from its caught payload. Without a record, the location is
+    /// unknown.
     pub fn of(payload: &(dyn Any + Send)) -> Self {
         let message = message(payload);
         let noted = NOTED.lock().unwrap_or_else(PoisonError::into_inner);

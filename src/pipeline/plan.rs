@@ -18,13 +18,13 @@ pub const MAX_PASSES: usize = 100;
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Order {
-    /// As the dataset lists them.
+    /// In the order of the dataset.
     Sequential,
-    /// Shuffled with the seed.
+    /// In a random order that depends on the seed.
     Shuffled,
 }
 
-/// Shard `K/N` of the frames, for one of `N` runs: every `N`-th frame, starting with the `K`-th.
+/// Part `K/N` of the frames, for one of `N` runs: every `N`-th frame, starting with the `K`-th.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub struct Shard {
@@ -62,24 +62,24 @@ impl From<Shard> for String {
 /// Requested selection of frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Selection {
-    /// Split to train on; `None` selects the one with depth.
+    /// Dataset split to train on; `None` selects the split with depth.
     pub split: Option<String>,
     /// Order of the frames.
     pub order: Order,
-    /// Uses every N-th frame, at least 1.
+    /// Stride: only every N-th frame is used; at least 1.
     pub stride: usize,
-    /// Shard, applied after order and stride.
+    /// Shard: the part of the frames for one of several runs, applied after order and stride.
     pub shard: Option<Shard>,
     /// Maximum number of frames.
     pub max_frames: Option<usize>,
-    /// Number of passes over the frames, at least 1. The first trains on points and photographs, further ones
-    /// only on photographs.
+    /// Number of passes over the frames, at least 1. The first pass trains on points and photographs,
+    /// further passes only on photographs.
     #[serde(default = "once", skip_serializing_if = "is_once")]
     pub passes: usize,
     /// True if the recording was followed while it grew.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub follow: bool,
-    /// Hold-out split.
+    /// Rule that selects the frames held out for evaluation.
     #[serde(default, skip_serializing_if = "HoldOut::is_default")]
     pub hold_out: HoldOut,
 }
@@ -102,7 +102,7 @@ impl Selection {
         Self { split, order, stride, shard, max_frames, passes, follow, hold_out }
     }
 
-    /// Orders the frames of further pass `pass`, from 1.
+    /// Returns the order of the frames in pass `pass`, where 0 is the first pass.
     fn repeat_order(&self, frames: &[usize], seed: u64, pass: usize) -> Vec<usize> {
         let mut frames = frames.to_vec();
         if self.order == Order::Shuffled {
@@ -113,7 +113,7 @@ impl Selection {
         frames
     }
 
-    /// Selection without shard and limit, which is the same for all shards of a run.
+    /// Returns the selection without shard and limit, which is the same for all shards of a run.
     pub fn without_shard(&self) -> Self {
         Self { shard: None, max_frames: None, ..self.clone() }
     }
@@ -149,15 +149,15 @@ impl Selection {
 pub struct Plan {
     /// Index of the split in the dataset.
     pub split: usize,
-    /// Indices of the frames in the split, in training order, with those of further passes appended.
+    /// Indices of the frames in the split, in training order. Those of further passes follow.
     pub frames: Vec<usize>,
-    /// Reason why frames are held out for evaluation, if any are.
+    /// Description of why frames are held out for evaluation, if any are.
     pub held_out: Option<String>,
 }
 
 impl Plan {
-    /// Resolves a selection. The `every-8th` hold-out applies unless the user named the split; a sector is
-    /// always held out.
+    /// Plans the frames of a selection. The hold-out `every-8th` has no effect if the user named the
+    /// split; a sector is always held out.
     pub fn new(dataset: &Dataset, selection: &Selection, seed: u64) -> Result<Self, DatasetError> {
         let split = match &selection.split {
             Some(name) => dataset.split_named(name)?,
@@ -181,20 +181,21 @@ impl Plan {
         self.frames.extend(further);
     }
 
-    /// Frames of the first pass.
+    /// Returns the frames of the first pass, as indices in the split.
     pub fn first_pass(&self) -> Vec<usize> {
         let repeats = self.repeat_flags();
         self.frames.iter().zip(repeats).filter(|(_, again)| !again).map(|(&i, _)| i).collect()
     }
 
-    /// For each position, true if its frame occurs at an earlier one.
+    /// Returns one flag per plan position: true if the frame also occurs at an earlier position.
     pub fn repeat_flags(&self) -> Vec<bool> {
         let mut known = BTreeSet::new();
         self.frames.iter().map(|&frame| !known.insert(frame)).collect()
     }
 
     /// Appends the selected frames of a split that has grown from `known` to `n_frames` frames. Requires
-    /// sequential order, in which known frames keep their positions. Adds nothing with a sector hold-out.
+    /// sequential order, in which known frames keep their positions. With a sector hold-out, appends
+    /// nothing.
     pub fn extend(&mut self, selection: &Selection, known: usize, n_frames: usize) {
         // The sector is fixed at the start: further cameras would change it.
         if selection.hold_out == HoldOut::Sector {
@@ -213,15 +214,15 @@ impl Plan {
         self.frames.truncate(most);
     }
 
-    /// Pixels of the largest frame.
+    /// Number of pixels of the largest frame.
     pub fn pixels(&self, dataset: &Dataset) -> usize {
         let frames = self.frames.iter().map(|&i| &dataset.splits[self.split].frames[i]);
         let sizes = frames.map(|f| f.camera.intrinsics.width * f.camera.intrinsics.height);
         sizes.max().unwrap_or(0) as usize
     }
 
-    /// Plans the continuation of a run: first the frames `visited` so far, in their order, then the remaining
-    /// ones. `max_frames` counts both, each frame once.
+    /// Plans the continuation of a run: the frames `visited` so far in their order, then the remaining
+    /// frames. `max_frames` limits the number of different frames, including visited ones.
     pub fn resumed(
         dataset: &Dataset,
         selection: &Selection,

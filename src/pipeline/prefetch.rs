@@ -22,20 +22,21 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Maximum number of frames prepared at once, ahead of training or between trainings.
+/// Maximum number of frames prepared at the same time.
 // Every one of them is held in memory.
 const MAX_AT_ONCE: usize = 4;
-/// Number of cores per decoding thread, unless the number of training threads is set.
+/// Number of cores per decoding thread, unless the number of training threads is set explicitly.
 // On 16 cores, two decoding threads kept up with training and one did not (`lab/pipeline.md`, Prefetch).
 const CORES_PER_DECODER: usize = 8;
 
-/// Default number of threads for training and rendering: the cores that no decoding thread needs.
+/// Default number of threads for training and rendering: all cores except those for decoding threads.
 pub fn default_threads() -> usize {
     let cores = cores();
     cores - (cores / CORES_PER_DECODER).min(MAX_AT_ONCE)
 }
 
-/// Number of frames in memory at once on the current thread pool: in training, ready, or in preparation.
+/// Number of frames in memory at once: in training, ready, or in preparation. Depends on the current
+/// thread pool.
 pub fn frames_at_once() -> usize {
     match decoder_count() {
         // A batch, and the frame in training.
@@ -45,7 +46,8 @@ pub fn frames_at_once() -> usize {
     }
 }
 
-/// Number of decoding threads: one for each core that the current thread pool leaves free.
+/// Number of decoding threads: one for each core that the current thread pool leaves free, up to
+/// `MAX_AT_ONCE`.
 fn decoder_count() -> usize {
     cores().saturating_sub(rayon::current_num_threads()).min(MAX_AT_ONCE)
 }
@@ -59,14 +61,14 @@ fn cores() -> usize {
 pub struct Prepared<O> {
     /// Position in the plan.
     pub position: usize,
-    /// True if the frame occurs earlier in the plan.
+    /// True if the same frame also occurs earlier in the plan.
     pub is_repeat: bool,
-    /// Name within the split.
+    /// Name of the frame in its split.
     pub name: String,
-    /// Marks of its files before they were read.
+    /// Modification times and sizes of the frame's files before they were read.
     // Taken by the decoding thread, so that the training thread never accesses the drive.
     pub marks: FrameMarks,
-    /// Its observation, or the reason to skip it.
+    /// Observation of the frame, or the reason to skip it.
     pub result: Result<PreparedFrame<O>, String>,
 }
 
@@ -74,7 +76,7 @@ pub struct Prepared<O> {
 pub struct PreparedFrame<O> {
     /// Observation for the learner.
     pub observation: O,
-    /// Measured pixels without a point.
+    /// Number of measured pixels that gave no point.
     pub dropped: usize,
     /// Time for reading and decoding, in milliseconds.
     pub load_ms: f64,
@@ -86,9 +88,9 @@ pub struct PreparedFrame<O> {
 pub struct PlannedFrame {
     /// Position in the plan.
     pub position: usize,
-    /// True if the frame occurs earlier in the plan.
+    /// True if the same frame also occurs earlier in the plan.
     pub is_repeat: bool,
-    /// Entry in the dataset.
+    /// Dataset entry of the frame.
     pub entry: FrameEntry,
 }
 
@@ -105,42 +107,44 @@ impl PlannedFrame {
     }
 }
 
-/// Queue of prepared frames. When dropped, its threads end after their current frame.
+/// Queue of frames that are prepared on other threads. When dropped, its threads end after their current
+/// frame.
 pub struct Prefetch<P: Prepare> {
     upcoming: VecDeque<PlannedFrame>,
-    /// True if frames are prepared continuously, otherwise only while the trainer waits.
+    /// True if frames are prepared during training, false if only while the trainer waits.
     is_ahead: bool,
-    /// Maximum number of requested frames.
+    /// Maximum number of frames requested at once.
     most: usize,
     asked: Sender<Task<P>>,
     /// Receivers of the requested frames, in order.
     coming: VecDeque<Receiver<Prepared<P::Observation>>>,
-    /// Frames received while waiting for a batch.
+    /// Frames of a batch that were received and not yet returned.
     ready: VecDeque<Prepared<P::Observation>>,
     recycle: SyncSender<P::Observation>,
 }
 
 /// State of the next frame.
 pub enum Next<T> {
-    /// Available.
+    /// The frame is available.
     Ready(T),
-    /// Not decoded yet.
+    /// The frame is not decoded yet.
     Unread,
     /// There are no more frames.
     End,
 }
 
-/// Preparation of frames, implemented by its settings, which the threads share.
+/// Preparation of frames for a learner. The preparing threads share one value, which holds the settings.
 pub trait Prepare: Send + Sync + 'static {
     /// Input of a learner.
     type Observation: Send + 'static;
-    /// Buffers reused between frames, one per thread.
+    /// Buffers that are reused between frames, one value per thread.
     type Memory: Default + Send + 'static;
 
-    /// Returns an observation without points, whose memory frames reuse.
+    /// Returns an observation without points, whose memory is reused for frames.
     fn empty() -> Self::Observation;
 
-    /// Replaces `observation` by that of a frame; returns the number of measured pixels without a point.
+    /// Replaces `observation` by that of `frame`. Returns the number of measured pixels that gave no
+    /// point.
     ///
     /// # Errors
     /// Reason to skip a frame that lacks required data, such as depth.
@@ -222,8 +226,8 @@ struct Shared<P: Prepare> {
 pub struct SpawnError(#[from] std::io::Error);
 
 impl<P: Prepare> Prefetch<P> {
-    /// Starts preparing the frames of a plan, in order, from position `first`. Frames are prepared ahead if
-    /// the current thread pool leaves a core free.
+    /// Starts to prepare the frames of a plan, in order, from position `first`. Prepares frames during
+    /// training if the current thread pool leaves a core free, otherwise between frames.
     pub fn start(
         dataset: Arc<Dataset>,
         plan: &Plan,
@@ -263,7 +267,7 @@ impl<P: Prepare> Prefetch<P> {
         Ok(prefetch)
     }
 
-    /// Appends frames to the queue.
+    /// Appends frames to the end of the queue.
     pub fn append(&mut self, frames: impl Iterator<Item = PlannedFrame>) {
         self.upcoming.extend(frames);
         self.request_ahead();
@@ -321,8 +325,8 @@ impl<P: Prepare> Prefetch<P> {
         }
     }
 
-    /// Returns an observation's memory for reuse. After the last frame it is freed instead, for use by
-    /// saving.
+    /// Takes back an observation to reuse its memory for later frames. After the last frame, frees the
+    /// memory instead, so that saving can use it.
     pub fn recycle(&mut self, observation: P::Observation) {
         if self.upcoming.is_empty() && self.coming.is_empty() {
             return;
@@ -333,7 +337,7 @@ impl<P: Prepare> Prefetch<P> {
 }
 
 impl<P: Prepare> Shared<P> {
-    /// Prepares frames until the handle is dropped.
+    /// Prepares requested frames until the [`Prefetch`] is dropped.
     fn run(&self) {
         let mut memory = P::Memory::default();
         while let Some((frame, slot)) = receive_shared(&self.tasks, |tasks| tasks.recv().ok()) {
@@ -345,7 +349,7 @@ impl<P: Prepare> Shared<P> {
     }
 }
 
-/// Receives from a channel that several threads read.
+/// Receives a value by `next` from a channel that several threads share.
 fn receive_shared<T>(
     channel: &Mutex<Receiver<T>>,
     next: impl FnOnce(&Receiver<T>) -> Option<T>,
@@ -354,7 +358,7 @@ fn receive_shared<T>(
     next(&channel.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// Reads and prepares a frame into the memory of a `recycled` observation, if there is one.
+/// Loads and prepares a frame. Reuses the memory of a `recycled` observation, if there is one.
 fn prepare<P: Prepare>(
     preparation: &P,
     PlannedFrame { position, is_repeat, entry }: PlannedFrame,
@@ -388,7 +392,7 @@ mod tests {
     use crate::dataset::synthetic::{SyntheticParams, dataset};
     use crate::pipeline::plan::Selection;
 
-    /// Takes longer for earlier frames, and panics for the frame named in `defect`.
+    /// Preparation that takes longer for earlier frames, and panics for the frame named in `defect`.
     struct Slow {
         defect: Option<String>,
     }

@@ -22,24 +22,24 @@ pub struct RunConfig {
     /// Settings of the model.
     #[serde(flatten)]
     pub method: Method,
-    /// Frames and their order.
+    /// Selection and order of the frames.
     #[serde(flatten)]
     pub selection: Selection,
-    /// How depth files are read.
+    /// Options for reading depth files.
     #[serde(flatten)]
     pub load: LoadOptions,
-    /// Convention by which pixels become rays.
+    /// Convention by which pixels become viewing rays.
     pub camera_convention: CameraConvention,
-    /// Treatment of mixed pixels.
+    /// Treatment of mixed pixels, which average foreground and background.
     pub edge_filter: EdgeFilter,
-    /// Low and high corner of the normalised range, in world units.
+    /// Low and high corner of the range of positions used for normalisation, in world units.
     pub position_range: [[f64; 3]; 2],
-    /// Source of that range.
+    /// Description of the source of `position_range`.
     pub position_range_source: String,
 }
 
 impl RunConfig {
-    /// Settings of a run on a dataset with positions in `range`.
+    /// Returns the settings of a run on a dataset with positions in `range`.
     pub fn new(
         dataset: &Dataset,
         method: Method,
@@ -57,14 +57,14 @@ impl RunConfig {
         }
     }
 
-    /// Settings of the run over all shards.
+    /// Returns the settings of the run over all shards.
     pub fn without_shard(&self) -> Self {
         Self { selection: self.selection.without_shard(), ..self.clone() }
     }
 }
 
 impl Session {
-    /// Returns attributes of the listed components for false-colour views.
+    /// Returns the attributes of the listed components, for false-colour views.
     pub fn attributes_of(&self, ids: &[u32]) -> Vec<ComponentAttributes> {
         ids.iter().map(|&id| self.attributes(id as usize)).collect()
     }
@@ -79,7 +79,7 @@ impl Session {
             .with_photometric_uncertainty(photometric_deviations)
     }
 
-    /// Returns all data of a component; `None` if `id` is out of range.
+    /// Returns the data of a component for inspection; `None` if `id` is out of range.
     pub fn inspect(&self, id: u32) -> Option<Inspection> {
         let component = id as usize;
         let components = self.learner().status().components;
@@ -98,7 +98,8 @@ impl Session {
         Some(Inspection { photometric_deviations, ..inspection })
     }
 
-    /// Reports of the frames whose photographs the last step compared with the scene, as far as known.
+    /// Reports of the frames whose photographs the last step compared with the scene. Omits frames
+    /// without a known report.
     pub fn compared_frames(&self) -> impl Iterator<Item = &FrameReport> {
         let (past, n_learned) = (self.past(), self.learner().status().frames);
         let compared = self.learner().last_frame().compared_photographs.iter();
@@ -106,7 +107,8 @@ impl Session {
             .filter_map(move |compared| past.frames.get(past.report_index(n_learned, compared)?))
     }
 
-    /// Returns the report so far; `adapter` is the name of the graphics adapter used for rendering, if any.
+    /// Returns the report of the run so far. `adapter` is the name of the graphics adapter used for
+    /// rendering, if any.
     pub fn report(&self, adapter: Option<String>, eval: Vec<EvalReport>) -> Report<RunConfig> {
         let (dataset, plan, past) = (self.dataset(), self.plan(), self.past());
         let split = &dataset.splits[plan.split];
@@ -151,7 +153,7 @@ impl Session {
 pub(super) struct RunProgress {
     /// Number of visited positions of the plan.
     pub visited: usize,
-    /// Number of pixels that the points represent.
+    /// Number of pixels represented by the points trained on.
     pub points: u64,
     /// Reports of the trained frames. Those before a resume are missing if the checkpoint has no history.
     pub frames: Vec<FrameReport>,
@@ -161,7 +163,8 @@ pub(super) struct RunProgress {
 }
 
 impl RunProgress {
-    /// Starts empty, with the frames that the dataset refused when it was opened as skipped.
+    /// Returns the progress of a new run. Frames that the dataset refused when it was opened count as
+    /// skipped.
     pub fn at_start(dataset: &Dataset, split: usize) -> Self {
         let name = &dataset.splits[split].name;
         let refused = dataset.warnings.iter().filter(|w| w.split == *name);
@@ -174,8 +177,8 @@ impl RunProgress {
         }
     }
 
-    /// Adds the comparison of a photograph to its frame's report, after `n_learned` frames. Returns a warning
-    /// if the frame is a new outlier.
+    /// Stores the comparison of a photograph with the scene in its frame's report. `n_learned` is the
+    /// number of trained frames. Returns a warning if the frame is a new outlier.
     pub fn record_comparison(
         &mut self,
         n_learned: u64,

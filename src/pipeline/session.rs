@@ -20,14 +20,14 @@ use glam::DVec3;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// Result of a step.
+/// Result of a training step.
 #[derive(Clone, Debug)]
 pub enum Step {
     /// A frame was trained on.
     Trained(Box<FrameReport>),
     /// A frame was unusable and skipped.
     Skipped(SkippedFrame),
-    /// All complete frames of a followed recording were visited. There may be more after
+    /// All complete frames of a followed recording were visited. Further frames may follow after
     /// [`Follow::time_to_next_scan`].
     Waiting,
     /// There are no more frames.
@@ -89,7 +89,7 @@ impl Session {
         Self::begin(dataset, config, plan, &InitialState::Fresh(&range), past)
     }
 
-    /// Starts decoding after the frames already visited.
+    /// Starts a session that continues after the frames already visited in `past`.
     pub(super) fn begin(
         dataset: Arc<Dataset>,
         config: RunConfig,
@@ -123,8 +123,8 @@ impl Session {
         })
     }
 
-    /// Follows a recording while it grows. `follow` is the poll that found the present frames, or `None` if the
-    /// dataset was opened normally. Returns false if there is nothing to follow.
+    /// Follows a recording while it grows. `follow` is the [`Follow`] that found the present frames, or
+    /// `None` if the dataset was opened normally. Returns false if there is nothing to follow.
     pub fn follow(&mut self, follow: Option<Follow>) -> bool {
         let (split, selection) = (self.plan.split, &self.config.selection);
         let follow = follow.or_else(|| Follow::of(&self.dataset, split, selection));
@@ -134,23 +134,23 @@ impl Session {
         self.follow.is_some()
     }
 
-    /// Stops following; only present frames are used.
+    /// Stops following the recording; only frames found so far are used.
     pub fn stop_following(&mut self) {
         self.follow = None;
     }
 
-    /// The followed recording, if any.
+    /// Recording that is followed, if any.
     pub fn followed(&self) -> Option<&Follow> {
         self.follow.as_ref()
     }
 
-    /// True if all present frames were visited; a followed recording may get more.
+    /// True if all frames found so far were visited. A followed recording may get further frames.
     pub fn is_caught_up(&self) -> bool {
         self.past.visited >= self.plan.frames.len()
     }
 
-    /// Polls a followed recording if all frames were visited. Returns false if the next step has to wait for
-    /// further frames.
+    /// Polls a followed recording for new frames if all known frames were visited. Returns false if the
+    /// next step has to wait for further frames.
     fn poll_new_frames(&mut self) -> Result<bool, SessionError> {
         let n_planned = self.plan.frames.len();
         if !self.is_caught_up() {
@@ -190,7 +190,7 @@ impl Session {
         self.frames.append(&mut PlannedFrame::of(&self.dataset, &self.plan, n_planned));
     }
 
-    /// Trains on the next frame, waiting for it to be decoded.
+    /// Trains on the next frame, after waiting for it to be decoded.
     ///
     /// # Errors
     /// [`SessionError::Index`] as in [`Learns::learn`](crate::train::learner::Learns::learn), or
@@ -199,8 +199,8 @@ impl Session {
         self.step_within(Duration::MAX).map(|step| step.unwrap_or(Step::Waiting))
     }
 
-    /// Like [`Self::step`], waiting at most `patience`. `None` if the frame is not decoded yet, so that a
-    /// slow drive does not block saving.
+    /// Trains as [`Self::step`] does, but waits at most `patience`. `None` if the frame is not decoded
+    /// yet, so that a slow drive does not block saving.
     pub fn step_within(&mut self, patience: Duration) -> Result<Option<Step>, SessionError> {
         if !self.poll_new_frames()? {
             return Ok(Some(Step::Waiting));
@@ -313,18 +313,19 @@ impl Session {
         }
     }
 
-    /// Returns new warnings about outlier frames, each once.
+    /// Returns the warnings about outlier frames that were not returned before.
     pub fn take_outlier_warnings(&mut self) -> Vec<String> {
         std::mem::take(&mut self.outlier_warnings)
     }
 
-    /// True if the scene is rendered as [`Self::settle`] renders it.
+    /// True if the scene is rendered as after [`Self::settle`], with all buffered photographs trained
+    /// on.
     pub fn is_settled(&self) -> bool {
         self.learner().status().is_settled
     }
 
-    /// Renders the scene as if all buffered photographs had been trained on, until the next frame. Returns
-    /// true if that changes anything.
+    /// Makes the scene render as if all buffered photographs had been trained on, until the next frame.
+    /// Returns true if that changes anything.
     pub fn settle(&mut self) -> bool {
         let changes = self.learner_mut().settle();
         if changes {
@@ -341,12 +342,12 @@ impl Session {
         }
     }
 
-    /// The dataset.
+    /// Dataset of the session.
     pub fn dataset(&self) -> &Arc<Dataset> {
         &self.dataset
     }
 
-    /// The plan of frames.
+    /// Plan of the frames.
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
@@ -356,7 +357,7 @@ impl Session {
         &self.config
     }
 
-    /// The learner with its model.
+    /// Learner with its model.
     pub fn learner(&self) -> &dyn Learner {
         self.frames.learner()
     }
@@ -365,27 +366,29 @@ impl Session {
         self.frames.learner_mut()
     }
 
-    /// Starts to accumulate the ELBO per component, for [`Self::attributes_of`].
+    /// Starts to accumulate the ELBO (evidence lower bound) of each component, for
+    /// [`Self::attributes_of`].
     pub fn start_component_elbo(&mut self) {
         self.learner_mut().component_elbo_mut().start();
     }
 
-    /// Stops what [`Self::start_component_elbo`] started.
+    /// Stops accumulating the ELBO of each component (see [`Self::start_component_elbo`]).
     pub fn stop_component_elbo(&mut self) {
         self.learner_mut().component_elbo_mut().stop();
     }
 
-    /// Plan position of the frame in which a component first received points. `None` before this session.
+    /// Returns the plan position of the frame in which a component first received points. `None` if that
+    /// was before this session.
     pub(super) fn birth_of(&self, component: usize) -> Option<u32> {
         self.births.first_frame_of(component)
     }
 
-    /// Number of points trained on.
+    /// Number of pixels represented by the points trained on.
     pub fn points(&self) -> u64 {
         self.past.points
     }
 
-    /// World to model coordinates.
+    /// Transformation from world to model coordinates.
     pub fn normalization(&self) -> &Normalization {
         &self.normalization
     }
@@ -394,7 +397,7 @@ impl Session {
         &self.past
     }
 
-    /// Upper bound on the memory of the run.
+    /// Upper bound on the memory of the run, in bytes.
     pub fn memory(&self) -> MemoryEstimate {
         self.config.method.as_any().memory(self.plan.pixels(&self.dataset))
     }
@@ -419,18 +422,18 @@ impl Session {
         &self.past.skipped
     }
 
-    /// Splats of all components, in world units; entry `k` is component `k`, with opacity 0 if it is not
+    /// Splats of all components, in world units. Entry `k` is component `k`, with opacity 0 if it is not
     /// drawn. Equal models give equal files.
     pub fn splats(&self) -> SplatSet {
         self.learner().splats()
     }
 
-    /// Splats of the listed components.
+    /// Splats of the listed components, in world units.
     pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
         self.learner().splats_of(ids)
     }
 
-    /// Uses a device for a part of training from now on, if the learner has that part.
+    /// Uses a computing device for a part of training from now on, if the learner has that part.
     ///
     /// # Errors
     /// [`DeviceError`] if the device has too little memory for the model; it is then not used.
@@ -443,7 +446,8 @@ impl Session {
     }
 }
 
-/// Milliseconds since the last change to a frame's files.
+/// Returns the time in milliseconds since the last change of a frame's files. `None` if it is unknown or
+/// in the future.
 fn latency_ms(marks: &FrameMarks) -> Option<f64> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
     // Checked, because the recorder's clock may be ahead of this one.

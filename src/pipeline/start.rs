@@ -8,10 +8,10 @@ use crate::dataset::synthetic::ParamsError;
 use crate::dataset::{Dataset, synthetic};
 use std::sync::Arc;
 
-/// Error of starting the demo.
+/// Error of starting the demo, training on the built-in synthetic room.
 #[derive(Debug, thiserror::Error)]
 pub enum DemoError {
-    /// Invalid scene parameters.
+    /// The parameters of the synthetic room are invalid.
     #[error("{0}")]
     Scene(#[from] ParamsError),
     /// The session could not be started.
@@ -19,12 +19,12 @@ pub enum DemoError {
     Session(#[from] SessionError),
 }
 
-/// Returns the synthetic room.
+/// Returns the dataset of the built-in synthetic room.
 pub fn dataset() -> Result<Arc<Dataset>, DemoError> {
     Ok(Arc::new(synthetic::demo()?))
 }
 
-/// Starts a session over all frames of the demo.
+/// Starts a session over all frames of the built-in synthetic room.
 pub fn session(asked: impl Into<MethodRequest>) -> Result<Session, DemoError> {
     Ok(Session::new(dataset()?, asked, Selection::all_frames())?)
 }

@@ -23,23 +23,24 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// Tracked poses of a run's frames, by name.
+/// Camera poses found by tracking, by the name of the frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Trajectory {
     frames: BTreeMap<String, TrackedPose>,
-    /// Names of frames that were not placed, or were unreadable.
+    /// Names of frames that were unreadable or whose pose was not found.
     skipped: Vec<String>,
 }
 
-/// Views with their tracked poses.
+/// Views with tracked camera poses.
 pub struct PlacedViews {
     /// Dataset whose cameras have the tracked poses.
     pub dataset: Dataset,
-    /// Indices in the split of the requested views that were placed.
+    /// Indices in the split of the requested views whose pose was found.
     pub frames: Vec<usize>,
-    /// Views that could not be placed, with reasons.
+    /// Views whose pose was not found, with reasons.
     pub lost: Vec<SkippedFrame>,
-    /// True if recorded poses straightened the images of the views (`evaluation.md`, Views of tracked runs).
+    /// True if the recorded poses were used to straighten the images (`evaluation.md`, Views of tracked
+    /// runs).
     pub is_straightened: bool,
 }
 
@@ -53,29 +54,30 @@ impl Trajectory {
         (!frames.is_empty()).then_some(Self { frames, skipped })
     }
 
-    /// Tracked pose of a frame.
+    /// Tracked pose of a frame, if it was found.
     pub fn pose(&self, frame: &str) -> Option<Pose> {
         self.frames.get(frame)?.pose()
     }
 
-    /// Number of placed frames.
+    /// Number of frames with a tracked pose.
     pub fn n_placed(&self) -> usize {
         self.frames.len()
     }
 
-    /// Names of the frames that were not placed, or were unreadable.
+    /// Names of frames that were unreadable or whose pose was not found.
     pub fn skipped(&self) -> &[String] {
         &self.skipped
     }
 
-    /// Largest standard deviations over all frames: rotation (radians) and centre (world units).
+    /// Largest standard deviations of the tracked poses over all frames: rotation in radians, camera
+    /// centre in world units.
     pub fn deviations(&self) -> [f64; 2] {
         self.frames.values().fold([0.0; 2], |[turn, shift], tracked| {
             [turn.max(tracked.turn_deviation), shift.max(tracked.shift_deviation)]
         })
     }
 
-    /// Error against the recorded poses, if there are any.
+    /// Error of the tracked poses against the recorded poses, if there are any.
     pub fn error(&self, dataset: &Dataset) -> Option<TrajectoryError> {
         let recorded = dataset.with_recorded_poses()?;
         let entries = recorded.splits.iter().flat_map(|split| &split.frames);
@@ -87,8 +89,8 @@ impl Trajectory {
         TrajectoryError::of(&self.frames.iter().filter_map(pair).collect::<Vec<_>>())
     }
 
-    /// Formats lines `t tx ty tz qx qy qz qw` (TUM RGB-D), camera to world, in the order of the split. Times
-    /// are frame indices if the recording has none.
+    /// Formats one line `t tx ty tz qx qy qz qw` per frame (TUM RGB-D; camera to world), in the order of
+    /// the split. Times are frame indices if the recording has no times.
     pub fn tum(&self, dataset: &Dataset, split: usize) -> String {
         let mut text = "# t tx ty tz qx qy qz qw\n".to_owned();
         for (i, entry) in dataset.splits[split].frames.iter().enumerate() {
@@ -104,8 +106,9 @@ impl Trajectory {
 }
 
 impl PlacedViews {
-    /// Tracks the listed views of a split against the finished scene with these splats. Calls `progress` with
-    /// the number of processed views.
+    /// Finds the poses of the listed views of a split. Frames trained on keep their tracked poses;
+    /// others are tracked against `splats`, the finished scene. Calls `progress` with the number of
+    /// processed views.
     pub fn find(
         dataset: &Dataset,
         (run, splats): (&SceneRun, SplatView<'_>),
@@ -146,7 +149,8 @@ impl PlacedViews {
 }
 
 impl Trajectory {
-    /// Poses of the closest placed frames before and after a frame in its recording, nearest first.
+    /// Returns the tracked poses of the closest frames before and after a frame in its recording,
+    /// nearest first.
     fn neighbour_poses(&self, dataset: &Dataset, entry: &FrameEntry) -> Vec<Pose> {
         // In every split: in `held-out`, the neighbours of a frame are missing.
         let holds = |frames: &[FrameEntry]| frames.iter().position(|f| f.name == entry.name);
@@ -164,7 +168,7 @@ impl Trajectory {
     }
 }
 
-/// Finds the pose of a frame near `guesses`, or else near any of the `known` poses.
+/// Finds the pose of a frame near `guesses`, otherwise near any of the `known` poses.
 fn place(
     (run, splats): (&SceneRun, SplatView<'_>),
     entry: &FrameEntry,
@@ -182,8 +186,8 @@ fn place(
     found.pose().ok_or_else(|| lost(format!("{}: not placed", entry.name)))
 }
 
-/// Returns the surfels of a learner, one for every drawn component with a known normal. Models of the `paper`
-/// preset have none.
+/// Returns the plane segments of a learner, each with its component's index: one for every drawn
+/// component with a known normal. Models of the `paper` preset have none.
 pub fn surfels(revived: &PlacedLearner) -> Vec<(usize, Surfel)> {
     let (learner, normalization) = (&revived.learner, &revived.normalization);
     let splats = learner.splats();

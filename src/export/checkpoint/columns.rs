@@ -7,7 +7,7 @@ use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::paper::state::{Carry, InitialMeans, Totals};
 use bytemuck::{Pod, pod_read_unaligned};
 
-/// First moments per component: space, then colour.
+/// Number of first moments per component: three of space, then three of colour.
 pub(super) const N_FIRST: usize = 6;
 pub(super) const N_SECOND: usize = 6;
 

@@ -134,8 +134,9 @@ pub(super) struct Container<'a> {
 }
 
 impl<'a> Container<'a> {
-    /// Checks everything except the content of the sections, in the order of `files.md`, Checkpoint
-    /// container. Allocates only the section table, once the file is known to hold it.
+    /// Parses a checkpoint and checks everything except the values in its sections, in the order of
+    /// `files.md`, Checkpoint container. Allocates only the section table, after a check that the file
+    /// contains it.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, Defect> {
         let found = bytes.len() as u64;
         let head = size_of::<Header>();
@@ -193,7 +194,8 @@ impl<'a> Container<'a> {
         Ok(Self { version, sections })
     }
 
-    /// Bytes of a section and the code of its element type.
+    /// Returns the bytes of a section and the code of its element type; `None` if the section is
+    /// missing.
     pub fn section(&self, tag: [u8; 4]) -> Option<(&'a [u8], u32)> {
         let found = self.sections.iter().find(|(entry, _)| entry.tag == tag);
         found.map(|(entry, bytes)| (*bytes, entry.element))
@@ -211,7 +213,8 @@ fn check_length(expected: u64, found: u64) -> Result<(), Defect> {
     }
 }
 
-/// Returns the bytes of a section, which must begin at or after `end` with only zeros in between.
+/// Returns the bytes of a section. It must begin at or after `end`, the end of the previous section,
+/// with only zeros in between.
 fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], Defect> {
     let refuse = |expected: &str, found: String| {
         Err(Defect::malformed(format!("table entry `{}`", tag_text(entry.tag)), expected, found))

@@ -3,12 +3,12 @@
 use crate::model::attributes::StoredModel;
 use bytemuck::Pod;
 
-/// Type of a section's elements. The discriminant is its code in the file.
+/// Type of a section's elements. The discriminant is the code of the type in the file.
 // The last three extend the published codes (`files.md`, Checkpoint container).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ElementType {
-    /// UTF-8 text: JSON.
+    /// UTF-8 text in JSON.
     Bytes = 0,
     F64 = 1,
     F32 = 2,
@@ -52,16 +52,17 @@ impl ElementType {
     }
 }
 
-/// Contents of a checkpoint. The JSON texts are opaque here; `pipeline` writes and reads them.
+/// Contents of a checkpoint. This module does not interpret the JSON texts, which `pipeline` writes and
+/// reads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
-    /// JSON: every setting that affects the result.
+    /// Every setting that affects the result, as JSON.
     pub config: String,
-    /// JSON: program, time and dataset.
+    /// Program, time and dataset, as JSON.
     pub meta: String,
-    /// JSON: everything besides the settings that affects the last bits of the result.
+    /// Everything besides the settings that affects the last bits of the result, as JSON.
     pub numerics: String,
-    /// JSON: reports of the frames trained on so far.
+    /// Reports of the frames trained on so far, as JSON.
     pub history: Option<String>,
     /// Progress of the run.
     pub cursor: Cursor,
@@ -76,7 +77,8 @@ pub struct Cursor {
     pub frames: u64,
     /// Number of points trained on, over all frames.
     pub points: u64,
-    /// Indices in their split of the frames visited (trained on or skipped), in order, each once per pass.
+    /// Visited frames (trained on or skipped) in order, as indices in their dataset split. Each pass
+    /// lists a frame at most once.
     pub visited: Vec<u32>,
 }
 

@@ -59,7 +59,7 @@ pub enum Defect {
          found {}.{}; use a newer program", VERSION.0, VERSION.1, version.0, version.1
     )]
     UnknownSection { tag: String, version: (u16, u16) },
-    /// Header, table or a section violates the format.
+    /// The header, the section table or a section violates the format.
     #[error("{place}: expected {expected}, found {found}; use another copy, or train again")]
     Malformed { place: String, expected: String, found: String },
     /// The allocation failed.

@@ -38,7 +38,7 @@ pub fn read(path: &Path) -> Result<LoadedCheckpoint, CheckpointError> {
 /// Reads a checkpoint from the bytes of a file.
 ///
 /// # Errors
-/// As [`read`], as a [`Defect`].
+/// [`Defect`] for the same reasons as [`read`], except file errors.
 pub fn parse(bytes: &[u8]) -> Result<LoadedCheckpoint, Defect> {
     let sections = Container::parse(bytes)?;
     // Detected by its sections: files of version 1.0 hold mixtures and name no preset.

@@ -20,17 +20,18 @@ use crate::model::splat::viewpoint::Viewpoint;
 const N_VISIBILITY: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
-/// Numbers of a corrected pose without its rotation.
+/// Number of stored values of a corrected camera pose, without its rotation.
 // Older files do not store the rotation, so it has a section of its own.
 const N_POSE: usize = 12;
 const N_VIEW: usize = size_of::<PhotographView>() / size_of::<f64>();
 const N_SCALE: usize = size_of::<DepthScale>() / size_of::<f64>();
-/// Scale of a photograph without depths.
+/// Depth scale that marks a photograph without depths.
 const NO_SCALE: DepthScale = DepthScale { step: 0.0, margin: [0.0; 2] };
 const N_TRACKED: usize = size_of::<TrackedPose>() / size_of::<f64>();
 
 const N_SPLAT: usize = size_of::<Splat>() / size_of::<f32>();
-/// Stored numbers of an appearance: gradient and directional colour.
+/// Number of stored values of an appearance: nine of the colour gradient and nine of the directional
+/// colour.
 // The observed directions follow from the component's sums.
 const N_APPEARANCE: usize = 18;
 
@@ -111,7 +112,8 @@ fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
     sections
 }
 
-/// Depths of buffered photographs: a scale for each, and steps for those with depths. Empty without any depths.
+/// Returns the sections for the depths of buffered photographs: a depth scale for each photograph, and
+/// the quantised depths of photographs that have depths. Returns none if no photograph has depths.
 fn depth_sections(waiting: &[BufferedPhotograph]) -> Vec<Section<'_>> {
     let depths = || waiting.iter().map(|waiting| waiting.depths.as_ref());
     if depths().all(|depths| depths.is_none()) {
@@ -225,7 +227,7 @@ fn photometric(sections: &Container, n: usize) -> Result<PhotometricState, Defec
     })
 }
 
-/// Reads buffered photographs; the pixel count of each follows from its view.
+/// Reads buffered photographs. The number of pixels of each photograph follows from its view.
 fn read_buffered_photographs(sections: &Container) -> Result<Vec<BufferedPhotograph>, Defect> {
     let views = sections.rows::<f64, N_VIEW>(PHOTO_BUFFER, None)?;
     let views: Vec<PhotographView> = bytemuck::cast_vec(views);

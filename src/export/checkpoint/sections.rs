@@ -19,7 +19,8 @@ impl<'a> Container<'a> {
         self.section(tag).ok_or_else(missing)
     }
 
-    /// Reads a value whose section simpler or older files lack; it is then the default.
+    /// Reads a value by `read` if the section `tag` exists, otherwise returns the default. Simpler
+    /// models and older files lack some sections.
     pub fn optional<R: Default>(
         &self,
         tag: [u8; 4],
@@ -28,7 +29,8 @@ impl<'a> Container<'a> {
         if self.has(tag) { read() } else { Ok(R::default()) }
     }
 
-    /// Returns the bytes of a section, which must hold elements of type `T`, exactly `count` if given.
+    /// Returns the bytes of a section. Its elements must have type `T`, and their number must be `count`
+    /// if given.
     pub fn bytes<T: Stored>(&self, tag: [u8; 4], count: Option<usize>) -> Result<&'a [u8], Defect> {
         let (bytes, code) = self.find(tag)?;
         if code != T::ELEMENT as u32 {
@@ -120,7 +122,7 @@ pub(super) fn check_size(tag: [u8; 4], least: usize, n: usize) -> Result<(), Def
     Err(Defect::malformed(tag_text(tag), expected, n.to_string()))
 }
 
-/// Defines the tags of a kind of section, and their list.
+/// Defines a constant for each section tag, and a list of all of them.
 macro_rules! tags {
     ($list:ident { $($name:ident: $tag:literal,)* }) => {
         $(pub const $name: [u8; 4] = *$tag;)*
@@ -178,6 +180,6 @@ pub fn is_known(tag: [u8; 4]) -> bool {
     [OF_ALL, OF_MIXTURES, OF_SCENES].iter().any(|tags| tags.contains(&tag))
 }
 
-/// Version of the format that this program writes, major and minor. Scenes need 1.1; from
-/// 1.2 on they hold no contributions of single frames, and sums in one form.
+/// Version of the format that this program writes, major and minor. Scenes require 1.1 or later. From
+/// 1.2 on, scenes hold no contributions of single frames, and their sums have a single form.
 pub const VERSION: (u16, u16) = (1, 2);

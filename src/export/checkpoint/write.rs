@@ -13,8 +13,8 @@ use std::path::Path;
 /// Writes a checkpoint atomically (see [`atomic::write_atomic`]); returns the number of bytes.
 ///
 /// # Errors
-/// The file cannot be written, or [`read`](super::read()) would refuse the model. The latter is detected
-/// before any file is touched.
+/// The file cannot be written, or [`read`](super::read()) would refuse the model. A refused model leaves
+/// all files untouched.
 pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
     check_readable(path, checkpoint)?;
     Ok(atomic::write_atomic(path, |out| write_to(out, checkpoint))?)
@@ -29,7 +29,7 @@ pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, Ch
     Ok(atomic::write_with_backup(path, |out| write_to(out, checkpoint))?)
 }
 
-/// Refuses a model that the reader would refuse.
+/// Returns an error for a model that would be refused on reading.
 fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
     // An unreadable file must not replace a valid one.
     let checked = match &checkpoint.model {
@@ -41,7 +41,7 @@ fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), Checkpoint
     checked.map_err(|defect| CheckpointError::Unreadable { path: path.to_owned(), defect })
 }
 
-/// Returns the bytes of the file.
+/// Encodes a checkpoint as the bytes of a file.
 pub fn to_bytes(checkpoint: &Checkpoint) -> Vec<u8> {
     let mut bytes = Vec::new();
     let written = write_to(&mut bytes, checkpoint);

@@ -95,8 +95,8 @@ const VEC3: &[&str] = &["VEC3"];
 const FLOATS: &[(u32, bool)] = &[(F32, false)];
 const FRACTIONS: &[(u32, bool)] = &[(F32, false), (U8, true), (U16, true)];
 
-/// Permitted types of an attribute (`files.md`, GLB; `COLOR_0` as in glTF 2.0, 3.7.2.1): vector types, and
-/// component types with their `normalized` flag.
+/// Returns the permitted vector types of an attribute, and its permitted component types with their
+/// `normalized` flags (`files.md`, GLB). `COLOR_0` follows glTF 2.0, 3.7.2.1.
 fn permitted_types(semantic: &str) -> (&'static [&'static str], &'static [(u32, bool)]) {
     match semantic {
         ROTATION => (&["VEC4"], &[(F32, false), (I8, true), (I16, true)]),
@@ -235,7 +235,7 @@ fn describe((component, normalized): (u32, bool)) -> String {
     format!("{}{component}", if normalized { "normalized " } else { "" })
 }
 
-/// Bytes of a row with a permitted vector type and components of a type.
+/// Returns the size in bytes of a row with a permitted vector type and the given component type.
 pub(super) fn row_size(kind: &str, component: u32) -> usize {
     let width = match kind {
         "SCALAR" => 1,

@@ -19,7 +19,7 @@ use crate::math::sym3::Sym3;
 use crate::model::splat::splats::{CovarianceForm, decompose};
 use glam::{DMat3, DMat4, DQuat, DVec3, Vec4Swizzles};
 
-/// `TRIANGLES`, the mode of a primitive that states none.
+/// Mode of a primitive that states none: `TRIANGLES`.
 const DEFAULT_MODE: u32 = 4;
 
 /// Maximum number of primitives per scene.
@@ -118,7 +118,7 @@ enum ScaleForm {
 }
 
 impl ScaleForm {
-    /// Infers the encoding of the scales.
+    /// Infers the encoding of the scales from their component types and values.
     fn of(columns: &[Columns]) -> Self {
         // Files do not state their draft. Only drafts used signed integers, and standard deviations are not
         // mostly zero or negative.
@@ -132,11 +132,11 @@ impl ScaleForm {
     }
 }
 
-/// Attributes of one part, all with equal numbers of rows.
+/// Attributes of one primitive, all with equal numbers of rows.
 struct Columns<'a> {
     position: Column<'a>,
     color: Color<'a>,
-    /// `None` for point clouds.
+    /// Columns besides position and colour; `None` for point clouds.
     shape: Option<Shape<'a>>,
 }
 
@@ -306,7 +306,7 @@ fn open<'a>(
     }
 }
 
-/// Checks the extension object; returns true if coefficients are in linear colour.
+/// Checks the splat extension of a primitive; returns true if its coefficients are in linear colour.
 fn check_splatting(part: &Part, notes: &mut Vec<Note>) -> Result<bool, Fault> {
     let primitive = part.primitive;
     let attributes = &primitive.attributes;
@@ -344,7 +344,7 @@ fn note_once(notes: &mut Vec<Note>, note: Note) {
     }
 }
 
-/// Local origin of a file of this program; zero for other files.
+/// Returns the local origin stored in a file of this program; zero for other files.
 fn local_origin(root: &Root) -> DVec3 {
     let named = root.asset.extras.as_ref().and_then(|extras| extras.get(EXTRA));
     // Another program may have stored anything under this name.
@@ -358,7 +358,7 @@ fn comments(root: &Root) -> Vec<String> {
     lines.into_iter().flatten().filter_map(|line| line.as_str().map(str::to_owned)).collect()
 }
 
-/// Cosine between two columns below which they count as orthogonal.
+/// Cosine of the angle between two matrix columns below which they count as orthogonal.
 const SHEAR_TOLERANCE: f64 = 1e-4;
 
 #[derive(Clone, Copy, Debug)]
@@ -475,7 +475,8 @@ impl Placement {
         w * rotation.transpose()
     }
 
-    /// Returns scales and rotation of `M Σ Mᵀ`, where `Σ` has the given scales and rotation.
+    /// Transforms a splat's covariance by the linear part of the placement; returns the resulting scales
+    /// and rotation.
     pub fn shape(&self, scale: DVec3, rotation: DQuat) -> (DVec3, DQuat) {
         if self.linear == DMat3::IDENTITY {
             return (scale, rotation); // avoids rounding

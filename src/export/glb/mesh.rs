@@ -14,7 +14,7 @@ use std::io;
 use std::io::Write;
 
 const TRIANGLES: u32 = 4;
-/// Target of buffer views with indices.
+/// glTF constant for the target of buffer views that hold vertex indices.
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 pub(in crate::export) struct MeshLayout {
@@ -23,8 +23,8 @@ pub(in crate::export) struct MeshLayout {
 }
 
 impl MeshLayout {
-    /// Prepares a file for a mesh and its local origin, both in the axes and units of the file. Fails if the
-    /// file would exceed GLB's 32-bit lengths.
+    /// Prepares the layout of a file for a mesh and its local origin, both in the axes and units of the
+    /// file. Fails if the file would exceed GLB's 32-bit lengths.
     pub fn new(mesh: &TriangleMesh, origin: DVec3, options: &WriteOptions) -> Result<Self, Fault> {
         let (n, m) = (mesh.positions.len(), mesh.triangles.len());
         let vertices =

@@ -7,11 +7,12 @@ use crate::export::imported::Imported;
 use std::borrow::Cow;
 use std::path::{Component, Path, PathBuf};
 
-/// Maximum size of the JSON in a GLB (`files.md`, Limits).
+/// Maximum size in bytes of the JSON in a GLB (`files.md`, Limits).
 const MAX_JSON_BYTES: usize = 64 << 20;
 /// Maximum nesting of JSON arrays and objects (`files.md`, Limits).
 const MAX_JSON_DEPTH: usize = 64;
-/// Extensions that a file may require: the splat extension, and those that do not affect the import.
+/// glTF extensions that a file may require: the splat extension, and those that do not affect the
+/// import.
 const KNOWN_EXTENSIONS: [&str; 2] = [EXTENSION, "KHR_materials_unlit"];
 
 pub(in crate::export) fn glb(
@@ -112,7 +113,7 @@ fn check_nesting(json: &[u8]) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Shortens a long parser error to its position.
+/// Formats a JSON parser error; shortens a long message to the position of the error.
 fn shorten_error(error: &serde_json::Error) -> String {
     // The message may quote strings of the file, of any length.
     let text = error.to_string();
@@ -150,7 +151,7 @@ fn read_sibling(path: &Path, length: usize, place: &str) -> Result<Vec<u8>, Faul
     std::fs::read(path).map_err(|source| Fault::Io { action: "read the buffer file", source })
 }
 
-/// Decodes a URI into a relative path, if it stays inside the folder of the glTF.
+/// Decodes a URI into a relative path; `None` if it is invalid or leaves the folder of the glTF.
 fn sibling(uri: &str) -> Option<PathBuf> {
     let decoded = decode_percent(uri)?;
     // Excludes schemes, drive letters, foreign separators and embedded NUL bytes.

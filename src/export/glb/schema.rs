@@ -54,12 +54,12 @@ pub(super) struct Node {
     pub mesh: Option<usize>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub children: Vec<usize>,
-    /// Column-major.
+    /// 4×4 transformation matrix, column-major.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub matrix: Option<[f64; 16]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub translation: Option<[f64; 3]>,
-    /// x y z w.
+    /// Quaternion x y z w.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotation: Option<[f64; 4]>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -74,7 +74,8 @@ pub(super) struct Mesh {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Primitive {
     pub attributes: Attributes,
-    /// Only written, for meshes; points have no indices.
+    /// Accessor of the vertex indices. Written for meshes and ignored on reading, since points have no
+    /// indices.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub indices: Option<usize>,
     pub mode: Option<u32>,
@@ -96,7 +97,7 @@ impl PrimitiveExtensions {
     }
 }
 
-/// Accessor indices by semantic, written in this order.
+/// Attributes of a primitive: semantic and accessor index of each, in the order of writing.
 #[derive(Debug)]
 pub(super) struct Attributes(pub Vec<(String, usize)>);
 
@@ -119,7 +120,8 @@ impl<'de> Deserialize<'de> for Attributes {
     }
 }
 
-/// Extension object of a primitive. Missing strings are read as empty, since drafts lack some.
+/// Splat extension of a primitive. Missing strings are read as empty, because drafts of the extension
+/// lack some.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct GaussianSplatting {

@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::io::Write;
 
-/// Target of buffer views with vertex attributes (glTF 2.0, 5.11.5).
+/// glTF constant for the target of buffer views that hold vertex attributes (glTF 2.0, 5.11.5).
 pub(super) const ARRAY_BUFFER: u32 = 34962;
 const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
 
@@ -67,7 +67,7 @@ fn put_degree_1(splat: &Gaussian, coefficient: usize, row: &mut Vec<u8>) {
     put_floats(row, &harmonics::from_directional(splat.directional)[coefficient].to_array());
 }
 
-/// Encodes the colour that viewers without the extension draw.
+/// Encodes the colour and opacity that viewers without the splat extension draw.
 fn put_fallback_color(splat: &Gaussian, row: &mut Vec<u8>) {
     // 16 bits, because linear 8-bit values show banding in dark areas.
     let [r, g, b] = splat.color.to_array().map(srgb_to_linear);
@@ -125,7 +125,7 @@ impl GlbLayout {
     }
 }
 
-/// Returns the exact f32 bounds of the positions.
+/// Returns the minimum and maximum of the positions after rounding to f32.
 fn extremes(rows: &impl SplatRows) -> ([f32; 3], [f32; 3]) {
     // Of the rounded positions: validators compare the bounds with the data.
     let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
@@ -144,7 +144,8 @@ pub(super) struct Declared {
     pub target: u32,
 }
 
-/// A document of one mesh. The first column holds the positions, with their bounds.
+/// Returns a glTF document with one mesh. The first column holds the positions, with bounds `min` and
+/// `max`.
 pub(super) fn document(
     columns: &[Declared],
     (min, max): ([f32; 3], [f32; 3]),
@@ -198,7 +199,8 @@ pub(super) fn document(
     }
 }
 
-/// Text of a document and the length of its buffer. Fails if the file would exceed GLB's 32-bit lengths.
+/// Returns the JSON text of a document and the length of its buffer in bytes. Fails if the file would
+/// exceed GLB's 32-bit lengths.
 pub(super) fn json_chunk(document: &Root, n_splats: usize) -> Result<(String, u64), Fault> {
     let json = serde_json::to_string(document)
         .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
@@ -228,7 +230,8 @@ fn primitive(columns: &[&Column]) -> Primitive {
     }
 }
 
-/// Content of `asset.extras`: up axis, unit if known, comments and local origin. `None` without metadata.
+/// Returns the content of `asset.extras`: up axis, unit if known, comments and local origin. `None` if
+/// there is nothing to store besides the up axis.
 fn extras(options: &WriteOptions, origin: DVec3) -> Option<serde_json::Value> {
     let mut extras = serde_json::Map::new();
     // The unit of scaled lengths is unknown here.

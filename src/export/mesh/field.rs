@@ -14,40 +14,41 @@ use glam::{DMat3, DVec3, IVec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Oriented plane segment.
+/// Plane segment with an oriented normal, which represents one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surfel {
-    /// Centre, world units.
+    /// Centre, in world units.
     pub mean: DVec3,
     /// Unit normal, facing the observing cameras.
     pub normal: DVec3,
-    /// Covariance of its points, world units²; determines its extent along the plane.
+    /// Covariance of the component's points, in world units²; determines the extent along the plane.
     pub covariance: Sym3,
     /// sRGB-encoded colour.
     pub color: DVec3,
-    /// Number of points.
+    /// Number of points of the component.
     pub evidence: f64,
 }
 
-/// Grid corners of a block along each axis.
+/// Number of grid corners of a block along each axis.
 pub(super) const BLOCK: i32 = 8;
-/// Maximum number of blocks.
+/// Maximum number of grid blocks.
 // About 1 GB.
 const MAX_BLOCKS: usize = 100_000;
-/// Maximum distance across the plane, in cells.
+/// Maximum distance from the plane, in cells, at which a segment contributes.
 // The corners of a cell that the plane cuts are closer.
 const MAX_CELLS_ACROSS: f64 = 2.5;
-/// Maximum distance along the plane, in standard deviations.
+/// Maximum distance from the centre along the plane, in standard deviations, at which a segment
+/// contributes.
 const MAX_DEVIATIONS_ALONG: f64 = 2.5;
-/// Addition to the deviation along the plane, in cells.
+/// Standard deviation, in cells, whose square is added to a segment's covariance.
 // Closes holes between components with few points.
 const SPREAD: f64 = 0.5;
-/// Minimum sum of weights, in points, for a defined distance.
+/// Minimum sum of weights at a grid corner, in points, for a defined distance.
 const MIN_WEIGHT: f64 = 1.0;
-/// Minimum number of points of a component, relative to the median.
+/// Minimum number of points of a component, relative to the median of all components.
 // Components with fewer are at the rims of observed regions, where depth pixels mix foreground and background.
 const MIN_SHARE: f64 = 0.3;
-/// Maximum number of points that count as weight.
+/// Maximum number of points with which a component is weighted.
 // A wall seen in every frame must not outweigh the edge of an object in front of it.
 const MAX_EVIDENCE: f64 = 64.0;
 
@@ -55,11 +56,11 @@ const MAX_EVIDENCE: f64 = 64.0;
 pub(super) struct Sample {
     /// Distance to the surface in cells, positive on the side of the cameras.
     pub distance: f64,
-    /// sRGB-encoded.
+    /// sRGB-encoded colour.
     pub color: DVec3,
 }
 
-/// Corners of a block, x fastest; `None` where undefined.
+/// Samples at the corners of a block, x fastest; `None` where the distance is undefined.
 pub(super) type Samples = Vec<Option<Sample>>;
 
 pub(super) struct Field {
@@ -176,7 +177,7 @@ fn block<'a>(place: IVec3, surfels: impl Iterator<Item = &'a Surfel>, cell: f64)
     sums.into_iter().map(sample).collect()
 }
 
-/// Weight and signed distance, in cells, of a surfel at a point.
+/// Returns the weight and the signed distance, in cells, of a plane segment at the point `at`.
 fn contribution(surfel: &Surfel, inverse: DMat3, at: DVec3, cell: f64) -> (f64, f64) {
     let offset = at - surfel.mean;
     let across = offset.dot(surfel.normal);
@@ -223,7 +224,8 @@ pub fn triangulate(surfels: &[Surfel], cell: f64) -> Result<TriangleMesh, Fault>
     })
 }
 
-/// Cells of a block that the surface cuts: lowest corner, vertex in cells, colour.
+/// Returns the cells of a block that the surface cuts, each with its lowest corner, vertex (in cells)
+/// and colour.
 fn surface_cells(field: &Field, place: IVec3) -> Vec<(IVec3, DVec3, DVec3)> {
     let cells = (0..BLOCK * BLOCK * BLOCK)
         .map(|i| BLOCK * place + IVec3::new(i % BLOCK, i / BLOCK % BLOCK, i / (BLOCK * BLOCK)));

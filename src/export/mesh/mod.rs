@@ -42,11 +42,11 @@ pub use field::{Surfel, TriangleMesh, triangulate};
 /// File format of meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshFormat {
-    /// Binary PLY with `red green blue`.
+    /// Binary PLY with vertex colours (`red green blue`).
     Ply,
-    /// glTF 2.0 with linear `COLOR_0`, y-up.
+    /// glTF 2.0, y-up, with linear vertex colours (`COLOR_0`).
     Glb,
-    /// Text; colours follow the coordinates, as MeshLab and Blender read them.
+    /// Wavefront OBJ text with colours after the coordinates, as MeshLab and Blender read them.
     Obj,
 }
 
@@ -63,7 +63,7 @@ impl MeshFormat {
         }
     }
 
-    /// How files of this format store the local origin.
+    /// Returns how files of this format store the local origin.
     pub fn origin_carrier(self) -> OriginCarrier {
         match self {
             MeshFormat::Glb => OriginCarrier::Transform,
@@ -109,7 +109,7 @@ fn ply(
     })
 }
 
-/// Writes an OBJ: colours follow the coordinates, indices start at 1.
+/// Writes a mesh as OBJ text. Colours follow the coordinates, and indices start at 1.
 fn obj(
     out: &mut dyn Write,
     mesh: &TriangleMesh,
@@ -142,8 +142,9 @@ pub struct MeshSummary {
     pub bytes: u64,
 }
 
-/// Triangulates surfels on cells of width `cell`, in world units, and writes the mesh atomically. Only axes,
-/// up, local origin, unit scale, comments and progress of the options apply. GLB is y-up.
+/// Triangulates plane segments on cells of width `cell`, in world units, and writes the mesh atomically.
+/// Only axes, up direction, local origin, unit scale, comments and progress of the options apply. A GLB
+/// is always y-up.
 ///
 /// # Errors
 /// [`Fault::NoSurface`] if no surface is found, [`Fault::Setting`] for invalid options,

@@ -56,7 +56,8 @@ impl<'a> Body<'a> {
         Ok(())
     }
 
-    /// Number of rows of an element without lists, after checking that the file is large enough.
+    /// Returns the number of rows of an element without list properties. Fails if the file is too small
+    /// for that many rows.
     pub fn n_rows(&self, element: &PlyElement) -> Result<usize, Fault> {
         let row = row_size(element).ok_or_else(|| Fault::Unsupported {
             feature: format!("a list among the properties of element {}", element.name),

@@ -14,11 +14,11 @@ use std::f64::consts::SQRT_2;
 /// Name of the element with the chunk bounds, which identifies the format.
 pub(super) const CHUNK: &str = "chunk";
 const CHUNK_SPLATS: usize = 256;
-/// Numbers of coefficients of degrees 1 to 3, over all channels.
+/// Numbers of harmonic coefficients above degree 0 for a maximum degree of 1, 2 or 3, over all channels.
 const SH_COUNTS: [usize; 3] = [N_DEGREE_1, 24, 45];
-/// Number of coefficients of degree 1, over all channels.
+/// Number of harmonic coefficients of degree 1, over all channels.
 const N_DEGREE_1: usize = 9;
-/// Harmonics are quantised between plus and minus this value.
+/// Largest magnitude of a quantised harmonic coefficient.
 const SH_RANGE: f64 = 4.0;
 
 pub(super) fn read(
@@ -82,7 +82,7 @@ pub(super) fn read(
 
 struct ChunkBounds {
     position: Bounds,
-    /// Natural logarithms.
+    /// Bounds of the scales, as natural logarithms.
     scale: Bounds,
     color: Bounds,
 }
@@ -165,7 +165,7 @@ fn open_words<'a>(
     }
 }
 
-/// Opens the harmonics of degree 1, by coefficient, then channel.
+/// Opens the columns of the degree 1 harmonics, ordered by coefficient, then by channel.
 fn open_harmonics<'a>(
     body: &Body<'a>,
     element: &'a PlyElement,
@@ -205,7 +205,8 @@ fn columns<const N: usize>(
     Ok(columns)
 }
 
-/// Splits a word into fractions of each field's maximum; the first field is in the highest bits.
+/// Splits a word into fields of the given numbers of bits, each as a fraction of its maximum. The first
+/// field has the highest bits.
 fn unpack_fractions<const N: usize>(word: u32, bits: [u32; N]) -> [f64; N] {
     let mut shift: u32 = bits.iter().sum();
     bits.map(|n| {
@@ -215,8 +216,8 @@ fn unpack_fractions<const N: usize>(word: u32, bits: [u32; N]) -> [f64; N] {
     })
 }
 
-/// Unpacks a rotation to `w x y z`: the upper two bits give the index of the largest component, the rest the
-/// other three as fractions from −√½ to √½.
+/// Unpacks a rotation to the quaternion `w x y z`. The upper two bits give the index of the largest
+/// component. The other bits give the other three components as fractions of the range from −√½ to √½.
 fn smallest_three(word: u32) -> [f64; 4] {
     let [a, b, c] = unpack_fractions(word & 0x3FFF_FFFF, [10, 10, 10]).map(|s| (s - 0.5) * SQRT_2);
     // The quantised components may be longer than 1 together.

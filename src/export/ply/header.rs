@@ -6,7 +6,7 @@
 use crate::export::error::{Fault, shorten};
 use std::borrow::Cow;
 
-/// Maximum header size.
+/// Maximum header size in bytes.
 // The limit of SuperSplat (`files.md`, PLY of splats); 62 properties take 1.5 KB.
 const MAX_HEADER_BYTES: usize = 128 * 1024;
 
@@ -33,7 +33,7 @@ pub(super) struct PlyElement {
 }
 
 impl PlyElement {
-    /// Index of the property with this name.
+    /// Returns the index of the property with this name.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|property| property.name == name)
     }
@@ -45,7 +45,7 @@ pub(super) struct Property {
     pub kind: Kind,
 }
 
-/// One value per row, or a length followed by that many values.
+/// Kind of a property: one value per row, or a length followed by that many values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Kind {
     Scalar(Scalar),
@@ -88,7 +88,7 @@ impl Scalar {
         }
     }
 
-    /// Value of a saturated colour channel of this type.
+    /// Returns the value that represents full intensity of a colour channel of this type.
     pub fn full_channel(self) -> f64 {
         match self {
             Scalar::F32 | Scalar::F64 => 1.0,

@@ -6,7 +6,7 @@ mod header;
 pub(super) mod read;
 pub(super) mod write;
 
-/// Coefficients per channel above degree 0, up to degree 1.
+/// Number of harmonic coefficients per channel of degree 1.
 const N_REST_DEGREE_1: usize = 3;
-/// Coefficients per channel above degree 0, up to degree 3.
+/// Number of harmonic coefficients per channel of degrees 1 to 3 together.
 const N_REST_DEGREE_3: usize = 15;

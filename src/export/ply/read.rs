@@ -70,7 +70,8 @@ impl PlyElement {
         Ok(columns)
     }
 
-    /// Columns of degree 1, by coefficient, then channel. All other coefficients are noted as ignored.
+    /// Finds the columns of the degree 1 coefficients, ordered by coefficient, then by channel. Adds a
+    /// note about all other coefficients, which are ignored.
     fn degree_1(&self, notes: &mut Vec<Note>) -> Option<[[usize; 3]; N_REST_DEGREE_1]> {
         let names = self.properties.iter().map(|p| p.name.as_str());
         let n = names.filter(|name| name.starts_with("f_rest_")).count();
@@ -102,16 +103,16 @@ impl PlyElement {
 struct Layout {
     mean: [usize; 3],
     color: Color,
-    /// `None` for point clouds.
+    /// Columns besides position and colour; `None` for point clouds.
     shape: Option<Shape>,
 }
 
 struct Shape {
     opacity: usize,
     scale: [usize; 2],
-    /// `None` for flat splats.
+    /// Column of the third scale; `None` for flat splats.
     scale_2: Option<usize>,
-    /// w x y z.
+    /// Columns of the quaternion w x y z.
     rotation: [usize; 4],
     degree_1: Option<[[usize; 3]; N_REST_DEGREE_1]>,
 }

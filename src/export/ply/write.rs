@@ -15,7 +15,7 @@ use std::fmt::Write as _;
 use std::io;
 use std::io::Write;
 
-/// Maximum header size.
+/// Maximum header size in bytes.
 // antimatter15/splat reads up to 10 KB, others more (`files.md`, PLY of splats).
 const MAX_HEADER_BYTES: usize = 4096;
 
@@ -26,7 +26,7 @@ const AFTER_REST: [&str; 8] =
 
 pub(in crate::export) struct PlyLayout {
     header: String,
-    /// Coefficients per channel above degree 0.
+    /// Number of harmonic coefficients per channel above degree 0.
     n_rest: usize,
 }
 
@@ -161,7 +161,7 @@ fn nearest(point: DVec3, camera_centres: &[DVec3]) -> Option<DVec3> {
     distances.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, centre)| centre)
 }
 
-/// Axis along which the splat is thinnest, facing the camera.
+/// Returns the axis along which the splat is thinnest, directed towards the camera.
 #[expect(clippy::indexing_slicing, reason = "one of three axes")]
 fn normal(splat: &Gaussian, camera: DVec3) -> DVec3 {
     let axis = splat.rotation * DVec3::AXES[splat.scale.min_position()];

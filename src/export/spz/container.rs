@@ -7,9 +7,10 @@ use crate::export::error::Fault;
 use flate2::bufread::GzDecoder;
 use std::io::{Read, Result as IoResult};
 
-/// Bytes of the version 4 header before extensions and table.
+/// Size in bytes of the version 4 header, without extensions and the table of streams.
 pub(super) const NGSP_BYTES: usize = 32;
-/// Bytes per stream in the table of version 4: compressed and uncompressed length.
+/// Size in bytes of a stream's entry in the table of version 4, which holds its compressed and
+/// uncompressed lengths.
 const ENTRY_BYTES: usize = 16;
 /// Binary logarithm of the largest accepted Zstandard window.
 // The default limit of the `zstd` program.
@@ -17,7 +18,7 @@ const MAX_WINDOW_LOG: u32 = 27;
 
 pub(super) struct Unpacked {
     pub header: SpzHeader,
-    /// Columns in the order of [`SpzHeader::widths`], with exactly the bytes of all splats.
+    /// Bytes of all splats for each column, in the order of [`SpzHeader::widths`].
     pub columns: [Vec<u8>; 6],
 }
 
@@ -40,7 +41,7 @@ fn header_of(source: &mut impl Read) -> Result<[u8; HEADER_BYTES], Fault> {
     Ok(header)
 }
 
-/// Reads versions 1 to 3: header and columns in one stream.
+/// Reads a file of version 1 to 3, with header and columns in one stream.
 fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut source)?)?;
     check_count(&header, max_splats)?;
@@ -67,7 +68,7 @@ fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Faul
     }
 }
 
-/// Reads version 4: an uncompressed header, a table, and one Zstandard stream per column.
+/// Reads a file of version 4: an uncompressed header, a table, and one Zstandard stream per column.
 fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
     check_count(&header, max_splats)?;
@@ -94,7 +95,7 @@ fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     Ok(Unpacked { header, columns })
 }
 
-/// Splits off the table of lengths, two for each stream, and the streams behind it.
+/// Returns the table of stream lengths, two for each stream, and the bytes of the streams.
 fn split_table<'a>(bytes: &'a [u8], header: &SpzHeader) -> Result<(&'a [u8], &'a [u8]), Fault> {
     // Degree 0 has no stream of harmonics.
     let n = if header.degree == 0 { 5 } else { 6 };
@@ -209,15 +210,15 @@ impl SpzHeader {
         self.flags & HAS_EXTENSIONS != 0
     }
 
-    /// Bytes per splat of each column, in file order: position, opacity, colour, scale, rotation and
-    /// harmonics above degree 0.
+    /// Returns the number of bytes per splat in each column, in file order: position, opacity, colour,
+    /// scale, rotation and harmonics above degree 0.
     pub fn widths(&self) -> [usize; 6] {
         let position = if self.version == 1 { 6 } else { 9 };
         let rotation = if self.version < 3 { 3 } else { 4 };
         [position, 1, 3, 3, rotation, 3 * self.n_coefficients()]
     }
 
-    /// Coefficients per channel above degree 0.
+    /// Returns the number of harmonic coefficients per channel above degree 0.
     pub fn n_coefficients(&self) -> usize {
         let degree = usize::from(self.degree);
         (degree + 1) * (degree + 1) - 1

@@ -5,21 +5,21 @@ use exr::prelude::f16;
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Factor from the coefficient of degree 0 to a fraction of the byte range.
+/// Factor from a coefficient of degree 0 to a fraction of the byte range.
 // The format's range exceeds `[0, 1]`, because harmonics can bring such colours back into it.
 const COLOR_SCALE: f64 = 0.15;
-/// Steps per unit of a scale's logarithm, and the logarithm of byte 0.
+/// Number of quantisation steps per unit of a scale's natural logarithm.
 const SCALE_STEPS: f64 = 16.0;
 const SCALE_START: f64 = -10.0;
-/// Number of written steps of coefficients of degree 1.
+/// Number of quantisation steps of a written degree 1 coefficient, over the whole byte range.
 // As many as the format's reference writer uses.
 const COEFFICIENT_STEPS: f64 = 32.0;
-/// 9-bit magnitude of a rotation component of √½, the largest besides the omitted one.
+/// 9-bit magnitude that represents √½, the largest possible stored component of a quaternion.
 const LARGEST_MAGNITUDE: f64 = 511.0;
 
-/// Difference below which quaternion components count as equally large, despite rounding.
+/// Difference of magnitudes below which quaternion components count as equally large.
 const TIE_TOLERANCE: f64 = 1e-5;
-/// Difference below which rotations count as equal.
+/// Difference of quaternion components below which rotations count as equal.
 // Above f32 rounding.
 const ROTATION_TOLERANCE: f64 = 1e-6;
 
@@ -29,7 +29,7 @@ pub(super) fn fixed(bytes: [u8; 3], fraction_bits: u8) -> f64 {
     f64::from(value) * 0.5f64.powi(fraction_bits.into())
 }
 
-/// Decodes a coordinate of version 1, an IEEE 754 half.
+/// Decodes a coordinate of version 1, an IEEE 754 half-precision number.
 pub(super) fn half(bytes: [u8; 2]) -> f64 {
     f16::from_le_bytes(bytes).to_f64()
 }
@@ -44,14 +44,15 @@ pub(super) fn scale(bytes: [u8; 3]) -> DVec3 {
     (byte / SCALE_STEPS + SCALE_START).exp()
 }
 
-/// Decodes `w x y z` of versions 1 and 2: x, y and z are stored, w is positive.
+/// Decodes the quaternion `w x y z` of versions 1 and 2. Only x, y and z are stored, and w is not
+/// negative.
 pub(super) fn first_three(bytes: [u8; 3]) -> [f64; 4] {
     let [x, y, z] = bytes.map(|b| f64::from(b) / 127.5 - 1.0);
     [(1.0 - x * x - y * y - z * z).max(0.0).sqrt(), x, y, z]
 }
 
-/// Decodes `w x y z` of version 3 and later: the upper two bits give the index of the largest of x, y, z, w;
-/// the rest are sign and magnitude of the other three.
+/// Decodes the quaternion `w x y z` of version 3 and later. The upper two bits give the index of the
+/// largest of x, y, z, w. The other bits are sign and magnitude of the other three.
 pub(super) fn smallest_three(bytes: [u8; 4]) -> [f64; 4] {
     let bits = u32::from_le_bytes(bytes);
     let largest = (bits >> 30) as usize;
@@ -87,13 +88,14 @@ pub(super) fn to_color(color: DVec3) -> [u8; 3] {
     coefficient.to_array().map(|f| nearest(255.0 * (COLOR_SCALE * f + 0.5)))
 }
 
-/// Inverse of [`scale`]: steps of 1/16 of the logarithm, from 4.5·10⁻⁵ to 376.
+/// Inverse of [`scale`]: quantises the natural logarithm of each scale in steps of 1/16. Represents
+/// scales from 4.5·10⁻⁵ to 376.
 pub(super) fn to_scale(scale: DVec3) -> [u8; 3] {
     scale.to_array().map(|s| nearest(SCALE_STEPS * (s.ln() - SCALE_START)))
 }
 
-/// Inverse of [`smallest_three`]. Omits the first of the largest components, or another one if that decodes
-/// more accurately.
+/// Inverse of [`smallest_three`]: encodes a rotation without one quaternion component. Omits the first
+/// of the largest components, or another one if the decoded rotation is then more accurate.
 pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
     // The search makes a rotation that was read from a file keep its bytes.
     let xyzw = rotation.to_array();
@@ -110,7 +112,8 @@ pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
     (0..4).map(candidate).fold(candidate(first), better).0
 }
 
-/// Largest component difference of two rotations, where `q` and `−q` are equal.
+/// Returns the largest difference of quaternion components of two rotations, where `q` and `−q` are
+/// equal.
 fn difference(a: DQuat, b: DQuat) -> f64 {
     let b = if a.dot(b) < 0.0 { -b } else { b };
     (a - b).to_array().iter().fold(0.0, |most, v| most.max(v.abs()))
@@ -128,7 +131,7 @@ fn encode_without(left_out: usize, xyzw: [f64; 4]) -> [u8; 4] {
     bits.to_le_bytes()
 }
 
-/// Inverse of [`coefficient`], rounded to fewer steps.
+/// Inverse of [`coefficient`]: quantises a degree 1 coefficient in fewer steps than a byte has.
 pub(super) fn to_coefficient(f: f64) -> u8 {
     let step = 256.0 / COEFFICIENT_STEPS;
     nearest(((128.0 * f) / step).round() * step + 128.0)

@@ -13,7 +13,7 @@ pub(in crate::export) fn is_gzip(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x1F, 0x8B])
 }
 
-/// True for version 4, or an older version without its gzip.
+/// True for a file of version 4, or of an older version without its gzip compression.
 pub(in crate::export) fn is_plain(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }

@@ -17,21 +17,22 @@ use rayon::prelude::*;
 use std::io;
 use std::io::Write;
 
-/// Zstandard level.
+/// Zstandard compression level.
 // Higher levels take twice as long for 1 % of the size.
 const LEVEL: i32 = 9;
-/// Rounding step of coordinates, relative to a small splat's middle standard deviation.
+/// Rounding step of coordinates, relative to the middle one of a small splat's three standard
+/// deviations.
 const STEP_OF_DEVIATION: f64 = 1.0 / 8.0;
-/// Quantile of the middle standard deviations that counts as a small splat.
+/// Quantile of the splats' middle standard deviations that represents a small splat.
 const SMALL_QUANTILE: f64 = 0.1;
-/// Number of splats sampled for the quantile.
+/// Number of splats sampled to estimate the quantile.
 const N_SAMPLED: usize = 4096;
-/// Bits of a coordinate without its sign.
+/// Number of bits of a coordinate without its sign.
 const COORDINATE_BITS: i32 = 23;
-/// Maximum number of fraction bits.
+/// Maximum number of fraction bits of a coordinate.
 // Every reader accepts these.
 const MAX_FRACTION_BITS: i32 = 20;
-/// Bits per coordinate along the curve; three fill a word.
+/// Number of bits per coordinate in a Morton code; three coordinates fit into a 64-bit word.
 const CURVE_BITS: u32 = 21;
 
 pub(in crate::export) struct SpzLayout {
@@ -41,7 +42,8 @@ pub(in crate::export) struct SpzLayout {
 }
 
 impl SpzLayout {
-    /// Prepares a file for these splats. Fails if coordinates are too large for 24 bits.
+    /// Prepares the layout of a file for the given splats. Fails if coordinates are too large for 24
+    /// bits.
     pub fn new(rows: &impl SplatRows) -> Result<Self, Fault> {
         let largest = (0..rows.n_rows())
             .into_par_iter()
@@ -143,7 +145,7 @@ fn fraction_bits(rows: &impl SplatRows, largest: f64) -> Result<u8, Fault> {
     Ok(needed.clamp(0, MAX_FRACTION_BITS).min(room) as u8)
 }
 
-/// Orders the rows along a Morton curve through the cube of all representable coordinates.
+/// Returns the order of the rows along a Morton curve through the cube of all representable coordinates.
 fn morton_order(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
     // Quantised coordinates, so that a file that was read keeps its order.
     let cell = |v: f64| {
@@ -160,7 +162,7 @@ fn morton_order(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
     keys.into_iter().map(|(_, i)| i).collect()
 }
 
-/// Spreads the lower 21 bits, with two zeros between neighbours.
+/// Spreads the lower 21 bits of `v`, with two zero bits between neighbours.
 fn spread_bits(v: u64) -> u64 {
     let v = (v | v << 32) & 0x001F_0000_0000_FFFF;
     let v = (v | v << 16) & 0x001F_0000_FF00_00FF;

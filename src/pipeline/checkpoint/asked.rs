@@ -21,10 +21,10 @@ use serde::Serialize;
 use std::fmt::Debug;
 use std::sync::Arc;
 
-/// Settings requested for a resumed run. `None` retains the run's value.
+/// Settings requested for a resumed run. `None` keeps the run's value.
 #[derive(Clone, Debug, Default)]
 pub struct ResumeRequest {
-    /// Preset.
+    /// Preset of the model.
     pub preset: Option<Preset>,
     /// Settings of the model.
     pub model: GivenSettings,
@@ -32,19 +32,19 @@ pub struct ResumeRequest {
     pub split: Option<String>,
     /// Order of the frames.
     pub order: Option<Order>,
-    /// Stride of the frames.
+    /// Stride: only every N-th frame is used.
     pub stride: Option<usize>,
-    /// Shard of the frames.
+    /// Shard of the frames: the part for one of several runs.
     pub shard: Option<Shard>,
-    /// How depth files are read.
+    /// Options for reading depth files.
     pub load: LoadOptions,
-    /// Maximum number of frames, including visited ones; may differ from the run's.
+    /// Maximum number of frames, including those already visited. May differ from the run's value.
     pub max_frames: Option<usize>,
-    /// Number of passes, including completed ones; may differ from the run's.
+    /// Number of passes, including completed ones. May differ from the run's value.
     pub passes: Option<usize>,
     /// True to follow the recording while it grows.
     pub follow: bool,
-    /// Hold-out split.
+    /// Rule that selects the frames held out for evaluation.
     pub hold_out: Option<HoldOut>,
 }
 

@@ -1,5 +1,5 @@
 //! Merging of runs that started alike and were trained on different frames. Mixtures, whose components are
-//! the same from the start, are added; scenes, whose components are born from points, are fused.
+//! the same from the start, are added; scenes, whose components are created from points, are fused.
 
 use super::error::RunError;
 use super::saved::{Meta, SavedRun, canonical};
@@ -13,15 +13,15 @@ use crate::pipeline::run::RunConfig;
 use serde_json::Value;
 use std::collections::BTreeSet;
 
-/// Merges runs into one over the frames of all, which can be resumed on the remaining frames. `None` for an
-/// empty list.
+/// Merges runs into one run over all their frames, which can be resumed on the remaining frames. `None`
+/// for an empty list.
 ///
-/// Mixtures are added exactly, so any order and tree of merges gives the same model. Scenes are fused, to the
-/// same model for any order of `runs`.
+/// Mixtures are added exactly, so the order and grouping of merges do not affect the model. Scenes are
+/// fused, and the order of `runs` does not affect the model.
 ///
 /// # Errors
-/// [`RunError::Unlike`] if they did not start alike, [`RunError::Overlap`] if a frame would count twice,
-/// [`RunError::Add`] for totals that cannot be added exactly.
+/// [`RunError::Unlike`] if the runs did not start alike, [`RunError::Overlap`] if a frame would count
+/// twice, [`RunError::Add`] for totals that cannot be added exactly.
 pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
     if runs.first().is_some_and(|run| run.config.method.scene().is_some()) {
         return fuse(None, runs);
@@ -32,8 +32,8 @@ pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
     runs.try_fold(first, add).map(Some)
 }
 
-/// Merges scenes that all continued `origin`. Statistics of their common components are added to those of
-/// `origin`.
+/// Merges scenes of runs that all continued the run `origin`. Components of `origin` get the statistics
+/// that all runs added to them.
 ///
 /// # Errors
 /// As [`merge`], and [`RunError::Origin`] unless all continued `origin`.
@@ -86,7 +86,7 @@ fn fuse(origin: Option<&SavedRun>, mut runs: Vec<SavedRun>) -> Result<Option<Sav
     Ok(Some(all))
 }
 
-/// Removes the frames of `origin` from a run that continues it.
+/// Subtracts the frames, points and time of `origin` from a run that continues it.
 fn remove_origin_frames(run: &mut SavedRun, origin: &SavedRun) -> Result<(), RunError> {
     use StoredModel::Scene;
     let (ours, before) = (&run.content.cursor, &origin.content.cursor);
@@ -119,7 +119,7 @@ fn origin_error(run: &SavedRun, origin: &SavedRun, found: &'static str) -> RunEr
     RunError::Origin { path: run.path.clone(), origin: origin.path.clone(), found }
 }
 
-/// Combines two runs into one over the frames of both. The model is that of `a`.
+/// Combines two runs into one run over the frames of both. The model is that of `a`.
 fn combine_runs(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
     // The merged run continues on all remaining frames, not on those of one shard.
     let config = a.config.without_shard();
@@ -152,7 +152,7 @@ const OTHER_ORIGIN: &str =
 const NO_REASSIGNMENT: &str =
     "reassignment made the models differ after the first frame: train them with reassign=off";
 
-/// Refuses runs with different starts or a common frame.
+/// Returns an error for runs with different starts or a common frame.
 fn check_compatible(runs: &[SavedRun]) -> Result<(), RunError> {
     for (i, run) in runs.iter().enumerate() {
         for other in runs.iter().take(i) {
@@ -163,7 +163,7 @@ fn check_compatible(runs: &[SavedRun]) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Refuses runs with different datasets, settings or initial models.
+/// Returns an error for runs with different datasets, settings or initial models.
 fn check_same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
     let unlike = |what: &str, found: String, advice| {
         let paths = [a.path.clone(), b.path.clone()];
@@ -196,7 +196,7 @@ fn check_same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
     }
 }
 
-/// Name and values of the first setting that differs.
+/// Returns the name and the values of the first setting that differs.
 fn different_setting(a: &RunConfig, b: &RunConfig) -> Option<(String, String)> {
     let (a, b) = (a.without_shard(), b.without_shard());
     if a == b {
@@ -208,7 +208,7 @@ fn different_setting(a: &RunConfig, b: &RunConfig) -> Option<(String, String)> {
     Some((name.clone(), format!("{value} and {}", other(name))))
 }
 
-/// Difference of two initial models: its name, the values found, and advice.
+/// Returns the difference of two initial models: its name, the values found, and advice.
 fn different_start(
     a: &StoredModel,
     b: &StoredModel,

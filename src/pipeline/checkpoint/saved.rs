@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 /// Content of the `META` section.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Meta {
-    /// Program and version.
+    /// Name and version of the program that saved the run.
     pub program: String,
     /// Time of saving, Unix seconds.
     pub saved_unix_s: u64,
@@ -49,12 +49,12 @@ pub struct SavedRun {
     pub config: RunConfig,
     /// Dataset, program and time of the run.
     pub meta: Meta,
-    /// Model, cursor and the unparsed sections.
+    /// Contents of the file: model, progress and the JSON texts.
     pub content: Checkpoint,
 }
 
 impl SavedRun {
-    /// Reads and checks a checkpoint.
+    /// Reads a checkpoint and checks that its sections match each other.
     pub fn read(path: &Path) -> Result<Self, RunError> {
         let LoadedCheckpoint { checkpoint: content, version, bytes } = checkpoint::read(path)?;
         let config: RunConfig = parse(path, "CONF", &content.config)?;
@@ -66,7 +66,7 @@ impl SavedRun {
         Ok(run)
     }
 
-    /// The most often visited frame, and the number of its visits.
+    /// Returns the most often visited frame (its index in the split) and the number of its visits.
     pub(super) fn most_visited_frame(&self) -> (u32, usize) {
         let mut visited = self.content.cursor.visited.clone();
         visited.sort_unstable();
@@ -75,7 +75,8 @@ impl SavedRun {
         runs.max_by_key(|run| run.1).unwrap_or_default()
     }
 
-    /// Checks the number of passes, and that no frame was visited more often.
+    /// Checks that the number of passes is valid, and that no frame has more visits than there are
+    /// passes.
     fn check_visits(&self) -> Result<(), RunError> {
         let passes = self.config.selection.passes;
         let refuse =
@@ -94,12 +95,12 @@ impl SavedRun {
         }
     }
 
-    /// Splats as in exported files.
+    /// Splats of the model, as in exported files.
     pub fn splats(&self) -> Result<SplatSet, RunError> {
         Ok(self.revive()?.learner.splats())
     }
 
-    /// Tracked trajectory, if the run was tracked and its history is stored.
+    /// Trajectory of tracked camera poses, if the run was tracked and its history is stored.
     ///
     /// # Errors
     /// [`RunError::Json`] for an invalid history.
@@ -109,7 +110,7 @@ impl SavedRun {
         Ok(Trajectory::of(&history.frames, &history.skipped))
     }
 
-    /// Restores the learner, settled for rendering.
+    /// Restores the learner for rendering, as if all buffered photographs had been trained on.
     ///
     /// # Errors
     /// [`RunError::Mismatch`] if model and settings do not match.
@@ -135,17 +136,17 @@ impl SavedRun {
         DVec3::from_array(self.meta.up).try_normalize().unwrap_or(DVec3::Z)
     }
 
-    /// Options to open the run's dataset with the model's local origin.
+    /// Returns options for opening the run's dataset with the model's local origin.
     pub fn load_options(&self) -> LoadOptions {
         self.config.load.with_fixed_origin()
     }
 
-    /// Local origin of positions, in the world of the dataset.
+    /// Local origin, to which the model's positions are relative, in the world of the dataset.
     pub fn local_origin(&self) -> DVec3 {
         self.config.load.local_origin.map_or(DVec3::ZERO, DVec3::from_array)
     }
 
-    /// True if the dataset's layout defines world units as metres.
+    /// True if world units are metres according to the layout of the dataset.
     pub fn is_metric(&self) -> bool {
         let load = &self.config.load;
         // With both options, the user may have chosen another unit.
@@ -153,7 +154,8 @@ impl SavedRun {
         !is_given && self.meta.fingerprint.layout().is_some_and(Layout::is_metric)
     }
 
-    /// Returns a warning if results on this machine may differ from those on the one that saved the run.
+    /// Returns a warning if the results of this machine may differ from those of the machine that saved
+    /// the run.
     pub fn numerics_differ(&self) -> Option<String> {
         let here = report::numerics();
         (here != self.content.numerics).then(|| {
@@ -174,7 +176,7 @@ pub(super) struct History {
 }
 
 impl History {
-    /// Serializes like [`canonical`].
+    /// Serializes to JSON with sorted keys, as [`canonical`] does.
     pub fn canonical(&self) -> Result<String, serde_json::Error> {
         // One frame at a time: as a single `Value`, a long run would take ten times the memory.
         let frames: Result<Vec<String>, _> = self.frames.iter().map(canonical).collect();
@@ -195,7 +197,7 @@ pub(super) fn parse<T: for<'de> Deserialize<'de>>(
     })
 }
 
-/// Serializes with sorted keys, so that equal values have equal bytes.
+/// Serializes to JSON with sorted keys, so that equal values have equal bytes.
 pub(super) fn canonical(value: &impl Serialize) -> Result<String, serde_json::Error> {
     // Objects of `Value` sort their keys.
     Ok(serde_json::to_value(value)?.to_string())

@@ -34,7 +34,7 @@ pub struct SessionSnapshot {
 }
 
 impl Session {
-    /// Copies the model and the frame reports, for a save on another thread.
+    /// Returns a copy of the model and the frame reports, which another thread can save.
     pub fn snapshot(&self) -> SessionSnapshot {
         let (past, plan) = (self.past(), self.plan());
         SessionSnapshot {
@@ -67,11 +67,11 @@ impl Session {
         Ok(checkpoint::write_keeping_old(path, &self.checkpoint()?)?)
     }
 
-    /// Saves the state after a panic, possibly in the middle of a frame. Removes the file if it cannot be read
-    /// back. An older file is retained as `<name>.bak`.
+    /// Saves the state after a panic, possibly in the middle of a frame. Removes the new file if it
+    /// cannot be read back. Retains an older file as `<name>.bak`.
     ///
     /// # Errors
-    /// Message of why no file was saved, including that of a second panic.
+    /// Message that states why no file was saved, including that of a second panic.
     pub fn save_after_panic(&self, path: &Path) -> Result<(), String> {
         let attempt = || -> Result<(), String> {
             self.save_keeping_old(path).map_err(|error| error.to_string())?;
@@ -91,7 +91,7 @@ impl SessionSnapshot {
         self.cursor.frames
     }
 
-    /// Serializes the snapshot.
+    /// Converts the snapshot to the contents of a checkpoint.
     ///
     /// # Errors
     /// [`SessionError::Json`] for settings or reports that JSON cannot represent.
@@ -122,7 +122,7 @@ impl SessionSnapshot {
     }
 }
 
-/// Returns the history unless it is too long to be read back.
+/// Returns the history, or `None` if it is too long to be read back.
 fn if_readable(history: String) -> Option<String> {
     // Some hundred thousand frames exceed the limit, and the checkpoint stays readable without their reports.
     (history.len() <= MAX_JSON_BYTES).then_some(history)

@@ -114,7 +114,7 @@ impl PaperConfig {
     }
 }
 
-/// Draws the initial means, at random or from the first usable frame.
+/// Chooses the initial means, at random or from the first usable frame.
 fn initial_draw(
     dataset: &Dataset,
     run: &RunConfig,

@@ -9,7 +9,7 @@ use crate::train::paper::config::PaperConfig;
 use crate::train::setting::Preset;
 use serde::{Deserialize, Serialize};
 
-/// Preset of a run with its settings.
+/// Preset of a run, with its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "preset", rename_all = "kebab-case")]
 pub enum Method {
@@ -20,7 +20,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// The preset.
+    /// Preset of the settings.
     pub fn preset(&self) -> Preset {
         match self {
             Self::Paper(_) => Preset::Paper,
@@ -28,7 +28,7 @@ impl Method {
         }
     }
 
-    /// Settings independent of the preset.
+    /// Returns the settings through an interface that is independent of the preset.
     pub fn as_any(&self) -> &dyn AnyPreset {
         match self {
             Self::Paper(config) => config,
@@ -44,7 +44,8 @@ impl Method {
         }
     }
 
-    /// True if cameras are corrected by the default calibration of their model, not by an individual one.
+    /// True if cameras are corrected by the default calibration of their camera model, not by an
+    /// individual calibration.
     pub fn assumes_calibration(&self, dataset: &Dataset) -> bool {
         let calibration = self.as_any().calibration();
         calibration.is_some() && calibration == dataset.known_calibration().as_ref()
@@ -92,7 +93,8 @@ impl MethodRequest {
         }
     }
 
-    /// Refuses settings that are incompatible with tracking, which places each frame by the frames before it.
+    /// Returns an error for settings that are incompatible with tracking, which estimates each pose from
+    /// earlier frames.
     fn check_tracking(&self, selection: &Selection) -> Result<(), SessionError> {
         let refuse = |expected, found| Err(SessionError::Tracking { expected, found });
         match self {

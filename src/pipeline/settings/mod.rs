@@ -9,7 +9,7 @@ use crate::train::setting::{ConfigError, Preset};
 use method::{Method, MethodRequest};
 use scene::SceneOverrides;
 
-/// Settings given by the user, per preset; an option common to both is set in both.
+/// Settings given by the user, for each preset. An option common to both presets is set in both.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GivenSettings {
     /// Settings of the paper preset.
@@ -19,7 +19,7 @@ pub struct GivenSettings {
 }
 
 impl GivenSettings {
-    /// Returns the request for a model of a preset.
+    /// Returns a request for a model of a preset with the given settings.
     ///
     /// # Errors
     /// [`ConfigError`] states a setting that is out of range.
@@ -38,7 +38,7 @@ impl GivenSettings {
         }
     }
 
-    /// Returns the first given setting that the run lacks or has another value for.
+    /// Returns the first given setting that the run lacks or that has another value in the run.
     pub fn conflict(&self, method: &Method) -> Option<Conflict> {
         let conflict = match method {
             Method::Paper(config) => self.paper.conflict(config),
@@ -63,7 +63,7 @@ impl From<SceneOverrides> for GivenSettings {
     }
 }
 
-/// Returns a preset as a RON file: every setting with its help and its default.
+/// Returns the text of a RON file for a preset: every setting with its help and its default.
 ///
 /// ```
 /// use vbgs_studio::pipeline::settings::{preset_file, scene::SceneOverrides};

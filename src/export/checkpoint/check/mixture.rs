@@ -25,15 +25,16 @@ const SUMS: [([u8; 4], &str); N_SUMS] = [
     (sections::FIRST, "blue"),
 ];
 
-/// Indices of `xx yy zz` among the sums.
+/// Indices of the second moments `xx yy zz` among the sums of a component.
 const DIAGONAL: [usize; 3] = [4, 7, 9];
-/// Indices of `xy xz yz`, each with the two diagonal terms that bound it.
+/// Indices of the second moments `xy xz yz`, each with the indices of the two diagonal moments that
+/// bound it.
 const MIXED: [(usize, usize, usize); 3] = [(5, 4, 7), (6, 4, 9), (8, 7, 9)];
 
-/// Relative rounding tolerance for `2|B_ij| <= B_ii + B_jj`.
+/// Relative rounding tolerance for the check `2|B_ij| <= B_ii + B_jj` of the second moments `B`.
 // The f32 sums of a tile are accurate to 1e-5; older files hold f32 totals that drift further.
 const SLACK: f64 = 1e-3;
-/// Absolute rounding tolerance, in quanta.
+/// Absolute rounding tolerance for the check of second moments, in fixed-point steps.
 // Fixed-point totals are off by half a quantum per tile, in this inequality by two (two halves, and twice a
 // half): enough for 8·10⁶ tiles.
 const SLACK_QUANTA: f64 = (1u64 << 24) as f64;
@@ -79,8 +80,8 @@ fn check_means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect
     Ok(())
 }
 
-/// Checks the sums of one component: finite, no negative count, and second moments that are positive
-/// semi-definite for every pair of axes.
+/// Checks that the sums of component `k` are finite, with no negative count or diagonal moment. Each
+/// mixed second moment must be at most the mean of the two axes' diagonal moments.
 #[expect(clippy::indexing_slicing, reason = "indices from the tables, or found among the sums")]
 fn check_sums(k: usize, row: [f64; N_SUMS]) -> Result<(), Defect> {
     let refuse = |i: usize, expected| Err(value_defect(SUMS[i].0, k, SUMS[i].1, expected, row[i]));

@@ -17,24 +17,25 @@ pub use table::SceneOverrides;
 pub struct SceneRun {
     /// Seed of every random stream.
     pub seed: u64,
-    /// Requested structural scale.
+    /// Requested structural scale: maximum distance of a point from the point at which its component was
+    /// created.
     pub scale: StructuralScale,
     /// Requested maximum number of components.
     pub budget: Option<Budget>,
-    /// Settings of the engine, including the structural scale in world units.
+    /// Settings of the training engine, including the structural scale in world units.
     #[serde(flatten)]
     pub engine: SceneConfig,
-    /// Preparation of frames.
+    /// Settings for preparing frames.
     pub surface: SurfaceSettings,
 }
 
 impl SceneRun {
-    /// Settings of the preparation, with photographs if the engine trains on them.
+    /// Settings for preparing frames, with photographs if the engine trains on photographs.
     pub fn prepared_surface(&self) -> SurfaceSettings {
         SurfaceSettings { photograph: self.engine.photometric.is_some(), ..self.surface.clone() }
     }
 
-    /// World to model coordinates: a translation only.
+    /// Transformation from world to model coordinates: a translation only.
     pub fn normalization(&self) -> Normalization {
         Normalization { offset: self.surface.origin.to_array(), scale: [1.0; 3] }
     }

@@ -23,8 +23,8 @@ use glam::DVec3;
 const LARGE_FRAME: usize = 150_000;
 
 impl SceneRun {
-    /// Fits the settings to samples of a plan's frames. Runs get equal settings only from the same plan, so
-    /// shards have to pass the plan of all frames.
+    /// Fits the settings to sampled frames of a plan. Only equal plans give equal settings, so each
+    /// shard has to pass the plan of all frames.
     ///
     /// # Errors
     /// [`SceneError`] for a setting out of range, or unusable depth.
@@ -49,7 +49,7 @@ impl SceneRun {
         Ok(Self { engine: run.engine.check()?, ..run })
     }
 
-    /// Returns the defaults for the requested sensor, except `h`.
+    /// Returns the default settings for the requested sensor, without the structural scale `h`.
     fn defaults(dataset: &Dataset, plan: &Plan, overrides: &SceneOverrides) -> Self {
         let split = &dataset.splits[plan.split];
         // An outlier pose as origin would be far from all other frames.
@@ -113,7 +113,8 @@ fn check_shuffle_buffer(
     }
 }
 
-/// Settings measured with each kind of sensor (`scene.md`, Settings by sensor), except `h`.
+/// Returns the default settings measured for each kind of sensor (`scene.md`, Settings by sensor),
+/// without the structural scale `h`.
 fn sensor_defaults(sensor: Sensor) -> SceneConfig {
     // `h` follows from the sampled frames; NaN would fail every check.
     match sensor {
