@@ -80,7 +80,7 @@ impl TrajectoryError {
     }
 }
 
-/// Rotation `R` that maximises `tr(Rᵀ·M)`, from the right singular vectors of `M`.
+/// Returns the rotation `R` that maximises `tr(Rᵀ·M)`, from the right singular vectors of `M`.
 fn best_rotation(m: DMat3) -> DMat3 {
     let right = Sym3::from_mat3(m.transpose() * m).eigen().vectors;
     // From the two largest axes; the third follows, which excludes a reflection.
