@@ -16,9 +16,9 @@ pub const INTERRUPTED: u8 = 130;
 
 /// Reason why a command failed.
 pub enum Failure {
-    /// Exit status 1.
+    /// Failure other than wrong usage, with exit status 1.
     Failed(anyhow::Error),
-    /// Exit status 2.
+    /// Wrong usage of the command line, with exit status 2.
     Usage(String),
     /// Stopped by Ctrl-C or another signal, with exit status 130. Requested files were saved.
     Interrupted,

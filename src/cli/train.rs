@@ -1,8 +1,8 @@
 //! `train`: trains headless and writes files at the end.
 //!
-//! Files of an earlier run remain until this one has trained a frame, and each until its replacement is
-//! complete. The report is written before quality is measured, which may take longer than training and be
-//! interrupted, and again with the results.
+//! Files of an earlier run remain until this run has trained a frame, and each until its replacement is
+//! complete. The report is written before quality is measured, because measuring may take longer than
+//! training and may be interrupted. It is written again with the results.
 
 use super::args::settings::{calibration_file, method_request, resume_request, selection};
 use super::args::{DeviceName, TrainArgs};

@@ -20,7 +20,7 @@ pub(super) struct Comparison {
     pub ssim: f64,
     /// Share of pixels with coverage ≥ [`COVERED`].
     pub coverage: f64,
-    /// `None` if no pixel is covered.
+    /// Scores that require covered pixels; `None` if no pixel is covered.
     pub covered: Option<Covered>,
 }
 

@@ -8,7 +8,7 @@ use super::report::quantile;
 use crate::math::image::Image;
 use crate::math::real::Real;
 
-/// Lower bound of mean squared errors: equal images have 120 dB.
+/// Lower bound of mean squared errors, so that equal images have a PSNR of 120 dB.
 const MSE_FLOOR: f64 = 1e-12;
 
 /// Returns the peak signal-to-noise ratio in dB over all pixels and channels. The prediction is clamped

@@ -76,7 +76,7 @@ pub struct SeenReport {
 /// Training data of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct DatasetReport {
-    /// Folder, or name of the procedural scene.
+    /// Folder of the dataset, or name of the procedural scene.
     pub path: String,
     /// Layout of the files.
     pub layout: String,
@@ -239,7 +239,7 @@ pub struct EvalReport {
     /// Scores over the views.
     #[serde(flatten)]
     pub means: EvalMeans,
-    /// Background visible inside surfaces; `None` if no view has depth.
+    /// Cracks, where background is visible inside surfaces; `None` if no view has depth.
     pub cracks: Option<CrackReport>,
 }
 

@@ -15,11 +15,12 @@ use std::path::Path;
 /// views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeenQuality {
-    /// PSNR over seen pixels, dB.
+    /// PSNR over pixels with measured depth, dB.
     pub psnr: f64,
-    /// Share of seen pixels with coverage ≥ 0.5.
+    /// Share of pixels with coverage ≥ 0.5 among those with measured depth.
     pub coverage: f64,
-    /// Share of seen pixels away from depth jumps and holes with coverage ≥ 0.5; `None` if there are none.
+    /// Share of pixels with coverage ≥ 0.5 among those with measured depth away from depth jumps and
+    /// holes; `None` without such pixels.
     pub coverage_interior: Option<f64>,
 }
 

@@ -23,16 +23,17 @@ const TAPS: [f64; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16
 const LUMA: [f64; 3] = [0.299, 0.587, 0.114];
 /// Variance of a photograph's band (values in `[0, 1]`) below which it has no detail to compare.
 const MIN_ENERGY: f64 = 1e-9;
-/// Energy relative to the photograph's below which a render's detail is rounding noise.
+/// Ratio of a render's energy to the photograph's, below which the render's detail is rounding noise.
 const ROUNDING: f64 = 1e-12;
 
 /// Comparison of one octave band.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SharpnessBand {
-    /// Ratio of the render's energy to the photograph's: 1 if equally sharp, less if blurred, more for spurious
-    /// detail.
+    /// Ratio of the render's energy in the band to the photograph's: 1 if equally sharp, less if
+    /// blurred, more with spurious detail.
     pub energy_ratio: f64,
-    /// Correlation of the two bands, −1 to 1: whether detail is in the right places.
+    /// Correlation of the bands of render and photograph, −1 to 1. It is high if detail is in the right
+    /// places.
     pub correlation: f64,
 }
 

@@ -141,7 +141,7 @@ fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     edges
 }
 
-/// Dilates the marks by [`EDGE_MARGIN`]: along rows, then along columns.
+/// Dilates the marks by [`EDGE_MARGIN`] pixels: along rows, then along columns.
 fn dilate(marks: &Image<bool>) -> Image<bool> {
     let (width, height) = (marks.width, marks.height);
     let mut along = Image::filled(width, height, false);
@@ -165,7 +165,7 @@ fn dilate(marks: &Image<bool>) -> Image<bool> {
     square
 }
 
-/// Grid point projected into the other image; `at` in continuous pixel coordinates.
+/// Corner of a square, projected into the other camera's image; `at` is in continuous pixel coordinates.
 #[derive(Clone, Copy, Debug)]
 struct Corner {
     at: [f32; 2],
@@ -180,7 +180,7 @@ struct Reprojection {
     marked: Image<bool>,
 }
 
-/// Tolerance of the triangle test, px²: adjacent triangles must not leave gaps.
+/// Tolerance of the triangle test in square pixels, so that adjacent triangles leave no gaps.
 const EDGE_SLACK: f32 = 1e-3;
 
 /// Draws the squares of a grid with `width` columns that have four corners and satisfy `is_square`. Its

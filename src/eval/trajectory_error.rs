@@ -9,7 +9,7 @@ use crate::math::sym3::Sym3;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Distance of tracked from recorded cameras after rigid alignment.
+/// Distances between tracked and recorded cameras after rigid alignment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrajectoryError {
     /// Number of compared cameras.

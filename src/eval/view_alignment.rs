@@ -1,10 +1,10 @@
 //! Alignment of a view's camera pose to its photograph, given splats (`evaluation.md`, Poses aligned).
 //!
-//! Alignment during training (`train::scene::align`) needs sufficient statistics that exported models lack,
-//! and depth that a photograph may lack. This one makes the same estimate from the render and its depth, which
-//! every model has: the maximum a posteriori motion by Gauss-Newton with Cauchy weights and a prior on the
-//! recorded pose. It proceeds from small images to full size, because image gradients are valid for about a
-//! pixel.
+//! Alignment during training (`train::scene::align`) needs sufficient statistics that exported models
+//! lack, and depth that a photograph may lack. The alignment here makes the same estimate from the
+//! render and its depth, which every model has. It finds the maximum a posteriori motion by Gauss-Newton
+//! with Cauchy weights and a prior on the recorded pose. It proceeds from small images to full size,
+//! because image gradients are valid for about a pixel.
 //!
 //! Gradients are the render's: detail missing from the splats would make the photograph's gradients too
 //! steep and the steps too short.
@@ -147,8 +147,8 @@ struct PhotographedPoint {
     z: f64,
 }
 
-/// Points inside a photograph, in order. Reused between iterations: allocating some 60 MB per iteration
-/// took a third of the time.
+/// Points inside a photograph, in order. The buffers are reused between iterations: allocating some 60
+/// MB per iteration took a third of the time.
 #[derive(Default)]
 struct PhotographedPoints {
     parts: Vec<Vec<PhotographedPoint>>,
@@ -322,8 +322,8 @@ pub struct AlignedView {
 }
 
 impl AlignedView {
-    /// Compares the render from the aligned camera with the photograph. `None` if no pixel is covered or
-    /// the photograph has no detail.
+    /// Compares the render from the aligned camera with the photograph. Returns `None` if no pixel is
+    /// covered or the photograph has no detail.
     pub(super) fn compare(
         [from, to]: [&Pose; 2],
         shown: &RgbImage,

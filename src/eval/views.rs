@@ -368,8 +368,8 @@ mod tests {
         );
     }
 
-    /// Rendered by the photograph's camera: half the focal length shows twice the width, and the border
-    /// lies beyond the measured depth.
+    /// The photograph's camera has half the focal length of the depth camera. Its image shows twice the
+    /// width, and its border has no measured depth.
     #[test]
     fn photographs_are_drawn_and_judged_by_the_camera_that_took_them() {
         let frame = wall();

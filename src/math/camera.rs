@@ -53,12 +53,12 @@ impl Intrinsics {
         Self { fx: focal, fy: focal, ..Self::from_horizontal_fov(width, height, 1.0) }
     }
 
-    /// Horizontal field of view in radians.
+    /// Returns the horizontal field of view in radians.
     pub fn fov_x(&self) -> f64 {
         2.0 * (0.5 * self.width as f64 / self.fx).atan()
     }
 
-    /// Vertical field of view in radians.
+    /// Returns the vertical field of view in radians.
     pub fn fov_y(&self) -> f64 {
         2.0 * (0.5 * self.height as f64 / self.fy).atan()
     }

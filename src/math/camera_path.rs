@@ -11,7 +11,7 @@ const TURNTABLE_KEYFRAMES: u32 = 12;
 /// Camera pose and field of view at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keyframe {
-    /// Seconds from the start of the path.
+    /// Time from the start of the path, seconds.
     pub time: f64,
     /// Camera pose, world units.
     pub pose: Pose,

@@ -131,7 +131,8 @@ mod tests {
         assert!(Cholesky::new(1, &[f64::NAN]).is_none());
     }
 
-    /// Triangles `4 + lane, 1, 3, -1, 0.5, 2` with one entry replaced, and the right side `1, -2, 3`.
+    /// Kernel that solves one 3×3 system per lane. Its lower triangles are `4 + lane, 1, 3, -1, 0.5, 2`
+    /// with entry `.0` replaced by `.1`. The right side is `1, -2, 3`.
     struct Solve(usize, f32);
 
     impl Kernel for Solve {

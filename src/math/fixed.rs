@@ -45,7 +45,7 @@ pub fn to_fixed(value: f64) -> i128 {
     if value < 0.0 { -magnitude } else { magnitude }
 }
 
-/// Converts a total to `f64`, rounded to nearest.
+/// Converts a fixed-point total to `f64`, rounded to nearest.
 #[inline]
 pub fn from_fixed(total: i128) -> f64 {
     // A power of two, so only the conversion of the total rounds.

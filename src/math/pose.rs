@@ -119,7 +119,7 @@ impl Pose {
         self.translation
     }
 
-    /// Returns the same camera in a world whose origin is at `origin`.
+    /// Returns the pose of the same camera in a world whose origin is moved to `origin`.
     pub fn with_origin(&self, origin: DVec3) -> Self {
         Self { translation: self.translation - origin, ..*self }
     }

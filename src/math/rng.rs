@@ -67,7 +67,8 @@ impl Rng {
         (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
-    /// Returns number `index` of a separate sequence, uniform in `(0, 1]`; the stream does not advance.
+    /// Returns the random number at `index` of a second sequence, uniform in `(0, 1]`. The stream itself
+    /// does not advance.
     #[inline]
     pub fn uniform_at(&self, index: u64) -> f64 {
         // The complemented key gives a sequence distinct from the stream's.

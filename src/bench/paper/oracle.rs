@@ -48,7 +48,8 @@ pub struct Errors {
     pub posterior: PosteriorErrors,
 }
 
-/// Relative errors of posteriors. Quantiles weight each component by its evidence `N_k`.
+/// Relative errors of posteriors. Quantiles weight each component by its evidence `N_k`, the number of
+/// points assigned to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct PosteriorErrors {
     /// 99 % quantile of `|m − m*| / max(|m*|, sd)` over component means `m`. The oracle's value is `m*`,

@@ -1,11 +1,11 @@
 //! Contribution of each part of the scene preset (`pipeline.md`, Accuracy bench), and quality
 //! against number of components, on any dataset.
 //!
-//! The first two tables bracket each part. Added one by one, a part is measured without the parts
-//! after it; left out, with all others. The difference shows parts that help only in combination.
-//! Births and refinement depend on the order of frames, so a difference counts only if it exceeds
-//! the spread over three orders. All rows are evaluated with one camera, regardless of the camera
-//! they were trained with.
+//! The first two tables measure each part in two ways. The first adds parts one by one, so a part is
+//! measured without the parts after it. The second leaves out one part at a time, so a part is measured
+//! with all others. The difference shows parts that help only in combination. Births and refinement
+//! depend on the order of frames, so a difference counts only if it exceeds the spread over three
+//! orders. All rows are evaluated with one camera, regardless of the camera they were trained with.
 
 mod report;
 pub mod retention;

@@ -1,8 +1,8 @@
 //! Retention of earlier frames (`pipeline.md`, Retention bench): PSNR of each frame's own view
 //! right after training on it and at the end, and PSNR of held-out views during training.
 //!
-//! A model that forgets renders its last frames well and its first ones badly. One configuration
-//! omits accumulated precision, which is what holds splats where earlier frames put them.
+//! A model that forgets renders its last frames well and its first ones badly. One configuration omits
+//! the accumulated precision, which otherwise holds splats where earlier frames placed them.
 
 use super::training::prepare;
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
@@ -39,7 +39,7 @@ pub struct RetentionSummary {
     pub configuration: &'static str,
     /// Mean PSNR of the frames' views, each right after training on its frame, dB.
     pub after: f64,
-    /// Mean PSNR of the same views after all frames, dB.
+    /// Mean PSNR of the frames' views after training on all frames, dB.
     pub at_end: f64,
     /// Largest loss of PSNR of a frame's view from right after training on the frame to the end, dB.
     pub most_lost: f64,

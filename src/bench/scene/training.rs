@@ -27,7 +27,7 @@ pub struct Trained {
     pub born: usize,
     pub model_bytes: usize,
     pub train_ms: Vec<f64>,
-    /// Milliseconds per frame on the decoding thread.
+    /// Preparation time of each frame on the decoding thread, milliseconds.
     pub prepare_ms: Vec<f64>,
 }
 

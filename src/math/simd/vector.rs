@@ -5,14 +5,14 @@ use std::ops::{Add, Div, Mul, Sub};
 /// Number of lanes of a [`Vector`].
 pub const LANES: usize = 8;
 
-/// Value of a lane that is set in a mask.
+/// Value of a set lane in a lane mask: all bits are one.
 pub const SET_LANE: f32 = f32::from_bits(u32::MAX);
 
 /// Eight f32 lanes.
 pub trait Vector:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// Puts one value into every lane.
+    /// Returns a vector with one value in every lane.
     fn splat(value: f32) -> Self;
     /// Loads the first eight values.
     fn load(values: &[f32]) -> Self;
