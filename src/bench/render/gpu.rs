@@ -11,8 +11,8 @@ use crate::render::gpu::renderer::SplatRenderer;
 use crate::render::gpu::scene::GpuScene;
 use std::time::Instant;
 
-/// Number of warm-up frames before the first timed one. Meanwhile clock rates rise, and tile lists grow
-/// to the size that the scene needs.
+/// Number of warm-up frames before the first timed one. During these frames, clock rates rise and tile
+/// lists grow to the size that the scene needs.
 const WARM_UP: usize = 8;
 
 pub struct TimedGpu {

@@ -159,8 +159,8 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
 /// Budgets as fractions of the number of components created without a budget.
 const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
 
-/// Returns one row per budget. Each merges the preset's components, `born` without a budget, down to the
-/// budget.
+/// Returns one row per budget, to which the preset's components are merged down. `born` is the number of
+/// components created without a budget.
 pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     let of_share = |share: f64| {
         let mut run = base.clone();
