@@ -74,10 +74,10 @@ pub enum BenchError {
     NoFrame { dataset: String, first: String },
 }
 
-/// Progress callback: steps done, total number of steps.
+/// Progress callback. Its arguments are the number of steps done and the total number of steps.
 pub type Progress<'a> = &'a mut dyn FnMut(usize, usize);
 
-/// Returns a callback that reports one more of `n` steps per call.
+/// Returns a callback that reports one more completed step, of `n` in total, at each call.
 pub(super) fn steps(progress: Progress, n: usize) -> impl FnMut() {
     let mut done = 0;
     move || {
@@ -88,7 +88,7 @@ pub(super) fn steps(progress: Progress, n: usize) -> impl FnMut() {
 
 pub struct Bench {
     pub name: &'static str,
-    /// Machine, table and notes, as printed.
+    /// Text for the terminal: machine, table and notes.
     pub text: String,
     pub json: serde_json::Value,
     pub csv: String,
@@ -131,7 +131,7 @@ impl<R: Serialize, S: Serialize> Findings<'_, R, S> {
     }
 }
 
-/// Formats rows as CSV with a header of field names. Rows must be flat.
+/// Formats rows as CSV with a header of field names. Fields of a row must not be nested.
 fn csv(rows: &[impl Serialize]) -> Result<String, csv::Error> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {
@@ -143,7 +143,7 @@ fn csv(rows: &[impl Serialize]) -> Result<String, csv::Error> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Header of a column and the text of each of its cells.
+/// Column of a table: its header, and a function that formats the cell of a row.
 pub(super) type Column<'a, R> = (&'a str, fn(&R) -> String);
 
 pub(super) fn table<R, const N: usize>(rows: &[R], columns: [Column<'_, R>; N]) -> String {

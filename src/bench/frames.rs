@@ -6,7 +6,7 @@ use crate::pipeline::plan::Plan;
 use crate::pipeline::prefetch::{Prefetch, Prepare, PreparedFrame};
 use std::sync::Arc;
 
-/// Split and frame indices of views.
+/// Views of a dataset: index of the split and frame indices in it.
 pub type ViewIndices = (usize, Vec<usize>);
 
 /// Returns up to `n` evenly spaced items.
@@ -16,14 +16,14 @@ pub fn spaced<T: Copy>(items: &[T], n: usize) -> Vec<T> {
     (0..n).map(|i| items[i * items.len() / n]).collect()
 }
 
-/// Returns up to `n` evenly spaced held-out views of a training split.
+/// Returns up to `n` evenly spaced views that are held out when training on the given split.
 pub fn held_out_views(dataset: &Dataset, training_split: usize, n: usize) -> ViewIndices {
     let held_out = dataset.evaluation(training_split).new_views;
     (held_out.split, spaced(&held_out.frames, n))
 }
 
-/// Prepares the frames of a plan in order and passes each with its position and name to `work`. Skips
-/// unusable frames.
+/// Prepares the frames of a plan in order and skips unusable ones. Each prepared frame is passed to
+/// `work` with its position in the plan and its name.
 ///
 /// # Errors
 /// No frame is usable, or `work` fails.

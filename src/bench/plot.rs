@@ -11,7 +11,7 @@ use std::ops::Range;
 
 /// Size of every plot, pixels.
 const SIZE: [u32; 2] = [1200, 800];
-/// Palette for colour-blind readers (Okabe and Ito).
+/// Colours that colour-blind readers can distinguish (Okabe and Ito).
 const COLORS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -26,18 +26,18 @@ const FONT: &str = "plot";
 const GRID: RGBColor = RGBColor(225, 225, 225);
 /// Width of a character of axis names, pixels.
 const CHARACTER: usize = 9;
-/// Share of the axis covered by a line of the legend.
+/// Fraction of the y axis covered by a line of the legend.
 const LEGEND_LINE: f64 = 0.035;
-/// Share of the range left free at both ends.
+/// Fraction of the range that is left free at both ends of an axis.
 const MARGIN: f64 = 0.06;
 
-/// Kind of an axis with its title or names. Titles include the unit.
+/// Kind of an axis, with its title or the names along it. Titles include the unit.
 #[derive(Clone, Debug)]
 pub enum Axis {
     Linear(&'static str),
-    /// Values at or below zero are drawn at the lower end.
+    /// Logarithmic axis. Values at or below zero are drawn at its lower end.
     Log(&'static str),
-    /// Names from top to bottom, on a y axis. A value is the index of a name.
+    /// Axis of names from top to bottom, for y only. A value on this axis is the index of a name.
     Names(Vec<String>),
 }
 
@@ -80,7 +80,7 @@ pub struct Panel {
 type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 type Area<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
 
-/// Draws panels side by side under a title.
+/// Draws panels side by side under a title and returns the image.
 pub fn draw(title: &str, panels: &[Panel]) -> Result<RgbImage, BenchError> {
     let [width, height] = SIZE;
     let mut bytes = vec![255; 3 * width as usize * height as usize];
@@ -120,7 +120,8 @@ impl Axis {
         }
     }
 
-    /// Range of the axis. `headroom` is the share of the axis left free at its far end.
+    /// Returns the range of the axis that includes all values. `headroom` is the fraction of the axis
+    /// left free at its far end.
     fn range(&self, values: impl Iterator<Item = Spread>, headroom: f64) -> Range<f64> {
         let ends = values.flat_map(|v| [v.median, v.quartiles[0], v.quartiles[1]]);
         let is_log = matches!(self, Self::Log(_));
@@ -146,7 +147,7 @@ impl Axis {
         }
     }
 
-    /// Position of a value within the range; names begin at the top.
+    /// Returns the position of a value on the axis, within the range. Names begin at the top.
     fn position(&self, value: f64, range: &Range<f64>) -> f64 {
         match self {
             // Positions count from the bottom, names from the top.
@@ -167,7 +168,7 @@ impl Axis {
     }
 }
 
-/// Formats a tick in as few characters as possible.
+/// Formats the label of a tick in as few characters as possible.
 fn number(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-3..1e5).contains(&size) {
@@ -178,7 +179,7 @@ fn number(value: f64) -> String {
 }
 
 impl Panel {
-    /// Width of the y axis labels, pixels.
+    /// Returns the width of the y axis labels in pixels.
     fn label_width(&self) -> u32 {
         match &self.y {
             Axis::Names(names) => {

@@ -24,21 +24,21 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Frames and held-out views in the paper.
+/// Numbers of frames and of held-out views in the paper.
 const PAPER: [usize; 2] = [200, 100];
-/// Frames and held-out views of a quick run.
+/// Numbers of frames and of held-out views of a quick run.
 const QUICK: [usize; 2] = [12, 4];
 
 #[derive(Clone, Debug)]
 pub struct ProtocolPlan {
-    /// Folder of scenes: all subfolders that can be opened and have depth.
+    /// Folder of scenes. Every subfolder that can be opened and has depth is a scene.
     pub data: PathBuf,
-    /// Folder of the stored runs.
+    /// Folder in which the results of finished runs are stored.
     pub kept: PathBuf,
     pub options: BenchOptions,
 }
 
-/// One preset on one scene, rendered by one renderer.
+/// Results of one preset on one scene, rendered by one renderer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ProtocolRow {
     pub scene: String,
@@ -50,9 +50,9 @@ pub struct ProtocolRow {
     pub drawn: usize,
     pub train_ms: f64,
     pub prepare_ms: f64,
-    /// Against photographs composited over black, dB.
+    /// PSNR against photographs composited over black, dB.
     pub psnr: f64,
-    /// Against photographs with alpha dropped, as in the paper, dB.
+    /// PSNR against photographs with alpha dropped, as in the paper, dB.
     pub psnr_rgb: f64,
     pub ssim: f64,
 }
@@ -96,8 +96,8 @@ pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError>
     .into_bench()
 }
 
-/// Opens all subfolders that are scenes with training frames, sorted by path. The second list holds
-/// a note for each skipped subfolder.
+/// Opens all subfolders that are scenes with training frames, sorted by path. Also returns a note for
+/// each skipped subfolder.
 fn scenes(data: &Path) -> Result<(Vec<Arc<Dataset>>, Vec<String>), BenchError> {
     let listing = std::fs::read_dir(data).map_err(file_error(data))?;
     let folders = listing.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir());
@@ -129,13 +129,13 @@ fn file_error(path: &Path) -> impl Fn(std::io::Error) -> BenchError {
 struct StoredRun<R> {
     /// Checksum of the executable that measured the rows.
     program: u32,
-    /// All other inputs that the rows depend on.
+    /// All other inputs that affect the rows.
     of: Value,
     rows: Vec<R>,
 }
 
-/// Returns the rows stored in a file if its executable and its inputs `of` match. Otherwise runs
-/// `measure` and stores the rows.
+/// Returns the rows stored in a file if they were measured by this executable with equal inputs `of`.
+/// Otherwise runs `measure` and stores the rows.
 fn stored_or_new<R: Serialize + for<'a> Deserialize<'a>>(
     file: &Path,
     of: Value,
@@ -161,7 +161,7 @@ fn program() -> Result<u32, BenchError> {
     Ok(crc32fast::hash(&bytes))
 }
 
-/// Trains a session and measures its scene with both renderers.
+/// Trains a session to its end and measures the scene with both renderers. Returns one row per renderer.
 fn measured(
     mut session: Session,
     preset: &str,

@@ -75,7 +75,7 @@ fn once(bench: &str) -> Failure {
     usage!("--repeats: `bench {bench}` trains on the frames once, in order; leave the option out")
 }
 
-/// Maximum number of image sizes, limited by the plot.
+/// Maximum number of image sizes that the plot can show.
 const MAX_SIZES: usize = 4;
 
 fn render_plan(args: &RenderBenchArgs) -> Result<(BenchScene, RenderPlan), Failure> {
@@ -125,7 +125,7 @@ fn on_dataset(
     measure(&args.common, |progress| work(dataset, progress))
 }
 
-/// Opens a dataset, or that of the demo without a path.
+/// Opens the dataset at `path`, or that of the demo if no path is given.
 pub fn open(path: Option<&Path>, depth: &ReadArgs) -> Result<Arc<Dataset>, Failure> {
     let Some(path) = path else { return Ok(start::dataset()?) };
     let dataset = dataset::open(path, &depth.recorded_load_options()?)?;

@@ -14,8 +14,8 @@ use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 const FOLDER: &str = "vbgs-demo";
 
-/// Trains the built-in demo and writes its model, report and a preview. `reason` states why there is no
-/// window.
+/// Trains the built-in demo and writes its model, report and a preview image. `reason` states why there
+/// is no window.
 pub fn run(reason: &str) -> Result<(), Failure> {
     out!("{reason}: training the demo headless into {FOLDER}/");
     let interrupt = Interrupt::listen()?;

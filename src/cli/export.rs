@@ -89,8 +89,8 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes a file under a progress bar; Ctrl-C cancels without leaving the file. Temporary files of
-/// killed exports with the same name are removed.
+/// Writes a file and shows a progress bar. Ctrl-C cancels and removes the unfinished file. Temporary
+/// files left by killed exports to the same path are removed.
 fn write_with_progress<T>(
     output: &Path,
     what: &'static str,
@@ -142,7 +142,7 @@ fn options<'a>(
     }
 }
 
-/// Warns if other programs will misplace a file far from the world's origin.
+/// Warns if other programs will misplace the model because it is far from the world's origin.
 pub fn warn_of_origin(path: &Path, origin: DVec3, carrier: OriginCarrier) {
     if let Some(warning) = local_origin::warning(origin, carrier) {
         eprintln!("warning: {}: {warning}", path.display());
@@ -219,7 +219,7 @@ pub fn run_merge(args: &MergeArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Warns about the quality lost by fusing models with different seeds.
+/// Warns that fusing scenes without a common start blurs surfaces. Returns the runs unchanged.
 fn warn_about_fusing(runs: Vec<SavedRun>) -> Vec<SavedRun> {
     if runs.first().is_some_and(|run| run.config.method.scene().is_some()) {
         eprintln!(

@@ -16,11 +16,11 @@ pub const INTERRUPTED: u8 = 130;
 
 /// Reason why a command failed.
 pub enum Failure {
-    /// Exit status 1.
+    /// Failure other than wrong usage, with exit status 1.
     Failed(anyhow::Error),
-    /// Exit status 2.
+    /// Wrong usage of the command line, with exit status 2.
     Usage(String),
-    /// Ctrl-C or another signal; requested files were saved. Exit status 130.
+    /// Stopped by Ctrl-C or another signal, with exit status 130. Requested files were saved.
     Interrupted,
 }
 
@@ -29,7 +29,7 @@ impl Failure {
         Self::Failed(error.into())
     }
 
-    /// Adds the calibration file to an error caused by it.
+    /// Adds the name of the calibration file to an error that it caused.
     pub fn with_calibration_file(self, file: Option<&Path>) -> Self {
         match (self, file) {
             (Self::Failed(error), Some(file))
@@ -67,7 +67,7 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
     }
 }
 
-/// Formats an error with those of its causes that its text does not include.
+/// Formats an error, followed by those causes that its text does not include.
 fn message(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     // Wrappers often repeat the text of their cause.
@@ -79,8 +79,8 @@ fn message(error: &anyhow::Error) -> String {
     text
 }
 
-/// True if a setting is wrong. Searches the chain of causes, because sessions and benchmarks wrap errors
-/// of their settings.
+/// True if the error is a wrong setting. Searches the chain of causes, because sessions and benchmarks
+/// wrap errors of their settings.
 fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<ConfigError>()
@@ -90,14 +90,14 @@ fn is_usage(error: &anyhow::Error) -> bool {
     })
 }
 
-/// File for the scene of a run that panicked. It has a name of its own because its last frame may be
-/// incomplete, while regular checkpoints are consistent.
+/// File for the scene of a run that panicked. Its name differs from that of regular checkpoints, because
+/// the last frame may be incomplete in it.
 const RESCUED: &str = "checkpoint-rescued.vbgs";
 
-/// Runs training and returns its result.
+/// Runs a training and returns its result. If it panics, saves the scene.
 ///
 /// # Errors
-/// A panic; the scene is saved first, and the message states where.
+/// The error of the training, or a panic. The message of a panic states where the scene was saved.
 pub fn save_on_panic<T>(
     session: &mut Session,
     out: &Path,
@@ -171,7 +171,8 @@ mod crash_tests {
     use vbgs_studio::pipeline::plan::Selection;
     use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 
-    /// Runs a training that panics after `after` frames; returns the message and the number of saved frames.
+    /// Runs a training that panics after `after` frames. Returns the error message and the number of
+    /// saved frames.
     fn crashed(after: usize) -> (String, Option<u64>) {
         let small = SyntheticParams {
             width: 32,

@@ -42,9 +42,9 @@ struct DatasetInfo {
 #[derive(Serialize)]
 struct PosesInfo {
     convention: &'static str,
-    /// Share of depth that agrees with neighbouring frames.
+    /// Share of depth values that agree with neighbouring frames.
     agreement: Option<f64>,
-    /// Median distance from neighbouring frames' depth, world units.
+    /// Median distance from the depth of neighbouring frames, world units.
     median_error: Option<f64>,
     pairs: usize,
     #[serde(skip)]
@@ -69,7 +69,7 @@ struct SplitInfo {
     /// Smallest and largest depth of the readable frames, world units.
     depth_range: Option<[f64; 2]>,
     bytes: u64,
-    /// Blur, brightness jumps and time gaps; `None` for frames that belong to another split.
+    /// Blurred images, brightness jumps and time gaps; `None` for frames that belong to another split.
     capture: Option<CaptureCheck>,
 }
 
@@ -80,7 +80,7 @@ struct ModelInfo {
     splats: usize,
     sh_degree: u8,
     skipped: usize,
-    /// In world coordinates, including the local origin.
+    /// Bounding box in world coordinates, including the local origin.
     bounds: Option<[[f64; 3]; 2]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     local_origin: Option<[f64; 3]>,
@@ -169,7 +169,7 @@ fn depth_unit(depth: &Depth) -> String {
     format!("{stored} along {measured}")
 }
 
-/// Loads every frame of a split, which finds damaged files.
+/// Describes a split. Loads every frame, which finds damaged files.
 fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> SplitInfo {
     let frames = &dataset.splits[split].frames;
     let bar = super::output::bar(frames.len(), "frame");
@@ -307,7 +307,7 @@ fn print_model(info: &ModelInfo) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Maximum number of frames listed per kind; the others are counted.
+/// Maximum number of frames listed per kind of finding. Further frames are only counted.
 const NAMED: usize = 6;
 
 fn capture_lines(check: &CaptureCheck) -> Vec<String> {
@@ -362,7 +362,7 @@ struct CheckpointInfo {
 #[derive(Serialize)]
 struct TrackingInfo {
     trajectory: Trajectory,
-    /// Deviation from recorded poses, if the dataset is available and has any.
+    /// Deviation of tracked from recorded poses, if the dataset is available and has recorded poses.
     error: Option<TrajectoryError>,
     #[serde(skip)]
     summary: String,
@@ -409,7 +409,7 @@ fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
     if args.json { output::print_json(&info) } else { print_checkpoint(&info) }
 }
 
-/// Describes the defect of a run's dataset that prevents resuming, if any.
+/// Describes why the dataset of a run prevents resuming. Returns `None` if it does not.
 fn dataset_defect(run: &SavedRun, opened: Result<Dataset, DatasetError>) -> Option<String> {
     let dataset = match opened {
         Ok(dataset) => dataset,

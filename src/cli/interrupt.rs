@@ -17,7 +17,7 @@ use vbgs_studio::pipeline::job::Job;
 
 static LISTENING: OnceLock<Interrupt> = OnceLock::new();
 
-/// Polling interval if signals cannot wake the thread.
+/// Interval at which a waiting thread checks for a stop request if signals cannot wake it.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// Time allowed for cancelled work to remove its own files.
@@ -26,13 +26,14 @@ const GRACE: Duration = Duration::from_millis(500);
 #[derive(Clone)]
 pub struct Interrupt {
     is_stop_requested: Arc<AtomicBool>,
-    /// Becomes readable when a signal arrives.
+    /// Socket that becomes readable when a signal arrives.
     #[cfg(unix)]
     wakes: Arc<UnixStream>,
 }
 
 impl Interrupt {
-    /// Installs the handlers, or returns the existing ones: a failed window falls back to the headless demo.
+    /// Installs the signal handlers, or returns the existing ones. Handlers already exist if a failed
+    /// window falls back to the headless demo.
     pub fn listen() -> Result<Self, Failure> {
         if let Some(interrupt) = LISTENING.get() {
             return Ok(interrupt.clone());
@@ -70,8 +71,8 @@ impl Interrupt {
         self.is_requested()
     }
 
-    /// Runs work that precedes training, when nothing needs saving. Returns [`Failure::Interrupted`] on a stop
-    /// request, even if an unresponsive drive blocks the work.
+    /// Runs work that precedes training, when no results need saving. Returns [`Failure::Interrupted`]
+    /// on a stop request, even if an unresponsive drive blocks the work.
     pub fn run_interruptibly<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -133,7 +134,7 @@ fn listen_to_the_system(asked: &Arc<AtomicBool>, wakes: &UnixStream) -> Result<(
     Ok(())
 }
 
-/// True if SIGHUP is ignored, as by `nohup`, so that the run should outlive its terminal.
+/// True if SIGHUP is ignored, as by `nohup`. A run then continues after its terminal closes.
 #[cfg(unix)]
 fn is_hangup_ignored() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

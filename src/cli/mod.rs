@@ -1,17 +1,17 @@
 //! The command line: parses arguments, calls the library and prints results. Contains no algorithms.
 
-/// Prints a formatted line on stdout. Unlike `println!`, it does not panic on an error: the command fails
-/// at its end.
+/// Prints a formatted line on stdout. Unlike `println!`, it does not panic on an error; the command
+/// fails at its end instead.
 macro_rules! out {
     ($($text:tt)*) => { $crate::cli::output::print_line(format_args!($($text)*)) };
 }
 
-/// Creates the failure of wrong usage, with a formatted message.
+/// Creates the failure for wrong usage of the command line, with a formatted message.
 macro_rules! usage {
     ($($text:tt)*) => { $crate::cli::failure::Failure::Usage(format!($($text)*)) };
 }
 
-/// Creates any other failure, with a formatted message.
+/// Creates a failure other than wrong usage, with a formatted message.
 macro_rules! failed {
     ($($text:tt)*) => { $crate::cli::failure::Failure::failed(anyhow::anyhow!($($text)*)) };
 }
@@ -46,8 +46,8 @@ use vbgs_studio::pipeline::prefetch::default_threads;
 /// Upper limit of `--threads`, above the number of cores of any supported machine.
 const MAX_THREADS: usize = 1024;
 
-/// Runs the command given by the process's arguments. Exit status: 0 success, 1 failure, 2 wrong usage,
-/// 130 interrupted.
+/// Runs the command given by the process's arguments. The exit status is 0 for success, 1 for failure, 2
+/// for wrong usage and 130 if interrupted.
 pub fn run() -> ExitCode {
     // Taken first: the log states the time from here to the first visible splats.
     let started = Instant::now();
@@ -108,8 +108,8 @@ fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
     pool.map_err(|e| failed!("--threads: starting {threads} threads failed: {e}"))
 }
 
-/// Logs warnings to stderr; `VBGS_LOG=info` or `debug` shows more. The graphics and window libraries log
-/// only errors, because the program's own messages cover their warnings.
+/// Starts logging of warnings to stderr; `VBGS_LOG=info` or `debug` shows more. The graphics and window
+/// libraries log only errors, because the program's own messages cover their warnings.
 fn start_logging() {
     use tracing_subscriber::filter::Targets;
     use tracing_subscriber::prelude::*;

@@ -21,12 +21,12 @@ use vbgs_studio::pipeline::tracked::{Trajectory, surfels};
 pub struct Model {
     pub splats: SplatSet,
     pub up: Option<DVec3>,
-    /// Origin of the positions, in the dataset's world.
+    /// Position of the model's local origin in the dataset's world, world units.
     pub local_origin: DVec3,
     pub is_metric: bool,
     pub method: Option<Method>,
     pub trajectory: Option<Trajectory>,
-    /// This program's comments on the conversion to splats.
+    /// Comments written by this program about the conversion to splats.
     pub comments: Vec<String>,
     pub trained_frames: Option<TrainedFrames>,
 }
@@ -39,7 +39,7 @@ pub struct TrainedFrames {
 }
 
 impl TrainedFrames {
-    /// Returns the training frames in a dataset; `None` if the run used another dataset.
+    /// Returns the training frames in a dataset, or `None` if the run used another dataset.
     pub fn of(&self, dataset: &Dataset) -> Option<ViewGroup> {
         let split = match &self.split {
             // Another dataset may lack the split.
@@ -73,13 +73,13 @@ impl Model {
         }
     }
 
-    /// Settings and poses of a tracked model, against which views are placed.
+    /// Returns settings and poses of a tracked model, relative to which new views are tracked.
     pub fn tracked(&self) -> Option<(&Method, &Trajectory)> {
         self.method.as_ref().zip(self.trajectory.as_ref())
     }
 
-    /// Returns the colour camera of a dataset's photographs, if it differs from the depth camera: the one
-    /// used for training, else that of the layout.
+    /// Returns the colour camera of a dataset's photographs, if it differs from the depth camera. This
+    /// is the one used for training or, for models without settings, that of the dataset's layout.
     pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
         match &self.method {
             Some(method) => method.as_any().color_camera(),
@@ -91,7 +91,7 @@ impl Model {
 
 pub struct Training {
     pub evidence: Vec<f64>,
-    /// Standard deviation of the position, world units, by component.
+    /// Standard deviation of each component's position, world units.
     pub uncertainty: Vec<f64>,
     pub surfels: Vec<(usize, Surfel)>,
 }
@@ -113,7 +113,8 @@ impl Training {
     }
 }
 
-/// Reads a model, detecting its format by content. Reports ignored or assumed data on stderr.
+/// Reads a model and detects its format by content. Data that is ignored or assumed is reported on
+/// stderr.
 pub fn load(path: &Path) -> Result<Model, Failure> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
@@ -123,7 +124,8 @@ pub fn load(path: &Path) -> Result<Model, Failure> {
     of_file(path)
 }
 
-/// Like [`load`], with the training state if the file contains it. Splats are then in component order.
+/// Reads a model like [`load`], with the training state if the file contains it. Splats are then in
+/// component order.
 pub fn load_with_training(path: &Path) -> Result<(Model, Option<Training>), Failure> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;

@@ -15,7 +15,7 @@ use vbgs_studio::eval::report::{AlignedView, EvalReport, SeenReport, SharpnessBa
 use vbgs_studio::eval::seen::SeenQuality;
 use vbgs_studio::export::atomic::write_atomic;
 
-/// First error of stdout: printing continues, and the command fails at its end.
+/// First error of writing to stdout. Printing continues after it, and the command fails at its end.
 static STDOUT: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
 pub fn print_line(text: impl std::fmt::Display) {
@@ -78,7 +78,7 @@ pub fn create_folder(path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Rejects output paths that cannot be replaced, before long work begins.
+/// Rejects output paths that cannot be replaced. Called before long work begins.
 pub fn check_files(paths: &[PathBuf]) -> Result<(), Failure> {
     // Files are replaced by renaming, which fails for folders.
     match paths.iter().find(|path| path.is_dir()) {
@@ -90,7 +90,8 @@ pub fn check_files(paths: &[PathBuf]) -> Result<(), Failure> {
     }
 }
 
-/// Reports views that could not be measured and were not reported on opening.
+/// Warns about views that could not be measured, unless they were already reported when the dataset was
+/// opened.
 pub fn warn_skipped_views(dataset: &Dataset, eval: &EvalReport) {
     let told: Vec<String> = dataset.warnings.iter().map(|w| w.error.to_string()).collect();
     let untold = eval.skipped.iter().filter(|view| !told.contains(&view.message));

@@ -27,13 +27,13 @@ pub struct QualityRequest<'a> {
     /// Colour camera of the photographs, if it differs from the depth camera.
     pub color_camera: Option<ColorCamera>,
     pub methods: &'a [RenderMethod],
-    /// Settings and poses of a tracked model, against which views are placed.
+    /// Settings and poses of a tracked model, relative to which new views are tracked.
     pub tracked: Option<(&'a Method, &'a Trajectory)>,
     pub learnt: Option<Views<'a>>,
     pub hold_out: HoldOut,
 }
 
-/// Measures a group of views with each renderer. Returns the report and views of each.
+/// Measures a group of views with each renderer. Returns one report with its views per renderer.
 pub fn measure(
     splats: &SplatSet,
     dataset: &Dataset,
@@ -83,7 +83,7 @@ pub fn measure(
 }
 
 impl QualityRequest<'_> {
-    /// Near plane of all views, world units.
+    /// Returns the near plane for all views, world units.
     fn near(&self, splats: SplatView, dataset: &Dataset, (split, views): Views<'_>) -> f64 {
         let frames = &dataset.splits[split].frames;
         let cameras: Vec<Camera> = views.iter().map(|&view| frames[view].camera).collect();
@@ -123,7 +123,8 @@ pub fn is_measured(session: &Session, args: &TrainArgs) -> bool {
     args.eval.is_some() || hold_out(session) == HoldOut::Sector
 }
 
-/// Largest number of pixels among each group's first photograph, for splits that exist already.
+/// Returns the largest number of pixels of any group's first photograph. Splits that do not exist yet
+/// are ignored.
 pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
     let (dataset, camera) = (session.dataset(), session.config().method.as_any().color_camera());
     let pixels = |group: ViewGroup| {
@@ -136,8 +137,8 @@ pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
     groups.into_iter().filter_map(pixels).max().unwrap_or(0)
 }
 
-/// Measures the evaluation views with the final splats, and the training views with each of the `early`
-/// splats, stored after the first few frames.
+/// Measures the quality of a run. Evaluation views are measured with the final splats. Training views
+/// are measured with each of the `early` splats, which were stored after the first few frames.
 pub fn measure_run(
     session: &Session,
     early: &[(usize, SplatSet)],
@@ -171,7 +172,8 @@ pub fn measure_run(
     Ok(measured)
 }
 
-/// Returns the named split, both groups of a held-out sector, and noise-free side views.
+/// Returns the groups of views to measure: the split named by `--eval`, both groups of a held-out
+/// sector, and noise-free side views.
 fn groups(session: &Session, args: &TrainArgs) -> Result<Vec<ViewGroup>, DatasetError> {
     let dataset = session.dataset();
     let named = args.eval.as_ref().map(|name| dataset.split_named(name)).transpose()?;

@@ -128,7 +128,7 @@ fn render_path(
     Ok(())
 }
 
-/// Returns the render options of views that are not from a dataset.
+/// Returns a function that creates the render options of views that are not from a dataset.
 fn viewport_options(args: &RenderArgs, radius: f64) -> impl Fn(RenderMethod) -> RenderOptions {
     let (background, exposure) = (args.background, args.exposure);
     move |method| {
@@ -197,7 +197,7 @@ impl Painter<'_> {
         out!("wrote {n} {what}{each} to {}", output.display());
     }
 
-    /// Writes one image per renderer; returns their names for a message.
+    /// Draws a view and writes one image per renderer. Returns the file names for a message.
     fn draw(
         &mut self,
         camera: &Camera,
@@ -240,7 +240,7 @@ impl Painter<'_> {
     }
 }
 
-/// Renames `view.png` to `view-exact.png`.
+/// Adds the renderer to a file name: `view.png` becomes `view-exact.png`.
 fn named(path: &Path, method: RenderMethod) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
     name.push(format!("-{}.png", method.renderer()));
@@ -264,17 +264,17 @@ fn check_fov(args: &RenderArgs) -> Result<(), Failure> {
     ))
 }
 
-/// Bytes per pixel for colour, coverage, depth and the encoded file; measured at 16 and 64 million
-/// pixels.
+/// Bytes per pixel for colour, coverage, depth and the encoded file. Measured with images of 16 and 64
+/// million pixels.
 const PIXEL_BYTES: u64 = 40;
 
-/// Rejects images that do not fit in memory: a failed allocation would abort the program.
+/// Rejects image sizes that do not fit in memory, because a failed allocation would abort the program.
 fn check_size(args: &RenderArgs) -> Result<(), Failure> {
     let refusal = report::available_bytes().and_then(|available| refusal(args.size, available));
     refusal.map_or(Ok(()), |text| Err(failed!(text)))
 }
 
-/// Error text for an image that needs more than `available` bytes.
+/// Returns the error text for an image that needs more than `available` bytes, or `None` if it fits.
 fn refusal(size: [u32; 2], available: u64) -> Option<String> {
     let [width, height] = size.map(u64::from);
     let needed = width * height * PIXEL_BYTES;
@@ -308,8 +308,8 @@ fn orbit(framing: &Framing, up: DVec3, args: &RenderArgs) -> Orbit {
     }
 }
 
-/// Returns the narrower field of view in radians, into which the scene must fit. At most π, beyond which a
-/// camera's distance from the scene is undefined.
+/// Returns the field of view in radians along the narrower side of the image, into which the scene must
+/// fit. It is at most π, beyond which a camera's distance from the scene is undefined.
 fn narrower_fov(args: &RenderArgs) -> f64 {
     let (fov, tall) = (args.fov.to_radians(), args.size[1] as f64 / args.size[0] as f64);
     // A pinhole maps tangents of angles linearly, a fisheye the angles.

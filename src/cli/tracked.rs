@@ -10,10 +10,11 @@ use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::pipeline::tracked::{PlacedViews, Trajectory};
 
-/// Places views of a dataset by tracking them against the scene; `None` for models of other presets.
+/// Finds the poses of a dataset's views by tracking them against the scene. Returns `None` for models of
+/// presets other than `scene`.
 ///
 /// # Errors
-/// No view could be placed.
+/// The pose of no view could be found.
 pub fn place(
     dataset: &Dataset,
     method: &Method,
@@ -44,7 +45,8 @@ pub fn place(
     }
 }
 
-/// Formats tracked poses and their uncertainty as one line, with the deviation from recorded poses.
+/// Formats tracked poses and their uncertainty as one line, with the deviation from recorded poses if
+/// known.
 pub fn summary(trajectory: &Trajectory, error: Option<&TrajectoryError>) -> String {
     let [turn, shift] = trajectory.deviations();
     // Without recorded poses there is nothing to compare with.
@@ -76,7 +78,8 @@ pub fn pose_summary(check: &PoseCheck) -> String {
     )
 }
 
-/// Recommends other options if another convention or unit fits the frames far better.
+/// Returns a warning that recommends other options, if another pose convention or depth unit fits the
+/// frames far better.
 pub fn warning(check: &PoseCheck) -> Option<String> {
     let (opened, best) = (check.opened, check.best);
     if !check.has_better_reading() {

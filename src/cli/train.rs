@@ -1,8 +1,8 @@
 //! `train`: trains headless and writes files at the end.
 //!
-//! Files of an earlier run remain until this one has trained a frame, and each until its replacement is
-//! complete. The report is written before quality is measured, which may take longer than training and be
-//! interrupted, and again with the results.
+//! Files of an earlier run remain until this run has trained a frame, and each until its replacement is
+//! complete. The report is written before quality is measured, because measuring may take longer than
+//! training and may be interrupted. It is written again with the results.
 
 use super::args::settings::{calibration_file, method_request, resume_request, selection};
 use super::args::{DeviceName, TrainArgs};
@@ -35,7 +35,7 @@ use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::pipeline::tracked::Trajectory;
 use vbgs_studio::train::learner::DeviceUse;
 
-/// Trains and writes the files, also after an interrupt.
+/// Trains and writes the output files, also after an interrupt.
 pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     let start = start(args)?;
     let interrupt = Interrupt::listen()?;
@@ -100,7 +100,8 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
     }
 }
 
-/// Creates the output folder, removes temporary files of killed runs and checks the files.
+/// Creates the output folder, removes temporary files of killed runs and checks that the output files
+/// can be replaced.
 fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
     output::create_folder(&args.out)?;
     let files = [SCENE, CHECKPOINT, REPORT].map(|name| args.out.join(name));
@@ -115,7 +116,8 @@ fn interval(args: &TrainArgs) -> AutosaveInterval {
     args.settings.run.autosave
 }
 
-/// Creates a session before its first frame. Opening is interruptible, because a drive may block it.
+/// Opens the dataset and creates a session that has not trained a frame yet. Opening is interruptible,
+/// because a drive may block it.
 fn create_session(
     args: &Arc<TrainArgs>,
     start: Start,
@@ -145,7 +147,8 @@ fn open_session(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     Ok(start.session(dataset, args)?)
 }
 
-/// Creates a session on the first complete frames, waiting for them as long as needed.
+/// Creates a session on the first complete frames of a recording in progress. Waits for these frames as
+/// long as needed.
 fn follow_session(
     args: &Arc<TrainArgs>,
     start: Start,
@@ -221,7 +224,7 @@ fn print_notes(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
 
 const KNOWN_CALIBRATION: &str = "no calibration is given: the published calibration of the Kinect's colour camera is used (see report.json); --calibration FILE.ron selects another, `vbgs-studio calibrate DATASET` checks it";
 
-/// Number of frames trained on, including resumed ones.
+/// Returns the number of frames trained on, including those before a resumed checkpoint.
 fn trained_frames(session: &Session) -> usize {
     session.learner().status().frames as usize
 }
@@ -248,7 +251,7 @@ impl Start {
     }
 }
 
-/// Checks that a run can be resumed as requested, and prints warnings.
+/// Checks that a run can be resumed as requested. Prints warnings.
 fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
     run.check(asked)?;
     if let Some(warning) = run.numerics_differ() {
@@ -264,7 +267,8 @@ fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Trains and calls `after` after each frame. Returns false if interrupted before the last frame.
+/// Trains a session and calls `after` after each trained frame. Returns false if interrupted before the
+/// last frame.
 pub fn train(
     session: &mut Session,
     interrupt: &Interrupt,
@@ -312,13 +316,14 @@ pub fn train(
 /// Interval at which interrupts are checked while waiting for a frame.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// File names in the output folder; the trajectory is written for tracked poses.
+/// Names of the files in the output folder. The trajectory is written only for tracked poses.
 const TRAJECTORY: &str = "trajectory.txt";
 const SCENE: &str = "scene.ply";
 const CHECKPOINT: &str = "checkpoint.vbgs";
 const REPORT: &str = "report.json";
 
-/// Writes `checkpoint.vbgs` and `scene.ply` unless no component is used. Returns their names for a message.
+/// Writes `checkpoint.vbgs` and `scene.ply`. Returns their names for a message. Writes nothing if no
+/// component is used.
 fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, Failure> {
     if session.learner().status().used == 0 {
         return Ok("");
@@ -389,8 +394,8 @@ fn save_report(
     Ok(())
 }
 
-/// Warns about outlier poses and about poses that do not follow the layout's convention, which would waste
-/// hours of training.
+/// Warns about outlier poses and about poses that do not follow the layout's convention. Such poses
+/// would waste hours of training.
 fn warn_about_poses(dataset: &Dataset) {
     let split = dataset.training_split().ok();
     for wild in split.map_or_else(Vec::new, |split| outlier_poses(&dataset.splits[split])) {
@@ -407,7 +412,7 @@ pub fn print_dataset_notes(dataset: &Dataset) {
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
 }
 
-/// Adds the devices chosen on the command line to a session.
+/// Gives a session the training devices chosen on the command line.
 fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
     let is_without_work = session.learner().device_use() == DeviceUse::default();
     match args.device {
@@ -482,17 +487,18 @@ fn attach_gpu(_: &mut Session, must: bool) -> Result<(), Failure> {
     ))
 }
 
-/// Time after which a problem is reported. Most disappear with the recorder's next write.
+/// Time after which a problem with a followed recording is reported. Most problems disappear with the
+/// recorder's next write.
 const LASTING: Duration = Duration::from_secs(2);
 
 #[derive(Default)]
 struct ReportedProblem {
-    /// The problem, its start, and true if it was reported.
+    /// Latest problem: its text, the time of its first occurrence, and true if it was reported.
     latest: Option<(String, Instant, bool)>,
 }
 
 impl ReportedProblem {
-    /// Waits for more frames or an interrupt; reports a lasting problem once.
+    /// Waits for more frames or an interrupt. Reports a lasting problem once.
     fn wait_for_frames(&mut self, follow: &Follow, interrupt: &Interrupt) {
         match (follow.problem(), &mut self.latest) {
             (None, latest) => *latest = None,

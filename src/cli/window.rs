@@ -29,7 +29,8 @@ pub fn run(
     end(app::run(subject, calibration, adapter, is_ended, started), path)
 }
 
-/// Converts the window's result to that of the program. `path` is the opened file or folder, `None` for the demo.
+/// Converts the window's result to the result of the program. `path` is the opened file or folder, or
+/// `None` for the demo.
 fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Failure> {
     match (ended, path) {
         (Ok(()), _) => Ok(()),
@@ -52,7 +53,7 @@ mod tests {
     use vbgs_studio::app::rescue::{Crash, CrashedThread, Rescue};
     use vbgs_studio::pipeline::panic_report::PanicReport;
 
-    /// Exit codes cannot be compared, but formatted.
+    /// Returns the exit code as text, because exit codes cannot be compared.
     fn status(ended: Result<(), WindowError>, path: Option<PathBuf>) -> String {
         format!("{:?}", end(ended, path).map_or_else(Failure::report, |()| ExitCode::SUCCESS))
     }

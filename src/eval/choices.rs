@@ -8,14 +8,14 @@ use crate::model::splat::appearance::SplatView;
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// Reference of a comparison.
+/// Reference image with which a render is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum GroundTruth {
-    /// Photograph composited with straight alpha over the render's background: the fair comparison.
+    /// Photograph composited with straight alpha over the background of the render.
     Composited,
-    /// RGB bytes with alpha dropped, as in the paper.
+    /// RGB bytes of the photograph without its alpha, as in the paper.
     Rgb,
 }
 
@@ -36,26 +36,27 @@ pub enum GroundTruth {
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum ViewPoses {
-    /// As recorded.
+    /// Poses as recorded.
     #[default]
     Recorded,
-    /// Corrected like the surrounding training frames; as recorded if no pose was corrected.
+    /// Poses corrected like those of the surrounding training frames; poses as recorded if training
+    /// corrected none.
     Corrected,
 }
 
-/// Numbers of trained frames after which [`seen`] is measured: the first frame, a first look around, and most
-/// of a short recording.
+/// Numbers of trained frames after which [`seen`] is called: one frame, a first look around, and most of
+/// a short recording.
 pub const SEEN_AFTER: [usize; 3] = [1, 10, 50];
 
 /// Views of a dataset: index of the split and frame indices in it.
 pub type Views<'a> = (usize, &'a [usize]);
 
-/// Scores views of one renderer against their photographs and, if `crack_views` is given
-/// ([`cracks::views`]), measures cracks. `progress` receives the number of [`n_steps`] done.
+/// Scores views against their photographs and, if `crack_views` is given ([`cracks::views`]), measures
+/// cracks. `progress` receives the number of steps done, of [`n_steps`] in total.
 ///
 /// # Errors
-/// [`EvalError`] if a photograph does not fit or no view is usable; single unusable views are listed in the
-/// report.
+/// [`EvalError`] if a render and its photograph cannot be compared or no view is usable. Single unusable
+/// views are listed in the report instead.
 pub fn measure_quality(
     splats: SplatView<'_>,
     dataset: &Dataset,
@@ -73,12 +74,13 @@ pub fn measure_quality(
     Ok((report, scores))
 }
 
-/// Number of steps of [`measure_quality`].
+/// Returns the number of steps of [`measure_quality`].
 pub fn n_steps((_, views): Views<'_>, crack_views: Option<Views<'_>>) -> usize {
     views.len() + crack_views.map_or(0, |(_, frames)| frames.len())
 }
 
-/// Quality on the pixels seen by the frames trained on so far; `None` if no frame has depth.
+/// Measures quality on the pixels where depth cameras measured a surface, in views of all frames trained
+/// on so far. Returns `None` if no frame has depth.
 ///
 /// # Errors
 /// As [`measure_quality`].

@@ -13,14 +13,14 @@ use rayon::prelude::*;
 /// Accumulated opacity from which a pixel counts as covered.
 pub(super) const COVERED: f32 = 0.5;
 
-/// Similarity of a render and its photograph; PSNR in dB.
+/// Similarity of a render and its photograph, with PSNR in dB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Comparison {
     pub psnr: f64,
     pub ssim: f64,
     /// Share of pixels with coverage ≥ [`COVERED`].
     pub coverage: f64,
-    /// `None` if no pixel is covered.
+    /// Scores that require covered pixels; `None` if no pixel is covered.
     pub covered: Option<Covered>,
 }
 
@@ -29,7 +29,7 @@ pub(super) struct Comparison {
 pub(super) struct Covered {
     pub psnr: f64,
     pub aligned_psnr: f64,
-    /// Over the whole frame, as SSIM is.
+    /// PSNR over the whole frame with the colours of covered pixels aligned, dB.
     pub aligned_psnr_frame: f64,
     pub aligned_ssim: f64,
     pub alignment: Alignment,
@@ -43,8 +43,8 @@ pub(super) struct Alignment {
     pub offset: [f64; 3],
 }
 
-/// Compares a render with its photograph. The alignment is fitted to covered pixels and applied only to
-/// them; the others show the background, which is not part of the model.
+/// Compares a render with its photograph. The colour alignment is fitted and applied to covered pixels
+/// only. Other pixels show the background, which is not part of the model.
 pub(super) fn compare(
     render: &RgbImage,
     coverage: &Image<f32>,
@@ -81,7 +81,8 @@ pub(super) fn compare(
     })
 }
 
-/// Mean squared error over the whole frame and all channels, with the colours of covered pixels aligned.
+/// Returns the mean squared error over the whole frame and all channels, with the colours of covered
+/// pixels aligned.
 pub(super) fn aligned_error(
     render: &RgbImage,
     coverage: &Image<f32>,
@@ -116,14 +117,14 @@ impl Alignment {
 #[derive(Clone, Copy, Default)]
 struct Sums {
     n_covered: usize,
-    /// Squared errors of all pixels and channels.
+    /// Sum of squared errors over all pixels and channels.
     error: f64,
-    /// Squared errors of covered pixels, all channels.
+    /// Sum of squared errors over covered pixels and all channels.
     error_covered: f64,
     moments: [Moments; 3],
 }
 
-/// Sums of a channel: render `x`, photograph `y`.
+/// Sums over covered pixels for one channel, with `x` from the render and `y` from the photograph.
 #[derive(Clone, Copy, Default)]
 struct Moments {
     x: f64,
@@ -189,15 +190,15 @@ impl Sums {
         decibels(self.error_covered / (3 * self.n_covered) as f64)
     }
 
-    /// Least-squares fit; requires at least one covered pixel.
+    /// Returns the least-squares fit of the colours. Requires at least one covered pixel.
     fn alignment(&self) -> Alignment {
         let fits = self.moments.map(|m| m.fit(self.n_covered as f64));
         Alignment { gain: fits.map(|f| f[0]), offset: fits.map(|f| f[1]) }
     }
 }
 
-/// Variance of a channel (values in `[0, 1]`) below which no gain can be determined, because the channel has a
-/// single byte value.
+/// Variance of a channel, with values in `[0, 1]`, below which no gain can be determined. Such a channel
+/// has a single byte value.
 pub(super) const MIN_VARIANCE: f64 = 1e-8;
 
 impl Moments {

@@ -22,16 +22,17 @@ use crate::render::cpu::CpuRenderer;
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Every `TRAINING_VIEWS_EVERY`-th training view is measured if the evaluated split has no depth.
+/// Stride of the measured training views, used if the evaluated split has no depth.
 const TRAINING_VIEWS_EVERY: usize = 10;
 
-/// Surfaces nearer than this multiple of the near plane are ignored: the renderer drops splats there.
+/// Surfaces nearer than this multiple of the near plane are ignored, because the renderer drops some of
+/// their splats.
 const NEAR_PLANES: f64 = 2.0;
 
-/// Shares of pixels in one image, or their means over images.
+/// Cracks as shares of the pixels in one image, or means of these shares over images.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cracks {
-    /// Share of all pixels that are interior.
+    /// Share of all pixels that are interior: inside a measured surface, away from its edges and holes.
     pub interior: f64,
     /// Share of interior pixels with transmittance > 0.1.
     pub over_01: f64,
@@ -44,9 +45,9 @@ pub struct Cracks {
 pub struct ViewCracks {
     /// Name of the view within its split.
     pub frame: String,
-    /// At the recorded camera.
+    /// Cracks seen by the recorded camera.
     pub training_distance: Cracks,
-    /// At half the distance; `None` if no interior pixel remains in view.
+    /// Cracks seen from half the distance; `None` if no interior pixel remains in view.
     pub half_distance: Option<Cracks>,
 }
 
@@ -57,16 +58,18 @@ pub struct CrackReport {
     pub split: String,
     /// Number of views with interior pixels.
     pub views: usize,
-    /// Means over the views.
+    /// Mean cracks over the views, seen by the recorded cameras.
     pub training_distance: Cracks,
-    /// Means over the views with interior pixels at half the distance; `None` if there are none.
+    /// Mean cracks over the views with interior pixels at half the distance; `None` if there are no such
+    /// views.
     pub half_distance: Option<Cracks>,
     /// Results per view.
     pub frames: Vec<ViewCracks>,
 }
 
-/// Selects the views for crack measurement when `frames` of `split` are evaluated: the same if they have
-/// depth, otherwise every tenth of the training split. `None` if no split has depth.
+/// Selects the views for crack measurement when `frames` of `split` are evaluated. Returns the evaluated
+/// views if they have depth, otherwise every tenth view of the training split. Returns `None` if no
+/// split has depth.
 pub fn views(dataset: &Dataset, split: usize, frames: &[usize]) -> Option<(usize, Vec<usize>)> {
     if dataset.splits[split].has_depth {
         return Some((split, frames.to_vec()));
@@ -76,8 +79,8 @@ pub fn views(dataset: &Dataset, split: usize, frames: &[usize]) -> Option<(usize
     Some((training, (0..n_frames).step_by(TRAINING_VIEWS_EVERY).collect()))
 }
 
-/// Measures cracks in the given views of a split; `progress` receives the number of views done. Views
-/// without interior pixels or that cannot be loaded are skipped; `None` if no view remains.
+/// Measures cracks in the given views of a split. `progress` receives the number of views done. Views
+/// that cannot be loaded or have no interior pixels are skipped. Returns `None` if no view remains.
 pub fn measure<'a>(
     splats: impl Into<SplatView<'a>>,
     dataset: &Dataset,
@@ -107,7 +110,8 @@ pub fn measure<'a>(
     })
 }
 
-/// Measures one view at both distances; `None` without interior pixels.
+/// Measures cracks in one view at the training distance and at half of it. Returns `None` without
+/// interior pixels.
 fn in_view(
     frame: String,
     surfaces: &Surfaces,
@@ -129,7 +133,7 @@ fn in_view(
     })
 }
 
-/// Camera moved along its axis by half the median depth of the interior pixels.
+/// Returns the camera moved along its optical axis by half the median depth of the interior pixels.
 fn half_distance(surfaces: &Surfaces) -> Option<Camera> {
     // Median rather than mean: a distant background must not move the camera through near objects.
     let step = 0.5 * f64::from(surfaces.median_interior_z()?);
@@ -138,7 +142,7 @@ fn half_distance(surfaces: &Surfaces) -> Option<Camera> {
 }
 
 impl Cracks {
-    /// Shares in one image; `None` without interior pixels.
+    /// Computes the shares in one image. Returns `None` without interior pixels.
     fn of(coverage: &Image<f32>, interior: &Image<bool>) -> Option<Self> {
         let (mut n_interior, mut n_over) = (0usize, [0usize; 2]);
         for (&coverage, _) in coverage.data.iter().zip(&interior.data).filter(|(_, i)| **i) {
@@ -178,7 +182,8 @@ mod tests {
         surfaces::tests::wall(surfaces::tests::camera(WIDTH as u32, HEIGHT as u32), |_, _| 2000)
     }
 
-    /// A flat-topped splat per pixel of the frame and its surroundings, except in the columns `gap`.
+    /// Returns a flat-topped splat per pixel of the frame and its surroundings, except in the columns
+    /// `gap`.
     fn wall(camera: &Camera, gap: Range<i32>) -> Vec<Splat> {
         let k = &camera.intrinsics;
         let pixels =
@@ -210,9 +215,9 @@ mod tests {
         assert_eq!((found.training_distance, found.half_distance), (closed, Some(closed)));
     }
 
-    /// Ten columns lack splats. Alpha is capped at one pixel's distance from three splats; at two pixels
-    /// 0.42 is transmitted (3·exp(−d²/2σ²) with σ² = 0.7² + 0.3). So the outer two columns are closed and
-    /// the other eight are open.
+    /// Ten columns lack splats. One pixel beyond the last splats, alpha is at its cap, because three
+    /// splats overlap there. Two pixels beyond, 0.42 of the light is transmitted (3·exp(−d²/2σ²) with σ²
+    /// = 0.7² + 0.3). So the outermost column on each side is closed and the other eight are open.
     #[test]
     fn a_gap_counts_by_its_pixels() {
         let found = cracks(&wall(&frame().camera, 40..50));

@@ -5,7 +5,8 @@ use crate::math::simd::Isa;
 use std::fs;
 use std::path::Path;
 
-/// Threads of the current pool, processor, instruction set, and the graphics adapter that renders, if any.
+/// Describes the machine: threads of the current pool, processor, instruction set, and the graphics
+/// adapter that renders, if any.
 pub fn describe(adapter: Option<String>) -> MachineReport {
     MachineReport {
         threads: rayon::current_num_threads(),
@@ -22,8 +23,8 @@ fn cpu_name() -> String {
     name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
 }
 
-/// Properties that determine the last bits of results besides the settings, as JSON: processor, math
-/// library of the system, fused multiply-add, and build profile.
+/// Returns properties of the machine that affect the last bits of results, as JSON. These are the
+/// processor, the system's math library, fused multiply-add, and the build profile.
 pub fn numerics() -> String {
     let numerics = serde_json::json!({
         "arch": std::env::consts::ARCH,
@@ -35,18 +36,18 @@ pub fn numerics() -> String {
     numerics.to_string()
 }
 
-/// Peak resident memory of this process, bytes; `None` if unavailable.
+/// Returns the peak resident memory of this process in bytes, or `None` if unavailable.
 pub fn peak_rss_bytes() -> Option<u64> {
     file_bytes("/proc/self/status", "VmHWM:")
 }
 
-/// Current resident memory of this process, bytes; `None` if unavailable.
+/// Returns the current resident memory of this process in bytes, or `None` if unavailable.
 pub fn rss_bytes() -> Option<u64> {
     file_bytes("/proc/self/status", "VmRSS:")
 }
 
-/// Memory available to this process without swapping, bytes, within the limits of its container; `None` if
-/// unavailable.
+/// Returns the memory available to this process without swapping, in bytes, or `None` if unavailable.
+/// Limits of the process's container are respected.
 pub fn available_bytes() -> Option<u64> {
     let free = file_bytes("/proc/meminfo", "MemAvailable:");
     let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
@@ -62,12 +63,14 @@ fn file_bytes(path: &str, field: &str) -> Option<u64> {
     Some(kilobytes * 1024)
 }
 
-/// Files of a cgroup version with limit and usage, and the field of `memory.stat` with reclaimable memory.
+/// Files with memory limit and usage in cgroup version 1, and the field of `memory.stat` with
+/// reclaimable memory. The next constant is for version 2.
 const V1: [&str; 3] = ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"];
 const V2: [&str; 3] = ["memory.max", "memory.current", "inactive_file"];
 
-/// Bytes available under the tightest of the process's groups, for cgroup v1 and v2; `None` without a
-/// limit. `groups` is the content of `/proc/self/cgroup`, `root` the cgroup mount point.
+/// Returns the bytes available under the tightest limit of the process's cgroups, version 1 or 2.
+/// Returns `None` without a limit. `groups` is the content of `/proc/self/cgroup`, `root` the cgroup
+/// mount point.
 fn available_in_groups(groups: &str, root: &Path) -> Option<u64> {
     let of_line = |line: &str| {
         // A line is `id:controllers:path`, without controllers in version 2.

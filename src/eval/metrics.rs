@@ -8,11 +8,11 @@ use super::report::quantile;
 use crate::math::image::Image;
 use crate::math::real::Real;
 
-/// Lower bound of mean squared errors: equal images have 120 dB.
+/// Lower bound of mean squared errors, so that equal images have a PSNR of 120 dB.
 const MSE_FLOOR: f64 = 1e-12;
 
-/// Peak signal-to-noise ratio in dB over all pixels and channels. The prediction is clamped to `[0, 1]`;
-/// neither image is quantised. NaN if a value is NaN.
+/// Returns the peak signal-to-noise ratio in dB over all pixels and channels. The prediction is clamped
+/// to `[0, 1]`; neither image is quantised. The result is NaN if a value is NaN.
 ///
 /// ```
 /// use vbgs_studio::{eval::metrics::psnr, math::image::Image};
@@ -31,10 +31,10 @@ pub fn psnr<R: Real>(
     psnr_of(prediction.data.iter().zip(&truth.data))
 }
 
-/// [`psnr`] over the pixels where `mask` is true.
+/// Returns [`psnr`] over the pixels where `mask` is true.
 ///
 /// # Errors
-/// The images differ in size, or the mask has no pixels.
+/// The images differ in size, or `mask` is true for no pixel.
 pub fn psnr_masked<R: Real>(
     prediction: &Image<[R; 3]>,
     truth: &Image<[R; 3]>,
@@ -65,15 +65,16 @@ fn psnr_of<'a, R: Real>(
     Ok(decibels(sum / n_values as f64))
 }
 
-/// PSNR in dB of a mean squared error at a value range of 1.
+/// Converts a mean squared error at a value range of 1 to PSNR in dB.
 pub(super) fn decibels(mse: f64) -> f64 {
     // Not `max`, which would turn NaN into a perfect score.
     -10.0 * if mse < MSE_FLOOR { MSE_FLOOR } else { mse }.log10()
 }
 
-/// Mean absolute error, over pixels with ground truth and coverage ≥ ½, of depth maps of the same kind in world
-/// units: both view depth `z` (as from [`CpuRenderer`](crate::render::cpu::CpuRenderer)) or both ray distance.
-/// NaN without such pixels. Ground truth that is not finite or not positive counts as missing.
+/// Returns the mean absolute error of a depth map in world units, over pixels with ground truth and
+/// coverage ≥ ½. Both maps must be of one kind: view depth `z` (as from
+/// [`CpuRenderer`](crate::render::cpu::CpuRenderer)) or ray distance. The result is NaN without such
+/// pixels. Ground truth that is not finite or not positive counts as missing.
 ///
 /// # Errors
 /// The images differ in size, or there is no ground truth.
@@ -103,7 +104,7 @@ pub fn depth_error(
     Ok(sum / n_used as f64)
 }
 
-/// Mean and population standard deviation (ddof 0); NaN without values.
+/// Returns the mean and the population standard deviation (ddof 0), or NaN without values.
 pub fn mean_std(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     // Two passes: views score nearly alike, so a difference of squares would cancel.
@@ -112,26 +113,26 @@ pub fn mean_std(values: &[f64]) -> (f64, f64) {
     (mean, variance.sqrt())
 }
 
-/// `None` without values.
+/// Returns the mean, or `None` without values.
 pub(super) fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let values: Vec<f64> = values.into_iter().collect();
     (!values.is_empty()).then(|| mean_std(&values).0)
 }
 
-/// Side of the SSIM window in pixels (Wang et al. 2004).
+/// Side length of the square SSIM window in pixels (Wang et al. 2004).
 pub(super) const SSIM_WINDOW: usize = 11;
 
 /// Error of an image comparison.
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MetricError {
-    /// The planes differ in size.
+    /// The images differ in size.
     #[error(
         "{what}: expected {}x{} like the prediction, found {}x{}; render at the size of the ground truth",
         expected[0], expected[1], found[0], found[1]
     )]
     SizeMismatch { what: &'static str, expected: [usize; 2], found: [usize; 2] },
-    /// No pixel, or none under the mask.
+    /// There is no pixel to compare, or none under the mask.
     #[error(
         "expected at least one pixel to compare, found none; check the mask or the ground truth"
     )]
@@ -143,7 +144,7 @@ pub enum MetricError {
     TooSmall { width: usize, height: usize },
 }
 
-/// Checks that two planes have equal size; `what` names the second.
+/// Checks that two images have equal size. `what` names the second image in the error.
 pub(super) fn same_size<A, B>(
     prediction: &Image<A>,
     other: &Image<B>,
@@ -163,7 +164,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Computes median and quartiles; zero without values.
+    /// Computes median and quartiles. All are zero without values.
     pub fn of(mut values: Vec<f64>) -> Self {
         // Total order: with NaN, the result must not depend on the input order.
         values.sort_by(f64::total_cmp);
@@ -171,12 +172,12 @@ impl Spread {
         Self { median, quartiles: [low, high] }
     }
 
-    /// Spread of a value that was not repeated.
+    /// Returns the spread of a value that was measured once.
     pub fn exact(value: f64) -> Self {
         Self { median: value, quartiles: [value; 2] }
     }
 
-    /// Scales all measurements by a factor.
+    /// Multiplies median and quartiles by a factor.
     pub fn scaled(self, factor: f64) -> Self {
         Self { median: factor * self.median, quartiles: self.quartiles.map(|q| factor * q) }
     }

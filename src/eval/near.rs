@@ -6,24 +6,27 @@ use crate::render::{EVALUATION_NEAR, near_plane_for};
 use crate::train::setting::Preset;
 use glam::DVec3;
 
-/// Maximum numbers of views and splats sampled, evenly spaced.
+/// Maximum number of views that are sampled, evenly spaced. The next constant limits the splats per
+/// view.
 const VIEWS: usize = 16;
 const SPLATS: usize = 4096;
-/// Share of splat depths that may be nearer than the depth from which the near plane is derived.
+/// Fraction of splats allowed in front of the reference depth. The near plane is derived from that
+/// depth.
 const NEARER: f64 = 0.02;
 
 /// Rule for the near plane of evaluated views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NearRule {
-    /// [`near_plane_for`] a depth that nearly all splats in view exceed.
+    /// Near plane by [`near_plane_for`] for a depth that nearly all splats in view exceed.
     Following,
-    /// [`EVALUATION_NEAR`] as published. If half of the splats in view are so near that the world unit
-    /// cannot be metres, [`near_plane_for`] of their median depth.
+    /// The published near plane, [`EVALUATION_NEAR`]. If half of the splats in view are so near that the
+    /// world unit cannot be metres, the near plane by [`near_plane_for`] for their median depth.
     Published,
 }
 
 impl NearRule {
-    /// Rule for models of a preset; a model without a known preset is not a published one.
+    /// Returns the rule for models of a preset. Models without a known preset are treated as
+    /// unpublished.
     pub fn of(preset: Option<Preset>) -> Self {
         match preset {
             Some(Preset::Paper) => Self::Published,
@@ -32,7 +35,8 @@ impl NearRule {
     }
 }
 
-/// Near plane for views by the given cameras, world units; [`EVALUATION_NEAR`] if no splats are in view.
+/// Returns the near plane for views by the given cameras, world units. Returns [`EVALUATION_NEAR`] if no
+/// splats are in view.
 pub fn near_plane(splats: SplatView<'_>, cameras: &[Camera], rule: NearRule) -> f64 {
     // At least 1: a step of 0 would panic for an empty model.
     let every = |n: usize, most: usize| n.div_ceil(most).max(1);

@@ -45,30 +45,30 @@ pub struct Report<C> {
     pub summary: Summary,
     /// Quality per split, if evaluated.
     pub eval: Vec<EvalReport>,
-    /// Quality on seen pixels early in the run, if evaluated.
+    /// Quality early in the run, on pixels where depth cameras measured a surface, if evaluated.
     pub seen: Vec<SeenReport>,
     /// Error of tracked poses against recorded ones, if both exist.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<TrajectoryError>,
-    /// Device that compared photographs; `None` if photographs are not used.
+    /// Device that compared photographs with renders; `None` if photographs are not used.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub comparer: Option<ComparerUse>,
-    /// Device of the passes over frames; `None` if no device supports them.
+    /// Device that computed the passes over frames; `None` if no device supports these passes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub passes: Option<PassUse>,
-    /// Device of the point fits; `None` if no device supports them.
+    /// Device that fitted points; `None` if no device supports these fits.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub points: Option<PassUse>,
 }
 
-/// Quality on the pixels seen by the frames trained on so far.
+/// Quality on the pixels where depth cameras measured a surface, over the frames trained on so far.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeenReport {
-    /// Number of frames trained on at this time.
+    /// Number of frames trained on when quality was measured.
     pub after_frames: usize,
     /// Renderer of the views.
     pub renderer: Renderer,
-    /// Means over those frames.
+    /// Mean quality over the frames trained on.
     #[serde(flatten)]
     pub seen: SeenQuality,
 }
@@ -76,7 +76,7 @@ pub struct SeenReport {
 /// Training data of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct DatasetReport {
-    /// Folder, or name of the procedural scene.
+    /// Folder of the dataset, or name of the procedural scene.
     pub path: String,
     /// Layout of the files.
     pub layout: String,
@@ -118,7 +118,8 @@ pub struct FrameReport {
     pub components: usize,
     /// Number of components with statistics.
     pub used: usize,
-    /// Number of components created. Reports of scenes by version 0.1.0 state these as reassigned.
+    /// Number of components created in this frame. In reports of scenes by version 0.1.0, `reassigned`
+    /// holds this number.
     #[serde(default)]
     pub born: usize,
     /// Number of unused components moved to badly explained points.
@@ -128,7 +129,8 @@ pub struct FrameReport {
     pub merged: usize,
     /// Mean ELBO of the frame's points under the initial model, nats.
     pub elbo_mean: f64,
-    /// Comparison of its photograph with the scene before training, if photographs are used.
+    /// Comparison of the frame's photograph with the scene before training on the frame, if photographs
+    /// are used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photograph: Option<PhotographOutcome>,
     /// Tracked pose, if poses are tracked.
@@ -138,12 +140,12 @@ pub struct FrameReport {
     /// end of its training, by the file system's clock.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub behind_ms: Option<f64>,
-    /// Duration by stage.
+    /// Duration of each stage, milliseconds.
     pub ms: FrameMs,
 }
 
 impl FrameReport {
-    /// Warning about an outlier frame that was not, or only partially, trained on.
+    /// Returns a warning if the frame is an outlier that was not, or only partially, trained on.
     pub fn outlier_warning(&self) -> Option<String> {
         let PhotographOutcome { difference, usual, contradiction } = self.photograph?;
         let (found, left_out) = match contradiction? {
@@ -196,11 +198,11 @@ impl From<&FrameError> for SkippedFrame {
 /// Totals of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// Median of `ms.train`.
+    /// Median of the frames' training times `ms.train`, milliseconds.
     pub train_ms_median: f64,
-    /// 95 % quantile of `ms.train`.
+    /// 95 % quantile of the frames' training times `ms.train`, milliseconds.
     pub train_ms_p95: f64,
-    /// Points trained on per second of `ms.train`.
+    /// Number of points trained on per second of training time `ms.train`.
     pub points_per_s: f64,
     /// Number of components, used or not.
     pub components: usize,
@@ -237,7 +239,7 @@ pub struct EvalReport {
     /// Scores over the views.
     #[serde(flatten)]
     pub means: EvalMeans,
-    /// Background visible inside surfaces; `None` if no view has depth.
+    /// Cracks, where background is visible inside surfaces; `None` if no view has depth.
     pub cracks: Option<CrackReport>,
 }
 
@@ -248,10 +250,10 @@ pub struct EvalProtocol {
     pub renderer: Renderer,
     /// Antialiasing of splats thinner than a pixel in the exact renderer; `None` for the other renderer.
     pub antialias: Option<Antialias>,
-    /// Part of the pixel line on which the exact renderer searches for the largest response; `None` for the
-    /// other renderer.
+    /// Part of a pixel's line of sight on which the exact renderer searches for a splat's largest
+    /// response; `None` for the other renderer.
     pub response: Option<Response>,
-    /// Reference of the comparison.
+    /// Reference image of the comparison.
     pub ground_truth: GroundTruth,
     /// Exposure of the renders.
     pub exposure: Exposing,
@@ -259,8 +261,8 @@ pub struct EvalProtocol {
     pub poses: ViewPoses,
     /// Camera of the photographs; `None` if it is the depth camera.
     pub color_camera: Option<ColorCamera>,
-    /// Fraction of the photographs' sides at which views were compared; photographs are area-averaged in
-    /// encoded values.
+    /// Scale at which views were compared, relative to the size of the photographs. Photographs are
+    /// area-averaged in encoded values.
     #[serde(default)]
     pub scale: EvalScale,
     /// Background of the render, sRGB-encoded.
@@ -280,7 +282,7 @@ pub struct EvalMeans {
     pub covered_from: f32,
     /// Mean share of covered pixels.
     pub coverage_mean: f64,
-    /// Mean SSIM, `valid` padding.
+    /// Mean SSIM over window positions inside the image (`valid` padding).
     pub ssim_mean: f64,
     /// Mean PSNR over the whole frame with colours aligned per view, dB.
     pub psnr_aligned_mean: Option<f64>,
@@ -293,8 +295,8 @@ pub struct EvalMeans {
     /// Means over the views rendered from aligned poses, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_aligned_mean: Option<AlignedView>,
-    /// Mean absolute depth error where both have depth, world units: depth z for the projected renderer,
-    /// ray distance for the exact one. `None` without true depth.
+    /// Mean absolute depth error over pixels with rendered and true depth, world units; `None` without
+    /// true depth. Depth is z for the projected renderer and ray distance for the exact one.
     pub depth_mae_mean: Option<f64>,
 }
 
@@ -316,10 +318,10 @@ pub struct ViewReport {
     pub psnr_covered: Option<f64>,
     /// Share of covered pixels.
     pub coverage: f64,
-    /// SSIM, `valid` padding.
+    /// SSIM over window positions inside the image (`valid` padding).
     pub ssim: f64,
-    /// PSNR over the whole frame with colours aligned by least squares, dB;
-    /// `None` if no pixel is covered, as are the next two.
+    /// PSNR over the whole frame with colours aligned by least squares, dB. This field and the next two
+    /// are `None` if no pixel is covered.
     pub psnr_aligned: Option<f64>,
     /// PSNR over covered pixels with colours aligned, dB.
     pub psnr_aligned_covered: Option<f64>,
@@ -335,7 +337,7 @@ pub struct ViewReport {
 }
 
 impl Summary {
-    /// Computes the totals of the trained frames; the model's fields are zero.
+    /// Computes the totals of the trained frames. Fields that describe the model are set to zero.
     pub fn of_frames(frames: &[FrameReport], wall_s: f64) -> Self {
         let mut train_ms: Vec<f64> = frames.iter().map(|f| f.ms.stages.train).collect();
         train_ms.sort_by(f64::total_cmp);
@@ -352,7 +354,7 @@ impl Summary {
     }
 }
 
-/// Quantile of ascending values by linear interpolation; 0 without values.
+/// Returns the quantile `q` of ascending values by linear interpolation, or 0 without values.
 pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
     let position = q.clamp(0.0, 1.0) * last as f64;
@@ -362,15 +364,15 @@ pub fn quantile(sorted: &[f64], q: f64) -> f64 {
 }
 
 // The three constants are fitted to measured peaks; a test holds estimates within a fifth of them.
-/// Bytes per pixel: render, photograph, depth, surfaces and buffers of the metrics.
+/// Bytes per pixel for render, photograph, depth, surfaces and buffers of the metrics.
 const PIXEL_BYTES: u64 = 370;
-/// Bytes per component: its splats, including those of early frames, and their records.
+/// Bytes per component for its splats, including those of early frames, and its records.
 const SPLAT_BYTES: u64 = 420;
 /// Bytes of the program and of memory retained from training.
 const FIXED_BYTES: u64 = 50_000_000;
 
-/// Adds the memory for evaluation to an estimate: views of `pixels` pixels each, and a model of at most
-/// `components` components.
+/// Adds the memory for evaluation to an estimate. Each view has `pixels` pixels, and the model has at
+/// most `components` components.
 pub fn with_evaluation(
     estimate: MemoryEstimate,
     pixels: usize,
@@ -423,8 +425,8 @@ mod tests {
         assert_eq!(quantile(&[0.0, 10.0], 0.95), 9.5);
     }
 
-    /// Peaks of runs on the synthetic room in the TUM layout with two threads: pixels per frame,
-    /// components, photographs used, views evaluated, and megabytes.
+    /// Peak memory of runs on the synthetic room in the TUM layout with two threads. Columns: pixels per
+    /// frame, components, photographs used, views evaluated, and megabytes.
     const MEASURED: [(usize, usize, bool, bool, u64); 11] = [
         (19_200, 5_262, false, false, 22),
         (19_200, 5_262, true, false, 84),

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// Fraction of a photograph's sides at which views are compared, in (0, 1].
+/// Scale at which views are compared, as a fraction of a photograph's width and height, in (0, 1].
 ///
 /// ```
 /// use vbgs_studio::eval::scale::EvalScale;
@@ -34,17 +34,17 @@ impl EvalScale {
     /// Full size.
     pub const FULL: Self = Self(1.0);
 
-    /// The fraction.
+    /// Returns the fraction.
     pub fn value(self) -> f64 {
         self.0
     }
 
-    /// True at full size.
+    /// True if views are compared at full size.
     pub fn is_full(self) -> bool {
         self == Self::FULL
     }
 
-    /// Camera of a photograph, scaled to the compared image.
+    /// Returns the camera of a photograph, scaled to the compared image.
     pub fn camera(self, camera: Camera) -> Camera {
         if self.is_full() {
             return camera;
@@ -52,7 +52,7 @@ impl EvalScale {
         Camera { intrinsics: camera.intrinsics.scaled(self.0), ..camera }
     }
 
-    /// Photograph resampled to the image of its scaled camera.
+    /// Resamples a photograph to the image of its scaled camera.
     pub fn photograph(self, photograph: RgbImage, scaled: &Intrinsics) -> RgbImage {
         if self.is_full() {
             return photograph;
@@ -62,7 +62,7 @@ impl EvalScale {
 }
 
 impl Default for EvalScale {
-    /// Value of reports without this field.
+    /// Returns full size, which applies to reports without this field.
     fn default() -> Self {
         Self::FULL
     }
@@ -105,7 +105,8 @@ impl fmt::Display for EvalScale {
     }
 }
 
-/// Area-averages an image to equal or smaller sides; partially covered pixels count by their share.
+/// Reduces an image to equal or smaller sides by area averaging. Partially covered pixels are weighted
+/// by their covered share.
 pub(super) fn area_averaged(picture: &RgbImage, [width, height]: [usize; 2]) -> RgbImage {
     // Along rows, then along columns: the mean over an area is separable.
     let (columns, rows) = (spans(picture.width, width), spans(picture.height, height));
@@ -129,7 +130,7 @@ pub(super) fn area_averaged(picture: &RgbImage, [width, height]: [usize; 2]) -> 
 /// Source pixels covered by one target pixel along an axis.
 struct Span {
     first: usize,
-    /// Weights with sum 1.
+    /// Weights of the source pixels; their sum is 1.
     shares: Vec<f64>,
 }
 
@@ -155,10 +156,11 @@ fn mean(span: &Span, pixel: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
     sum.map(|value| value as f32)
 }
 
-/// Maximum number of parallel views: each needs a renderer with all its buffers.
+/// Maximum number of views visited in parallel, because each needs a renderer with all its buffers.
 const VIEWS_AT_ONCE: usize = 4;
 
-/// Applies `visit` to all views; results are in order. `progress` receives the number of views done.
+/// Loads all views, applies `visit` to each in parallel and returns the results in order. `progress`
+/// receives the number of views done.
 pub fn visit_views<T: Send>(
     dataset: &Dataset,
     split: usize,

@@ -11,20 +11,22 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::path::Path;
 
-/// Quality on the seen pixels of one view, or the mean over views.
+/// Quality of one view on its seen pixels, where its depth camera measured a surface, or the mean over
+/// views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeenQuality {
-    /// PSNR over seen pixels, dB.
+    /// PSNR over pixels with measured depth, dB.
     pub psnr: f64,
-    /// Share of seen pixels with coverage ≥ 0.5.
+    /// Share of pixels with coverage ≥ 0.5 among those with measured depth.
     pub coverage: f64,
-    /// Share of seen pixels away from depth jumps and holes with coverage ≥ 0.5; `None` if there are none.
+    /// Share of pixels with coverage ≥ 0.5 among those with measured depth away from depth jumps and
+    /// holes; `None` without such pixels.
     pub coverage_interior: Option<f64>,
 }
 
 impl SeenQuality {
-    /// Compares a render with its photograph; `surfaces` are the view's, in the same image. `None` if no pixel
-    /// has depth.
+    /// Compares a render with its photograph on the pixels where `surfaces` has depth. All arguments
+    /// show the same view at the same size. Returns `None` if no pixel has depth.
     pub(super) fn compare(
         render: &RgbImage,
         coverage: &Image<f32>,
@@ -59,7 +61,7 @@ fn covered_share(coverage: &Image<f32>, mask: &Image<bool>) -> Option<f64> {
     (n_masked > 0).then(|| n_covered as f64 / n_masked as f64)
 }
 
-/// Counts the `views` that are among the training frames, `learnt`.
+/// Counts the `views` that were also trained on. `learnt` lists the frames trained on.
 pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> usize {
     let marks = |(split, frames): Views<'_>| -> Vec<(String, Option<&Path>)> {
         let all = dataset.splits.get(split).map_or(&[][..], |split| &split.frames);

@@ -23,21 +23,23 @@ const TAPS: [f64; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16
 const LUMA: [f64; 3] = [0.299, 0.587, 0.114];
 /// Variance of a photograph's band (values in `[0, 1]`) below which it has no detail to compare.
 const MIN_ENERGY: f64 = 1e-9;
-/// Energy relative to the photograph's below which a render's detail is rounding noise.
+/// Ratio of a render's energy to the photograph's, below which the render's detail is rounding noise.
 const ROUNDING: f64 = 1e-12;
 
 /// Comparison of one octave band.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SharpnessBand {
-    /// Ratio of the render's energy to the photograph's: 1 if equally sharp, less if blurred, more for spurious
-    /// detail.
+    /// Ratio of the render's energy in the band to the photograph's: 1 if equally sharp, less if
+    /// blurred, more with spurious detail.
     pub energy_ratio: f64,
-    /// Correlation of the two bands, −1 to 1: whether detail is in the right places.
+    /// Correlation of the bands of render and photograph, −1 to 1. It is high if detail is in the right
+    /// places.
     pub correlation: f64,
 }
 
-/// Compares luma over covered pixels, per band from the finest. `None` if the photograph has no detail in
-/// some band, or no pixel is covered. All images have equal size.
+/// Compares the luma of two images over covered pixels and returns the bands from the finest. Returns
+/// `None` if the photograph has no detail in some band, or no pixel is covered. All images have equal
+/// size.
 pub(super) fn bands(
     render: &RgbImage,
     coverage: &Image<f32>,
@@ -84,13 +86,14 @@ pub(super) fn mean(views: &[[SharpnessBand; N_BANDS]]) -> Option<[SharpnessBand;
     Some(means)
 }
 
-/// SSIM of the gradient magnitudes per channel (after Chen, Yang and Xie 2006): insensitive to brightness,
-/// low if edges are missing or blurred.
+/// Returns the SSIM of the gradient magnitudes per channel (after Chen, Yang and Xie 2006). It is
+/// insensitive to brightness, and low if edges are missing or blurred.
 pub(super) fn gradient_ssim(render: &RgbImage, truth: &RgbImage) -> Result<f64, MetricError> {
     ssim(&gradients(render), &gradients(truth))
 }
 
-/// A quarter of the Sobel gradient magnitude, so that a step from 0 to 1 has length 1; borders are clamped.
+/// Returns a quarter of the Sobel gradient magnitude, so that a step from 0 to 1 has length 1. Border
+/// pixels are repeated beyond the border.
 fn gradients(image: &RgbImage) -> Image<[f64; 3]> {
     let Image { width, height, .. } = *image;
     let mut out = Image::filled(width, height, [0.0; 3]);
@@ -114,8 +117,9 @@ fn luma(image: &RgbImage) -> Vec<f64> {
     image.data.iter().map(of).collect()
 }
 
-/// Separable filter with taps `step` pixels apart (à trous); zero beyond the border. Spreading the taps,
-/// rather than shrinking the image, yields every band at every pixel.
+/// Blurs values with a separable filter whose taps are `step` pixels apart (à trous). Values beyond the
+/// border count as zero. Spreading the taps, rather than shrinking the image, yields every band at every
+/// pixel.
 fn blurred(values: &[f64], width: usize, step: usize) -> Vec<f64> {
     let height = values.len() / width.max(1);
     let reach = |at: usize, end: usize| {
@@ -151,7 +155,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (48, 36);
 
-    /// Noise on smooth waves: detail in every band.
+    /// Returns noise on smooth waves, which has detail in every band.
     fn picture() -> RgbImage {
         let mut rng = Rng::new(7, Purpose::Synthetic, 0);
         let pixel = |i: usize| {

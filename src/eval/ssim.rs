@@ -16,13 +16,15 @@ const SSIM_SIGMA: f64 = 1.5;
 /// Stabilising constants for a value range of 1.
 const SSIM_C1: f64 = 0.01 * 0.01;
 const SSIM_C2: f64 = 0.03 * 0.03;
-/// Moments under the window: x, y, x², y² and xy.
+/// Number of moments under the window: x, y, x², y² and xy.
 const N_MOMENTS: usize = 5;
-/// Channel values of neighbouring pixels summed side by side, so that the compiler vectorises.
+/// Number of channel values of neighbouring pixels that are summed side by side, so that the compiler
+/// vectorises.
 const BLOCK: usize = 8;
 
-/// Structural similarity with an 11×11 Gaussian window (σ = 1.5) and biased moments, averaged over channels and
-/// the `(W − 10)(H − 10)` positions inside the image. Values are nominally in `[0, 1]` and not clamped.
+/// Returns the structural similarity with an 11×11 Gaussian window (σ = 1.5) and biased moments. It is
+/// averaged over channels and the `(W − 10)(H − 10)` positions inside the image. Values are nominally in
+/// `[0, 1]` and not clamped.
 ///
 /// # Errors
 /// The images differ in size, have no pixels, or are smaller than the window.
@@ -69,7 +71,7 @@ struct SsimRow<'a, R> {
     images: [&'a Image<[R; 3]>; 2],
     row: usize,
     window: &'a [f64; SSIM_WINDOW],
-    /// Scratch: column moments under the window at `row`, five planes of interleaved RGB.
+    /// Scratch buffer for the column moments under the window at `row`: five planes of interleaved RGB.
     moments: &'a mut Vec<f64>,
 }
 

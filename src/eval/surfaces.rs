@@ -14,21 +14,22 @@ use rayon::prelude::*;
 /// Interior pixels have no edge within this many pixels along rows and columns (`evaluation.md`, Cracks).
 const EDGE_MARGIN: usize = 5;
 
-/// Surfaces in one camera's image.
+/// Surfaces visible in one camera's image.
 #[derive(Clone, Debug)]
 pub struct Surfaces {
     pub camera: Camera,
     /// Depth along the optical axis per pixel, world units; 0 if unknown.
     pub z: Image<f32>,
-    /// Pixels away from depth jumps and holes. The image border is not an edge.
+    /// True for pixels away from depth jumps and holes. The image border is not an edge.
     pub interior: Image<bool>,
     jump: [f32; 2],
 }
 
 impl Surfaces {
-    /// Surfaces measured by the frame's depth camera, within the trusted range and in opaque pixels (alpha
-    /// 255); `None` without depth. Neighbouring depths within the sensor's margin
-    /// ([`DepthTolerance::margin`](crate::observation::surface::DepthTolerance)) belong to one surface.
+    /// Returns the surfaces measured by the frame's depth camera, or `None` without depth. Depth counts
+    /// within the trusted range and in opaque pixels (alpha 255). Neighbouring depths within the
+    /// sensor's margin ([`DepthTolerance::margin`](crate::observation::surface::DepthTolerance)) belong
+    /// to one surface.
     pub fn of(frame: &Frame, sensor: Sensor) -> Option<Self> {
         let depth = frame.depth.as_ref()?;
         let mut z = depth.trusted_z(&frame.camera.intrinsics).map(|&z| z as f32);
@@ -45,9 +46,9 @@ impl Surfaces {
         Self { camera, interior: interior(&z, jump), z, jump }
     }
 
-    /// Projects the surfaces into another camera. Squares between the centres of four neighbouring pixels
-    /// without a jump are drawn with a depth test; points not beyond `near` (world units) are dropped.
-    /// Interior pixels are interior in both images.
+    /// Projects the surfaces into another camera. Squares between the centres of four neighbouring
+    /// pixels without a jump are drawn with a depth test. Points not beyond `near` (world units) are
+    /// dropped. Interior pixels of the result are interior in both images.
     pub fn project_into(&self, camera: &Camera, near: f32) -> Self {
         let corners = self.corners(camera, near);
         let width = self.z.width;
@@ -83,7 +84,7 @@ impl Surfaces {
         self.z.data.par_iter().enumerate().map(corner).collect()
     }
 
-    /// Depth in a renderer's convention; 0 if unknown.
+    /// Returns depth in a renderer's convention; 0 if unknown.
     pub fn depth_of_kind(&self, kind: DepthKind) -> Image<f32> {
         let mut depth = self.z.clone();
         if kind == DepthKind::RayDistance {
@@ -95,7 +96,8 @@ impl Surfaces {
         depth
     }
 
-    /// Median depth z of the interior pixels, world units.
+    /// Returns the median depth z of the interior pixels in world units, or `None` without interior
+    /// pixels.
     pub fn median_interior_z(&self) -> Option<f32> {
         let pixels = self.z.data.iter().zip(&self.interior.data);
         let mut inside: Vec<f32> = pixels.filter(|(_, inside)| **inside).map(|(z, _)| *z).collect();
@@ -104,7 +106,8 @@ impl Surfaces {
     }
 }
 
-/// True if two neighbouring pixels do not show one surface: one is a hole, or their depths differ.
+/// True if two neighbouring pixels do not show one surface: one is a hole, or their depths differ too
+/// much.
 fn is_jump(a: f32, b: f32, jump: [f32; 2]) -> bool {
     let nearer = a.min(b);
     nearer <= 0.0 || (a - b).abs() > jump[0] + jump[1] * nearer
@@ -114,7 +117,7 @@ fn interior(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     dilate(&edges(z, jump)).map(|&is_near_edge| !is_near_edge)
 }
 
-/// Holes, and pixels on both sides of a jump.
+/// Marks holes and the pixels on both sides of a jump.
 fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     let (width, height) = (z.width, z.height);
     let mut edges = z.map(|&z| z <= 0.0);
@@ -138,7 +141,7 @@ fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     edges
 }
 
-/// Dilates the marks by [`EDGE_MARGIN`]: along rows, then along columns.
+/// Dilates the marks by [`EDGE_MARGIN`] pixels: along rows, then along columns.
 fn dilate(marks: &Image<bool>) -> Image<bool> {
     let (width, height) = (marks.width, marks.height);
     let mut along = Image::filled(width, height, false);
@@ -162,7 +165,7 @@ fn dilate(marks: &Image<bool>) -> Image<bool> {
     square
 }
 
-/// Grid point projected into the other image; `at` in continuous pixel coordinates.
+/// Corner of a square, projected into the other camera's image; `at` is in continuous pixel coordinates.
 #[derive(Clone, Copy, Debug)]
 struct Corner {
     at: [f32; 2],
@@ -170,13 +173,14 @@ struct Corner {
     is_marked: bool,
 }
 
-/// Depth image of the other camera: the nearest squares, and whether all corners of each are marked.
+/// Images of the other camera: depth of the nearest square, and whether all corners of that square are
+/// marked.
 struct Reprojection {
     z: Image<f32>,
     marked: Image<bool>,
 }
 
-/// Tolerance of the triangle test, px²: adjacent triangles must not leave gaps.
+/// Tolerance of the triangle test in square pixels, so that adjacent triangles leave no gaps.
 const EDGE_SLACK: f32 = 1e-3;
 
 /// Draws the squares of a grid with `width` columns that have four corners and satisfy `is_square`. Its
@@ -239,7 +243,7 @@ impl Reprojection {
     }
 }
 
-/// Twice the signed area of a triangle.
+/// Returns twice the signed area of a triangle.
 fn cross(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> f32 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
@@ -257,7 +261,7 @@ pub(super) mod tests {
         Camera { intrinsics, pose: Pose::IDENTITY }
     }
 
-    /// A black frame with depth codes `edit(column, row)`, millimetres.
+    /// Returns a black frame with depth codes `edit(column, row)` in millimetres.
     pub fn wall(camera: Camera, edit: impl Fn(usize, usize) -> u16) -> Frame {
         let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
         let codes = (0..width * height).map(|i| edit(i % width, i / width)).collect();

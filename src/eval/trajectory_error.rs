@@ -9,7 +9,7 @@ use crate::math::sym3::Sym3;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Distance of tracked from recorded cameras after rigid alignment.
+/// Distances between tracked and recorded cameras after rigid alignment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrajectoryError {
     /// Number of compared cameras.
@@ -80,7 +80,7 @@ impl TrajectoryError {
     }
 }
 
-/// Rotation `R` that maximises `tr(Rᵀ·M)`, from the right singular vectors of `M`.
+/// Returns the rotation `R` that maximises `tr(Rᵀ·M)`, from the right singular vectors of `M`.
 fn best_rotation(m: DMat3) -> DMat3 {
     let right = Sym3::from_mat3(m.transpose() * m).eigen().vectors;
     // From the two largest axes; the third follows, which excludes a reflection.

@@ -1,10 +1,10 @@
 //! Alignment of a view's camera pose to its photograph, given splats (`evaluation.md`, Poses aligned).
 //!
-//! Alignment during training (`train::scene::align`) needs sufficient statistics that exported models lack,
-//! and depth that a photograph may lack. This one makes the same estimate from the render and its depth, which
-//! every model has: the maximum a posteriori motion by Gauss-Newton with Cauchy weights and a prior on the
-//! recorded pose. It proceeds from small images to full size, because image gradients are valid for about a
-//! pixel.
+//! Alignment during training (`train::scene::align`) needs sufficient statistics that exported models
+//! lack, and depth that a photograph may lack. The alignment here makes the same estimate from the
+//! render and its depth, which every model has. It finds the maximum a posteriori motion by Gauss-Newton
+//! with Cauchy weights and a prior on the recorded pose. It proceeds from small images to full size,
+//! because image gradients are valid for about a pixel.
 //!
 //! Gradients are the render's: detail missing from the splats would make the photograph's gradients too
 //! steep and the steps too short.
@@ -37,12 +37,13 @@ const MIN_STEP: f64 = 0.01;
 const TURN_DEVIATION: f64 = 0.02;
 /// Prior standard deviation of a recorded position, relative to the mean depth of the view.
 const SHIFT_DEVIATION: f64 = 0.02;
-/// Number of pixels that count as one, because the errors of neighbouring pixels are correlated.
+/// Number of pixels that count as one measurement, because the errors of neighbouring pixels are
+/// correlated.
 const CORRELATED_PIXELS: f64 = 100.0;
 /// Residual, in multiples of the mean, at which a point has weight ½.
 const HALF_WEIGHT_MEANS: f64 = 2.0;
 const MIN_PIXELS: usize = 200;
-/// Pixels per partial sum; sums do not depend on the number of threads.
+/// Number of points per partial sum. Because it is fixed, sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
 
 pub(super) struct AlignedCamera {
@@ -50,8 +51,8 @@ pub(super) struct AlignedCamera {
     pub rendered: Rendered,
 }
 
-/// Moves a camera to minimise the colour-aligned error of its view against the photograph. `draw` renders
-/// from a camera; `rendered` is the view from `camera` by the same renderer.
+/// Moves a camera to minimise the colour-aligned error of its view against the photograph. `draw`
+/// renders the splats from a given camera; `rendered` is the view from `camera` by the same renderer.
 pub(super) fn aligned(
     camera: &Camera,
     rendered: Rendered,
@@ -82,11 +83,11 @@ pub(super) fn aligned(
 struct RenderedPoint {
     place: DVec3,
     color: [f64; 3],
-    /// Derivative of the colour by column and row, per pixel.
+    /// Derivative of each channel by column and row, per pixel.
     slope: [[f64; 2]; 3],
 }
 
-/// Points of all covered pixels, at the image size of `k`.
+/// Returns the points of covered pixels whose neighbours are also covered, at the image size of `k`.
 fn rendered_points(
     view: &AlignedCamera,
     full: &Intrinsics,
@@ -146,8 +147,8 @@ struct PhotographedPoint {
     z: f64,
 }
 
-/// Points inside a photograph, in order. Reused between iterations: allocating some 60 MB per iteration
-/// took a third of the time.
+/// Points inside a photograph, in order. The buffers are reused between iterations: allocating some 60
+/// MB per iteration took a third of the time.
 #[derive(Default)]
 struct PhotographedPoints {
     parts: Vec<Vec<PhotographedPoint>>,
@@ -171,8 +172,9 @@ impl PhotographedPoints {
     }
 }
 
-/// Iterates from the pose `first` to match the points' colours in a photograph, with a prior on `recorded`.
-/// `None` if too few points are in the image.
+/// Aligns a camera pose to a photograph by matching the points' colours, with a prior centred on the
+/// pose `recorded`. The iteration starts at the pose `first`. Returns `None` if too few points are in
+/// the image.
 fn align_pose(
     points: &[RenderedPoint],
     photograph: &RgbImage,
@@ -234,7 +236,7 @@ fn sample_photograph(
     Some(found)
 }
 
-/// Gauss-Newton step: rotation (axis times angle) and translation in the camera frame.
+/// Returns the Gauss-Newton step: rotation (axis times angle) and translation in the camera frame.
 fn step(
     points: &[PhotographedPoint],
     recorded: &Pose,
@@ -283,7 +285,7 @@ fn step(
     Some([DVec3::from_slice(&step[..3]), DVec3::from_slice(&step[3..])])
 }
 
-/// Gain and offset that map a channel to the photograph's exposure.
+/// Fits the gain and offset that map a channel of the render to the photograph's exposure.
 fn fit_exposure(points: &[PhotographedPoint], channel: usize) -> [f64; 2] {
     let n = points.len() as f64;
     let mean =
@@ -301,7 +303,7 @@ fn fit_exposure(points: &[PhotographedPoint], channel: usize) -> [f64; 2] {
 pub struct AlignedView {
     /// Distance of the aligned pose from the original one, world units.
     pub shift: f64,
-    /// Angle between both poses, degrees.
+    /// Angle between the aligned and the original pose, degrees.
     pub turn: f64,
     /// PSNR over the whole frame, dB.
     pub psnr: f64,
@@ -309,7 +311,7 @@ pub struct AlignedView {
     pub psnr_covered: f64,
     /// PSNR over covered pixels with colours aligned, dB.
     pub psnr_aligned_covered: f64,
-    /// SSIM, `valid` padding.
+    /// SSIM over window positions inside the image (`valid` padding).
     pub ssim: f64,
     /// SSIM with colours aligned.
     pub ssim_aligned: f64,
@@ -320,8 +322,8 @@ pub struct AlignedView {
 }
 
 impl AlignedView {
-    /// Compares the render from the aligned camera with the photograph. `None` if no pixel is covered or
-    /// the photograph has no detail.
+    /// Compares the render from the aligned camera with the photograph. Returns `None` if no pixel is
+    /// covered or the photograph has no detail.
     pub(super) fn compare(
         [from, to]: [&Pose; 2],
         shown: &RgbImage,
@@ -410,7 +412,7 @@ mod tests {
         assert!(after < 0.05 * before, "{before} {after}");
     }
 
-    /// Gradients of the photograph would include this detail and shorten every step.
+    /// Gradients of the photograph would include detail that splats lack and would shorten every step.
     #[test]
     fn detail_that_splats_lack_does_not_hide_a_motion() {
         let real = Pose::IDENTITY.attached_camera(DVec3::new(0.03, -0.02, 0.0), DQuat::IDENTITY);

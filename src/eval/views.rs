@@ -28,22 +28,22 @@ use crate::render::{RenderMethod, RenderOptions, Renderer};
 /// Options for rendering and comparing views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvalOptions {
-    /// Reference of the comparison.
+    /// Reference image of the comparison.
     pub ground_truth: GroundTruth,
     /// Camera of the photographs, if it is not the depth camera.
     pub color_camera: Option<ColorCamera>,
     /// Poses of the views.
     pub poses: ViewPoses,
-    /// True to score views at aligned poses as well.
+    /// True to score views also at poses aligned to their photographs.
     pub align_poses: bool,
-    /// Fraction of the photographs' sides at which views are compared.
+    /// Scale at which views are compared, relative to the size of the photographs.
     pub scale: EvalScale,
-    /// Render options; their background is that of the comparison.
+    /// Render options; the background is also that of the comparison.
     pub render: RenderOptions,
 }
 
 impl EvalOptions {
-    /// Options for recorded poses at full size, with the depth camera as colour camera.
+    /// Returns options for recorded poses at full size, with the depth camera as colour camera.
     pub fn plain(ground_truth: GroundTruth, render: RenderOptions) -> Self {
         let (poses, scale) = (ViewPoses::Recorded, EvalScale::FULL);
         let (color_camera, align_poses) = (None, false);
@@ -142,7 +142,7 @@ fn no_view(dataset: &Dataset, split: String, skipped: &[SkippedFrame]) -> EvalEr
     }
 }
 
-/// Reference image of a comparison.
+/// Returns the reference image of a comparison.
 pub fn ground_truth(frame: &Frame, kind: GroundTruth, background: [f32; 3]) -> RgbImage {
     frame.color.map(|&[r, g, b, a]| {
         let rgb = [r, g, b].map(|v| v as f32 / 255.0);
@@ -242,7 +242,7 @@ fn measured_depth(
     }
 }
 
-/// Depth convention of a renderer; ground truth is converted to it.
+/// Returns the depth convention of a renderer, to which ground truth is converted.
 fn depth_kind(method: RenderMethod) -> DepthKind {
     match method.renderer() {
         Renderer::Projected => DepthKind::Z,
@@ -368,8 +368,8 @@ mod tests {
         );
     }
 
-    /// Rendered by the photograph's camera: half the focal length shows twice the width, and the border
-    /// lies beyond the measured depth.
+    /// The photograph's camera has half the focal length of the depth camera. Its image shows twice the
+    /// width, and its border has no measured depth.
     #[test]
     fn photographs_are_drawn_and_judged_by_the_camera_that_took_them() {
         let frame = wall();

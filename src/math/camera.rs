@@ -21,7 +21,8 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// Builds intrinsics from a horizontal field of view (radians): square pixels, centred principal point.
+    /// Builds intrinsics with square pixels and a centred principal point from a horizontal field of
+    /// view in radians.
     pub fn from_horizontal_fov(width: u32, height: u32, fov_x: f64) -> Self {
         let focal = 0.5 * width as f64 / (0.5 * fov_x).tan();
         Self {
@@ -34,14 +35,16 @@ impl Intrinsics {
         }
     }
 
-    /// Builds intrinsics from a vertical field of view (radians): square pixels, centred principal point.
+    /// Builds intrinsics with square pixels and a centred principal point from a vertical field of view
+    /// in radians.
     pub fn from_vertical_fov(width: u32, height: u32, fov_y: f64) -> Self {
         let focal = 0.5 * height as f64 / (0.5 * fov_y).tan();
         // The field of view passed here is arbitrary: `fx` and `fy` are replaced.
         Self { fx: focal, fy: focal, ..Self::from_horizontal_fov(width, height, 1.0) }
     }
 
-    /// Builds an equidistant fisheye with square pixels and a centred principal point.
+    /// Builds intrinsics of an equidistant fisheye lens with square pixels and a centred principal
+    /// point.
     ///
     /// `fov_x` is in radians, up to 2π; the focal lengths are in pixels per radian.
     pub fn fisheye(width: u32, height: u32, fov_x: f64) -> Self {
@@ -50,24 +53,26 @@ impl Intrinsics {
         Self { fx: focal, fy: focal, ..Self::from_horizontal_fov(width, height, 1.0) }
     }
 
-    /// Horizontal field of view in radians.
+    /// Returns the horizontal field of view in radians.
     pub fn fov_x(&self) -> f64 {
         2.0 * (0.5 * self.width as f64 / self.fx).atan()
     }
 
-    /// Vertical field of view in radians.
+    /// Returns the vertical field of view in radians.
     pub fn fov_y(&self) -> f64 {
         2.0 * (0.5 * self.height as f64 / self.fy).atan()
     }
 
-    /// Scales the image by `factor` at the same view. Both sides are rounded, to at least 1 pixel.
+    /// Returns intrinsics of the same view with the image scaled by `factor`. Width and height are
+    /// rounded to whole pixels, at least 1.
     pub fn scaled(&self, factor: f64) -> Self {
         let width = ((self.width as f64 * factor).round() as u32).max(1);
         let height = ((self.height as f64 * factor).round() as u32).max(1);
         self.resized(width, height)
     }
 
-    /// Scales the image to `width`×`height` pixels at the same view. Each axis has its own factor.
+    /// Returns intrinsics of the same view with an image of `width`×`height` pixels. Each axis is scaled
+    /// by its own factor.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
         Self {
@@ -107,12 +112,13 @@ impl Intrinsics {
 pub struct Camera {
     /// Pinhole intrinsics.
     pub intrinsics: Intrinsics,
-    /// `world_from_camera` transform.
+    /// Rigid transform from camera to world coordinates.
     pub pose: Pose,
 }
 
 impl Camera {
-    /// Returns the pixel coordinates and depth `z` of a world point; meaningless for `z ≤ 0`.
+    /// Returns the pixel coordinates and the depth `z` of a world point. The coordinates are meaningless
+    /// for `z ≤ 0`.
     pub fn project(&self, world: DVec3) -> (DVec2, f64) {
         let (rotation, translation) = self.pose.inverse();
         let p = rotation * world + translation;

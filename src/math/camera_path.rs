@@ -11,7 +11,7 @@ const TURNTABLE_KEYFRAMES: u32 = 12;
 /// Camera pose and field of view at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keyframe {
-    /// Seconds from the start of the path.
+    /// Time from the start of the path, seconds.
     pub time: f64,
     /// Camera pose, world units.
     pub pose: Pose,
@@ -21,9 +21,9 @@ pub struct Keyframe {
 
 /// A smooth camera path through keyframes.
 ///
-/// Position, rotation and field of view are piecewise cubic with a continuous first derivative (Catmull and
-/// Rom 1974, with tangents for uneven times). Rotations are interpolated as quaternions of matching sign and
-/// normalised; neighbouring keyframes should be less than half a turn apart.
+/// Position, rotation and field of view are piecewise cubic with a continuous first derivative (Catmull
+/// and Rom 1974, with tangents for unevenly spaced times). Rotations are interpolated as normalised
+/// quaternions with matching signs. Neighbouring keyframes should be less than half a turn apart.
 ///
 /// ```
 /// use glam::DVec3;
@@ -44,19 +44,23 @@ pub struct CameraPath {
     is_loop: bool,
 }
 
-/// Interpolated values of a keyframe: position with field of view, and rotation as a quaternion.
+/// Interpolated values of a keyframe. The first vector holds position and field of view, the second the
+/// rotation as a quaternion.
 type Values = [DVec4; 2];
 
 impl CameraPath {
-    /// Builds a path through at least two keyframes with increasing times; `None` otherwise.
+    /// Builds a path through keyframes. Returns `None` for fewer than two keyframes or if their times do
+    /// not increase.
     ///
-    /// The last keyframe of a loop must equal the first in pose and field of view; their speeds are matched.
+    /// In a loop, the last keyframe must equal the first in pose and field of view. The path passes both
+    /// at the same speed.
     pub fn new(keyframes: Vec<Keyframe>, is_loop: bool) -> Option<Self> {
         let rises = keyframes.windows(2).all(|pair| pair[0].time < pair[1].time);
         (keyframes.len() > 1 && rises).then_some(Self { keyframes, is_loop })
     }
 
-    /// Builds a loop once around an orbit's target in `seconds`, which must be positive.
+    /// Builds a loop that circles an orbit's target once in `seconds`, which must be positive. `fov_y`
+    /// is in radians.
     pub fn turntable(orbit: &Orbit, fov_y: f64, seconds: f64) -> Self {
         let keyframe = |i: u32| {
             let share = f64::from(i) / f64::from(TURNTABLE_KEYFRAMES);
@@ -83,7 +87,8 @@ impl CameraPath {
         self.keyframes[self.keyframes.len() - 1].time - self.keyframes[0].time
     }
 
-    /// Interpolates the camera `seconds` after the first keyframe; clamped to both ends.
+    /// Returns the interpolated camera `seconds` after the first keyframe. Times beyond either end of
+    /// the path are clamped.
     pub fn at(&self, seconds: f64) -> Keyframe {
         let time = self.keyframes[0].time + seconds.clamp(0.0, self.duration());
         let next = self.keyframes.partition_point(|keyframe| keyframe.time <= time);
@@ -114,7 +119,8 @@ impl CameraPath {
         Keyframe { time, pose, fov_y: place.w }
     }
 
-    /// Change per second at keyframe `i`; `turn` is its quaternion with the sign to use.
+    /// Returns the derivative per second of the interpolated values at keyframe `i`. `turn` is the
+    /// keyframe's quaternion with the sign to use.
     fn derivative_at(&self, i: usize, turn: DVec4) -> Values {
         let last = self.keyframes.len() - 1;
         let here = self.keyframes[i];
@@ -150,7 +156,8 @@ impl CameraPath {
     }
 }
 
-/// Values of a keyframe, with the quaternion's sign matched to keyframe `beside`.
+/// Returns the values of a keyframe. If `beside` is given, the sign of the quaternion matches that
+/// keyframe's.
 fn values(keyframe: &Keyframe, beside: Option<&Keyframe>) -> Values {
     let turn =
         |keyframe: &Keyframe| DVec4::from(DQuat::from_mat3(&keyframe.pose.rotation()).normalize());
@@ -158,7 +165,8 @@ fn values(keyframe: &Keyframe, beside: Option<&Keyframe>) -> Values {
     beside.map_or(own, |beside| with_matching_sign(own, turn(beside)))
 }
 
-/// Chooses the sign of the quaternion nearer to `beside`; both signs are the same rotation.
+/// Chooses the sign of the quaternion that is nearer to `beside`. Both signs represent the same
+/// rotation.
 fn with_matching_sign([place, turn]: Values, beside: DVec4) -> Values {
     [place, if turn.dot(beside) < 0.0 { -turn } else { turn }]
 }

@@ -14,7 +14,8 @@ use super::simd::Vector;
 #[derive(Clone, Debug)]
 pub struct Cholesky {
     n: usize,
-    /// Lower triangle, row-major `n`×`n`; entries above the diagonal are those of the input and unused.
+    /// Lower triangular factor as a row-major `n`×`n` matrix. Entries above the diagonal are unused
+    /// copies of the input.
     lower: Vec<f64>,
 }
 
@@ -57,14 +58,15 @@ impl Cholesky {
     }
 }
 
-/// Index of entry `(i, j)`, `j ≤ i`, in a triangle.
+/// Returns the index of entry `(i, j)`, `j ≤ i`, in a lower triangle stored row by row.
 pub const fn at(i: usize, j: usize) -> usize {
     i * (i + 1) / 2 + j
 }
 
-/// Factors symmetric matrices in place. Diagonals of the factors are stored as reciprocals.
+/// Computes the Cholesky factors of symmetric `N`×`N` matrices in place, one matrix per lane. Diagonals
+/// of the factors are stored as reciprocals.
 ///
-/// Returns a mask of lanes whose matrix is positive definite; other lanes are undefined.
+/// Returns a mask of the lanes whose matrix is positive definite. Factors in other lanes are undefined.
 #[inline(always)]
 pub fn factor<V: Vector, const N: usize, const P: usize>(lower: &mut [V; P]) -> V {
     let least = V::splat(f32::MIN_POSITIVE);
@@ -90,7 +92,8 @@ pub fn factor<V: Vector, const N: usize, const P: usize>(lower: &mut [V; P]) -> 
     sound
 }
 
-/// Solves the systems in place: `x` holds the right sides, then the solutions.
+/// Solves one linear system per lane in place, given the factors from [`factor`]. On entry `x` holds the
+/// right sides, on return the solutions.
 #[inline(always)]
 pub fn substitute<V: Vector, const N: usize, const P: usize>(lower: &[V; P], x: &mut [V; N]) {
     for k in 0..N {
@@ -128,7 +131,8 @@ mod tests {
         assert!(Cholesky::new(1, &[f64::NAN]).is_none());
     }
 
-    /// Triangles `4 + lane, 1, 3, -1, 0.5, 2` with one entry replaced, and the right side `1, -2, 3`.
+    /// Kernel that solves one 3×3 system per lane. Its lower triangles are `4 + lane, 1, 3, -1, 0.5, 2`
+    /// with entry `.0` replaced by `.1`. The right side is `1, -2, 3`.
     struct Solve(usize, f32);
 
     impl Kernel for Solve {

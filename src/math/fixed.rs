@@ -4,8 +4,8 @@
 //! Two formats: [`to_fixed`] gives an `i128` with 80 fraction bits. [`Quanta`] hold an `i64`, which
 //! almost always suffices and keeps loops vectorisable, and a carry.
 
-/// Fraction bits of an `i128` total. The quantum is 2⁻⁸⁰ = 8.3e-25, far below the smallest prior
-/// term (4e-15 for a million components); the range is ±1.4e14.
+/// Number of fraction bits of an `i128` total. The quantum is 2⁻⁸⁰ = 8.3e-25 and the range is ±1.4e14.
+/// The smallest prior term is far larger than the quantum: 4e-15 for a million components.
 pub const FRACTION_BITS: i32 = 80;
 
 /// Converts a finite `f64` to fixed point, rounding to nearest with ties away from zero.
@@ -45,7 +45,7 @@ pub fn to_fixed(value: f64) -> i128 {
     if value < 0.0 { -magnitude } else { magnitude }
 }
 
-/// Converts a total to `f64`, rounded to nearest.
+/// Converts a fixed-point total to `f64`, rounded to nearest.
 #[inline]
 pub fn from_fixed(total: i128) -> f64 {
     // A power of two, so only the conversion of the total rounds.
@@ -53,12 +53,13 @@ pub fn from_fixed(total: i128) -> f64 {
     total as f64 * QUANTUM
 }
 
-/// A number of quanta, `high · 2⁶⁴ + low`. The representation is unique: equal sums have equal bits.
+/// Fixed-point number `high · 2⁶⁴ + low`, counted in quanta. The representation is unique, so equal sums
+/// have equal bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quanta {
     /// Carry beyond 64 bits; almost always 0.
     pub high: i32,
-    /// Signed remainder.
+    /// Low part, signed.
     pub low: i64,
 }
 
@@ -74,8 +75,9 @@ pub fn to_quanta(value: f64, bits: u32) -> Quanta {
     }
 }
 
-/// Rounds to the nearest integer, ties to even; the flag is true if `scaled` is below 2⁵¹, where the
-/// result is valid. Free of branches and calls, so that loops over it are vectorised.
+/// Rounds to the nearest integer, ties to even. The returned flag is true if the magnitude of `scaled`
+/// is below 2⁵¹; otherwise the integer is invalid. Contains no branches or calls, so that loops over it
+/// are vectorised.
 #[inline(always)]
 pub fn round_small(scaled: f64) -> (i64, bool) {
     // Adding 1.5·2⁵² leaves the integer part of a small number in the low mantissa bits: neighbouring
@@ -95,7 +97,7 @@ fn to_many_quanta(scaled: f64) -> Quanta {
 }
 
 impl Quanta {
-    /// Adds two values; the high part saturates.
+    /// Adds two values. The high part saturates on overflow.
     #[inline(always)]
     pub fn plus(self, other: Self) -> Self {
         let (low, overflowed) = self.low.overflowing_add(other.low);
@@ -110,7 +112,7 @@ impl Quanta {
         Self { high: self.high.saturating_add(other.high).saturating_add(carry), low }
     }
 
-    /// Converts to `f64` from units of 2^−`bits`, rounded to nearest.
+    /// Converts quanta of 2^−`bits` to `f64`, rounded to nearest.
     #[inline]
     pub fn value(self, bits: u32) -> f64 {
         let quanta = (i128::from(self.high) << 64) + i128::from(self.low);

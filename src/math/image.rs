@@ -42,13 +42,14 @@ impl<T> Image<T> {
         &self.data[row * self.width + column]
     }
 
-    /// Applies `f` to every value.
+    /// Applies `f` to every value and returns the results as an image.
     pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Image<U> {
         Image { width: self.width, height: self.height, data: self.data.iter().map(f).collect() }
     }
 }
 
-/// Converts a channel in `[0, 1]` to a byte, rounded to nearest; clamps values outside, NaN gives 0.
+/// Converts a channel value in `[0, 1]` to a byte, rounded to nearest. Values outside are clamped; NaN
+/// becomes 0.
 #[inline]
 pub fn unit_to_byte(value: f32) -> u8 {
     // The cast saturates and maps NaN to 0.
@@ -62,7 +63,8 @@ impl RgbImage {
     }
 }
 
-/// Splits a slice into consecutive parts of the given sizes. Parts past the end are empty.
+/// Splits a slice into consecutive parts of the given sizes. Parts beyond the end of the slice are
+/// empty.
 pub fn split_by_sizes<T>(list: &mut [T], sizes: impl Iterator<Item = usize>) -> Vec<&mut [T]> {
     let mut rest = list;
     sizes.map(|size| rest.split_off_mut(..size).unwrap_or_default()).collect()

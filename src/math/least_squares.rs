@@ -2,33 +2,35 @@
 
 use super::cholesky::Cholesky;
 
-/// Weighted sum of squared residuals, linearised: cost, half gradient and half Gauss-Newton curvature.
+/// Normal equations of a linearised sum of weighted squared residuals. They hold the cost, half its
+/// gradient and half its Gauss-Newton curvature.
 ///
-/// Parts of a problem have their own, which are added in a fixed order, so that sums do not depend on the
-/// number of threads and parts can be left out or compared for standard errors.
+/// Each part of a problem has its own equations, which are added in a fixed order. Sums therefore do not
+/// depend on the number of threads. Parts can also be left out or compared for standard errors.
 #[derive(Clone, Copy, Debug)]
 pub struct NormalEquations<const N: usize> {
     /// Weighted sum of squares.
     pub cost: f64,
     /// Number (weight) of contributing points.
     pub n: f64,
-    /// Lower triangle of half the curvature.
+    /// Lower triangle of half the Gauss-Newton curvature of the cost.
     curvature: [[f64; N]; N],
     /// Half the gradient of the cost.
     pub gradient: [f64; N],
 }
 
 impl<const N: usize> NormalEquations<N> {
-    /// No residuals.
+    /// Normal equations without residuals.
     pub const ZERO: Self = Self { cost: 0.0, n: 0.0, curvature: [[0.0; N]; N], gradient: [0.0; N] };
 
-    /// Adds a residual with its weight and its Jacobian by the leading unknowns (zero for the others).
+    /// Adds a residual with its weight. `slope` holds its derivatives by the leading unknowns;
+    /// derivatives by the others are zero.
     #[inline(always)]
     pub fn add_residual(&mut self, residual: f64, slope: &[f64], weight: f64) {
         self.add_residuals([residual], [slope], weight);
     }
 
-    /// Adds residuals of equal weight; each accumulator is read and written only once.
+    /// Adds several residuals of equal weight. Each accumulator is read and written only once.
     #[inline(always)]
     pub fn add_residuals<const M: usize>(
         &mut self,
@@ -57,7 +59,8 @@ impl<const N: usize> NormalEquations<N> {
         }
     }
 
-    /// Adds the prior that unknown `i` deviates from a given value by 0 ± `deviation`, now by `value`.
+    /// Adds a Gaussian prior on unknown `i`, with standard deviation `deviation`. `value` is the
+    /// difference between the unknown's current value and the prior mean.
     pub fn add_prior(&mut self, i: usize, value: f64, deviation: f64) {
         let weight = deviation.powi(-2);
         self.cost += weight * value * value;
@@ -65,7 +68,7 @@ impl<const N: usize> NormalEquations<N> {
         self.curvature[i][i] += weight;
     }
 
-    /// Adds `factor` times other equations; −1 removes a part from a total.
+    /// Adds `factor` times `other`. A factor of −1 removes a part from a total.
     pub fn add(&mut self, other: &Self, factor: f64) {
         self.cost += factor * other.cost;
         self.n += factor * other.n;
@@ -77,7 +80,7 @@ impl<const N: usize> NormalEquations<N> {
         }
     }
 
-    /// Sum of the parts.
+    /// Returns the sum of all parts.
     pub fn total<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Self {
         parts.into_iter().fold(Self::ZERO, |mut sum, part| {
             sum.add(part, 1.0);
@@ -85,23 +88,23 @@ impl<const N: usize> NormalEquations<N> {
         })
     }
 
-    /// Mean weighted squared residual per point.
+    /// Returns the mean weighted squared residual per point.
     pub fn variance(&self) -> f64 {
         self.cost / self.n
     }
 
-    /// Curvature of the `free` unknowns, row-major.
+    /// Returns half the curvature by the `free` unknowns as a row-major matrix.
     pub fn curvature_of(&self, free: &[usize]) -> Vec<f64> {
         free.iter().flat_map(|&i| free.iter().map(move |&j| self.curvature_at(i, j))).collect()
     }
 
-    /// Curvature entry of a pair of unknowns.
+    /// Returns half the curvature entry of a pair of unknowns.
     pub fn curvature_at(&self, i: usize, j: usize) -> f64 {
         self.curvature[i.max(j)][i.min(j)]
     }
 
-    /// Eliminates all but the first `M` unknowns (Schur complement). `None` if the eliminated ones are not
-    /// determined.
+    /// Eliminates all but the first `M` unknowns (Schur complement). Returns `None` if the data does not
+    /// determine the eliminated unknowns.
     pub fn eliminate_after<const M: usize>(&self) -> Option<NormalEquations<M>> {
         let rest: Vec<usize> = (M..N).collect();
         let factor = Cholesky::new(rest.len(), &self.curvature_of(&rest))?;
@@ -125,7 +128,8 @@ impl<const N: usize> NormalEquations<N> {
         Some(left)
     }
 
-    /// Minimising change of the unknowns after the first `step.len()`, if those change by `step`.
+    /// Returns the change of the remaining unknowns that minimises the cost when the first `step.len()`
+    /// unknowns change by `step`. Returns `None` if the data does not determine the change.
     pub fn eliminated_step(&self, step: &[f64]) -> Option<Vec<f64>> {
         let m = step.len();
         let rest: Vec<usize> = (m..N).collect();
@@ -139,7 +143,8 @@ impl<const N: usize> NormalEquations<N> {
         Some(Cholesky::new(rest.len(), &self.curvature_of(&rest))?.solve(&pull))
     }
 
-    /// Step to the minimum; `None` if the data does not determine it or any number is not finite.
+    /// Returns the step to the minimum of the cost. Returns `None` if the data does not determine it or
+    /// any number is not finite.
     pub fn solution(&self) -> Option<[f64; N]> {
         let all: [usize; N] = std::array::from_fn(|i| i);
         let step: [f64; N] = self.damped_step(&all, 0.0)?.try_into().ok()?;
@@ -147,8 +152,9 @@ impl<const N: usize> NormalEquations<N> {
         step.iter().all(|x| x.is_finite()).then_some(step)
     }
 
-    /// Damped Newton step of the `free` unknowns in their order, with the others held. `damping` is
-    /// Marquardt's relative addition to the diagonal. `None` if the data does not determine a direction.
+    /// Returns the damped Gauss-Newton step of the `free` unknowns in their order; other unknowns are
+    /// held fixed. `damping` is Marquardt's relative addition to the diagonal. Returns `None` if the
+    /// data does not determine a direction.
     pub fn damped_step(&self, free: &[usize], damping: f64) -> Option<Vec<f64>> {
         let n = free.len();
         let mut matrix = self.curvature_of(free);
@@ -162,7 +168,8 @@ impl<const N: usize> NormalEquations<N> {
 mod tests {
     use super::*;
 
-    /// Residuals `x + 2y − 3` and `x − y` with weights 1 and 4, linearised at the origin.
+    /// Returns the normal equations of the residuals `x + 2y − 3` and `x − y`, linearised at the origin.
+    /// The weights are 1 and 4.
     fn two_lines() -> [NormalEquations<2>; 2] {
         let mut views = [NormalEquations::ZERO; 2];
         views[0].add_residual(-3.0, &[1.0, 2.0], 1.0);

@@ -7,14 +7,14 @@ use glam::DVec3;
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct MeasuredPixel {
-    /// Red, green and blue, sRGB-encoded over black in `[0, 1]`.
+    /// Red, green and blue in `[0, 1]`, sRGB-encoded and composited over black.
     pub color: [f32; 3],
     /// Fraction of the pixel covered by surfaces; NaN if unknown.
     pub coverage: f32,
     /// Depth of the surface along the optical axis, world units; undefined if `per_tolerance` is 0.
     pub depth: f32,
-    /// Reciprocal of the depth tolerance within which a surface counts as the measured one, per world
-    /// unit; 0 if the depth is unknown.
+    /// Reciprocal of the depth tolerance, per world unit; 0 if the depth is unknown. A surface within
+    /// the tolerance counts as the measured one.
     pub per_tolerance: f32,
 }
 
@@ -34,7 +34,7 @@ impl MeasuredPixel {
         }
     }
 
-    /// Black, with unknown coverage and depth.
+    /// Black pixel with unknown coverage and depth.
     pub const UNKNOWN: Self =
         Self { color: [0.0; 3], coverage: f32::NAN, depth: 0.0, per_tolerance: 0.0 };
 }

@@ -34,7 +34,7 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// Builds the orbit of a posed camera whose target lies `distance` in front of it.
+    /// Builds the orbit of a camera whose target is `distance` world units in front of it.
     pub fn from_pose(pose: &Pose, up: DVec3, distance: f64) -> Self {
         let (right, ahead) = horizon(up);
         let back = -pose.forward();
@@ -65,7 +65,7 @@ impl Orbit {
     }
 }
 
-/// Two horizontal unit vectors that form a right-handed frame with `up`.
+/// Returns two horizontal unit vectors that form a right-handed frame with `up`.
 fn horizon(up: DVec3) -> (DVec3, DVec3) {
     let aligned = DQuat::from_rotation_arc(DVec3::Z, up);
     (aligned * DVec3::X, aligned * DVec3::Y)
@@ -74,8 +74,8 @@ fn horizon(up: DVec3) -> (DVec3, DVec3) {
 // cos 30°: a mean up direction within this angle snaps to a coordinate axis.
 const AXIS_COSINE: f64 = 0.866;
 
-/// Mean up direction of posed images in the world, snapped to a coordinate axis within 30°; z if the
-/// cameras disagree.
+/// Returns the mean up direction of images in the world, or z if the cameras disagree. A direction
+/// within 30° of a coordinate axis is replaced by that axis.
 pub fn mean_up<'a>(poses: impl Iterator<Item = &'a Pose>) -> DVec3 {
     let (sum, n) =
         poses.fold((DVec3::ZERO, 0usize), |(sum, n), p| (sum - p.rotation().y_axis, n + 1));

@@ -6,14 +6,15 @@
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
-/// Largest entry of `RᵀR − I` accepted as rounding. Files round poses to 4–7 digits and sensor logs
-/// deviate by up to 1e-4; 1e-2 leaves room and still rejects scale.
+/// Largest entry of `|RᵀR − I|` that is accepted as rounding in a rotation matrix `R`. Files round poses
+/// to 4–7 digits; sensor logs deviate by up to 1e-4. A tolerance of 1e-2 exceeds both deviations and
+/// still rejects scaled matrices.
 pub const ORTHONORMALITY_TOLERANCE: f64 = 1e-2;
 
 /// Reason why a matrix is not a camera pose.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PoseError {
-    /// NaN or infinity, with its row and column.
+    /// An entry is NaN or infinite: its value, row and column.
     #[error("expected 16 finite numbers, found {0} at row {1}, column {2}")]
     NotFinite(f64, usize, usize),
     /// The last row is not 0 0 0 1.
@@ -118,7 +119,7 @@ impl Pose {
         self.translation
     }
 
-    /// Returns the same camera in a world whose origin is at `origin`.
+    /// Returns the pose of the same camera in a world whose origin is moved to `origin`.
     pub fn with_origin(&self, origin: DVec3) -> Self {
         Self { translation: self.translation - origin, ..*self }
     }
@@ -135,7 +136,8 @@ impl Pose {
         Self { rotation, translation: self.transform_point(offset) }
     }
 
-    /// Applies a rigid motion of the world; `motion` maps old coordinates to new ones.
+    /// Returns the pose after a rigid motion of the world. `motion` maps old world coordinates to new
+    /// ones.
     pub fn transformed_by(&self, motion: &Self) -> Self {
         let rotation = motion.rotation * self.rotation;
         Self { rotation, translation: motion.transform_point(self.translation) }

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
-/// `f32` (mixed precision) or `f64` (reference).
+/// Floating-point type of the engine: `f32` for mixed precision or `f64` for the reference.
 pub trait Real:
     Copy
     + Debug
@@ -27,7 +27,7 @@ pub trait Real:
     const ONE: Self;
     /// Positive infinity.
     const INFINITY: Self;
-    /// Rounds to the nearest representable value.
+    /// Converts from `f64`, rounded to the nearest representable value.
     fn of(value: f64) -> Self;
     /// Converts to `f64` exactly.
     fn to_f64(self) -> f64;

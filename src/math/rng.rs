@@ -3,12 +3,12 @@
 //!
 //! The mixer is SplitMix64's finaliser (Steele, Lea, Flood 2014) applied to a keyed counter.
 
-/// Purpose of a stream; streams of different purposes are independent.
+/// Purpose of a random stream. Streams of different purposes are independent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
-    /// Initial means and Dirichlet weights.
+    /// Initial means and Dirichlet weights of components.
     Init,
-    /// Reassignment draws of one frame.
+    /// Points drawn for the reassignment of components in one frame.
     Reassign,
     /// Order of the frames.
     Order,
@@ -61,13 +61,14 @@ impl Rng {
         mix(self.key ^ mix(self.counter))
     }
 
-    /// Returns a uniform number in `[0, 1)` with 53 bits.
+    /// Returns a uniform number in `[0, 1)` with 53 random bits.
     pub fn uniform(&mut self) -> f64 {
         // 53 bits are what an f64 represents exactly.
         (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
-    /// Returns number `index` of a separate sequence, uniform in `(0, 1]`; the stream does not advance.
+    /// Returns the random number at `index` of a second sequence, uniform in `(0, 1]`. The stream itself
+    /// does not advance.
     #[inline]
     pub fn uniform_at(&self, index: u64) -> f64 {
         // The complemented key gives a sequence distinct from the stream's.

@@ -1,7 +1,8 @@
 //! Special functions of the Wishart and Dirichlet distributions; multivariate ones for D = 3.
 
-/// Digamma `ψ(x)` for `x > 0`: recurrence up to 12, then the asymptotic series (Abramowitz &
-/// Stegun 6.3.18). Absolute error below 1e-14 · max(1, |ψ|). NaN outside the domain.
+/// Returns the digamma function `ψ(x)` for `x > 0`, NaN outside this domain. Uses the recurrence up to
+/// 12, then the asymptotic series (Abramowitz & Stegun 6.3.18). The absolute error is below 1e-14 ·
+/// max(1, |ψ|).
 pub fn digamma(mut x: f64) -> f64 {
     if x.is_nan() || x <= 0.0 {
         return f64::NAN;
@@ -21,17 +22,18 @@ pub fn digamma(mut x: f64) -> f64 {
     shift + x.ln() - 0.5 / x - series
 }
 
-/// `ln Γ(x)` for `x > 0`.
+/// Returns `ln Γ(x)` for `x > 0`.
 pub fn ln_gamma(x: f64) -> f64 {
     libm::lgamma(x)
 }
 
-/// `ψ_3(a) = Σ_{i=0..2} ψ(a − i/2)`, for `a > 1`.
+/// Returns the multivariate digamma function `ψ_3(a) = Σ_{i=0..2} ψ(a − i/2)`, for `a > 1`.
 pub fn mv_digamma3(a: f64) -> f64 {
     digamma(a) + digamma(a - 0.5) + digamma(a - 1.0)
 }
 
-/// `ln Γ_3(a) = 3/2 · ln π + Σ_{i=0..2} ln Γ(a − i/2)`, for `a > 1`.
+/// Returns the logarithm of the multivariate gamma function, `ln Γ_3(a) = 3/2 · ln π + Σ_{i=0..2} ln Γ(a
+/// − i/2)`, for `a > 1`.
 pub fn mv_ln_gamma3(a: f64) -> f64 {
     // D(D − 1)/4 = 3/2 for D = 3.
     1.5 * std::f64::consts::PI.ln() + ln_gamma(a) + ln_gamma(a - 0.5) + ln_gamma(a - 1.0)

@@ -6,7 +6,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-/// Symmetric 3×3 matrix, upper triangle.
+/// Symmetric 3×3 matrix, stored as its upper triangle.
 ///
 /// ```
 /// use glam::DVec3;
@@ -33,12 +33,12 @@ pub struct Sym3 {
     pub zz: f64,
 }
 
-/// Eigenvalues in descending order with their unit eigenvectors as columns, determinant +1.
+/// Eigenvalues in descending order with their unit eigenvectors.
 #[derive(Clone, Copy, Debug)]
 pub struct Eigen3 {
     /// Eigenvalues in descending order.
     pub values: DVec3,
-    /// Eigenvectors as columns in the order of `values`; a proper rotation.
+    /// Eigenvectors as columns in the order of `values`; a rotation matrix with determinant +1.
     pub vectors: DMat3,
 }
 
@@ -79,7 +79,7 @@ impl Sym3 {
         )
     }
 
-    /// Outer product `v vᵀ`.
+    /// Returns the outer product `v vᵀ`.
     pub fn outer(v: DVec3) -> Self {
         Self {
             xx: v.x * v.x,
@@ -91,7 +91,7 @@ impl Sym3 {
         }
     }
 
-    /// `self + factor · other`.
+    /// Returns `self + factor · other`.
     pub fn add_scaled(self, factor: f64, other: Self) -> Self {
         let (a, b) = (self.to_array(), other.to_array());
         Self::from_array(std::array::from_fn(|i| a[i] + factor * b[i]))
@@ -102,7 +102,7 @@ impl Sym3 {
         Self::from_array(self.to_array().map(|v| factor * v))
     }
 
-    /// `A self A` for a diagonal `A`: the covariance after scaling the axes.
+    /// Returns `A self A` for a diagonal matrix `A`: the covariance after scaling the axes.
     pub fn scaled_axes(self, a: DVec3) -> Self {
         Self {
             xx: self.xx * a.x * a.x,
@@ -114,12 +114,12 @@ impl Sym3 {
         }
     }
 
-    /// `vᵀ self v`.
+    /// Returns the quadratic form `vᵀ self v`.
     pub fn quadratic_form(self, v: DVec3) -> f64 {
         v.dot(self.to_mat3() * v)
     }
 
-    /// Trace.
+    /// Returns the trace.
     pub fn trace(self) -> f64 {
         self.xx + self.yy + self.zz
     }
@@ -138,14 +138,14 @@ impl Sym3 {
         ))
     }
 
-    /// Computes `ln |self|` by Cholesky; `None` if not positive definite. The cofactor determinant loses
-    /// up to 10⁴ times more digits on ill-conditioned matrices.
+    /// Returns the logarithm of the determinant, or `None` if the matrix is not positive definite. Uses
+    /// a Cholesky factor: cofactors lose up to 10⁴ times more digits on ill-conditioned matrices.
     pub fn ln_det(self) -> Option<f64> {
         let l = self.cholesky()?;
         Some(2.0 * (l.x_axis.x.ln() + l.y_axis.y.ln() + l.z_axis.z.ln()))
     }
 
-    /// Inverts by Cholesky; `None` if not positive definite.
+    /// Returns the inverse, or `None` if the matrix is not positive definite. Uses a Cholesky factor.
     pub fn inverse(self) -> Option<Self> {
         let l = self.cholesky()?;
         // The inverse factor times its transpose is symmetric by construction.
@@ -165,8 +165,8 @@ impl Sym3 {
         })
     }
 
-    /// Eigendecomposition by cyclic Jacobi rotations. Backward stable: eigenvalues are accurate to 1e-15
-    /// of the largest one for any condition number.
+    /// Computes the eigendecomposition by cyclic Jacobi rotations. Eigenvalues are accurate to 1e-15 of
+    /// the largest one for any condition number (backward stability).
     pub fn eigen(self) -> Eigen3 {
         let mut a =
             [[self.xx, self.xy, self.xz], [self.xy, self.yy, self.yz], [self.xz, self.yz, self.zz]];

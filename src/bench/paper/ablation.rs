@@ -25,14 +25,15 @@ pub struct AblationPlan {
     pub frames: usize,
     pub views: usize,
     pub repeats: usize,
-    /// Maximum number of point-component pairs that a dense row scores per frame. Frames are
-    /// thinned to meet it.
+    /// Maximum number of point-component pairs that a row with a dense E-step scores per frame. Its
+    /// frames are thinned accordingly.
     pub dense_pairs: usize,
     pub options: BenchOptions,
 }
 
 impl AblationPlan {
-    /// Full size: the paper's N on up to 200 frames. Quick: a fifth of N on 12 frames.
+    /// Creates a plan with the paper's number of components on up to 200 frames. Quick: a fifth of the
+    /// components on 12 frames.
     pub fn new(options: BenchOptions) -> Self {
         let (components, frames, views, dense_pairs) = if options.quick {
             (20_000, 12, 4, 10_000_000)

@@ -21,7 +21,7 @@ use crate::train::paper::learner;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Non-zero responsibilities of one point, by component.
+/// Non-zero responsibilities of all components for one point, by component.
 pub(super) type Shares = BTreeMap<u32, f64>;
 
 /// Reference results of the dense f64 engine on some frames.
@@ -48,26 +48,30 @@ pub struct Errors {
     pub posterior: PosteriorErrors,
 }
 
-/// Relative errors of posteriors. Quantiles weight each component by its evidence `N_k`.
+/// Relative errors of posteriors. Quantiles weight each component by its evidence `N_k`, the number of
+/// points assigned to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct PosteriorErrors {
-    /// 99 % quantile of `|m − m*| / max(|m*|, sd)`.
+    /// 99 % quantile of `|m − m*| / max(|m*|, sd)` over component means `m`. The oracle's value is `m*`,
+    /// the component's standard deviation `sd`.
     pub mean_p99: f64,
     pub mean_max: f64,
-    /// 99 % quantile of `‖Σ − Σ*‖ / ‖Σ*‖`, Frobenius.
+    /// 99 % quantile of `‖Σ − Σ*‖ / ‖Σ*‖` over component covariances `Σ`, in the Frobenius norm. The
+    /// oracle's value is `Σ*`.
     pub covariance_p99: f64,
     pub covariance_max: f64,
 }
 
 impl PosteriorErrors {
-    /// Larger of the two 99 % quantiles. Error bounds refer to it.
+    /// Returns the larger of the two 99 % quantiles, to which error bounds refer.
     pub fn p99(&self) -> f64 {
         self.mean_p99.max(self.covariance_p99)
     }
 }
 
 impl<'a> DenseOracle<'a> {
-    /// Trains the oracle from `draw`, rounded to f32 first because every engine reads f32.
+    /// Trains the oracle on `frames`, starting from `draw`. The initial means are rounded to f32 first,
+    /// because every engine reads f32.
     pub fn new(
         config: &PaperConfig,
         draw: &InitialDraw,
@@ -142,14 +146,15 @@ fn tiles(points: &Points<f32>) -> Vec<Points<f32>> {
     (0..points.n_tiles()).map(tile).collect()
 }
 
-/// Total variation: half the sum of absolute differences.
+/// Returns the total variation distance: half the sum of absolute differences.
 pub(super) fn total_variation(a: &Shares, b: &Shares) -> f64 {
     let here = a.iter().map(|(id, r)| (r - b.get(id).unwrap_or(&0.0)).abs());
     let only_there = b.iter().filter(|(id, _)| !a.contains_key(id)).map(|(_, r)| r.abs());
     0.5 * (here.sum::<f64>() + only_there.sum::<f64>())
 }
 
-/// Relative errors over the components with evidence in `truth`. NaN counts as infinite.
+/// Computes the relative errors of posteriors over the components with evidence in `truth`. NaN counts
+/// as infinite.
 pub fn posterior_errors(
     found: &[ComponentPosterior],
     truth: &[ComponentPosterior],

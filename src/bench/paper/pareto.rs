@@ -27,12 +27,12 @@ use std::sync::Arc;
 /// Values and sizes of the sweeps. `frames` and `views` are maxima.
 #[derive(Clone, Debug)]
 pub struct ParetoPlan {
-    /// Configuration of row `base`. Each other row changes one of its settings.
+    /// Settings of the row `base`. Each other row changes one of these settings.
     pub base: PaperOverrides,
     pub components: Vec<usize>,
     pub candidates: Vec<usize>,
     pub precisions: Vec<Precision>,
-    /// Values above the machine's number of threads are skipped.
+    /// Numbers of threads; those above the machine's number are skipped.
     pub threads: Vec<usize>,
     pub policies: Vec<ReassignPolicy>,
     pub frames: usize,
@@ -47,7 +47,7 @@ pub struct ParetoPlan {
 const ORACLE_FRAMES: usize = 2;
 
 impl ParetoPlan {
-    /// Base with the paper's N, or half of it if quick.
+    /// Creates a plan whose base has the paper's number of components, or half of it if quick.
     pub fn new(options: BenchOptions) -> Self {
         use ReassignPolicy::{Forwarded, Off, Padded};
         let quick = options.quick;
@@ -110,7 +110,7 @@ impl ParetoPlan {
     }
 }
 
-/// Formats a setting as in settings files.
+/// Formats a setting in the spelling of settings files.
 fn named(setting: &impl Serialize) -> String {
     // Settings without data serialise as their name.
     let json = serde_json::to_value(setting).ok();
@@ -148,7 +148,8 @@ pub fn run(
     .into_bench()
 }
 
-/// Runs engine and oracle from the final means of the timed run, which reassignment has spread out.
+/// Compares an engine with the oracle, both trained from the final means of the timed run. Reassignment
+/// has distributed these means over the scene.
 fn errors(
     config: &PaperConfig,
     runs: &Runs,
@@ -166,7 +167,8 @@ fn errors(
     DenseOracle::new(config, &draw, &frames)?.errors_of(config)
 }
 
-/// Marks the rows on all threads that no other such row beats in both time and PSNR.
+/// Marks the Pareto front: rows on all threads that no other row on all threads beats in both time and
+/// PSNR.
 fn front(rows: &[TimedRow]) -> Vec<bool> {
     // Rows with fewer threads show the speed-up by threads. They are never the best choice.
     let most = rows.iter().map(|row| row.threads).max().unwrap_or(0);

@@ -28,13 +28,14 @@ pub struct SearchPlan {
     /// Maximum number of sampled frames.
     pub frames: usize,
     pub repeats: usize,
-    /// Largest accepted [`PosteriorErrors::p99`].
+    /// Largest accepted error, as measured by [`PosteriorErrors::p99`].
     pub bound: f64,
     pub options: BenchOptions,
 }
 
 impl SearchPlan {
-    /// Uses the paper's N, or a fifth of it if quick. Refuses a bound that is not positive and finite.
+    /// Creates a plan with the paper's number of components, or a fifth of it if quick. Rejects a bound
+    /// that is not positive and finite.
     pub fn new(options: BenchOptions, bound: f64) -> Result<Self, ConfigError> {
         if !(bound.is_finite() && bound > 0.0) {
             return Err(ConfigError {
@@ -55,8 +56,8 @@ impl SearchPlan {
         })
     }
 
-    /// Settings shared by all combinations, with `change` applied. Reassignment is off, so that all
-    /// combinations have comparable means.
+    /// Returns the settings shared by all combinations, with `change` applied. Reassignment is off, so
+    /// that means are comparable between combinations.
     fn config(&self, change: PaperOverrides) -> Result<PaperConfig, ConfigError> {
         let base = PaperOverrides {
             components: Some(self.components),
@@ -73,18 +74,18 @@ impl SearchPlan {
 pub struct PrecisionSearch {
     pub text: String,
     pub json: serde_json::Value,
-    /// Settings for `train --preset paper --config`.
+    /// Settings file (RON) for `train --preset paper --config`.
     pub ron: String,
     pub operations: Operations,
 }
 
-/// Time and error of one combination of widths.
+/// Time and error of one combination of number widths, one width per operation.
 #[derive(Clone, Copy, Debug, Serialize)]
 struct Combination {
-    /// `custom` unless the combination is a named precision.
+    /// Named precision with these widths, or `custom`.
     precision: Precision,
     operations: Operations,
-    /// Median milliseconds per frame.
+    /// Median time per frame, milliseconds.
     ms: f64,
     ms_quartiles: [f64; 2],
     error: PosteriorErrors,
@@ -100,13 +101,14 @@ impl Combination {
         Self { precision, operations, ms, ms_quartiles, error, within_bound }
     }
 
-    /// True if the third quartile of these runs is below the first quartile of the other's.
+    /// True if this combination is clearly faster: its third quartile is below the first quartile of
+    /// `other`.
     fn is_faster_than(&self, other: &Self) -> bool {
         self.ms_quartiles[1] < other.ms_quartiles[0]
     }
 }
 
-/// Named precisions for comparison; the first is the oracle, which also stores points and means in f64.
+/// Named precisions for comparison. The first is the oracle, which also stores points and means in f64.
 const NAMED: [Precision; 2] = [Precision::F64, Precision::Mixed];
 
 pub fn run(
@@ -140,7 +142,8 @@ pub fn run(
     into_search(plan, &sample, combinations, named)
 }
 
-/// Draws means as reassignment leaves them: each component is near points.
+/// Draws initial means near points. The means are those of a short training with reassignment of unused
+/// components.
 fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDraw, BenchError> {
     let change = PaperOverrides {
         reassign: Some(ReassignPolicy::Forwarded),
@@ -158,7 +161,7 @@ fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDra
     Ok(InitialDraw { means: state.means.rows(), alpha: state.alpha_init })
 }
 
-/// All combinations of widths, widest first.
+/// Returns all combinations of number widths, widest first.
 fn combinations() -> Vec<Operations> {
     // A zero bit means f64, so that counting up goes from the widest to the narrowest.
     let width = |bits: u32, place: u32| match bits >> place & 1 {
@@ -175,8 +178,9 @@ fn combinations() -> Vec<Operations> {
     (0..1 << 5).map(with).collect()
 }
 
-/// Chooses the combination of least error among those within the bound whose quartiles overlap
-/// those of the fastest one. Ties go to the widest. `None` if no combination keeps the bound.
+/// Chooses the combination with the smallest error among those within the bound whose quartiles of time
+/// overlap those of the fastest one. Of equal errors, the widest combination is chosen. Returns `None`
+/// if no combination is within the bound.
 fn choose(combinations: &[Combination]) -> Option<Combination> {
     let within = || combinations.iter().filter(|c| c.within_bound);
     let fastest = within().min_by(|a, b| a.ms.total_cmp(&b.ms))?;
@@ -224,7 +228,7 @@ fn into_search(
     Ok(PrecisionSearch { text, json, ron, operations: chosen.operations })
 }
 
-/// The oracle, then all combinations from fast to slow.
+/// Formats a table of the oracle, followed by all combinations from fast to slow.
 fn table(combinations: &[Combination], named: &[Combination], chosen: &Combination) -> String {
     let cells = |c: &Combination| {
         let Operations { distance, log_score, normaliser, moments, update } = c.operations;
@@ -265,7 +269,8 @@ fn table(combinations: &[Combination], named: &[Combination], chosen: &Combinati
     report::text(header, &rows)
 }
 
-/// Formats the chosen widths as RON: `mixed` if it has these widths, otherwise all operations.
+/// Formats the chosen number widths as RON settings. Writes `mixed` if this named precision has the same
+/// widths, otherwise the width of every operation.
 fn settings(plan: &SearchPlan, dataset: &str, chosen: &Combination) -> Result<String, BenchError> {
     let body = match chosen.operations {
         Operations::MIXED => format!("(precision: {})", ron::ser::to_string(&Precision::Mixed)?),

@@ -20,7 +20,7 @@ pub struct TimedConfiguration<'a> {
 }
 
 pub struct Runs {
-    /// Median of each stage over the frames of a run, by run.
+    /// Time per frame of each run: the median of each stage over the frames.
     pub runs: Vec<StageMs>,
     /// Model after the last run.
     pub engine: Box<dyn PaperLearner>,
@@ -31,15 +31,15 @@ impl Runs {
         Spread::of(self.runs.iter().map(of).collect())
     }
 
-    /// Median of each stage, in the order of [`PAPER_STAGES`].
+    /// Returns the median of each stage over the runs in milliseconds, in the order of [`PAPER_STAGES`].
     pub fn stages(&self) -> [f64; PAPER_STAGES.len()] {
         std::array::from_fn(|i| self.spread(|ms| ms.values()[i]).median)
     }
 }
 
-/// Trains each variant from its initial draw on all its frames, `repeats` times in turns. The first
-/// frame of a run warms up buffers and is excluded unless it is the only one. Calls `done` after
-/// every run.
+/// Trains each variant from its initial draw on all its frames, `repeats` times, taking turns with the
+/// other variants. The first frame of a run warms up buffers and is excluded unless it is the only one.
+/// Calls `done` after every run.
 pub fn in_turns(
     variants: &[TimedConfiguration],
     repeats: usize,
@@ -60,7 +60,7 @@ pub fn in_turns(
     Ok(found.into_iter().flatten().collect())
 }
 
-/// Runs `work` on a thread pool of its own.
+/// Runs `work` on a new pool of `threads` threads.
 pub fn with_threads<T: Send>(
     threads: usize,
     work: impl FnOnce() -> T + Send,

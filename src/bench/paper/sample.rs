@@ -22,7 +22,7 @@ pub struct TrainingSample {
     pub dataset: Arc<Dataset>,
     pub normalization: Normalization,
     pub frames: Vec<Points<f32>>,
-    /// Held-out views.
+    /// Held-out views that measure PSNR.
     views: ViewIndices,
 }
 
@@ -52,8 +52,8 @@ impl TrainingSample {
         Ok(Self { dataset, normalization, frames, views })
     }
 
-    /// Mean PSNR of the held-out views in dB: black background, against RGB without alpha, as in
-    /// the paper.
+    /// Returns the mean PSNR of the held-out views in dB, as in the paper: black background and RGB
+    /// without alpha.
     pub fn psnr(&self, engine: &dyn PaperLearner, config: &PaperConfig) -> Result<f64, BenchError> {
         // The engine was trained in model coordinates, so its splats are converted to world here.
         let splat =
@@ -75,8 +75,8 @@ impl TrainingSample {
     }
 }
 
-/// Returns evenly spaced whole tiles of a frame with about `n_points` points in total, at least one
-/// tile.
+/// Thins a frame: returns evenly spaced whole tiles with about `n_points` points in total, and at least
+/// one tile.
 pub fn thin(points: &Points<f32>, n_points: usize) -> Points<f32> {
     let tiles: Vec<usize> = (0..points.n_tiles()).collect();
     // `max` for an empty frame, which has no tiles either.
@@ -90,7 +90,7 @@ pub fn thin(points: &Points<f32>, n_points: usize) -> Points<f32> {
     thinned
 }
 
-/// Appends points of `from` as one tile.
+/// Appends the points of `from` at `indices` as one tile.
 pub fn push_tile(to: &mut Points<f32>, from: &Points<f32>, indices: Range<usize>) {
     for i in indices {
         let ([x, y, z], [r, g, b]) = (from.position(i), from.color(i));

@@ -23,13 +23,13 @@ use strum::{Display, IntoStaticStr};
 pub struct ScalingPlan {
     pub points: Vec<usize>,
     pub components: Vec<usize>,
-    /// Values above the machine's number of threads are skipped.
+    /// Numbers of threads; those above the machine's number are skipped.
     pub threads: Vec<usize>,
-    /// Points per frame while another size is swept.
+    /// Number of points per frame while components or threads are varied.
     pub base_points: usize,
-    /// Components while another size is swept.
+    /// Number of components while points or threads are varied.
     pub base_components: usize,
-    /// Runs per size, each of a warm-up frame and `TIMED_FRAMES`.
+    /// Number of runs per size. Each run has a warm-up frame and `TIMED_FRAMES` timed ones.
     pub repeats: usize,
     pub options: BenchOptions,
 }
@@ -39,7 +39,7 @@ const TIMED_FRAMES: usize = 3;
 const OTHER_FRAMES: usize = 6;
 
 impl ScalingPlan {
-    /// Up to 2·10⁵ points and 10⁶ components (3·10⁵ if quick).
+    /// Creates a plan with up to 2·10⁵ points and 10⁶ components (3·10⁵ if quick).
     pub fn new(options: BenchOptions) -> Self {
         let mut components = vec![1000, 3000, 10_000, 30_000, 100_000, 300_000];
         if !options.quick {
@@ -100,9 +100,9 @@ const SWEEPS: [Sweep; 3] = [Sweep::Points, Sweep::Components, Sweep::Threads];
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MeanPlacement {
-    /// Random, as in the paper: most are far from every point.
+    /// Random means, as in the paper; most are far from every point.
     Random,
-    /// On points of other frames, as after reassignment.
+    /// Means on points of other frames, as after reassignment.
     Surface,
 }
 
@@ -115,7 +115,7 @@ pub enum EnginePath {
     Plain,
 }
 
-/// A line of the plot: means, engine and name.
+/// Line of the plot: placement of the means, engine and name.
 type Line = (MeanPlacement, EnginePath, &'static str);
 
 const LINES: [Line; 4] = [
@@ -141,12 +141,13 @@ pub struct ScalingRow {
     pub e_step_ms: f64,
     pub stats_ms: f64,
     pub update_ms: f64,
-    /// Median time of the plain path with the same means, divided by the median of this row.
+    /// Speed-up over the plain path: its median time with the same means, divided by the median time of
+    /// this row.
     pub plain_over_this: f64,
 }
 
 impl ScalingRow {
-    /// Position on the x axis: the swept size.
+    /// Returns the position on the x axis, which is the varied size.
     fn position(&self) -> f64 {
         let size = match self.sweep {
             Sweep::Points => self.points,
@@ -166,7 +167,8 @@ struct Fit {
     sweep: Sweep,
     means: MeanPlacement,
     path: EnginePath,
-    /// `ms ∝ size^exponent`, least squares of the logarithms. `None` for fewer than two sizes.
+    /// Exponent of the power law `ms ∝ size^exponent`, fitted by least squares to the logarithms. `None`
+    /// for fewer than two sizes.
     exponent: Option<f64>,
 }
 
@@ -196,7 +198,7 @@ pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> 
     .into_bench()
 }
 
-/// Times all lines at one size in turns.
+/// Times all lines of the plot at one size, in turns.
 fn time_stop(
     stop: &ScalingPoint,
     room: &RoomFrames,
@@ -252,14 +254,14 @@ fn time_stop(
     Ok(LINES.into_iter().enumerate().map(row).collect())
 }
 
-/// A frame to train on, and points of other frames as initial means on surfaces.
+/// Frame to train on, and points of other frames that serve as initial means on surfaces.
 struct RoomFrames {
     frame: Points<f32>,
     others: Points<f32>,
 }
 
 impl RoomFrames {
-    /// Renders frames of at least `n_points` points each.
+    /// Renders frames of the synthetic room with at least `n_points` points each.
     fn load(n_points: usize, seed: u64) -> Result<Self, BenchError> {
         // Points are dropped at edges of depth, so render more pixels than requested points.
         let height = (1.2 * n_points as f64 * 0.75).sqrt().ceil().max(8.0);
@@ -300,7 +302,7 @@ fn fits(rows: &[ScalingRow]) -> Vec<Fit> {
     SWEEPS.into_iter().flat_map(|sweep| LINES.map(|line| fit(sweep, line))).collect()
 }
 
-/// Slope of the least-squares line through the logarithms. `None` if undefined.
+/// Returns the slope of the least-squares line through the logarithms, or `None` if it is undefined.
 fn exponent(sizes: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = sizes.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
     let n = logs.len() as f64;

@@ -19,7 +19,7 @@ pub struct TimedStep {
     pub config: PaperConfig,
     pub threads: usize,
     pub draw: InitialDraw,
-    /// Trains on thinned frames, because all points would take too long.
+    /// True to train on thinned frames, because all points would take too long.
     pub is_thinned: bool,
 }
 
@@ -33,7 +33,8 @@ pub struct TimedRow {
     pub precision: Precision,
     pub reassign: ReassignPolicy,
     pub threads: usize,
-    /// Share of the points that were processed. Times that grow with the points are scaled to all points.
+    /// Fraction of the points that were processed. Times that grow with the number of points are scaled
+    /// up to all points.
     pub points_share: f64,
     pub ms: f64,
     pub ms_q1: f64,
@@ -45,7 +46,7 @@ pub struct TimedRow {
     pub reassign_ms: f64,
     /// Mean PSNR of the held-out views in dB, of the model trained on the processed points.
     pub psnr: f64,
-    /// Components with statistics after the last frame.
+    /// Number of components with statistics after the last frame.
     pub used: usize,
     // Differences from the dense f64 oracle, where it was run: nats, total variation of responsibilities,
     // relative errors of the posterior with 99 % quantiles by evidence.
@@ -59,7 +60,8 @@ pub struct TimedRow {
     pub covariance_error_max: Option<f64>,
 }
 
-/// Times all steps in turns and passes each with its runs to `errors`. Progress counts runs and rows.
+/// Times all steps in turns. Passes each step and its runs to `errors` and returns one row per step.
+/// `progress` counts runs and rows.
 pub fn time(
     steps: &[TimedStep],
     sample: &TrainingSample,

@@ -11,13 +11,13 @@ use crate::render::gpu::renderer::SplatRenderer;
 use crate::render::gpu::scene::GpuScene;
 use std::time::Instant;
 
-/// Warm-up frames before the first timed one: clocks rise, and tile lists grow to what the scene
-/// needs.
+/// Number of warm-up frames before the first timed one. During these frames, clock rates rise and tile
+/// lists grow to the size that the scene needs.
 const WARM_UP: usize = 8;
 
 pub struct TimedGpu {
     gpu: HeadlessGpu,
-    /// By [`Renderer`], because timestamps of a shared one would mix both.
+    /// One renderer per [`Renderer`] variant, because timestamps of a shared one would mix both.
     methods: [TimedMethod; 2],
     scene: GpuScene,
 }
@@ -38,7 +38,7 @@ impl TimedGpu {
         Ok(Self { methods: [method()?, method()?], scene: GpuScene::new(device, queue, &[])?, gpu })
     }
 
-    /// Draws a frame, waits for it, and returns the milliseconds.
+    /// Draws a frame, waits for it, and returns its time in milliseconds.
     fn draw(&mut self, camera: &Camera, options: &RenderOptions) -> Result<f64, TimedPaintError> {
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         let method = &mut self.methods[options.method.renderer() as usize];
@@ -81,7 +81,8 @@ impl TimedPainter for TimedGpu {
         Ok(self.gpu.wait()?)
     }
 
-    /// Stages are GPU timestamps, one or two frames old.
+    /// Draws and times a frame. Stage times are GPU timestamps of an earlier frame, one or two frames
+    /// old.
     fn frame(
         &mut self,
         _: &[Splat],

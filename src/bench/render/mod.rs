@@ -64,7 +64,7 @@ pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<
     .into_bench()
 }
 
-/// Lists both renderers of every painter.
+/// Lists the combinations of every painter with both renderers.
 fn targets(
     painters: &[Box<dyn TimedPainter>],
     refusals: &[Option<TimedPaintError>],
@@ -82,8 +82,8 @@ fn targets(
     targets
 }
 
-/// Times all targets in turns, one frame per round, while the camera circles the scene. The warm-up
-/// round is excluded.
+/// Times all targets in turns, one frame per round, while the camera circles the scene. The first round
+/// only warms up and is excluded.
 fn time(
     mut targets: Vec<TimedTarget>,
     painters: &mut [Box<dyn TimedPainter>],
@@ -148,7 +148,7 @@ impl TimedTarget {
     }
 }
 
-/// Camera that fits the whole scene into the image.
+/// Returns the camera at an azimuth (radians) at which the whole scene fits into the image.
 fn view(framing: &Framing, up: DVec3, [width, height]: [u32; 2], azimuth: f64) -> Camera {
     let intrinsics = Intrinsics::from_horizontal_fov(width, height, FOV);
     // The narrower side decides whether the whole scene is visible.

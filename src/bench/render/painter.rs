@@ -22,13 +22,13 @@ pub enum FramePath {
 /// Times of one frame, milliseconds. `None` for a stage that is not timed separately.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameStageMs {
-    /// From splats to the finished image.
+    /// Time from splats to the finished image.
     pub total: f64,
-    /// In the order of [`STAGES`].
+    /// Times of the stages, in the order of [`STAGES`].
     pub stages: [Option<f64>; STAGES.len()],
 }
 
-/// Stages of a frame: compute image records of splats, sort by depth, build tile lists, draw
+/// Stages of a frame: compute the image data of each splat, sort splats by depth, build tile lists, draw
 /// pixels.
 pub const STAGES: [&str; CpuStage::ALL.len()] = ["prepare", "sort", "bin", "draw"];
 
@@ -51,7 +51,7 @@ pub trait TimedPainter {
 
     fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError>;
 
-    /// Draws and times a frame of the loaded scene. `splats` are those of the last `load`.
+    /// Draws and times a frame of the loaded scene. `splats` must be those of the last call of `load`.
     fn frame(
         &mut self,
         splats: &[Splat],

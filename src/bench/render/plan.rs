@@ -9,7 +9,7 @@ use crate::render::Renderer;
 #[cfg(feature = "gui")]
 use crate::render::gpu::adapters::AdapterChoice;
 
-/// In the order of the rows.
+/// Both renderers, in the order of the table's rows.
 pub const RENDERERS: [Renderer; 2] = [Renderer::Projected, Renderer::Exact];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, strum::EnumString, strum::VariantNames)]
@@ -18,7 +18,7 @@ pub enum BenchDevice {
     Cpu,
     #[cfg(feature = "gui")]
     Gpu,
-    /// The CPU renderer, and a graphics adapter unless it is a software one.
+    /// The CPU renderer, and a graphics adapter unless it is a software adapter.
     All,
 }
 
@@ -28,16 +28,16 @@ pub struct RenderPlan {
     /// Width and height of the images, pixels.
     pub sizes: Vec<[u32; 2]>,
     pub device: BenchDevice,
-    /// Name or number of the adapter. May select a software adapter.
+    /// Name or number of the graphics adapter, which may be a software adapter.
     #[cfg(feature = "gui")]
     pub adapter: Option<String>,
-    /// Timed frames per combination, each from a different side.
+    /// Number of timed frames per combination, each from a different side.
     pub frames: usize,
     pub options: BenchOptions,
 }
 
 impl RenderPlan {
-    /// 10⁴ to 4·10⁶ splats (10⁶ if quick), and the model's own number.
+    /// Creates a plan with 10⁴ to 4·10⁶ splats (10⁶ if quick), and the model's own number of splats.
     pub fn new(options: BenchOptions, scene: &BenchScene) -> Self {
         let mut splats = vec![10_000, 100_000, 1_000_000];
         let mut sizes = vec![[400, 400], [1280, 720]];
@@ -62,8 +62,8 @@ impl RenderPlan {
         }
     }
 
-    /// Creates all painters. With `All` and no named adapter, a missing GPU adds a note instead of
-    /// an error.
+    /// Creates all painters. With `All` and no named adapter, a missing GPU is reported as a note
+    /// instead of an error.
     pub fn painters(
         &self,
         notes: &mut Vec<String>,

@@ -8,8 +8,9 @@ use crate::eval::metrics::Spread;
 use crate::render::Renderer;
 use serde::Serialize;
 
-/// One timed combination. Times are medians per frame in milliseconds, with quartiles. `None` if
-/// nothing was drawn or a stage is not timed separately.
+/// One timed combination of device, renderer, number of splats and image size. Times are medians per
+/// frame in milliseconds, with quartiles. They are `None` if nothing was drawn or a stage is not timed
+/// separately.
 #[derive(Clone, Debug, Serialize)]
 pub struct RenderRow {
     pub path: FramePath,
@@ -17,7 +18,7 @@ pub struct RenderRow {
     pub splats: usize,
     pub width: u32,
     pub height: u32,
-    /// Timed frames. 0 if nothing was drawn.
+    /// Number of timed frames; 0 if nothing was drawn.
     pub frames: usize,
     pub ms: Option<f64>,
     pub ms_q1: Option<f64>,

@@ -13,17 +13,17 @@ use std::f64::consts::{PI, TAU};
 pub struct BenchScene {
     name: String,
     up: DVec3,
-    /// Empty for the synthetic scene.
+    /// Splats of a loaded model; empty for the synthetic scene.
     model: Vec<Splat>,
 }
 
-/// Radii of the ball and of the disc below it, world units.
+/// Radius of the ball, world units. The next constant is the radius of the disc below the ball.
 const BALL: f64 = 0.6;
 const DISC: f64 = 1.2;
 /// Standard deviation of a splat along the surface, relative to the square root of the area per splat.
 /// This constant and the next two were measured on Lego, trained with the `paper` preset.
 const SPREAD: f64 = 0.5;
-/// Standard deviation across the surface relative to that along it.
+/// Standard deviation of a splat across the surface, relative to that along the surface.
 const FLATNESS: f64 = 0.6;
 /// Standard deviation of the logarithm of a splat's size.
 const UNEVENNESS: f64 = 0.3;
@@ -35,7 +35,8 @@ impl BenchScene {
         Self { name: "synthetic ball on a disc".to_owned(), up: DVec3::Z, model: Vec::new() }
     }
 
-    /// A model with its name in reports and its up direction. `None` if it has no drawable splat.
+    /// Creates a scene from a model. `name` appears in reports, `up` is the up direction. Returns `None`
+    /// if the model has no drawable splat.
     pub fn model(name: String, up: DVec3, mut splats: Vec<Splat>) -> Option<Self> {
         // Splats that no renderer draws would lower the cost per splat.
         splats.retain(Splat::is_drawable);
@@ -54,7 +55,8 @@ impl BenchScene {
         (!self.model.is_empty()).then_some(self.model.len())
     }
 
-    /// The scene with `n` splats, whose size decreases with `n`.
+    /// Returns the scene with `n` splats. The size of a splat decreases with `n`, so that coverage is
+    /// constant.
     pub fn splats(&self, n: usize, seed: u64) -> Cow<'_, [Splat]> {
         match self.own_count() {
             None => Cow::Owned(synthetic(n, seed)),
@@ -65,7 +67,9 @@ impl BenchScene {
     }
 }
 
-/// Copies all splats equally often (±1), to random positions within the originals.
+/// Returns `n` copies of the splats, equally many (±1) of each, at random positions within the
+/// originals. If `n` is smaller than the number of splats, returns an enlarged subset without
+/// displacement.
 fn resampled(splats: &[Splat], n: usize, seed: u64) -> Vec<Splat> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
     let share = n as f64 / splats.len() as f64;
@@ -87,7 +91,7 @@ fn resampled(splats: &[Splat], n: usize, seed: u64) -> Vec<Splat> {
     (0..n).map(&mut copy).collect()
 }
 
-/// Flat splats on a ball above a disc.
+/// Returns `n` flat splats on a ball above a disc.
 fn synthetic(n: usize, seed: u64) -> Vec<Splat> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
     let ball = 4.0 * PI * BALL * BALL;
@@ -109,7 +113,8 @@ fn synthetic(n: usize, seed: u64) -> Vec<Splat> {
     (0..n).map(splat).collect()
 }
 
-/// A flat splat of standard deviation about `size`, aligned with the surface.
+/// Returns a flat splat at a point of a surface, aligned with it. The standard deviation along the
+/// surface is about `size`.
 fn on_surface(at: DVec3, normal: DVec3, size: f64, rng: &mut Rng) -> Splat {
     let turn =
         DQuat::from_rotation_arc(DVec3::Z, normal) * DQuat::from_rotation_z(TAU * rng.uniform());

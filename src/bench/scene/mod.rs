@@ -1,11 +1,11 @@
 //! Contribution of each part of the scene preset (`pipeline.md`, Accuracy bench), and quality
 //! against number of components, on any dataset.
 //!
-//! The first two tables bracket each part. Added one by one, a part is measured without the parts
-//! after it; left out, with all others. The difference shows parts that help only in combination.
-//! Births and refinement depend on the order of frames, so a difference counts only if it exceeds
-//! the spread over three orders. All rows are evaluated with one camera, regardless of the camera
-//! they were trained with.
+//! The first two tables measure each part in two ways. The first adds parts one by one, so a part is
+//! measured without the parts after it. The second leaves out one part at a time, so a part is measured
+//! with all others. The difference shows parts that help only in combination. Births and refinement
+//! depend on the order of frames, so a difference counts only if it exceeds the spread over three
+//! orders. All rows are evaluated with one camera, regardless of the camera they were trained with.
 
 mod report;
 pub mod retention;
@@ -36,15 +36,16 @@ use variants::{SceneVariant, Table, budgets, parts, scales};
 pub struct AccuracyPlan {
     pub frames: usize,
     pub views: usize,
-    /// Number of frame orders: as listed, reversed, then shuffled.
+    /// Number of frame orders. The first is as listed, the second reversed, others shuffled.
     pub orders: usize,
-    /// Structural scales relative to the preset's.
+    /// Structural scales of the rows, as factors of the preset's structural scale.
     pub scales: Vec<f64>,
     pub options: BenchOptions,
 }
 
 impl AccuracyPlan {
-    /// All frames and views in three orders. Quick: 12 frames and 4 views in two orders.
+    /// Creates a plan with all frames and views in three orders. Quick: 12 frames and 4 views in two
+    /// orders.
     pub fn new(options: BenchOptions) -> Self {
         let (frames, views, orders, scales) = if options.quick {
             (12, 4, 2, vec![1.0, 1.5])
@@ -65,7 +66,7 @@ impl AccuracyPlan {
 struct AccuracyRuns {
     dataset: Arc<Dataset>,
     plan: Plan,
-    /// Held-out views.
+    /// Held-out views that measure quality.
     views: ViewIndices,
     crack_views: Option<ViewIndices>,
     options: EvalOptions,
@@ -131,7 +132,7 @@ impl AccuracyRuns {
         Ok((Self { dataset, plan: training, views, crack_views, options }, base))
     }
 
-    /// Number of components that the preset creates from the frames as listed.
+    /// Trains the preset on the frames as listed and returns the number of components created.
     fn born(&self, base: &SceneRun) -> Result<usize, BenchError> {
         let trained = train(&self.dataset, &self.plan, std::slice::from_ref(base), &mut || ())?;
         Ok(trained.first().map_or(0, |trained| trained.born))
@@ -148,7 +149,8 @@ impl AccuracyRuns {
         Ok(measured.0)
     }
 
-    /// Quality on observed surfaces after the first few frames, as listed.
+    /// Measures quality on the pixels that depth cameras observed, after each of the first few frames as
+    /// listed.
     fn seen(&self, base: &SceneRun) -> Result<Vec<SeenReport>, BenchError> {
         let mut found = Vec::new();
         // A shorter selection never reaches the later moments.
@@ -188,7 +190,7 @@ impl AccuracyRuns {
     }
 }
 
-/// One row of a table. Qualities are means over views, then over the orders of frames.
+/// One row of a table. Quality values are means over views, then over the orders of frames.
 #[derive(Clone, Debug, Serialize)]
 pub struct AccuracyRow {
     pub table: Table,
@@ -208,8 +210,8 @@ pub struct AccuracyRow {
     pub coverage: f64,
     pub ssim: f64,
     pub ssim_aligned: Option<f64>,
-    /// Share of interior pixels with transmittance > 0.1 at the training distance. This field and
-    /// the next three are from the first order only.
+    /// Share of interior pixels with transmittance > 0.1 at the training distance. This field and the
+    /// next three are measured with the first order of frames only.
     pub cracks_01: Option<f64>,
     pub cracks_03: Option<f64>,
     pub cracks_half_01: Option<f64>,
@@ -222,7 +224,7 @@ pub struct AccuracySummary {
     pub frames: usize,
     pub views: usize,
     pub orders: usize,
-    /// Quality of the preset after the first few frames, as listed.
+    /// Quality of the preset early in training, on pixels that depth cameras observed.
     pub seen: Vec<SeenReport>,
 }
 

@@ -81,7 +81,7 @@ pub fn notes(summary: &AccuracySummary, n_crack_views: usize) -> Vec<String> {
     notes
 }
 
-/// Quality of the first two tables, and quality against training time and number of components.
+/// Plots quality of the first two tables, and quality over training time and over number of components.
 pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 3] {
     // Without registration, exposure changes colours more than the model does, so use aligned
     // colours.

@@ -1,8 +1,8 @@
 //! Retention of earlier frames (`pipeline.md`, Retention bench): PSNR of each frame's own view
 //! right after training on it and at the end, and PSNR of held-out views during training.
 //!
-//! A model that forgets renders its last frames well and its first ones badly. One configuration
-//! omits accumulated precision, which is what holds splats where earlier frames put them.
+//! A model that forgets renders its last frames well and its first ones badly. One configuration omits
+//! the accumulated precision, which otherwise holds splats where earlier frames placed them.
 
 use super::training::prepare;
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
@@ -21,7 +21,7 @@ use serde::Serialize;
 use std::sync::Arc;
 
 const FRAMES: usize = 50;
-/// Number of evaluations of the held-out views, and number of these views.
+/// Number of evaluations of the held-out views during training, and number of held-out views.
 const LOOKS: [usize; 2] = [10, 10];
 
 #[derive(Clone, Debug, Serialize)]
@@ -37,15 +37,15 @@ pub struct RetentionRow {
 #[derive(Clone, Debug, Serialize)]
 pub struct RetentionSummary {
     pub configuration: &'static str,
-    /// Mean PSNR right after each frame, dB.
+    /// Mean PSNR of the frames' views, each right after training on its frame, dB.
     pub after: f64,
-    /// Mean PSNR of the same views after all frames, dB.
+    /// Mean PSNR of the frames' views after training on all frames, dB.
     pub at_end: f64,
-    /// Largest loss of a frame's own view, dB.
+    /// Largest loss of PSNR of a frame's view from right after training on the frame to the end, dB.
     pub most_lost: f64,
-    /// Number of frames trained on, and mean PSNR of the held-out views, dB.
+    /// PSNR of the held-out views during training: number of frames trained on, and mean PSNR in dB.
     pub held_out: Vec<(usize, f64)>,
-    /// Largest fall of that PSNR below an earlier value, dB.
+    /// Largest fall of the held-out views' PSNR below an earlier value, dB.
     pub held_out_fall: f64,
 }
 
@@ -94,7 +94,7 @@ pub fn run(
 struct Retention {
     dataset: Arc<Dataset>,
     plan: Plan,
-    /// Positions in the plan whose own views are measured.
+    /// Positions in the plan of the frames whose views are measured.
     looked_at: Vec<usize>,
     held_out: ViewIndices,
     views: EvalOptions,
@@ -224,7 +224,8 @@ fn text(summary: &[RetentionSummary]) -> String {
     )
 }
 
-/// Loss of own views and PSNR of held-out views, against frames trained on.
+/// Plots the PSNR loss of training views and the PSNR of held-out views over the number of trained
+/// frames.
 fn panels(rows: &[RetentionRow], summary: &[RetentionSummary]) -> [Panel; 2] {
     let mark = |x: usize, y: f64| Mark::exact(x as f64, y);
     let lost = |kept: &RetentionSummary| {

@@ -27,7 +27,7 @@ pub struct Trained {
     pub born: usize,
     pub model_bytes: usize,
     pub train_ms: Vec<f64>,
-    /// Milliseconds per frame on the decoding thread.
+    /// Preparation time of each frame on the decoding thread, milliseconds.
     pub prepare_ms: Vec<f64>,
 }
 
@@ -37,8 +37,8 @@ impl Trained {
     }
 }
 
-/// Returns the frames to train on, the default preset on them, and options of evaluation by the preset's
-/// camera.
+/// Prepares a bench on a dataset. Returns the frames to train on, the default preset for them, and
+/// evaluation options with the preset's colour camera.
 pub fn prepare(
     dataset: &Dataset,
     max_frames: usize,
@@ -66,8 +66,8 @@ pub fn ordered(plan: &Plan, order: usize, seed: u64) -> Plan {
     Plan { frames, ..plan.clone() }
 }
 
-/// Trains every run from scratch on the frames of a plan, in the plan's order. Calls `done` after
-/// each sweep over the frames.
+/// Trains every run from scratch on the frames of a plan, in the plan's order. Runs with equal frame
+/// preparation share one sweep over the frames. Calls `done` after each sweep.
 pub fn train(
     dataset: &Arc<Dataset>,
     plan: &Plan,
@@ -94,14 +94,14 @@ pub fn n_sweeps(runs: &[SceneRun]) -> usize {
     (0..runs.len()).filter(|&i| !surfaces[..i].contains(&surfaces[i])).count()
 }
 
-/// An engine shared by configurations with equal sums.
+/// Engine shared by configurations whose sufficient statistics are equal.
 struct TrainedSums {
     config: SceneConfig,
     engine: SceneTrainer,
     train_ms: Vec<f64>,
 }
 
-/// Trains runs with equal frame preparation in turns, frame by frame.
+/// Trains runs with equal frame preparation in turns, frame by frame. Returns one trained model per run.
 fn train_alike(
     dataset: &Arc<Dataset>,
     plan: &Plan,

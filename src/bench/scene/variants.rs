@@ -19,13 +19,13 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Table {
-    /// Each row adds a part to the row above.
+    /// Parts added one by one: each row adds a part to the row above.
     Cumulative,
-    /// Each row changes one setting of the preset.
+    /// Parts left out: each row changes one setting of the preset.
     LeaveOneOut,
-    /// Quality against components: structural scales.
+    /// Quality over number of components: each row has another structural scale.
     Scale,
-    /// Quality against components: the preset's scale, merged down to a budget.
+    /// Quality over number of components: each row merges the preset's components down to a budget.
     Budget,
 }
 
@@ -38,8 +38,8 @@ pub struct SceneVariant {
 
 type PresetChange = (&'static str, fn(&mut SceneRun));
 
-/// Parts and the changes that disable them, in the order of the table
-/// (`scene.md`, Effect of each part).
+/// Parts of the preset with the changes that disable them, in the order of the table (`scene.md`, Effect
+/// of each part).
 const PARTS: [PresetChange; 12] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
@@ -59,7 +59,7 @@ const PARTS: [PresetChange; 12] = [
     ("photographs", |run| run.engine.photometric = None),
 ];
 
-/// Changes other than leaving out one part.
+/// Further changes of the preset, other than leaving out one part.
 const CHANGES: [PresetChange; 7] = [
     ("one colour per component", |run| {
         run.engine.splat_rule.gradient = false;
@@ -79,7 +79,8 @@ const CHANGES: [PresetChange; 7] = [
     }),
 ];
 
-/// Offset added to decoded 8-bit ray depth (`dataset.md`, Sensors), world units.
+/// Offset that the sensor's profile adds to decoded 8-bit ray depth (`dataset.md`, Sensors), world
+/// units.
 const INVERSE8_OFFSET: f64 = 0.004;
 
 /// Disables the colour camera and the correction of depth bias.
@@ -95,8 +96,8 @@ fn uncalibrated(run: &mut SceneRun) {
     }
 }
 
-/// Rule of the first row (`pipeline.md`, Accuracy bench): components with at least 30 points are
-/// drawn as plain Gaussians of opacity 0.95.
+/// Applies the opacity rule of the first row (`pipeline.md`, Accuracy bench). Components with at least
+/// 30 points are drawn as plain Gaussians of opacity 0.95.
 fn constant_opacity(run: &mut SceneRun) {
     let native = &mut run.engine.splat_rule;
     // Such a small density saturates at once: opacity is τ wherever there are points.
@@ -105,7 +106,7 @@ fn constant_opacity(run: &mut SceneRun) {
     native.scale = 1.7;
 }
 
-/// Opacity `τ·(1 − exp(−N/300))`, independent of visibility counts.
+/// Sets the opacity to `τ·(1 − exp(−N/300))` for `N` points, independent of visibility counts.
 fn opacity_of_count(run: &mut SceneRun) {
     // So large that the visibility counts have no effect.
     const DOUBT: f64 = 1e12;
@@ -113,7 +114,7 @@ fn opacity_of_count(run: &mut SceneRun) {
     *opacity = DensityOpacity { doubt: DOUBT, rho0: 300.0 / DOUBT, ..*opacity };
 }
 
-/// Looser thresholds (`dataset.md`, Plane fit) for the sensor with tighter ones.
+/// Loosens the inlier thresholds (`dataset.md`, Plane fit) of the sensor that has tighter ones.
 fn loose_inliers(run: &mut SceneRun) {
     if run.surface.sensor == Sensor::Inverse8Ray {
         run.surface.thresholds =
@@ -121,8 +122,8 @@ fn loose_inliers(run: &mut SceneRun) {
     }
 }
 
-/// Rows of the first two tables around a preset. Changes without effect on the dataset are left
-/// out.
+/// Returns the rows of the first two tables around a preset. Changes without effect on the dataset are
+/// left out.
 pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
     let with = |changes: &[PresetChange]| {
         let mut run = base.clone();
@@ -155,10 +156,11 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
     rows
 }
 
-/// Budgets as shares of the components born without a budget.
+/// Budgets as fractions of the number of components created without a budget.
 const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
 
-/// Rows of the preset merged down from its `born` components to each budget.
+/// Returns one row per budget, to which the preset's components are merged down. `born` is the number of
+/// components created without a budget.
 pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     let of_share = |share: f64| {
         let mut run = base.clone();
@@ -170,8 +172,8 @@ pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     BUDGETS.map(of_share).to_vec()
 }
 
-/// Rows with the structural scale of `base` times each factor, with and without photographs. Scales
-/// below the depth noise are left out.
+/// Returns rows with the structural scale of `base` times each factor, with and without photographs.
+/// Scales below the depth noise are left out.
 pub fn scales(
     dataset: &Dataset,
     plan: &Plan,

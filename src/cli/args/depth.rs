@@ -40,7 +40,7 @@ pub struct ReadArgs {
 }
 
 impl ReadArgs {
-    /// Returns [`Self::load_options`] for commands that require recorded poses.
+    /// Returns the load options for commands that require recorded poses.
     ///
     /// # Errors
     /// Tracking was requested.

@@ -72,10 +72,10 @@ pub struct EvalArgs {
 }
 
 impl Protocol {
-    /// Returns the renderers to compare by, without duplicates.
+    /// Returns the requested renderers with the options of this protocol, without duplicates.
     ///
     /// # Errors
-    /// None occur with a pinhole camera.
+    /// Does not fail, because the camera is a pinhole.
     pub fn methods(self, renderer: RendererName) -> Result<Vec<RenderMethod>, Failure> {
         // The projected renderer has no such options.
         let is_published = self == Self::Paper && renderer != RendererName::Projected;

@@ -70,7 +70,8 @@ impl Arguments {
         arguments
     }
 
-    /// The command line with what derives cannot express: options that help names in one line.
+    /// Returns the complete command line. Unlike in the derived one, help names rarely used options in a
+    /// single line.
     fn complete_command() -> clap::Command {
         let reading = ReadArgs::augment_args(clap::Command::new("reading"));
         let train = |train: clap::Command| {
@@ -185,7 +186,7 @@ pub struct CalibrateArgs {
     pub depth: ReadArgs,
 }
 
-/// Parses an enum of the library by its names in files.
+/// Returns a parser for an enum of the library by its names in files.
 pub fn choice<T>() -> impl TypedValueParser<Value = T>
 where
     T: FromStr<Err = ParseError> + VariantNames + Clone + Send + Sync + 'static,
@@ -194,7 +195,7 @@ where
     PossibleValuesParser::new(T::VARIANTS).try_map(|name| name.parse::<T>())
 }
 
-/// Like [`choice`], with the documentation of each value in the help.
+/// Returns a parser like that of [`choice`], with the documentation of each value in the help.
 pub fn documented_choice<T>() -> impl TypedValueParser<Value = T>
 where
     T: FromStr<Err = ParseError> + VariantNames + EnumMessage + Clone + Send + Sync + 'static,

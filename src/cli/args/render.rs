@@ -112,7 +112,7 @@ pub struct RendererArgs {
 }
 
 impl RendererArgs {
-    /// Returns the requested renderers: at least one, without duplicates.
+    /// Returns the requested renderers with their options: at least one, without duplicates.
     pub fn methods(&self, lens: Lens) -> Result<Vec<RenderMethod>, Failure> {
         let Self { renderer, antialias, response } = *self;
         let of_exact = [("--antialias", antialias.is_some()), ("--response", response.is_some())];

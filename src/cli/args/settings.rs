@@ -30,7 +30,7 @@ pub struct SettingsArgs {
     pub run: RunSettings,
 }
 
-/// Settings of a run, whichever its preset, that have no option of their own.
+/// Settings of a run that apply to both presets and have no command-line option.
 #[derive(Clone, Copy, Default)]
 pub struct RunSettings {
     pub order: Option<Order>,
@@ -41,7 +41,7 @@ pub struct RunSettings {
 
 type SetRun = fn(&mut RunSettings, &str) -> Result<(), String>;
 
-/// Names of [`RunSettings`] for `--set`, with their meaning.
+/// Names of [`RunSettings`] for `--set`, each with its description and the function that sets it.
 const RUN_SETTINGS: [(&str, &str, SetRun); 4] = [
     ("order", "order of the frames: sequential (default) or shuffled", |run, text| {
         let order = text.parse();
@@ -76,7 +76,8 @@ impl SettingsArgs {
         Ok(layer)
     }
 
-    /// Returns the text given for a setting, by its name in files; the last one counts.
+    /// Returns the text given for a setting, identified by its name in files. The last value given takes
+    /// precedence.
     pub fn given(&self, field: &str) -> Option<&OsStr> {
         let mut given = self.given.iter().rev();
         given.find(|(name, _)| *name == field).map(|(_, text)| text.as_os_str())
@@ -201,7 +202,8 @@ pub fn selection(args: &TrainArgs) -> Selection {
     }
 }
 
-/// Returns all settings given for a preset, on the command line and in the file.
+/// Returns all settings given for a run, on the command line and in the settings file. `preset` is the
+/// preset of the run.
 pub fn resume_request(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure> {
     Ok(ResumeRequest {
         preset: args.preset,
@@ -233,7 +235,8 @@ pub fn calibration_file(args: &TrainArgs) -> Option<&Path> {
     given.or(args.resume.as_deref()).or(args.config.as_deref())
 }
 
-/// Combines the command-line settings of one preset with those of the file, if it is for that preset.
+/// Combines the command-line settings for the preset of `L` with those of the settings file. The file is
+/// read only if `meant` is this preset.
 fn layer<L: SettingLayer + DeserializeOwned>(
     args: &TrainArgs,
     meant: Preset,
@@ -246,7 +249,8 @@ fn layer<L: SettingLayer + DeserializeOwned>(
     }
 }
 
-/// Reads settings from a file, or the defaults of a preset if there is no such file.
+/// Reads settings from a file. If there is no such file and `path` is the name of a preset, returns the
+/// preset's defaults.
 fn read_config<L: SettingLayer + DeserializeOwned>(path: &Path) -> Result<L, Failure> {
     // An existing file takes precedence over a preset of the same name.
     let by_name = path.to_str().filter(|_| !path.exists()).and_then(|name| name.parse().ok());

@@ -21,7 +21,8 @@ enum Kind {
 }
 
 impl Isa {
-    /// Available everywhere: pairs of 128-bit vectors on x86-64 and 64-bit ARM.
+    /// Instruction set available on every machine. On x86-64 and 64-bit ARM it uses pairs of 128-bit
+    /// vectors.
     pub const PORTABLE: Self = Self(Kind::Portable);
 
     /// Returns AVX2 if this machine supports it.
@@ -34,7 +35,7 @@ impl Isa {
     }
 
     /// Returns the best instruction set of this machine, or the one named by [`FORCE_VARIABLE`] if the
-    /// machine supports it. Determined once.
+    /// machine supports it. The choice is made once per process.
     pub fn best() -> Self {
         static BEST: LazyLock<Isa> =
             LazyLock::new(|| match std::env::var(FORCE_VARIABLE).as_deref() {

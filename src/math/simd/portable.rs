@@ -5,7 +5,7 @@ use std::ops::{Add, Div, Mul, Sub};
 use wide::bytemuck::cast;
 use wide::{f32x8, i32x8, u32x8};
 
-/// Eight lanes in the target's baseline instruction set.
+/// Eight f32 lanes in the target's baseline instruction set.
 #[derive(Clone, Copy)]
 pub(super) struct Portable(f32x8);
 

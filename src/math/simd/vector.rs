@@ -2,17 +2,17 @@
 
 use std::ops::{Add, Div, Mul, Sub};
 
-/// Lanes of a [`Vector`].
+/// Number of lanes of a [`Vector`].
 pub const LANES: usize = 8;
 
-/// Value of a lane that is set in a mask.
+/// Value of a set lane in a lane mask: all bits are one.
 pub const SET_LANE: f32 = f32::from_bits(u32::MAX);
 
 /// Eight f32 lanes.
 pub trait Vector:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// Puts one value into every lane.
+    /// Returns a vector with one value in every lane.
     fn splat(value: f32) -> Self;
     /// Loads the first eight values.
     fn load(values: &[f32]) -> Self;
@@ -26,30 +26,33 @@ pub trait Vector:
     fn max(self, other: Self) -> Self;
     /// Square root per lane, correctly rounded.
     fn sqrt(self) -> Self;
-    /// Bit `i` is set if lane `i` is at most that of `other`.
+    /// Returns a bit mask. Bit `i` is set if lane `i` is at most lane `i` of `other`.
     fn at_most(self, other: Self) -> u32;
-    /// In every lane, retains the bits in `kept` and sets those of `added`.
+    /// In every lane, clears all bits outside the mask `kept` and sets the bits of `added`.
     fn replace_low_bits(self, kept: u32, added: u32) -> Self;
-    /// Bit `i` is set if lane `i` equals that of `other` in the bits of `mask`.
+    /// Returns a bit mask. Bit `i` is set if lane `i` equals lane `i` of `other` in the bits of `mask`.
     fn bits_equal(self, other: Self, mask: u32) -> u32;
     /// Moves the lanes selected by `mask` to the front, in order; the remaining lanes are undefined.
     fn compress(self, mask: u32) -> Self;
-    /// Mask of lanes that are at most those of `other`: all bits set or none.
+    /// Returns a lane mask. All bits of a lane are set if it is at most that lane of `other`, otherwise
+    /// none.
     fn mask_at_most(self, other: Self) -> Self;
     /// Bitwise and.
     fn and(self, other: Self) -> Self;
-    /// Lanes of `yes` where the mask is set, of `no` elsewhere.
+    /// Returns lanes of `yes` where the mask is set, and lanes of `no` elsewhere.
     fn select(mask: Self, yes: Self, no: Self) -> Self;
-    /// Bit `i` is the sign bit of lane `i`, which is set in masks.
+    /// Returns the sign bits as a bit mask, bit `i` for lane `i`. The sign bit is set in the set lanes
+    /// of a lane mask.
     fn sign_bits(self) -> u32;
     /// Truncates to integers; undefined for lanes out of range of `i32`.
     fn truncated(self) -> [i32; LANES];
-    /// Adds the integer in the bits of each lane of `exponent` to the lane's exponent, which multiplies
-    /// by a power of two if the result is a normal number.
+    /// Multiplies each lane by a power of two by adding to its floating-point exponent. The bits of each
+    /// lane of `exponent` hold the integer to add. The result must be a normal number.
     fn scale_by_power_of_two(self, exponent: Self) -> Self;
     /// Transposes: lane `j` of vector `i` becomes lane `i` of vector `j`.
     fn transposed(rows: [Self; LANES]) -> [Self; LANES];
-    /// Sums each vector's lanes, first to last; lane `i` of the result belongs to vector `i`.
+    /// Sums the lanes of each vector, from first to last. Lane `i` of the result is the sum of vector
+    /// `i`.
     #[inline(always)]
     fn lane_sums(rows: [Self; LANES]) -> Self {
         let lanes = Self::transposed(rows);
@@ -68,7 +71,7 @@ pub trait Vector:
     }
 }
 
-/// Indices of the set lanes of every 8-bit mask, ascending, padded with zeros.
+/// Table of the indices of the set lanes of every 8-bit mask, ascending and padded with zeros.
 pub(super) const SET_LANES: [[u32; LANES]; 256] = {
     let mut table = [[0; LANES]; 256];
     let mut mask = 0;
@@ -87,12 +90,12 @@ pub(super) const SET_LANES: [[u32; LANES]; 256] = {
     table
 };
 
-/// A computation generic over the instruction set. `run` and all hot functions it calls must be
-/// `#[inline(always)]`: code that is not inlined is compiled for the baseline.
+/// Computation that is generic over the instruction set. `run` and all hot functions it calls must be
+/// `#[inline(always)]`. Code that is not inlined is compiled for the baseline instruction set.
 pub trait Kernel {
     /// Result type.
     type Output;
-    /// Runs with vectors of type `V`.
+    /// Runs the computation with vectors of type `V`.
     fn run<V: Vector>(self) -> Self::Output;
 }
 
@@ -106,7 +109,8 @@ pub fn load_rows<V: Vector, const N: usize>(rows: &[[f32; LANES]; N]) -> [V; N] 
     lanes
 }
 
-/// Loads one row per lane: vector `i` holds element `i` of all rows. `N` is at least eight.
+/// Loads one row per lane. Vector `i` of the result holds element `i` of all rows. `N` must be at least
+/// eight.
 #[inline(always)]
 pub fn gather_rows<V: Vector, const N: usize>(rows: [&[f32; N]; LANES]) -> [V; N] {
     const { assert!(N >= LANES) }
@@ -123,7 +127,7 @@ pub fn gather_rows<V: Vector, const N: usize>(rows: [&[f32; N]; LANES]) -> [V; N
     lanes
 }
 
-/// Inverse of [`gather_rows`]: writes lane `i` to row `rows[i]` of a table.
+/// Inverse of [`gather_rows`]: writes lane `i` of all vectors to row `rows[i]` of a table.
 #[inline(always)]
 pub fn scatter_rows<V: Vector, const N: usize>(
     lanes: &[V; N],
@@ -141,13 +145,13 @@ pub fn scatter_rows<V: Vector, const N: usize>(
     }
 }
 
-/// Dot products.
+/// Returns one dot product per lane.
 #[inline(always)]
 pub fn dot<V: Vector>(a: [V; 3], b: [V; 3]) -> V {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Products of a matrix, given by rows, with column vectors.
+/// Multiplies a matrix, given by rows, by one column vector per lane.
 #[inline(always)]
 pub fn turned<V: Vector>(rows: &[[f32; 3]; 3], [x, y, z]: [V; 3]) -> [V; 3] {
     let mut turned = [x; 3];
@@ -157,7 +161,7 @@ pub fn turned<V: Vector>(rows: &[[f32; 3]; 3], [x, y, z]: [V; 3]) -> [V; 3] {
     turned
 }
 
-/// Multiplies the vectors by a scalar per lane.
+/// Multiplies the 3-vector in each lane by that lane's scalar.
 #[inline(always)]
 pub fn scaled<V: Vector>([x, y, z]: [V; 3], factor: V) -> [V; 3] {
     [x * factor, y * factor, z * factor]
