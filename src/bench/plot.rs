@@ -27,7 +27,7 @@ const GRID: RGBColor = RGBColor(225, 225, 225);
 /// Width of a character of axis names, pixels.
 const CHARACTER: usize = 9;
 /// Fraction of the y axis covered by a line of the legend.
-const LEGEND_LINE: f64 = 0.035;
+const LEGEND_LINE: f64 = 0.045;
 /// Fraction of the range that is left free at both ends of an axis.
 const MARGIN: f64 = 0.06;
 

@@ -110,7 +110,7 @@ const PROMISES: &[(&str, &[&str])] = &[
     (
         "Tab toggles projected/exact",
         &[
-            "viewer.rs: tab_toggles_the_renderer_and_leaves_the_focus_alone",
+            "viewer.rs: tab_toggles_the_renderer_unless_the_lens_is_a_fisheye",
             "keyboard.rs: tab_is_the_renderers_until_controls_have_the_keyboard",
         ],
     ),
@@ -128,22 +128,17 @@ const PROMISES: &[(&str, &[&str])] = &[
     (
         "Overlays: camera frusta, the current frame's points, grid and axes",
         &[
-            "tools.rs: cameras_and_grid_are_drawn_over_the_scene",
-            "tools.rs: the_points_of_the_current_frame_are_drawn_and_follow_it",
+            "tools.rs: cameras_grid_and_points_of_the_current_frame_are_drawn_over_the_scene",
             "src/app/viewer/frame_points.rs: points_lie_where_the_camera_measured_them_in_its_colours",
         ],
     ),
     (
         "Colour modes: colour, evidence, uncertainty, per-point ELBO, birth frame, depth, normal",
-        &[
-            "viewer.rs: every_colour_mode_is_offered_or_says_what_is_missing",
-            "inspect.rs: every_colour_that_stands_for_something_is_shown_with_its_legend",
-            "scene.rs: components_become_more_in_every_colour",
-        ],
+        &["inspect.rs: every_colour_that_stands_for_something_is_shown_with_its_legend"],
     ),
     (
         "A draggable wipe between projected and exact, with a difference view",
-        &["viewer.rs: renderers_are_compared_and_the_divider_is_dragged"],
+        &["viewer.rs: renderers_are_timed_and_compared_and_the_divider_is_dragged"],
     ),
     (
         "A wipe between render and photograph, with a difference view and the live PSNR",
@@ -155,8 +150,8 @@ const PROMISES: &[(&str, &[&str])] = &[
     (
         "Latency: stages, table of median/p95/max, sort and draw times, CSV",
         &[
-            "viewer.rs: the_latency_panel_tells_what_drawing_takes",
-            "tools.rs: timings_are_written_beside_the_dataset_and_never_over_a_file",
+            "viewer.rs: renderers_are_timed_and_compared_and_the_divider_is_dragged",
+            "tools.rs: timings_and_pictures_are_written_beside_the_dataset_and_never_over_a_file",
             "src/app/panels/latency.rs: frames_are_counted_against_the_budget_and_found_under_the_pointer",
             "src/app/panels/latency.rs: csv_has_a_column_per_heading",
         ],
@@ -221,7 +216,7 @@ const PROMISES: &[(&str, &[&str])] = &[
             "opening.rs: a_dataset_that_vanishes_while_it_trains_leaves_what_was_learnt",
             "compared.rs: a_broken_second_model_is_a_notice_and_nothing_else_changes",
             "crash.rs: a_panic_of_training_stores_the_run_and_leaves_the_window",
-            "inspect.rs: a_lost_device_ends_the_window_and_not_the_training",
+            "device_loss.rs: at_any_moment_a_lost_device_costs_a_window_and_nothing_else",
             "scene.rs: depth_in_a_wrong_unit_is_said",
         ],
     ),
@@ -234,7 +229,7 @@ const PROMISES: &[(&str, &[&str])] = &[
     ),
     (
         "The picture of the view can be saved to a file",
-        &["tools.rs: the_picture_of_the_view_is_written_beside_the_dataset_and_never_over_a_file"],
+        &["tools.rs: timings_and_pictures_are_written_beside_the_dataset_and_never_over_a_file"],
     ),
     (
         "A full disk gives an error; the scene stays and can be written elsewhere",

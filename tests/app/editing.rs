@@ -192,7 +192,6 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
     }
     wait(&mut window, "more splats", move |s| s.n_drawn() > drawn);
     assert!(settled(&mut window) != first, "the scene has grown");
-    click(&mut window, "As it was");
     let at = slider(&mut window);
     drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
     wait(&mut window, "the past", move |s| s.n_drawn() == drawn);
