@@ -175,7 +175,7 @@ pub struct FrameMs {
     pub load: f64,
     /// Filtering, unprojection and normalisation.
     pub prepare: f64,
-    /// Stages of training.
+    /// Time spent in each stage of training, milliseconds.
     #[serde(flatten)]
     pub stages: StageMs,
 }

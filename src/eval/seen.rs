@@ -83,7 +83,8 @@ mod tests {
     use crate::math::camera::{Camera, Intrinsics};
     use crate::math::pose::Pose;
 
-    /// One quarter of the image has no depth; another is uncovered and shows a wrong colour.
+    /// One quarter of the image has no depth. Another quarter has depth but no splats, and shows a wrong
+    /// colour.
     #[test]
     fn only_pixels_with_depth_count() {
         let (width, height) = (64, 32);

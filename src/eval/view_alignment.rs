@@ -443,7 +443,7 @@ mod tests {
         assert_eq!(kept.pose, Pose::IDENTITY);
     }
 
-    /// Exposure is compensated before detail is compared; shifts are in world units, turns in degrees.
+    /// Exposure is compensated before sharpness is compared.
     #[test]
     fn a_darker_view_is_as_sharp() {
         let mut rng = Rng::new(5, Purpose::Synthetic, 0);

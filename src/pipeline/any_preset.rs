@@ -36,7 +36,7 @@ pub trait AnyPreset {
     /// dataset. Only models with equal values can be merged.
     fn world_placement(&self) -> Vec<(&'static str, String)>;
 
-    /// Convention by which pixels become viewing rays, for datasets of a layout.
+    /// Returns the convention by which pixels become viewing rays, for datasets with the given layout.
     fn camera_convention(&self, layout: Layout) -> CameraConvention;
 
     /// Upper bound on the memory in bytes of a run with frames of `pixels` pixels.

@@ -117,8 +117,8 @@ impl DeviceTrial {
         if self.is_device_faster { DeviceChoice::Device } else { DeviceChoice::Processor }
     }
 
-    /// Records the milliseconds of a frame that CPU and device have processed. Their results are equal
-    /// or may differ.
+    /// Records the times, in milliseconds, that the CPU and the device took for the same frame. Their
+    /// results have been compared, unless they need not agree.
     pub fn record_times(&mut self, processor: f64, device: f64) {
         self.is_verified = true;
         let [on_processor, on_device] = &mut self.times_ms;

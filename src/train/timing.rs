@@ -25,7 +25,7 @@ impl StageMs {
         Self { stages: &stages[..stages.len().min(MAX_STAGES)], ..Self::default() }
     }
 
-    /// Adds milliseconds to the stage with an index.
+    /// Adds `ms` milliseconds to the stage with index `stage`.
     pub fn add(&mut self, stage: usize, ms: f64) {
         self.ms[stage] += ms;
     }

@@ -65,7 +65,7 @@ struct PanelStates {
     notices: NoticeBoard,
     /// Serial number of the run whose summary card was closed.
     closed_summary_serial: u64,
-    /// Slot of the offered run for which the user chose "Not now".
+    /// Autosave slot of the interrupted run that the user declined to continue ("Not now").
     postponed_slot: Option<PathBuf>,
 }
 

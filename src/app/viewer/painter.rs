@@ -136,7 +136,7 @@ impl ViewPainter {
     }
 }
 
-/// Minimum time between two pictures drawn because of changes by training.
+/// Minimum time between two redraws that follow changes by training.
 const FOLLOW_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Returns the minimum time between two passes of the window while the camera moves during training.

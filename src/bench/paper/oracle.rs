@@ -63,7 +63,8 @@ pub struct PosteriorErrors {
 }
 
 impl PosteriorErrors {
-    /// Returns the larger of the two 99 % quantiles, to which error bounds refer.
+    /// Returns the larger of the 99 % error quantiles of means and covariances. Error bounds are checked
+    /// against it.
     pub fn p99(&self) -> f64 {
         self.mean_p99.max(self.covariance_p99)
     }

@@ -17,7 +17,8 @@ pub trait MixtureDevice: Send + Sync {
     /// Returns the device's name for reports.
     fn name(&self) -> String;
 
-    /// Uploads the initial means, or only those that have changed, for the following passes.
+    /// Uploads the components' initial means for the following passes: all of them at first, later only
+    /// those that were replaced.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost or out of memory.
@@ -67,7 +68,7 @@ pub struct MeanCells<'a> {
     pub space: &'a [[f32; 3]],
     /// Colours of the means.
     pub color: &'a [[f32; 3]],
-    /// Log weights of the components, in units of squared distance.
+    /// Log weights of the components, scaled so that they can be added to squared distances.
     pub weight: &'a [f32],
     /// Components that changed since the last upload, in any order; `None` if all may have changed.
     pub changed_components: Option<&'a [u32]>,

@@ -40,7 +40,7 @@ pub struct ResumeRequest {
     pub load: LoadOptions,
     /// Maximum number of frames, including those already visited. May differ from the run's value.
     pub max_frames: Option<usize>,
-    /// Number of passes, including completed ones. May differ from the run's value.
+    /// Total number of passes, including completed ones. It may differ from the number in the saved run.
     pub passes: Option<usize>,
     /// True to follow the recording while it grows.
     pub follow: bool,

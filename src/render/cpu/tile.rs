@@ -368,7 +368,7 @@ pub(super) fn offset_color<V: Vector>(
     apply_color_change(color, V::splat(x) * offset[0] + V::splat(y) * offset[1])
 }
 
-/// Returns one channel of a splat's colour, including its gradient, at the largest response
+/// Returns one channel of a splat's colour at its point of largest response. The colour gradient is applied
 /// (`rendering.md`, Native appearance).
 #[inline(always)]
 fn gradient_color<V: Vector>(

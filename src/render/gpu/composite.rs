@@ -37,8 +37,8 @@ pub struct Compositor {
 }
 
 impl Compositor {
-    /// Creates a compositor for targets of `format`. Values are sRGB-encoded. For a `*Srgb` format,
-    /// which encodes on write, the shader decodes them first, so the displayed colours are the same.
+    /// Creates a compositor for targets of `format`. Its input colours are sRGB-encoded. A `*Srgb` target
+    /// encodes on write, so the shader decodes the colours first. All formats display the same colours.
     pub fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
         let module = module(device, "composite", shader::COMPOSITE);
         // The values are already sRGB-encoded, and such a target would encode them again.

@@ -257,8 +257,8 @@ pub(super) const STEP: usize = 2 * LANES;
 /// Maximum number of points that share a near list of candidates.
 pub(in crate::train) const CHUNK: usize = 16;
 
-/// Positions in columns, each with a tag. At least [`STEP`] entries of padding follow in each column.
-/// Full vectors can therefore be read and written at any entry.
+/// Positions stored as one column per coordinate, with one tag per position. Each column ends with at
+/// least [`STEP`] entries of padding, so that a full vector can start at any entry.
 #[derive(Clone, Debug, Default)]
 pub(in crate::train) struct Columns {
     pub x: Vec<f32>,

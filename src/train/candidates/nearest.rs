@@ -217,8 +217,8 @@ pub(in crate::train) trait VisitChunk {
 }
 
 impl CandidateSearch {
-    /// Visits each point of a tile once, in chunks, with lists that hold the point's `rank` nearest
-    /// entries. `rank` is between 1 and the number of means.
+    /// Visits each point of a tile once, in chunks, and passes each point's list of its `rank` nearest
+    /// means. `rank` is between 1 and the number of means.
     #[inline(always)]
     pub(in crate::train) fn visit_tile<V: Vector>(
         &mut self,

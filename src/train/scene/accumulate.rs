@@ -83,7 +83,7 @@ pub fn accumulate(
 struct PartResult {
     /// Components with points, ascending.
     ids: Vec<u32>,
-    /// Numbers and sums of components with more points than a row of integer sums can hold.
+    /// Index and sums of each component with more points than a row of integer sums can hold.
     wide: Vec<(u32, [f64; N_SUMS])>,
 }
 

@@ -136,7 +136,7 @@ pub trait SettingLayer: Default + Sized + 'static {
         Self::TABLE.iter().find_map(|setting| setting.conflict(self, run))
     }
 
-    /// Returns the name and value of the first set setting that the layer type `Other` lacks.
+    /// Returns the name and value of the first setting that has a value here but does not exist in `Other`.
     fn first_unsupported_by<Other: SettingLayer>(&self) -> Option<(&'static str, String)> {
         let is_shared = |field| Other::TABLE.iter().any(|other| other.about.field == field);
         let mut own = Self::TABLE.iter().filter(|setting| !is_shared(setting.about.field));

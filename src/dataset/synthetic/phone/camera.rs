@@ -106,8 +106,8 @@ fn image_motion(from: &Pose, to: &Pose, k: &Intrinsics) -> f64 {
     k.fx * (turn.to_scaled_axis().length() + offset.length() / TYPICAL_DEPTH)
 }
 
-/// Returns the intrinsics of the lidar image, which has the photograph's lens. It has for example
-/// 192×256 pixels for a photograph of 1440×1920.
+/// Returns the intrinsics of the lidar image, which shares the photograph's field of view. For example, a
+/// photograph of 1440×1920 pixels has a lidar image of 192×256 pixels.
 pub fn depth_camera(k: &Intrinsics) -> Intrinsics {
     let longest = f64::from(k.width.max(k.height));
     k.scaled(1.0 / (longest / DEPTH_SIDE).max(LEAST_FACTOR))

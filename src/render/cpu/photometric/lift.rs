@@ -318,9 +318,9 @@ impl<V: Vector> Shape<V> {
         [two * w_x[i] * w_x[j], w_x[i] * w_y[j] + w_x[j] * w_y[i], two * w_y[i] * w_y[j]]
     }
 
-    /// Writes the displacements on the splat's plane, in world axes, per unit of `p` and `q`. They lead
-    /// from the splat's centre to the point of largest response on the ray through an image offset
-    /// (`rendering.md`, Rational conic).
+    /// Writes the displacements on the splat's plane, in world axes, per unit of the image offsets `p` and
+    /// `q`. A displacement leads from the splat's centre to the point of largest response on the ray
+    /// through that offset (`rendering.md`, Rational conic).
     #[inline(always)]
     fn write_plane_vectors(&self, camera: &LiftCamera, linear: &mut [V; N_LINEAR]) {
         let [x, y] = self.tangent;

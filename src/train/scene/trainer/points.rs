@@ -22,7 +22,7 @@ pub(super) struct FramePoints {
 }
 
 impl FramePoints {
-    /// Assigns the points of a new frame to components, after the choice of a device for that frame.
+    /// Chooses a device for a new frame, then assigns the frame's points to components.
     pub fn assign_new(&mut self, scene: &Scene, points: &[SurfacePoint]) {
         self.fits.begin_frame(points.len(), scene.config.h);
         self.assign(scene, points);
