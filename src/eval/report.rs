@@ -332,7 +332,7 @@ pub struct ViewReport {
     /// Quality at the aligned pose, if requested; `None` if no pixel is covered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_aligned: Option<AlignedView>,
-    /// Mean absolute depth error, world units, as in [`EvalReport::depth_mae_mean`].
+    /// Mean absolute depth error, world units, as in [`EvalMeans::depth_mae_mean`].
     pub depth_mae: Option<f64>,
 }
 

@@ -17,7 +17,7 @@ const WARM_UP: usize = 8;
 
 pub struct TimedGpu {
     gpu: HeadlessGpu,
-    /// One renderer per [`Renderer`] variant, because timestamps of a shared one would mix both.
+    /// One renderer per `Renderer` variant, because timestamps of a shared one would mix both.
     methods: [TimedMethod; 2],
     scene: GpuScene,
 }

@@ -154,8 +154,8 @@ impl SplatRun<'_> {
 }
 
 /// Updates precisions `Λ` with the curvature `F` of a frame: `Λ ← (1 − f)·Λ + f·Λ⁰ + µF`. Here `f` is
-/// `rule.forgotten`, `Λ⁰` the prior precision and `µ` is `rule.kept`. Returns the Cholesky factors of `Λ
-/// + cF`, with `c = rule.damping`, and a bit mask of successful lanes. Where `Λ + cF` is not positive
+/// `rule.forgotten`, `Λ⁰` the prior precision and `µ` is `rule.kept`. Returns the Cholesky factors of
+/// `Λ + cF`, with `c = rule.damping`, and a bit mask of successful lanes. Where `Λ + cF` is not positive
 /// definite, the precision is reset to the prior.
 #[inline(always)]
 fn update_precision<V: Vector, const N: usize, const P: usize>(
