@@ -130,10 +130,13 @@ impl WorkerThread {
         let Some(sampling) = self.run.take_sampling() else { return };
         self.outbox.is_changed = true;
         match sampling {
-            Ok(sampling) => {
+            Ok(mut sampling) => {
                 if let Some(warning) = sampling.poses.as_deref().and_then(wording::pose_warning) {
                     self.outbox.notify(NoticeKind::Warning, warning);
                 }
+                // Frames that cannot be checked do not withdraw an earlier check.
+                let earlier = self.outbox.snapshot.sampling.poses.take();
+                sampling.poses = sampling.poses.or(earlier);
                 self.outbox.snapshot.sampling = sampling;
             }
             Err(text) => self.outbox.notify(NoticeKind::Warning, text),
