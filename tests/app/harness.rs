@@ -189,19 +189,18 @@ pub fn dataset(folder: &Path, n_train: usize) -> PathBuf {
 
 /// Waits until the window shows a text.
 pub fn wait_for_label(window: &mut Window, text: &str) {
-    let started = Instant::now();
-    while window.query_all_by_label(text).next().is_none() {
-        assert!(started.elapsed() < PATIENCE, "`{text}` is never shown");
-        window.step();
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    wait_until_shown(window, text, |window| window.query_all_by_label(text).next().is_some());
 }
 
 /// Waits until the window shows a text that contains `part`, such as a tooltip.
 pub fn wait_for_text(window: &mut Window, part: &str) {
+    wait_until_shown(window, part, |w| w.query_all_by_label_contains(part).next().is_some());
+}
+
+fn wait_until_shown(window: &mut Window, text: &str, is_shown: impl Fn(&Window) -> bool) {
     let started = Instant::now();
-    while window.query_all_by_label_contains(part).next().is_none() {
-        assert!(started.elapsed() < PATIENCE, "`{part}` is never shown");
+    while !is_shown(window) {
+        assert!(started.elapsed() < PATIENCE, "`{text}` is never shown");
         window.step();
         std::thread::sleep(Duration::from_millis(10));
     }

@@ -174,4 +174,25 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn halves() {
+        for (bits, value) in [
+            (0x3C00u16, 1.0),
+            (0xC000, -2.0),
+            (0x7BFF, 65504.0),
+            (0x0001, 0.5f64.powi(24)),
+            (0x3555, 0.333_251_953_125),
+            (0xFC00, f64::NEG_INFINITY),
+        ] {
+            assert_eq!(half(bits.to_le_bytes()), value);
+        }
+        assert!(half([1, 0x7C]).is_nan());
+    }
+
+    #[test]
+    fn fixed_points_have_a_sign() {
+        assert_eq!(fixed([0, 0xF0, 0xFF], 12), -1.0);
+        assert_eq!(fixed([0xFF, 0xFF, 0x7F], 0), 8_388_607.0);
+    }
 }

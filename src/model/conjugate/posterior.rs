@@ -225,4 +225,44 @@ mod tests {
         let eigenvalues = p.inverse_scale.eigen().values;
         assert!(eigenvalues.z > 0.99 / hyper.u0_space, "{eigenvalues}");
     }
+
+    #[test]
+    fn without_points_the_posterior_is_the_prior() {
+        let p = ComponentPosterior::new(&Hyper::paper(100, 100.0), DVec3::ONE, &Moments::default());
+        assert_eq!(p.mean_space, DVec3::ZERO);
+        assert_eq!(p.alpha, 0.01);
+        assert_eq!(p.inverse_scale, Sym3::diagonal(1.0 / 2.25e8));
+        assert_eq!(p.expected_covariance(), p.inverse_scale);
+        let n = Normalization::from_range(DVec3::splat(-1.0), DVec3::ONE);
+        assert_eq!(Conversion::right().splat(&p, &n), Splat::default());
+        assert_eq!(Conversion::legacy().splat(&p, &n).opacity, 0.95);
+    }
+
+    #[test]
+    fn centred_and_raw_forms_agree() {
+        let mean_init = DVec3::new(0.5, -0.2, 0.1);
+        let points = [
+            DVec3::new(0.52, -0.21, 0.13),
+            DVec3::new(0.47, -0.18, 0.08),
+            DVec3::new(0.5, -0.25, 0.1),
+        ];
+        let mut moments = Moments::default();
+        for s in points {
+            let d = s - mean_init;
+            moments.count += 1.0;
+            moments.first += d;
+            moments.second = moments.second.add_scaled(1.0, Sym3::outer(d));
+        }
+        let hyper = Hyper::paper(100, 100.0);
+        let p = ComponentPosterior::new(&hyper, mean_init, &moments);
+        let (a, b) = moments.raw(mean_init);
+        let kappa = 3.0 + hyper.kappa0_space;
+        let expected = Sym3::diagonal(1.0 / hyper.u0_space)
+            .add_scaled(1.0, b)
+            .add_scaled(-1.0 / kappa, Sym3::outer(a));
+        assert!((p.mean_space - a / kappa).length() < 1e-15);
+        for (x, y) in p.inverse_scale.to_array().iter().zip(expected.to_array()) {
+            assert!((x - y).abs() < 1e-15);
+        }
+    }
 }

@@ -56,3 +56,39 @@ fn keep_components(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners:
         *owner = seeds.components.of_seed(*owner);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::{Purpose, Rng};
+
+    /// The search by groups of points finds what a search of the grid for each point finds. In every
+    /// fourth group the points lie far apart.
+    #[test]
+    fn groups_find_what_single_searches_find() {
+        let mut seeds = Seeds::new(0.1);
+        let mut stream = Rng::new(2, Purpose::Init, 0);
+        let mut place = |spread: f64| [0; 3].map(|_| stream.range(-spread, spread) as f32);
+        for _ in 0..3000 {
+            seeds.add(place(1.0));
+        }
+        let mut points: Vec<SurfacePoint> = Vec::new();
+        for group in 0..40 {
+            let centre = place(1.0);
+            let spread = if group % 4 == 0 { 1.0 } else { 0.1 };
+            points.extend((0..GROUP).map(|_| {
+                let offset = place(spread);
+                let position = [0, 1, 2].map(|i| centre[i] + offset[i]);
+                SurfacePoint { position, ..SurfacePoint::default() }
+            }));
+        }
+        // The last group is not full.
+        points.truncate(points.len() - 7);
+        let mut owners = Vec::new();
+        assign(&seeds, Reach::new(0.1, 0.0), &points, &mut owners);
+        for (point, owner) in points.iter().zip(&owners) {
+            assert_eq!(*owner, seeds.grid.nearest(point.position).unwrap_or(NONE));
+        }
+        assert!(owners.contains(&NONE) && owners.iter().any(|&o| o != NONE));
+    }
+}
