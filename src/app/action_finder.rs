@@ -149,7 +149,7 @@ impl ActionFinder {
 /// Consumes the arrow and Enter keys. Returns the number of entries to move down (negative: up), and
 /// true if Enter was pressed.
 fn consume_keys(ui: &Ui) -> (isize, bool) {
-    // Before the text field, which would consume these keys itself.
+    // Handled before the text field, which would consume these keys itself.
     ui.input_mut(|i| {
         let down = i.consume_key(Modifiers::NONE, Key::ArrowDown);
         let up = i.consume_key(Modifiers::NONE, Key::ArrowUp);

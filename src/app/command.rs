@@ -165,7 +165,7 @@ commands! {
         [], Selection 2, View Model;
     CropBox: ["Crop box"], "Crop the scene to a box around the selection, or around everything; again removes the box",
         [], Selection 2, View Model;
-    // Before `Undo`: its shortcut also matches while the additional modifier of Redo is held.
+    // Listed before `Undo`, whose shortcut also matches while the additional modifier of Redo is held.
     Redo: ["Redo", "Redo edit"], "Redo the last undone edit",
         [ctrl_shift(Key::Z), ctrl(Key::Y)], Selection 0, View Model;
     Undo: ["Undo", "Undo edit"], "Undo the last selection, hiding, deletion or crop",

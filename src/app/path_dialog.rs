@@ -171,7 +171,7 @@ impl PathDialog {
         if let Some(answer) = self.take_path_check() {
             return Some(answer);
         }
-        // Before the dialog, which the Escape of this prompt must not close as well.
+        // Drawn instead of the dialog, so that the prompt's Escape does not close the dialog as well.
         if self.replacing.is_some() {
             return self.prompt_replacement(ui);
         }

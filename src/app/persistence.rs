@@ -35,7 +35,7 @@ impl StoredSettings {
             parse: impl Fn(&str) -> (T, Option<String>),
             problems: &mut Vec<String>,
         ) -> T {
-            // At the first start no part exists, which is no problem.
+            // At the first startup no part exists, which is not a problem.
             let (read, problem) = text.map(|text| parse(&text)).unwrap_or_default();
             problems.extend(problem);
             read

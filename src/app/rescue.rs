@@ -136,7 +136,7 @@ impl AutosaveSlot {
     /// discarded.
     pub fn delete_files(self) {
         for path in [&self.path, &backup_path(&self.path), &self.path.with_extension("lock")] {
-            // A file that cannot be removed is only offered again at the next start.
+            // A file that cannot be removed is only offered again at the next startup.
             let _ = std::fs::remove_file(path);
         }
     }

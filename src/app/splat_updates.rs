@@ -35,7 +35,7 @@ impl<T> Mailbox<T> {
     /// Applies `access` to the value under the lock. `access` must leave a valid value even if it
     /// panics.
     pub fn with<R>(&self, access: impl FnOnce(&mut T) -> R) -> R {
-        // Every access leaves a valid value, so a poisoned lock is no reason to lose it.
+        // Every access leaves a valid value, so it remains usable after the lock is poisoned.
         access(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }

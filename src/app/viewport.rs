@@ -210,7 +210,7 @@ impl GpuViewPainter {
             }
             Some(Partner::Photo(_)) | None => {}
         }
-        // Before egui submits the window's pass, which reads these images on the same queue.
+        // Submitted before egui's pass of the window, which reads these images on the same queue.
         queue.submit([encoder.finish()]);
         Ok(())
     }
@@ -372,7 +372,7 @@ pub struct WindowDevice {
 
 impl WindowDevice {
     pub fn new(state: &RenderState) -> Self {
-        // Before any drawing: without a handler wgpu panics.
+        // Installed before any drawing, because wgpu panics without a handler.
         let faults = GpuFaults::default();
         faults.watch(&state.device);
         let there = state.available_adapters.iter().map(AdapterInfo::new).collect();

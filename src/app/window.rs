@@ -137,7 +137,7 @@ pub fn run(
     }
     let adapter = adapter.or(found.adapter).unwrap_or(AdapterChoice::Auto);
     let mut first: Vec<WorkerOrder> = vec![WorkerOrder::Open(subject)];
-    // After the dataset, whose cameras it corrects.
+    // Sent after the dataset, whose cameras it corrects.
     first.extend(calibration.map(WorkerOrder::Calibrate));
     let open = |adapter: &AdapterChoice| {
         let opened = Instant::now();
@@ -146,7 +146,7 @@ pub fn run(
     };
     let tell = |kind, text| host.worker.send(WorkerOrder::Report(kind, text));
     let ended = keep_open(adapter, open, tell);
-    // After the last window, which has written the settings: nothing else would report their loss.
+    // The last window has written the settings, and nothing else would report their loss.
     if let Some(text) = settings.as_ref().and_then(SettingsFile::close) {
         tracing::error!("{text}");
     }
@@ -202,7 +202,7 @@ impl Host {
         // All windows run on this thread: winit allows one event loop per process, which eframe stores
         // per thread and reuses.
         let ended = run_window(&self.worker, &exit, || native_options(adapter, settings), create);
-        // After an error too, because the waker must not hold the context of a closed window.
+        // Closed after an error too, because the waker must not hold the context of a closed window.
         self.waker.close();
         ended?;
         // For the next window everything is open; it lacks only the splats.
@@ -219,7 +219,7 @@ fn report_caveat(
     let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
     // An earlier session has shown it.
     let known = creation.storage.and_then(|storage| storage.get_string(persistence::CAVEAT));
-    // After a lost device the same adapter is used, whose caveat was shown.
+    // After a lost device the same adapter is used, and its caveat was already reported.
     if let Some(text) = caveat.clone().filter(|_| shown.get() != caveat && known != caveat) {
         worker.send(WorkerOrder::Report(NoticeKind::Info, text));
     }

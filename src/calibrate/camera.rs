@@ -41,7 +41,7 @@ impl CameraUnknowns {
     pub fn camera(&self) -> ColorCamera {
         let [x, y, roll, growth, cx, cy] = self.values;
         let turned = DQuat::from_scaled_axis(DVec3::from_array(self.start.rotation));
-        // Without roll the start's rotation is returned exactly, without rounding.
+        // Without roll the initial rotation is returned exactly, without rounding.
         let rotation = match roll == 0.0 {
             true => self.start.rotation,
             false => (turned * DQuat::from_rotation_z(roll)).to_scaled_axis().to_array(),

@@ -77,7 +77,7 @@ fn sample_color(
     let gain = photos.gains[view];
     let (mut color, mut slope) = ([0.0; 3], [[0.0; WITH_POSE]; 3]);
     let [across, down] = [0, 1].map(|axis| {
-        // Derivative of the pixel by all unknowns.
+        // Derivative of the pixel position with respect to all unknowns.
         let by_place = projected.position_jacobian[axis];
         let mut slope = [0.0; WITH_POSE];
         slope[..CAMERA].copy_from_slice(&by_depth.map(|by| by_place.dot(by)));

@@ -251,7 +251,7 @@ fn survey(
 fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, FrameError> {
     let Calibration { depth_offset, depth_scale, color_camera: camera, .. } = input.calibration;
     let matches = input.match_frames(&input.frames, [depth_offset, depth_scale], camera, 1.0)?;
-    // Known gains: differences of exposure are no disagreement of cameras.
+    // Gains are known, so that differences in exposure do not count as disagreement between cameras.
     let gains = input.frames.iter().map(|frame| input.calibration.gain(&frame.name)).collect();
     let camera = camera.unwrap_or_else(|| registered(&input.frames[0].camera.intrinsics));
     let at = Unknowns::of(&input.calibration, camera);

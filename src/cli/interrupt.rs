@@ -128,7 +128,7 @@ fn listen_to_the_system(asked: &Arc<AtomicBool>, wakes: &UnixStream) -> Result<(
         // Order matters: the first action checks the flag that the second one sets.
         register_conditional_shutdown(signal, i32::from(INTERRUPTED), asked.clone())?;
         register(signal, asked.clone())?;
-        // After the flag is set, because the woken thread checks it.
+        // Registered after the flag's handler, because the woken thread checks the flag.
         pipe::register(signal, wakes.try_clone()?)?;
     }
     Ok(())

@@ -189,7 +189,7 @@ fn start(args: &TrainArgs) -> Result<Start, Failure> {
     let run = SavedRun::read(path)?;
     let preset = args.preset.unwrap_or(run.config.method.preset());
     let asked = resume_request(args, preset)?;
-    // Before the dataset is opened, which may take long.
+    // Checked before the dataset is opened, which may take long.
     check(&run, &asked)?;
     Ok(Start::Saved(Box::new(run), Box::new(asked)))
 }

@@ -203,7 +203,7 @@ fn catch_decoder_panic<T>(
 /// every 0xFF data byte, so `FF D9` there cannot be data. Markers of thumbnails precede the first scan.
 pub(super) fn has_jpeg_end(bytes: &[u8]) -> bool {
     const START_OF_SCAN: u8 = 0xDA;
-    // After the start-of-image marker, which has no length field.
+    // The search begins after the start-of-image marker, which has no length field.
     let mut at = 2;
     while let Some(&[0xFF, marker, high, low]) = bytes.get(at..at + 4) {
         if marker == START_OF_SCAN {

@@ -142,7 +142,7 @@ impl Depth {
             }
             DepthCodes::Linear16 { codes, .. } => {
                 let along_axis = |code: u16, factor| match code {
-                    // Codes of holes are no lengths.
+                    // Codes of holes are not lengths.
                     0 | HOLE16 => code,
                     // Factors are near 1; the saturating cast makes a length beyond the last code a hole.
                     code => (f64::from(code) * scaled(factor)).round() as u16,

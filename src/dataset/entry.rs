@@ -236,7 +236,7 @@ impl FrameEntry {
         let size = (k.width, k.height);
         let mut depth =
             decode::depth(file, encoding, size).map_err(|p| self.frame_error(file, p))?;
-        // Before the confidence, so that depth empty by itself is reported with its own file.
+        // Checked before the confidence is applied, so that empty depth is reported with its own file.
         depth.check(size).map_err(|p| self.frame_error(file, p))?;
         if let Some((map, least)) = confidence {
             let sure = decode::confidence(map, size).map_err(|p| self.frame_error(map, p))?;

@@ -131,7 +131,7 @@ impl Fingerprint {
 }
 
 fn differs(a: Option<u32>, b: Option<u32>) -> bool {
-    // Older fingerprints lack some sums, which is no difference.
+    // Older fingerprints lack some sums, which does not count as a difference.
     a.zip(b).is_some_and(|(a, b)| a != b)
 }
 

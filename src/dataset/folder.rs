@@ -67,7 +67,7 @@ impl Folder {
             }
             Err(e) => return Err(read(e)),
         };
-        // A disk error here is returned: it does not mean that the path is no folder.
+        // A disk error here is returned: it does not mean that the path is not a folder.
         let kind = std::fs::metadata(&canonical).map_err(read)?;
         if kind.is_file() && Archive::is_zip_archive(&canonical).map_err(read)? {
             return Self::of_file(path, &canonical);

@@ -159,7 +159,7 @@ impl Frame {
 
     fn nearest_color(&self, camera: &ColorCamera, point: DVec3) -> Option<[u8; 4]> {
         let at = camera.project(point)?;
-        // Before the cast, which would move a negative coordinate to the first column.
+        // Checked before the cast, which would move a negative coordinate to the first column.
         let is_inside = at.min_element() >= 0.0
             && at.x < self.color.width as f64
             && at.y < self.color.height as f64;

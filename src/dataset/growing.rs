@@ -130,7 +130,8 @@ impl GrowingRecording {
             Ok(dataset) => !dataset.warnings.is_empty(),
             Err(_) => true,
         };
-        // After `is_unresolved` is set: an error may vanish as the recording grows.
+        // Returned only after `is_unresolved` is set, because an error may vanish as the recording
+        // grows.
         let mut dataset = found?;
         if let Some(layout) = self.layout.filter(|layout| *layout != dataset.layout) {
             let found = format!("{} and {}", layout.name(), dataset.layout.name());
@@ -155,7 +156,7 @@ impl GrowingRecording {
             dataset.extend_held_out(at);
         }
         dataset.splits.retain(|split| !split.frames.is_empty());
-        // While the recording grows, an incomplete file is no defect yet.
+        // While the recording grows, an incomplete file is not a defect yet.
         if is_growing && !dataset.splits.is_empty() {
             dataset.warnings.clear();
         }

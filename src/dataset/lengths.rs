@@ -217,7 +217,7 @@ fn read_tiff(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
         DecodingResult::F64(values) if values.len() == width * height => {
             Ok(lengths(size, values.into_iter().map(|v| v as f32), unit))
         }
-        // Also several samples per pixel: a colour image is no depth.
+        // Several samples per pixel are refused too: a colour image is not depth.
         _ => Err(wrong("other samples".to_owned())),
     }
 }

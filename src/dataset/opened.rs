@@ -68,7 +68,7 @@ pub struct Dataset {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
-    // Before any file is read: an invalid option is wrong usage, whatever the folder holds.
+    // Checked before any file is read: an invalid option is wrong usage, whatever the folder holds.
     options.check()?;
     let dataset = read(&Folder::open(path, RecordingState::default())?, path, options)?;
     match dataset.splits.is_empty() {

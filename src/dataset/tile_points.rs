@@ -143,8 +143,8 @@ impl<C: Copy + Default, L: Fn(C) -> f64> Emission<'_, C, L> {
         let is_whole = kept == [true; QUAD];
         let (codes, colors) = match is_whole {
             true => (first_four(&self.codes[at..]), first_four(&self.colors[at..])),
-            // After the last column the next image row begins, or the buffer ends: dropped pixels are not
-            // read.
+            // Dropped pixels are not read: after the last column the next image row begins, or the
+            // buffer ends.
             false => {
                 let if_kept = |j: usize| kept[j].then(|| at + j);
                 (

@@ -467,11 +467,12 @@ pub(super) fn mark_mixed_lengths(
     let per_depth = STEEPEST_PLANE / focal;
     mark_between_opposite(image, row, mixed, |a, d, b| {
         let q = metre * sensor_noise(d * per_metre);
-        // The step of a steep plane is no edge: without it, 12 % of a demo frame were dropped.
+        // The step of a steep plane is not an edge: without this exception, 12 % of a demo frame were
+        // dropped.
         let jump = (f32::from(JUMP) * q).max(per_depth * d);
         let (low, high) = (a.min(b), a.max(b));
         let margin = f32::from(MARGIN) * q;
-        // `low > 0`: a hole beside the pixel is no surface.
+        // `low > 0`: a hole beside the pixel is not a surface.
         (low > 0.0) & (high - low >= jump) & (d >= low + margin) & (d <= high - margin)
     });
 }

@@ -157,7 +157,7 @@ fn replace(
             .and_then(|()| copy_permissions(file, older))
             .map_err(to_fault("keep the older file's permissions", written))?;
     }
-    // Before the rename: otherwise a crash may leave the new name with missing content.
+    // Synced before the rename: otherwise a crash may leave the new name with missing content.
     check(SaveStep::Sync)
         .and_then(|()| file.sync_all())
         .map_err(to_fault("flush the data to the disk", written))?;
@@ -165,7 +165,8 @@ fn replace(
         back_up(check, path)?;
     }
     temporary.rename_to(path).map_err(to_fault("put the finished file in place", written))?;
-    // Some file systems cannot sync a folder. The file is complete and in place, so this is no error.
+    // Some file systems cannot sync a folder. The file is complete and in place, so this is not an
+    // error.
     if cfg!(unix) && check(SaveStep::SyncFolder).is_ok() {
         let _ = File::open(folder).and_then(|folder| folder.sync_all());
     }
@@ -176,8 +177,8 @@ fn copy_permissions(file: &File, older: &Metadata) -> io::Result<()> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt;
-        // Before the permissions: a change of owner clears some of them. Only root may change the owner;
-        // for other users it stays the writer.
+        // Changed before the permissions, because a change of owner clears some of them. Only root may
+        // change the owner; for other users it stays the writer.
         let _ = std::os::unix::fs::fchown(file, Some(older.uid()), Some(older.gid()));
         file.set_permissions(older.permissions())
     }
@@ -282,7 +283,7 @@ fn end_of_links(path: &Path, missing: io::Error) -> Result<PathBuf, Fault> {
 
 pub(super) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
-        // A bare name has an empty parent, which is no valid path.
+        // A bare name has an empty parent, which is not a valid path.
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     }

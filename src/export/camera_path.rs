@@ -89,7 +89,7 @@ impl PacedPath {
     /// [`CameraPathError`], which names the file.
     pub fn read(path: &Path, up: DVec3) -> Result<Self, CameraPathError> {
         let failed = |error| CameraPathError::Io { path: path.to_owned(), error };
-        // Before reading, so that a wrong file cannot exhaust the memory.
+        // Checked before reading, so that a wrong file cannot exhaust the memory.
         let length = std::fs::metadata(path).map_err(failed)?.len();
         if length > MAX_BYTES {
             return Err(value_error(path, "file", "at most 16 MiB", format!("{length} bytes")));

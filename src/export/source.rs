@@ -51,7 +51,7 @@ impl<'a> ExportRows<'a> {
         let mut rows = Vec::new();
         for (i, n_pieces) in found.iter().enumerate().filter_map(|(i, f)| Some((i, (*f)?.0))) {
             let row = |piece| Row { splat: i as u32, piece };
-            // A piece may be too large for f32 although the splat is not.
+            // A piece of a split splat may be too large for f32 although the splat is not.
             let fits =
                 |piece: &u8| mapping.is_none() || plain(view, row(*piece), mapping).is_some();
             rows.extend((0..n_pieces).filter(fits).map(row));

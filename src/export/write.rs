@@ -41,7 +41,7 @@ pub fn write<'a>(
 ) -> Result<WriteSummary, ExportError> {
     let view: SplatView = splats.into();
     let source = select_rows(view, options).map_err(|fault| fault.with_path(path))?;
-    // Before any file is created: layouts refuse what their format cannot hold.
+    // Prepared before any file is created, because layouts refuse what their format cannot hold.
     let content = prepare_content(&source, options).map_err(|fault| fault.with_path(path))?;
     let bytes = atomic::write_atomic(path, |out| content(out))?;
     let n_skipped = view.splats().len() - source.n_drawable;

@@ -135,7 +135,8 @@ impl Autosave {
     ) -> Result<(), AutosaveError> {
         self.wait().transpose()?;
         let snapshot = session.snapshot();
-        // Before the thread starts, so that a failed start is retried when due, not after every frame.
+        // Recorded before the thread starts, so that a failed start is retried when due, not after every
+        // frame.
         self.begun = (snapshot.frames(), Instant::now());
         let path = self.path.clone();
         let save = Job::start("autosave", move || save(&path, snapshot))

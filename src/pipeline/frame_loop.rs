@@ -75,7 +75,8 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
                     false => self.learner.learn(&observation),
                     true => Ok(self.learner.revisit_photograph(&observation)),
                 };
-                // Before the result is examined: a failed frame returns its memory as well.
+                // Recycled before the result is examined, so that a failed frame returns its memory as
+                // well.
                 self.prefetch.recycle(observation);
                 match learned {
                     Ok(FrameOutcome { tracking: Some(FrameTracking::Lost(loss)), .. }) => {

@@ -73,7 +73,7 @@ impl<T: Send + 'static> Job<T> {
             let done = catch_unwind(AssertUnwindSafe(|| work(&reported)));
             // Fails if the job was abandoned.
             let _ = answer.send(done.map_err(|panic| PanicReport::of(&*panic)));
-            // After a panic too, or an idle window would not repaint.
+            // Called after a panic too, or an idle window would not repaint.
             waker();
         })?;
         Ok(Self { started: Instant::now(), progress, results })

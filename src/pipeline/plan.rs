@@ -124,7 +124,7 @@ impl Selection {
         if self.order == Order::Shuffled {
             Rng::new(seed, Purpose::Order, 0).shuffle(&mut frames);
         }
-        // After the shuffle: all shards together are the whole plan.
+        // Shards are taken after the shuffle, so that all shards together are the whole plan.
         if let Some(Shard { index, of }) = self.shard {
             frames = frames.into_iter().skip(index - 1).step_by(of).collect();
         }

@@ -97,7 +97,7 @@ impl Session {
         origin: &InitialState,
         past: RunProgress,
     ) -> Result<Self, SessionError> {
-        // Before decoding starts and memory is allocated.
+        // Checked before decoding starts and memory is allocated.
         let (preset, pixels) = (config.method.as_any(), plan.pixels(&dataset));
         memory::check(preset.memory(pixels), preset.component_limit())?;
         let (frames, normalization) = frame_loop(&dataset, &config, &plan, past.visited, origin)?;

@@ -65,7 +65,7 @@ impl PastScenes {
         if n_frames == 0 || bytes > budget || !self.is_due(n_frames) {
             return;
         }
-        // Before the check below, because thinning doubles the interval.
+        // Thinned before the check below, because thinning doubles the interval.
         self.thin(MAX_MOMENTS - 1, budget - bytes);
         if self.is_due(n_frames) {
             self.serial += 1;

@@ -137,7 +137,7 @@ fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
 
 fn share_within_budget(frames: &[FrameReport], budget_ms: f64) -> f64 {
     let n = frames.iter().filter(|frame| frame.ms.stages.train <= budget_ms).count();
-    // At least 1, because there may be no frame yet.
+    // At least 1, because no frame may exist yet.
     n as f64 / frames.len().max(1) as f64
 }
 

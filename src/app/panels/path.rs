@@ -90,7 +90,7 @@ fn keyframes(editor: &mut PathEditor, view: &mut SceneView, ui: &mut Ui) {
         }
         ui.end_row();
     }
-    // After the loop, whose indices it would shift.
+    // Removed after the loop, whose indices a removal would shift.
     if let Some(i) = removed {
         editor.remove(i);
     }

@@ -160,7 +160,7 @@ fn adapter(device: &WindowDevice, gpu_failed: bool, ui: &mut Ui) -> Option<Setti
         let name = adapter.to_string();
         let clicked = ui.selectable_label(is_current, &name).on_hover_text(switch).clicked();
         if clicked && !is_current {
-            // By name, not by index: the choice is stored for the next start, when the list may differ.
+            // Stored by name, not by index, because the list may differ at the next startup.
             asked = Some(SettingsAnswer::Adapter(AdapterChoice::Named(name)));
         }
     }

@@ -226,7 +226,7 @@ impl Studio {
             None => {}
             Some(Answer::Resume) => self.confirm_then_send(WorkerOrder::ResumeAbandoned, snapshot),
             Some(Answer::Forget) => self.worker.send(WorkerOrder::DiscardAbandoned),
-            // Only in this window: the next start offers the run again.
+            // Only in this window: the program offers the run again at its next startup.
             Some(Answer::NotNow) => self.panels.postponed_slot = Some(run.slot.clone()),
         }
     }
@@ -261,7 +261,7 @@ impl Studio {
         if let Some(action) = chosen {
             self.apply_action(action, snapshot);
         }
-        // After the dialogs, so that a file named in this pass is already taken into account.
+        // Resolved after the dialogs, so that a file named in this pass is already taken into account.
         self.unsaved.resolve(&mut self.dialogs, &self.worker, ui, snapshot);
     }
 

@@ -348,7 +348,8 @@ impl eframe::App for Studio {
         }
         self.shell.update_title(&snapshot);
         self.handle_dropped_files(ui, &snapshot);
-        // Before the dialogs: otherwise the Escape that closes a dialog would also clear the selection.
+        // Handled before the dialogs: otherwise the Escape that closes a dialog would also clear the
+        // selection.
         self.handle_shortcuts(ui, &snapshot);
         self.draw_panels(ui, &snapshot);
         self.show_dialogs(ui, &snapshot);

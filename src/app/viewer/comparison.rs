@@ -95,7 +95,7 @@ impl Comparison {
         let taken = take_finished(&mut self.reading).map(|(path, read)| match read {
             Ok(Ok((model, notices))) => {
                 self.model = Some(Arc::new(model));
-                // The difference of two models stays on; any other mode would not show the new one.
+                // The difference between two models stays on; any other mode would not show the new one.
                 if !self.mode.has_model() {
                     self.mode = ViewMode::ModelWipe;
                 }

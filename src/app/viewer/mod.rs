@@ -86,7 +86,7 @@ impl SceneView {
     }
 
     pub fn apply_update(&mut self, update: SplatUpdate) {
-        // Before the palette, which consumes the update and recolours it.
+        // Passed on before the palette consumes the update and recolours it.
         self.comparison.change(update.change.clone());
         let n_frames = update.n_frames;
         self.editor.stored_scenes.install_finished_copies();
@@ -141,7 +141,7 @@ impl SceneView {
         let color_camera = self.comparison.color_camera(opened);
         let scene = self.palette.splats().finishing();
         let photo_camera = |frame: &FrameRef| frame.photo_camera(color_camera.as_ref(), scene);
-        // Before the camera is computed, so that a drag shows in the same pass.
+        // Steered before the camera is computed, so that a drag shows in the same pass.
         self.camera.steer(ui, &response, !edits, &self.settings, &photo_camera);
         let (camera, area) = self.camera.camera_now(&self.settings, &photo_camera)?;
         let photo = self.comparison.request_photo(

@@ -280,7 +280,7 @@ impl SoftwarePainter {
         self.thread.send_request((request.clone(), effort), announce);
         self.asked = Some((request.clone(), effort));
         self.asked_at = Instant::now();
-        // Before the answer: a change during the rendering makes it stale again.
+        // Reset before the answer arrives, so that a change during the rendering makes it stale again.
         self.is_stale = false;
     }
 }

@@ -166,7 +166,8 @@ impl PhotoRequests {
                 let question =
                     if is_training { PhotoTask::MeasureAside } else { PhotoTask::Measure };
                 self.thread.send_request((query.clone(), question), Announce::Wake);
-                // Before the answer, so that a change during the measurement makes it stale again.
+                // Reset before the answer arrives, so that a change during the measurement makes it
+                // stale again.
                 self.is_stale = false;
                 self.measured_at = Instant::now();
             }

@@ -89,7 +89,7 @@ impl Viewpoint {
         self.place.latest_frame = None;
         if self.retained_for.take().is_none_or(|kept| kept != opened.files) {
             self.go_home(opened);
-            // After `go_home`, which ends the guide.
+            // Set after `go_home`, which ends the guide.
             self.place.guide = Some(GuideStage::Start);
         }
     }
@@ -226,7 +226,7 @@ impl Viewpoint {
             return;
         }
         self.place.guide = None;
-        // Before the position becomes free, or the view would jump to the last steered pose.
+        // Computed before the position becomes free, or the view would jump to the last steered pose.
         let from = self.camera_now(settings, photo_camera).filter(|_| !self.is_free());
         let Some(camera) = &mut self.steered else { return };
         if let Some((from, _)) = from {
@@ -288,7 +288,7 @@ impl Viewpoint {
     }
 
     pub fn move_to_frame(&mut self, frame: FrameRef) {
-        // Before the position, which it resets.
+        // Called before the position is set, because it resets the position.
         self.set_free();
         self.place.position = ViewPosition::At(frame.clone());
         self.place.latest_frame = Some(frame);

@@ -70,7 +70,7 @@ impl Export<'_> {
                     out.notify(NoticeKind::Warning, format!("{path}: {warning}"));
                 }
             }
-            // A cancellation by the user is no error.
+            // A cancellation by the user is not an error.
             Err(ExportError { fault: Fault::Cancelled, .. }) => {
                 out.notify(NoticeKind::Info, format!("{path}: {}", Fault::Cancelled));
             }

@@ -138,7 +138,7 @@ impl Outbox {
         if !(at_once || due && news) {
             return;
         }
-        // Before the snapshot, so that a window that reads it finds its splats too.
+        // Delivered before the snapshot, so that a window that reads the snapshot finds its splats too.
         self.deliver_changes(run);
         self.snapshot.inspected = run.inspect();
         self.snapshot.includes_pending_photographs =

@@ -153,7 +153,7 @@ impl WorkerThread {
             }
             // A click that arrives after the end of training must not restart it.
             WorkerOrder::Step if self.may_train() => {
-                // Before the frame, which may finish or fail the run: that state must remain.
+                // Set before the frame, which may finish or fail the run: that state must remain.
                 self.set_state(RunState::Paused);
                 self.step_once();
             }
@@ -178,7 +178,7 @@ impl WorkerThread {
             WorkerOrder::WriteText(path, text) => write_text(&path, &text, &mut self.outbox),
             WorkerOrder::Store(answer) => {
                 let rescue = self.end_run();
-                // Before the answer, because its receiver relies on the snapshot.
+                // Published before the answer, because its receiver relies on the snapshot.
                 self.outbox.publish(&self.run, true);
                 // Fails if the receiver no longer waits.
                 let _ = answer.send(rescue);

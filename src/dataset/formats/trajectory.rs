@@ -20,7 +20,7 @@ impl TimedPose {
     /// quaternion's length is near 1.
     pub fn new([time, x, y, z, qx, qy, qz, qw]: [f64; 8]) -> Option<Self> {
         let (position, turn) = (DVec3::new(x, y, z), DQuat::from_xyzw(qx, qy, qz, qw));
-        // Rounded text stays far closer to length 1; other numbers are no quaternion.
+        // Rounded text stays far closer to length 1; other numbers are not a quaternion.
         let is_turn = (0.5..2.0).contains(&turn.length());
         (time.is_finite() && position.is_finite() && is_turn).then(|| Self {
             time,

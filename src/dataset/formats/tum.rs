@@ -93,7 +93,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     });
     let taken: Vec<&TimedImage> = depths
         .iter()
-        // Before anything is read for a frame, so that a poll of a long recording costs little.
+        // Filtered before anything is read for a frame, so that a poll of a long recording costs little.
         .filter(|depth| !folder.was_taken(frame_name(&depth.name)))
         .filter(|depth| !is_growing || has_all_data(depth, poses, &colors))
         .collect();

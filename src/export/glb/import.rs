@@ -444,7 +444,7 @@ impl Placement {
             return fault("a matrix that is not finite or not affine");
         }
         let (x, y, z) = (linear.x_axis, linear.y_axis, linear.z_axis);
-        // A mirrored matrix is no rotation, and a singular one cannot be inverted.
+        // A mirrored matrix is not a rotation, and a singular one cannot be inverted.
         if linear.determinant() <= 0.0 {
             return fault("a negative or zero scale, which mirrors or flattens splats");
         }

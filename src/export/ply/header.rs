@@ -175,7 +175,7 @@ impl Line<'_> {
         let (name, kind) = match self.words().as_slice() {
             ["property", "list", length, item, name] => {
                 let length = scalar(length)?;
-                // A fraction is no length.
+                // A fraction is not a length.
                 if matches!(length, Scalar::F32 | Scalar::F64) {
                     return Err(self.fault("an integer type for the length of a list"));
                 }

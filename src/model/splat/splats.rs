@@ -144,7 +144,8 @@ fn legacy_form(covariance: Sym3) -> (DVec3, DQuat) {
         let eigen = covariance.eigen();
         eigen.vectors * DMat3::from_diagonal(eigen.values.max(DVec3::ZERO).map(f64::sqrt))
     });
-    // As in the reference, although the rows of a Cholesky factor are no rotation: its figures depend on it.
+    // As in the reference, although the rows of a Cholesky factor do not form a rotation: its figures
+    // depend on it.
     let rows = l.transpose();
     let scale = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
     let unit =

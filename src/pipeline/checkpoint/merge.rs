@@ -182,7 +182,8 @@ fn check_same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
         let found = format!("{} and {}", ours.preset(), theirs.preset());
         return unlike("setting `preset`", found, RETRAIN_ADVICE);
     }
-    // Before the other settings, because these estimates have clearer names here than in the JSON below.
+    // Compared before the other settings, because these estimates have clearer names here than in the
+    // JSON below.
     let (ours, theirs) = (ours.as_any().world_placement(), theirs.as_any().world_placement());
     if let Some(((what, a), (_, b))) = ours.iter().zip(&theirs).find(|(a, b)| a != b) {
         return unlike(what, format!("{a} and {b}"), RETRAIN_ADVICE);

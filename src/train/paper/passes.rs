@@ -65,7 +65,7 @@ impl Passes {
         Mixture { model, index, .. }: &Mixture<R>,
     ) -> Result<(), DeviceError> {
         let Some(model) = narrow(model) else { return Ok(()) };
-        // Before the device counts as added: without room for the means it is not used.
+        // Uploaded before the device counts as added: without room for the means it is not used.
         device.set_means(&index.means_for_device(model, None))?;
         self.used = PassUse { device: Some(device.name()), ..PassUse::default() };
         // The share of open tiles is that of the new device.

@@ -269,7 +269,7 @@ impl ComponentSums {
             turned
         };
         let wide = self.wide.ids();
-        // Before the rows rotate, since the sums of a wide component include its row.
+        // Computed before the rows rotate, since the sums of a wide component include its row.
         let all: Vec<_> = wide.map(|id| (id as usize, turned(&self.sums(id as usize)))).collect();
         self.rows.par_iter_mut().with_min_len(256).for_each(|row| {
             row.sums = turned(&row.sums.map(value)).map(sum_quanta);

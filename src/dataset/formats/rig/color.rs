@@ -73,7 +73,7 @@ fn load(shot: &ImagePair, k: &Intrinsics) -> Option<Image<f32>> {
 fn grey_at(grey: &Image<f32>, [u, v, _]: [f64; 3]) -> Option<f64> {
     let (x, y) = (u / SQUARE as f64 - 0.5, v / SQUARE as f64 - 0.5);
     let (column, row) = (x.floor(), y.floor());
-    // Before the casts, which saturate at 0.
+    // Checked before the casts, which saturate at 0.
     let is_inside = column >= 0.0 && row >= 0.0;
     let (right, down) = (x - column, y - row);
     let (column, row) = (column as usize, row as usize);

@@ -37,7 +37,7 @@ pub fn write(
         return Err(ParamsError { setting: "layout", expected, found }.into());
     }
     let plan = ViewPlan::new(params)?;
-    // Before rendering, so that recordings are never mixed.
+    // Created before rendering, so that recordings are never mixed.
     create_empty_folder(out)?;
     let total = plan.splits.iter().map(|split| split.poses.len()).sum();
     let mut done = 0;

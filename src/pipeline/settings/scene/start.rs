@@ -38,7 +38,8 @@ impl SceneRun {
         overrides.apply(&mut run);
         SceneOverrides::check(&run)?;
         check_shuffle_buffer(overrides, &run.engine)?;
-        // Before frames are sampled: a calibration for another aspect ratio is refused at once.
+        // Checked before frames are sampled, so that a calibration for another aspect ratio is refused
+        // at once.
         if let Some(camera) = run.surface.calibration.as_ref().and_then(|given| given.color_camera)
         {
             dataset.splits[plan.split].camera_scaling(&camera)?;

@@ -213,7 +213,7 @@ impl SecondWalk {
             let color = color_at(splat, gradient, k, offset);
             let behind = V::load(&self.behind[k][group]) - filled * color;
             behind.store(&mut self.behind[k][group]);
-            // Derivative of the pixel's colour by alpha.
+            // Derivative of the pixel's colour with respect to alpha.
             let change = ahead * color - behind * per_open;
             let residual = V::load(&self.residual[k][group]);
             along = along + change * residual;

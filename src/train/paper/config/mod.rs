@@ -100,7 +100,7 @@ settings! {
         at |run| run.reassign_fraction;
     }
     /// Arithmetic by operation, as written by `precision-search`; excludes a named precision.
-    // Before `precision` in the table: a named precision with the same operations then keeps its name.
+    // Listed before `precision`, so that a named precision with the same operations keeps its name.
     operations: Operations {
         default by "those of the precision";
         below precision;

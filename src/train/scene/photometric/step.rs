@@ -67,7 +67,8 @@ impl Kernel for LearnRun<'_> {
             repaired += run.step_rows(&rows, &sums, variance, rule);
             for &row in &rows {
                 if let Some(extent) = extents(run.first + row) {
-                    // After the step, since its trust region does not bound the sum of many steps.
+                    // Clamped after the step, since its trust region does not bound the sum of many
+                    // steps.
                     clamp_to_points(&mut run.splats[row], &extent);
                 }
             }

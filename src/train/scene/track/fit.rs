@@ -160,7 +160,7 @@ pub fn fit(
         let residuals = samples.iter().filter_map(|s| Residual::of(s, &pose, from, level));
         let residuals: Vec<Residual> = residuals.collect();
         let gain = gain(&residuals);
-        // About the start, so that repeated steps cannot drift away.
+        // The prior is centred on the initial pose, so that repeated steps cannot drift away.
         let mut equations = RigidEquations::prior(&motion, deviations);
         let mut agreement = 0.0;
         for r in &residuals {

@@ -169,7 +169,7 @@ impl SceneTrainer {
         clock.lap(SceneStage::Refine);
         self.points.sum_up(&mut self.scene, points, weight, gain, self.changes.touched());
         clock.lap(SceneStage::Stats);
-        // After the sums, so that components count the frame in which they were born.
+        // Updated after the sums, so that components count the frame in which they were born.
         let Scene { config, seeds, sums, .. } = &mut self.scene;
         observe(sums, seeds, frame, &placed.camera, config.h);
         clock.lap(SceneStage::Visibility);
