@@ -10,7 +10,7 @@
 //! |---|---|
 //! | [`math`] | numbers and geometry: cameras, images, random streams, fixed point |
 //! | [`observation`] | observations of a frame: points, or surfaces |
-//! | [`model`] | conjugate laws and posterior, the mixtures of both presets, splats |
+//! | [`model`] | conjugate distributions and posterior, the mixtures of both presets, splats |
 //! | [`dataset`] | dataset layouts, frames, unprojection, surface points, the synthetic scene |
 //! | [`train`] | training frame by frame: [`train::paper`] as published, [`train::scene`] the default |
 //! | [`render`] | splats to pixels: CPU (`render::cpu`) and GPU (`render::gpu`, feature `gui`) |

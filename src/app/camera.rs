@@ -40,8 +40,8 @@ const OVERVIEW_TURN: f64 = 0.5;
 pub const WHEEL_PER_HALVING: f64 = 240.0;
 /// Smallest and largest distance from the target, in scene radii.
 const DISTANCE: [f64; 2] = [1e-3, 50.0];
-/// Smallest and largest distance of the target from a dataset camera to which the view moves, in scene
-/// radii.
+/// Smallest and largest distance between the target and a dataset camera that the view moves to, in
+/// scene radii.
 const VISIT_DISTANCE: [f64; 2] = [0.2, 2.0];
 /// Largest elevation reached by dragging, radians.
 // At the poles the horizon is undefined.

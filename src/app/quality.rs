@@ -1,9 +1,9 @@
 //! Quality of held-out views, measured during training.
 //!
 //! One thread measures a copy of the splats, as for photographs (`viewer/photo.rs`). During training it
-//! measures a few views repeatedly, with pauses of a multiple of the measuring time, to leave the cores
-//! to training. While training is paused or finished, every view is measured once, then the views away
-//! from the camera path. The metrics are those of `vbgs-studio eval`.
+//! measures a few views repeatedly. Pauses of a multiple of the measuring time leave the cores to
+//! training. While training is paused or finished, every view is measured once, then the views away from
+//! the camera path. The metrics are those of `vbgs-studio eval`.
 
 use super::retention::{Retention, positions};
 use super::splat_updates::SplatChange;

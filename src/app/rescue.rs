@@ -1,9 +1,10 @@
 //! Autosave slots of training runs, and the rescue of a run when the program ends unexpectedly.
 //!
-//! A run has one slot: a checkpoint named after its dataset in the platform's state folder, and a lock
-//! file beside it that stays locked while the window lives. A process loses its locks however it ends.
-//! So a checkpoint without a locked file belongs to a window that ended before the user chose to save
-//! or discard, and the next start offers it. Such a slot is never reused for another run.
+//! A run has one slot in the platform's state folder: a checkpoint named after its dataset, and a lock
+//! file beside it. The lock file stays locked while the window lives. A process loses its locks however
+//! it ends. So a checkpoint without a locked file belongs to a window that ended before the user saved
+//! or discarded it. The program offers it at its next startup. Such a slot is never reused for another
+//! run.
 
 use super::opening::absolute_or_same;
 use super::user_folders;

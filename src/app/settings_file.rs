@@ -4,7 +4,7 @@
 //! eframe reads and writes it as parts by name ([`persistence`](super::persistence)). It empties the
 //! file before writing, so that a full disk or a power cut leaves a partial file. It ignores an
 //! unreadable file without a message and overwrites it. Therefore a file that this version cannot read
-//! is renamed before the first window opens, a copy of the last good file replaces it, and the user is
+//! is renamed before the first window opens. A copy of the last valid file replaces it, and the user is
 //! warned.
 
 use super::persistence::{ADAPTER, FILE_VERSION, StoredSettings, VERSION};
@@ -66,8 +66,8 @@ impl SettingsFile {
         FoundSettings { adapter, problems }
     }
 
-    /// Copies the file if it is valid. Called after the last window, so that the start does not wait for
-    /// a disk. Returns a notice if the last window wrote an invalid file.
+    /// Backs up a valid settings file. Replaces a broken one by its backup and returns a notice. Called
+    /// after the last window has closed, so that startup does not wait for the disk.
     pub fn close(&self) -> Option<String> {
         match read(&self.file) {
             Ok(parts) => {
@@ -199,8 +199,8 @@ pub fn unused(path: &Path) -> PathBuf {
     paths.find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
 }
 
-/// Parses a part, which messages call `what`. Unreadable text yields the default and a notice, because
-/// settings of another version must not prevent the window from opening.
+/// Parses a part of the settings. `what` names the part in messages. Unreadable text yields the default
+/// and a notice, because settings of another version must not prevent the window from opening.
 pub fn from_text<T: DeserializeOwned + Default>(what: &str, text: &str) -> (T, Option<String>) {
     match ron::from_str(text) {
         Ok(read) => (read, None),

@@ -262,8 +262,8 @@ type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
 /// Panics are handled by [`run_guarded`].
 ///
 /// A panic unwinds through winit's event loop and leaves it in a running state. The next run of the loop
-/// handles remaining events of the old window and ends at once without creating a window. The run after
-/// that creates one.
+/// handles remaining events of the old window and ends at once, without a window. The run after that
+/// creates one.
 ///
 /// # Errors
 /// Those of [`run_guarded`], and an error if no run created a window.

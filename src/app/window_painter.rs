@@ -417,8 +417,8 @@ impl WindowDamage {
     }
 }
 
-/// Returns the ranges of two lists that remain without the common beginning and end. `is_same` compares
-/// the elements at an index of the first list and an index of the second.
+/// Returns the ranges of two lists between their common beginning and common end. `is_same` compares the
+/// elements at an index of the first list and an index of the second.
 fn changed(lengths: [usize; 2], is_same: impl Fn(usize, usize) -> bool) -> [Range<usize>; 2] {
     let [a, b] = lengths;
     let shorter = a.min(b);
@@ -428,7 +428,7 @@ fn changed(lengths: [usize; 2], is_same: impl Fn(usize, usize) -> bool) -> [Rang
     lengths.map(|length| head..length - tail)
 }
 
-/// Returns the ranges of triangles of two meshes that remain without the common beginning and end.
+/// Returns the ranges of triangles of two meshes between their common beginning and common end.
 fn changed_triangles(before: &Mesh, now: &Mesh) -> [Range<usize>; 2] {
     let (a, b) = (&before.vertices, &now.vertices);
     let [gone, new] = changed([a.len(), b.len()], |i, k| a[i] == b[k]);

@@ -9,8 +9,7 @@ pub fn pose_agreement(check: &PoseCheck) -> String {
     format!("{percent:.0} % of depth agrees with neighbouring frames ({})", poses.name())
 }
 
-/// Returns a warning with advice if other pose axes or another depth unit fit the recording better than
-/// those in use.
+/// Returns a warning with advice if other pose axes or another depth unit fit the recording better.
 pub fn pose_warning(check: &PoseCheck) -> Option<String> {
     let PoseCheck { opened, best, .. } = check;
     if !check.has_better_reading() {

@@ -147,7 +147,8 @@ impl Axis {
         }
     }
 
-    /// Returns the position of a value on the axis, within the range. Names begin at the top.
+    /// Returns the position of a value on the axis; numbers are clamped to the range. The first name is
+    /// at the top.
     fn position(&self, value: f64, range: &Range<f64>) -> f64 {
         match self {
             // Positions count from the bottom, names from the top.

@@ -13,14 +13,14 @@ pub(super) const N: usize = 6;
 pub(super) const FOCAL: usize = 3;
 pub(super) const ROLL: usize = 2;
 
-/// Colour camera and its parameters relative to the start of the search. Offset along the optical axis,
-/// pitch and yaw are fixed. Over a scene's depth range, their effects hardly differ from those of focal
-/// length and principal point.
+/// Colour camera and its parameters relative to the initial camera of the search. Offset along the
+/// optical axis, pitch and yaw are fixed. Over a scene's depth range, their effects hardly differ from
+/// those of focal length and principal point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CameraUnknowns {
     start: ColorCamera,
-    /// Offset x and y (world units), roll relative to the start (radians), logarithm of the focal length
-    /// factor, principal point (pixels).
+    /// Offset x and y (world units), roll relative to the initial camera (radians), logarithm of the
+    /// focal length factor, and principal point (pixels).
     pub values: [f64; N],
 }
 

@@ -1,7 +1,7 @@
 //! Colour residuals between views, with their derivatives by colour camera and depth.
 //!
-//! A component's points are projected into the colour image of their own view and into that of another view
-//! that sees the component. An inaccurate camera causes a colour difference.
+//! A component's points are projected into the colour images of their own view and of another view of
+//! the component. An inaccurate camera causes a colour difference.
 
 use super::camera::Projector;
 use super::gains::Patch;

@@ -67,8 +67,8 @@ impl Evidence<'_> {
     }
 
     /// Returns the mean Cauchy loss of one kind of residual, after fitting gains and poses to the given
-    /// unknowns. Unlike weights, the loss does not favour the unknowns at which the weights were
-    /// computed.
+    /// unknowns. Unlike the weighted squares, the loss does not favour the unknowns at which the weights
+    /// were computed.
     pub fn loss(&mut self, prior: &SensorPrior, unknowns: &Unknowns, kind: ResidualKind) -> f64 {
         let mut at = Estimate::as_recorded(*unknowns, self.matches.poses.len());
         for _ in 0..LOSS_ROUNDS {

@@ -17,14 +17,15 @@ pub(super) struct MatchedPoint {
     pub component: u32,
     pub view: u32,
     pub point: SurfacePoint,
-    /// Position on the point's surface, up to half a pixel from the point, in the depth camera's frame.
-    /// With registered colours, the point itself is at the centre of a texel, but between texels in
-    /// other views. Interpolation between texels would then reduce the colour difference.
+    /// Sampling position on the point's surface, up to half a pixel from the point, in the depth
+    /// camera's frame. With registered colours, the point itself is at a texel centre in its own view
+    /// but between texels in others. Interpolation smooths colours, so sampling at the point would bias
+    /// the colour difference.
     pub local: DVec3,
 }
 
-/// Pose of a view's depth camera, world to camera and relative to the points' origin (a `Pose` stores
-/// camera to world).
+/// Pose of a view's depth camera, relative to the points' origin. It maps world to camera, whereas a
+/// `Pose` maps camera to world.
 #[derive(Clone, Copy)]
 pub(super) struct CameraPose {
     pub rotation: DMat3,

@@ -266,7 +266,8 @@ fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, 
 }
 
 struct CalibrationInput {
-    /// First the even-numbered frames, then the odd-numbered frames; both halves see the same places.
+    /// Frames of both halves: first the even-numbered ones, then the odd-numbered ones. Both halves see
+    /// the same places.
     frames: Vec<Frame>,
     along_z: bool,
     /// Settings for the conversion of frames to surface points, without the calibration.

@@ -1,8 +1,8 @@
 //! The vector of all unknowns and its prior.
 //!
 //! Depth scale, depth offset, focal length and camera offset are correlated. They are fitted jointly, so
-//! that their covariance includes that, and with a sensor prior: a depth scale of 1.18 explains some
-//! recordings best, but no depth camera has that error.
+//! that their covariance includes the correlation. A sensor prior is added: a depth scale of 1.18
+//! explains some recordings best, but no depth camera has that error.
 
 use super::camera::{CameraUnknowns, FOCAL, N as N_CAMERA, ROLL};
 use crate::dataset::calibration::{Calibration, ColorCamera};
@@ -69,7 +69,7 @@ impl Unknowns {
     }
 
     /// Returns an unknown in its natural parameters. The focal length is in pixels instead of a
-    /// logarithm. Roll (radians) is absolute instead of relative to the start.
+    /// logarithm. Roll (radians) is absolute instead of relative to the initial camera.
     pub fn natural_value(&self, i: usize) -> f64 {
         match i.checked_sub(CAMERA) {
             Some(FOCAL) => self.camera.camera().focal[0],

@@ -1,11 +1,12 @@
 //! Decides which calibration estimates are significant.
 //!
 //! A minimum always exists, so finding one proves nothing. Frames are split into two halves that see the
-//! same places. Each half's optimum must explain the *other* half better than the start does; otherwise it
-//! fits only that half's errors. The test applies to the whole colour camera, to depth, and to each value.
-//! A value is compared with a refit that holds it at the start. Values are correlated: jointly they may be
-//! certain where none is individually, and reverting one shifts the others. So depth and camera are
-//! accepted or rejected as a whole, except values on which no other depends.
+//! same places. Each half's optimum must explain the *other* half better than the initial estimate does.
+//! Otherwise it fits only that half's errors. The test applies to the whole colour camera, to depth, and
+//! to each value. A value is compared with a refit that holds it at its initial value. Values are
+//! correlated: jointly they may be certain where none is individually, and reverting one shifts the
+//! others. So depth and camera are accepted or rejected as a whole, except values on which no other
+//! depends.
 
 use super::color::{rms_pixel_distance, rms_shift_per_unit};
 use super::covariance::Covariance;
@@ -23,9 +24,9 @@ const MIN_FALL: f64 = 0.05;
 /// Minimum mean image shift, in pixels, for accepting another camera. On Lego, with registered colours,
 /// the shift is 0.4.
 const MIN_SHIFT: f64 = 1.0;
-/// Minimum relative increase of the other half's loss, caused by holding a value at its initial value,
-/// for changing the value. Pose errors shift the minimum. On the 7-Scenes Kinect, a wrong roll decreases
-/// the loss by 0.8 % but makes held-out views worse.
+/// Minimum evidence for changing a value: the relative increase of the other half's loss if the value is
+/// held at its initial value. Pose errors shift the minimum. On the 7-Scenes Kinect, a wrong roll
+/// decreases the loss by 0.8 % but makes held-out views worse.
 const MIN_RISE: f64 = 0.02;
 /// Minimum difference from the initial value, in standard errors, for changing a value. Poses are often
 /// fitted to the same depth and share its errors, which the views cannot reveal.
@@ -285,7 +286,7 @@ const ORDER: [usize; 4] = [2, 1, 0, 0];
 pub(super) const STEPS: usize = 1 + ORDER.len();
 /// Maximum number of fits per level. Gains and weights are updated between fits.
 const MAX_ROUNDS: usize = 12;
-/// Change of the estimate, in pixels of the level's images, at which a level has converged.
+/// Change of the estimate, in pixels of the level's images, below which a level has converged.
 const SETTLED: f64 = 0.03;
 
 #[derive(Clone, Copy)]

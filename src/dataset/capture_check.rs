@@ -41,11 +41,11 @@ pub struct CaptureCheck {
     pub frames: usize,
     /// Frames much blurrier than their neighbours.
     pub blurred: Vec<BlurredFrame>,
-    /// Frames much brighter or darker than the frame before.
+    /// Frames much brighter or darker than the previous frame.
     pub brightness_jumps: Vec<BrightnessJump>,
     /// Median time between frames, seconds; `None` without timestamps.
     pub usual_step_s: Option<f64>,
-    /// Frames much later than the frame before, or earlier than it.
+    /// Frames recorded much later than the previous frame, or earlier than it.
     pub gaps: Vec<TimeGap>,
 }
 

@@ -1,8 +1,8 @@
 //! Depth of one frame: the stored values and their conversion to lengths.
 //!
-//! Depth is retained as the file stores it. The edge filter of the published algorithm is defined on 8-bit
-//! codes, the plane fit uses a table of all codes, and a sensor's noise follows from its code step. Depth
-//! that was never a file has no codes and is stored as lengths.
+//! Depth is retained as the file stores it. The edge filter of the published algorithm is defined on
+//! 8-bit codes. The plane fit uses a table of all codes. A sensor's noise follows from its code step.
+//! Depth that was never a file has no codes and is stored as lengths.
 
 use super::distortion::Distortion;
 use super::error::FrameProblem;

@@ -1,9 +1,9 @@
 //! Errors and warnings of a dataset and of one frame. Every message states the file, what was expected,
 //! what was found and what to do.
 //!
-//! [`FrameProblem`] is a defect without its place, so that decoders need no frame name; [`FrameError`] adds
-//! file and frame. A bad frame never makes the whole dataset unusable: only [`DatasetError`] aborts
-//! opening.
+//! [`FrameProblem`] is a defect without its location, so that decoders need no frame name;
+//! [`FrameError`] adds file and frame. A bad frame never makes the whole dataset unusable: only
+//! [`DatasetError`] aborts opening.
 
 use crate::math::pose::PoseError;
 use std::path::PathBuf;

@@ -97,8 +97,8 @@ impl Fingerprint {
         self.frames
     }
 
-    /// Describes the first difference to `found`, the fingerprint of another dataset; `None` if there is
-    /// no difference.
+    /// Describes the first difference from `found`, the fingerprint of another dataset; `None` if there
+    /// is no difference.
     pub fn difference(&self, found: &Self) -> Option<String> {
         let differ = |what: &str, expected: &dyn std::fmt::Debug, found: &dyn std::fmt::Debug| {
             Some(format!("{what} (expected {expected:?}, found {found:?})"))

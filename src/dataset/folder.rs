@@ -5,7 +5,7 @@
 //! listed once; later queries use the listing.
 //!
 //! A recording may still grow. Then only terminated lines count, and frames that were taken before are
-//! skipped, so that polling a long recording costs little more than listing its folder.
+//! skipped. So polling a long recording costs little more than listing its folder.
 
 use super::archive::Archive;
 use super::error::{DatasetError, FrameProblem};

@@ -1,10 +1,11 @@
-//! A recording that is still being written: polled repeatedly, each time for the frames completed since.
+//! A recording that is still being written. Each poll returns the frames completed since the previous
+//! one.
 //!
-//! A poll reads the folder like opening, but skips frames that were taken before, before their poses and
-//! headers are read. What remains is listing folders and reading lists. Modification times and sizes of the
-//! folders and lists of the last poll decide whether to poll again. File system events (such as inotify)
-//! would name the files, but do not work over networks or into containers, so polling would be needed
-//! anyway.
+//! A poll reads the folder as opening does, but skips frames that were already taken. Their poses and
+//! headers are not read. What remains is listing folders and reading lists. Modification times and sizes
+//! of the folders and lists of the last poll decide whether to poll again. File system events (such as
+//! inotify) would name the files, but do not work over networks or into containers. Polling would be
+//! needed anyway.
 
 use super::decode::CodeKind;
 use super::entry::{FrameEntry, FrameSource, HELD_OUT};

@@ -333,7 +333,7 @@ fn mismatch_notice(asked: DVec3, far: DVec3) -> String {
 }
 
 /// Returns the local origin that cameras far from `origin` need; `None` for cameras near `origin`. It is
-/// the position of the first camera that is no outlier, relative to `origin` and rounded to whole
+/// the position of the first camera that is not an outlier, relative to `origin` and rounded to whole
 /// metres.
 fn far_origin(split: &DatasetSplit, metre: f64, origin: DVec3) -> Option<DVec3> {
     let centre = first_inlier_position(split)?;

@@ -34,8 +34,8 @@ pub struct LoadOptions {
     #[serde(default, skip_serializing_if = "is_false")]
     pub track: bool,
     /// Origin of the camera poses in the coordinates of the files, world units. If a model is shown with
-    /// the dataset, it is the model's origin. By default it is zero, or near the first camera if the
-    /// cameras are too far from zero for 32-bit positions.
+    /// the dataset, it is the model's origin. By default it is zero, or near the first camera if cameras
+    /// are too distant for 32-bit positions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub local_origin: Option<[f64; 3]>,
 }

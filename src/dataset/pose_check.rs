@@ -62,7 +62,7 @@ pub struct PoseTrial {
     pub unit: f64,
     /// Share of samples that match the neighbour's depth, 0 to 1.
     pub agreement: f64,
-    /// Median difference to the neighbour's depth, world units along the optical axis.
+    /// Median difference from the neighbour's depth along the optical axis, world units.
     pub error: f64,
 }
 

@@ -167,8 +167,8 @@ impl PositionRange {
         self.hi
     }
 
-    /// Returns the affine map that normalises positions. It gives a uniform distribution in the box mean
-    /// 0 and variance 1 on every axis.
+    /// Returns the affine map that normalises positions. A uniform distribution in the box is mapped to
+    /// mean 0 and variance 1 on every axis.
     pub fn normalization(&self) -> Normalization {
         Normalization::from_range(self.lo, self.hi)
     }

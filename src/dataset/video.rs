@@ -1,8 +1,8 @@
 //! Photographs inside a video, extracted by the installed `ffmpeg`.
 //!
-//! Phones store colour as HEVC, whose decoders are large and encumbered by patents; users of such videos
-//! usually have one. It runs once, when the first photograph is requested, into a temporary folder that is
-//! deleted with the dataset.
+//! Phones store colour as HEVC, whose decoders are large and encumbered by patents. Users of such videos
+//! usually have `ffmpeg`. It runs once, when the first photograph is requested, into a temporary folder
+//! that is deleted with the dataset.
 
 use super::error::FrameProblem;
 use super::folder::is_file;

@@ -19,7 +19,7 @@ pub enum GroundTruth {
     Rgb,
 }
 
-/// Camera poses of evaluated views.
+/// Selects the camera poses from which evaluated views are rendered.
 #[derive(
     Clone,
     Copy,

@@ -197,8 +197,8 @@ impl Sums {
     }
 }
 
-/// Variance of a channel, with values in `[0, 1]`, below which no gain can be determined. Such a channel
-/// has a single byte value.
+/// Variance of a channel, with values in `[0, 1]`, below which no gain can be determined. All pixels of
+/// such a channel have the same byte value.
 pub(super) const MIN_VARIANCE: f64 = 1e-8;
 
 impl Moments {

@@ -71,8 +71,8 @@ pub(super) fn decibels(mse: f64) -> f64 {
     -10.0 * if mse < MSE_FLOOR { MSE_FLOOR } else { mse }.log10()
 }
 
-/// Returns the mean absolute error of a depth map in world units, over pixels with ground truth and
-/// coverage ≥ ½. Both maps must be of one kind: view depth `z` (as from
+/// Returns the mean absolute error of a depth map, over pixels with ground truth and coverage ≥ ½, world
+/// units. Both maps must be of one kind: view depth `z` (as from
 /// [`CpuRenderer`](crate::render::cpu::CpuRenderer)) or ray distance. The result is NaN without such
 /// pixels. Ground truth that is not finite or not positive counts as missing.
 ///

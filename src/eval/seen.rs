@@ -61,7 +61,7 @@ fn covered_share(coverage: &Image<f32>, mask: &Image<bool>) -> Option<f64> {
     (n_masked > 0).then(|| n_covered as f64 / n_masked as f64)
 }
 
-/// Counts the `views` that were also trained on. `learnt` lists the frames trained on.
+/// Counts the `views` that are also among the trained frames `learnt`.
 pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> usize {
     let marks = |(split, frames): Views<'_>| -> Vec<(String, Option<&Path>)> {
         let all = dataset.splits.get(split).map_or(&[][..], |split| &split.frames);

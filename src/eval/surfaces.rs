@@ -11,7 +11,8 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use rayon::prelude::*;
 
-/// Interior pixels have no edge within this many pixels along rows and columns (`evaluation.md`, Cracks).
+/// Number of pixels on each side of an edge, along rows and columns, that are not interior
+/// (`evaluation.md`, Cracks).
 const EDGE_MARGIN: usize = 5;
 
 /// Surfaces visible in one camera's image.

@@ -14,9 +14,10 @@ use serde::{Deserialize, Serialize};
 pub struct TrajectoryError {
     /// Number of compared cameras.
     pub frames: usize,
-    /// Root mean square distance of the centres, world units: the absolute trajectory error.
+    /// Root mean square distance between tracked and recorded centres, world units: the absolute
+    /// trajectory error.
     pub rmse: f64,
-    /// Maximum distance of two centres, world units.
+    /// Maximum distance between a tracked and a recorded centre, world units.
     pub max: f64,
     /// Root mean square angle between the orientations, degrees.
     pub turn_rmse_deg: f64,

@@ -137,8 +137,9 @@ fn rendered_points(
     points
 }
 
-/// A point sampled in the photograph: its colour there, and the Jacobian of the render's colour by the
-/// camera's rotation and translation, per channel.
+/// A point sampled in the photograph: its colours in the render and the photograph, and its depth.
+/// `slope` is the Jacobian of the rendered colour with respect to the camera's rotation and translation,
+/// one row per channel.
 #[derive(Clone)]
 struct PhotographedPoint {
     shown: [f64; 3],

@@ -186,8 +186,7 @@ pub struct WriteOptions<'a> {
     /// a comment.
     pub up: DVec3,
     /// Local origin, to which positions are relative, in world axes and units; omitted if zero. A GLB
-    /// stores it as the translation of its node, a PLY as a comment, both in the axes and units of the
-    /// file.
+    /// stores it as the translation of its node, a PLY as a comment. Both use the file's axes and units.
     pub local_origin: DVec3,
     /// True if world units are metres. A GLB with unit scale 1 then states metres in
     /// `asset.extras.units`.

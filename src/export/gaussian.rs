@@ -37,7 +37,7 @@ pub(super) struct Gaussian {
 }
 
 /// Radius around the mean observed view direction within which the exported colour should match the
-/// native one. Measured as the length of the difference of two unit vectors.
+/// native one. Measured as the length of the difference between two unit vectors.
 // 60° to either side.
 const VIEW_RANGE: f64 = 1.0;
 

@@ -1,6 +1,6 @@
-//! Real spherical harmonics of degrees 0 and 1, as in 3DGS files and `KHR_gaussian_splatting`. With the
-//! Condon–Shortley phase and the unit direction `(x, y, z)` from the camera to the splat, `colour = ½ + C0·f₀
-//! + C1·(−y·f₁ + z·f₂ − x·f₃)`.
+//! Real spherical harmonics of degrees 0 and 1, as in 3DGS files and `KHR_gaussian_splatting`. The unit
+//! direction from the camera to the splat is `(x, y, z)`. With the Condon–Shortley phase,
+//! `colour = ½ + C0·f₀ + C1·(−y·f₁ + z·f₂ − x·f₃)`.
 
 use glam::{DMat3, DVec3};
 

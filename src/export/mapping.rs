@@ -1,5 +1,6 @@
-//! Conversion of native splats to plain ones (`files.md`, Native splats as plain ones). Plain files allow
-//! opacities up to 1 and no colour gradient. A flat top becomes a wider splat, and a gradient several splats.
+//! Conversion of native splats to plain ones (`files.md`, Native splats as plain ones). Plain splats are
+//! standard 3D Gaussians with opacities up to 1 and no colour gradient. A flat top becomes a wider
+//! splat. A splat with a gradient becomes several splats, its pieces.
 //!
 //! ```
 //! use vbgs_studio::export::mapping::{Mapping, GradientSplit, to_plain};
@@ -139,15 +140,15 @@ impl GradientSplit {
     }
 }
 
-/// True if a plain file can hold the drawable splats unchanged: no opacity above 1, no colour gradient and no
-/// crack filling.
+/// True if all drawable splats are plain: no opacity above 1, no colour gradient and no crack filling.
 pub fn is_plain(view: SplatView) -> bool {
     view.finishing().full_coverage == 1.0
         && drawable(view).all(|(i, g)| g.opacity <= 1.0 && gradient(view, i) == DMat3::ZERO)
 }
 
-/// Converts splats for a plain file; `None` if they are plain already (see [`is_plain`]). If any splat is
-/// native, all are mapped. View-dependent colour of degree 1 is unchanged. Undrawable splats are left out.
+/// Converts splats to plain ones; `None` if all are plain already (see [`is_plain`]). If any splat is
+/// native, all are mapped. View-dependent colour of degree 1 is unchanged. Undrawable splats are left
+/// out.
 pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     if is_plain(view) {
         return None;
@@ -163,7 +164,7 @@ pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     Some(plain)
 }
 
-/// Returns piece `k` of splat `i`, converted to a plain splat; `None` if it is not finite in f32.
+/// Returns the plain splat of piece `k` of splat `i`; `None` if it is not finite in f32.
 pub(super) fn plain_piece(
     view: SplatView,
     i: usize,
@@ -197,7 +198,8 @@ fn split_axes(native: &Gaussian, split: GradientSplit) -> impl DoubleEndedIterat
         .filter(move |&i| scale[i] > scale_floor(scale) && scale[i] != SCALE_FLOOR)
 }
 
-/// Returns piece `k` of a splat. All pieces together have the mean, covariance and colour of the splat.
+/// Returns piece `k` of the splats into which a splat with a colour gradient is split. All pieces
+/// together have the mean, covariance and colour of the original splat.
 fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> Gaussian {
     let frame = DMat3::from_quat(native.rotation);
     let (mut scale, mut offset) = (native.scale, DVec3::ZERO);

@@ -15,9 +15,8 @@ pub const DEFAULT_MAX_SPLATS: usize = 20_000_000;
 /// buffers, SPZ 1 to 4 or `.splat`. The format is detected from the content. Accepts up to
 /// [`DEFAULT_MAX_SPLATS`] rows.
 ///
-/// # Errors
-/// The file cannot be read, is no model, is damaged, or uses unsupported features, as the [`Fault`] states.
-/// Non-finite rows are no error; they are counted.
+/// # Errors The file cannot be read, is not a model, is damaged, or uses unsupported features, as the
+/// [`Fault`] states. Non-finite rows are not an error; they are counted.
 pub fn read(path: &Path) -> Result<Imported, ExportError> {
     read_up_to(path, DEFAULT_MAX_SPLATS)
 }
@@ -82,8 +81,8 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
     Ok(bytes)
 }
 
-/// Size of a splat in bytes: six f32 for position and scale, four bytes for colour and opacity, and four
-/// for the rotation `w x y z`.
+/// Size of a splat in bytes: six f32 (position and scale), four bytes of colour and opacity, four of
+/// rotation `w x y z`.
 const ROW_BYTES: usize = 32;
 /// Number of rows examined to detect the format, which has no magic bytes.
 const N_PROBED: usize = 64;

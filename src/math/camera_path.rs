@@ -21,9 +21,10 @@ pub struct Keyframe {
 
 /// A smooth camera path through keyframes.
 ///
-/// Position, rotation and field of view are piecewise cubic with a continuous first derivative (Catmull
-/// and Rom 1974, with tangents for unevenly spaced times). Rotations are interpolated as normalised
-/// quaternions with matching signs. Neighbouring keyframes should be less than half a turn apart.
+/// Position, rotation and field of view are piecewise cubic with a continuous first derivative. Tangents
+/// are those of Catmull and Rom (1974), generalised to unevenly spaced times. Rotations are interpolated
+/// as normalised quaternions with matching signs. Neighbouring keyframes should be less than half a turn
+/// apart.
 ///
 /// ```
 /// use glam::DVec3;

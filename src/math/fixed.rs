@@ -1,5 +1,5 @@
-//! Fixed-point sums: integer addition is associative, so totals do not depend on the order of
-//! frames, the number of threads or how a dataset was sharded.
+//! Fixed-point sums: integer addition is associative. So totals do not depend on the order of frames,
+//! the number of threads or the shards of a dataset.
 //!
 //! Two formats: [`to_fixed`] gives an `i128` with 80 fraction bits. [`Quanta`] hold an `i64`, which
 //! almost always suffices and keeps loops vectorisable, and a carry.

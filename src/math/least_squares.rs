@@ -23,8 +23,8 @@ impl<const N: usize> NormalEquations<N> {
     /// Normal equations without residuals.
     pub const ZERO: Self = Self { cost: 0.0, n: 0.0, curvature: [[0.0; N]; N], gradient: [0.0; N] };
 
-    /// Adds a residual with its weight. `slope` holds its derivatives by the leading unknowns;
-    /// derivatives by the others are zero.
+    /// Adds a residual with its weight. `slope` holds its derivatives with respect to the leading
+    /// unknowns; the other derivatives are zero.
     #[inline(always)]
     pub fn add_residual(&mut self, residual: f64, slope: &[f64], weight: f64) {
         self.add_residuals([residual], [slope], weight);
@@ -93,7 +93,7 @@ impl<const N: usize> NormalEquations<N> {
         self.cost / self.n
     }
 
-    /// Returns half the curvature by the `free` unknowns as a row-major matrix.
+    /// Returns half the curvature with respect to the `free` unknowns, as a row-major matrix.
     pub fn curvature_of(&self, free: &[usize]) -> Vec<f64> {
         free.iter().flat_map(|&i| free.iter().map(move |&j| self.curvature_at(i, j))).collect()
     }

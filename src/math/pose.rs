@@ -143,8 +143,8 @@ impl Pose {
         Self { rotation, translation: motion.transform_point(self.translation) }
     }
 
-    /// Inverse of [`Self::attached_camera`]: returns the centre of `other` in this camera's frame (world units)
-    /// and the rotation of its axes relative to this camera's.
+    /// Inverse of [`Self::attached_camera`]: returns the centre of `other` in this camera's frame (world
+    /// units), and its rotation relative to this camera.
     pub fn offset_to(&self, other: &Self) -> (DVec3, DQuat) {
         let back = self.rotation.transpose();
         let turn = DQuat::from_mat3(&(back * other.rotation)).normalize();

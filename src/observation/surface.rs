@@ -7,8 +7,7 @@ use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
-/// Measured surface point. Its position is relative to [`Observation::origin`], in world units along the
-/// world axes.
+/// Measured surface point. Its position is relative to [`Observation::origin`], in world axes and units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 // A scalar follows each vector: 64 bytes without padding, as `Pod` requires.
 #[repr(C, align(16))]
@@ -56,8 +55,8 @@ fn vector(v: [f32; 3]) -> DVec3 {
 /// Tolerances for the comparison of measured with modelled depth, and for recorded camera positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthTolerance {
-    /// A surface counts as the measured one within `margin[0] + margin[1]·range` of it, world units.
-    /// `range` is the measured distance along the ray.
+    /// Coefficients of the depth tolerance `margin[0] + margin[1]·range`, world units. A surface within
+    /// this tolerance counts as the measured one. `range` is the measured distance along the ray.
     pub margin: [f32; 2],
     /// Maximum correction of a point along its ray, world units.
     pub refinement: f32,

@@ -76,7 +76,7 @@ impl Follow {
     }
 
     /// Follows the recording of an opened dataset for frames after the known ones. `None` if the dataset
-    /// is no folder, or with a sector hold-out.
+    /// is not a folder, or with a sector hold-out.
     pub(super) fn of(dataset: &Dataset, split: usize, selection: &Selection) -> Option<Self> {
         // The sector depends on all cameras, so later frames would change it.
         if selection.hold_out == HoldOut::Sector {
@@ -258,7 +258,7 @@ fn lock(recording: &Mutex<GrowingRecording>) -> MutexGuard<'_, GrowingRecording>
 }
 
 /// Scans a recording if it has changed or ended. With `retries`, also scans an unchanged recording that
-/// has unresolved frames. `now_s` is the time since the start, in seconds.
+/// has unresolved frames. `now_s` is a monotonic time in seconds.
 fn scan(recording: &mut GrowingRecording, retries: bool, now_s: f64) -> ScanResult {
     // Checked before the scan: once the recorder has ended, the scan is complete.
     let has_ended = recording.has_ended();

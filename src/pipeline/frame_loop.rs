@@ -18,7 +18,7 @@ use crate::train::scene::track::TrackingLoss;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Prefetch and learner of one preset, without the preset's types.
+/// Type-erased prefetch and learner of one preset.
 pub(super) trait FrameLoop: Send {
     /// Trains on the next frame. Waits at most `patience` until it is decoded.
     fn step(&mut self, patience: Duration) -> Next<SteppedFrame>;

@@ -1,6 +1,7 @@
-//! Prefetch of frames: decoding and unprojection on other threads, delivered in order. With spare cores, a
-//! bounded number of frames is prepared ahead. Otherwise several are prepared at once between trainings,
-//! because a decoding thread beside a trainer on all cores doubles its time (`pipeline.md`, Prefetch).
+//! Prefetch of frames: decoding and unprojection on other threads, delivered in order. With spare cores,
+//! a bounded number of frames is prepared ahead. Otherwise several are prepared at once between two
+//! training steps. A decoding thread beside a trainer on all cores would double the trainer's time
+//! (`pipeline.md`, Prefetch).
 //!
 //! A drive that does not respond only blocks a prefetch thread; the consumer waits with a timeout.
 

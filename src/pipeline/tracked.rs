@@ -1,8 +1,8 @@
 //! Trajectory of a tracked run, for evaluation, rendering and reports.
 //!
 //! Trained frames have the poses at which they were trained on. Other frames, such as held-out ones, are
-//! tracked against the finished scene without training. If the recording has poses, the views' images are
-//! straightened by them, as in any other run.
+//! tracked against the finished scene without training. If the recording has poses, they correct the
+//! rolling shutter of the views' images, as in any other run.
 
 use super::any_preset::PlacedLearner;
 use super::settings::scene::SceneRun;
@@ -39,8 +39,8 @@ pub struct PlacedViews {
     pub frames: Vec<usize>,
     /// Views whose pose was not found, with reasons.
     pub lost: Vec<SkippedFrame>,
-    /// True if the recorded poses were used to straighten the images (`evaluation.md`, Views of tracked
-    /// runs).
+    /// True if the recorded poses were used to correct the rolling shutter of the images
+    /// (`evaluation.md`, Views of tracked runs).
     pub is_straightened: bool,
 }
 

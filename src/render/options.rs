@@ -223,8 +223,8 @@ impl RenderOptions {
 /// the reference renderer (`rendering.md`, Conventions).
 pub const EVALUATION_NEAR: f64 = 0.2;
 
-/// Near plane of the viewport as a fraction of the scene radius, if the result is smaller than
-/// [`EVALUATION_NEAR`] (`rendering.md`, Conventions).
+/// Near plane of the viewport as a fraction of the scene radius (`rendering.md`, Conventions). It is
+/// used if the result is smaller than [`EVALUATION_NEAR`].
 pub const VIEWPORT_NEAR_SHARE: f64 = 0.005;
 
 /// Low-pass variance in px², added to both diagonal entries of the projected covariance

@@ -1,6 +1,6 @@
-//! Scores and responsibilities of one point (`training.md`, E-step), as distances: differences first, then
-//! `q = |Δs|² + λ|Δc|² − w`. The precision multiplies only differences to the minimum, which avoids
-//! cancellation in f32.
+//! Scores and responsibilities of one point (`training.md`, E-step). A score is a distance,
+//! `q = |Δs|² + λ|Δc|² − w`, computed from coordinate differences. The precision multiplies only
+//! differences from the smallest score, which avoids cancellation in f32.
 
 use crate::math::real::Real;
 use crate::model::conjugate::prior::Hyper;
@@ -10,7 +10,7 @@ use crate::model::paper::state::InitialModel;
 // starts with 1, in either precision.
 const HARD_NATS: f64 = 40.0;
 
-/// Constants for the log-scores of components for points.
+/// Constants of the log-score that measures how well a component explains a point.
 #[derive(Clone, Copy, Debug)]
 pub struct Scoring {
     /// `λ = E[Λ^c] / E[Λ^s]`: weight of a squared colour distance relative to a squared distance of

@@ -50,8 +50,9 @@ pub struct ComparedPhotograph {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotographOutcome {
     /// RMS difference between photograph and rendering over the channels of covered pixels, colour
-    /// units. If a frame is rejected by its points: RMS colour difference of the points, or share of
-    /// surfaces measured through.
+    /// units. For a frame rejected because of its points, it is the points' RMS colour difference.
+    /// Alternatively it is the share of the scene's surfaces behind which the frame measured another
+    /// surface.
     pub difference: f64,
     /// Running mean of `difference` over earlier frames.
     pub usual: f64,

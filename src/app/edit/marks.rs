@@ -7,8 +7,8 @@ use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Maximum displacement at which a marked splat counts as the same one. The unit is the standard
-/// deviation of its longest axis at marking time. Training moves a mean by less; a slot reused for
+/// Maximum displacement of a marked splat up to which its mark remains valid. The unit is the standard
+/// deviation of its longest axis when it was marked. Training moves a mean by less; a slot reused for
 /// another splat exceeds the limit.
 const REACH_DEVIATIONS: f32 = 3.0;
 

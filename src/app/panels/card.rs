@@ -26,8 +26,8 @@ pub struct CardPlace {
 }
 
 impl CardPlace {
-    /// Returns the place of a card in the viewport of `ui`. The uppermost `taken` points of the viewport
-    /// are left free.
+    /// Returns the place of a card in the viewport of `ui`. The top `taken` points of the viewport are
+    /// left free.
     pub fn below(taken: f32, ui: &Ui) -> Self {
         let viewport = ui.max_rect();
         let frame = Frame::popup(ui.style()).total_margin().sum().y;

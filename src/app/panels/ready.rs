@@ -93,8 +93,8 @@ fn describe_layout(opened: &Opened) -> Vec<String> {
 pub const WHAT_HAPPENS: &str = "Turns photographs with depth into a Gaussian-splat scene while you watch, \
                                 using each frame once";
 
-/// Draws the start page below the uppermost `noticed` points, which notices cover. Returns the requested
-/// command.
+/// Draws the start page below the notices, which cover the top `noticed` points of the viewport. Returns
+/// the requested command.
 pub fn start(snapshot: &Snapshot, noticed: f32, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     ui.vertical_centered(|ui| {

@@ -91,8 +91,8 @@ impl UnsavedWork {
         }
     }
 
-    /// Returns a number for the next file. A pending action that waits for a file name then waits until
-    /// this file is written.
+    /// Returns a number that identifies the next file to write. A pending action that waited for a file
+    /// name now waits until this file is written.
     pub fn begin_write(&mut self, worker: &Worker) -> u64 {
         // A number, not the path: the snapshot may still report an earlier file of the same name.
         let number = worker.new_number();

@@ -243,8 +243,8 @@ impl Studio {
         self.dialogs.propose(opened);
     }
 
-    /// Draws the viewport, or the start page if nothing is open. Notices cover the uppermost `noticed`
-    /// points.
+    /// Draws the viewport, or the start page if nothing is open. Notices cover the top `noticed` points
+    /// of the viewport.
     fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot, noticed: f32) {
         // Taken even if nothing is drawn: the worker sends the next update only after this one.
         for update in self.worker.splat_updates().take() {

@@ -119,8 +119,8 @@ impl Studio {
         }
     }
 
-    /// Draws the card of the current state, if there is one. Notices cover the uppermost `noticed`
-    /// points.
+    /// Draws the card of the current state, if there is one. Notices cover the top `noticed` points of
+    /// the viewport.
     pub(super) fn cards(&mut self, ui: &Ui, snapshot: &Snapshot, noticed: f32) {
         let Some(opened) = &snapshot.opened else { return };
         let place = CardPlace::below(noticed, ui);

@@ -1,8 +1,8 @@
 //! Preview of an export: the scene as the file would reproduce it.
 //!
-//! The file is written and read back in memory on a separate thread by the exporter's own writer and
-//! reader, so the preview shows exactly what the file holds. The loss is measured as PSNR between
-//! renders of scene and file at the current view.
+//! The exporter's own writer and reader write the file to memory and read it back, on a separate thread.
+//! So the preview shows exactly what the file holds. The loss is measured as PSNR between renders of
+//! scene and file at the current view.
 
 use super::comparison::ComparedModel;
 use super::frame_refs::fit;

@@ -39,8 +39,8 @@ impl FrameRef {
         Self::numbered(dataset, 0)
     }
 
-    /// Returns the frame at a position of the training order; `None` for a model or beyond the last
-    /// position.
+    /// Returns the frame at a position of the training order; `None` beyond the last position or if
+    /// nothing is trained.
     pub fn trained(opened: &Opened, position: usize) -> Option<Self> {
         let plan = opened.plan.as_ref()?;
         Self::at(opened.dataset.as_ref()?, plan.split, *plan.frames.get(position)?)

@@ -1,10 +1,10 @@
 //! Camera of the view: steered by pointer and keys, placed at dataset cameras or path keyframes, or guided
 //! by training.
 //!
-//! A guided camera shows all dataset cameras before training, the camera of the latest frame during
-//! training, and the whole scene at the end. Steering by the user ends the guide, and the Ride along command
-//! starts it again. A guided camera jumps with the snapshots, without animation, because without a GPU
-//! further pictures would take CPU time from training.
+//! Before training, a guided camera shows all dataset cameras. During training it shows the latest
+//! frame's camera, and at the end the whole scene. Steering by the user ends the guide, and the Ride
+//! along command starts it again. A guided camera jumps with the snapshots, without animation, because
+//! without a GPU further pictures would take CPU time from training.
 
 use super::frame_refs::{Direction, FrameRef, fit};
 use super::settings::ViewSettings;

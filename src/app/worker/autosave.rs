@@ -48,7 +48,7 @@ impl Files {
     }
 
     /// Deletes the autosave of a run that the user has saved or discarded, and prepares for the next
-    /// run. The file of a stored run remains for the next start.
+    /// run. The file of a stored run remains until the next startup.
     pub fn discard(&mut self) {
         self.n_unsaved = 0;
         let saver = std::mem::replace(&mut self.saver, Saver::Waiting(None));
@@ -121,8 +121,8 @@ impl Files {
         rescue::find_newest(&self.folders, dataset)
     }
 
-    /// Stores training that no checkpoint contains, even if autosave is off, so that the next start can
-    /// resume it. Stores it only once. The demo is not stored.
+    /// Stores training that no checkpoint contains, so that it can be resumed after the next startup.
+    /// Also stores it if autosave is off. Stores it only once. The demo is not stored.
     pub fn store(&mut self, session: Option<&Session>) -> Rescue {
         // A panic and the end of the program may both store the same state.
         if let Saver::Stored(known) = &self.saver {

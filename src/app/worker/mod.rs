@@ -119,8 +119,8 @@ impl Worker {
         self.shared.crash.get()
     }
 
-    /// Stops training and stores frames that no checkpoint contains; the next start of the program
-    /// offers to resume them. Blocks until all earlier orders are executed. Windows then close.
+    /// Stops training and stores frames that no checkpoint contains. The program offers to resume them
+    /// at its next startup. Blocks until all earlier orders are executed. Windows then close.
     pub fn store(&self) -> Rescue {
         // An opening is no longer wanted, and its drive may never respond.
         self.shared.close();

@@ -1,11 +1,11 @@
 //! Distance of an engine's posterior from that of the dense f64 oracle. Both start from equal means
 //! and train on equal points.
 //!
-//! Reassignment is off in both. It samples points by their ELBO, so a single rounding error can
-//! move another component, and arithmetic errors could not be separated from sampling. Quantiles
-//! weight each component by its evidence, because the covariance of a component with one point is
-//! almost all prior. Errors of means are relative to the larger of the mean's length and the
-//! component's standard deviation.
+//! Reassignment is off in both. It samples points by their ELBO, so a single rounding error can move
+//! another component. With it, arithmetic errors could not be separated from sampling. Quantiles weight
+//! each component by its evidence, because the covariance of a component with one point is almost all
+//! prior. Errors of means are relative to the larger of the mean's length and the component's standard
+//! deviation.
 
 use super::sample::push_tile;
 use crate::bench::findings::BenchError;

@@ -24,7 +24,7 @@ use serde::Serialize;
 use serde_json::json;
 use std::sync::Arc;
 
-/// Values and sizes of the sweeps. `frames` and `views` are maxima.
+/// Values of the swept settings, and sizes of the measurements. `frames` and `views` are upper limits.
 #[derive(Clone, Debug)]
 pub struct ParetoPlan {
     /// Settings of the row `base`. Each other row changes one of these settings.

@@ -79,10 +79,10 @@ pub struct PrecisionSearch {
     pub operations: Operations,
 }
 
-/// Time and error of one combination of number widths, one width per operation.
+/// Time and error of one combination of numeric precisions, one for each operation.
 #[derive(Clone, Copy, Debug, Serialize)]
 struct Combination {
-    /// Named precision with these widths, or `custom`.
+    /// Name of this combination, or `custom` if it has none.
     precision: Precision,
     operations: Operations,
     /// Median time per frame, milliseconds.
@@ -161,7 +161,7 @@ fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDra
     Ok(InitialDraw { means: state.means.rows(), alpha: state.alpha_init })
 }
 
-/// Returns all combinations of number widths, widest first.
+/// Returns every assignment of numeric precisions to the operations, highest precision first.
 fn combinations() -> Vec<Operations> {
     // A zero bit means f64, so that counting up goes from the widest to the narrowest.
     let width = |bits: u32, place: u32| match bits >> place & 1 {
@@ -178,9 +178,9 @@ fn combinations() -> Vec<Operations> {
     (0..1 << 5).map(with).collect()
 }
 
-/// Chooses the combination with the smallest error among those within the bound whose quartiles of time
-/// overlap those of the fastest one. Of equal errors, the widest combination is chosen. Returns `None`
-/// if no combination is within the bound.
+/// Chooses a combination within the error bound. Candidates are those whose quartiles of time overlap
+/// those of the fastest. The candidate with the smallest error is chosen. Of equal errors, the
+/// combination of highest precision is chosen. Returns `None` if no combination is within the bound.
 fn choose(combinations: &[Combination]) -> Option<Combination> {
     let within = || combinations.iter().filter(|c| c.within_bound);
     let fastest = within().min_by(|a, b| a.ms.total_cmp(&b.ms))?;
@@ -269,8 +269,8 @@ fn table(combinations: &[Combination], named: &[Combination], chosen: &Combinati
     report::text(header, &rows)
 }
 
-/// Formats the chosen number widths as RON settings. Writes `mixed` if this named precision has the same
-/// widths, otherwise the width of every operation.
+/// Formats the chosen precisions as RON settings. Writes `mixed` if this named combination is equal,
+/// otherwise the precision of every operation.
 fn settings(plan: &SearchPlan, dataset: &str, chosen: &Combination) -> Result<String, BenchError> {
     let body = match chosen.operations {
         Operations::MIXED => format!("(precision: {})", ron::ser::to_string(&Precision::Mixed)?),

@@ -31,7 +31,7 @@ use std::sync::Arc;
 use training::{Trained, n_sweeps, ordered, prepare, train};
 use variants::{SceneVariant, Table, budgets, parts, scales};
 
-/// Sizes of the tables. `frames` and `views` are maxima.
+/// Sizes of the tables. `frames` and `views` are upper limits.
 #[derive(Clone, Debug)]
 pub struct AccuracyPlan {
     pub frames: usize,
@@ -149,8 +149,8 @@ impl AccuracyRuns {
         Ok(measured.0)
     }
 
-    /// Measures quality on the pixels that depth cameras observed, after each of the first few frames as
-    /// listed.
+    /// Measures quality on the pixels that depth cameras observed, after each number of trained frames
+    /// in [`SEEN_AFTER`].
     fn seen(&self, base: &SceneRun) -> Result<Vec<SeenReport>, BenchError> {
         let mut found = Vec::new();
         // A shorter selection never reaches the later moments.

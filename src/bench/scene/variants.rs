@@ -38,8 +38,8 @@ pub struct SceneVariant {
 
 type PresetChange = (&'static str, fn(&mut SceneRun));
 
-/// Parts of the preset with the changes that disable them, in the order of the table (`scene.md`, Effect
-/// of each part).
+/// Parts of the preset with the changes that disable them, in table order (`scene.md`, Effect of each
+/// part).
 const PARTS: [PresetChange; 12] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
@@ -96,8 +96,8 @@ fn uncalibrated(run: &mut SceneRun) {
     }
 }
 
-/// Applies the opacity rule of the first row (`pipeline.md`, Accuracy bench). Components with at least
-/// 30 points are drawn as plain Gaussians of opacity 0.95.
+/// Applies the opacity rule of the bench's first row (`pipeline.md`, Accuracy bench). Components with at
+/// least 30 points are drawn as plain Gaussians of opacity 0.95.
 fn constant_opacity(run: &mut SceneRun) {
     let native = &mut run.engine.splat_rule;
     // Such a small density saturates at once: opacity is τ wherever there are points.

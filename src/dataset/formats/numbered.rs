@@ -169,8 +169,8 @@ impl ListedSplit {
         DatasetSplit { name: self.name, frames, has_depth }
     }
 
-    /// Skips every frame with a warning, for splits whose camera or depth encoding is unknown because no
-    /// file header is readable.
+    /// Skips every frame with a warning. Used for splits whose camera or depth encoding is unknown, as
+    /// no file header is readable.
     pub fn skip_unreadable(self, parsed: &mut ParsedFolder) {
         for ListedFrame { name, color, depth, .. } in self.frames {
             let (file, problem) = match (decode::header(&color), depth) {

@@ -40,16 +40,16 @@ pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// Sorts items by time (stable sort). Returns the number of items that were earlier than the item
-/// before.
+/// Sorts items by time (stable sort). Returns the number of items that were earlier than the previous
+/// item.
 pub(super) fn sort_by_time<T>(items: &mut [T], time: impl Fn(&T) -> f64) -> usize {
     let n = items.array_windows().filter(|[before, here]| time(here) < time(before)).count();
     items.sort_by(|a, b| time(a).total_cmp(&time(b)));
     n
 }
 
-/// Returns the error for a time without a pose or photograph (`what`) within [`TOLERANCE`]. `nearest` is
-/// the time to the nearest one, seconds.
+/// Returns the error for a time that has no pose or photograph (`what`) within [`TOLERANCE`]. `nearest`
+/// is the time difference to the nearest one, seconds.
 pub(super) fn not_in_time(what: &'static str, time: f64, nearest: Option<f64>) -> FrameProblem {
     let found = nearest.map(|nearest| format!("the nearest {:.0} ms away", 1e3 * nearest));
     let found = found.unwrap_or_else(|| "none".to_owned());

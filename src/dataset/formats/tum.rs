@@ -1,10 +1,11 @@
 //! TUM RGB-D: `rgb.txt` and `depth.txt` list images by time, `groundtruth.txt` poses (`t tx ty tz qx qy qz
 //! qw`, camera to world, OpenCV axes). Depth is in steps of 1/5000 m and registered to colour.
 //!
-//! Images and poses have times of their own. A frame is a depth image, the photograph nearest in time, and the
-//! pose interpolated at the depth's time: at 100° a second, the camera rotates by half a degree between two
-//! poses at 100 Hz. Between depth image and photograph, up to 18 ms apart, it rotates by two degrees, or 18
-//! pixels, so the photograph has its own camera, placed by the trajectory at its own time.
+//! Images and poses have times of their own. A frame is a depth image, the photograph nearest in time,
+//! and the pose interpolated at the depth's time: at 100° a second, the camera rotates by half a degree
+//! between two poses at 100 Hz. Between depth image and photograph, up to 18 ms apart, it rotates by up
+//! to two degrees, or 18 pixels. So the photograph has its own camera, placed by the trajectory at its
+//! own time.
 //!
 //! PrimeSense cameras, recognised by their focal length, have a rolling shutter, which is corrected with
 //! the trajectory. Errors of the timestamps and the camera's mount on the tracked body are estimated from

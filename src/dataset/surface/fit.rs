@@ -218,8 +218,7 @@ struct Sums<V> {
     dd: V,
 }
 
-/// Returns the inverse depths of a plane in the columns of one row of the window, `offset` rows below
-/// the pixel.
+/// Returns the inverse depths of a plane in one row of the window, `offset` rows below the pixel.
 #[inline(always)]
 fn expected<V: Vector>([middle, step, step_down]: [V; 3], offset: V) -> [V; SIDE] {
     // Written out for a window of five columns: another radius needs other moments in `Sums`.

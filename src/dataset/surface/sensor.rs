@@ -1,9 +1,9 @@
 //! Noise of depth by kind of sensor, and the resulting thresholds of the plane fit.
 //!
-//! Every threshold of the fit is in units of the noise half-width, so a sensor is described by its noise
-//! law and few further numbers. The 8-bit ray depth and the Kinect were measured (`dataset.md`, Sensors).
-//! The others follow from published accuracy or from how depth was computed, with the Kinect's thresholds
-//! in those units. The layout determines the sensor; the images do not show it.
+//! Every threshold of the fit is in units of the noise half-width. So a noise law and a few further
+//! numbers describe a sensor. The 8-bit ray depth and the Kinect were measured (`dataset.md`, Sensors).
+//! The others follow from published accuracy or from how depth was computed, with the Kinect's
+//! thresholds in those units. The layout determines the sensor; the images do not show it.
 
 use crate::dataset::depth::{Depth, DepthCodes, DepthKind, INVERSE8_RANGE, SENSOR_NOISE};
 use crate::math::camera::Intrinsics;

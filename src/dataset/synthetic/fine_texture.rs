@@ -83,8 +83,8 @@ fn grain(m: Vec2, color: Vec3, at: &SurfaceSample) -> Vec3 {
     (color * tone).lerp(color * 0.32, knot)
 }
 
-/// Returns how much of a point is covered by a knot, and how strongly the knot bends the grain around
-/// it.
+/// Returns the share of a point that a knot covers, and how strongly the knot bends the surrounding
+/// grain.
 fn knot(p: Vec2, at: &SurfaceSample) -> (f32, f32) {
     const CELL: Vec2 = Vec2::new(0.31, 0.47);
     let cell = (p / CELL).floor();

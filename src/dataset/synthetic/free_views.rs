@@ -15,7 +15,8 @@ const CLEARANCE: f64 = 0.25;
 const GRID: usize = 9;
 /// Share of an image seen by training frames at which the search for a better viewpoint stops.
 const ENOUGH_COVERED: f64 = 0.97;
-/// Minimum share of an image, seen by training frames, for a valid viewpoint.
+/// Minimum share of a viewpoint's image that training frames have seen; the viewpoint is otherwise
+/// invalid.
 const LEAST_SEEN: f64 = 0.5;
 /// Maximum number of candidates per viewpoint.
 const TRIES: usize = 20_000;
@@ -30,8 +31,8 @@ pub(super) struct FreeRules {
     seed: u64,
     /// Range of the distance to the surface at the image centre, metres.
     distance: [f64; 2],
-    /// Range of the angle between the viewpoint and the nearest training view, measured at the surface
-    /// in the image centre, degrees.
+    /// Range of the angle between the viewpoint and the nearest training view, degrees. It is measured
+    /// at the surface in the image centre.
     view_angle_degrees: [f64; 2],
 }
 

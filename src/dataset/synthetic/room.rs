@@ -1,8 +1,8 @@
 //! Contents of the room: large plain walls, fine and coarse patterns, curved and thin objects, with
 //! occlusions.
 //!
-//! The seed varies textures and the colours of small objects, never shapes, so the camera path is free of
-//! obstacles for every seed.
+//! The seed varies textures and the colours of small objects, never shapes. So the camera path is free
+//! of obstacles for every seed.
 
 use super::solid::{Hit, Ray, Shape};
 use super::texture::Texture;
@@ -71,8 +71,7 @@ impl FurnishedRoom {
         self.solids.first().map_or((LO, HI), |shell| shell.shape.bounds())
     }
 
-    /// True if a solid other than the room's shell blocks `ray` between its origin and the ray parameter
-    /// t = 1.
+    /// True if a solid other than the room's shell blocks `ray` for ray parameters between 0 and 1.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
         // The surface at the end of the ray does not block it.
         let nearer = |hit: Hit| hit.t < 1.0 - 1e-6;

@@ -1,8 +1,8 @@
 //! Shapes with exact ray intersections (closed-form; torus iterative) and charts for light and texture.
 //!
-//! Ray directions need not be unit vectors. A pixel's ray has z = 1 in the camera frame, so `t` is the
-//! depth along the optical axis, without rounding by a conversion. The torus is sphere traced, then refined
-//! by Newton's method, so its depth is exact to rounding as well.
+//! Ray directions need not be unit vectors. A pixel's ray has z = 1 in the camera frame. So `t` is the
+//! depth along the optical axis, without the rounding of a conversion. The torus is sphere traced, then
+//! refined by Newton's method, so its depth is exact to rounding as well.
 
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};

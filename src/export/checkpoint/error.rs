@@ -11,7 +11,7 @@ pub enum CheckpointError {
     /// The file could not be read or written.
     #[error(transparent)]
     File(#[from] ExportError),
-    /// The file is readable but is no usable checkpoint.
+    /// The file is readable but is not a usable checkpoint.
     #[error("{}: {defect}", path.display())]
     Content { path: PathBuf, defect: Defect },
     /// The model would produce a file that `read` refuses.
@@ -22,7 +22,7 @@ pub enum CheckpointError {
     Unreadable { path: PathBuf, defect: Defect },
 }
 
-/// Reason why bytes are no usable checkpoint.
+/// Reason why bytes are not a usable checkpoint.
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum Defect {

@@ -23,8 +23,8 @@ pub(in crate::export) struct MeshLayout {
 }
 
 impl MeshLayout {
-    /// Prepares the layout of a file for a mesh and its local origin, both in the axes and units of the
-    /// file. Fails if the file would exceed GLB's 32-bit lengths.
+    /// Prepares the layout of a file for a mesh and its local origin. Both are in the file's axes and
+    /// units. Fails if the file would exceed GLB's 32-bit lengths.
     pub fn new(mesh: &TriangleMesh, origin: DVec3, options: &WriteOptions) -> Result<Self, Fault> {
         let (n, m) = (mesh.positions.len(), mesh.triangles.len());
         let vertices =

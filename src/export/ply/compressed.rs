@@ -14,7 +14,8 @@ use std::f64::consts::SQRT_2;
 /// Name of the element with the chunk bounds, which identifies the format.
 pub(super) const CHUNK: &str = "chunk";
 const CHUNK_SPLATS: usize = 256;
-/// Numbers of harmonic coefficients above degree 0 for a maximum degree of 1, 2 or 3, over all channels.
+/// Number of spherical-harmonic coefficients above degree 0, in all channels together, for a maximum
+/// degree of 1, 2 and 3.
 const SH_COUNTS: [usize; 3] = [N_DEGREE_1, 24, 45];
 /// Number of harmonic coefficients of degree 1, over all channels.
 const N_DEGREE_1: usize = 9;

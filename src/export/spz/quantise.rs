@@ -19,7 +19,7 @@ const LARGEST_MAGNITUDE: f64 = 511.0;
 
 /// Difference of magnitudes below which quaternion components count as equally large.
 const TIE_TOLERANCE: f64 = 1e-5;
-/// Difference of quaternion components below which rotations count as equal.
+/// Difference between quaternion components below which rotations count as equal.
 // Above f32 rounding.
 const ROTATION_TOLERANCE: f64 = 1e-6;
 

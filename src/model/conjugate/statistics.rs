@@ -11,8 +11,8 @@ use glam::DVec3;
 // it.
 pub const N_SUMS: usize = 13;
 
-/// Sums of one component over one tile (group of neighbouring points), not yet rounded to the number
-/// format of the totals.
+/// Sums of one component over one tile (group of neighbouring points), not yet rounded to the totals'
+/// number format.
 #[derive(Clone, Copy, Debug)]
 pub struct TileRecord<R> {
     /// Index of the component.

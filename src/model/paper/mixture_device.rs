@@ -90,9 +90,8 @@ pub struct PassRule {
     pub candidates: usize,
     /// Weight of a squared colour distance relative to a squared distance of positions.
     pub color_ratio: f32,
-    /// Difference from the smallest score beyond which a component certainly receives no part of a
-    /// point. A tile is left to the processor if it has a candidate within this difference whose score
-    /// is not equal.
+    /// Score difference from the best candidate beyond which a component's share changes no bit of any
+    /// sum. A tile is left to the processor if a candidate within this difference has an unequal score.
     pub certain_gap: f32,
     /// Entry `i`: responsibility of each of `i + 1` candidates with equal scores.
     pub equal_share: [f32; MAX_DEVICE_CANDIDATES],

@@ -19,8 +19,8 @@ pub const WIDE_POINTS: u32 = 1 << 12;
 /// Largest sum of a wide row: 2⁵³ quanta.
 pub const MAX_SUM: f64 = (1u64 << 38) as f64;
 
-/// Denominator of the entries of [`SceneState::shares`]; this value stands for the whole structural
-/// scale.
+/// Denominator of the entries of [`SceneState::shares`]; an entry of this value means the whole
+/// structural scale.
 pub const WHOLE: u8 = 64;
 
 /// Maximum number of steps of √2 by which the structural scale grows: to 64 times its width.

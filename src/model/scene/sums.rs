@@ -17,9 +17,9 @@ use std::ops::Add;
 /// in units of the structural scale `h` is `d`; `c` is its colour, `n` its normal and `v` its view
 /// direction.
 ///
-/// The sums are `N`, `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ v`
-/// (3), `Σ v vᵀ` (5) and `Σ c vᵀ` (9). The last entry of `Σ v vᵀ` is left out: it is `N` minus the other
-/// two of the diagonal.
+/// The sums are `N`, `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, one row per channel), `Σ n` (3),
+/// `Σ v` (3), `Σ v vᵀ` (5) and `Σ c vᵀ` (9). The last entry of `Σ v vᵀ` is left out: it is `N` minus the
+/// other two of the diagonal.
 pub const N_SUMS: usize = 42;
 
 /// Largest offset of a point from its component's seed in sums, in units of the structural scale `h`.
@@ -142,7 +142,7 @@ pub struct SceneSums {
     pub view: DVec3,
     /// `Σ v vᵀ`.
     pub view_second: Sym3,
-    /// `Σ c vᵀ`, row per channel.
+    /// `Σ c vᵀ`, one row per channel.
     pub color_view: DMat3,
 }
 
@@ -352,8 +352,8 @@ pub fn clamp_moments(row: &mut [f64; N_SUMS]) -> bool {
 
 // Relative rounding error of f64 sums, as a share of the trace of a second moment.
 const ARITHMETIC: f64 = 1e-14;
-/// Minimum minors, relative to powers of the trace, at which a scatter matrix is positive definite
-/// despite rounding.
+/// Lower limit of a scatter matrix's leading minors, relative to powers of its trace. Above it, the
+/// matrix is positive definite despite rounding.
 const NO_DOUBT: f64 = 1e-12;
 
 /// Repairs second moments that no set of points can have, as rounding after a motion of the scene can

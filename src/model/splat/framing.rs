@@ -23,7 +23,8 @@ const SHELL: f64 = 0.25;
 /// Maximum number of shells around the core. Anything farther away, such as sky and hills, surrounds the
 /// scene and is not part of it.
 const N_SHELLS: usize = 6;
-/// Share of all splats below which a shell contains only strays.
+/// Minimum share of all splats in a shell that belongs to the scene. A shell with fewer contains only
+/// strays.
 const STRAY_SHARE: f64 = 1.0 / 5000.0;
 /// Visible extent of a splat from its centre, in standard deviations.
 const VISIBLE_SIGMAS: f64 = 2.5;

@@ -1,5 +1,5 @@
-//! Corrections of the recorded poses of a scene's training frames, so that a view recorded among them can be
-//! drawn from its camera's corrected pose.
+//! Corrections of the recorded poses of a scene's training frames. With them, a view recorded among
+//! these frames can be drawn from its corrected pose.
 
 use super::viewpoint::{Viewpoint, interpolate, reach};
 use crate::math::pose::{Pose, unit_rotation};

@@ -155,8 +155,8 @@ fn legacy_form(covariance: Sym3) -> (DVec3, DQuat) {
 }
 
 /// Converts a matrix to a quaternion by the usual trace or largest-diagonal formulas, normalised
-/// afterwards. For a matrix that is no rotation this differs from any projection onto rotations; parity
-/// requires it.
+/// afterwards. For a matrix that is not a rotation this differs from any projection onto rotations;
+/// parity requires it.
 fn trace_formula_quaternion(m: DMat3) -> DQuat {
     let e = |row: usize, column: usize| m.col(column)[row];
     let (m00, m11, m22) = (e(0, 0), e(1, 1), e(2, 2));

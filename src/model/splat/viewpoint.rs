@@ -50,8 +50,8 @@ impl Viewpoint {
     }
 }
 
-/// Returns the distance between cameras at which values of frames correlate by one half, world units, in a
-/// scene with structural scale `h`.
+/// Returns the distance between cameras at which values of frames correlate by one half, world units.
+/// The scene has structural scale `h`.
 pub fn reach(h: f64) -> f64 {
     DISTANCE * h
 }
@@ -59,10 +59,10 @@ pub fn reach(h: f64) -> f64 {
 /// Interpolates per-frame values at `pose`; `None` without frames. `entry` returns viewpoint and values of a
 /// frame; `reach` is the distance between cameras at which values correlate by one half, world units.
 ///
-/// This is the best linear unbiased prediction from the nearest frames under a Matérn covariance of
-/// smoothness 3/2 with unknown mean (ordinary kriging; Cressie 1993, section 3.2). A mean weighted by
-/// distance alone would be biased towards the side with more frames and would flatten changes between frames
-/// (`evaluation.md`, Poses of held-out views).
+/// This is the best linear unbiased prediction from the nearest frames with unknown mean (ordinary
+/// kriging; Cressie 1993, section 3.2). The covariance is of Matérn type with smoothness 3/2. A mean
+/// weighted by distance alone would be biased towards the side with more frames. It would also flatten
+/// changes between frames (`evaluation.md`, Poses of held-out views).
 pub fn interpolate<T, const N: usize>(
     frames: &[T],
     pose: &Pose,

@@ -1,7 +1,8 @@
 //! Comparison of settings given with `--resume` against those of the run.
 //!
-//! Values are compared in the setting's own type: those of a model by its preset's table, those of frames and
-//! depth here. A comparison of the stored JSON would miss settings with another name or place there.
+//! Values are compared in the setting's own type: model settings by the preset's table, settings of
+//! frames and depth here. A comparison of the stored JSON would miss settings that are renamed or moved
+//! there.
 
 use super::error::RunError;
 use super::saved::{History, SavedRun, parse};

@@ -209,7 +209,8 @@ fn different_setting(a: &RunConfig, b: &RunConfig) -> Option<(String, String)> {
     Some((name.clone(), format!("{value} and {}", other(name))))
 }
 
-/// Returns the difference of two initial models: its name, the values found, and advice.
+/// Returns the first difference between two initial models: the name of the differing property, the
+/// values found, and advice.
 fn different_start(
     a: &StoredModel,
     b: &StoredModel,

@@ -100,7 +100,7 @@ impl SavedRun {
         Ok(self.revive()?.learner.splats())
     }
 
-    /// Trajectory of tracked camera poses, if the run was tracked and its history is stored.
+    /// Returns the trajectory of tracked camera poses, if the run was tracked and its history is stored.
     ///
     /// # Errors
     /// [`RunError::Json`] for an invalid history.

@@ -62,11 +62,10 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
 /// tight. `extent_squared` is the squared Mahalanobis radius of the ellipsoid, at which alpha equals
 /// the cut. `None` if the box contains no pixel centre of the image.
 ///
-/// The ellipsoid is projected from the camera onto the plane that touches the unit sphere in the
-/// direction of the centre. The projection lies in a rectangle with one side along increasing angle `θ`
-/// from the optical axis. Straight lines in the plane are great circles on the sphere. Along a side of
-/// the rectangle, `θ` and the azimuth have their extrema at the corners or the midpoint, see
-/// [`shadow_bounds`].
+/// The ellipsoid is projected from the camera onto the plane that touches the unit sphere towards the
+/// centre. The projection lies in a rectangle with one side along increasing angle `θ` from the optical
+/// axis. Straight lines in the plane are great circles on the sphere. So along a side of the rectangle,
+/// `θ` and the azimuth have their extrema at corners or midpoint (see [`shadow_bounds`]).
 pub(super) fn fisheye(
     view: &CpuView,
     placed: &CameraSplat,

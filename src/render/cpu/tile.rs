@@ -1,10 +1,10 @@
 //! Blends sorted splats into one tile (`rendering.md`, Blending).
 //!
-//! The 256 pixels of a tile are stored in planes of eight lanes, which remain in L1 while its splats are
-//! blended nearest first. Finished groups are masked, finished rows are skipped, and a tile ends with its
-//! last open row, so hidden splats cost almost nothing. SIMD is explicit, because the autovectorised loop was
-//! 4 to 5 times slower (`rendering.md`, CPU renderer). A negative transmittance marks pixels that are
-//! finished or outside the image, so that one comparison tests both.
+//! The 256 pixels of a tile are stored in planes of eight lanes. They remain in the L1 cache while
+//! splats are blended, nearest first. Finished groups are masked, finished rows are skipped, and a tile
+//! ends with its last open row. So hidden splats cost almost nothing. SIMD is explicit, because the
+//! autovectorised loop was 4 to 5 times slower (`rendering.md`, CPU renderer). A negative transmittance
+//! marks pixels that are finished or outside the image, so that one comparison tests both.
 
 use super::record::{ConicRecord, Gradient, Records, Rect, TangentFrame};
 use crate::math::camera::Intrinsics;
@@ -112,8 +112,8 @@ impl Tile {
         [&self.transmittance, red, green, blue, &self.depth]
     }
 
-    /// Blends the listed splats into the tile, nearest first. The largest response is searched in front
-    /// of the camera if `min_front` is 0, and on the whole line if it is `−∞`.
+    /// Blends the listed splats into the tile, nearest first. If `min_front` is 0, the largest response
+    /// is searched in front of the camera. If it is `−∞`, the whole line is searched.
     #[inline(always)]
     pub(super) fn blend_all<V: Vector, const FORM: u8, const SHADED: bool>(
         &mut self,
@@ -173,8 +173,8 @@ impl Tile {
         }
     }
 
-    /// Blends a splat into eight pixels. Returns true if a pixel became finished: it accepts no further
-    /// splats.
+    /// Blends a splat into eight pixels. Returns true if a pixel became finished, so that it accepts no
+    /// further splats.
     #[inline(always)]
     fn blend_group<V: Vector, const FORM: u8>(
         &mut self,
@@ -266,8 +266,8 @@ pub(super) fn row_is_finished(transmittance: &Plane, row: usize) -> bool {
     groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
 }
 
-/// Returns the rows, relative to a tile at pixel `(left, top)`, that a rectangle covers, and the lane
-/// groups within these rows.
+/// Returns the rows and the lane groups that a rectangle covers, relative to a tile at pixel
+/// `(left, top)`.
 #[inline(always)]
 pub(super) fn covered_rows_and_groups(
     rect: &Rect,
@@ -289,7 +289,8 @@ fn add<V: Vector>(plane: &mut [f32; LANES], value: V) {
     (V::load(plane) + value).store(plane);
 }
 
-/// Computes the response of a splat through a pinhole: `δ` in pixels, `c = 1`.
+/// Computes the response of a splat to pixels of a pinhole camera. The formulas of [`super::record`]
+/// apply with `δ = offset` in pixels and `c = 1`.
 #[inline(always)]
 fn through_plane<V: Vector, const FORM: u8>(
     splat: &ConicRecord,
@@ -307,8 +308,8 @@ fn through_plane<V: Vector, const FORM: u8>(
     }
 }
 
-/// Computes the response of a splat through a fisheye: `δ` and `c` are the unit ray's components along
-/// the splat's tangent frame.
+/// Computes the response of a splat to pixels of a fisheye camera. In the formulas of [`super::record`],
+/// `δ` and `c` are the unit ray's components in the splat's tangent frame.
 #[inline(always)]
 fn through_fisheye<V: Vector>(
     splat: &ConicRecord,

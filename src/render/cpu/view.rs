@@ -60,7 +60,7 @@ impl CpuView {
     }
 
     /// Transforms a splat to camera axes. `None` if its opacity is below the alpha cut or the display
-    /// style's cut, or if its centre is not beyond the near plane.
+    /// style's cut. Also `None` if its centre is not beyond the near plane.
     pub(in crate::render) fn to_camera(&self, splat: &Splat) -> Option<CameraSplat> {
         // The camera is subtracted in f64, because far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));

@@ -56,9 +56,10 @@ impl GpuScene {
         Ok(scene)
     }
 
-    /// Uploads the changes that turn the scene into `splats`. Only the splats in `changed` (any order,
-    /// repeats allowed) and those beyond the previous length may differ from the last call. If
-    /// appearance is added or removed, all splats are uploaded. Returns the number of bytes uploaded.
+    /// Uploads the changes that turn the scene into `splats`. Only the splats in `changed` and those
+    /// beyond the previous length may differ from the last call. `changed` may have any order and
+    /// repeats. If appearance is added or removed, all splats are uploaded. Returns the number of bytes
+    /// uploaded.
     ///
     /// # Errors
     /// [`GpuError::TooManySplats`] or [`GpuError::OutOfMemory`]. In either case the scene keeps its
@@ -156,8 +157,8 @@ fn has_appearance(splats: SplatView<'_>) -> bool {
 }
 
 impl SceneBuffers {
-    /// Allocates buffers for the splats. If the splats exceed the capacity `before`, the new capacity
-    /// is at least 1.5 times as large, within the adapter's limit.
+    /// Allocates buffers for the splats. If the splats exceed the capacity `before`, it grows by a
+    /// factor of at least 1.5, within the adapter's limit.
     fn new(device: &wgpu::Device, splats: SplatView<'_>, before: usize) -> Result<Self, GpuError> {
         let splat_bytes = size_of::<GpuSplat>() as u64;
         let appearance_bytes =

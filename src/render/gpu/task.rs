@@ -192,8 +192,8 @@ impl<P: TaskPart> GpuTask<P> {
         self.queue.write_buffer(&self.parts[part.index()].buffer, 0, bytemuck::bytes_of(contents));
     }
 
-    /// Copies the staged uploads, clears the parts `clears`, runs kernels by index, and maps the parts
-    /// `read` as the result, in this order.
+    /// Copies the staged uploads, clears the parts `clears` and runs kernels, given by index. Then maps
+    /// the parts `read` as the result.
     pub(super) fn run(
         &mut self,
         clears: &[P],

@@ -133,8 +133,8 @@ pub(super) struct ReadbackRing {
 struct Slot {
     buffer: wgpu::Buffer,
     /// True once the buffer is mapped. wgpu's callback holds the second reference while it is pending.
-    /// If this is the only reference and the value is false, the slot is free, even if a submission was
-    /// dropped.
+    /// The slot is free if the value is false and this is the only reference, even after a dropped
+    /// submission.
     mapped: Arc<AtomicBool>,
 }
 

@@ -1,10 +1,10 @@
 //! A uniform grid over the initial spatial means (`training.md`, Grid of means).
 //!
-//! Cells are filled by a counting sort, stable by id: a row of cells is one span of memory, and ties
-//! go to the lower id. Bounds are quantiles of a sample, so a stray mean does not stretch the cells
-//! over empty space; means outside go to border cells, which extend to infinity. One mean per cell
-//! on average: half or twice as many change search time by less than 7 %. If few means move, the
-//! order is updated incrementally ([`Edits`]).
+//! Cells are filled by a counting sort, stable by id: a row of cells is one span of memory, and ties go
+//! to the lower id. Bounds are quantiles of a sample, so a stray mean does not stretch the cells over
+//! empty space; means outside go to border cells, which extend to infinity. A cell holds one mean on
+//! average. Half or twice as many change the search time by less than 7 %. If few means move, the order
+//! is updated incrementally ([`Edits`]).
 
 use super::cell_sort::{CellSort, Edits};
 use super::kernel::Columns;
@@ -184,8 +184,8 @@ impl MeanGrid {
     }
 }
 
-/// Chooses the geometry of a grid within the trimmed bounding box of the means, with one mean per cell
-/// on average. An axis shorter than a cell gets one layer of cells.
+/// Chooses a grid's geometry in the trimmed bounding box of the means, with one mean per cell on
+/// average. An axis shorter than a cell gets one layer of cells.
 ///
 /// # Errors
 /// [`IndexError`] if a mean is not finite or there are too many.

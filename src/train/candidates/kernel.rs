@@ -3,8 +3,8 @@
 //! Every squared distance is `(dx² + dy²) + dz²`, never fused, so bits are equal everywhere. Closures
 //! over vectors are avoided: one that is not inlined would be compiled for the baseline.
 //!
-//! Keys carry the entry in the low bits of the distance, so that a sorting network of `min` and `max`
-//! moves both without branches or index registers. Distances that agree in the remaining bits are
+//! A key is a distance whose low bits hold the entry's index. So a sorting network of `min` and `max`
+//! moves both, without branches or index registers. Distances that agree in the remaining bits are
 //! flagged as uncertain and ranked again in full.
 
 use crate::math::simd::{LANES, Vector};
@@ -176,10 +176,10 @@ fn lane_max(v: [f32; LANES]) -> f32 {
 pub(super) struct Neighbours<const KEYS: usize> {
     /// Keys by rank, then point: the squared distance, with the index of the entry in the low bits.
     pub keys: [[f32; CHUNK]; KEYS],
-    /// Bit `i` is set if the last two keys of point `i` differ at most in the entry: either may be the
-    /// nearer one.
+    /// Bit `i` is set if the last two keys of point `i` differ at most in the index bits. Either entry
+    /// may then be the nearer one.
     pub set_uncertain: u32,
-    /// Bit `i` is set if any two adjacent keys of point `i` differ at most in the entry.
+    /// Bit `i` is set if any two adjacent keys of point `i` differ at most in the index bits.
     pub order_uncertain: u32,
 }
 

@@ -1,7 +1,8 @@
 //! Candidate lists of a group of points, and the nearest entries in them.
 //!
-//! There are two levels: a raw list, gathered from the grid once per group, and a near list of a few
-//! dozen entries per sixteen points, short enough to compare every point with every entry.
+//! There are two levels: a raw list, gathered from the grid once per group, and a near list for each
+//! chunk of sixteen points. The near list has a few dozen entries. So every point can be compared with
+//! every entry.
 
 use super::extent::{Extent, RELATIVE_MARGIN};
 use super::kernel::{
@@ -37,12 +38,13 @@ pub(in crate::train) struct Lists {
     f64_keys: Vec<(f64, u32)>,
 }
 
-/// Nearest grid entry of a point, with a bound on all others.
+/// Grid entry nearest to a point, with a lower bound on the squared distances of all others.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::train) struct Nearest {
-    /// Index of the grid entry. It is not certainly the nearest if `second2` is negative infinity.
+    /// Index of the grid entry. If `second2` is negative infinity, another entry may be nearer.
     pub entry: u32,
-    /// Lower bound on the squared distance of every entry except `entry`; negative infinity if unknown.
+    /// Lower bound on the squared distances from the point to all other entries; negative infinity if
+    /// unknown.
     pub second2: f32,
 }
 

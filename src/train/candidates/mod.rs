@@ -1,8 +1,8 @@
 //! Exact C-nearest search over the initial spatial means: a uniform grid searched tile by tile.
 //!
-//! One query of a KD-tree per point took four fifths of a frame. Rebuilding a grid takes a fifth of the time of
-//! a tree, and the points of a tile share a list of candidate means, so most work is done once per 64
-//! points. `kiddo` is slower at all sizes in `benches/candidates.rs` (10 to 10⁵ means, 1 to 1024
+//! One query of a KD-tree per point took four fifths of a frame. Rebuilding a grid takes a fifth of the
+//! time of a tree. The points of a tile share a list of candidate means, so most work is done once per
+//! 64 points. `kiddo` is slower at all sizes in `benches/candidates.rs` (10 to 10⁵ means, 1 to 1024
 //! neighbours).
 //!
 //! Rejected alternatives (`training.md`, Tried and dropped): insertion with branches or blends (kernel

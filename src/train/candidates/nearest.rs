@@ -1,8 +1,8 @@
 //! Nearest means of all points of a tile, in f32 or f64.
 //!
-//! For up to eight neighbours, the kernel's sorted keys answer nearly all points. Beyond, or if rounding
-//! hides the order, points are ranked individually. The f64 form ranks the candidate lists of the
-//! rounded means by f64 distances; the lists' margins cover the rounding.
+//! For up to eight neighbours, the kernel's sorted keys answer nearly all points. For more neighbours,
+//! or if rounding hides the order, points are ranked individually. The f64 form ranks the candidate
+//! lists of the rounded means by f64 distances; the lists' margins cover the rounding.
 
 use super::extent::{Extent, MAX_RADIUS};
 use super::grid::MeanGrid;

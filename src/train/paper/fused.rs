@@ -1,9 +1,9 @@
 //! Fused search, E-step and sums of a tile in f32 (`training.md`, Candidate search).
 //!
-//! A point's nearest component receives it entirely if no other can come within 40 nats, which a lower
-//! bound on the second distance proves for nearly all points. The others are ranked and scored against
-//! all C candidates. Sums run over a tile's points in order and form one record per component and
-//! tile, so they depend only on the tile and the means.
+//! A point's nearest component receives it entirely if no other can come within 40 nats. A lower bound
+//! on the second distance proves this for nearly all points. The others are ranked and scored against
+//! all C candidates. Sums run over a tile's points in order and form one record per component and tile.
+//! So they depend only on the tile and the means.
 //!
 //! Stages are fused because a tile of at most 64 points and its lists fit in the first-level cache;
 //! candidates and responsibilities of a whole frame do not. No fused multiply-add and no lane-dependent
@@ -364,7 +364,7 @@ pub(super) struct Slots {
 }
 
 impl Slots {
-    /// Begins a tile without slots, whose keys are below `bound`.
+    /// Begins a tile: removes all slots. The keys of the tile are below `bound`.
     #[inline(always)]
     pub fn begin(&mut self, bound: usize) {
         // When the stamp wraps, slots of early tiles could be mistaken for this one's, so it is reset.

@@ -27,8 +27,8 @@ pub struct Index {
     /// Memory of the previous grid, for reuse.
     spare: Mutex<SortedMeans>,
     moved: Vec<u32>,
-    /// True if few components have changed since the last sort, all of which are in `moved`, and the
-    /// cells are unchanged.
+    /// True if few components have changed since the last sort and the cells are unchanged. All changed
+    /// components are then in `moved`.
     is_incremental: bool,
     n_moved: usize,
     revision: u64,
@@ -120,7 +120,7 @@ impl Index {
         })
     }
 
-    /// Returns the means for upload to a device, whose means are those of revision `known`.
+    /// Returns the means for upload to a device that holds the means of revision `known`.
     pub fn means_for_device<'a>(
         &'a self,
         model: &'a InitialModel<f32>,

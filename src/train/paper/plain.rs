@@ -1,7 +1,7 @@
 //! Reference implementation of a pass: candidates, scores, responsibilities and sums in sequence, each
 //! in the configured precision. Also used for dense E-steps.
 //!
-//! Every stage is a function over one tile with its own width, so that `precision-search` can narrow one
+//! Every stage is a function over one tile with its own precision. So `precision-search` can vary one
 //! operation at a time. Not optimised: its results define those of the faster implementations.
 
 use super::config::{Candidates, Operations, Width};

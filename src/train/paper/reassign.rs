@@ -16,12 +16,13 @@ const DRAWS: usize = 1 << 9;
 // Relative margin for rounding when comparing a time with its bound.
 const ROUNDING: f64 = 1e-9;
 
-/// Maximum numbers of components that move in a frame and of points to which they may move.
+/// Limits of reassignment in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quota {
     /// Maximum number of components to move.
     pub moves: usize,
-    /// Number of points of lowest ELBO to which components may move; unlimited for `dense`.
+    /// Maximum number of points considered as new positions, those of lowest ELBO; unlimited for
+    /// `dense`.
     pub low_elbo: usize,
 }
 
@@ -70,8 +71,7 @@ impl DestinationChooser {
     }
 
     /// Selects points to which components move, in ascending order. They are a D²-weighted sample
-    /// without replacement from the points of lowest ELBO, which have the largest effective distance
-    /// `q`.
+    /// without replacement from the points of lowest ELBO (largest effective distance `q`).
     ///
     /// Points with a NaN `q` are never selected. `stream` gives every point its random number.
     pub fn choose_destinations(&mut self, q: &[f64], quota: Quota, stream: &Rng) -> &[u32] {
@@ -133,7 +133,7 @@ fn draw_by_race<'a>(
     })
 }
 
-/// Returns the sort key of a candidate's time in the race; `None` if it certainly exceeds `bound`.
+/// Returns the sort key of a candidate's time in the race; `None` only if it exceeds `bound`.
 fn arrival_key(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Option<u64> {
     // Times are not negative, so their sign bit is free to sort probability zero last.
     const LAST: u64 = 1 << 63;

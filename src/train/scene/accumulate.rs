@@ -1,8 +1,8 @@
 //! Adds a frame's points to the sums of their components.
 //!
-//! Each thread takes a run of consecutive components with their points: no two threads write the same row, so
-//! neither atomics nor private copies are needed, and rows are updated in the order of the points. Neighbours
-//! in that order belong to few components, whose rows stay in the cache.
+//! Each thread takes a run of consecutive components with their points: no two threads write the same
+//! row. So neither atomics nor private copies are needed, and rows are updated in the order of the
+//! points. Neighbours in that order belong to few components, whose rows stay in the cache.
 
 use super::component_sums::{ComponentSums, FULL, SumRow, term_quanta, value};
 use super::components::Seeds;

@@ -1,19 +1,21 @@
 //! Alignment of a frame's pose to the scene: recorded poses of real cameras err by more than the structural
 //! scale.
 //!
-//! Every known component gives two constraints on its points in the frame: they lie in its plane, and their
-//! mean colour follows its joint Gaussian of position and colour. The frame is moved by the most probable
-//! small camera motion under both and under a prior about the recorded pose (MAP, Gauss–Newton with Cauchy
-//! weights) before it is added to the scene.
+//! Every known component gives two constraints on its points in the frame: they lie in its plane, and
+//! their mean colour follows its joint Gaussian of position and colour. Before the frame is added to the
+//! scene, it is moved by a small camera motion. The motion is the most probable one under both
+//! constraints and a prior about the recorded pose. It is found by Gauss–Newton steps with Cauchy
+//! weights (MAP).
 //!
-//! Errors of neighbouring components correlate, so their evidence is divided by the number that counts as
-//! one; otherwise thousands of them would outweigh the prior in any case. Planes alone leave motion along a
-//! wall undetermined; colours fix it. A direction determined by neither stays as recorded.
+//! Errors of neighbouring components correlate, so their evidence is divided by the number of components
+//! that are correlated. Otherwise thousands of components would always outweigh the prior. Planes alone
+//! leave motion along a wall undetermined; colours determine it. A direction determined by neither stays
+//! as recorded.
 //!
-//! A component describes colours only within its extent, so every round assigns the moved points to
-//! components anew and takes part of the way. Pose errors are similar from frame to frame, so the first round
-//! starts at the correction of nearby frames. Six rounds with a subset of the points are typical, then one
-//! with all. Exact poses are not aligned.
+//! A component describes colours only within its extent. So every round assigns the moved points to
+//! components anew, and takes only a part of the computed step. Pose errors are similar from frame to
+//! frame, so the first round starts at the correction of nearby frames. Six rounds with a subset of the
+//! points are typical, then one with all. Exact poses are not aligned.
 
 use super::component_sums::{ComponentSums, KNOWN_POINTS};
 use super::components::Seeds;

@@ -1,8 +1,9 @@
 //! Fusion of scenes that continued from a common start with different frames (`scene.md`, Fusion).
 //!
-//! Components of the start have the same seeds in all scenes, so the sums added since add up exactly, and
-//! photometric estimates refer to the same parameters. Components born since have no counterpart: they are
-//! matched against existing seeds, as points are, so that no surface is covered twice.
+//! Components of the start (the common initial scene) have the same seeds in all scenes. So the sums
+//! accumulated since then can be added exactly, and photometric estimates refer to the same parameters.
+//! Components created since then have no counterpart. They are matched against existing seeds, as points
+//! are, so that no surface is covered twice.
 
 use super::component_sums::{ComponentSums, whole_quanta};
 use super::config::SceneConfig;

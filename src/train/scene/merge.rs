@@ -1,10 +1,10 @@
 //! Reduction of the number of components: pairs whose union explains the points almost as well are merged in
 //! closed form (joint moments), cheapest first.
 //!
-//! Every component proposes its best neighbour, disjoint pairs are taken in order of cost, and passes repeat
-//! until the budget holds; a heap of all pairs would need repair after every merge. The cost is the increase
-//! in the residual of colour and of distance to a plane, so that uniform walls are merged first and edges
-//! last. Quality falls monotonically with the budget (`bench accuracy`).
+//! Every component proposes its best neighbour, disjoint pairs are taken in order of cost, and passes
+//! repeat until the budget is met; a heap of all pairs would need repair after every merge. The cost is
+//! the increase in the residuals of colour and of distance to a plane. So uniform walls are merged first
+//! and edges last. Quality falls monotonically with the budget (`bench accuracy`).
 
 use super::assign::assign;
 use super::births::{Limits, create_components};
@@ -77,7 +77,7 @@ pub fn merge_down(
     }
 }
 
-/// Returns up to `n` disjoint pairs of neighbouring components whose merger costs least. The older
+/// Returns up to `n` disjoint pairs of neighbouring components that cost least to merge. The older
 /// component of each pair comes first.
 fn cheapest_pairs(
     component_sums: &ComponentSums,
@@ -111,8 +111,8 @@ fn summary(component_sums: &ComponentSums, seeds: &Seeds, h: f64, id: usize) -> 
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
 }
 
-/// Returns the cheapest merger of a component with a neighbour: the cost, the older and the younger
-/// component.
+/// Returns the cheapest merge of component `id` with a neighbour, as (cost, older component, younger
+/// component). `None` if no merge is possible.
 fn best_partner(
     summaries: &[Summary],
     Seeds { grid, components }: &Seeds,

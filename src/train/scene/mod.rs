@@ -1,8 +1,8 @@
 //! Engine of the scene preset (`scene.md`, Stages of a frame): components are born at points without a
 //! component within the structural scale, and hold additive statistics about a fixed seed.
 //!
-//! The E-step is the mixture's with one candidate: the initial model of every component is isotropic about
-//! its seed with one common precision, so the largest responsibility belongs to the nearest seed.
+//! The E-step is the mixture's with one candidate: the initial model of every component is isotropic
+//! about its seed, with a common precision. So the nearest seed has the largest responsibility.
 #![doc = include_str!("../../../docs/design/scene.md")]
 
 pub mod config;

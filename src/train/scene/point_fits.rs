@@ -268,10 +268,11 @@ pub struct PointSlots {
     pub ids: Vec<u32>,
     /// Seed of each slot's component, world units from the scene's origin, followed by a 0.
     pub seeds: Vec<[f32; 4]>,
-    /// Per point, its slot ([`NONE`] if the device does not sum it) and the bits of its shift (f32).
+    /// Slot of each point ([`NONE`] if the device does not sum the point) and the bits of its shift
+    /// (f32).
     pub points: Vec<[u32; 2]>,
-    /// Per point, its component if the processor sums it, else [`NONE`]. Empty if the processor sums no
-    /// point.
+    /// Component of each point that the processor sums, [`NONE`] for the other points. Empty if the
+    /// processor sums no point.
     pub left: Vec<u32>,
     pub n_left: usize,
 }

@@ -84,8 +84,8 @@ impl RigidEquations {
         normal
     }
 
-    /// Adds a residual of the point at `arm`, the vector from the camera centre. `slope` is the gradient
-    /// of the residual with respect to the point's position.
+    /// Adds a residual of a point. `arm` is the vector from the camera centre to the point. `slope` is
+    /// the gradient of the residual with respect to the point's position.
     pub fn add(&mut self, residual: f64, slope: DVec3, arm: DVec3, weight: f64) {
         let turn = arm.cross(slope);
         let row = [turn.x, turn.y, turn.z, slope.x, slope.y, slope.z, residual, 0.0];
@@ -95,8 +95,8 @@ impl RigidEquations {
         }
     }
 
-    /// Adds several residuals of the point at `arm`, the vector from the camera centre. With residuals
-    /// `r`, slopes `s` and weights `w`, `information` is `Σ w s sᵀ` and `pull` is `Σ w r s`.
+    /// Adds several residuals of a point. `arm` is the vector from the camera centre to the point. With
+    /// residuals `r`, slopes `s` and weights `w`, `information` is `Σ w s sᵀ` and `pull` is `Σ w r s`.
     pub fn add_all(&mut self, information: DMat3, pull: DVec3, arm: DVec3) {
         let crossed = |m: DMat3| {
             DMat3::from_cols(arm.cross(m.x_axis), arm.cross(m.y_axis), arm.cross(m.z_axis))

@@ -264,8 +264,8 @@ impl Reach {
         self.half_widths > 0.0
     }
 
-    /// Returns the maximum distance along a point's ray, in either direction, at which its surface is
-    /// searched, world units.
+    /// Returns the distance along a point's ray, in either direction, within which seeds of its surface
+    /// are searched, world units.
     #[inline(always)]
     pub fn along_ray(self, point: &SurfacePoint) -> f32 {
         // Limited by the maximum offset in sums.

@@ -1,11 +1,11 @@
 //! Table of a preset's settings: every option is declared once.
 //!
-//! From one declaration, `settings!` creates a struct of optional values (read from RON files, layered by
-//! [`SettingLayer::or`]) and a constant table. Its rows parse a value from the command line, apply it to a
-//! run's settings, check its range and format both for comparison. The table defines command-line arguments
-//! and help, the rejection of the other preset's options, checks of resumed runs, the window's panel, preset
-//! files and the reference of settings. Rows hold functions instead of values, so that settings retain their
-//! types; only messages and comparisons are text.
+//! From one declaration, `settings!` creates a struct of optional values (read from RON files, layered
+//! by [`SettingLayer::or`]) and a constant table. Its rows parse a value from the command line, apply it
+//! to a run's settings, check its range and format both for comparison. The table defines command-line
+//! arguments and help, the rejection of the other preset's options, and checks of resumed runs. It also
+//! defines the window's panel, preset files and the reference of settings. Rows hold functions instead
+//! of values, so that settings retain their types; only messages and comparisons are text.
 
 use super::value::{Choice, ConfigError, Preset, ValueError};
 use std::ffi::OsStr;

@@ -1,4 +1,4 @@
-//! Photometric distance of two photographs as a function of their delay.
+//! Photometric difference between two photographs as a function of their delay.
 
 use super::clock::{Clock, ImagePair};
 use super::depth;

@@ -1,4 +1,4 @@
-//! Distance of two depth images as a function of their delay.
+//! Difference between two depth images as a function of their delay.
 
 use super::clock::{Clock, ImagePair};
 use super::mount_search::{EVERY, Strips};

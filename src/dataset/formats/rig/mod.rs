@@ -1,10 +1,10 @@
 //! Estimates properties of a recording's rig from its images: errors of timestamps, and the mount of the
 //! camera on the tracked body.
 //!
-//! If times and trajectory are right, depth of one image transformed into another matches the depth
-//! measured there, and matching points have the same colour in both photographs. So pairs of images show
-//! errors that all of them share. Delays follow from pairs with different rotation rates, the mount from
-//! pairs that are rotated against each other.
+//! If times and trajectory are right, the depth of one image, transformed into another, matches the
+//! depth measured there. Matching points also have the same colour in both photographs. So pairs of
+//! images show errors that all of them share. Delays follow from pairs with different rotation rates,
+//! the mount from pairs that are rotated against each other.
 
 mod clock;
 mod color;

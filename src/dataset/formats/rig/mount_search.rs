@@ -1,9 +1,9 @@
 //! Estimates the mount of a camera on the tracked body.
 //!
 //! An unknown mount moves two images differently if they are rotated against each other. The maximum a
-//! posteriori mount is found by Gauss-Newton with Cauchy weights. Slopes are finite differences, because
-//! depth images are sampled per pixel. The mount is accepted if it improves image pairs that it was not
-//! fitted to.
+//! posteriori mount is found by Gauss-Newton with Cauchy weights. Derivatives are finite differences,
+//! because depth images are sampled per pixel. The mount is accepted if it improves image pairs that it
+//! was not fitted to.
 
 use super::clock::Clock;
 use super::depth::{Pair, total};
@@ -15,8 +15,8 @@ use rayon::prelude::*;
 
 /// Minimum number of image pairs for an estimate.
 const FEWEST: usize = 6;
-/// Minimum relative decrease of the distance, in pairs that were not used for the fit, for accepting a
-/// mount.
+/// Minimum relative decrease of the difference between images for accepting a mount. It is measured on
+/// pairs that were not used for the fit.
 const FALL: f64 = 0.05;
 const ROUNDS: usize = 12;
 /// Maximum number of tested step lengths; each is twice the previous one.
@@ -145,7 +145,7 @@ impl Search<'_> {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in super::super) struct Mount {
-    /// Translation along the axes of the tracked body, metres. These axes are close to the camera's.
+    /// Translation in the frame of the tracked body, metres. Its axes are close to the camera's.
     pub shift: DVec3,
     /// Rotation vector (axis times angle), radians.
     pub turn: DVec3,

@@ -13,10 +13,9 @@ const RAYS: usize = 3;
 const LOW_PASS: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
 /// Maximum range, metres. Surfaces beyond it yield no return.
 const RANGE: f32 = 5.0;
-/// Cosines of the incidence angle: minimum for a return, and minimum for the highest confidence.
+/// Minimum cosine of the incidence angle for a return, and for the highest confidence.
 const GRAZING: [f32; 2] = [0.1, 0.3];
-/// Limits of the relative depth span around a pixel: maximum for confidence above 0, and maximum for
-/// confidence 2.
+/// Maximum relative depth span around a pixel for a confidence above 0, and for confidence 2.
 const EDGES: [f32; 2] = [0.1, 0.05];
 
 #[derive(Clone, Copy)]

@@ -43,8 +43,9 @@ impl LiveFiles {
         }
     }
 
-    /// Copies the recording `finished` into `out`, one frame at a time, and the end marker last. `due` is
-    /// called before each frame with its index from 0 and the total, and blocks until the frame is due.
+    /// Copies the recording `finished` into `out`, one frame at a time, and the end marker last. `due`
+    /// is called before each frame and blocks until the frame is due. It receives the frame's index from
+    /// 0 and the total.
     ///
     /// # Errors
     /// Fails if a file cannot be read or written.
@@ -119,7 +120,7 @@ fn take_frame_files(rest: &mut BTreeSet<PathBuf>, folders: &[&str], part: &str) 
     taken.into_iter().map(|(_, _, path)| path).collect()
 }
 
-/// Copies a file in two parts, as it is written by an encoder that streams to disk.
+/// Copies a file in two parts, like an encoder that streams to disk.
 fn copy(from: &Path, to: &Path, file: &Path) -> Result<(), WriteError> {
     let target = to.join(file);
     let io = |source| WriteError::Io { path: target.clone(), source };

@@ -21,13 +21,13 @@ use std::ops::Range;
 /// photograph.
 #[derive(Clone, Copy, Debug)]
 pub struct ParameterSums<V> {
-    /// Gradient of `−½Σρr²` by the ten form parameters: mean, log-scales, rotation and log-opacity. `r`
-    /// is the residual of a pixel and `ρ` its weight.
+    /// Gradient of `−½Σρr²` with respect to the ten form parameters: mean, log-scales, rotation and
+    /// log-opacity. `r` is the residual of a pixel and `ρ` its weight.
     pub gradient: [V; N_FORM],
     /// Gauss-Newton block of the form parameters: lower triangle, row by row.
     pub curvature: [V; N_FORM_PRECISION],
-    /// Gradient of the same objective as [`ParameterSums::gradient`] by the colour coefficients of red,
-    /// green and blue.
+    /// Gradient of the same objective as in [`ParameterSums::gradient`] with respect to the colour
+    /// coefficients of red, green and blue.
     pub color: [[V; N_COLOR]; 3],
     /// Gauss-Newton block of one channel's colour coefficients, equal for all channels: lower triangle,
     /// row by row.
@@ -162,7 +162,8 @@ impl<V: Vector> ParameterSums<V> {
     }
 }
 
-/// Returns the derivative of `ln α` by a form parameter: its coefficients of `1, p, q, p², pq, q²`.
+/// Returns the derivative of `ln α` with respect to a form parameter, as coefficients of
+/// `1, p, q, p², pq, q²`.
 #[inline(always)]
 fn features<V: Vector>(linear: &[V; N_LINEAR], parameter: usize) -> [V; N_QUADRATIC] {
     let mut features = [V::splat(0.0); N_QUADRATIC];

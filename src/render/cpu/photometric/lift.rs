@@ -1,5 +1,5 @@
-//! Jacobian of a splat's image (centre, covariance, colour) by its parameters (`photographs.md`, Lift).
-//! Processes eight splats at a time, one per lane.
+//! Jacobian of a splat's image (centre, covariance, colour) with respect to its parameters
+//! (`photographs.md`, Lift). Eight splats are processed at a time, one per lane.
 //!
 //! A change of a parameter moves the centre by `du` and the covariance by `dΣ`. With the whitening
 //! `L`, `Σ⁻¹ = LᵀL` and `z = Lδ`: `d(−½|z|²) = zᵀ(L du) + ½ zᵀ(L dΣ Lᵀ)z`. Colour is linear in its own
@@ -16,21 +16,21 @@ use crate::render::options::LOW_PASS_PX2;
 use glam::{DMat3, DVec3};
 use std::f64::consts::LN_2;
 
-/// Index of the derivatives by the mean in a linearisation, the derivatives of one splat's image. Per
-/// world axis of the mean: the coefficients of `d ln α` on `p, q, p², pq, q²`. `p` and `q` are the
-/// whitened offsets of the records: `α = o·2^−(p²+q²)` with opacity `o`.
+/// Index of the derivatives with respect to the mean in a linearisation (the derivatives of one splat's
+/// image). For each world axis, they are the coefficients of `d ln α` on `p, q, p², pq, q²`. `p` and `q`
+/// are the whitened offsets of the records: `α = o·2^−(p²+q²)` with opacity `o`.
 pub(super) const BY_MEAN: usize = 0;
-/// Index of the derivatives by shape in a linearisation. Per log-scale, then per rotation axis: the
-/// coefficients of `d ln α` on `p², pq, q²`.
+/// Index of the derivatives with respect to shape in a linearisation. For each log-scale, then for each
+/// rotation axis, they are the coefficients of `d ln α` on `p², pq, q²`.
 pub(super) const BY_SHAPE: usize = BY_MEAN + 15;
-/// Index of the derivatives of colour in a linearisation. Per channel: derivative of the colour at a
-/// pixel by each world axis of the mean.
+/// Index of the derivatives of colour in a linearisation. For each channel, they are the derivatives of
+/// the colour at a pixel with respect to the mean's world coordinates.
 pub(super) const COLOR_BY_MEAN: usize = BY_SHAPE + 18;
-/// Index of the viewing direction in a linearisation: from the camera, in world axes, limited to the
-/// observed cone.
+/// Index of the viewing direction in a linearisation. The direction leads from the camera to the splat,
+/// in world axes, and is limited to the observed cone.
 pub(super) const DIRECTION: usize = COLOR_BY_MEAN + 9;
-/// Index of two displacements on the splat's plane in a linearisation: world vectors per unit of a
-/// record's `p` and per unit of `q`.
+/// Index of the first of two displacements on the splat's plane in a linearisation. They are world
+/// vectors, per unit of a record's `p` and per unit of its `q`.
 pub(super) const PLANE_VECTORS: usize = DIRECTION + 3;
 /// Number of values in a linearisation.
 pub(super) const N_LINEAR: usize = PLANE_VECTORS + 6;
@@ -166,9 +166,9 @@ impl SplatLanes {
         ]
     }
 
-    /// Writes the derivative of each colour channel at a pixel by the mean along the world axes. A
-    /// motion of the mean shifts the spatial variation and rotates the viewing direction. Also writes
-    /// that direction.
+    /// Writes the derivatives of each colour channel at a pixel with respect to the mean's world
+    /// coordinates. A motion of the mean shifts the spatial variation and rotates the viewing direction.
+    /// Also writes that direction.
     #[inline(always)]
     fn write_color_derivatives<V: Vector>(
         &self,
@@ -227,8 +227,8 @@ impl LiftCamera {
         }
     }
 
-    /// Returns the derivative of the projected centre by the mean along a world axis, px per world
-    /// unit.
+    /// Returns the derivative of the projected centre with respect to one world coordinate of the mean,
+    /// px per world unit.
     #[inline(always)]
     fn centre_derivative<V: Vector>(&self, axis: usize, tangent: [V; 2], per_z: V) -> [V; 2] {
         let ahead = V::splat(self.from_world[2][axis]);
@@ -247,7 +247,8 @@ struct Shape<V> {
     per_z: V,
     /// `x/z` and `y/z` of the centre in camera axes.
     tangent: [V; 2],
-    /// Per world axis, derivative of the projected centre by the mean, px per world unit.
+    /// Derivatives of the projected centre with respect to the mean's world coordinates, px per world
+    /// unit.
     shifts: [[V; 2]; 3],
     /// Mask: set for splats whose Jacobian is evaluated at the centre itself, not at a clamped
     /// position.
@@ -255,8 +256,8 @@ struct Shape<V> {
     /// Directions of the principal axes (those of the scales) in camera axes.
     axes: [[V; 3]; 3],
     scale: [V; 3],
-    /// Non-zero entries of each row of the projection's Jacobian, px per world unit: that of the row's
-    /// own axis, then that of depth.
+    /// Non-zero entries of each row of the projection's Jacobian, px per world unit. The first entry
+    /// belongs to the row's own axis, the second to depth.
     rows: [[V; 2]; 2],
     /// Principal axes, scaled by their standard deviations and projected to each image axis, px.
     scaled: [[V; 3]; 2],
@@ -264,8 +265,8 @@ struct Shape<V> {
 }
 
 impl<V: Vector> Shape<V> {
-    /// Returns the derivative `[xx, xy, yy]` of the image covariance by the mean along a world axis,
-    /// px² per world unit.
+    /// Returns the derivative of the image covariance `[xx, xy, yy]` with respect to one world
+    /// coordinate of the mean, in px² per world unit.
     #[inline(always)]
     fn covariance_derivative(&self, camera: &LiftCamera, axis: usize) -> [V; 3] {
         let zero = V::splat(0.0);
@@ -318,9 +319,9 @@ impl<V: Vector> Shape<V> {
         [two * w_x[i] * w_x[j], w_x[i] * w_y[j] + w_x[j] * w_y[i], two * w_y[i] * w_y[j]]
     }
 
-    /// Writes the displacements on the splat's plane, in world axes, per unit of the image offsets `p` and
-    /// `q`. A displacement leads from the splat's centre to the point of largest response on the ray
-    /// through that offset (`rendering.md`, Rational conic).
+    /// Writes the displacements on the splat's plane, in world axes, per unit of the image offsets `p`
+    /// and `q`. A displacement leads from the splat's centre to the point of largest response on that
+    /// offset's ray (`rendering.md`, Rational conic).
     #[inline(always)]
     fn write_plane_vectors(&self, camera: &LiftCamera, linear: &mut [V; N_LINEAR]) {
         let [x, y] = self.tangent;

@@ -2,7 +2,7 @@
 //! plane).
 //!
 //! Each tile is walked twice from front to back: the first walk draws, the second compares and sums.
-//! Sums are formed per tile and row, and rows are added in order, so results are bit-identical for any
+//! Sums are formed per tile and row, and rows are added in order. So results are bit-identical for any
 //! number of threads and any instruction set. Only the projected renderer is differentiated, because
 //! evaluation and other programs use it.
 
@@ -76,9 +76,8 @@ impl PhotometricWalk {
         PhotometricSums { view, sums, order, squared_error, pixels }
     }
 
-    /// Adds the sums of all rows of tiles in row order, because the order of additions affects
-    /// rounding. Every task scans all rows for its own records, so the number of tasks is close to the
-    /// number of threads.
+    /// Adds the sums of all rows of tiles in row order, because the order of additions affects rounding.
+    /// Every task scans all rows for its own records, so there are about as many tasks as threads.
     fn add_rows(&mut self, lists: &ViewLists) {
         let (canvases, rows_of) = (&self.canvases, &lists.rows);
         let runs: Vec<Range<u32>> = lists.visible_runs().collect();
@@ -135,8 +134,8 @@ pub trait PhotometricComparer: Send + Sync {
 }
 
 /// Pixel rows to compare: row `first` and then every `every`-th row (`every` is 1, 2, 4, 8 or 16). Rows
-/// are chosen rather than tiles, because a splat compared in only some of its tiles would be fitted to
-/// those tiles alone.
+/// are chosen rather than tiles: a splat compared in only some of its tiles would be fitted to those
+/// alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowSubset {
     every: u32,

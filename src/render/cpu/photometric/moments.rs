@@ -1,9 +1,9 @@
 //! Sums the contributions of pixel groups to one splat.
 //!
-//! A splat has few pixel groups in a tile but many sums. The terms of each group are computed first. Then
-//! one kind of sum at a time runs over all groups, which keeps its sums in registers instead of spilling
-//! all of them per group. Groups and then lanes are added in a fixed order, so the results are
-//! bit-identical on every instruction set.
+//! A splat has few pixel groups in a tile but many sums. The terms of each group are computed first.
+//! Then one kind of sum at a time is accumulated over all groups. Its sums stay in registers, whereas
+//! all of them together would spill. Groups and then lanes are added in a fixed order, so the results
+//! are bit-identical on every instruction set.
 
 use crate::math::simd::{LANES, Vector};
 
@@ -14,13 +14,13 @@ const N_ABOVE: usize = N_QUARTIC - N_QUADRATIC;
 pub(super) struct HitTerms<V> {
     /// Whitened offset from the splat's centre, `[p, q]`.
     pub whitened_offset: [V; 2],
-    /// Derivative of the objective by `ln α`.
+    /// Derivative of the objective with respect to `ln α`.
     pub alpha_gradient: V,
-    /// Gauss-Newton curvature of the objective by `ln α`.
+    /// Gauss-Newton curvature of the objective with respect to `ln α`.
     pub alpha_curvature: V,
-    /// Gauss-Newton curvature of the objective by the colour.
+    /// Gauss-Newton curvature of the objective with respect to each colour channel.
     pub color_curvature: V,
-    /// Derivatives of the objective by the colour channels.
+    /// Derivatives of the objective with respect to the colour channels.
     pub color_gradients: [V; 3],
     /// Blending weight.
     pub weight: V,
@@ -46,7 +46,7 @@ impl<V: Vector> HitTerms<V> {
         [V::splat(1.0), p, q, p * p, p * q, q * q]
     }
 
-    /// Returns the moments of third and then of fourth order, each in decreasing powers of `p`.
+    /// Returns the third-order moments, then the fourth-order moments, each in decreasing powers of `p`.
     #[inline(always)]
     fn higher_moments(&self) -> [V; N_ABOVE] {
         let [_, p, q, pp, pq, qq] = self.quadratic();

@@ -47,7 +47,7 @@ pub(in crate::render) struct PackedSumLocation {
 #[derive(Default)]
 pub(in crate::render) struct PackedView {
     runs: Vec<Run>,
-    /// Per row of tiles: records by tile column.
+    /// Records in each row of tiles, listed by tile column.
     rows: Vec<Buckets>,
     /// Visible splats in their original order.
     pub(in crate::render) splats: Vec<PackedSplat>,

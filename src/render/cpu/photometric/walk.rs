@@ -4,8 +4,8 @@
 //! everything up to that splat. The usual walk from back to front must recover each transmittance by a
 //! division.
 //!
-//! Coverage is fitted as well as colour. Crack filling hides gaps from the colours, so without a coverage
-//! term splats shrink until gaps appear at other viewing distances (`photographs.md`, Coverage).
+//! Coverage is fitted as well as colour. Crack filling hides gaps from the colours. Without a coverage
+//! term, splats would shrink until gaps appear at other viewing distances (`photographs.md`, Coverage).
 //!
 //! Crack filling is part of the derivative (`photographs.md`, Crack filling). A pixel's colour is `C·f(A)`
 //! with `f = min(1/F, 1/A)`, so each splat of a filled pixel also changes the factor.
@@ -242,9 +242,9 @@ impl SecondWalk {
             weight,
         }
     }
-    /// Returns the derivative of the depth error of eight pixels by alpha. The depth error is an extra
-    /// channel with target 0. It only changes how visible splats are; the positions of splats are
-    /// determined by the measured points.
+    /// Returns the derivative of the depth error of eight pixels with respect to alpha. The depth error
+    /// is an extra channel with target 0. It only changes how visible splats are; the positions of
+    /// splats are determined by the measured points.
     #[inline(always)]
     fn depth_error_derivative<V: Vector>(
         &mut self,

@@ -32,7 +32,8 @@ pub struct GpuMixture {
     pass: usize,
     /// Indices of the kernels of a counting sort, in execution order.
     index: [usize; 5],
-    /// Capacity of the next pass with sums, in records (sums of one tile).
+    /// Capacity of the record buffer for the next pass that computes sums. A record holds the sums of
+    /// one component over one tile.
     record_capacity: u64,
     cells: GridShape,
     packed: Vec<Mean>,
@@ -56,9 +57,9 @@ impl GpuMixture {
         }
     }
 
-    /// Runs a pass with capacity for `sizes.records` records (sums of a tile). Returns the numbers of
-    /// records and of open tiles, which are left to the CPU. Records beyond the capacity are counted
-    /// but not stored.
+    /// Runs a pass with capacity for `sizes.records` records. Returns the number of records and the
+    /// number of open tiles, which are left to the CPU. Records beyond the capacity are counted but not
+    /// stored.
     fn run(&mut self, rule: &PassRule, with_sums: bool) -> Result<[u64; 2], DeviceError> {
         let task = &mut self.task;
         task.ensure_capacity([Part::Records])?;
@@ -80,8 +81,8 @@ impl GpuMixture {
         Ok(head.map(u64::from))
     }
 
-    /// Runs a pass, and repeats it if the capacity for records was too small. Returns the numbers of
-    /// records and of open tiles, which are left to the CPU.
+    /// Runs a pass, and repeats it if the capacity for records was too small. Returns the number of
+    /// records and the number of open tiles, which are left to the CPU.
     fn run_until_fits(
         &mut self,
         rule: &PassRule,

@@ -19,8 +19,8 @@ use layout::{
 
 const MIN_BUCKETS: u64 = 1 << 12;
 
-/// Finds the nearest seed of each point and sums the points of each component, on a GPU device of its
-/// own. A component's seed is the point at which it was created.
+/// Finds the nearest seed of each point and sums each component's points, on a GPU device of its own. A
+/// component's seed is the point at which it was created.
 pub struct GpuPoints {
     task: GpuTask<Part>,
     file: usize,

@@ -1,8 +1,8 @@
 //! Parallel pass over a frame's points: search, E-step and per-tile sums.
 //!
-//! Work is split by tiles, and a tile's sums depend only on its points, so records and fixed-point
-//! totals do not depend on the number of threads. There are two implementations: fused (f32, all
-//! stages of a tile at once) and plain (any precision and number of candidates, stage by stage).
+//! Work is split by tiles, and a tile's sums depend only on its points. So records and fixed-point
+//! totals do not depend on the number of threads. There are two implementations: fused (f32, all stages
+//! of a tile at once) and plain (any precision and number of candidates, stage by stage).
 //!
 //! Buffers belong to threads, not to tasks, so a warm pass allocates nothing.
 
@@ -82,8 +82,9 @@ impl Worker {
         [self.narrow.get(shard).map_or(0, Vec::len), self.wide.get(shard).map_or(0, Vec::len)]
     }
 
-    /// Clears a shard's records and ensures capacity for the numbers `seen` in the last pass plus a
-    /// quarter. If the capacity must grow, it becomes at least three times `seen`.
+    /// Clears a shard's records and ensures capacity for a quarter more than the last pass produced.
+    /// `seen` holds the numbers of f32 and f64 records of that pass. If a capacity must grow, it becomes
+    /// at least three times that number.
     fn clear_records(&mut self, shard: usize, seen: [usize; 2]) {
         if self.narrow.len() <= shard {
             self.narrow.resize_with(shard + 1, Vec::new);

@@ -1,5 +1,5 @@
-//! Photometric training: after the points, one Gauss-Newton step on the picture, with a precision per splat
-//! that accumulates.
+//! Photometric training: after the points of a frame, one Gauss-Newton step on its photograph. The
+//! precision of every splat accumulates over the frames.
 #![doc = include_str!("../../../../docs/design/photographs.md")]
 
 pub(in crate::train::scene) mod agreement;
@@ -182,8 +182,8 @@ impl PhotometricLearner {
         (changed, outcome.map(|outcome| ComparedPhotograph { frame, outcome }))
     }
 
-    /// Before the first step, estimates the usual residual from a few buffered photographs, so that outliers
-    /// are detected from the start.
+    /// Estimates the usual residual from a few buffered photographs before the first step, so that even
+    /// early outliers are detected.
     fn estimate_usual_residual(&mut self, pixels: PixelRule) {
         let Self { state, comparers, image, .. } = self;
         let n = state.buffered.len();

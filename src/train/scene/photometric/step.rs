@@ -1,5 +1,5 @@
-//! Photometric steps of splats and updates of their precision (`photographs.md`, Step). Eight splats at a
-//! time, one per SIMD lane.
+//! Photometric steps of splats and updates of their precision (`photographs.md`, Step). Eight splats are
+//! processed at a time, one per SIMD lane.
 
 use super::rule::{PhotometricRule, PriorDeviations};
 use crate::math::cholesky::{at, factor, substitute};

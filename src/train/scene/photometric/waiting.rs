@@ -1,4 +1,4 @@
-//! Packing of photographs for the shuffle buffer, and unpacking (`photographs.md`, Shuffle buffer).
+//! Packing and unpacking of photographs for the shuffle buffer (`photographs.md`, Shuffle buffer).
 
 use super::agreement::FrameAgreement;
 use super::comparers::TrainingView;

@@ -1,8 +1,9 @@
 //! Alignment of a frame's samples with the rendered scene: Gauss–Newton over depth and brightness.
 //!
-//! Depth is compared along the normal of the rendered surface, so that a slanted floor has the same weight as
-//! a wall; brightness constrains motion along planes. Both have Cauchy weights because of mutual occlusion.
-//! Slopes are those of the rendered picture, which has no holes, while a frame does.
+//! Depth is compared along the normal of the rendered surface, so that a slanted floor has a wall's
+//! weight. Brightness constrains motion along planes. Both have Cauchy weights because of mutual
+//! occlusion. Gradients are taken from the rendered picture, which has no holes, whereas a frame has
+//! some.
 
 use super::reference::ReferenceLevel;
 use super::samples::{Sample, SampleLevel};
@@ -45,7 +46,7 @@ impl PoseFit {
 }
 
 struct Residual {
-    /// Vector from the camera centre to the sample, along the world axes, world units.
+    /// Vector from the camera centre to the sample, in world coordinates (world units).
     arm: DVec3,
     distance: f64,
     /// Normal of the rendered surface.
@@ -120,7 +121,7 @@ fn shared_contrast(residuals: &[Residual], gain: f64) -> f64 {
 
 /// Returns the standard deviations of rotation (radians) and centre (world units) along the least
 /// certain axes. They are computed with the frame's own normals and contrast. If the frame shows
-/// something else than the scene, the scene's slopes would give a false certainty. `None` unless all
+/// something else than the scene, the scene's gradients would give a false certainty. `None` unless all
 /// numbers are finite.
 fn pose_deviations(
     residuals: &[Residual],

@@ -1,9 +1,9 @@
 //! Tracking without recorded poses: the pose of a frame is found from the scene alone.
 //!
-//! The scene is the map: it is rendered from a likely pose with a wider view than a frame, and the frame is
-//! aligned with picture and depth, coarse to fine. No images are stored. A frame that returns to a known
-//! place is aligned with everything trained there, so loops close without further means as long as the drift
-//! is within reach.
+//! The scene is the map: it is rendered from a likely pose with a wider view than a frame. The frame is
+//! then aligned with the rendered picture and depth, coarse to fine. No images are stored. A frame that
+//! returns to a known place is aligned with everything trained there, so loops close without further
+//! means as long as the drift is within reach.
 //!
 //! | step | file |
 //! |---|---|
@@ -12,9 +12,9 @@
 //! | search over rotations on a grid, for fast turns | `search` |
 //! | Gauss–Newton over depth and brightness | `fit` |
 //!
-//! A frame is lost if too little of it is known, if it disagrees with the scene, or if it does not determine
-//! the pose (a blank wall). Poses of earlier frames are then tried. A frame that stays lost is left out
-//! rather than added at a wrong pose.
+//! A frame is lost if too little of it is known or if it disagrees with the scene. It is also lost if it
+//! does not determine the pose (a blank wall). Poses of earlier frames are then tried. A frame that
+//! stays lost is left out rather than added at a wrong pose.
 
 mod fit;
 mod reference;
@@ -79,8 +79,7 @@ pub enum TrackingLoss {
     Undetermined([f64; 2]),
 }
 
-/// Returns the recorded pose of the first frame as a tracked pose, if tracking can start from that
-/// frame.
+/// Returns the first frame's recorded pose as a tracked pose, if tracking can start from that frame.
 ///
 /// # Errors
 /// [`TrackingLoss`] if the frame has too few samples or too little light.

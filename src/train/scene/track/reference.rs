@@ -1,7 +1,7 @@
-//! Reference for the alignment of a frame: picture and depth of the scene from a pose.
+//! Reference for the alignment of a frame: brightness and depth of the scene, rendered from a pose.
 //!
-//! It is wider than a frame, so that a camera that turned still overlaps with it: the scene covers more than
-//! the previous frame.
+//! It is wider than a frame, so that the frame of a turned camera still overlaps with it. The scene
+//! covers more than the previous frame.
 
 use super::samples::{LEVELS, brightness};
 use crate::math::camera::{Camera, Intrinsics};
@@ -14,7 +14,8 @@ use glam::DVec3;
 
 /// Minimum coverage at which a rendered pixel is valid.
 const MIN_COVERAGE: f32 = 0.5;
-/// Maximum relative difference of neighbouring depths on one surface; a larger difference is an edge.
+/// Maximum relative difference between neighbouring depths on one surface; a larger difference is an
+/// edge.
 const EDGE: f64 = 0.1;
 
 /// The scene rendered from a pose at several resolutions, finest first.
@@ -37,9 +38,10 @@ pub struct Texel {
     pub brightness: f64,
     /// Depth along the optical axis, world units.
     pub depth: f64,
-    /// Gradient of brightness with respect to the position of the point, camera axes, per world unit.
+    /// Gradient of brightness with respect to the point's position in the camera's frame, per world
+    /// unit.
     pub brightness_slope: DVec3,
-    /// Gradient of depth with respect to the position of the point, along the camera axes.
+    /// Gradient of depth with respect to the point's position in the camera's frame.
     pub depth_slope: DVec3,
 }
 
@@ -101,7 +103,7 @@ fn widened(frame: &Intrinsics, block: usize, margin: f64) -> Intrinsics {
 }
 
 impl ReferenceLevel {
-    /// Returns the next coarser level. Of each two by two pixels, the ones that show the nearest surface
+    /// Returns the next coarser level. In each block of 2×2 pixels, those that show the nearest surface
     /// are averaged.
     fn halved(&self) -> Self {
         let (width, height) = (self.texels.width / 2, self.texels.height / 2);

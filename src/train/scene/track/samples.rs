@@ -15,9 +15,9 @@ const ONE_SURFACE: f32 = 0.03;
 /// Mean of the points of a block of pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// Position along the axes of the depth camera, world units from its centre.
+    /// Position in the depth camera's frame, world units.
     pub position: DVec3,
-    /// Unit surface normal along the axes of the depth camera; zero if unknown.
+    /// Unit surface normal in the depth camera's frame; zero if unknown.
     pub normal: DVec3,
     pub brightness: f64,
     /// Half-width of the depth noise, world units.

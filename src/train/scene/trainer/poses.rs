@@ -24,7 +24,7 @@ use std::sync::Arc;
 const RECENT: usize = 1000;
 /// Minimum number of frames before the whole scene is moved to fit the recorded poses.
 const FEWEST_FRAMES: usize = 4;
-/// Number of compared points in known components that suffice to determine the gain of a large frame.
+/// Number of compared points in known components that suffices to determine the gain of a large frame.
 const MIN_EXPOSED: f64 = 1000.0;
 
 /// Poses and exposures of the frames so far.
