@@ -20,7 +20,7 @@ pub enum Action {
 }
 
 impl Action {
-    /// Every action, in the order listed while the search text is empty.
+    /// Returns every action of the list, in the order shown while the search text is empty.
     pub fn all() -> impl Iterator<Item = Self> {
         // Commands about the keyboard itself are useful only as shortcuts.
         let is_listed = |c: &UiCommand| !matches!(c, UiCommand::Find | UiCommand::FocusControls);
@@ -39,7 +39,8 @@ impl Action {
         }
     }
 
-    /// Returns the label within the menu of the action's kind, without the prefix of [`Self::name`].
+    /// Returns the action's label in menus, without the prefix that [`Self::name`] adds for some kinds of
+    /// actions.
     pub fn menu_label(self) -> &'static str {
         match self {
             Self::Command(command @ (UiCommand::PreviousCamera | UiCommand::NextCamera)) => {
@@ -61,7 +62,7 @@ impl Action {
         }
     }
 
-    /// Returns the shortcuts as menus show them; empty if there are none.
+    /// Returns the action's shortcuts as shown in menus; empty if there are none.
     pub fn shortcut_text(self, ctx: &Context) -> String {
         match self {
             Self::Command(command) => command.keys(ctx),

@@ -1,4 +1,4 @@
-//! Interactive viewport camera: orbit, pan, dolly, fly, frame.
+//! Interactive viewport camera: orbits, pans, dollies, flies, and fits the scene into the viewport.
 
 use super::state::HomeView;
 use crate::math::camera::{Camera, Intrinsics};
@@ -18,7 +18,7 @@ pub struct ViewCamera {
     lens: Lens,
     /// Vertical field of view in use, radians. A wider window shows more at the sides.
     fov_y: f64,
-    /// Scene radius, world units. It bounds the distance from the target.
+    /// Scene radius, world units. Bounds the camera's distance from the target.
     pub radius: f64,
     middle: DVec3,
 }
@@ -28,17 +28,19 @@ const OWN_FOV_Y: [f64; 2] = [0.5, 1.3];
 /// Largest horizontal or vertical field of view of a pinhole camera, radians (`rendering.md`, Wide views
 /// and fisheye).
 const MAX_PINHOLE_FOV: f64 = 150.0 / 180.0 * PI;
-/// Largest and smallest field of view used to compute the framing distance, radians.
+/// Largest and smallest field of view used to compute the camera distance at which the scene fits into the
+/// viewport, radians.
 // Without the smallest one, a very narrow window would move the camera far away.
 const MAX_FRAMING_FOV: f64 = 2.0;
 const MIN_FRAMING_FOV: f64 = 0.1;
-/// Elevation of the overview of the scene, and its rotation from the current azimuth, radians.
+/// Elevation of the camera in the overview of the scene, and the camera's turn from its current azimuth,
+/// radians.
 // Seen along the path of the cameras, their frusta would hide each other.
 const OVERVIEW_ELEVATION: f64 = 0.5;
 const OVERVIEW_TURN: f64 = 0.5;
-/// Scroll distance that halves the distance to the target, window points.
+/// Scroll distance that halves the camera's distance from the target, window points.
 pub const WHEEL_PER_HALVING: f64 = 240.0;
-/// Smallest and largest distance from the target, in scene radii.
+/// Smallest and largest distance of the camera from the target, in scene radii.
 const DISTANCE: [f64; 2] = [1e-3, 50.0];
 /// Smallest and largest distance between the target and a dataset camera that the view moves to, in
 /// scene radii.
@@ -155,8 +157,8 @@ impl ViewCamera {
         self.fit_scene(framing, size_px);
     }
 
-    /// Returns the smaller of the horizontal and vertical field of view, radians. The framing distance
-    /// is computed from it, so that nothing is cut off.
+    /// Returns the smaller of the horizontal and vertical field of view, radians, clamped to the range from
+    /// [`MIN_FRAMING_FOV`] to [`MAX_FRAMING_FOV`]. A scene that fits into it is not cut off.
     fn narrower_fov(&self, [width, height]: [u32; 2]) -> f64 {
         let fov_y = self.fov_y.min(MAX_FRAMING_FOV);
         let aspect = (f64::from(width) / f64::from(height.max(1))).min(1.0);

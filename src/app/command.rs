@@ -280,8 +280,8 @@ impl UiCommand {
         self.shortcuts().iter().map(name).collect::<Vec<_>>().join(" or ")
     }
 
-    /// True if a focused control also reacts to one of the command's shortcuts. The control may be
-    /// pressed, change its value or lose the focus.
+    /// True if one of the command's shortcuts also acts on a focused control: presses the control, changes
+    /// its value or moves the focus.
     pub fn conflicts_with_controls(self) -> bool {
         // egui handles these keys itself while a control has the focus.
         const KEYS: [Key; 5] = [Key::Space, Key::Tab, Key::ArrowLeft, Key::ArrowRight, Key::Escape];

@@ -18,7 +18,7 @@ pub const COARSEST_PX: f64 = 20.0;
 /// Finest structural scale of the slider, pixels. Noise may limit the scale to a larger value.
 pub const FINEST_PX: f64 = 0.5;
 
-/// Forecast for a run that differs from the open one only in its structural scale.
+/// Forecast for a run that differs from the open run only in the structural scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DetailForecast {
     pub components: f64,
@@ -29,7 +29,7 @@ pub struct DetailForecast {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectiveScale {
     pub length: f64,
-    /// True if noise limits the scale to a larger value than the requested one.
+    /// True if depth noise limits the scale to a larger value than the requested one.
     pub is_noise_limited: bool,
 }
 
@@ -54,8 +54,8 @@ pub fn retrainable_run(opened: &Opened) -> Option<&SceneRun> {
     opened.scene().filter(|_| dataset.path == opened.path)
 }
 
-/// Returns the forecast for a run with structural scale `length` (world units); `None` before the first
-/// frame.
+/// Forecasts the model size and the training time per frame at structural scale `length` (world units).
+/// `None` before the first frame is trained.
 pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
     let run = snapshot.opened.as_deref()?.scene()?;
     let mut ms: Vec<f64> =
@@ -75,8 +75,8 @@ pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
     })
 }
 
-/// Returns the structural scale that doubles the number of components; `None` if noise hides the finer
-/// detail.
+/// Returns the structural scale that doubles the number of components. `None` if the run cannot be repeated
+/// or if depth noise hides the finer detail.
 pub fn finer(snapshot: &Snapshot) -> Option<StructuralScale> {
     /// Factor by which the scale is multiplied. The number of components is inversely proportional to
     /// the squared scale.

@@ -97,8 +97,7 @@ pub enum Painting {
     Gpu,
 }
 
-/// Wakes the open window from other threads. Has no effect once the window is closed or its context is
-/// dropped.
+/// Lets other threads repaint the open window. Has no effect while no window is open.
 pub struct WindowWaker {
     place: Arc<Mutex<Option<Context>>>,
     waker: Waker,

@@ -1,4 +1,4 @@
-//! Export options of the dialog: conversion to plain splats, preview, and its report.
+//! Options of the export dialog: conversion to standard 3DGS splats, and the preview with its report.
 
 use super::panels::card::choices;
 use super::viewer::export_preview::PreviewReport;

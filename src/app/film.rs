@@ -1,7 +1,7 @@
-//! Renders a camera path to files on a thread of its own.
+//! Renders a camera path to files on a separate thread.
 //!
-//! Uses the renderer of `render --path`, so that both give the same film. While training runs, only one
-//! thread renders.
+//! Uses the same renderer as `render --path`, so that both produce the same film. While training runs, only
+//! one thread renders.
 
 use super::edit::marks::LeftOut;
 use super::settings_file::unused;
@@ -21,7 +21,7 @@ use std::sync::Arc;
 pub struct FilmRequest {
     pub path: PacedPath,
     pub size: [u32; 2],
-    /// Path of the video if its extension names a video format, otherwise of a folder for pictures.
+    /// Path of the video if the extension names a video format, otherwise path of a folder for pictures.
     pub output: PathBuf,
     pub options: RenderOptions,
     pub left_out: LeftOut,
@@ -29,7 +29,7 @@ pub struct FilmRequest {
     pub is_beside_training: bool,
 }
 
-/// Outcome of a film without errors; holds the number of pictures written.
+/// Outcome of rendering a film without errors. Holds the number of pictures written.
 enum FilmOutcome {
     Complete(usize),
     Cancelled(usize),

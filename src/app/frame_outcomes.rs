@@ -26,8 +26,8 @@ pub struct TrainedFrame {
     pub points: usize,
     /// Mean ELBO of the frame's points, nats.
     pub elbo_mean: f64,
-    /// PSNR between the frame's photograph and the scene before training on the frame, dB. `None`
-    /// without photometric training or without a scene at that time.
+    /// PSNR between the frame's photograph and the scene before training on the frame, dB. `None` if it was
+    /// not measured.
     pub psnr_before: Option<f64>,
 }
 
@@ -51,13 +51,14 @@ impl From<&FrameReport> for TrainedFrame {
 pub struct FrameOutcomes {
     serial: u64,
     plan: Option<Arc<Plan>>,
-    /// First position in the training order of each frame, by the frame's index in the trained split.
+    /// Position at which each frame first occurs in the training order, by the frame's index in the trained
+    /// split.
     // Later passes over the data use the same frames again.
     positions: HashMap<usize, usize>,
     outcomes: HashMap<usize, TrainedFrame>,
     recent: Arc<Vec<FrameReport>>,
     late: Arc<Vec<FrameReport>>,
-    /// Number of processed frames: frames at earlier positions are trained or skipped.
+    /// Number of processed frames. Frames at lower positions in the training order are trained or skipped.
     n_processed: usize,
     skipped: Arc<Vec<SkippedFrame>>,
     /// Index into `skipped` of each skipped frame, by frame name.
@@ -103,7 +104,8 @@ impl FrameOutcomes {
         }
     }
 
-    /// Returns the state of the frame with this split, index in the split and name.
+    /// Returns the state of the frame with index `index` in split number `split`. `name` is the frame's
+    /// name.
     pub fn state_of(&self, (split, index): (usize, usize), name: &str) -> FrameState {
         let is_trained = self.plan.as_ref().is_some_and(|plan| plan.split == split);
         let position = self.positions.get(&index).filter(|_| is_trained);

@@ -2,8 +2,8 @@
 //!
 //! Panels and viewport are tiles of one tree, so panels can be docked on any side. The viewport tile cannot
 //! be dragged or become one of several tabs, so it is always visible. In containers that hold the viewport,
-//! shares are sizes in points: when the window is resized, panels keep their size and the viewport fills the
-//! rest.
+//! the shares of `egui_tiles` are sizes in points: when the window is resized, panels keep their size and
+//! the viewport fills the rest.
 
 use super::command::labelled;
 use super::settings_file;
@@ -21,10 +21,10 @@ const NEW_SHARE: f32 = 0.24;
 /// together.
 const MAX_SHARE: f32 = 0.42;
 const MAX_SHARE_OF_BOTH: f32 = 0.6;
-/// Smallest share that counts as a size in points. A smaller share is replaced by the initial size.
+/// Smallest share that is interpreted as a size in points. A smaller share is replaced by the initial size.
 // egui_tiles gives the children of a new container shares of 1.
 const MIN_POINTS: f32 = 60.0;
-/// Minimum width of the panels, points. It takes precedence over the largest fraction.
+/// Size that the panels may have even if it exceeds the largest fraction of the available length, points.
 const MIN_WIDTH: f32 = 240.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -1,4 +1,4 @@
-//! Opening a subject: the demo, a dataset folder, a checkpoint or a model file.
+//! Opens the demo, a dataset folder, a checkpoint or a model file.
 
 use super::color_mode::ColorMode;
 use super::session_info::{origin_info, session_info};
@@ -30,7 +30,7 @@ pub enum Content {
     Model(SplatSet),
 }
 
-/// Newly opened subject (dataset, model or demo): its content, its properties for panels, and notices.
+/// Newly opened dataset or model: its content, its properties for panels, and notices.
 pub struct OpenedSubject {
     pub content: Content,
     pub splats: SplatSet,
@@ -54,8 +54,8 @@ pub enum OpenError {
     Setting(#[from] RefusedSetting),
 }
 
-/// Opens the subject with serial number `serial`. It is trained with `training` unless it stores its own
-/// settings.
+/// Opens a dataset or model and gives it the serial number `serial`. Training uses the settings in
+/// `training`, unless a checkpoint with its own settings is resumed.
 pub fn open(
     subject: &Subject,
     training: &TrainSettings,
@@ -76,7 +76,7 @@ pub fn open(
     }
 }
 
-/// Returns the subject of a session. Without `path` the subject is the demo.
+/// Returns a session with its properties for panels. `path` is `None` for the demo.
 pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject {
     let dataset = session.dataset().clone();
     let notes = dataset.notes.iter().map(|note| (NoticeKind::Info, note.clone()));
@@ -162,7 +162,7 @@ fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     })
 }
 
-/// Opens an autosaved run under the name and path of its dataset.
+/// Resumes an autosaved run. In the window it has the name and path of its dataset.
 pub fn open_run(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let run = SavedRun::read(path)?;
     resumed(&run, serial, run.meta.dataset.as_deref())
@@ -279,14 +279,14 @@ const DEMO: &str = "demo";
 /// Folder, and file name without extension, that dialogs propose for new files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileProposal {
-    /// Folder of the open file or dataset; the current folder for the demo. An absolute path if it can
-    /// be determined.
+    /// Folder that contains the open file or dataset; the current folder for the demo. An absolute path if
+    /// it can be determined.
     pub folder: PathBuf,
     pub stem: String,
 }
 
 impl FileProposal {
-    /// Proposes files in the folder of an opened path and with its name; `None` is the demo.
+    /// Proposes files beside the opened path and named after it. `opened` is `None` for the demo.
     pub fn beside(opened: Option<&Path>) -> Self {
         let Some(opened) = opened else {
             return Self { folder: absolute_or_same(Path::new(".")), stem: DEMO.to_owned() };
@@ -309,7 +309,7 @@ impl FileProposal {
     }
 }
 
-/// Returns the absolute path; the same path if the current folder is unknown.
+/// Makes a path absolute. Returns it unchanged if the current folder is unknown.
 pub fn absolute_or_same(path: &Path) -> PathBuf {
     absolute(path).unwrap_or_else(|_| path.to_owned())
 }

@@ -23,7 +23,7 @@ pub struct Palette {
 }
 
 impl Palette {
-    /// Applies an update from the trainer; returns the change for painters.
+    /// Applies an update from the trainer. Returns the resulting change to be painted.
     pub fn change(&mut self, update: SplatUpdate) -> SplatChange {
         let SplatUpdate { change, attributes, .. } = update;
         let changed = apply(&mut self.learned, change.clone());
@@ -54,7 +54,7 @@ impl Palette {
         }
     }
 
-    /// Selects the attribute that colours the splats. Returns the resulting change for painters, if any.
+    /// Selects the attribute that colours the splats. Returns the resulting change to be painted, if any.
     pub fn set_attribute(&mut self, attribute: Option<Attribute>) -> Option<SplatChange> {
         if attribute == self.attribute {
             return None;
@@ -81,7 +81,8 @@ impl Palette {
         }
     }
 
-    /// Returns the attributes of each splat: empty if not requested, default values until received.
+    /// Returns the attributes of each splat. Empty if they are not requested; default values until they are
+    /// received.
     pub fn attributes(&self) -> &[ComponentAttributes] {
         &self.attributes
     }

@@ -1,4 +1,4 @@
-//! CPU time of the window's thread per pass, as counted by the operating system; logged for tests.
+//! CPU time of the window's thread per egui pass, as measured by the operating system; logged for tests.
 
 use super::state::RunState;
 use std::time::{Duration, Instant};
@@ -14,12 +14,11 @@ fn thread_time() -> Option<Duration> {
 pub struct PassTimes {
     is_drawn: bool,
     state: RunState,
-    /// CPU time of this thread at two moments of the latest pass of the window: start, and end of the
-    /// layout.
+    /// CPU time of this thread at the start of the latest egui pass, and at the end of the pass's layout.
     worked: Option<Duration>,
     laid_out: Option<Duration>,
-    /// CPU milliseconds of each pass during training. The first number covers the whole pass; the second
-    /// ends with the layout, without tessellation and the driver.
+    /// CPU time of each egui pass during training, milliseconds. The first number covers the whole pass,
+    /// the second only the layout, without tessellation and the graphics driver.
     passes: Vec<[f64; 2]>,
 }
 
@@ -46,7 +45,7 @@ impl PassTimes {
         self.state = state;
     }
 
-    /// Records the end of the layout of a pass. `started` is the start time of the program.
+    /// Records the end of the layout of an egui pass. `started` is the start time of the program.
     pub fn end(&mut self, started: Instant) {
         if !self.is_drawn {
             self.is_drawn = true;

@@ -1,7 +1,7 @@
 //! Dialogs for one path: a text field, and a native dialog if there is one.
 //!
-//! The field always works, while native dialogs need a desktop portal. A native dialog confirms the
-//! replacement of a file itself; this module does so for the field. The path is checked on a separate thread,
+//! The field always works, while native dialogs need a desktop portal. A native dialog itself prompts
+//! before a file is replaced; for the field, this module does. The path is checked on a separate thread,
 //! because a drive that does not respond must not block the window.
 
 use super::opening::{FileProposal, absolute_or_same};
@@ -93,12 +93,12 @@ pub struct PathDialog {
     purpose: Purpose,
     is_open: bool,
     path: String,
-    /// Serial number of the subject for which the path was proposed.
+    /// Serial number of the dataset or model for which the path was proposed.
     proposed_for: u64,
     /// Native dialog in progress. It runs on its own thread, so that the window keeps drawing.
     native: Option<Job<Option<PathBuf>>>,
     no_native: bool,
-    /// Path whose replacement a native dialog has confirmed.
+    /// Path of a file whose replacement the user has confirmed in a native dialog.
     approved: Option<PathBuf>,
     /// Entered path, and the job that checks what exists there.
     checking: Option<(PathBuf, Job<Occupant>)>,
@@ -123,8 +123,8 @@ impl PathDialog {
         self.takes_focus = true;
     }
 
-    /// Proposes a file for the open subject, which has the serial number `serial`. The user's own input
-    /// is kept until another subject is opened.
+    /// Proposes a file for the open dataset or model, which has the serial number `serial`. The user's own
+    /// input is kept until another dataset or model is opened.
     pub fn propose(&mut self, serial: u64, files: &FileProposal) {
         let Some(ending) = self.purpose.ending().filter(|_| self.proposed_for != serial) else {
             return;
@@ -134,8 +134,8 @@ impl PathDialog {
         (self.approved, self.replacing, self.problem) = (None, None, None);
     }
 
-    /// Draws the dialog with further `choices`. `below` draws content that may appear later; it is
-    /// placed under the buttons, which must not move. Returns the entered path once it is confirmed.
+    /// Draws the dialog. `choices` draws further controls in it. `below` draws content under the buttons,
+    /// where it may appear later without moving them. Returns the confirmed path or the cancellation.
     pub fn ui(
         &mut self,
         ui: &Ui,
@@ -192,7 +192,8 @@ impl PathDialog {
         absolute_or_same(&path)
     }
 
-    /// Confirms the entered path. A path that will be written is checked on a thread first.
+    /// Accepts the entered path. A path to be written is first checked on a separate thread; `None` is
+    /// returned until then.
     fn confirm(&mut self, waker: &Waker) -> Option<PathAnswer> {
         let path = self.entered();
         if !self.purpose.writes() {
@@ -211,8 +212,8 @@ impl PathDialog {
         None
     }
 
-    /// Uses the result of a check, if there is one. Returns the path, or prompts for the replacement of
-    /// an existing file.
+    /// Handles the result of the path check, if it is available: returns the path, or prompts before an
+    /// existing file is replaced.
     fn take_path_check(&mut self) -> Option<PathAnswer> {
         let (_, job) = self.checking.as_ref()?;
         let looked = job.poll()?;

@@ -49,7 +49,7 @@ impl PathEditor {
         self.keyframes[i].time - self.keyframes[i - 1].time
     }
 
-    /// Appends a keyframe that follows the last one after [`STEP_S`].
+    /// Appends a keyframe [`STEP_S`] after the last one.
     pub fn add(&mut self, camera: Keyframe) {
         let time = self.keyframes.last().map_or(0.0, |last| last.time + STEP_S);
         self.keyframes.push(Keyframe { time, ..camera });

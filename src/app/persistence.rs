@@ -11,9 +11,9 @@ const VIEWPORT: &str = "viewport";
 const TRAINING: &str = "training";
 const RECENT: &str = "recent";
 const LAYOUT: &str = "layout";
-/// Name of the part that stores the last displayed warning about the adapter.
+/// Name of the settings part that stores the last displayed warning about the adapter.
 pub const CAVEAT: &str = "caveat";
-/// Name of the part that stores the adapter chosen for further windows.
+/// Name of the settings part that stores the adapter chosen for further windows.
 pub const ADAPTER: &str = "adapter";
 pub const VERSION: &str = "version";
 pub const FILE_VERSION: u32 = 2;
@@ -52,7 +52,7 @@ impl StoredSettings {
         }
     }
 
-    /// Stores the settings. Without `adapter`, the previously stored adapter is kept.
+    /// Stores the settings. If `adapter` is `None`, the previously stored adapter is kept.
     pub fn write(
         storage: &mut dyn eframe::Storage,
         view: &ViewSettings,

@@ -1,9 +1,9 @@
 //! Quality of held-out views, measured during training.
 //!
-//! One thread measures a copy of the splats, as for photographs (`viewer/photo.rs`). During training it
-//! measures a few views repeatedly. Pauses of a multiple of the measuring time leave the cores to
-//! training. While training is paused or finished, every view is measured once, then the views away from
-//! the camera path. The metrics are those of `vbgs-studio eval`.
+//! A separate thread measures its own copy of the splats (as in `viewer/photo.rs`). During training it
+//! measures a few views repeatedly; pauses of a multiple of the measuring time leave the cores to training.
+//! While training is paused or finished, every view is measured once, then the views away from the camera
+//! path. The metrics are those of `vbgs-studio eval`.
 
 use super::retention::{Retention, positions};
 use super::splat_updates::SplatChange;
@@ -42,7 +42,7 @@ pub struct QualityPoint {
     pub seconds: f64,
     pub components: usize,
     pub psnr: f64,
-    /// Mean PSNR of the pixels that splats cover, dB, and mean fraction of these pixels.
+    /// Mean PSNR over the pixels that splats cover, dB, and mean fraction of such pixels in a view.
     pub covered: Option<(f64, f64)>,
     pub ssim: f64,
     /// Mean absolute depth error, world units; `None` for views without depth.
@@ -52,13 +52,13 @@ pub struct QualityPoint {
 pub struct QualityMonitor {
     waker: Waker,
     thread: Option<ViewThread<QualityQuery, QualityAnswer>>,
-    /// Serial number of the subject, and options of its measurements.
+    /// Serial number of the open dataset or model, and options of its measurements.
     subject: Option<(u64, EvalOptions)>,
     /// Views to measure; `None` for models.
     pub evaluation: Option<Evaluation>,
     /// Mean metrics over the sampled views, oldest first.
     pub history: Vec<QualityPoint>,
-    /// True if the newest scene includes all buffered photographs.
+    /// True if the newest scene includes all photographs that wait in the shuffle buffer.
     settled: bool,
     /// Latest report of each view, worst first. A report of an earlier scene remains until the view is
     /// measured again.
@@ -113,8 +113,8 @@ impl QualityMonitor {
             .then(|| mean_quality(&self.views, (at.frames, at.seconds, at.components)))?
     }
 
-    /// Returns the number of views away from the camera path measured after `frames` frames, and the
-    /// number to measure.
+    /// Returns the number of views away from the camera path that were measured in the scene after `frames`
+    /// frames, and the number of such views to measure.
     pub fn side_progress(&self, frames: usize) -> (usize, usize) {
         let n_measured = if self.side_at == Some(frames) { self.side.len() } else { 0 };
         (n_measured, self.chosen_side().len())
@@ -136,7 +136,8 @@ impl QualityMonitor {
         }
     }
 
-    /// Starts a measurement if one is due. During training, one is due after every `every` frames.
+    /// Starts a measurement if one is due. During training, one is due when `every` frames have been
+    /// trained since the last one.
     pub fn update(
         &mut self,
         context: &Context,
@@ -287,8 +288,8 @@ impl QualityMonitor {
         due.filter(|(_, views)| !views.is_empty())
     }
 
-    /// Returns the trained frames to measure again, if this is due. They are measured once while
-    /// training is paused, and during training after every measurement of the held-out views.
+    /// Returns the trained frames to measure again, if such a measurement is due. They are measured once
+    /// while training is paused, and during training after every measurement of the held-out views.
     fn retained(&self, snapshot: &Snapshot) -> Option<Vec<usize>> {
         let plan = snapshot.opened.as_ref()?.plan.as_ref()?;
         let is_due = match snapshot.state {
@@ -360,7 +361,7 @@ impl QualityMonitor {
     }
 }
 
-/// Chooses at most `most` views of a group, evenly spaced.
+/// Returns at most `most` views of a group, evenly spaced.
 fn evenly(group: Option<&ViewGroup>, most: usize) -> Vec<usize> {
     let all = group.map_or(&[][..], |group| &group.frames);
     let n = all.len().min(most);
@@ -368,7 +369,8 @@ fn evenly(group: Option<&ViewGroup>, most: usize) -> Vec<usize> {
     (0..n).map(|i| all[(2 * i + 1) * all.len() / (2 * n)]).collect()
 }
 
-/// Returns the mean metrics over views; `None` if there are none.
+/// Returns the mean metrics over `views`; `None` if there are no views. `at` contains the number of frames,
+/// the seconds of training and the number of components.
 fn mean_quality(views: &[ViewReport], at: (usize, f64, usize)) -> Option<QualityPoint> {
     let mean = |value: &dyn Fn(&ViewReport) -> Option<f64>| {
         let values: Vec<f64> = views.iter().filter_map(value).collect();
@@ -400,7 +402,7 @@ struct QualityQuery {
     dataset: Arc<Dataset>,
     split: usize,
     views: Vec<usize>,
-    /// All views of the current group of measurements, which share one near plane.
+    /// All views that are measured with the same near plane, including those in `views`.
     all: Vec<usize>,
     options: EvalOptions,
     near_rule: NearRule,
@@ -418,7 +420,7 @@ impl QualityQuery {
     }
 }
 
-/// Query, its metrics or the reason why it failed, and the measuring time.
+/// Query, the metrics of its views or the reason why the measurement failed, and the measuring time.
 type QualityAnswer = (QualityQuery, Result<Vec<ViewReport>, String>, Duration);
 
 fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer>> {
@@ -437,7 +439,7 @@ fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer
     })
 }
 
-/// Runs `measure` and returns its metrics, or the reason why it failed. A panic also counts as a
+/// Runs `measure` and returns its metrics, or the reason why it failed. A panic is also treated as a
 /// failure.
 fn catch_measurement(
     measure: impl FnOnce() -> Result<Vec<ViewReport>, String>,

@@ -1,10 +1,10 @@
 //! Autosave slots of training runs, and the rescue of a run when the program ends unexpectedly.
 //!
-//! A run has one slot in the platform's state folder: a checkpoint named after its dataset, and a lock
-//! file beside it. The lock file stays locked while the window lives. A process loses its locks however
-//! it ends. So a checkpoint without a locked file belongs to a window that ended before the user saved
-//! or discarded it. The program offers it at its next startup. Such a slot is never reused for another
-//! run.
+//! A run has one slot in the platform's state folder: a checkpoint named after the dataset, and a lock file
+//! beside it. The lock file is locked while the window is open; the lock is released however the process
+//! ends. A checkpoint without a locked lock file therefore belongs to a window that closed before the user
+//! saved or discarded the run. The program offers this run at its next startup, and never reuses the slot
+//! for another run.
 
 use super::opening::absolute_or_same;
 use super::user_folders;
@@ -28,7 +28,7 @@ pub enum CrashedThread {
     Training,
 }
 
-/// Panic of a thread, and the outcome of storing its unsaved training.
+/// Panic of a thread, and the outcome of storing unsaved training.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{} crashed: {panic}; {rescue}", match thread {
     CrashedThread::Window => "the window",
@@ -84,10 +84,10 @@ pub fn default_folders() -> Vec<PathBuf> {
     user_folders::state().into_iter().chain([temporary]).collect()
 }
 
-/// Exclusive place for one run's autosaves; the slot stays locked while this value lives.
+/// Checkpoint path reserved for the autosaves of one run. It stays locked until this value is dropped.
 pub struct AutosaveSlot {
     path: PathBuf,
-    /// Open lock file, which is never written.
+    /// Lock file, open to hold the lock; nothing is written to it.
     _lock: File,
 }
 
@@ -114,7 +114,7 @@ impl AutosaveSlot {
         )))
     }
 
-    /// Locks the slot of an existing checkpoint. `None` if another window holds the lock.
+    /// Locks the slot whose checkpoint path is `path`. `None` if another window holds the lock.
     ///
     /// # Errors
     /// The lock file cannot be created.
@@ -143,7 +143,7 @@ impl AutosaveSlot {
     }
 }
 
-/// Autosaved run of an earlier window that ended before the run was saved or discarded.
+/// Autosaved run of an earlier window that closed before the user saved or discarded the run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AbandonedRun {
     /// Checkpoint path of the slot. The file may be missing if only its backup exists.
@@ -156,7 +156,7 @@ pub struct AbandonedRun {
 }
 
 /// Finds the newest abandoned run in `folders` that was trained on `dataset`, or on any dataset if
-/// `None`.
+/// `dataset` is `None`.
 pub fn find_newest(folders: &[PathBuf], dataset: Option<&Path>) -> Option<AbandonedRun> {
     // Absolute, as checkpoints store their dataset.
     let dataset = dataset.map(absolute_or_same);
@@ -177,7 +177,8 @@ pub fn find_newest(folders: &[PathBuf], dataset: Option<&Path>) -> Option<Abando
     })
 }
 
-/// Returns the modification time and the slot path of a checkpoint or backup file.
+/// Returns the modification time and the checkpoint path of the slot to which a file belongs. `None` unless
+/// the file is a checkpoint or a backup.
 fn slot_modified(path: &Path) -> Option<(SystemTime, PathBuf)> {
     let path = match path.extension()?.to_str()? {
         ENDING => path.to_owned(),

@@ -1,6 +1,6 @@
 //! Retention: PSNR of frames that were trained on earlier, measured repeatedly during training.
 
-/// Position of the second tracked frame in training order.
+/// Position in the training order of the second frame whose PSNR is tracked.
 // Positions double from there, so that a long run tracks few frames.
 const STEP: usize = 10;
 // Each is rendered and measured again and again.
@@ -9,7 +9,7 @@ const MAX_FOLLOWED: usize = 8;
 #[derive(Clone, Debug, PartialEq)]
 pub struct RetainedFrame {
     pub position: usize,
-    /// Number of trained frames and PSNR (dB) of each measurement.
+    /// Measurements of the frame: number of trained frames at that time, and PSNR, dB.
     pub psnr: Vec<[f64; 2]>,
 }
 
@@ -31,8 +31,8 @@ impl Retention {
         self.measured_at = None;
     }
 
-    /// Adds the PSNR (dB) of frames, given by position in training order, after `frames_done` trained
-    /// frames.
+    /// Adds measurements made after training on `frames_done` frames. Each consists of a frame's position
+    /// in the training order and its PSNR, dB.
     pub fn add_measurements(
         &mut self,
         frames_done: usize,

@@ -88,7 +88,7 @@ impl SplatSelection {
     }
 }
 
-/// Returns the render options of the picture at a pixel, because the two sides of a wipe may differ.
+/// Returns the render options at a pixel. They may differ between the two sides of a wipe.
 fn options_at(request: &PictureRequest, pixel: DVec2) -> RenderOptions {
     let width = f64::from(request.camera.intrinsics.width);
     match &request.second {

@@ -45,7 +45,8 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
     info
 }
 
-/// Returns a line with the local origin; `None` if the local origin equals the world's origin.
+/// Returns the label and the text for the local origin; `None` if the local origin equals the world's
+/// origin.
 pub fn origin_info(origin: DVec3) -> Option<(String, String)> {
     let [x, y, z] = origin.to_array();
     // All digits: users add the origin to exported positions.

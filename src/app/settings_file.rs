@@ -1,11 +1,9 @@
-//! Settings file in the user's configuration folder: RON with a version, and recovery if it cannot be
-//! read.
+//! Settings file in the user's configuration folder: RON with a version, and recovery if it cannot be read.
 //!
-//! eframe reads and writes it as parts by name ([`persistence`](super::persistence)). It empties the
-//! file before writing, so that a full disk or a power cut leaves a partial file. It ignores an
-//! unreadable file without a message and overwrites it. Therefore a file that this version cannot read
-//! is renamed before the first window opens. A copy of the last valid file replaces it, and the user is
-//! warned.
+//! eframe reads and writes the file as named parts ([`persistence`](super::persistence)). It empties the
+//! file before writing, so that a full disk or a power cut leaves a partial file. It ignores an unreadable
+//! file without a message and overwrites it. Therefore a file that this version cannot read is renamed
+//! before the first window opens. A copy of the last valid file replaces it, and the user is warned.
 
 use super::persistence::{ADAPTER, FILE_VERSION, StoredSettings, VERSION};
 use super::user_folders;
@@ -131,8 +129,8 @@ impl SettingsFile {
         (parts, Some(text))
     }
 
-    /// Copies the whole file if a part cannot be read, because windows replace such a part by its
-    /// default. Returns a notice.
+    /// Copies the whole file if a part cannot be read, because the window would overwrite such a part by
+    /// its default. Returns a notice.
     fn back_up_unreadable_parts(&self, parts: &Parts) -> Option<String> {
         let stored = StoredSettings::read(|part| parts.get(part).cloned());
         if stored.problems.is_empty() {
@@ -189,7 +187,7 @@ fn write(file: &Path, parts: &Parts) -> Result<(), ExportError> {
     write_atomic(file, |out| out.write_all(text.map_err(io::Error::other)?.as_bytes())).map(drop)
 }
 
-/// Returns the path, or the first unused path with a number before its extension.
+/// Returns `path` if it does not exist, otherwise the first unused path with a number before the extension.
 pub fn unused(path: &Path) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().unwrap_or_default().to_string_lossy();

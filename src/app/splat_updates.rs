@@ -1,14 +1,14 @@
 //! Values passed from one thread to another: the latest value, and changed splats for the viewport.
 //!
-//! Neither side waits for the other: the trainer adds splats only after the last ones were taken, and the
-//! viewport takes what is available.
+//! Neither side waits for the other: the trainer adds splats only after the previous ones were taken, and
+//! the viewport takes what is available.
 
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Latest value, shared between threads. Every access under its lock is short. Neither a panic nor a
-/// slow reader on one thread therefore affects the others.
+/// Latest value, shared between threads. The lock is held only briefly, and a panic during an access leaves
+/// a valid value. No thread therefore blocks another or makes the value unusable.
 #[derive(Debug, Default)]
 pub struct Mailbox<T>(Mutex<T>);
 

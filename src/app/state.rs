@@ -85,8 +85,7 @@ pub struct HomeView {
     pub radius: f64,
 }
 
-/// Properties of the open subject (dataset, model or demo) for panels. Replaced when another subject is
-/// opened.
+/// Properties of the open dataset or model, for panels. Replaced when another dataset or model is opened.
 #[derive(Clone, Debug)]
 pub struct Opened {
     pub name: String,
@@ -94,22 +93,23 @@ pub struct Opened {
     pub info: Vec<(String, String)>,
     pub home: HomeView,
     pub files: FileProposal,
-    /// Serial number, which increases with every opened subject.
+    /// Serial number, which increases with every opened dataset or model.
     pub serial: u64,
     /// True for the built-in demo, which can be recomputed.
     pub is_demo: bool,
-    /// Dataset of the subject, for comparisons with photographs; `None` for a model.
+    /// The open dataset, for comparisons with photographs; `None` for a model.
     pub dataset: Option<Arc<Dataset>>,
-    /// Origin of splat positions, in the world coordinates of the subject's files.
+    /// Origin of splat positions, in the world coordinates of the opened files.
     pub local_origin: DVec3,
     /// Frames to train, in training order; `None` for a model.
     pub plan: Option<Arc<Plan>>,
     pub selection: Option<Selection>,
-    /// Colour modes that the subject supports in addition to those that all subjects support.
+    /// Colour modes that the open dataset or model supports in addition to those that are always supported.
     pub available_modes: &'static [ColorMode],
     pub method: Option<Method>,
     pub calibration: Option<Arc<GivenCalibration>>,
-    /// True if the splats are native ones. An export may have to map native splats to plain ones.
+    /// True if splats may have properties that standard 3DGS lacks, such as colour gradients. An export may
+    /// have to convert them.
     pub is_native: bool,
 }
 
@@ -170,8 +170,8 @@ pub struct Snapshot {
     pub frames_done: usize,
     pub n_frames: usize,
     pub frames: FrameLists,
-    /// True if the drawn scene already includes the buffered photographs, on which training takes its
-    /// steps later.
+    /// True if the drawn scene already includes the photographs in the shuffle buffer, although training on
+    /// them follows later.
     pub includes_pending_photographs: bool,
     pub model: ModelSize,
     pub pace: Pace,
@@ -189,11 +189,11 @@ pub struct Snapshot {
 pub struct FrameLists {
     /// Reports of the latest frames, oldest first, at most [`HISTORY`].
     pub recent: Arc<Vec<FrameReport>>,
-    /// Latest reports of frames older than `recent`, whose photographs were compared with the scene
-    /// later.
+    /// Reports of frames older than those in `recent`, whose buffered photographs were compared with the
+    /// scene since then.
     pub late: Arc<Vec<FrameReport>>,
     pub skipped: Arc<Vec<SkippedFrame>>,
-    /// Reports of outlier frames, whose photographs do not fit the scene.
+    /// Warnings about outlier frames, which do not fit the scene.
     pub outliers: Arc<Vec<String>>,
 }
 
@@ -211,7 +211,7 @@ pub struct Pace {
     pub frames_per_s: f64,
     /// Training time in seconds, including the time spent waiting for frames.
     pub trained_s: f64,
-    /// Time since when training waits for a frame that has not been read; `None` if training does not
+    /// Time at which training began to wait for a frame that has not been read; `None` if training does not
     /// wait.
     pub unread_since: Option<Instant>,
 }
@@ -236,7 +236,8 @@ pub struct FrameSampling {
 
 #[derive(Clone, Debug, Default)]
 pub struct FollowState {
-    /// True if recordings are followed: the open one and those opened later.
+    /// True if recordings are followed, that is, trained on while they are being written. Applies to the
+    /// open recording and those opened later.
     pub is_on: bool,
     pub recording: Option<Followed>,
 }
@@ -247,8 +248,8 @@ impl Snapshot {
         self.frames_done + self.frames.skipped.len()
     }
 
-    /// True if training would be lost by closing the window or opening another subject. Always false for
-    /// the demo, which can be recomputed.
+    /// True if training would be lost by closing the window or opening another dataset or model. Always
+    /// false for the demo, which can be recomputed.
     pub fn has_training_to_lose(&self) -> bool {
         self.files.unsaved_frames > 0 && self.opened.as_ref().is_some_and(|opened| !opened.is_demo)
     }
@@ -284,7 +285,7 @@ pub struct Notice {
 /// Topic of a notice, which determines how long it is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoticeTopic {
-    /// Concerns the open subject; shown until another subject is opened.
+    /// Concerns the open dataset or model; shown until another one is opened.
     Subject,
     /// Concerns the window and its graphics adapter; shown until another adapter draws the window.
     Window,
@@ -294,7 +295,7 @@ pub enum NoticeTopic {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoticeKind {
     Info,
-    /// A part was omitted or is doubtful.
+    /// Something was omitted or is doubtful.
     Warning,
     Error,
 }

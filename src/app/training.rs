@@ -1,5 +1,5 @@
-//! Training settings chosen by the user, stored between sessions. They apply to subjects opened or
-//! reset next; the autosave interval applies at once.
+//! Training settings chosen by the user, stored between sessions. They apply to the next dataset that is
+//! opened or reset; the autosave interval applies at once.
 
 use super::settings_file;
 use crate::pipeline::settings::GivenSettings;
@@ -40,7 +40,7 @@ impl TrainSettings {
     }
 
     /// Returns the training method with these settings, for a new session. Fails if a value is out of
-    /// range, because stored settings may be edited by hand.
+    /// range, which is possible because stored settings may be edited by hand.
     pub fn request(&self) -> Result<MethodRequest, RefusedSetting> {
         let Self { scene, paper, .. } = self.clone();
         GivenSettings { paper, scene }.request(self.preset).map_err(RefusedSetting)

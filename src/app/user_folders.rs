@@ -17,8 +17,9 @@ pub fn state() -> Option<PathBuf> {
     by_convention("XDG_STATE_HOME", ".local/state")
 }
 
-/// Returns the program's folder below the folder that `variable` names, else below `in_home` in the
-/// user's home. Platforms without XDG folders use their folder for application data.
+/// Returns the program's folder within the folder that the environment variable `variable` contains,
+/// otherwise within `in_home` in the user's home. Platforms without XDG folders use their folder for
+/// application data.
 fn by_convention(variable: &str, in_home: &str) -> Option<PathBuf> {
     if !cfg!(all(unix, not(target_os = "macos"))) {
         return eframe::storage_dir(APP);

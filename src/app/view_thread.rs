@@ -21,7 +21,7 @@ pub fn one_thread() -> std::io::Result<ThreadPool> {
     ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other)
 }
 
-/// Runs work in `pool`; without a pool, on all threads.
+/// Runs `work` in `pool`, or on all threads if `pool` is `None`.
 pub fn run_in<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
     match pool {
         Some(pool) => pool.install(work),
@@ -29,7 +29,8 @@ pub fn run_in<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Sen
     }
 }
 
-/// Removes finished work and its key from a slot. `None` while the work is in progress.
+/// Takes the result of a finished job, with its key, from `slot`. `None` while the job is running or if
+/// there is none.
 pub fn take_finished<K, T: Send + 'static>(
     slot: &mut Option<(K, Job<T>)>,
 ) -> Option<(K, Result<T, PanicReport>)> {
@@ -101,7 +102,7 @@ struct Requests<Q, A> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Announce {
     Wake,
-    /// Does not wake the window; the answer is used in the next pass of the window.
+    /// Does not wake the window; the answer is used in the next egui pass.
     Quietly,
 }
 
@@ -127,7 +128,7 @@ impl<Q, A> Requests<Q, A> {
 }
 
 impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
-    /// Starts the thread. `work` answers a request with the splats at that time.
+    /// Starts the thread. `work` computes the answer to a request from the splats at that time.
     pub fn start(
         name: &str,
         waker: Waker,

@@ -1,5 +1,5 @@
-//! Painting with a real GPU: passes eframe's device to `render::gpu` and draws the result in the
-//! window's render pass. The only file of the window that uses wgpu.
+//! Paints the scene with a hardware GPU: passes eframe's device to `render::gpu` and draws the result in
+//! the window's render pass. The only file of the window that uses wgpu.
 
 use super::drawing::{DrawSample, DrawStage, ViewRenderer};
 use super::splat_updates::SplatChange;
@@ -282,7 +282,7 @@ impl GpuViewPainter {
     }
 
     /// Returns true if the picture must be rendered, because the view has changed or the picture is not
-    /// complete. If it will still be incomplete, also requests another pass of the window.
+    /// complete. If it will still be incomplete, also requests another egui pass.
     fn is_render_due(&mut self, ui: &Ui, request: &PictureRequest, is_changed: bool) -> bool {
         let partner = request.second.as_ref().map(|second| &second.partner);
         let partner = partner.filter(|partner| !matches!(partner, Partner::Photo(_)));

@@ -1,5 +1,5 @@
-//! Windows around one trainer: a lost device or another adapter ends a window, and the next one shows
-//! the same run.
+//! Opens windows around one trainer. If the graphics device is lost or the user chooses another adapter,
+//! the window closes and the next one shows the same run.
 
 use super::drawing::{Painting, WindowWaker};
 use super::path_editor::PathEditor;
@@ -37,8 +37,8 @@ pub struct Handover {
     pub path: PathEditor,
 }
 
-/// Reason why a window ends, and the state for the next window. Both are shared, because a panic
-/// destroys the window's own state.
+/// Reason why a window closes, and the state for the next window. Both are shared, because a panic destroys
+/// the window's own state.
 #[derive(Clone, Default)]
 pub struct Exit {
     pub reason: Arc<Mailbox<ExitReason>>,
@@ -55,12 +55,12 @@ impl Exit {
 
 /// Number of consecutive device losses after which another adapter is tried.
 const MAX_LOSSES: usize = 3;
-/// Time after which an open window counts as stable.
+/// Time after which an open window is considered stable.
 const WELL_AFTER: Duration = Duration::from_secs(60);
 
-/// Opens windows one after another until the user closes one. If an adapter fails, the next window uses
-/// the adapter that wgpu selects. If that fails too and a window was ever open, the software adapter is
-/// used. A crash ends the loop.
+/// Opens windows one after another until the user closes one. If an adapter fails, the next window uses the
+/// adapter that wgpu selects. If that adapter fails too and a window was ever open, the software adapter is
+/// used. After a crash no further window is opened.
 ///
 /// # Errors
 /// The last error, and true if a window was ever open.
@@ -111,10 +111,11 @@ fn keep_open(
     }
 }
 
-/// Opens the window on `subject` and runs until it is closed. The file `calibration` corrects a
-/// dataset's cameras. Without `adapter`, the one chosen in an earlier window is used. `is_ended` waits
-/// for at most the given time and returns true once the program must end. Training is then stored for
-/// the next window and this one closes. `started` is the start time of the process.
+/// Opens a window on the dataset or model `subject` and runs until the user closes it. The file
+/// `calibration` corrects a dataset's cameras. If `adapter` is `None`, the adapter chosen in an earlier
+/// session is used. `is_ended` waits for at most the given time and returns true once the program must end.
+/// Training is then stored for the next session and the window closes. `started` is the start time of the
+/// process.
 pub fn run(
     subject: Subject,
     calibration: Option<PathBuf>,
@@ -179,8 +180,8 @@ impl Host {
         Ok(Self { worker, waker, shown: Arc::default(), exit: RefCell::default(), started })
     }
 
-    /// Runs one window until it ends. The window sends the orders `first`, which are then replaced by
-    /// the orders for the next window.
+    /// Opens one window and returns when it closes. When opened, the window sends the orders in `first` to
+    /// the worker. On success, `first` then contains the orders for the next window.
     fn open_window(
         &self,
         first: &mut Vec<WorkerOrder>,
@@ -247,8 +248,8 @@ fn native_options(
     }
 }
 
-/// True if an environment variable names a display server. On platforms without X11 and Wayland always
-/// true.
+/// True if an environment variable names a display server. Always true on platforms without X11 and
+/// Wayland.
 fn has_display() -> bool {
     let named = |variable: &str| std::env::var_os(variable).is_some_and(|v| !v.is_empty());
     !cfg!(all(unix, not(target_os = "macos"))) || named("DISPLAY") || named("WAYLAND_DISPLAY")
@@ -258,12 +259,12 @@ const MAX_RUNS: usize = 3;
 
 type Created = Result<Box<dyn App>, Box<dyn Error + Send + Sync>>;
 
-/// Opens a window with `options` and runs the application that `create` returns until the window ends.
+/// Opens a window with `options` and runs the application that `create` returns until the window closes.
 /// Panics are handled by [`run_guarded`].
 ///
 /// A panic unwinds through winit's event loop and leaves it in a running state. The next run of the loop
-/// handles remaining events of the old window and ends at once, without a window. The run after that
-/// creates one.
+/// only handles remaining events of the old window and returns without a window. The run after that creates
+/// one.
 ///
 /// # Errors
 /// Those of [`run_guarded`], and an error if no run created a window.
@@ -289,9 +290,9 @@ pub fn run_window(
     Err(WindowError::Window("the event loop ended before it created a window".to_owned()))
 }
 
-/// Runs a window until it ends. A panic after a device loss that the window has recorded in `exit` is
-/// not an error. The caller then opens the next window. Any other panic is a bug. No window is then
-/// reopened, because it could panic at the same place again.
+/// Runs `window` until the window closes, and catches its panics. A panic is not an error if `exit` records
+/// a device loss: the caller then opens the next window. Any other panic is a bug. No window is then opened
+/// again, because it could panic at the same place.
 ///
 /// # Errors
 /// [`WindowError::Crashed`] with the path of the stored run, or the error of `window`.
@@ -314,12 +315,13 @@ pub fn run_guarded(
     }
 }
 
-/// Longest time for which the watching thread continues after the worker is dropped.
+/// Maximum duration of each wait in [`watch`]. The thread may run for that long after the worker is
+/// dropped.
 const POLL_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Starts a thread that waits for the end of the program while the worker exists. `is_asked` waits for
-/// at most the given time and returns true once the program must end. Training is then stopped and
-/// stored for the next window, and the window closes without a prompt.
+/// Starts a thread that waits for a request to end the program while the worker exists. `is_asked` waits
+/// for at most the given time and returns true once there is such a request. Training is then stopped and
+/// stored for the next session, and the window closes without a prompt.
 pub fn watch(
     is_asked: impl Fn(Duration) -> bool + Send + 'static,
     worker: &Arc<Worker>,
@@ -352,7 +354,7 @@ pub enum WindowError {
     NoAdapter(String),
     #[error("the graphics device was lost {0} times in a row")]
     DeviceLost(usize),
-    /// The window ended and cannot be reopened. Its run was stored.
+    /// The window was lost and cannot be reopened. Holds the cause and the outcome of storing the run.
     #[error("the window was lost and cannot be reopened: {0}; {1}")]
     Gone(Box<WindowError>, Rescue),
     #[error(transparent)]

@@ -1,10 +1,10 @@
-//! Drawing of the window in place of egui, if the adapter computes on the CPU cores (`rendering.md`,
-//! Window on a software adapter).
+//! Draws the window in place of egui's painter if the graphics adapter computes on the CPU cores
+//! (`rendering.md`, Window on a software adapter).
 //!
-//! egui passes its shapes and textures after every pass, and receives one callback that draws them all.
-//! The window is stored as an image. Each pass is compared with the last one, and only the regions that
-//! differ are drawn again. egui's painter still owns the textures and draws every pass that this painter does
-//! not support.
+//! After every pass, this painter takes egui's shapes and textures, and replaces the shapes by one callback
+//! that draws them all. The window is stored as an image. Each pass is compared with the last one, and only
+//! the regions that differ are drawn again. egui's painter still owns the textures and draws every pass
+//! that this painter does not support.
 
 use super::viewport;
 use crate::render::gpu::meshes::{
@@ -54,8 +54,8 @@ impl WindowPainter {
         window.changes.push(TextureChange { id, area });
     }
 
-    /// Binds the textures of a pass of the window. Returns false if this painter cannot draw one of
-    /// them.
+    /// Binds the textures of an egui pass. Returns false if this painter cannot draw one of the primitives
+    /// or their textures.
     fn bind_textures(&self, window: &mut KeptWindow, primitives: &[ClippedPrimitive]) -> bool {
         let mut ids = BTreeSet::new();
         for ClippedPrimitive { primitive, .. } in primitives {
@@ -142,7 +142,7 @@ pub struct WindowPass {
 #[derive(Debug)]
 pub struct KeptWindow {
     pub painter: MeshPainter,
-    /// Pass of the window that the stored image shows.
+    /// Egui pass that the stored image shows.
     shown: Option<Arc<WindowPass>>,
     changes: Vec<TextureChange>,
 }
@@ -210,12 +210,12 @@ fn mesh_list(pass: &WindowPass, size: [u32; 2], places: &[PixelRect]) -> MeshLis
     list
 }
 
-/// Maximum number of latest batches to which a new triangle may be added.
+/// Number of latest batches to which a new triangle may be added.
 // The search is linear in it, for every triangle.
 const MAX_OPEN: usize = 8;
 
-/// Batches of triangles in one region. A triangle is added to an earlier batch of its kind if it
-/// overlaps no triangle of later batches.
+/// Batches of triangles in one region. A triangle is added to an earlier batch of the same kind unless it
+/// overlaps a triangle of a later batch.
 // Labels and buttons alternate, and every change of the pipeline is expensive.
 struct Batches<'a> {
     list: &'a mut MeshList,
@@ -317,7 +317,7 @@ fn clip_space(vertex: Vertex, pixels_per_point: f32, size: [u32; 2]) -> MeshVert
 
 /// Maximum number of separate regions. Additional regions are merged.
 const MAX_PLACES: usize = 12;
-/// Maximum area (points²) by which the merged rectangle of two regions may exceed their own areas.
+/// Maximum area (points²) by which the merged rectangle of two regions may exceed the sum of their areas.
 // Every region walks all meshes of the window once more.
 const SLACK: f32 = 4000.0;
 
@@ -328,7 +328,7 @@ struct TextureChange {
     area: Rect,
 }
 
-/// Regions in which a pass of the window differs from the previous one, points. They may overlap.
+/// Regions in which an egui pass differs from the previous one, points. They may overlap.
 #[derive(Debug, Default)]
 struct WindowDamage(Vec<Rect>);
 
@@ -417,8 +417,9 @@ impl WindowDamage {
     }
 }
 
-/// Returns the ranges of two lists between their common beginning and common end. `is_same` compares the
-/// elements at an index of the first list and an index of the second.
+/// Returns the ranges in which two lists differ, between their common beginning and common end. `lengths`
+/// are the lengths of the lists. `is_same` compares the elements at an index of the first list and an index
+/// of the second.
 fn changed(lengths: [usize; 2], is_same: impl Fn(usize, usize) -> bool) -> [Range<usize>; 2] {
     let [a, b] = lengths;
     let shorter = a.min(b);
@@ -428,7 +429,8 @@ fn changed(lengths: [usize; 2], is_same: impl Fn(usize, usize) -> bool) -> [Rang
     lengths.map(|length| head..length - tail)
 }
 
-/// Returns the ranges of triangles of two meshes between their common beginning and common end.
+/// Returns the ranges of triangles in which two meshes differ, between their common beginning and common
+/// end.
 fn changed_triangles(before: &Mesh, now: &Mesh) -> [Range<usize>; 2] {
     let (a, b) = (&before.vertices, &now.vertices);
     let [gone, new] = changed([a.len(), b.len()], |i, k| a[i] == b[k]);

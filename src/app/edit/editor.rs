@@ -31,19 +31,18 @@ pub struct Editor {
     visible: VisibleSplats,
     /// True while dragging over the viewport selects splats.
     pub is_box_selecting: bool,
-    /// Number of processed frames of the stored earlier scene to display; `None` displays the current
+    /// Number of frames after which the displayed earlier scene was stored; `None` displays the current
     /// scene.
     pub earlier_frames: Option<usize>,
     pub stored_scenes: PastScenes,
-    /// True if a panel needs component attributes. Set in every pass of the window in which a panel
-    /// needs them.
+    /// True if a panel needs component attributes. Set by the panels; reset at the end of every egui pass.
     pub needs_attributes: bool,
-    /// True if the viewport shows the crop box and its handles. Set in every pass of the window that
-    /// draws the crop panel.
+    /// True if the viewport shows the crop box and its handles. Set by the edit panel; reset at the end of
+    /// every egui pass.
     pub shows_crop: bool,
     /// Cached counts of the current splats and edits; `None` until requested.
     counts: Option<EditCounts>,
-    /// Cached histogram of the current splats; `None` until requested.
+    /// Cached histogram of the components' evidence; the outer option is `None` until it is requested.
     evidence: Option<Option<EvidenceHistogram>>,
 }
 
@@ -54,7 +53,8 @@ impl Editor {
         *self = Self { visible: std::mem::take(&mut self.visible), ..Self::default() };
     }
 
-    /// Drops everything that belongs to the scene. Edits and tools are kept for a view without splats.
+    /// Drops the displayed splats and the values computed from them. Keeps edits, tools and stored earlier
+    /// scenes.
     pub fn without_scene(self) -> Self {
         Self { visible: VisibleSplats::default(), counts: None, evidence: None, ..self }
     }
@@ -63,8 +63,8 @@ impl Editor {
         self.log.current()
     }
 
-    /// Applies a change of splats to the visible splats. `palette` must already contain the change.
-    /// Returns the change for painters, if any.
+    /// Updates the displayed splats after a change of the scene, which `palette` must already contain.
+    /// Returns the resulting change to be painted, if any.
     pub fn apply_change(&mut self, change: SplatChange, palette: &Palette) -> Option<SplatChange> {
         (self.counts, self.evidence) = (None, None);
         self.visible.apply_change(change, palette.splats())
@@ -81,7 +81,8 @@ impl Editor {
         }
     }
 
-    /// Applies the current edits to the visible splats; returns the change for painters, if any.
+    /// Applies the current edits to the displayed splats. Returns the resulting change to be painted, if
+    /// any.
     pub fn update_visible(&mut self, palette: &Palette) -> Option<SplatChange> {
         let rules =
             VisibilityRules { edits: self.edits().clone(), past: self.displayed_past().cloned() };
@@ -109,7 +110,8 @@ impl Editor {
         }
     }
 
-    /// Combines the displayed splats in the given slots with the selection.
+    /// Adds the displayed splats in the given slots to the selection, removes them from it, or makes them
+    /// the new selection, as specified by `how`.
     pub fn select(
         &mut self,
         slots: impl IntoIterator<Item = u32>,
@@ -131,7 +133,8 @@ impl Editor {
         self.select(others.map(|(slot, _)| slot), palette, SelectMode::Replace);
     }
 
-    /// Returns the reason why an edit command would change nothing; `None` for other commands.
+    /// Returns the reason why `command` would have no effect. `None` if it would have an effect or is not
+    /// an edit command.
     pub fn unavailable_reason(&self, command: UiCommand) -> Option<&'static str> {
         let has = |mark| self.edits().count(mark) > 0;
         let is_of_use = match command {
@@ -190,8 +193,8 @@ impl Editor {
         *self.counts.insert(counts)
     }
 
-    /// Requests attributes and returns the histogram of the components' evidence once the worker has
-    /// delivered it.
+    /// Returns the histogram of the components' evidence. Also requests the evidence from the worker;
+    /// `None` until it has been delivered.
     pub fn evidence(&mut self, palette: &Palette) -> Option<EvidenceHistogram> {
         self.needs_attributes = true;
         let count = || EvidenceHistogram::count(palette.attributes());

@@ -7,9 +7,9 @@ use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Maximum displacement of a marked splat up to which its mark remains valid. The unit is the standard
-/// deviation of its longest axis when it was marked. Training moves a mean by less; a slot reused for
-/// another splat exceeds the limit.
+/// Maximum displacement at which the mark of a splat remains valid, in standard deviations of the splat's
+/// longest axis when it was marked. Training moves a splat by less; a new splat in a reused slot is farther
+/// away.
 const REACH_DEVIATIONS: f32 = 3.0;
 
 /// Mark of a splat. A splat has at most one mark, because only displayed splats can be selected.
@@ -28,7 +28,8 @@ pub enum Mark {
 struct MarkedSplat {
     mark: Mark,
     mean: Vec3,
-    /// Maximum displacement at which the splat counts as the same one, world units.
+    /// Maximum displacement from `mean` at which the splat in the slot is still the marked one, world
+    /// units.
     reach: f32,
 }
 
@@ -67,7 +68,8 @@ impl Edits {
         self.counts[mark as usize]
     }
 
-    /// Returns the mark of the splat that is now in `slot`.
+    /// Returns the mark of `splat`, which is now in `slot`. `None` if it has no mark or if the mark belongs
+    /// to an earlier splat in this slot.
     pub fn mark(&self, slot: u32, splat: &Splat) -> Option<Mark> {
         let marked = self.marked.get(&slot)?;
         // Training may have reused the slot for another splat.
@@ -75,8 +77,8 @@ impl Edits {
         is_same.then_some(marked.mark)
     }
 
-    /// Minimum and maximum corner of the crop box, world units relative to the local origin. Splats with
-    /// centres outside the box are neither displayed nor exported.
+    /// Returns the minimum and maximum corner of the crop box, world units relative to the local origin.
+    /// Splats with centres outside the box are neither displayed nor exported.
     pub fn crop(&self) -> Option<[DVec3; 2]> {
         self.crop
     }
@@ -85,8 +87,9 @@ impl Edits {
         Self { crop, ..self.clone() }
     }
 
-    /// Combines the splats in the given slots with the selection. Ignores slots beyond the end, and
-    /// hidden and deleted splats.
+    /// Returns the edits after adding the splats in the given slots to the selection, removing them from
+    /// it, or making them the new selection, as specified by `how`. Ignores invalid slots, and hidden and
+    /// deleted splats.
     pub fn with_selection(
         &self,
         slots: impl IntoIterator<Item = u32>,
@@ -114,7 +117,7 @@ impl Edits {
         self.with_marks(marked)
     }
 
-    /// Replaces every mark `from` by `to`; removes it if `to` is `None`.
+    /// Returns the edits with every mark `from` replaced by `to`, or removed if `to` is `None`.
     pub fn with_replaced(&self, from: Mark, to: Option<Mark>) -> Self {
         let mut marked = HashMap::clone(&self.marked);
         match to {
@@ -138,7 +141,7 @@ impl Edits {
     }
 }
 
-/// Maximum number of states. Each state stores about 40 bytes per marked splat.
+/// Maximum number of states in the undo log. Each state stores about 40 bytes per marked splat.
 const MAX_STATES: usize = 101;
 
 #[derive(Debug)]
@@ -246,7 +249,7 @@ impl LeftOut {
         (0..).zip(splats).map(|splat| mark(splat) == Some(Mark::Deleted)).collect()
     }
 
-    /// Returns the selection for the file writer. `flags` are the flags returned by
+    /// Returns the selection of splats to write to a file. `flags` are those returned by
     /// [`Self::deleted_flags`].
     pub fn selection<'a>(&self, flags: &'a [bool]) -> WriteSelection<'a> {
         WriteSelection { crop: self.0.crop, left_out: Some(flags), ..WriteSelection::default() }

@@ -1,10 +1,11 @@
-//! Copies of the scene after earlier frames.
+//! Copies of the scene as it was after earlier frames.
 //!
 //! The viewport already receives every splat that training changes, so a copy costs the trainer nothing. A
-//! thread makes it, since it would delay a pass of the window by some milliseconds. Until it is finished,
-//! the stored state shares its memory with the current scene (copy on write). Number and bytes of the copies
-//! are bounded: beyond either bound every other copy is dropped and the interval between copies doubles.
-//! At most a few dozen remain, evenly spaced over any number of frames. Copies are exact, with appearance.
+//! separate thread makes the copy, which would otherwise delay the window by some milliseconds. Until the
+//! copy is finished, the stored state shares its memory with the current scene (copy on write). The number
+//! and the total size of the copies are bounded: beyond either bound, every other copy is dropped and the
+//! interval between copies doubles. At most a few dozen remain, evenly spaced over any number of frames.
+//! Copies are exact and include the appearance of the splats.
 
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
@@ -79,8 +80,8 @@ impl PastScenes {
         }
     }
 
-    /// Installs finished copies, which share no memory with the current scene. Must be called before a
-    /// change of the current scene, which would otherwise copy the whole scene.
+    /// Replaces stored scenes that share memory with the current scene by their finished copies. Must be
+    /// called before the current scene changes; the change would otherwise copy the whole scene.
     pub fn install_finished_copies(&mut self) {
         for (serial, copy) in self.copies.extract_if(.., |(_, copy)| copy.is_finished()) {
             let moment = self.moments.iter_mut().find(|moment| moment.serial == serial);

@@ -24,8 +24,8 @@ impl VisibilityRules {
         !self.edits.affects_display() && self.past.is_none()
     }
 
-    /// Returns the earlier scene if one is set, else `current`, which has the colours of the colour
-    /// mode.
+    /// Returns the stored earlier scene that is displayed, if any, otherwise `current`. The splats of
+    /// `current` are coloured according to the colour mode.
     fn scene<'a>(&'a self, current: &'a Arc<SplatSet>) -> &'a Arc<SplatSet> {
         self.past.as_ref().map_or(current, |past| &past.splats)
     }
@@ -54,8 +54,8 @@ pub struct VisibleSplats {
 }
 
 impl VisibleSplats {
-    /// Applies a change of splats that the current scene already contains. Returns the change for
-    /// painters, if any.
+    /// Updates the displayed splats after a change that `current` already contains. Returns the resulting
+    /// change to be painted, if any.
     pub fn apply_change(
         &mut self,
         change: SplatChange,
@@ -74,7 +74,7 @@ impl VisibleSplats {
         })
     }
 
-    /// Replaces the visibility rules. Returns the change for painters, if any.
+    /// Replaces the visibility rules. Returns the resulting change to be painted, if any.
     pub fn set_rules(
         &mut self,
         rules: VisibilityRules,
@@ -106,8 +106,7 @@ impl VisibleSplats {
         (!ids.is_empty()).then(|| self.update(ids, current))
     }
 
-    /// Returns the displayed splats; `None` if they equal the current scene in the colours of the colour
-    /// mode.
+    /// Returns the displayed splats; `None` if they are the unchanged splats of the current scene.
     pub fn splats(&self) -> Option<&Arc<SplatSet>> {
         (!self.rules.are_inactive()).then_some(&self.shown)
     }

@@ -79,19 +79,21 @@ pub fn reset_dot(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool 
 
 pub const SLIDER: f32 = 200.0;
 
-/// Draws the button of a command, disabled if there is a reason `why_not`. Returns true if it is
-/// clicked.
+/// Draws the button of a command. If `why_not` contains a reason, the button is disabled. Returns true if
+/// it is clicked.
 pub fn command_button(command: UiCommand, is_on: bool, why_not: Option<&str>, ui: &mut Ui) -> bool {
     let button = Button::new(command.label()).selected(is_on);
     button_or_reason(button, &command.hint(ui.ctx()), why_not, ui)
 }
 
-/// Draws an entry of a menu, disabled if there is a reason `why_not`. Returns true if it is clicked.
+/// Draws an entry of a menu. If `why_not` contains a reason, the entry is disabled. Returns true if it is
+/// clicked.
 pub fn entry(is_on: bool, [label, tooltip]: [&str; 2], why_not: Option<&str>, ui: &mut Ui) -> bool {
     button_or_reason(Button::selectable(is_on, label), tooltip, why_not, ui)
 }
 
-/// Draws a button, disabled if there is a reason `why_not`, which replaces its tooltip.
+/// Draws a button. If `why_not` contains a reason, the button is disabled and the reason replaces the
+/// tooltip. Returns true if the button is clicked.
 pub fn button_or_reason(
     button: Button<'_>,
     tooltip: &str,

@@ -1,4 +1,4 @@
-//! Strip of the dataset's frames with their state and error; selects the camera of the viewport.
+//! Strip of the dataset's frames with their state and PSNR. Selects the camera of the viewport.
 //!
 //! Only visible frames are laid out and decoded, so the cost does not depend on the length of the dataset.
 
@@ -70,7 +70,7 @@ pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<
     asked
 }
 
-/// Returns the status of the followed recording, and its path or problem.
+/// Returns the status text of the followed recording, and the text of its tooltip: the problem or the path.
 fn recording_status(snapshot: &Snapshot) -> Option<(String, String)> {
     let followed = snapshot.following.recording.as_ref()?;
     let path = followed.path.display().to_string();
@@ -227,8 +227,8 @@ impl FrameCell<'_> {
         self.pictures?.problem.as_deref()
     }
 
-    /// Returns the PSNR of the frame, dB: as a held-out view if measured, else before training on the
-    /// frame.
+    /// Returns the frame's PSNR, dB: that of the held-out view if measured, otherwise the one before
+    /// training on the frame.
     fn psnr(&self) -> Option<f64> {
         let before = match &self.state {
             FrameState::Trained(_, Some(outcome)) => outcome.psnr_before,

@@ -32,7 +32,7 @@ const BUDGETS_MS: RangeInclusive<f64> = 1.0..=10_000.0;
 const NUMBER_WIDTH: f32 = 54.0;
 const BUDGET: Color32 = Color32::from_rgb(240, 100, 90);
 
-/// Draws the panel. Returns the timings as CSV if they are to be written to a file.
+/// Draws the panel. Returns the timings as CSV if the user requests a file of them.
 pub fn ui(
     snapshot: &Snapshot,
     drawn: &DrawHistory,
@@ -208,8 +208,8 @@ fn stages(frames: &[FrameReport]) -> &'static [TrainStage] {
     frames.last().map_or(&[], |frame| frame.ms.stages.names())
 }
 
-/// Returns the milliseconds per frame of stage number `at` of [`stages`]; 0 for frames with other
-/// stages.
+/// Returns the time of stage `at` (index into [`stages`]) in each frame, milliseconds; 0 for frames with
+/// other stages.
 fn stage_ms(frames: &[FrameReport], at: usize) -> impl Iterator<Item = f64> {
     let stages = stages(frames);
     frames.iter().map(move |frame| match &frame.ms.stages {

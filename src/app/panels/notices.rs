@@ -10,14 +10,14 @@ use std::time::{Duration, Instant};
 const SHOWN: usize = 3;
 const WIDTH: f32 = 620.0;
 const MARGIN: f32 = 10.0;
-/// Fraction of the viewport's height beyond which notices scroll, and minimum value of that height,
-/// points.
+/// Height above which the notices scroll, as a fraction of the viewport's height, and minimum value of that
+/// height, points.
 // Cards and viewport below need room in small windows.
 const MAX_SHARE: f32 = 0.35;
 const MIN_HEIGHT: f32 = 60.0;
 const INFO_DURATION: Duration = Duration::from_secs(20);
 
-/// Closed notices and the times since when the others are displayed, by serial number.
+/// Serial numbers of closed notices, and for every displayed notice the time at which it first appeared.
 #[derive(Default)]
 pub struct NoticeBoard {
     closed: BTreeSet<u64>,

@@ -3,11 +3,11 @@
 use eframe::egui::AsIdSalt;
 use egui_plot::{GridInput, GridMark, Plot, uniform_grid_spacer};
 
-/// Minimum distance of two labels in x and y, in multiples of a plot's smallest grid spacing (8 points).
-/// Labels are wide but not high.
+/// Minimum distance between two labels in x and y, in multiples of a plot's smallest grid spacing (8
+/// points). Labels are wide but not high.
 const MIN_LABEL_DISTANCE: [f64; 2] = [10.0, 4.0];
 
-/// Creates a plot of height `height` (points). It has no gestures, so that the wheel scrolls the panel
+/// Creates a plot of height `height` (points). Gestures are disabled, so that the wheel scrolls the panel
 /// and the bounds follow the newest values.
 pub fn plot<'a>(id: impl AsIdSalt, [x, y]: [&'a str; 2], height: f32) -> Plot<'a> {
     Plot::new(id)

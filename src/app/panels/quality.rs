@@ -134,7 +134,8 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     ui.label(RichText::new(what).weak());
 }
 
-/// Draws one line per group of held-out views, if the dataset has views away from the camera path.
+/// Draws one line of text each for the held-out views and for the views away from the camera path. Draws
+/// nothing if the dataset has no views away from the path.
 fn groups(quality: &QualityMonitor, frames: usize, ui: &mut Ui) {
     let side = quality.side_progress(frames);
     if side.1 == 0 || frames == 0 {
@@ -252,7 +253,7 @@ fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut U
     weak(ui, &format!("{n} components. The Edit tab can select those with low evidence."));
 }
 
-/// Number of bars per power of ten.
+/// Number of histogram bars per power of ten of the evidence.
 const PER_DECADE: f64 = 4.0;
 
 /// Histogram of components by the logarithm of their evidence.
@@ -264,7 +265,7 @@ pub struct EvidenceHistogram {
 }
 
 impl EvidenceHistogram {
-    /// Counts all components with known, positive evidence. `None` if there are none.
+    /// Counts the components with known, positive evidence in each bar. `None` if there are none.
     pub fn count(known: &[ComponentAttributes]) -> Option<Self> {
         let evidence = known.iter().filter_map(|known| known.evidence).filter(|n| *n > 0.0);
         let bar = |n: f32| (PER_DECADE * f64::from(n).log10()).floor() as i32;

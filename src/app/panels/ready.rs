@@ -160,7 +160,7 @@ pub enum SummaryAnswer {
     Close,
 }
 
-/// Draws the summary card. `finer` describes the next finer run, if there is one.
+/// Draws the summary card. `finer` describes a run with finer detail, if one is possible.
 pub fn summary(
     snapshot: &Snapshot,
     quality: &QualityMonitor,

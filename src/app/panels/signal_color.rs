@@ -11,10 +11,10 @@ use eframe::egui::{
 /// Colour that signals a state or severity. Text beside it states the same meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SignalColor {
-    /// Finished state, or information.
+    /// Signals a finished state, or information.
     Blue,
     Green,
-    /// Waiting state, or a warning.
+    /// Signals a waiting state, or a warning.
     Yellow,
     Red,
 }

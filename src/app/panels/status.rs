@@ -13,7 +13,7 @@ use std::time::Duration;
 pub struct StatusContext<'a> {
     pub adapter: &'a str,
     pub n_drawn: usize,
-    /// Fraction of the running export that is written.
+    /// Written fraction of the export in progress; `None` if no export is in progress.
     pub file_progress: Option<f32>,
     /// Time spent waiting for the current frame, if the wait is long.
     pub slow_frame: Option<Duration>,

@@ -67,7 +67,7 @@ fn differs<L: SettingLayer>(setting: &Setting<L>, layer: &L) -> bool {
     (setting.given)(layer).is_some_and(|value| value != setting.about.default)
 }
 
-/// Draws the settings that have values, then the switches.
+/// Draws the settings that have a value, then those that are switched on or off.
 fn rows<L: SettingLayer + Clone>(
     layer: &mut L,
     check: impl Fn(&L) -> Result<(), String>,
@@ -114,7 +114,8 @@ fn reset_marker<L: SettingLayer>(setting: &Setting<L>, layer: &mut L, ui: &mut U
     }
 }
 
-/// Draws a text field with the syntax of the command line. Returns a message if the text is invalid.
+/// Draws a text field for a setting, in the syntax of the command line. Returns an error message if the
+/// text is invalid.
 fn typed<L: SettingLayer + Clone>(
     setting: &Setting<L>,
     layer: &mut L,

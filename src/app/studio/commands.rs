@@ -341,8 +341,8 @@ impl Studio {
     }
 }
 
-/// Returns the order that opens a path. A calibration file is applied to the open dataset; any other
-/// path is opened.
+/// Returns the [`WorkerOrder`] for a path: applies a calibration file to the open dataset, and opens any
+/// other path.
 fn order_to_open(path: PathBuf) -> WorkerOrder {
     match path.extension() {
         Some(extension) if extension == "ron" => WorkerOrder::Calibrate(path),

@@ -1,4 +1,4 @@
-//! Dialogs of the window, and the orders that wait for them.
+//! Dialogs of the window, and actions that wait for the user's confirmation.
 
 use crate::app::action_finder::ActionFinder;
 use crate::app::command::UiCommand;
@@ -91,8 +91,8 @@ impl UnsavedWork {
         }
     }
 
-    /// Returns a number that identifies the next file to write. A pending action that waited for a file
-    /// name now waits until this file is written.
+    /// Returns a number that identifies the file to be written next. A pending action that waited for a
+    /// file name now waits until this file is written.
     pub fn begin_write(&mut self, worker: &Worker) -> u64 {
         // A number, not the path: the snapshot may still report an earlier file of the same name.
         let number = worker.new_number();
@@ -208,8 +208,8 @@ enum Decision {
     Cancel,
 }
 
-/// Draws a dialog that offers to discard `n_frames` frames of unsaved training. `None` until the user
-/// decides.
+/// Draws a dialog that offers to discard `n_frames` frames of unsaved training. Returns the user's
+/// decision; `None` until there is one.
 fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
     let mut decision = None;
     let response = Modal::new(Id::unique("discard")).show(ui.ctx(), |ui| {
@@ -236,8 +236,8 @@ fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
     decision
 }
 
-/// Draws a progress dialog while an action waits for a file. `exported` is the written fraction of an
-/// export. Returns true if the user cancels.
+/// Draws a progress dialog while an action waits until a file is written. `exported` is the written
+/// fraction of an export. Returns true if the user cancels.
 fn writing_dialog(ui: &Ui, exported: Option<f32>) -> bool {
     let response = Modal::new(Id::unique("writing")).show(ui.ctx(), |ui| {
         ui.horizontal(|ui| {

@@ -57,7 +57,7 @@ pub struct Studio {
     timing: Timing,
 }
 
-/// State of panels and cards that is kept between passes of the window.
+/// State of panels and cards that is kept between egui passes.
 #[derive(Default)]
 struct PanelStates {
     strip: FrameStripState,
@@ -76,8 +76,8 @@ struct Timing {
 }
 
 impl Studio {
-    /// Creates the application for a worker that may already be training, and sends it the `first`
-    /// orders. The reason why the window ends is recorded in `exit`.
+    /// Creates the application for a worker that may already be training, and sends the orders in `first`
+    /// to it. `exit` receives the reason why the window closes.
     pub fn attach(
         context: &eframe::CreationContext<'_>,
         worker: Arc<Worker>,

@@ -1,4 +1,4 @@
-//! The window around the studio: device, renderer, title, and why it ends.
+//! The window around the studio: graphics device, renderer, title, and reason for closing.
 
 use crate::app::drawing::{ViewRenderer, WindowWaker};
 use crate::app::panels::signal_color::SignalColor;
@@ -16,7 +16,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 pub(super) struct Shell {
     pub egui: Context,
-    /// Wakes this window from other threads. Has no effect once the window is dropped.
+    /// Lets other threads repaint this window. Has no effect once the window is dropped.
     pub waker: WindowWaker,
     pub device: Option<WindowDevice>,
     pub adapter: String,
@@ -76,8 +76,9 @@ impl Shell {
         }
     }
 
-    /// Records the loss of the graphics device if a panic drops the window. After a loss egui panics,
-    /// because it cannot allocate buffers; the device must not outlive its display.
+    /// If a panic drops the window, records whether the graphics device was lost. After a loss egui panics,
+    /// because it cannot allocate buffers. The device cannot be checked later, because it is dropped with
+    /// the window.
     pub fn record_lost_device(&self) {
         if let Some(device) = self.device.as_ref().filter(|_| std::thread::panicking())
             // A device that panics when polled is lost.

@@ -106,8 +106,8 @@ impl Studio {
         }
     }
 
-    /// Reports GPU errors of drawing the window. While the GPU draws the scene, the scene's painter
-    /// reports them.
+    /// Reports GPU errors that occurred while the window was drawn. If the GPU also draws the scene, the
+    /// scene's painter reports them instead.
     pub(super) fn report_faults(&self) {
         let is_on_cpu = self.view.painter.drawn.drawer == ViewRenderer::Cpu;
         let Some(device) = self.shell.device.as_ref().filter(|_| is_on_cpu) else { return };
@@ -203,8 +203,8 @@ impl Studio {
         }
     }
 
-    /// Returns the histogram of the components' evidence while training is paused or finished, because
-    /// collecting it costs the trainer time.
+    /// Returns the histogram of the components' evidence while training is paused or finished; `None`
+    /// otherwise, because collecting the evidence would slow training down.
     pub(super) fn evidence(&mut self, snapshot: &Snapshot) -> Option<EvidenceHistogram> {
         let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
         let (editor, palette) = (&mut self.view.editor, &self.view.palette);

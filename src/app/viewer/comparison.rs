@@ -208,8 +208,8 @@ impl Comparison {
         self.preview.report()
     }
 
-    /// Shows a finished conversion of the export preview. The first conversion switches to the model
-    /// wipe.
+    /// Shows the result of a finished conversion of the export preview. The first result switches the view
+    /// to a wipe between scene and exported model.
     pub(super) fn take_preview(&mut self) {
         if self.preview.take_finished_jobs() && self.mode_before_preview.is_none() {
             self.mode_before_preview = Some(self.mode);

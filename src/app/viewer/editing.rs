@@ -15,14 +15,15 @@ const FRAME: Color32 = Color32::from_rgb(255, 90, 220);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum EditDrag {
     Select,
-    /// Moves a face of the crop box. The index is twice the axis, plus one for the far face.
+    /// Moves a face of the crop box. The index is twice the axis, plus 1 for the face with the larger
+    /// coordinate.
     Face(usize),
 }
 
 #[derive(Default)]
 pub(super) struct EditTool {
     drag: Option<EditDrag>,
-    /// Selection rectangle of the latest pass of the window.
+    /// Selection rectangle of the latest egui pass.
     // egui clears the start of a drag in the pass that ends it.
     latest_box: Option<Rect>,
 }
@@ -124,7 +125,7 @@ fn select(
     editor.select(slots, palette, how);
 }
 
-/// Returns the crop box while its panel is open.
+/// Returns the crop box while the edit panel is open.
 fn crop_shown(editor: &Editor) -> Option<[DVec3; 2]> {
     editor.edits().crop().filter(|_| editor.shows_crop)
 }

@@ -1,8 +1,7 @@
-//! Points of the current frame in the viewport: its measured depth in the frame's own colours.
+//! Points of the current frame in the viewport: the measured depth in the colours of the photograph.
 //!
-//! Frames are decoded one at a time on a separate thread. During training, each decoding is
-//! followed by a pause of a multiple of its duration, to leave the cores to training. Not every frame is
-//! shown then.
+//! Frames are decoded one at a time on a separate thread. During training, each decoding is followed by a
+//! pause of a multiple of its duration, to leave the cores to training; not every frame is shown then.
 
 use super::frame_refs::FrameRef;
 use crate::app::view_thread::RestingJob;
@@ -60,7 +59,8 @@ impl FramePoints {
     }
 }
 
-/// Returns the coloured 3D points that the depth image of a frame, recorded at `pose`, contains.
+/// Returns the coloured 3D points of a frame's depth image, in world coordinates. `pose` is the pose of the
+/// depth camera.
 fn points_of(frame: &FrameRef, pose: Pose, color_camera: Option<&ColorCamera>) -> Points {
     let (split, index) = frame.position();
     let loaded = frame.dataset().load(split, index).map_err(|error| error.to_string())?;

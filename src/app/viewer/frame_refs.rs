@@ -1,7 +1,7 @@
-//! References to the cameras of a dataset.
+//! References to the frames of a dataset.
 //!
-//! A reference holds its dataset, so that it stays valid when another dataset is opened. Plain indices
-//! could outlive their dataset by one pass and exceed a shorter one.
+//! A reference keeps its dataset in memory, so that it stays valid when another dataset is opened. A plain
+//! index could still be used in the next egui pass, and exceed the number of frames of the new dataset.
 
 use crate::app::state::Opened;
 use crate::dataset::calibration::ColorCamera;
@@ -11,7 +11,7 @@ use crate::model::splat::appearance::Finishing;
 use crate::render::compare::Area;
 use std::sync::Arc;
 
-/// Reference to a frame of a dataset. The dataset stays open while the reference exists.
+/// Reference to a frame of a dataset. The dataset stays in memory while the reference exists.
 #[derive(Clone, Debug)]
 pub struct FrameRef {
     dataset: Arc<Dataset>,
@@ -21,7 +21,7 @@ pub struct FrameRef {
 
 impl PartialEq for FrameRef {
     /// True if both references are to the same frame of the same opened dataset. A folder opened twice
-    /// counts as two datasets.
+    /// yields two different datasets.
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.dataset, &other.dataset)
             && (self.split, self.index) == (other.split, other.index)
@@ -39,8 +39,8 @@ impl FrameRef {
         Self::numbered(dataset, 0)
     }
 
-    /// Returns the frame at a position of the training order; `None` beyond the last position or if
-    /// nothing is trained.
+    /// Returns the frame at a position of the training order; `None` beyond the last position or for a
+    /// model.
     pub fn trained(opened: &Opened, position: usize) -> Option<Self> {
         let plan = opened.plan.as_ref()?;
         Self::at(opened.dataset.as_ref()?, plan.split, *plan.frames.get(position)?)
@@ -51,8 +51,7 @@ impl FrameRef {
         Some(Self { dataset: dataset.clone(), split, index })
     }
 
-    /// Returns the frame with a number among all frames of a dataset, counted from 0; `None` beyond the
-    /// last frame.
+    /// Returns frame `number` among all frames of a dataset, counted from 0; `None` beyond the last frame.
     pub fn numbered(dataset: &Arc<Dataset>, number: usize) -> Option<Self> {
         let mut index = number;
         for (split, frames) in dataset.splits.iter().map(|split| split.frames.len()).enumerate() {

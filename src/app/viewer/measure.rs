@@ -42,12 +42,12 @@ pub struct MeasuredLength {
     pub deviation: Option<f64>,
 }
 
-/// Measuring tool, switched off, or on with up to two points.
+/// Measuring tool with up to two measured points.
 #[derive(Clone, Debug, Default)]
 pub struct MeasureTool {
     pub is_on: bool,
     ends: Vec<MeasuredPoint>,
-    /// Clicked splat and measured point, while the trainer has not yet inspected the splat.
+    /// Slot of the clicked splat, and the measured point, until the trainer has inspected the splat.
     // Only the trainer knows the posterior of a component.
     pub(super) waiting: Option<(u32, DVec3)>,
 }
@@ -151,12 +151,12 @@ pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
     }
 }
 
-/// Opacity of the colour that marks a dropped pixel by its status.
+/// Opacity of the colour over a pixel that training drops.
 // Below 1, so that the photograph shows through.
 const OVERLAY: f32 = 0.7;
 
-/// Reason why a pixel is dropped: its status, sRGB colour, label, and function that counts such pixels.
-/// The colours are distinguishable with red-green blindness (Okabe and Ito 2008).
+/// Reason why training drops a pixel: the pixel's status, sRGB colour, label, and function that counts such
+/// pixels. The colours are distinguishable with red-green blindness (Okabe and Ito 2008).
 type Reason = (PixelStatus, [f32; 3], &'static str, fn(&SurfaceCounts) -> usize);
 
 /// All reasons, in the order of the checks.

@@ -64,7 +64,7 @@ pub struct SceneView {
     pub palette: Palette,
     pub editor: Editor,
     n_frames: usize,
-    /// Serial number of the subject for which the view was set up.
+    /// Serial number of the dataset or model for which the view was set up.
     serial: u64,
     waker: Waker,
 }
@@ -257,7 +257,7 @@ impl SceneView {
         })
     }
 
-    /// Starts a pass of the window. Returns the time to wait before drawing it.
+    /// Starts an egui pass. Returns the time to wait before it is drawn.
     pub fn begin_pass(&mut self, state: RunState) -> Duration {
         self.painter.begin_pass(state == RunState::Training && self.camera.is_moving())
     }
@@ -278,8 +278,8 @@ impl SceneView {
         self.settings.color_mode.attribute().or(for_panels)
     }
 
-    /// Returns the attribute that the worker must deliver, and resets the requests of panels. Called at
-    /// the end of a pass of the window.
+    /// Returns the attribute that the worker must deliver, and resets the requests of panels. Called at the
+    /// end of an egui pass.
     pub fn take_watched_attribute(&mut self) -> Option<Attribute> {
         let watched = self.watched_attribute();
         // Panels renew their requests in the next pass.
@@ -303,9 +303,8 @@ impl SceneView {
         }
     }
 
-    /// Resets the view if another subject is open: no camera, comparison or pending pick of the previous
-    /// subject remains. Call this function with every snapshot, before the view is drawn or handles
-    /// keys.
+    /// Resets the view if another dataset or model is open: no camera, comparison or pending pick of the
+    /// previous one remains. Must be called with every snapshot, before the view is drawn or handles keys.
     pub fn reset_for_subject(&mut self, opened: &Opened) {
         if self.serial == opened.serial {
             return;
@@ -463,7 +462,7 @@ impl SceneView {
         }
     }
 
-    /// Restores the view state of the previous window. It is reset when another subject is opened.
+    /// Restores the view state of the previous window. Opening another dataset or model resets it.
     pub fn restore_retained_state(&mut self, kept: KeptView) {
         (self.serial, self.camera, self.comparison) = (kept.serial, kept.camera, kept.comparison);
         self.overlays.measure = kept.measure;
@@ -471,7 +470,7 @@ impl SceneView {
     }
 }
 
-/// View state that the next window restores if the same subject is open.
+/// View state that the next window restores if the same dataset or model is still open.
 pub struct KeptView {
     serial: u64,
     camera: Viewpoint,

@@ -23,7 +23,7 @@ pub struct Painter {
     pub drawn: DrawHistory,
     /// True if the CPU draws although a GPU exists.
     pub gpu_failed: bool,
-    /// Start time of the latest pass of the window.
+    /// Start time of the latest egui pass.
     passed_at: Instant,
 }
 
@@ -49,8 +49,8 @@ impl Painter {
         }
     }
 
-    /// Paints the picture over `rect`. `effort` applies only to the CPU. After an error this painter is
-    /// unusable.
+    /// Paints the picture over `rect`. `effort` has an effect only if the CPU draws. After an error this
+    /// painter is unusable.
     pub(super) fn paint(
         &mut self,
         ui: &Ui,
@@ -67,8 +67,8 @@ impl Painter {
         Ok(())
     }
 
-    /// Returns the minimum time between two snapshots during training. Every snapshot repaints the
-    /// window, for which a software adapter uses the cores that train.
+    /// Returns the minimum time between two snapshots during training. Every snapshot repaints the window,
+    /// which takes CPU cores from training if the adapter is a software adapter.
     pub fn snapshot_interval(&self) -> Duration {
         match self.painter {
             ViewPainter::Gpu(_) => GPU_INTERVAL,
@@ -76,8 +76,8 @@ impl Painter {
         }
     }
 
-    /// Starts a pass of the window. Returns the time to wait before drawing it. `merges` is true while
-    /// the camera moves during training; pointer movements during the wait then share one pass.
+    /// Starts an egui pass. Returns the time to wait before it is drawn. `merges` is true while the camera
+    /// moves during training; pointer movements during the wait then share one pass.
     pub(super) fn begin_pass(&mut self, merges: bool) -> Duration {
         // egui redraws the whole window on every pointer movement, much more often than the scene is
         // rendered. Only passes drawn by the CPU take cores from training.
@@ -139,10 +139,9 @@ impl ViewPainter {
 /// Minimum time between two redraws that follow changes by training.
 const FOLLOW_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Returns the minimum time between two passes of the window while the camera moves during training.
+/// Returns the minimum time between two egui passes while the camera moves during training.
 ///
-/// Only this interval and [`Effort::BesideTraining`] limit the CPU time that drawing takes from
-/// training.
+/// Only this interval and [`Effort::BesideTraining`] limit the CPU time that drawing takes from training.
 fn pass_interval() -> Duration {
     // 200 ms of one core, shared by all. A pass takes about 20 ms of a core and a picture twice that, so
     // drawing takes a fifth of the cores.

@@ -22,7 +22,7 @@ use eframe::egui::Ui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Minimum time between two measurements during changes of the scene.
+/// Minimum time between two measurements while the scene changes.
 // A measurement renders the whole photograph on the CPU.
 const INTERVAL: Duration = Duration::from_millis(500);
 
@@ -31,7 +31,8 @@ pub struct PhotoQuery {
     pub frame: FrameRef,
     /// Camera that took the photographs, if it differs from the depth camera.
     pub color_camera: Option<ColorCamera>,
-    /// Settings of frame preparation, if the pixel status that it yields is painted over the photograph.
+    /// Settings of frame preparation. If present, the status of each pixel after preparation is painted
+    /// over the photograph.
     pub prepared: Option<Arc<SurfaceSettings>>,
     /// Render settings. Their background is visible through transparent parts of photographs.
     pub options: RenderOptions,

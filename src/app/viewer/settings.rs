@@ -38,8 +38,8 @@ pub struct ViewSettings {
     pub opacity_cut: f32,
     /// Background colour, sRGB.
     pub background: [u8; 3],
-    /// Exposure for scenes whose cameras used automatic exposure. Beside a photograph the recorded
-    /// exposure is always used.
+    /// Exposure with which a scene is drawn if its cameras used automatic exposure. In comparisons with a
+    /// photograph, the recorded exposure is always used.
     pub exposing: Exposing,
     pub difference_gain: f32,
     /// True if dataset cameras are drawn. Before training they are always drawn.
@@ -169,8 +169,8 @@ impl ViewSettings {
         }
     }
 
-    /// Returns the render options for a method. `radius` is the scene's radius and `distance` the
-    /// distance between the camera and the scene's centre, both in world units.
+    /// Returns the render options for the render method `method`. `radius` is the scene's radius and
+    /// `distance` the distance between the camera and the scene's centre, both in world units.
     pub fn options(&self, method: RenderMethod, radius: f64, distance: f64) -> RenderOptions {
         // The scene's bounding sphere along the view, so that the depth colours use their whole range.
         let range = [(distance - radius).max(0.0), distance + radius].map(|d| d as f32);

@@ -25,7 +25,7 @@ const MAX_KEPT: usize = 256;
 /// Colour of pixels without a depth measurement.
 const HOLE: Color32 = Color32::from_gray(18);
 
-/// Parts of a frame to decode. The second part includes the first.
+/// Pictures to decode from a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Photo,
@@ -35,15 +35,15 @@ enum Part {
 /// Pictures of a frame, or the reason why some are missing.
 pub struct Pictures<T> {
     pub photo: Option<T>,
-    /// Depth in colours from violet (near) to yellow (far) over its own range.
+    /// Depth in colours from violet (near) to yellow (far), scaled to the depth range of the frame.
     pub depth: Option<T>,
     pub problem: Option<String>,
 }
 
 struct StoredThumbnails {
-    /// Largest part requested so far.
+    /// Pictures requested so far.
     part: Part,
-    /// Number of the latest pass of the window that used the thumbnails.
+    /// Number of the latest egui pass that used the thumbnails.
     used_in: u64,
     /// Decoded pictures; `None` until decoded.
     pictures: Option<Pictures<TextureHandle>>,
@@ -135,8 +135,8 @@ impl Thumbnails {
         }
     }
 
-    /// Drops the least recently used frame if the store is full and the frame is not displayed. Returns
-    /// true if there is room.
+    /// Makes room for another frame. If the store is full, drops the least recently used frame unless it is
+    /// displayed. Returns true if there is room.
     fn make_room(&mut self, pass: u64) -> bool {
         if self.kept.len() < MAX_KEPT {
             return true;
@@ -209,13 +209,14 @@ fn decode(frame: &FrameRef, part: Part) -> Pictures<ColorImage> {
     }
 }
 
-/// Returns the block size and the resulting image size of a reduction.
+/// Returns the size of a thumbnail, and the side length of the pixel blocks that are reduced to one pixel
+/// each.
 fn reduced(size: [usize; 2]) -> (usize, [usize; 2]) {
     let factor = size[0].max(size[1]).div_ceil(MAX_SIDE).max(1);
     (factor, size.map(|side| (side / factor).max(1)))
 }
 
-/// Reduces an image by averaging blocks of pixels. Transparent pixels count as black.
+/// Reduces an image by averaging blocks of pixels. Transparent pixels become black.
 fn shrink([width, height]: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) -> ColorImage {
     let (factor, size) = reduced([width, height]);
     let mut pixels = Vec::with_capacity(size[0] * size[1]);

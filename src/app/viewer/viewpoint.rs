@@ -44,7 +44,7 @@ enum ViewPosition {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum GuideStage {
-    /// The subject has not been displayed yet.
+    /// The dataset or model has not been displayed yet.
     Start,
     /// The view shows all cameras of the dataset.
     Overview,
@@ -60,7 +60,7 @@ pub struct Viewpoint {
     steered: Option<ViewCamera>,
     place: Place,
     is_flying: bool,
-    /// Files of the subject. If the same files are opened next, the camera is kept.
+    /// Files of the dataset or model for which the camera is kept if it is the next one opened.
     retained_for: Option<FileProposal>,
     pub size_px: [u32; 2],
     /// Camera of the latest picture, including a dataset camera or a keyframe.
@@ -84,7 +84,7 @@ impl Default for Viewpoint {
 }
 
 impl Viewpoint {
-    /// Moves to the home view of a newly opened subject, unless the camera is kept for it.
+    /// Moves to the home view of a newly opened dataset or model, unless the camera is kept for it.
     pub(super) fn reset_for_subject(&mut self, opened: &Opened) {
         self.place.latest_frame = None;
         if self.retained_for.take().is_none_or(|kept| kept != opened.files) {
@@ -94,7 +94,7 @@ impl Viewpoint {
         }
     }
 
-    /// Keeps the camera if the next opened subject has the same files.
+    /// Keeps the camera if the same dataset or model is opened next.
     pub fn retain_for(&mut self, opened: &Opened) {
         self.retained_for = Some(opened.files.clone());
     }
@@ -127,7 +127,7 @@ impl Viewpoint {
         self.moved_at.elapsed() < SETTLE
     }
 
-    /// Records a camera movement, which restarts the time until the picture is refined.
+    /// Records a camera movement. The picture is refined once [`SETTLE`] has passed without another one.
     pub(super) fn note_movement(&mut self) {
         self.moved_at = Instant::now();
     }
@@ -263,7 +263,8 @@ impl Viewpoint {
         }
     }
 
-    /// Makes `point`, which the camera `seen_by` sees, the orbit centre.
+    /// Makes `point` the orbit centre. `seen_by` is the camera of the picture in which the point was
+    /// clicked.
     pub(super) fn set_target(&mut self, point: DVec3, seen_by: &Camera) {
         let is_free = self.is_free();
         let Some(camera) = &mut self.steered else { return };
@@ -305,8 +306,7 @@ impl Viewpoint {
         }
     }
 
-    /// Moves to a keyframe of a camera path. The view stays there until the camera is moved by other
-    /// means.
+    /// Moves to a keyframe of a camera path. The view stays there until something else moves the camera.
     pub(super) fn move_to_keyframe(&mut self, moment: Keyframe) {
         self.set_free();
         self.place.position = ViewPosition::Along(moment);
@@ -431,8 +431,8 @@ const SLOW: f64 = 0.1;
 // A slow pass must not cause a large jump.
 const MAX_STEP_S: f32 = 0.1;
 
-/// Returns the movement caused by the held keys in this pass of the window: right, down and ahead, in
-/// scene radii.
+/// Returns the camera movement caused by the held keys in this egui pass: right, down and ahead, in scene
+/// radii.
 fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
     // The keys then enter text.
     if ui.ctx().text_edit_focused() {

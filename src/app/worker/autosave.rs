@@ -1,7 +1,8 @@
-//! Autosave of the training run, which is also stored when the program ends unexpectedly.
+//! Autosaves the training run, and stores it when the program ends unexpectedly.
 //!
-//! Nothing is written before training has lasted the interval, and nothing of the demo, which can be
-//! recomputed. The autosave is removed once the user has saved the run to a file or discarded it.
+//! The first autosave is written once the interval has passed since the first unsaved frame. The demo is
+//! never written, because it can be recomputed. The autosave is removed once the user has saved the run to
+//! a file or discarded it.
 
 use crate::app::rescue::{self, AbandonedRun, AutosaveSlot, Rescue};
 use crate::pipeline::autosave::{Autosave, AutosaveInterval};
@@ -22,7 +23,7 @@ enum Saver {
     /// Nothing is saved yet. Holds the time of the first unsaved frame, if there is one.
     Waiting(Option<Instant>),
     On(Autosave, AutosaveSlot),
-    /// Autosave has failed, after a warning, or the subject cannot be saved.
+    /// Autosave has failed and the user was warned, or nothing is open that can be autosaved.
     Off,
     /// The run was stored because of a panic or the end of the program, and its slot is released.
     Stored(Rescue),
@@ -121,8 +122,8 @@ impl Files {
         rescue::find_newest(&self.folders, dataset)
     }
 
-    /// Stores training that no checkpoint contains, so that it can be resumed after the next startup.
-    /// Also stores it if autosave is off. Stores it only once. The demo is not stored.
+    /// Stores training that no checkpoint contains, even if autosave is off, so that it can be resumed
+    /// after the next startup. Repeated calls store it only once. The demo is not stored.
     pub fn store(&mut self, session: Option<&Session>) -> Rescue {
         // A panic and the end of the program may both store the same state.
         if let Saver::Stored(known) = &self.saver {

@@ -1,7 +1,7 @@
-//! Training on a recording while it is written.
+//! Trains on a recording while it is being written.
 //!
-//! Before the first frames exist, a recording has no session. A session reads some of its frames before it
-//! starts, so a job starts it: a drive that does not respond must not block the training thread.
+//! A session starts once the first frames exist. The start reads some of the frames, so it runs in a
+//! separate job: a drive that does not respond must not block the training thread.
 
 use super::outbox::Outbox;
 use super::run::Run;
@@ -21,12 +21,12 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Time without a new frame after which training counts as idle and deferred changes are published.
+/// Time without a new frame after which training is considered idle and deferred changes are published.
 const AT_REST: Duration = Duration::from_millis(500);
 /// Interval at which the window receives the cameras of a growing recording. Each update copies the list
 /// of cameras.
 const CAMERAS: Duration = Duration::from_secs(2);
-/// Maximum duration of one poll of a starting session; then orders are handled.
+/// Maximum time to wait for a starting session before orders from the window are handled.
 const PATIENCE: Duration = Duration::from_millis(50);
 
 #[derive(Default)]
@@ -35,7 +35,7 @@ pub struct Following {
     awaited: Option<Follow>,
     /// Job that starts a session on the first frames of the recording.
     beginning: Option<Job<Result<OpenedSubject, OpenError>>>,
-    /// Time at which training ran out of frames; `None` once training counts as idle.
+    /// Time at which training ran out of frames; `None` once training is considered idle.
     waiting_since: Option<Instant>,
     /// Time of the last update of the cameras of a growing recording.
     cameras_updated: Option<Instant>,
@@ -73,8 +73,8 @@ impl Following {
         Some(rest.max(Duration::from_millis(1)))
     }
 
-    /// Returns the opened subject of the awaited recording once the first frames exist and the session
-    /// has started. The session trains with `training`; the subject has the serial number `serial`.
+    /// Returns the opened recording once its first frames exist and the session has started. The session
+    /// trains with the settings in `training`; the recording has the serial number `serial`.
     ///
     /// # Errors
     /// If no session can ever start.
@@ -180,19 +180,19 @@ impl Following {
     }
 }
 
-/// Returns the reader that follows the recording in a folder. It selects all frames.
+/// Creates a reader that follows the recording in a folder and selects all frames.
 pub fn follow_of(path: &Path) -> Result<Follow, String> {
     let selection = Selection { follow: true, ..Selection::all_frames() };
     Follow::new(path, &LoadOptions::default(), &selection).map_err(|error| error.to_string())
 }
 
-/// True if `subject` is the folder from which the dataset was read. Uses the state at opening, because
-/// accessing the file system would block if the drive does not respond.
+/// True if `dataset` was read from the folder `subject`. Compares with the paths known since the dataset
+/// was opened, because accessing the file system would block if the drive does not respond.
 pub fn is_read_from(dataset: &Dataset, subject: &Subject) -> bool {
     matches!(subject, Subject::Path(path) if dataset.is_folder && dataset.path.as_ref() == Some(path))
 }
 
-/// True if the subject is a folder, existing or not. False for checkpoints and other files.
+/// True if `subject` is a folder, which need not exist. False for checkpoints and other files.
 pub fn is_folder(subject: &Subject) -> bool {
     matches!(subject, Subject::Path(path) if !path.is_file() && !is_checkpoint(path))
 }

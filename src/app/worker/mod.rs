@@ -29,7 +29,8 @@ pub use thread::WorkerOrder;
 /// Minimum time between two snapshots if a GPU draws the scene.
 const INTERVAL: Duration = Duration::from_millis(33);
 
-/// Waiting time for a frame after which the window reports it, because the drive may not respond.
+/// Time spent waiting for a frame after which the window reports the delay, because the drive may not
+/// respond.
 const SLOW_FRAME: Duration = Duration::from_secs(5);
 
 /// Maximum number of queued orders, more than a user gives while a dataset is opened. If the queue is
@@ -94,8 +95,8 @@ impl Worker {
         &self.shared.updates
     }
 
-    /// Returns a number for the next file, unique among all windows of a run. The snapshot reports the
-    /// file's outcome with this number.
+    /// Returns a number that identifies the next file to be written, unique among all windows of a run. The
+    /// snapshot reports the file's outcome with this number.
     pub fn new_number(&self) -> u64 {
         self.shared.new_number()
     }
@@ -109,7 +110,7 @@ impl Worker {
         self.shared.file.cancel();
     }
 
-    /// Cancels the opening in progress; the subject opened before remains open.
+    /// Cancels the opening of a dataset or model; the previous one remains open.
     pub fn cancel_opening(&self) {
         self.shared.opening.cancel();
     }

@@ -26,7 +26,7 @@ pub struct Outbox {
     dirty: Dirty,
     /// True if the snapshot differs from the one published last.
     pub is_changed: bool,
-    /// Serial number of the next notice or opened subject.
+    /// Serial number of the next notice, or of the next opened dataset or model.
     pub next_serial: u64,
     /// Times at which the latest frames were completed, for the frame rate.
     ends: VecDeque<Instant>,
@@ -83,8 +83,8 @@ impl Outbox {
         self.snapshot.notices = Arc::new(kept.cloned().collect());
     }
 
-    /// Resets the snapshot for another subject. Notices, outcomes of files and the setting to follow
-    /// recordings are kept.
+    /// Resets the snapshot for another dataset or model. Notices, outcomes of files and the setting to
+    /// follow recordings are kept.
     pub fn reset_snapshot(&mut self) {
         self.ends.clear();
         let Snapshot { notices, files, following, .. } = std::mem::take(&mut self.snapshot);
@@ -129,8 +129,8 @@ impl Outbox {
         }
     }
 
-    /// Publishes the snapshot to the window, at most once per interval unless `at_once`. Changed splats
-    /// are delivered only after the viewport has received the previous ones.
+    /// Publishes the snapshot to the window, at most once per interval unless `at_once` is true. Changed
+    /// splats are delivered only after the viewport has received the previous ones.
     pub fn publish(&mut self, run: &Run, at_once: bool) {
         let due = self.published.elapsed() >= self.shared.interval();
         // A hidden window takes no splats, so pending ones must not wake it.
@@ -151,7 +151,7 @@ impl Outbox {
     }
 
     /// Adds new reports of older frames whose photographs were just compared with the scene. Buffered
-    /// photographs are drawn at random, so that some are compared many frames later.
+    /// photographs are taken from the buffer at random, so some are compared many frames later.
     pub fn add_late_reports(&mut self, run: &Run) {
         let Some(session) = run.session() else { return };
         // Only half of them: the others are still among the latest frames when these are published.
@@ -195,7 +195,7 @@ impl Outbox {
         }
     }
 
-    /// Replaces the splats in the viewport by the splats of another subject.
+    /// Replaces the splats in the viewport by those of another dataset or model.
     pub fn replace_splats(&mut self, change: SplatChange) {
         self.dirty = Dirty::default();
         // Also drops pending updates of the previous scene.

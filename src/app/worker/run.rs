@@ -1,4 +1,4 @@
-//! The open subject with its content, and the attribute and component that the window observes.
+//! The open dataset or model, and the attribute and component that the window displays.
 
 use crate::app::opening::Content;
 use crate::app::state::{FrameSampling, GivenCalibration, HISTORY, Inspected, Subject};
@@ -52,7 +52,7 @@ impl Run {
         self.inspecting = None;
     }
 
-    /// Returns the splats of the newest state, whatever the viewport displays.
+    /// Returns the splats of the newest state, regardless of what the viewport displays.
     pub fn splats(&self) -> SplatSet {
         match &self.content {
             Some(Content::Session(session)) => session.splats(),

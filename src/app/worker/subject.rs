@@ -1,4 +1,4 @@
-//! Opens subjects for training or viewing.
+//! Opens datasets and models for training or viewing.
 
 use super::following::{follow_of, is_folder};
 use super::thread::WorkerThread;
@@ -63,8 +63,8 @@ impl WorkerThread {
         Ok(())
     }
 
-    /// Runs `open` while the state is "loading". If it fails, the previous subject stays open and its
-    /// training is paused.
+    /// Runs `open` while the state is [`RunState::Loading`]. If it fails, the previous dataset or model
+    /// stays open and its training is paused.
     fn while_loading<T>(
         &mut self,
         open: impl FnOnce(&mut Self) -> Result<T, Refusal>,
@@ -84,7 +84,8 @@ impl WorkerThread {
         opened
     }
 
-    /// Reads a subject, or prepares to follow the recording in its folder. Fails if the user cancels.
+    /// Reads the requested dataset or model, or prepares to follow a recording that is being written to the
+    /// folder. Fails if reading fails or the user cancels.
     fn find(
         &mut self,
         calibration: Option<&Arc<GivenCalibration>>,
@@ -110,7 +111,7 @@ impl WorkerThread {
         Ok(found??)
     }
 
-    /// Waits until a folder contains a frame. Until then no subject is open.
+    /// Starts to wait for the first frame of a recording. Until then nothing is open.
     fn await_recording(
         &mut self,
         follow: Follow,
@@ -176,7 +177,7 @@ impl WorkerThread {
         }
     }
 
-    /// Reopens the subject with its calibration, so that the current settings apply.
+    /// Reopens the dataset or model with its calibration, so that the current settings apply.
     pub(super) fn reset(&mut self) {
         if let Some(subject) = self.run.subject.clone() {
             self.open_with(self.run.calibration.clone(), subject);
@@ -202,7 +203,7 @@ impl WorkerThread {
         }
     }
 
-    /// Returns the subject to which a calibration applies, or the reason why there is none.
+    /// Returns the open dataset if a calibration can be applied to it, otherwise the reason why not.
     fn calibratable(&self) -> Result<Subject, &'static str> {
         match &self.run.subject {
             None => Err("a calibration applies to a dataset: open the dataset first"),
@@ -274,7 +275,8 @@ impl WorkerThread {
         }
     }
 
-    /// Runs `work` on a path in a thread and returns its result, or a [`Refusal`] if the user cancels.
+    /// Runs `work` on a separate thread and returns its result, or a [`Refusal`] if the user cancels.
+    /// `path` appears in messages.
     fn read_cancellable<T: Send + 'static>(
         &mut self,
         path: Option<&Path>,
@@ -315,7 +317,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Opening time after which the user is warned of a slow drive.
 const SLOW: Duration = Duration::from_secs(4);
 
-/// Reason why a subject was not opened.
+/// Reason why a dataset or model was not opened.
 #[derive(Debug)]
 struct Refusal {
     /// Severity of the notice. A cancellation by the user is not an error.
@@ -329,7 +331,7 @@ impl From<String> for Refusal {
     }
 }
 
-/// Starts a thread for work that opens a subject. `name` appears in messages.
+/// Starts a thread that opens a dataset or model by calling `work`. `name` appears in messages.
 ///
 /// # Errors
 /// If no thread can be started.

@@ -1,6 +1,6 @@
 //! Training thread: its loop, and the execution of orders.
 //!
-//! The loop survives panics: the open subject stays open and can be saved.
+//! The loop survives panics: the open dataset or model stays open and can be saved.
 
 use super::Shared;
 use super::autosave::Files;
@@ -34,7 +34,7 @@ pub struct WorkerThread {
     pub(super) has_pending_step: bool,
 }
 
-/// Interval at which autosaves are checked while no frames are trained.
+/// Interval at which the worker checks whether an autosave is due while no frames are trained.
 const SAVES: Duration = Duration::from_secs(1);
 
 /// Error that ends the thread, because its handle was dropped.
@@ -101,7 +101,7 @@ impl WorkerThread {
         }
     }
 
-    /// Returns the time until work that needs no order is due; `None` if there is no such work.
+    /// Returns the time until the worker has work that needs no order; `None` if there is no such work.
     fn idle_timeout(&self) -> Option<Duration> {
         // Retries the delivery of pending splats.
         if self.outbox.has_news() || self.run.sampling.is_some() {
@@ -264,25 +264,26 @@ impl WorkerThread {
 
 #[derive(Clone, Debug)]
 pub enum WorkerOrder {
-    /// Sets the training settings for subjects that are opened or reset later.
+    /// Sets the training settings for datasets that are opened or reset later.
     TrainBy(Box<TrainSettings>),
-    /// Opens a subject. The demo is also trained at once.
+    /// Opens a dataset or model. The demo is also trained at once.
     Open(Subject),
-    /// Reopens the subject with cameras that a calibration file corrects.
+    /// Reopens the dataset with cameras corrected by a calibration file.
     Calibrate(PathBuf),
     Train,
     /// Stops training after the current frame.
     Pause,
     Step,
-    /// Sets whether recordings are followed: the open one and those opened later.
+    /// Sets whether recordings are followed, that is, trained on while they are being written. Applies to
+    /// the open recording and those opened later.
     Follow(bool),
     Reset,
-    /// Reopens the subject with the current settings and trains at once.
+    /// Reopens the dataset with the current settings and trains at once.
     Retrain,
     /// Writes a checkpoint of the newest state. The snapshot reports the outcome with the given number.
     Save(u64, PathBuf),
-    /// Exports the newest scene. The mapping converts native to plain splats; the edits exclude splats.
-    /// The snapshot reports the outcome with the given number.
+    /// Exports the newest scene. [`Mapping`] determines the conversion to standard 3DGS splats; [`LeftOut`]
+    /// excludes splats. The snapshot reports the outcome with the given number.
     Export(u64, PathBuf, Mapping, LeftOut),
     /// Writes a text to a file; under an unused name if the path exists.
     WriteText(PathBuf, String),

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 const PATIENCE: Duration = Duration::from_millis(50);
 
 impl WorkerThread {
-    /// Trains one frame as soon as it has been read.
+    /// Trains on one frame. If the frame has not been read yet, the step remains pending.
     pub(super) fn step_once(&mut self) {
         self.has_pending_step = !self.step();
         if !self.has_pending_step {
