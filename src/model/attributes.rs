@@ -13,15 +13,15 @@ pub struct ComponentAttributes {
     /// Number of points that the component received, `N_k`; `None` for splats that this program did not
     /// train.
     pub evidence: Option<f32>,
-    /// Standard deviation of the splat's position, world units. It is that of the points' mean
-    /// ([`ComponentPosterior::mean_deviation`]) or, if photographs have changed the splat, estimated
-    /// from them.
+    /// Standard deviation of the splat's position, world units. If photographs have changed the splat,
+    /// it is estimated from photographs. Otherwise it is that of the mean of the points
+    /// ([`ComponentPosterior::mean_deviation`]).
     pub uncertainty: Option<f32>,
-    /// Mean ELBO, nats, of the points of the last frame for which this component has the largest
-    /// responsibility. `None` if there are no such points or if the ELBO was not requested.
+    /// Mean ELBO, nats, of those points of the last frame for which this component has the largest
+    /// responsibility. `None` if there are no such points or the ELBO was not requested.
     pub elbo: Option<f32>,
     /// Index, within the run, of the frame in which the component first received points; `None` if
-    /// unknown or if it has not received any.
+    /// unknown or if the component has not received any points.
     pub birth: Option<u32>,
 }
 

@@ -34,8 +34,8 @@ pub struct Inspection {
     pub splat: Splat,
     /// Variation of the splat's colour with position and direction.
     pub appearance: Appearance,
-    /// Standard deviations of the splat's parameters as estimated from photographs; `None` without
-    /// photometric training.
+    /// Standard deviations of the splat's parameters as estimated from photographs; `None` if
+    /// photographs were not trained on.
     pub photometric_deviations: Option<PhotometricDeviations>,
 }
 
@@ -69,7 +69,7 @@ impl Inspection {
     }
 }
 
-/// Error of a compute device; the caller continues on the processor.
+/// Error of a compute device, after which the work continues on the CPU.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{device} failed: {reason}")]
 pub struct DeviceError {

@@ -86,8 +86,8 @@ impl<R: Real> Points<R> {
         self.tiles.push(0);
     }
 
-    /// Reserves memory for `points` more points in `tiles` more tiles. Otherwise, columns that grow in
-    /// turn leave gaps in memory, up to half their size.
+    /// Reserves memory for `points` more points in `tiles` more tiles. Without this, the columns grow
+    /// in turn and leave gaps in memory of up to half their size.
     pub fn reserve(&mut self, points: usize, tiles: usize) {
         self.columns_mut().into_iter().for_each(|column| column.reserve(points));
         self.tiles.reserve(tiles);

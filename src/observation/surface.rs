@@ -52,11 +52,11 @@ fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-/// Tolerances for the comparison of measured with modelled depth, and for recorded camera positions.
+/// Tolerances for comparing measured with modelled depth, and for recorded camera positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthTolerance {
     /// Coefficients of the depth tolerance `margin[0] + margin[1]·range`, world units. A surface within
-    /// this tolerance counts as the measured one. `range` is the measured distance along the ray.
+    /// this tolerance is regarded as the measured one. `range` is the measured distance along the ray.
     pub margin: [f32; 2],
     /// Maximum correction of a point along its ray, world units.
     pub refinement: f32,
@@ -132,8 +132,8 @@ impl Photograph {
     }
 
     /// Returns the measured pixels of one row from left to right, with the photograph's gain applied. A
-    /// surface within `margin[0] + margin[1]·depth` (world units) of the measured depth counts as the
-    /// measured one.
+    /// surface within `margin[0] + margin[1]·depth` (world units) of the measured depth is regarded as
+    /// the measured one.
     pub fn measured_row(
         &self,
         row: usize,
@@ -157,8 +157,8 @@ impl Photograph {
         })
     }
 
-    /// Returns the measured pixels of the whole photograph, with `gain` on red, green and blue and the
-    /// photograph's own gain. `margin` is that of [`Self::measured_row`].
+    /// Returns the measured pixels of the whole photograph, multiplied by `gain` (red, green and blue)
+    /// and by the photograph's own gain. `margin` is that of [`Self::measured_row`].
     pub fn measured_pixels(&self, gain: [f32; 3], margin: [f32; 2]) -> Image<MeasuredPixel> {
         let exposed = |pixel: MeasuredPixel| {
             let [r, g, b] = pixel.color;

@@ -1,13 +1,15 @@
-//! Mean ELBO of the current frame's points per component, for colouring a scene by ELBO. Each point
-//! counts for its component of largest responsibility. Costs neither time nor memory while off.
+//! Mean ELBO per component over the points of the current frame, for colouring a scene by ELBO. Each
+//! point belongs to the component with the largest responsibility for it. While disabled, this takes
+//! neither time nor memory.
 
 use super::estep::Scoring;
 
-/// Owner of a point that has none, because its score is NaN.
+/// Marks a point that no component owns, because its score is NaN. The owner of a point is the
+/// component with the largest responsibility for it.
 pub(super) const NO_OWNER: u32 = u32::MAX;
 
-/// Returns the component of largest responsibility, the first of equal ones; [`NO_OWNER`] if all
-/// responsibilities are zero.
+/// Returns the component with the largest responsibility, the first if several are equal. [`NO_OWNER`]
+/// if all responsibilities are zero.
 #[inline(always)]
 pub(super) fn owner_of_shares(shares: impl Iterator<Item = (u32, f64)>) -> u32 {
     let first = (NO_OWNER, 0.0);
@@ -21,7 +23,7 @@ pub struct ComponentElbo {
 }
 
 impl ComponentElbo {
-    /// Creates an inactive accumulator; `scoring` converts effective distances to nats.
+    /// Creates a disabled accumulator; `scoring` converts effective distances to nats.
     pub fn new(scoring: Scoring) -> Self {
         Self { scoring, ownership: None }
     }
@@ -41,14 +43,15 @@ impl ComponentElbo {
         self.ownership = None;
     }
 
-    /// Returns the mean ELBO (nats) and the number of the last frame's points that a component owns.
-    /// `None` if it owns no point or the sums were disabled.
+    /// Returns the mean ELBO (nats) over the points of the last frame that a component owns, and the
+    /// number of these points. `None` if the component owns no point or the sums were disabled.
     pub fn mean_elbo_of(&self, component: usize) -> Option<(f64, u32)> {
         let (q, n) = self.ownership.as_ref()?.of(component)?;
         Some((self.scoring.elbo(q), n))
     }
 
-    /// Returns the components that own points of the last frame, in the order of their first points.
+    /// Returns the components that own points of the last frame, in the order of each component's first
+    /// point.
     pub fn components(&self) -> &[u32] {
         self.ownership.as_ref().map_or(&[], |ownership| &ownership.ids)
     }

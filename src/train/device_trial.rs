@@ -1,7 +1,7 @@
 //! Chooses between CPU and device by measured time.
 //!
-//! Both process the first frames, and again when the load has grown considerably, because the faster
-//! one depends on the load.
+//! Both process the first frames. They do so again when the load has grown considerably, because the
+//! faster one depends on the load.
 
 use serde::{Deserialize, Serialize};
 
@@ -27,7 +27,7 @@ pub struct DeviceMs {
 }
 
 /// Formats a one-line summary. `did` and `what` are a verb and its object, such as "compared" and
-/// "photographs". `counts` holds the number of objects that the device and the CPU processed.
+/// "photographs". `counts` holds the number of objects processed by the device and by the CPU.
 fn device_summary(
     [did, what]: [&str; 2],
     device: Option<&str>,
@@ -48,11 +48,11 @@ fn device_summary(
     by + &measured.unwrap_or_default() + &lost.unwrap_or_default()
 }
 
-/// Number of frames measured on CPU and device before the choice.
+/// Number of frames that both CPU and device process in a trial, before the faster one is chosen.
 const N_TRIALS: usize = 4;
 // Leading measurements to ignore: buffers are still growing and clocks rising.
 const N_IGNORED: usize = 1;
-/// Factor by which the load must exceed the largest one of a trial to trigger a new trial.
+/// A new trial begins when the load exceeds the largest load of the previous trials by this factor.
 const MANY: usize = 2;
 // Load below which no trial runs: the first frames of a scene show few splats.
 const FEW: usize = 1000;
@@ -62,7 +62,7 @@ const FEW: usize = 1000;
 pub(super) enum DeviceChoice {
     Processor,
     Device,
-    /// First the device, then the CPU; the CPU's result is used.
+    /// Both: first the device, then the CPU, whose result is used.
     Both,
 }
 
@@ -70,13 +70,13 @@ pub(super) enum DeviceChoice {
 #[derive(Debug)]
 pub(super) struct DeviceTrial {
     policy: DevicePolicy,
-    /// Largest load of a trial so far: number of drawn splats or of points.
+    /// Largest load in a trial so far. The load is the number of drawn splats or of points.
     load: usize,
     is_device_faster: bool,
-    /// True once CPU and device have processed a frame with equal results, or if their results may
-    /// differ.
+    /// True once CPU and device have processed a frame with equal results. Always true if their results
+    /// may differ by rounding.
     is_verified: bool,
-    /// Milliseconds on the CPU and on the device during a trial.
+    /// Milliseconds on the CPU and on the device for each frame of the current trial.
     times_ms: [Vec<f64>; 2],
     /// Median times of the last trial.
     pub medians: Option<DeviceMs>,
@@ -117,8 +117,8 @@ impl DeviceTrial {
         if self.is_device_faster { DeviceChoice::Device } else { DeviceChoice::Processor }
     }
 
-    /// Records the times, in milliseconds, that the CPU and the device took for the same frame. Their
-    /// results have been compared, unless they need not agree.
+    /// Records the times, in milliseconds, that the CPU and the device took for the same frame. If
+    /// their results must agree, they have already been compared.
     pub fn record_times(&mut self, processor: f64, device: f64) {
         self.is_verified = true;
         let [on_processor, on_device] = &mut self.times_ms;
@@ -142,7 +142,8 @@ impl DeviceTrial {
 }
 
 /// Devices used to compare photographs with renderings in this session. Each trained photograph counts
-/// once. For a settled model, photographs still in the shuffle buffer count as trained.
+/// once. After [`Learner::settle`](crate::train::learner::Learner::settle), photographs still in the
+/// shuffle buffer count as trained.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ComparerUse {
     /// Name of the device requested besides the CPU, if any.
@@ -164,7 +165,7 @@ pub struct ComparerUse {
 pub struct ComparerMs {
     /// Time to project, sort and bin splats, on the CPU.
     pub prepare: f64,
-    /// Time to compare pixels on the chosen device; during a trial, the sum of CPU and device.
+    /// Time to compare pixels on the chosen device; during a trial, the sum for CPU and device.
     pub compare: f64,
     /// Time to compute and apply the optimisation step, on the CPU.
     pub step: f64,
@@ -180,7 +181,8 @@ impl ComparerUse {
     }
 }
 
-/// Devices used in this session to fit frames: for the passes of a mixture, or for a scene's points.
+/// Devices used in this session to fit frames: for the passes of a mixture, or for the points of a
+/// scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PassUse {
     /// Name of the device requested besides the CPU, if any.
@@ -189,7 +191,7 @@ pub struct PassUse {
     pub device_frames: u64,
     /// Number of frames processed by the CPU.
     pub processor_frames: u64,
-    /// Share of tiles (or of points for a scene) that the device left to the CPU.
+    /// Share of tiles (for a scene, of points) that the device left to the CPU.
     pub open_share: f64,
     /// Timings of one fit that decided between device and CPU, if measured.
     pub trial: Option<DeviceMs>,

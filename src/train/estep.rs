@@ -1,6 +1,9 @@
-//! Scores and responsibilities of one point (`training.md`, E-step). A score is a distance,
-//! `q = |Δs|² + λ|Δc|² − w`, computed from coordinate differences. The precision multiplies only
-//! differences from the smallest score, which avoids cancellation in f32.
+//! Scores and responsibilities of one point (`training.md`, E-step).
+//!
+//! The score of a component for a point is a distance, `q = |Δs|² + λ|Δc|² − w`. `Δs` and `Δc` are the
+//! differences in position and colour, `λ` is [`Scoring::color_ratio`] and `w` the component's log
+//! weight. Only differences from the smallest score are multiplied by the precision, which avoids
+//! cancellation in f32.
 
 use crate::math::real::Real;
 use crate::model::conjugate::prior::Hyper;
@@ -10,7 +13,7 @@ use crate::model::paper::state::InitialModel;
 // starts with 1, in either precision.
 const HARD_NATS: f64 = 40.0;
 
-/// Constants of the log-score that measures how well a component explains a point.
+/// Constants of the log-score, which measures how well a component explains a point.
 #[derive(Clone, Copy, Debug)]
 pub struct Scoring {
     /// `λ = E[Λ^c] / E[Λ^s]`: weight of a squared colour distance relative to a squared distance of
@@ -33,8 +36,8 @@ impl Scoring {
         }
     }
 
-    /// Returns the difference from the smallest score `q` beyond which a component receives no part of a
-    /// point.
+    /// Returns the hard gap: the score difference from the smallest `q` beyond which a component
+    /// receives no part of a point.
     pub fn hard_gap(&self) -> f64 {
         HARD_NATS / self.half_precision
     }
@@ -55,7 +58,8 @@ impl Scoring {
             - of(model.weight[component])
     }
 
-    /// Converts the effective distance `q` of a point to its ELBO in nats.
+    /// Converts the effective distance `q` of a point (see [`Self::responsibilities`]) to the point's
+    /// ELBO in nats.
     #[inline(always)]
     pub fn elbo(&self, q: f64) -> f64 {
         self.ln_constant - self.half_precision * q
@@ -64,8 +68,8 @@ impl Scoring {
     /// Converts a point's scores to responsibilities in place, in precision `S`.
     ///
     /// Returns the effective distance `q_min − (2/E_s) ln Σ exp(−½E_s(q − q_min))`, where `E_s` is the
-    /// expected spatial precision. It encodes the point's ELBO, `logsumexp ln γ̂`, and is infinite
-    /// without candidates.
+    /// expected spatial precision. It encodes the point's ELBO, `logsumexp ln γ̂`, and is infinite if
+    /// there are no candidates.
     #[inline(always)]
     pub fn responsibilities<S: Real>(&self, distances: &mut [f64]) -> f64 {
         // Scores are of the order of 1e9 nats, where f32 resolves only hundreds: only differences to the

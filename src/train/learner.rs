@@ -22,11 +22,12 @@ pub trait Learner: Send + Sync {
     /// Returns size and state of the model.
     fn status(&self) -> Status;
 
-    /// Returns the effects of the last frame, or those of a later [`Self::settle`].
+    /// Returns the effects of the last frame or, if [`Self::settle`] has been called since, of that
+    /// call.
     fn last_frame(&self) -> LastFrame<'_>;
 
-    /// Returns posterior and surface normal of a component, for the inspector and attributes; the E-step
-    /// does not use them.
+    /// Returns posterior and surface normal of a component, for the inspector and for attributes. They
+    /// are not used in the E-step.
     fn component(&self, component: usize) -> Component;
 
     /// Returns the number of points received by a component, `N_k`; 0 if it is unused.
@@ -39,8 +40,8 @@ pub trait Learner: Send + Sync {
     /// Returns the splats of the listed components, in world units and in the order of the list.
     fn splats_of(&self, components: &[u32]) -> SplatSet;
 
-    /// Prepares the scene to be drawn as if all buffered photographs had been trained on, until the next
-    /// frame.
+    /// Makes the scene appear, until the next frame, as if all buffered photographs had been trained
+    /// on.
     ///
     /// Does not affect later training. Returns true if this changes the drawn scene.
     fn settle(&mut self) -> bool {
@@ -60,10 +61,11 @@ pub trait Learner: Send + Sync {
     /// Returns the devices used so far.
     fn device_use(&self) -> DeviceUse;
 
-    /// Returns [`LastFrame::component_elbo`] for enabling or disabling it.
+    /// Returns [`LastFrame::component_elbo`] for modification: to enable or disable it.
     fn component_elbo_mut(&mut self) -> &mut ComponentElbo;
 
-    /// Returns a copy of the model for a checkpoint; a run resumed from it gives the same bits.
+    /// Returns a copy of the model for a checkpoint. Training resumed from it gives bit-identical
+    /// results.
     fn checkpoint_model(&self) -> StoredModel;
 }
 
@@ -72,8 +74,8 @@ pub trait Learner: Send + Sync {
 pub struct Status {
     /// Number of frames trained on, including those before a resumed checkpoint.
     pub frames: u64,
-    /// Number of components, used or not: one more than the highest index. Also the number of splat
-    /// slots.
+    /// Number of components, used or not: one more than the highest index. It equals the number of
+    /// splat slots.
     pub components: usize,
     /// Number of components in use: with points in the `paper` preset, with seeds (creation points) in
     /// the `scene` preset.
@@ -83,7 +85,7 @@ pub struct Status {
     /// True if the scene is drawn as if all buffered photographs had been trained on (see
     /// [`Learner::settle`]).
     pub is_settled: bool,
-    /// Warnings shown when training ends; empty if every point found a component.
+    /// Warnings shown when training ends, if any.
     pub warnings: Vec<TrainingWarning>,
 }
 
@@ -106,8 +108,8 @@ pub struct Component {
     /// Unit normal of the component's surface in world axes, towards the cameras that saw it; `None` if
     /// unknown.
     pub normal: Option<DVec3>,
-    /// Uncertainty of the splat as estimated from photographs; `None` if the model does not train on
-    /// photographs.
+    /// Standard deviations of the splat's parameters, as estimated from photographs. `None` if the
+    /// model does not train on photographs.
     pub photometric_deviations: Option<PhotometricDeviations>,
 }
 
@@ -142,7 +144,7 @@ pub enum TrainingDevice {
     Photographs(Box<dyn PhotometricComparer>),
     /// Computes the passes of a mixture over a frame.
     Passes(Box<dyn MixtureDevice>),
-    /// Finds the seeds of a scene's points and sums the points.
+    /// Finds the seed (creation point of a component) of each point, and sums the points.
     Points(Box<dyn PointsDevice>),
 }
 

@@ -13,7 +13,7 @@ pub struct FrameOutcome {
     pub points: usize,
     /// Number of pixels that the trained points represent: the total added to the components' counts.
     pub evidence: u64,
-    /// Mean ELBO of the points under the initial model, nats; 0 without points.
+    /// Mean ELBO of the points under the initial model, nats; 0 if there are no points.
     pub elbo_mean: f64,
     /// Number of new components.
     pub new_components: usize,
@@ -49,12 +49,14 @@ pub struct ComparedPhotograph {
 /// Result of comparing a frame with the scene before training on it: a score on unseen data.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotographOutcome {
-    /// RMS difference between photograph and rendering over the channels of covered pixels, colour
-    /// units. For a frame rejected because of its points, it is the points' RMS colour difference.
-    /// Alternatively it is the share of the scene's surfaces behind which the frame measured another
-    /// surface.
+    /// Difference between frame and scene. Usually the RMS difference between photograph and rendering
+    /// over the channels of covered pixels, colour units. If the frame is an outlier by
+    /// [`OutlierReason::Colors`], the RMS colour difference of its points. If it is an outlier by
+    /// [`OutlierReason::Depth`], the share of the scene's surfaces behind which the frame measured
+    /// another surface.
     pub difference: f64,
-    /// Running mean of `difference` over earlier frames.
+    /// Usual value of `difference`: its running mean (root mean square for colours) over earlier
+    /// frames.
     pub usual: f64,
     /// Kind of outlier; `None` for an inlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -74,11 +76,11 @@ pub enum OutlierReason {
 }
 
 const UNBORN: u32 = u32::MAX;
-/// Birth of a component that was in use before this session began.
+/// Marks a component that was in use before this session began.
 const UNKNOWN: u32 = u32::MAX - 1;
 
-/// Log of the frame in which each component first received points. Only unused components are
-/// reassigned, so a component has had its present place since that frame.
+/// Log of the frame in which each component first received points. A component has not moved since that
+/// frame, because only unused components are reassigned.
 #[derive(Clone, Debug)]
 pub struct BirthLog(Vec<u32>);
 

@@ -55,7 +55,7 @@ impl StageMs {
         }
     }
 
-    /// Combines the times of several frames of one preset, stage by stage; `of` is, for example, the
+    /// Combines the times of several frames of one preset, stage by stage, using `of`, for example the
     /// median.
     pub fn combine(frames: &[Self], of: impl Fn(Vec<f64>) -> f64) -> Self {
         let Some(first) = frames.first() else { return Self::default() };
@@ -97,7 +97,7 @@ impl<'de> Deserialize<'de> for StageMs {
 }
 
 /// Measures the thread time of a pass's stages on a sample of tiles. Reading the clock for every tile
-/// would cost too much: each reading takes as long as scoring a point.
+/// would be too slow, as each reading takes as long as scoring a point.
 #[derive(Debug, Default)]
 pub struct StageClock {
     running: Option<Stopwatch>,
@@ -113,7 +113,7 @@ impl StageClock {
         self.running = is_looked_at.then(Stopwatch::start);
     }
 
-    /// Adds the time since the last lap, if the clock runs, to a stage.
+    /// Adds to `stage` the time since the last lap, if the clock runs.
     #[inline(always)]
     pub fn lap(&mut self, stage: PaperStage) {
         if let Some(clock) = &mut self.running {
@@ -164,7 +164,8 @@ impl Stopwatch {
 /// A stage of training one frame, measured in milliseconds of wall time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrainStage {
-    /// Field name in reports and column name in spreadsheets. Renaming it loses the times in older reports.
+    /// Field name in reports and column name in spreadsheets. If it is renamed, times in older reports
+    /// are no longer read.
     pub key: &'static str,
     /// Label of the stage in the latency panel.
     pub label: &'static str,
@@ -183,7 +184,7 @@ pub enum PaperStage {
     Stats,
     /// Addition of the frame's sums to the model's totals; the only stage that changes the totals.
     Update,
-    /// Selection and move of unused components, and sorting of the index.
+    /// Selection and move of unused components, and sorting of the index of means.
     Reassign,
 }
 

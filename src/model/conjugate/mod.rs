@@ -1,5 +1,5 @@
-//! Conjugate distributions shared by both presets: Normal-Inverse-Wishart over position and colour, Dirichlet
-//! over weights; with hyper-parameters, sufficient statistics and posterior.
+//! Conjugate distributions shared by both presets: Normal-Inverse-Wishart over position and colour, and
+//! Dirichlet over weights. Also their hyper-parameters, sufficient statistics and posterior.
 
 pub mod niw;
 pub mod posterior;

@@ -1,4 +1,5 @@
-//! Normal-Wishart distribution of one Gaussian block (`model.md`, Priors), D = 3.
+//! Normal-Wishart distribution of one Gaussian block, position or colour (`model.md`, Priors), in D = 3
+//! dimensions.
 
 use crate::math::special::{mv_digamma3, mv_ln_gamma3};
 use crate::math::sym3::Sym3;

@@ -1,8 +1,9 @@
-//! Posterior of a component without cancellation (`model.md`, Posterior), and its splat.
+//! Computes the posterior of a component without cancellation (`model.md`, Posterior), and its splat.
 //!
-//! The textbook form `U⁻¹ = U₀⁻¹ + Σ s sᵀ − κ m mᵀ` subtracts numbers of the size of squared coordinates to
-//! obtain a prior of 4e-15. Sums centred about the initial mean avoid that. The posterior never feeds back
-//! into training (`model.md`, Three models); it is computed on demand for rendering, storage and inspection.
+//! The textbook form `U⁻¹ = U₀⁻¹ + Σ s sᵀ − κ m mᵀ` subtracts numbers as large as squared coordinates.
+//! The prior `U₀⁻¹`, of only 4e-15, would be lost. Sums centred about the initial mean avoid that. The
+//! posterior never feeds back into training (`model.md`, Three models); it is computed on demand for
+//! rendering, storage and inspection.
 
 use super::prior::Hyper;
 use super::statistics::Moments;
@@ -108,9 +109,9 @@ impl ComponentPosterior {
 /// Eigenvalues below this share of the largest one are not distinguishable from zero in f64.
 const RESOLUTION: f64 = 16.0 * f64::EPSILON;
 
-/// Returns `inverse_scale`, with eigenvalues below `prior` raised to it if the matrix is not positive
-/// definite. In exact arithmetic, `U⁻¹` is the prior's matrix plus positive semidefinite terms. With few
-/// points, rounding of the f32 sums can outweigh the prior.
+/// Returns `inverse_scale`. If the matrix is not positive definite, eigenvalues below `prior` are
+/// raised to `prior`. In exact arithmetic, `U⁻¹` is the prior's matrix plus positive semidefinite
+/// terms. With few points, rounding of the f32 sums can outweigh the prior.
 fn make_positive_definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
     // A Cholesky factor exists only for positive definite matrices.
     if inverse_scale.cholesky().is_some() {
@@ -158,7 +159,7 @@ const LEGACY_UNUSED_OPACITY: f64 = 1e-4;
 const LEGACY_ALPHA: f64 = 1e-6;
 
 impl Conversion {
-    /// Returns the plain conversion: unscaled covariance, unused components dropped.
+    /// Returns the exact conversion: unscaled covariance, unused components dropped.
     pub fn right() -> Self {
         Self {
             form: CovarianceForm::Eigen,

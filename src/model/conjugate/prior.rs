@@ -1,10 +1,11 @@
-//! Hyper-parameters (`model.md`, Hyper-parameters) and the constants of the E-step they imply.
+//! Hyper-parameters (`model.md`, Hyper-parameters), and the constants of the E-step that follow from
+//! them.
 
 use crate::math::special::{digamma, ln_gamma, mv_digamma3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{LN_2, TAU};
 
-/// Degrees of freedom of the prior, equal for position and colour: `D + 1 + 1`.
+/// Degrees of freedom of the prior, equal for position and colour: `D + 1 + 1` in D = 3 dimensions.
 const NU0: f64 = 5.0;
 const D: f64 = 3.0;
 
@@ -41,7 +42,7 @@ pub struct Hyper {
 
 impl Hyper {
     /// Returns the paper's values for a number of components. `position_scale` sets the prior precision
-    /// of positions; the reference uses the number of components for it.
+    /// of positions; the reference uses the number of components as its value.
     pub fn paper(components: usize, position_scale: f64) -> Self {
         Self {
             components,

@@ -19,7 +19,7 @@ pub struct TileRecord<R> {
     pub id: u32,
     /// Index of the tile within its frame.
     pub tile: u32,
-    /// Sums in the order of [`N_SUMS`].
+    /// Sums in the order listed at [`N_SUMS`].
     pub sums: [R; N_SUMS],
 }
 
@@ -94,7 +94,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Creates the statistics from sums in the order of [`N_SUMS`].
+    /// Creates the statistics from sums in the order listed at [`N_SUMS`].
     pub fn from_sums(t: [f64; N_SUMS]) -> Self {
         Self {
             count: t[0],

@@ -1,5 +1,5 @@
-//! Addition of the totals of models with equal initial model that were trained on different points. It is
-//! exact: every merge tree gives the same bits.
+//! Addition of the totals of models that have the same initial model but were trained on different
+//! points. It is exact: merging in any order gives bit-identical results.
 
 use super::state::{Carry, Totals};
 use super::total_scalar::TotalScalar;
@@ -97,7 +97,8 @@ const ROWS_AHEAD: usize = 16;
 
 pub(super) struct TotalShard<T: TotalScalar> {
     pub rows: Vec<TotalRow<T>>,
-    /// High limbs by component id, for components with a sum outside the range of its row.
+    /// High limbs (bits above the low 64) by component id, for components with a sum outside the range
+    /// of its row.
     pub carries: BTreeMap<u32, [i32; N_SUMS]>,
     /// Bit `i` of word `j` is set if row `64 j + i` has received points.
     pub used: Vec<u64>,
@@ -113,7 +114,7 @@ pub(super) struct TotalShard<T: TotalScalar> {
 pub(super) struct TotalRow<T> {
     /// Number of the frame that last changed the row.
     frame: u32,
-    /// Sums in the order of [`N_SUMS`]; only their low bits if the component has high limbs.
+    /// Sums in the order listed at [`N_SUMS`]; only their low bits if the component has high limbs.
     pub sums: [T; N_SUMS],
 }
 
@@ -150,7 +151,7 @@ impl<T: TotalScalar> TotalShard<T> {
         records(&mut |records| self.add_records(frame, first, records));
     }
 
-    /// Adds records in groups. The rows of a group are prefetched before any of them changes, which
+    /// Adds records in groups. All rows of a group are prefetched before any of them is changed, which
     /// hides memory latency.
     #[inline(always)]
     fn add_records<R: Real>(&mut self, frame: u32, first: usize, records: &[TileRecord<R>]) {

@@ -1,8 +1,8 @@
-//! Interface between mixture training and a device that computes its passes.
+//! Interface between mixture training and a device that computes the passes of training.
 //!
-//! A device gives the processor's result to the bit for every tile it completes: it adds, subtracts and
-//! multiplies in f32 only, in the processor's order. Tiles that need more (an exponential, a logarithm, a NaN
-//! coordinate) are left to the processor.
+//! For every tile that a device completes, its results are bit-identical to those of the CPU: it only
+//! adds, subtracts and multiplies in f32, in the same order as the CPU. Tiles that require more (an
+//! exponential, a logarithm, a NaN coordinate) are left to the CPU.
 
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::inspection::DeviceError;
@@ -91,22 +91,23 @@ pub struct PassRule {
     /// Weight of a squared colour distance relative to a squared distance of positions.
     pub color_ratio: f32,
     /// Score difference from the best candidate beyond which a component's share changes no bit of any
-    /// sum. A tile is left to the processor if a candidate within this difference has an unequal score.
+    /// sum. A tile is left to the CPU if a candidate within this difference has a score unequal to the
+    /// best one.
     pub certain_gap: f32,
-    /// Entry `i`: responsibility of each of `i + 1` candidates with equal scores.
+    /// Entry `i`: responsibility of each candidate if `i + 1` candidates have equal scores.
     pub equal_share: [f32; MAX_DEVICE_CANDIDATES],
-    /// Entry `i`: amount by which the effective distance is below the score, for `i + 1` candidates with
-    /// equal scores.
+    /// Entry `i`: difference between score and effective distance if `i + 1` candidates have equal
+    /// scores.
     pub equal_gain: [f32; MAX_DEVICE_CANDIDATES],
 }
 
 /// Result of a pass on a device.
 #[derive(Clone, Copy, Debug)]
 pub struct DevicePass<'a> {
-    /// Effective distance of every point, which encodes its ELBO; undefined for tiles left to the
-    /// processor.
+    /// Effective distance of every point, which encodes the point's ELBO; undefined for tiles left to
+    /// the CPU.
     pub q: &'a [f32],
-    /// Indices of the tiles left to the processor, in any order.
+    /// Indices of the tiles left to the CPU, in any order.
     pub open: &'a [u32],
     /// Sums of the tiles that the device completed, in any order, in the format of
     /// [`TileRecord::from_words`](crate::model::conjugate::statistics::TileRecord::from_words).

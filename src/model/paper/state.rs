@@ -1,4 +1,4 @@
-//! State of a trained mixture as plain columns, as stored in checkpoints.
+//! State of a trained mixture as columns of numbers, as stored in checkpoints.
 
 use crate::math::real::Real;
 use crate::model::conjugate::prior;
@@ -52,10 +52,10 @@ impl InitialMeans {
     }
 }
 
-/// Totals of all components, one row of sums each, in the order of [`N_SUMS`].
+/// Totals of all components: one row of sums per component, in the order listed at [`N_SUMS`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Totals {
-    /// 64-bit fixed point with high limbs for overflows; the unit depends on the sum (see
+    /// 64-bit fixed point, with high limbs for sums that overflow. The unit depends on the sum (see
     /// [`super::totals`]).
     Fixed64 {
         /// Low 64 bits of every sum.

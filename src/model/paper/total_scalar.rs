@@ -1,14 +1,15 @@
 //! Number types of the totals: fixed point of 64 or 128 bits.
 //!
-//! Quanta of 64-bit totals are chosen per sum, so that the sums of a scene rarely exceed them. An overflow is
-//! stored as a whole limb: sum and limb together are unique, so bits are comparable. Totals of 128 bits
-//! resolve 2⁻⁸⁰, below the prior of 4e-15 that `f64` runs must resolve.
+//! The quantum of 64-bit totals is chosen per sum, so that the sums of a scene rarely overflow. If a
+//! sum overflows, its high bits are stored in a separate limb. A value has only one such
+//! representation, so totals can be compared bit by bit. Totals of 128 bits resolve 2⁻⁸⁰, below the
+//! prior of 4e-15 that `f64` runs must resolve.
 
 use crate::math::fixed::{Quanta, from_fixed, round_small, to_fixed, to_quanta};
 use crate::model::conjugate::statistics::N_SUMS;
 
 /// Number of fraction bits of every sum in 64-bit totals (`training.md`, Fixed point). Counts and
-/// colours reach 1.3e8 before they carry; second moments resolve a standard deviation of 6e-8.
+/// colours reach 1.3e8 before they overflow; second moments resolve a standard deviation of 6e-8.
 const FRACTION_BITS: [u32; N_SUMS] = [36, 40, 40, 40, 48, 48, 48, 48, 48, 48, 36, 36, 36];
 
 const SCALES: [f64; N_SUMS] = {
@@ -23,11 +24,11 @@ const SCALES: [f64; N_SUMS] = {
 };
 
 pub(super) trait TotalScalar: Copy + Default + PartialOrd + Send + Sync {
-    /// Adds `terms` to `sums`. Returns the increments of the sums' high limbs, if any.
+    /// Adds `terms` to `sums`. Returns the increments of the sums' high limbs; `None` if all are zero.
     fn add(sums: &mut [Self; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]>;
     /// True if a count rounds to zero in this number format.
     fn rounds_to_zero(count: f64) -> bool;
-    /// Returns this sum as f64, given its high limb and its index in the order of [`N_SUMS`].
+    /// Returns this sum as f64, given its high limb and its index in the order listed at [`N_SUMS`].
     fn value(self, high: i32, index: usize) -> f64;
 }
 

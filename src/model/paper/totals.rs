@@ -1,13 +1,14 @@
 //! Totals of all components over all frames so far.
 //!
-//! Fixed-point totals make the sum exact and associative: any frame order, thread count or sharding gives the
-//! same bits, provided the initial model is the same. Components are split into shards by id, so that threads
-//! never share a row. A row begins at a cache line; the frame stamp comes first, as it is read together with
-//! the first sums.
+//! Fixed-point totals make the sum exact and associative. Any frame order, thread count or sharding
+//! gives bit-identical results, provided the initial model is the same. Components are split into
+//! shards by id, so that threads never share a row. A row begins at a cache line. Its frame stamp comes
+//! first, as it is read together with the first sums.
 //!
-//! Rejected alternatives (`training.md`, Tried and dropped): accumulators private to each thread (1.2 to 1.9
-//! ms a frame before they are merged, while records and their addition take 0.9 to 1.4), sorting the points
-//! by component (1.6 to 1.9 ms), and unordered floating-point sums, whose bits differ from run to run.
+//! Rejected alternatives (`training.md`, Tried and dropped): accumulators private to each thread (1.2
+//! to 1.9 ms a frame before they are merged, while records and their addition take 0.9 to 1.4), sorting
+//! the points by component (1.6 to 1.9 ms), and unordered floating-point sums, whose bits differ from
+//! run to run.
 
 use super::merging::{TotalShard, row_bytes};
 use super::state::{Carry, Totals};

@@ -7,14 +7,16 @@ use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use rayon::prelude::*;
 
-/// Number of parameters of a splat's position and shape: mean (world units), logarithms of the scales,
-/// rotation about the splat's own axes (radians), logarithm of the opacity.
+/// Number of parameters of a splat's position, shape and opacity: mean (world units), logarithms of the
+/// scales, rotation about the splat's own axes (radians), logarithm of the opacity.
 pub const N_FORM: usize = 10;
-/// Number of colour coefficients of a channel: constant, by direction, by position (per world unit).
+/// Number of colour coefficients of a channel: the constant, the dependence on direction (3), and that
+/// on position (3, per world unit).
 pub const N_COLOR: usize = 7;
-/// Number of entries in the lower triangle of the precision of position and shape.
+/// Number of entries in the lower triangle of the precision matrix of the [`N_FORM`] parameters.
 pub const N_FORM_PRECISION: usize = N_FORM * (N_FORM + 1) / 2;
-/// Number of entries in the lower triangle of the precision of a channel's colour.
+/// Number of entries in the lower triangle of the precision matrix of a channel's [`N_COLOR`]
+/// coefficients.
 pub const N_COLOR_PRECISION: usize = N_COLOR * (N_COLOR + 1) / 2;
 
 /// Splats as corrected by photographs, one row per component; a component with opacity 0 has no splat.
@@ -34,17 +36,17 @@ pub struct PhotometricState {
     /// between a photograph and the scene rendered before training on it.
     pub noise: [f64; 2],
     /// Running mean of a squared colour difference, and its weight in frames. The difference is between
-    /// a frame's points and the mean colours of their components before training on the frame.
+    /// a frame's points and the mean colours of their components, before training on the frame.
     pub points: [f64; 2],
-    /// Share of the components in view behind which a frame measured a farther surface: running mean,
-    /// and its weight in frames.
+    /// Running mean, and its weight in frames, of a share: that of the components in view behind which
+    /// a frame measured a farther surface.
     pub seen_through: [f64; 2],
     /// Buffered photographs for later photometric steps, in no particular order.
     pub buffered: Vec<BufferedPhotograph>,
 }
 
 impl PhotometricState {
-    /// Memory of a component in addition to its sums, in bytes.
+    /// Memory per component, in bytes, in addition to the component's sums.
     pub const BYTES: usize = size_of::<Splat>()
         + size_of::<Appearance>()
         + size_of::<[f32; N_FORM_PRECISION]>()
@@ -93,24 +95,24 @@ impl PhotometricState {
 }
 
 /// Posterior standard deviations of a splat's parameters. Parameters of shape and parameters of colour
-/// are two blocks; a deviation is marginalised over the other parameters of its block.
+/// are two blocks; each standard deviation is marginalised over the other parameters of its block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotometricDeviations {
-    /// Deviation of the mean along each world axis, world units.
+    /// Standard deviation of the mean along each world axis, world units.
     pub mean: [f64; 3],
-    /// Deviation of each scale, relative to the scale.
+    /// Standard deviation of each scale, relative to the scale.
     pub scale: [f64; 3],
-    /// Deviation of the rotation about each of the splat's own axes, radians.
+    /// Standard deviation of the rotation about each of the splat's own axes, radians.
     pub turn: [f64; 3],
-    /// Deviation of the opacity, relative to the opacity.
+    /// Standard deviation of the opacity, relative to the opacity.
     pub opacity: f64,
-    /// Deviation of the constant colour of a channel, colour units.
+    /// Standard deviation of the constant colour of a channel, colour units.
     pub color: f64,
 }
 
 impl PhotometricDeviations {
-    /// Computes the deviations of one component; `None` without a splat or if the precision is not positive
-    /// definite.
+    /// Computes the standard deviations of one component's splat parameters. `None` if the component
+    /// has no splat or its precision is not positive definite.
     pub fn of(state: &PhotometricState, component: usize) -> Option<Self> {
         if !state.has_splat(component) {
             return None;
@@ -128,8 +130,8 @@ impl PhotometricDeviations {
     }
 }
 
-/// Returns the standard deviations of a covariance, the inverse of the precision matrix with the given
-/// lower triangle; `None` if that is not positive definite.
+/// Returns the standard deviations of parameters whose precision matrix has the given lower triangle.
+/// `None` if the matrix is not positive definite.
 fn deviations<const N: usize>(triangle: &[f32]) -> Option<[f64; N]> {
     let entry = |i: usize| f64::from(triangle[at((i / N).max(i % N), (i / N).min(i % N))]);
     let matrix: Vec<f64> = (0..N * N).map(entry).collect();
@@ -141,7 +143,7 @@ fn deviations<const N: usize>(triangle: &[f32]) -> Option<[f64; N]> {
     }))
 }
 
-/// Returns a copy of the first `n` rows; missing ones become `none`.
+/// Returns a copy of the first `n` rows; rows that do not exist become `none`.
 fn copied_rows<T: Copy + Send + Sync>(rows: &[T], n: usize, none: T) -> Vec<T> {
     // Parallel: this copies most bytes of a scene while training is blocked.
     let row = |i: usize| rows.get(i).copied().unwrap_or(none);

@@ -1,8 +1,8 @@
-//! Interface between point fitting and a device that searches seeds and sums points.
+//! Interface between point fitting and a device that finds seeds and sums points.
 //!
-//! A device gives the processor's result to the bit: it adds, subtracts and multiplies in f32 only, in the
-//! processor's order, and adds whole quanta, which are independent of the order. Everything else is left to
-//! the processor.
+//! The results of a device are bit-identical to those of the CPU. It only adds, subtracts and
+//! multiplies in f32, in the same order as the CPU. It also adds whole quanta, whose sum does not
+//! depend on the order. Everything else is left to the CPU.
 
 use super::sums::N_SUMS;
 use crate::model::inspection::DeviceError;
@@ -10,12 +10,13 @@ use crate::model::inspection::DeviceError;
 /// Number of 32-bit words of a surface point as stored in a frame: position, colour, normal and
 /// direction, each as three f32 followed by one integer.
 pub const POINT_WORDS: usize = 16;
-/// Value for a point without a seed (creation point of a component) or without a slot.
+/// Marks a point without a seed (creation point of a component) or without a slot (see [`SlotSums`]).
 pub const NO_SEED: u32 = u32::MAX;
-/// Value for a point whose seed the processor must find.
+/// Marks a point whose seed the CPU has to find.
 pub const LEFT_TO_PROCESSOR: u32 = u32::MAX - 1;
 
-/// Finds the seed of each point (the nearest creation point of a component) and sums points about seeds.
+/// Finds the seed of each point (the nearest creation point of a component), and sums the points about
+/// their seeds.
 pub trait PointsDevice: Send + Sync {
     /// Returns the device's name for reports.
     fn name(&self) -> String;
@@ -32,9 +33,9 @@ pub trait PointsDevice: Send + Sync {
     /// [`DeviceError`] if the device is lost or out of memory.
     fn set_points(&mut self, points: &[[u32; POINT_WORDS]]) -> Result<(), DeviceError>;
 
-    /// Returns, for each point, the index of the nearest seed within the structural scale, the first of
-    /// equally near ones. [`NO_SEED`] means that there is none, [`LEFT_TO_PROCESSOR`] that the processor
-    /// has to search.
+    /// Returns, for each point, the index of the nearest seed within the structural scale; the lowest
+    /// index if several are equally near. [`NO_SEED`] means that there is none; [`LEFT_TO_PROCESSOR`]
+    /// means that the CPU has to find it.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost, out of memory or times out.
@@ -54,13 +55,14 @@ pub trait PointsDevice: Send + Sync {
 pub struct Seeds<'a> {
     /// Structural scale: the maximum distance of a point from its seed, world units.
     pub h: f32,
-    /// Reciprocal of `h` as used by the grid of seeds, whose cells have the width `h`.
+    /// Reciprocal of `h`, used by the grid of seeds, whose cells are `h` wide.
     pub per_cell: f32,
-    /// Number of cells from the origin, per axis, beyond which there are no seeds.
+    /// Distance from the origin, in cells along each axis, beyond which there are no seeds.
     pub max_cells: f32,
     /// Positions of all seeds.
     pub positions: &'a [[f32; 3]],
-    /// True if more has changed since the last upload than the seeds that were appended.
+    /// True if all seeds may have changed since the last upload, false if seeds have only been
+    /// appended.
     pub are_new: bool,
 }
 

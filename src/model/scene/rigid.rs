@@ -1,4 +1,4 @@
-//! Rigid motion of the photometric state with the world.
+//! Rigid motion of the photometric state together with the world.
 
 use super::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::math::cholesky::at;
@@ -33,7 +33,7 @@ impl PhotometricState {
     }
 }
 
-/// Returns `splat` moved by `motion`, whose rotation is `turn`.
+/// Returns `splat` moved by `motion`. `turn` is the rotation of `motion`.
 fn moved(splat: &Splat, motion: &Pose, turn: DQuat) -> Splat {
     let mean = motion.transform_point(DVec3::from_array(splat.mean.map(f64::from)));
     let rotation = rotation_array((turn * splat.quaternion()).normalize());

@@ -38,7 +38,7 @@ pub struct SplatRule {
     pub least_points: f64,
     /// Factor on the standard deviations of a splat.
     pub scale: f64,
-    /// Opacity of the composited splats from which a pixel counts as fully covered, in `(0, 1]`.
+    /// Opacity of the composited splats from which a pixel is treated as fully covered, in `(0, 1]`.
     #[serde(default = "open", rename = "closing")]
     pub full_coverage: f64,
     /// True if opacities may exceed 1, which gives splats a flat top.
@@ -81,19 +81,20 @@ pub struct SplatContext {
 pub struct PointExtent {
     /// Mean of the points, world units.
     pub mean: DVec3,
-    /// Covariance of the splat derived from the points, world units².
+    /// Covariance of the splat that is derived from the points, world units².
     pub covariance: Sym3,
 }
 
 impl SplatRule {
-    /// Returns the rule for plain splats, which files and other viewers represent exactly.
+    /// Returns this rule changed to make plain splats (see [`SplatKind::Plain`]), which files and other
+    /// viewers represent exactly.
     pub fn plain(self) -> Self {
         let scale = self.scale * PLAIN_WIDTH;
         Self { flat_top: false, gradient: false, full_coverage: 1.0, scale, ..self }
     }
 
-    /// Returns the splat and the appearance of a component. The splat is an empty slot if it must not be
-    /// drawn.
+    /// Returns the splat and the appearance of a component. The splat is an empty slot if the component
+    /// must not be drawn.
     pub fn splat(&self, sums: &SceneSums, context: &SplatContext) -> (Splat, Appearance) {
         let opacity = self.opacity.opacity(sums.count, context.expected, context.frames);
         // In the first frames every component has few points, but something must be visible.
@@ -134,7 +135,8 @@ impl SplatRule {
         if splat.is_valid() { (splat, appearance) } else { Default::default() }
     }
 
-    /// Returns mean and extent of a component's points, which bound its splat; `None` without points.
+    /// Returns mean and extent of a component's points, which limit its splat; `None` if there are no
+    /// points.
     pub fn extent(&self, sums: &SceneSums, context: &SplatContext) -> Option<PointExtent> {
         let SplatContext { seed, h, .. } = *context;
         if sums.count < 1.0 {
@@ -147,7 +149,7 @@ impl SplatRule {
         Some(PointExtent { mean: seed + sums.mean_offset(), covariance })
     }
 
-    /// Returns the covariance regularised by the prior's pseudo-points.
+    /// Returns the covariance of a component, regularised by the prior's pseudo-points.
     fn regular(&self, covariance: Sym3, count: f64, h: f64) -> Sym3 {
         let prior = Sym3::diagonal((self.prior_scale * h).powi(2));
         covariance
@@ -172,12 +174,13 @@ impl SplatRule {
     }
 }
 
-/// Returns the default full coverage of scenes written before crack filling existed.
+/// Returns the default of `full_coverage`, for scenes written before crack filling existed.
 fn open() -> f64 {
     1.0
 }
 
-/// Returns the default of `flat_top`, for native scenes and those written before plain splats existed.
+/// Returns the default of `flat_top`, for native scenes and for scenes written before
+/// [`SplatKind::Plain`] existed.
 fn yes() -> bool {
     true
 }
@@ -223,11 +226,11 @@ impl DensityOpacity {
     }
 }
 
-/// Number of frames from which on `doubt` and the minimum number of points are not reduced.
+/// Number of frames after which `doubt` and the minimum number of points have their full values.
 const EARLY_FRAMES: f64 = 50.0;
 
-/// Returns a factor, 0 to 1, for thresholds that need many frames: it grows over the first
-/// `EARLY_FRAMES` frames.
+/// Returns a factor, 0 to 1, for thresholds that are reached only after many frames. It grows over the
+/// first `EARLY_FRAMES` frames.
 pub fn early_factor(frames: u64) -> f64 {
     // With the full threshold from the start, new surfaces would stay invisible for many frames.
     (frames as f64 / EARLY_FRAMES).min(1.0)

@@ -1,4 +1,4 @@
-//! State of a trained scene as plain columns, as stored in checkpoints.
+//! State of a trained scene as columns of numbers, as stored in checkpoints.
 
 use super::photometric::PhotometricState;
 use super::sums::N_SUMS;
@@ -19,11 +19,12 @@ pub const WIDE_POINTS: u32 = 1 << 12;
 /// Largest sum of a wide row: 2⁵³ quanta.
 pub const MAX_SUM: f64 = (1u64 << 38) as f64;
 
-/// Denominator of the entries of [`SceneState::shares`]; an entry of this value means the whole
+/// Denominator of the entries of [`SceneState::shares`]; an entry of this value means the full
 /// structural scale.
 pub const WHOLE: u8 = 64;
 
-/// Maximum number of steps of √2 by which the structural scale grows: to 64 times its width.
+/// Maximum number of steps by which the structural scale grows, each by a factor of √2: to 64 times its
+/// original value.
 // At that limit a whole seed's share is 1/64 of the scale.
 pub const MAX_COARSENING_STEPS: u32 = 12;
 
@@ -51,7 +52,7 @@ pub struct SceneState {
     pub visibility: Vec<VisibilityCounts>,
     /// Exposures of the frames in training order, if gains are estimated.
     pub exposures: Vec<FrameExposure>,
-    /// Pose corrections of the frames in training order, unless recorded poses count as exact.
+    /// Pose corrections of the frames in training order, unless recorded poses are treated as exact.
     pub poses: Vec<FramePose>,
     /// Estimated camera poses in tracking order, if poses are tracked.
     pub trajectory: Vec<TrackedPose>,
@@ -72,7 +73,7 @@ pub struct VisibilityCounts {
 }
 
 impl VisibilityCounts {
-    /// Adds the counts of `other`, saturating.
+    /// Adds the counts of `other`; each sum saturates.
     pub fn plus(self, other: Self) -> Self {
         Self {
             expected: self.expected.saturating_add(other.expected),
@@ -82,7 +83,8 @@ impl VisibilityCounts {
     }
 }
 
-/// Sums of all components in the order of [`N_SUMS`], with offsets in units of the structural scale.
+/// Sums of all components, each in the order listed at [`N_SUMS`]; offsets are in units of the
+/// structural scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoredSums {
     /// One row per component, in multiples of [`QUANTUM`]; zeros where the sums are in `wide`.
@@ -96,7 +98,7 @@ pub struct StoredSums {
 pub struct WideRow {
     /// Index of the component.
     pub id: u32,
-    /// Sums of the component in the order of [`N_SUMS`].
+    /// Sums of the component in the order listed at [`N_SUMS`].
     pub sums: [f64; N_SUMS],
 }
 

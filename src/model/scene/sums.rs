@@ -1,9 +1,10 @@
 //! Sufficient statistics of one component of a scene, about its seed.
 //!
-//! Offsets are relative to the seed, in structural scales: terms then stay within ±8, which both f32 and
-//! 32-bit quanta represent, and no large squares cancel. The NIW and Dirichlet posteriors need only `N`,
-//! `Σ d`, `Σ d dᵀ` and `Σ c`; the others improve the picture (`bench accuracy` on Lego: 1.9 dB worse without
-//! colour over position and direction). `Σ c cᵀ` is left out: nothing that is drawn depends on it.
+//! Offsets are relative to the seed, in structural scales. So terms stay within ±8, which both f32 and
+//! 32-bit quanta represent, and no large squares cancel. The NIW and Dirichlet posteriors need only
+//! `N`, `Σ d`, `Σ d dᵀ` and `Σ c`. The other sums improve the picture (`bench accuracy` on Lego: 1.9 dB
+//! worse without colour over position and direction). `Σ c cᵀ` is left out: nothing that is drawn
+//! depends on it.
 
 use super::state::QUANTUM;
 use crate::math::real::Real;
@@ -22,11 +23,12 @@ use std::ops::Add;
 /// other two of the diagonal.
 pub const N_SUMS: usize = 42;
 
-/// Largest offset of a point from its component's seed in sums, in units of the structural scale `h`.
+/// Maximum offset of a point from its component's seed in the sums, in units of the structural scale
+/// `h`.
 // Just below √8: 8,192 squares then stay below 2³¹ quanta of 2⁻¹⁵.
 pub const MAX_OFFSET: f32 = 2.8;
 
-/// Largest term of a sum: the square of [`MAX_OFFSET`].
+/// Maximum term of a sum: the square of [`MAX_OFFSET`].
 pub const MAX_TERM: f64 = 7.84;
 
 /// Returns the terms that one point adds to each sum, given its colour, unit surface normal and unit
@@ -147,7 +149,7 @@ pub struct SceneSums {
 }
 
 impl SceneSums {
-    /// Creates the sums from an array in the order of [`N_SUMS`], with offsets in units of `h`.
+    /// Creates the sums from an array in the order listed at [`N_SUMS`], with offsets in units of `h`.
     pub fn new(sums: &[f64; N_SUMS], h: f64) -> Self {
         let vector = |at: usize| DVec3::new(sums[at], sums[at + 1], sums[at + 2]);
         let rows =
@@ -169,7 +171,8 @@ impl SceneSums {
         }
     }
 
-    /// Returns the sums as an array in the order of [`N_SUMS`], in the current unit of the offsets.
+    /// Returns the sums as an array, in the order listed at [`N_SUMS`]. The unit of offsets is not
+    /// converted.
     pub fn to_array(&self) -> [f64; N_SUMS] {
         let mut sums = [0.0; N_SUMS];
         let mut put =
@@ -186,24 +189,24 @@ impl SceneSums {
         sums
     }
 
-    /// Returns the mean position of the points relative to the seed; there must be points.
+    /// Returns the mean position of the points relative to the seed. Requires at least one point.
     pub fn mean_offset(&self) -> DVec3 {
         self.first / self.count
     }
 
-    /// Returns the covariance of the points' positions; there must be points.
+    /// Returns the covariance of the points' positions. Requires at least one point.
     pub fn covariance(&self) -> Sym3 {
         self.second.scaled(1.0 / self.count).add_scaled(-1.0, Sym3::outer(self.mean_offset()))
     }
 
-    /// Returns mean and covariance of the view directions; there must be points.
+    /// Returns mean and covariance of the view directions. Requires at least one point.
     pub fn view_moments(&self) -> (DVec3, Sym3) {
         let mean = self.view / self.count;
         let second = self.view_second.scaled(1.0 / self.count);
         (mean, second.add_scaled(-1.0, Sym3::outer(mean)))
     }
 
-    /// Returns the cone of observed view directions, which is unknown without points.
+    /// Returns the cone of observed view directions; the unknown cone if there are no points.
     pub fn observed_cone(&self) -> ObservedCone {
         if self.count < 1.0 {
             return ObservedCone::default();
@@ -212,14 +215,14 @@ impl SceneSums {
         ObservedCone::new(mean, covariance)
     }
 
-    /// Returns the covariance of colour and position, one row per channel; there must be points.
+    /// Returns the covariance of colour and position, one row per channel. Requires at least one point.
     pub fn color_covariance(&self) -> DMat3 {
         self.color_offset * (1.0 / self.count) - outer(self.color / self.count, self.mean_offset())
     }
 
-    /// Returns the change of colour with position, one row per channel; there must be points. It follows
-    /// from the conditional mean of their joint Gaussian: `G = cov(c, s) (Σ + l I)⁻¹`. `Σ` is the
-    /// covariance of [`Self::covariance`], `l` the ridge in world units².
+    /// Returns the gradient of colour with respect to position, one row per channel. Requires at least
+    /// one point. It follows from the conditional mean of the joint Gaussian of both: `G = cov(c, s) (Σ
+    /// + l I)⁻¹`. `Σ` is the covariance of [`Self::covariance`], `l` the ridge in world units².
     pub fn gradient(&self, covariance: Sym3, ridge: f64) -> DMat3 {
         match covariance.add_scaled(1.0, Sym3::diagonal(ridge)).inverse() {
             Some(inverse) => self.color_covariance() * inverse.to_mat3(),
@@ -227,8 +230,8 @@ impl SceneSums {
         }
     }
 
-    /// Returns the sums of the same points about a seed displaced by `−shift`. `shift` is in the unit of
-    /// the offsets.
+    /// Returns the sums of the same points about a seed displaced by `−shift`. `shift` has the same
+    /// unit as the offsets.
     pub fn about_shifted_seed(&self, shift: DVec3) -> Self {
         let crossed = outer(self.first, shift);
         let second = self
@@ -273,7 +276,7 @@ impl SceneSums {
     }
 }
 
-/// Addition of sums about the same seed.
+/// Adds sums about the same seed.
 impl Add for SceneSums {
     type Output = Self;
 
@@ -296,13 +299,15 @@ impl Add for SceneSums {
 /// Indices of the sums of squares: the diagonals of `Σ d dᵀ` and `Σ v vᵀ`.
 pub const SQUARES: [usize; 5] = [4, 7, 9, 28, 31];
 
-/// Tolerance of moments for rounding, relative to a sum: view directions are unit vectors in f32.
+/// Tolerance of moments for rounding, relative to a sum. It is needed because view directions are unit
+/// vectors in f32.
 pub const RELATIVE_SLACK: f64 = 1e-6;
-/// Tolerance of moments for rounding, per point: every term is rounded to half a quantum.
+/// Tolerance of moments for rounding, per point. It is needed because every term is rounded to half a
+/// quantum.
 pub const SLACK_PER_POINT: f64 = 3.0 * QUANTUM;
 
 /// Returns the index of the first mixed moment that no set of points can have, and its largest valid
-/// magnitude; `None` if all are possible.
+/// magnitude. `None` if all moments are possible.
 ///
 /// For second moments `a` and `b` along two axes, the mixed moment is at most `√(ab)`. Only moments
 /// above `(a + b)/2` are reported, with a tolerance for rounding. The missing second moment of view
@@ -328,9 +333,9 @@ pub fn first_violated_moment(row: &[f64; N_SUMS]) -> Option<(usize, f64)> {
     Some((i, (a.max(0.0) * b.max(0.0)).sqrt()))
 }
 
-/// Clamps moments that no set of points can have to the nearest whole quantum within their bounds. Such
-/// moments result from rounding when sums move to another seed. Returns true if any changed. Sums within
-/// bounds stay unchanged to the bit.
+/// Clamps each moment that no set of points can have to the nearest whole quantum within its bounds.
+/// Such moments result from rounding when sums are moved to another seed. Returns true if any moment
+/// changed. Moments within their bounds stay bit-identical.
 pub fn clamp_moments(row: &mut [f64; N_SUMS]) -> bool {
     let mut changed = false;
     // Rounding after a move can leave a square a quantum below 0.
@@ -361,7 +366,7 @@ const NO_DOUBT: f64 = 1e-12;
 ///
 /// Adds the same number of whole quanta to the second moment along each axis. The number just suffices
 /// for a positive semidefinite scatter about the mean. Rows with a positive definite scatter stay
-/// unchanged to the bit.
+/// bit-identical.
 pub fn repair_scatter(row: &mut [f64; N_SUMS]) -> bool {
     // Without points there is no mean to subtract.
     if row[0] <= 0.0 {

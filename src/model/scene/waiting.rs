@@ -9,11 +9,11 @@ use std::sync::Arc;
 
 const MOST_EVERY: u32 = 16;
 const MOST_SIDE: u32 = 1 << 16;
-/// Maximum number of a frame: f64 represents all whole numbers up to this one.
+/// Maximum frame number: f64 represents all whole numbers up to this one.
 const MOST_FRAMES: f64 = (1u64 << 53) as f64;
-/// Number of depth steps in the smallest margin (tolerance of a surface's depth).
+/// Minimum number of depth steps per margin, where the margin is the tolerance of a surface's depth.
 const STEPS_PER_MARGIN: f64 = 16.0;
-/// Coverage byte that means unknown; all other values are 254ths.
+/// Coverage byte that marks unknown coverage; all other values are 254ths.
 pub const UNKNOWN_COVERAGE: u8 = u8::MAX;
 
 /// An invalid number: name, expected range, found value.
@@ -31,19 +31,19 @@ pub struct PhotographView {
     pub pinhole: [f64; 4],
     /// Transform from the camera's OpenCV axes to the world's: 4×4 matrix by columns, world units.
     pub pose: [f64; 16],
-    /// Factors on red, green and blue that give the scene's exposure.
+    /// Factors on red, green and blue that convert the photograph to the scene's exposure.
     pub gain: [f64; 3],
     /// Distance from the camera, world units, below which splats are left out of the comparison.
     pub near: f64,
     /// Row stride and first row of the stored rows.
     pub rows: [f64; 2],
-    /// Pixels of the photograph per pixel of depth, at least 1.
+    /// Number of pixels of the photograph per pixel of the depth image, at least 1.
     pub per_depth_pixel: f64,
 }
 
 impl PhotographView {
-    /// Creates the view of a photograph with as many pixels as its depth image. `frame` is the number of
-    /// frames trained on before it.
+    /// Creates the view of a photograph with as many pixels as its depth image. `frame` is the number
+    /// of frames trained on before this photograph.
     pub fn new(frame: u64, camera: &Camera, gain: [f32; 3], near: f64, rows: [u32; 2]) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = camera.intrinsics;
         Self {
@@ -161,8 +161,8 @@ impl Display for NumberRange {
 pub struct BufferedDepths {
     /// Size of a depth step, and the tolerance within which depths belong to one surface.
     pub scale: DepthScale,
-    /// Depth along the optical axis in steps; 0 if unknown. Copies of a scene share the values, like the
-    /// pixels.
+    /// Depth along the optical axis, in steps; 0 if unknown. Copies of a scene share the values, as
+    /// they share the pixels.
     pub steps: Arc<[u16]>,
 }
 
@@ -172,18 +172,19 @@ pub struct BufferedDepths {
 pub struct DepthScale {
     /// World units per step.
     pub step: f64,
-    /// A surface within `margin[0] + margin[1]·depth` world units counts as the measured one.
+    /// A surface within `margin[0] + margin[1]·depth` world units of the measured depth is regarded as
+    /// the measured surface.
     pub margin: [f64; 2],
 }
 
 impl DepthScale {
-    /// Creates the scale for a margin, with steps that are small relative to it.
+    /// Creates the scale for a margin, with steps that are small relative to the margin.
     pub fn new(margin: [f32; 2]) -> Self {
         let margin = margin.map(f64::from);
         Self { step: margin[0] / STEPS_PER_MARGIN, margin }
     }
 
-    /// Converts a depth in world units to steps; 0 if it is invalid or out of range.
+    /// Converts a depth in world units to steps; 0 if the depth is invalid or out of range.
     pub fn steps(&self, depth: f32) -> u16 {
         let steps = (f64::from(depth) / self.step).round();
         // NaN becomes 0 as well.

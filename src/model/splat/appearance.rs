@@ -1,7 +1,8 @@
-//! Appearance of a scene's splats beyond position, shape and one colour (`rendering.md`, Native appearance).
+//! Appearance of a scene's splats beyond position, shape and one colour (`rendering.md`, Native
+//! appearance).
 //!
-//! It is stored beside the splats, not in them: plain splats, such as those of other programs' files, need no
-//! memory for it.
+//! It is stored beside the splats, not in them. So splats of a single colour, such as those from files
+//! of other programs, need no memory for it.
 
 use super::observed_cone::ObservedCone;
 use super::pose_log::{ExposureLog, PoseLog};
@@ -10,16 +11,17 @@ use crate::math::pose::Pose;
 use std::ops::Deref;
 use std::sync::Arc;
 
-/// Maximum change of a colour channel of a pixel by a splat's gradient.
+/// Maximum amount by which a splat's gradient changes a colour channel of a pixel.
 pub const GRADIENT_LIMIT: f64 = 0.5;
 
-/// Colour that varies over a splat and with the view direction. All coefficients of a plain splat are
-/// zero.
+/// Colour that varies over a splat and with the view direction. All coefficients are zero for a splat
+/// of a single colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Appearance {
-    /// Colour gradient: one row per channel, one column per world axis. It is the change per world unit
-    /// of distance from the mean; a pixel's change is clamped to ±[`GRADIENT_LIMIT`].
+    /// Colour gradient: one row per channel, one column per world axis. It is the colour change per
+    /// world unit of distance from the mean. For each pixel, the change is clamped to
+    /// ±[`GRADIENT_LIMIT`].
     pub gradient: [[f32; 3]; 3],
     /// Coefficients of the view-dependent colour (degree 1), one row per channel. They are multiplied by
     /// the unit direction from the camera to the mean, clamped to the observed directions. The splat's
@@ -46,8 +48,8 @@ pub struct SplatView<'a> {
 }
 
 impl<'a> SplatView<'a> {
-    /// Combines splats with one appearance each. An empty `appearance` makes all splats plain. Returns
-    /// `None` if the lengths differ.
+    /// Combines splats with one appearance each. If `appearance` is empty, no splat has an appearance.
+    /// Returns `None` if the lengths differ.
     pub fn new(splats: &'a [Splat], appearance: &'a [Appearance]) -> Option<Self> {
         let fits = appearance.is_empty() || appearance.len() == splats.len();
         fits.then_some(Self { splats, appearance, finishing: &PLAIN })
@@ -58,22 +60,22 @@ impl<'a> SplatView<'a> {
         self.splats
     }
 
-    /// Returns one appearance per splat, or an empty slice if all splats are plain.
+    /// Returns one appearance per splat, or an empty slice if no splat has an appearance.
     pub fn appearance(&self) -> &'a [Appearance] {
         self.appearance
     }
 
-    /// Returns the parameters for finishing composited pixels.
+    /// Returns the parameters used to finish composited pixels.
     pub fn finishing(&self) -> &'a Finishing {
         self.finishing
     }
 }
 
-/// Splats with their appearance, which is empty if all splats are plain. Dereferences to the splats.
+/// Splats and their appearance. Dereferences to the splats.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatSet {
     splats: Vec<Splat>,
-    /// Empty while all splats are plain.
+    /// One appearance per splat, or empty while no splat has an appearance.
     appearance: Vec<Appearance>,
     finishing: Finishing,
 }
@@ -81,8 +83,8 @@ pub struct SplatSet {
 /// Parameters for finishing composited pixels, and logs of the training frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finishing {
-    /// Opacity of the composited splats from which a pixel counts as fully covered, in `(0, 1]`; 1 for
-    /// plain splats.
+    /// Opacity of the composited splats from which a pixel is treated as fully covered, in `(0, 1]`; 1
+    /// for plain splats (standard 3DGS splats).
     pub full_coverage: f32,
     /// Exposures of the training frames, if known.
     pub exposures: Option<Arc<ExposureLog>>,
@@ -100,7 +102,7 @@ impl Finishing {
 // Static, so that views of plain splats can borrow it.
 static PLAIN: Finishing = Finishing { full_coverage: 1.0, exposures: None, poses: None };
 
-/// Parameters that leave pixels unchanged, as for plain splats.
+/// Parameters that leave pixels unchanged, as for plain splats (standard 3DGS splats).
 impl Default for Finishing {
     fn default() -> Self {
         PLAIN.clone()
@@ -114,7 +116,7 @@ impl SplatSet {
         Self { splats, appearance, ..Self::default() }
     }
 
-    /// Returns the set with other parameters for finishing composited pixels.
+    /// Returns the set with the given parameters for finishing composited pixels.
     pub fn finished(self, finishing: Finishing) -> Self {
         Self { finishing, ..self }
     }
@@ -129,8 +131,8 @@ impl SplatSet {
         self.put(self.splats.len(), splat, appearance);
     }
 
-    /// Writes the splats of `new` into the listed slots, in order, and copies its finishing. Slots that
-    /// do not exist are added; other new slots stay empty.
+    /// Writes the splats of `new` into the listed slots, in order, and copies the finishing parameters
+    /// of `new`. Missing slots are added; added slots that are not listed stay empty.
     pub fn replace(&mut self, slots: &[u32], new: &SplatSet) {
         self.finishing.clone_from(&new.finishing);
         for (i, (&slot, splat)) in slots.iter().zip(&new.splats).enumerate() {
@@ -208,15 +210,18 @@ impl<'a, const N: usize> From<&'a [Splat; N]> for SplatView<'a> {
     }
 }
 
-/// Maximum opacity of a plain splat; renderers cap alpha at this value too.
+/// Maximum opacity of a plain splat (a standard 3DGS splat). Renderers limit alpha to this value too.
 pub const OPAQUE: f64 = 0.99;
 
-/// Factor on the standard deviations of plain splats, which have no colour gradient. The best picture
-/// needs 1.3 times the deviation of the points, where native splats need 1.2.
+/// Factor on the standard deviations of plain splats (standard 3DGS splats, without colour gradient).
+/// The best picture requires 1.3 times the standard deviation of the points, while native splats
+/// require 1.2.
 pub const PLAIN_WIDTH: f64 = 1.3 / 1.2;
 
-/// Returns opacity and factor on the standard deviations of a plain splat. It covers the same area as a
-/// splat of `opacity`: `∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c))`, while a Gaussian of peak `c`
+/// Converts a splat of `opacity` to a plain splat (a standard 3DGS splat) that covers the same area.
+/// Returns the plain splat's opacity, and the factor on the standard deviations.
+///
+/// The given splat covers `∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c))`; a Gaussian of peak `c`
 /// covers `2πc`.
 pub fn plain_of_equal_area(opacity: f64) -> (f64, f64) {
     match opacity > OPAQUE {

@@ -1,8 +1,9 @@
 //! Camera framing: the centre of a scene and the radius that should be visible.
 //!
-//! The scene must not be cropped, and a few distant stray splats must not make it tiny. The core holds nine
-//! tenths of the splats; from there the radius grows shell by shell while shells contain splats. A fixed
-//! share would crop protruding parts (Lego's shovel), while all splats would include every stray.
+//! The scene must not be cropped, and a few distant stray splats must not make it tiny. The core is a
+//! sphere that holds nine tenths of the splats. From there, the radius grows shell by shell while
+//! shells contain splats. A fixed share of splats would crop protruding parts (Lego's shovel), while
+//! all splats would include every stray.
 
 use super::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
@@ -23,16 +24,16 @@ const SHELL: f64 = 0.25;
 /// Maximum number of shells around the core. Anything farther away, such as sky and hills, surrounds the
 /// scene and is not part of it.
 const N_SHELLS: usize = 6;
-/// Minimum share of all splats in a shell that belongs to the scene. A shell with fewer contains only
-/// strays.
+/// Minimum share of all splats in a shell that is part of the scene. A shell with fewer splats contains
+/// only strays.
 const STRAY_SHARE: f64 = 1.0 / 5000.0;
 /// Visible extent of a splat from its centre, in standard deviations.
 const VISIBLE_SIGMAS: f64 = 2.5;
-/// Factor on the radius that leaves a margin around the visible splats.
+/// Factor on the radius that adds a margin around the visible splats.
 const AIR: f64 = 1.03;
 
 impl Framing {
-    /// Returns the distance from the sphere's centre at which the sphere fills a field of view
+    /// Returns the distance from the sphere's centre at which the sphere just fills a field of view
     /// (radians).
     pub fn distance(&self, fov: f64) -> f64 {
         (self.radius / (0.5 * fov).sin()).max(1e-6)
@@ -59,8 +60,8 @@ pub fn framing<'a>(splats: impl IntoIterator<Item = &'a Splat>) -> Option<Framin
     Some(Framing { centre, radius: radius.max(1e-6) })
 }
 
-/// Returns the sphere about the median of the finite splats that holds nine tenths of the centres: the bulk
-/// of a scene without protruding parts. Rendering benchmarks use this viewpoint.
+/// Returns the core sphere: it is centred at the median of the finite splats and holds nine tenths of
+/// their centres. It excludes protruding parts. Rendering benchmarks use this viewpoint.
 pub fn core_sphere(splats: &[Splat]) -> Option<Framing> {
     let blobs: Vec<SplatExtent> =
         splats.iter().filter(|s| s.is_finite()).map(SplatExtent::new).collect();
@@ -76,8 +77,8 @@ fn median(blobs: &[SplatExtent]) -> Option<DVec3> {
     Some(DVec3::new(axis(0)?, axis(1)?, axis(2)?))
 }
 
-/// Returns the radius at which the scene ends, given the reach of every splat and the radius of the
-/// core.
+/// Returns the radius of the scene, given the radius of the core and the reach of every splat. The
+/// reach is the distance from the centre to the far side of the splat.
 fn end_of_scene(reaches: &[f64], core: f64) -> f64 {
     let mut counts = [0usize; N_SHELLS];
     for reach in reaches.iter().filter(|reach| **reach > core) {

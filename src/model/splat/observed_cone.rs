@@ -54,8 +54,8 @@ impl ObservedCone {
     }
 
     /// Returns the matrix `M` for which `M (d − m)` best fits `clamp_direction(d) − m`, for differences
-    /// up to `reach`. The fit is made per axis of the cone. `M` is the factor on a colour slope that is
-    /// not clamped.
+    /// `d − m` of length up to `reach`. The fit is made separately for each axis of the cone. If a
+    /// colour slope is multiplied by `M`, directions need not be clamped.
     pub fn linear_fit(&self, reach: f64) -> DMat3 {
         let eigen = self.inverse().eigen();
         // Rounding to f32 can make an eigenvalue negative.
@@ -78,7 +78,8 @@ impl ObservedCone {
     }
 }
 
-/// Returns the least-squares factor `s` that fits `s·ρ` to `min(ρ, r)` over a disc of radius 1.
+/// Returns the factor `s` for which `s·ρ` is the least-squares fit to `min(ρ, r)` over a disc of radius
+/// 1. `ρ` is the distance from the disc's centre and `r` is `radius`.
 fn linear_share(radius: f64) -> f64 {
     let r = radius.min(1.0);
     r.powi(4) + 4.0 / 3.0 * r * (1.0 - r.powi(3))
@@ -131,7 +132,8 @@ mod tests {
         assert!(difference.length() < 1e-6, "{difference}");
     }
 
-    /// Compares the factor with a numerical integral over the radii of the disc.
+    /// Compares the closed-form factor of [`linear_share`] with a numerical integral over the radii of
+    /// the disc.
     #[test]
     fn a_line_fits_a_slope_that_ends() {
         for radius in [0.03, 0.3, 0.8, 1.0, 1.5] {

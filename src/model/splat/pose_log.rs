@@ -43,8 +43,9 @@ impl FramePose {
         Some([recorded, recorded.attached_camera(DVec3::from_array(self.shift), turn)])
     }
 
-    /// Returns the correction with the corrected pose moved with the world; the recorded pose stays
-    /// fixed. `motion` maps old to new world coordinates.
+    /// Returns the correction after a rigid motion of the world, which moves the corrected pose; the
+    /// recorded pose stays fixed. `motion` maps old to new world coordinates. `None` if the recorded
+    /// rotation is unknown.
     pub fn moved(&self, motion: &Pose) -> Option<Self> {
         let [recorded, real] = self.poses()?;
         let Self { turn, shift, .. } = Self::new(&recorded, &real.transformed_by(motion));
@@ -88,8 +89,8 @@ impl PoseLog {
 }
 
 /// Returns the corrected pose of a camera recorded at `pose`; the recorded pose if there are no frames.
-/// The corrections of nearby frames are interpolated and applied in the camera's own axes. `reach` is
-/// the distance between cameras at which corrections correlate by one half, world units.
+/// The corrections of nearby frames are interpolated and applied in the camera's frame. `reach` is the
+/// distance between cameras at which corrections correlate by one half, world units.
 pub fn corrected(frames: &[FramePose], reach: f64, pose: &Pose) -> Pose {
     let entry = |frame: &FramePose| {
         let [a, b, c] = frame.turn;
@@ -111,12 +112,13 @@ pub fn corrected(frames: &[FramePose], reach: f64, pose: &Pose) -> Pose {
 pub struct FrameExposure {
     /// Camera viewpoint.
     pub viewpoint: Viewpoint,
-    /// Gain: factors from the frame's red, green and blue to those of the scene.
+    /// Factors that convert the frame's red, green and blue to the scene's exposure.
     pub gain: [f64; 3],
 }
 
 impl FrameExposure {
-    /// Creates the entry of a frame taken from `pose` with the gain that gives the scene's exposure.
+    /// Creates the entry of a frame taken from `pose`. `gain` converts the frame's colours to the
+    /// scene's exposure.
     pub fn new(pose: &Pose, gain: [f32; 3]) -> Self {
         Self { viewpoint: Viewpoint::new(pose), gain: gain.map(f64::from) }
     }
@@ -152,8 +154,8 @@ impl ExposureLog {
         Self { frames, reach: reach(h) }
     }
 
-    /// Returns factors on the scene's red, green and blue as seen from `pose`; 1 without frames. They
-    /// are the inverse gains of nearby frames, interpolated by [`interpolate`].
+    /// Returns factors on the scene's red, green and blue as seen from `pose`; 1 if there are no
+    /// frames. They are the inverse gains of nearby frames, interpolated by [`interpolate`].
     pub fn at(&self, pose: &Pose) -> [f32; 3] {
         // Logarithms, since gains are factors: half and twice as bright average to 1.
         let entry = |frame: &FrameExposure| (frame.viewpoint, frame.gain.map(|gain| -gain.ln()));

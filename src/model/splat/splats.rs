@@ -1,8 +1,8 @@
-//! Splats, the renderable form of a mixture, read by every renderer, exporter and viewport.
+//! Splats: the renderable form of a mixture, read by every renderer, exporter and viewport.
 //!
-//! They are f32 in world units, as GPUs need them. A covariance is decomposed into scales and a rotation by
-//! its eigenvectors, or as in the reference exporter. The latter gives no rotation unless the covariance is
-//! diagonal; it serves to reproduce the reference's figures.
+//! They are f32 in world units, as GPUs need them. A covariance is decomposed into scales and a
+//! rotation by its eigenvectors, or as in the reference exporter. The latter does not yield a rotation
+//! matrix unless the covariance is diagonal; it is used to reproduce the reference's figures.
 
 use crate::math::sym3::{Sym3, rotation_quaternion};
 use glam::{DMat3, DQuat, DVec3};
@@ -70,7 +70,7 @@ impl Default for Splat {
 
 impl Splat {
     /// True if the slot holds a splat whose fields are all finite. Files can store such a splat;
-    /// renderers clamp or normalise any other defect.
+    /// renderers clamp or normalise all other defects.
     pub fn is_finite(&self) -> bool {
         let finite = |v: &[f32]| v.iter().all(|x| x.is_finite());
         self.opacity > 0.0
@@ -100,8 +100,8 @@ impl Splat {
             && (norm2 - 1.0).abs() <= UNIT_TOLERANCE
     }
 
-    /// Returns the rotation as stored. If the splat is valid ([`Splat::is_valid`]), its length is 1
-    /// within a tolerance.
+    /// Returns the rotation as stored. If the splat is valid ([`Splat::is_valid`]), the quaternion has
+    /// length 1 within a tolerance.
     pub fn quaternion(&self) -> DQuat {
         let [w, x, y, z] = self.rotation.map(f64::from);
         DQuat::from_xyzw(x, y, z, w)
@@ -115,7 +115,7 @@ impl Splat {
     }
 }
 
-/// Converts a quaternion to the form of [`Splat::rotation`].
+/// Converts a quaternion to the order of [`Splat::rotation`].
 pub fn rotation_array(q: DQuat) -> [f32; 4] {
     [q.w, q.x, q.y, q.z].map(|q| q as f32)
 }
@@ -154,9 +154,9 @@ fn legacy_form(covariance: Sym3) -> (DVec3, DQuat) {
     (scale, trace_formula_quaternion(unit))
 }
 
-/// Converts a matrix to a quaternion by the usual trace or largest-diagonal formulas, normalised
-/// afterwards. For a matrix that is not a rotation this differs from any projection onto rotations;
-/// parity requires it.
+/// Converts a matrix to a quaternion by the usual trace or largest-diagonal formulas, and normalises
+/// it. For a matrix that is not a rotation, the result differs from any projection onto rotations, but
+/// equals that of the reference.
 fn trace_formula_quaternion(m: DMat3) -> DQuat {
     let e = |row: usize, column: usize| m.col(column)[row];
     let (m00, m11, m22) = (e(0, 0), e(1, 1), e(2, 2));

@@ -5,12 +5,14 @@ use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-/// Angle between view directions, radians, with the same effect as the camera distance [`DISTANCE`].
+/// Angle between view directions, radians, that has the same effect as the camera distance
+/// [`DISTANCE`].
 const ANGLE: f64 = 0.3;
 /// Distance between cameras, in structural scales, at which the values of two frames correlate by one
 /// half.
 const DISTANCE: f64 = 12.0;
-/// Variance of the noise in a single frame's value, relative to the value's variance between places.
+/// Variance of the noise in the value of a single frame, relative to the variance of the value between
+/// places.
 const NOISE: f64 = 0.05;
 // Maximum number of frames used, the nearest ones: more add nothing.
 const MOST: usize = 16;
@@ -41,7 +43,7 @@ impl Viewpoint {
     }
 
     /// Returns the combined distance in position and direction, with the spatial scale `reach`. It is 1
-    /// where position or direction alone gives a correlation of one half.
+    /// if a difference in position alone, or in direction alone, gives a correlation of one half.
     fn distance(&self, other: &Self, reach: f64) -> f64 {
         let [a, b] = [self, other].map(|view| DVec3::from_array(view.centre));
         let [to, from] = [self, other].map(|view| DVec3::from_array(view.forward));
@@ -56,8 +58,9 @@ pub fn reach(h: f64) -> f64 {
     DISTANCE * h
 }
 
-/// Interpolates per-frame values at `pose`; `None` without frames. `entry` returns viewpoint and values of a
-/// frame; `reach` is the distance between cameras at which values correlate by one half, world units.
+/// Interpolates per-frame values at `pose`; `None` if there are no frames. `entry` returns viewpoint
+/// and values of a frame; `reach` is the distance between cameras at which values correlate by one
+/// half, world units.
 ///
 /// This is the best linear unbiased prediction from the nearest frames with unknown mean (ordinary
 /// kriging; Cressie 1993, section 3.2). The covariance is of Matérn type with smoothness 3/2. A mean

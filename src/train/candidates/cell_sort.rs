@@ -1,7 +1,8 @@
 //! Counting sort of ids by cell; ids in a cell ascend.
 //!
-//! With enough threads it takes two parallel steps: parts of the ids are sorted into ranges of cells, then
-//! each range into its cells. Two threads gain nothing from this over one sequential step.
+//! If there are enough threads, it takes two parallel steps. The first sorts parts of the ids into
+//! ranges of cells, the second sorts each range into its cells. With two threads, this is no faster
+//! than one sequential step.
 
 use rayon::prelude::*;
 use std::ops::Range;
@@ -10,7 +11,7 @@ use std::ops::Range;
 const MANY: usize = 4;
 // Number of parts of the ids. Fixed rather than one per thread, so memory grows only once.
 const PARTS: usize = 16;
-/// Number of ranges of consecutive cells, into which ids are sorted first.
+/// Number of ranges of consecutive cells. Ids are first sorted into these ranges.
 const RANGES: usize = 64;
 
 /// Sorts ids by cell; buffers are reused.
@@ -82,7 +83,8 @@ fn counting_sort(
 }
 
 impl Part {
-    /// Sorts the ids from `first` on, whose cells are `cells`, into ranges of `2^shift` cells.
+    /// Sorts ids into ranges of `2^shift` cells. The ids are consecutive from `first`; `cells` holds
+    /// the cell of each.
     fn fill(&mut self, first: u32, cells: &[u32], shift: u32) {
         let Self { entries, starts } = self;
         entries.resize(cells.len(), (0, 0));
@@ -95,7 +97,7 @@ impl Part {
     }
 }
 
-/// Merges the parts of all ids, range by range.
+/// Merges the sorted parts of all ids, range by range.
 #[derive(Clone, Copy)]
 struct Ranges<'a> {
     parts: &'a [Part; PARTS],
@@ -104,8 +106,8 @@ struct Ranges<'a> {
 }
 
 impl Ranges<'_> {
-    /// Fills `start` and `ids` for some ranges of cells; `first` is the position of their first id.
-    /// Halves of the ranges are processed in parallel.
+    /// Fills `start` and `ids` for the given ranges of cells; `first` is the position of their first
+    /// id. Both halves of `ranges` are processed in parallel.
     fn fill(self, ranges: Range<usize>, first: u32, start: &mut [u32], ids: &mut [u32]) {
         if ranges.len() == 1 {
             return self.fill_one(ranges.start, first, start, ids);
@@ -138,7 +140,7 @@ impl Ranges<'_> {
     }
 }
 
-/// Replaces each number by the running total up to it, starting at `sum`.
+/// Replaces each number by the sum of `sum` and all numbers up to and including it.
 fn prefix_sum(mut sum: u32, numbers: &mut [u32]) {
     for number in numbers {
         sum += *number;
@@ -149,10 +151,10 @@ fn prefix_sum(mut sum: u32, numbers: &mut [u32]) {
 /// Removals and insertions that keep entries ordered by cell after some components have moved.
 #[derive(Debug, Default)]
 pub(in crate::train) struct Edits {
-    /// Old or new cell of a component, the component, and true for the insertion into the new cell.
+    /// A cell, a component and a flag: true if the component is inserted into the cell, false if it is
+    /// removed.
     moves: Vec<(u32, u32, bool)>,
-    /// Index in the old list, and the component to insert before it, or `None` to remove the entry
-    /// there.
+    /// Index in the old list, and the component to insert before that entry; `None` removes the entry.
     insertions_and_removals: Vec<(u32, Option<u32>)>,
 }
 
@@ -199,8 +201,8 @@ impl Edits {
         start[from..].iter_mut().for_each(|start| *start = start.wrapping_add(shift));
     }
 
-    /// Writes the entries of a table to `new` in the order after the edits. `of` returns the value of a
-    /// moved component.
+    /// Copies a table with one value per entry from `old` to `new`, applying the edits. `of` returns
+    /// the value of a moved component.
     pub fn apply<T: Copy>(&self, old: &[T], new: &mut [T], of: impl Fn(u32) -> T) {
         let (mut from, mut to) = (0, 0);
         for &(at, comes) in &self.insertions_and_removals {

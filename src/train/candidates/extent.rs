@@ -1,5 +1,5 @@
 //! Bounds on the distance from a group of points to their nearest means, by the triangle inequality.
-//! Margins for rounding admit extra candidates but never lose one.
+//! Because of rounding margins, the bounds may admit extra candidates, but never exclude a valid one.
 
 use super::grid::MeanGrid;
 use super::kernel::{Columns, bounding_box, reach2};
@@ -25,7 +25,7 @@ pub(super) struct Extent {
     pub centre: [f32; 3],
     /// Largest distance of a point from the centre.
     reach: f32,
-    /// Part of the rounding margin that does not depend on the radius.
+    /// Part of the rounding margin that is the same for all distances.
     absolute_margin: f32,
 }
 
@@ -51,29 +51,30 @@ impl Extent {
         (0..3).fold(0f32, |length, axis| length.max(self.hi[axis] - self.lo[axis]))
     }
 
-    /// True if coordinates are finite and their squares do not overflow.
+    /// True if all coordinates are finite and their squares do not overflow.
     #[inline]
     pub fn is_finite(&self) -> bool {
         self.reach.is_finite() && self.absolute_margin.is_finite()
     }
 
-    /// Returns an upper bound on the distance from the box to the `n` nearest means of any of its
-    /// points. `nearest` is the distance from the centre to its `n`-th nearest mean.
+    /// Returns an upper bound on the distance from the box to the `n` nearest means of any of the
+    /// points. `nearest` is the distance from the centre of the box to the centre's `n`-th nearest
+    /// mean.
     #[inline(always)]
     pub fn neighbour_radius(&self, nearest: f32) -> f32 {
         (nearest + self.reach) * RELATIVE_MARGIN + self.absolute_margin
     }
 
-    /// Returns an upper bound on the distance from the box to anything within `reach` of one of its
+    /// Returns an upper bound on the distance from the box to any place within `reach` of one of the
     /// points.
     #[inline(always)]
     pub fn radius_for_reach(&self, reach: f32) -> f32 {
         reach * RELATIVE_MARGIN + self.absolute_margin
     }
 
-    /// Returns an upper bound on the distance from the centre to the `n` nearest means of any point.
-    /// `nearest2` is the squared distance from the centre to its `n`-th nearest mean. `None` if squares
-    /// might overflow.
+    /// Returns an upper bound on the distance from the centre to the `n` nearest means of any of the
+    /// points. `nearest2` is the squared distance from the centre to its `n`-th nearest mean. `None` if
+    /// squares might overflow.
     #[inline(always)]
     pub fn centre_radius(&self, nearest2: f32) -> Option<f32> {
         // Twice the reach: a point's neighbours are bounded from the centre's, then measured from the
@@ -84,7 +85,8 @@ impl Extent {
     }
 }
 
-/// Tests whether any of some places is near a point of a tile: within that point's own radius.
+/// Kernel that tests whether any of `places` is near a point of a tile. Each point has its own search
+/// radius.
 pub(in crate::train) struct AnyWithin<'a> {
     pub places: &'a MeanGrid,
     /// Scratch memory for the entries of `places` near the tile.
@@ -93,7 +95,7 @@ pub(in crate::train) struct AnyWithin<'a> {
     pub tile: &'a mut Columns,
     /// Positions of the tile's points, at least one.
     pub points: [&'a [f32]; 3],
-    /// Squared radius of each point.
+    /// Squared search radius around each point.
     pub reach2: &'a [f32],
 }
 

@@ -1,10 +1,11 @@
 //! A uniform grid over the initial spatial means (`training.md`, Grid of means).
 //!
-//! Cells are filled by a counting sort, stable by id: a row of cells is one span of memory, and ties go
-//! to the lower id. Bounds are quantiles of a sample, so a stray mean does not stretch the cells over
-//! empty space; means outside go to border cells, which extend to infinity. A cell holds one mean on
-//! average. Half or twice as many change the search time by less than 7 %. If few means move, the order
-//! is updated incrementally ([`Edits`]).
+//! Cells are filled by a counting sort that keeps means of one cell in the order of their ids. So each
+//! row of cells is contiguous in memory, and of equally near means the one with the lower id is
+//! preferred. Bounds are quantiles of a sample, so a stray mean does not stretch the cells over empty
+//! space. Means outside the bounds go to border cells, which extend to infinity. A cell holds one mean
+//! on average; half or twice as many change the search time by less than 7 %. If few means move, the
+//! grid is updated incrementally ([`Edits`]).
 
 use super::cell_sort::{CellSort, Edits};
 use super::kernel::Columns;
@@ -14,14 +15,14 @@ use rayon::prelude::*;
 
 const MAX_CELLS: usize = 1 << 22;
 const SAMPLE: usize = 2048;
-/// Share of the sample trimmed at each end of an axis.
+/// Share of the sample that is trimmed at each end of an axis.
 const TRIM: f64 = 0.005;
 /// Margin added to the trimmed bounds at each end of an axis, as a share of their length.
 const MARGIN: f64 = 0.02;
 
 const PART: usize = 1 << 12;
 
-/// Means sorted by grid cell (entries). Border cells extend to infinity.
+/// Means sorted by grid cell; a sorted mean is called an entry. Border cells extend to infinity.
 #[derive(Debug, Default)]
 pub struct MeanGrid {
     shape: GridShape,
@@ -31,7 +32,8 @@ pub struct MeanGrid {
     cell_of_id: Vec<u32>,
     cell_sort: CellSort,
     sample: Vec<f32>,
-    /// Edits of the last [`MeanGrid::move_means`]. `shifted` holds the entries from before the edits.
+    /// Edits of the last [`MeanGrid::move_means`]. `shifted` holds the entries as they were before
+    /// these edits.
     edits: Edits,
     shifted: Columns,
 }
@@ -65,7 +67,7 @@ impl MeanGrid {
     }
 
     /// Updates the cells of the `moved` components, each listed once. The result equals
-    /// [`MeanGrid::fill`]. Other tables in the order of entries can be updated with [`MeanGrid::edits`].
+    /// [`MeanGrid::fill`]. Other tables with one row per entry can be updated with [`MeanGrid::edits`].
     pub(in crate::train) fn move_means(&mut self, moved: &[u32], means: &[[f32; 3]]) {
         let Self { shape, start, means: sorted, cell_of_id, edits, shifted, .. } = self;
         edits.find(
@@ -104,7 +106,7 @@ impl MeanGrid {
         &self.edits
     }
 
-    /// Sorts the means by cell with a counting sort, stable by id.
+    /// Sorts the means by cell; the means of one cell stay in the order of their ids.
     fn sort(&mut self, means: &[[f32; 3]]) {
         let Self { shape, start, means: sorted, cell_of_id, cell_sort, .. } = self;
         sorted.reserve(means.len());
@@ -232,8 +234,8 @@ pub(in crate::train) fn grid_shape(
     Ok(GridShape { lo, cell: cell as f32, per_unit, dims: dims(cell) })
 }
 
-/// Returns the index of a cell along one axis. It is monotone in `value` even with rounding. A range of
-/// cells therefore holds every mean in the range of values.
+/// Returns the index of a cell along one axis. The index is monotone in `value` even with rounding. So
+/// a range of cells holds every mean in the corresponding range of values.
 #[inline(always)]
 fn coordinate(shape: &GridShape, value: f32, axis: usize) -> usize {
     // The cast saturates, so every value has a cell; infinite ones are clamped to the border.

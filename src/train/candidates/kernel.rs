@@ -1,11 +1,12 @@
 //! Inner loops of the search, eight lanes at a time.
 //!
-//! Every squared distance is `(dx² + dy²) + dz²`, never fused, so bits are equal everywhere. Closures
-//! over vectors are avoided: one that is not inlined would be compiled for the baseline.
+//! Every squared distance is computed as `(dx² + dy²) + dz²`, without fused multiply-add, so results
+//! are bit-identical on all machines. Closures over vectors are avoided: a closure that is not inlined
+//! is compiled for the baseline instruction set.
 //!
-//! A key is a distance whose low bits hold the entry's index. So a sorting network of `min` and `max`
-//! moves both, without branches or index registers. Distances that agree in the remaining bits are
-//! flagged as uncertain and ranked again in full.
+//! A key is a squared distance whose low bits hold the entry's index. So a sorting network of `min` and
+//! `max` sorts distances and indices together, without branches or index registers. Distances that
+//! differ only in the index bits are flagged as uncertain and ranked again in full precision.
 
 use crate::math::simd::{LANES, Vector};
 use crate::train::estep::squared_distance;
@@ -27,14 +28,14 @@ fn distance2<V: Vector>(a: [V; 3], b: [V; 3]) -> V {
     (x * x + y * y) + z * z
 }
 
-/// Returns the start of the last full vector in a range of at least eight entries. The vector may
-/// overlap the one before.
+/// Returns the start of the last full vector in a range of at least eight entries. This vector may
+/// overlap the previous one.
 #[inline(always)]
 fn last_vector(range: &Range<usize>) -> usize {
     range.end - LANES
 }
 
-/// Returns the lower and the upper corner of the bounding box of some points.
+/// Returns the lower and the upper corner of the bounding box of the given points.
 #[inline(always)]
 pub(super) fn bounding_box<V: Vector>(points: &Columns, range: Range<usize>) -> [[f32; 3]; 2] {
     let [mut lo, mut hi] = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
@@ -59,7 +60,8 @@ pub(super) fn bounding_box<V: Vector>(points: &Columns, range: Range<usize>) -> 
     [lo, hi]
 }
 
-/// Returns the largest squared distance of some points to `centre`; infinity or NaN if any distance is.
+/// Returns the largest squared distance of the given points from `centre`; infinity or NaN if any of
+/// these distances is.
 #[inline(always)]
 pub(super) fn reach2<V: Vector>(points: &Columns, range: Range<usize>, centre: [f32; 3]) -> f32 {
     if range.len() < LANES {
@@ -83,9 +85,9 @@ pub(super) fn reach2<V: Vector>(points: &Columns, range: Range<usize>, centre: [
     if sum.is_finite() { lane_max(reach.to_array()) } else { sum }
 }
 
-/// Writes the squared distances of all entries to `centre` into `out`, padding included. Returns sixteen
-/// minima, each over the entries with equal index modulo 16. They are distances of different entries, or
-/// infinity.
+/// Writes the squared distances of all entries to `centre` into `out`, padding included. Returns
+/// sixteen minima, one for each index modulo 16. They belong to different entries; a minimum over no
+/// entries is infinity.
 #[inline(always)]
 pub(super) fn distances<V: Vector>(
     list: &Columns,
@@ -130,8 +132,8 @@ pub(super) fn nth_smallest(values: [f32; STEP], rank: usize) -> f32 {
     sorted[rank - 1]
 }
 
-/// Fills `near` with the entries of `list`, in order, whose squared distance is at most `limit`.
-/// `limit` must be finite, which excludes the padding.
+/// Fills `near` with the entries of `list` whose squared distance is at most `limit`, in order. `limit`
+/// must be finite, which excludes the padding.
 #[inline(always)]
 pub(super) fn select<V: Vector>(list: &Columns, distance2: &[f32], limit: f32, near: &mut Columns) {
     let size = list.len.next_multiple_of(LANES);
@@ -171,15 +173,17 @@ fn lane_max(v: [f32; LANES]) -> f32 {
     max(max(max(v[0], v[1]), max(v[2], v[3])), max(max(v[4], v[5]), max(v[6], v[7])))
 }
 
-/// Nearest neighbours of a chunk's points, as sorted keys. Keys of lanes beyond the chunk's end are
+/// Nearest neighbours of the points of a chunk, as sorted keys. Keys in lanes beyond the last point are
 /// undefined.
 pub(super) struct Neighbours<const KEYS: usize> {
-    /// Keys by rank, then point: the squared distance, with the index of the entry in the low bits.
+    /// Keys by rank, then by point. A key is the squared distance, with the index of the entry in the
+    /// low bits.
     pub keys: [[f32; CHUNK]; KEYS],
-    /// Bit `i` is set if the last two keys of point `i` differ at most in the index bits. Either entry
-    /// may then be the nearer one.
+    /// Bit `i` is set if the last two keys of point `i` differ only in the index bits or not at all.
+    /// Either entry may then be the nearer one.
     pub set_uncertain: u32,
-    /// Bit `i` is set if any two adjacent keys of point `i` differ at most in the index bits.
+    /// Bit `i` is set if any two adjacent keys of point `i` differ only in the index bits or not at
+    /// all.
     pub order_uncertain: u32,
 }
 
@@ -254,7 +258,7 @@ fn sorted_keys<V: Vector, const N: usize, const KEYS: usize>(
 // neighbours without a selection.
 pub(super) const STEP: usize = 2 * LANES;
 
-/// Maximum number of points that share a near list of candidates.
+/// Maximum number of points that share a near list, a short list of candidates.
 pub(in crate::train) const CHUNK: usize = 16;
 
 /// Positions stored as one column per coordinate, with one tag per position. Each column ends with at
@@ -330,7 +334,7 @@ impl Columns {
         self.tag[i] = tag;
     }
 
-    /// Moves the padding to infinity, where it is no neighbour of any point.
+    /// Moves the padding to infinity, so that it is never a neighbour of any point.
     #[inline(always)]
     pub fn pad(&mut self) {
         self.reserve(self.len);
@@ -338,7 +342,8 @@ impl Columns {
         self.x[self.len..self.len + STEP].fill(f32::INFINITY);
     }
 
-    /// Returns the squared distance of an entry to a point, rounded as in all other code of the search.
+    /// Returns the squared distance from an entry to a point, rounded as in all other code of the
+    /// search.
     #[inline(always)]
     pub fn distance2(&self, i: usize, point: [f32; 3]) -> f32 {
         squared_distance(self.position(i), point)

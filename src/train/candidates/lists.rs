@@ -1,8 +1,8 @@
-//! Candidate lists of a group of points, and the nearest entries in them.
+//! Candidate lists of a group of points, and the search for the nearest entries in these lists.
 //!
 //! There are two levels: a raw list, gathered from the grid once per group, and a near list for each
-//! chunk of sixteen points. The near list has a few dozen entries. So every point can be compared with
-//! every entry.
+//! chunk of sixteen points. A near list has only a few dozen entries, so every point can be compared
+//! with all of them.
 
 use super::extent::{Extent, RELATIVE_MARGIN};
 use super::kernel::{
@@ -26,7 +26,7 @@ pub(in crate::train) struct Lists {
     /// Candidates of a group of points.
     raw: Columns,
     near: Columns,
-    /// Centre of the chunk. `near` is complete within the radius `near_limit` around it.
+    /// Centre of the chunk. `near` contains every grid entry within `near_limit` of this centre.
     near_centre: [f32; 3],
     near_limit: f32,
     distance2: Vec<f32>,
@@ -34,21 +34,21 @@ pub(in crate::train) struct Lists {
     /// Sort key of each candidate (squared distance in the high half, component in the low half), and
     /// its grid entry.
     keys: Vec<(u64, u32)>,
-    /// Squared distance in f64 of each candidate, and its component.
+    /// Squared distance of each candidate in f64, and the candidate's component.
     f64_keys: Vec<(f64, u32)>,
 }
 
-/// Grid entry nearest to a point, with a lower bound on the squared distances of all others.
+/// Grid entry nearest to a point, with a lower bound on the squared distances of all other entries.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::train) struct Nearest {
-    /// Index of the grid entry. If `second2` is negative infinity, another entry may be nearer.
+    /// Index of the nearest grid entry. If `second2` is negative infinity, another entry may be nearer.
     pub entry: u32,
     /// Lower bound on the squared distances from the point to all other entries; negative infinity if
     /// unknown.
     pub second2: f32,
 }
 
-/// Returns a sort key that orders by squared distance, then by id.
+/// Returns a sort key that orders by squared distance, then by component id.
 fn key(distance2: f32, id: u32) -> u64 {
     // Squares are not negative, so their bits sort like their values.
     u64::from(distance2.to_bits()) << 32 | u64::from(id)
@@ -84,7 +84,7 @@ impl Lists {
         &mut self.raw
     }
 
-    /// Returns an upper bound on the squared distance of the `rank`-th nearest raw entry to `centre`.
+    /// Returns an upper bound on the squared distance from `centre` to its `rank`-th nearest raw entry.
     #[inline(always)]
     pub(super) fn raw_bound2<V: Vector>(&mut self, centre: [f32; 3], rank: usize) -> f32 {
         let least = distances::<V>(&self.raw, centre, &mut self.distance2);
@@ -122,7 +122,7 @@ impl Lists {
         &self.near
     }
 
-    /// Returns the mask of the low bits of a key that hold its index in the near list.
+    /// Returns the mask of the low bits of a key, which hold the index of an entry in the near list.
     pub(super) fn place_bits(&self) -> u32 {
         self.near.len.next_power_of_two() as u32 - 1
     }
@@ -161,9 +161,9 @@ impl Lists {
         nearest
     }
 
-    /// Finds the entries nearest to one point by (squared distance, component), at most `rank` of them.
-    /// If squared distances are finite, none is farther than `within2` (squared). `ids` maps entries to
-    /// components.
+    /// Finds the `rank` entries nearest to one point, or all if there are fewer. At equal squared
+    /// distance, the lower component is preferred. Entries beyond the squared distance `within2` may be
+    /// skipped. `ids` maps entries to components.
     #[inline(always)]
     pub fn rank<V: Vector>(
         &mut self,
@@ -209,8 +209,8 @@ impl Lists {
         keys
     }
 
-    /// Selects a list that contains every entry within the given squared distance of a point of the
-    /// chunk.
+    /// Selects a list that contains every entry within the given squared distance of `position`, a
+    /// point of the chunk.
     #[inline(always)]
     pub fn complete_list_for(&self, position: [f32; 3], distance2: f32) -> ListKind {
         // The near list is complete within a ball about the chunk's centre, not about the point.
@@ -220,8 +220,8 @@ impl Lists {
         if reach < self.near_limit { ListKind::Near } else { ListKind::Raw }
     }
 
-    /// Finds the `rank` components nearest to one point, in order of (squared distance, component). `of`
-    /// returns the squared distance of a component.
+    /// Finds the `rank` components nearest to one point, nearest first. At equal squared distance, the
+    /// lower component comes first. `of` returns the squared distance of a component.
     pub(super) fn rank_by(
         &mut self,
         among: ListKind,

@@ -1,13 +1,13 @@
-//! Exact C-nearest search over the initial spatial means: a uniform grid searched tile by tile.
+//! Exact search for the C nearest initial spatial means: a uniform grid searched tile by tile.
 //!
-//! One query of a KD-tree per point took four fifths of a frame. Rebuilding a grid takes a fifth of the
-//! time of a tree. The points of a tile share a list of candidate means, so most work is done once per
-//! 64 points. `kiddo` is slower at all sizes in `benches/candidates.rs` (10 to 10⁵ means, 1 to 1024
-//! neighbours).
+//! With a KD-tree, one query per point took four fifths of a frame's time. Rebuilding a grid takes a
+//! fifth of the time of rebuilding a tree. The points of a tile share a list of candidate means, so
+//! most work is done once per 64 points. `kiddo` is slower at all sizes in `benches/candidates.rs` (10
+//! to 10⁵ means, 1 to 1024 neighbours).
 //!
-//! Rejected alternatives (`training.md`, Tried and dropped): insertion with branches or blends (kernel
-//! takes twice as long), chunks of 8 points, bounds for a whole tile (99 candidates instead of 57),
-//! finer grids where means cluster (a tenth faster, on such data only).
+//! Rejected alternatives (`training.md`, Tried and dropped): insertion with branches or blends (the
+//! kernel takes twice as long), chunks of 8 points, bounds for a whole tile (99 candidates instead of
+//! 57), finer grids where means cluster (a tenth faster, but only on such data).
 
 mod cell_sort;
 mod extent;

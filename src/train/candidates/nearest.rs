@@ -1,8 +1,9 @@
-//! Nearest means of all points of a tile, in f32 or f64.
+//! Finds the nearest means of all points of a tile, in f32 or f64.
 //!
-//! For up to eight neighbours, the kernel's sorted keys answer nearly all points. For more neighbours,
-//! or if rounding hides the order, points are ranked individually. The f64 form ranks the candidate
-//! lists of the rounded means by f64 distances; the lists' margins cover the rounding.
+//! For up to eight neighbours, sorted keys suffice for nearly all points. For more neighbours, or if
+//! rounding hides the order, candidates are ranked point by point. In f64, candidates are found with
+//! the means rounded to f32, then ranked by f64 distances. The margins of the candidate lists cover the
+//! rounding.
 
 use super::extent::{Extent, MAX_RADIUS};
 use super::grid::MeanGrid;
@@ -18,8 +19,8 @@ use std::ops::Range;
 /// Appends the ids of the `n` means nearest to each point of `tile`, point by point; all means if there
 /// are fewer. `tile` holds columns of equal length.
 ///
-/// Means are ordered by squared distance `(dx² + dy²) + dz²` in f32, at equal distance by id. The search
-/// is fast if the points of the tile are close together.
+/// Means are ordered by squared distance `(dx² + dy²) + dz²` in f32; at equal distance, the lower id
+/// comes first. The search is fast if the points of the tile are close together.
 pub fn nearest_in_tile(
     isa: Isa,
     grid: &MeanGrid,
@@ -37,8 +38,8 @@ pub fn nearest_in_tile(
     }
 }
 
-/// As [`nearest_in_tile`], with squared distances in f64 between `points` and `means` of precision `R`.
-/// The grid is over the means rounded to f32.
+/// As [`nearest_in_tile`], but with squared distances in f64, for points and means of precision `R`.
+/// The grid holds the means rounded to f32.
 pub fn nearest_in_tile_wide<R: Real>(
     grid: &MeanGrid,
     search: &mut CandidateSearch,
@@ -113,8 +114,8 @@ impl VisitChunk for NarrowVisitor<'_> {
 }
 
 impl NarrowVisitor<'_> {
-    /// Ranks the neighbours of all points by their keys. Points with an uncertain order are ranked again
-    /// by full distances.
+    /// Ranks the neighbours of all points by the sorted keys. Points whose order is uncertain are
+    /// ranked again by their exact distances.
     #[inline(always)]
     fn visit_near<V: Vector, const KEYS: usize>(
         &mut self,
@@ -161,7 +162,7 @@ struct WideVisitor<'a, R, P> {
     grid: &'a MeanGrid,
     rank: usize,
     means: &'a [[R; 3]],
-    /// Returns the position of the point with an index in the tile.
+    /// Returns the position of a point, given the point's index in the tile.
     position: P,
     ids: &'a mut [u32],
 }
@@ -188,11 +189,12 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
 // surface stay whole. Smaller groups gained nothing, even on stepped depth (`training.md`, Tried and
 // dropped).
 const MAX_GROUP_CELLS: f32 = 2.0;
-/// First guess of the distance to the nearest means, relative to that of the last group of points.
+/// First guess of the distance to the nearest means, as a multiple of that distance in the last group
+/// of points.
 const NEAREST_GUESS: f32 = 1.1;
 
-/// Scratch memory of a search, reused between tiles. Results do not depend on earlier tiles: only a
-/// first guess of the radius is kept.
+/// Scratch memory of a search, reused between tiles. Earlier tiles affect only the first guess of the
+/// search radius, not the results.
 #[derive(Debug, Default)]
 pub struct CandidateSearch {
     tile: Tile,
@@ -217,8 +219,9 @@ pub(in crate::train) trait VisitChunk {
 }
 
 impl CandidateSearch {
-    /// Visits each point of a tile once, in chunks, and passes each point's list of its `rank` nearest
-    /// means. `rank` is between 1 and the number of means.
+    /// Visits every point of a tile once, in chunks. Passes each chunk to `visitor` with candidate
+    /// lists that contain the `rank` nearest means of every point. `rank` is between 1 and the number
+    /// of means.
     #[inline(always)]
     pub(in crate::train) fn visit_tile<V: Vector>(
         &mut self,
@@ -258,7 +261,7 @@ impl CandidateSearch {
     }
 
     /// Fills the raw list with a superset of the `rank` nearest entries of each point of a group.
-    /// `extent` bounds the group.
+    /// `extent` is the extent of the group.
     #[inline(always)]
     fn gather<V: Vector>(&mut self, grid: &MeanGrid, extent: &Extent, rank: usize) {
         let Self { lists, nearest, .. } = self;

@@ -1,13 +1,14 @@
 //! Fused search, E-step and sums of a tile in f32 (`training.md`, Candidate search).
 //!
-//! A point's nearest component receives it entirely if no other can come within 40 nats. A lower bound
-//! on the second distance proves this for nearly all points. The others are ranked and scored against
-//! all C candidates. Sums run over a tile's points in order and form one record per component and tile.
-//! So they depend only on the tile and the means.
+//! A point is assigned entirely to its nearest component if no other component comes within 40 nats of
+//! it. A lower bound on the distances of all others proves this for nearly all points. The remaining
+//! points are ranked and scored against all C candidates. The points of a tile are summed in order,
+//! into one record per component and tile. So records depend only on the tile and the means.
 //!
 //! Stages are fused because a tile of at most 64 points and its lists fit in the first-level cache;
-//! candidates and responsibilities of a whole frame do not. No fused multiply-add and no lane-dependent
-//! order are used: otherwise instruction sets would differ and shards could not be merged.
+//! candidates and responsibilities of a whole frame do not. Fused multiply-add and lane-dependent order
+//! are avoided: otherwise results would differ between instruction sets, and shards could not be
+//! merged.
 
 use crate::math::simd::{Kernel, Vector};
 use crate::model::conjugate::statistics::{N_SUMS, TileRecord, add_point};
@@ -27,7 +28,7 @@ const SHARED: u32 = 1 << 31;
 #[derive(Clone, Copy)]
 pub(super) struct FusedInputs<'a> {
     pub grid: &'a MeanGrid,
-    /// Mean colour (three values) and weight by grid entry.
+    /// For each grid entry: mean colour (three values) and weight of its component.
     pub appearance: &'a [[f32; 4]],
     pub max_weight: f32,
     pub points: &'a Points<f32>,
@@ -39,8 +40,8 @@ pub(super) struct FusedInputs<'a> {
 }
 
 impl FusedInputs<'_> {
-    /// Returns the squared distance beyond which no component affects a point of effective distance `q`,
-    /// including rounding.
+    /// Returns the squared distance beyond which no component affects a point of effective distance
+    /// `q`, with a margin for rounding.
     ///
     /// The distance allows for twice the hard gap (the score difference beyond which a component
     /// receives nothing). A component between one gap and two receives nothing, whether or not it is a
@@ -58,7 +59,8 @@ pub(super) struct FusedTiles<'a> {
     pub tiles: Range<usize>,
     /// Output: effective distance of each point of the tiles.
     pub q: &'a mut [f64],
-    /// Output: component of largest responsibility of each point of the tiles; empty if not requested.
+    /// Output: component with the largest responsibility for each point of the tiles; empty if not
+    /// requested.
     pub owners: &'a mut [u32],
     /// Output: sums of the tiles by shard; `None` to compute only scores.
     pub records: Option<&'a mut [Vec<TileRecord<f32>>]>,
@@ -98,7 +100,8 @@ impl FusedMemory {
 struct TileMemory {
     slots: Slots,
     components: Vec<Component>,
-    /// For each point of the tile: its slot, or [`SHARED`] plus an index into `shared`, or [`NO_OWNER`].
+    /// Owner of each point of the tile: a slot, [`SHARED`] plus an index into `shared`, or
+    /// [`NO_OWNER`].
     owners: Vec<u32>,
     shared: Vec<Range<u32>>,
     shares: Vec<(u32, f32)>,
@@ -108,7 +111,7 @@ struct TileMemory {
     scores: Vec<f64>,
 }
 
-/// Copy of a component's data for use within a tile.
+/// Copy of the data of a component that a tile uses.
 #[derive(Clone, Copy)]
 struct Component {
     space: [f32; 3],
@@ -180,7 +183,7 @@ impl TileMemory {
         self.owners.resize(n_points, NO_OWNER);
     }
 
-    /// Writes the component of largest responsibility of each point to `owners`.
+    /// Writes the component with the largest responsibility for each point to `owners`.
     fn find_owners(&self, owners: &mut [u32]) {
         let id = |slot: u32| self.components[slot as usize].id;
         for (of_point, &owner) in owners.iter_mut().zip(&self.owners) {
@@ -295,14 +298,16 @@ impl OwnerAssigner<'_> {
         self.is_out_of_reach(q, second2)
     }
 
-    /// True if a component at this squared distance cannot come within the hard gap of the score `q`.
+    /// True if a component at this squared distance cannot come within the hard gap (see
+    /// [`Scoring::hard_gap`]) of the score `q`.
     #[inline(always)]
     fn is_out_of_reach(&self, q: f32, distance2: f32) -> bool {
         (distance2 - self.inputs.max_weight) - q > self.hard_gap
     }
 
     /// Divides a point among all candidates that may come within the hard gap of the score `q`.
-    /// Candidates are scored in ascending order of components; the omitted ones would receive nothing.
+    /// Candidates are scored in ascending order of components; the other components would receive
+    /// nothing.
     #[inline(always)]
     fn assign_shares<V: Vector>(
         &mut self,
@@ -353,8 +358,8 @@ impl OwnerAssigner<'_> {
     }
 }
 
-/// Numbers the keys used by a tile from 0 (slots); keys are below a bound. A stamp per tile avoids
-/// clearing the table.
+/// Numbers the distinct keys of a tile, such as grid entries, consecutively from 0; these numbers are
+/// called slots. Each tile has its own stamp, so the table need not be cleared between tiles.
 #[derive(Debug, Default)]
 pub(super) struct Slots {
     /// For each key: the last tile that used it, and its slot there.
@@ -364,7 +369,7 @@ pub(super) struct Slots {
 }
 
 impl Slots {
-    /// Begins a tile: removes all slots. The keys of the tile are below `bound`.
+    /// Begins a tile without slots. The keys of the tile are below `bound`.
     #[inline(always)]
     pub fn begin(&mut self, bound: usize) {
         // When the stamp wraps, slots of early tiles could be mistaken for this one's, so it is reset.

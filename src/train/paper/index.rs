@@ -1,7 +1,7 @@
 //! Index over the initial spatial means.
 //!
-//! After means have moved, the grid is built on first use, because a device may build its own. All
-//! fallible work is done earlier, when means move.
+//! After means have moved, the grid is built only on first use, because a device may build its own.
+//! Everything that can fail is done earlier, when means move.
 
 use crate::math::real::Real;
 use crate::model::paper::mixture_device::{GridShape, MeanCells};
@@ -21,7 +21,7 @@ const STALE: usize = 4;
 /// Index over the initial spatial means: a grid that is sorted on first use.
 pub struct Index {
     shape: GridShape,
-    /// Scratch memory for the sample of means that determines the shape.
+    /// Scratch memory for the sample of means from which the grid's shape is computed.
     sample: Vec<f32>,
     sorted: OnceLock<SortedMeans>,
     /// Memory of the previous grid, for reuse.
@@ -39,8 +39,8 @@ pub struct Index {
 pub struct SortedMeans {
     /// Grid over the spatial means, rounded to f32.
     pub grid: MeanGrid,
-    /// Mean colour (three values) and weight by grid entry, for models in f32. In this order fused
-    /// kernels read neighbouring memory.
+    /// Mean colour (three values) and weight of each grid entry, for models in f32. In this order,
+    /// fused kernels read neighbouring memory.
     pub appearance: Vec<[f32; 4]>,
     /// Spatial means rounded to f32, unless they are f32 already.
     narrowed: Vec<[f32; 3]>,
@@ -65,8 +65,8 @@ impl Index {
         Ok(index)
     }
 
-    /// Registers that components of a model have moved, so that the index is updated on next use. On
-    /// error the index is unchanged.
+    /// Registers that components of a model have moved; the index is updated on next use. On error the
+    /// index is unchanged.
     pub fn update_moved<R: PaperScalar>(
         &mut self,
         model: &InitialModel<R>,
@@ -120,7 +120,7 @@ impl Index {
         })
     }
 
-    /// Returns the means for upload to a device that holds the means of revision `known`.
+    /// Returns the means for upload to a device that already holds the means of revision `known`.
     pub fn means_for_device<'a>(
         &'a self,
         model: &'a InitialModel<f32>,
@@ -169,7 +169,8 @@ fn appearance_of(model: &InitialModel<f32>, id: u32) -> [f32; 4] {
     [r, g, b, weight]
 }
 
-/// Returns `value` as type `B` if it has that type: the f32 form of a value of generic precision.
+/// Returns `value` if its type is `B`, else `None`. With `B` in f32, this selects f32 data in code of
+/// generic precision.
 pub(super) fn narrow<A: Any, B: Any>(value: &A) -> Option<&B> {
     (value as &dyn Any).downcast_ref()
 }

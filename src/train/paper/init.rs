@@ -4,8 +4,8 @@ use crate::math::real::Real;
 use crate::math::rng::{Purpose, Rng};
 use crate::observation::points::Points;
 
-/// Half-width of the cube of random means, in normalised units. In the world it is 0.98 for a range of
-/// [−1, 1].
+/// Half-width of the cube in which random means are drawn, in normalised units. For a world range of
+/// [−1, 1], this is 0.98 world units.
 const HALF_WIDTH: f64 = 1.7;
 /// Standard deviation of the noise added to all six coordinates (position and colour) of a mean.
 const NOISE: f64 = 0.025;
@@ -21,15 +21,15 @@ const NOISE: f64 = 0.025;
 /// ```
 #[derive(Clone, Debug)]
 pub struct InitialDraw {
-    /// Rows of mean position and colour, normalised.
+    /// Mean position and mean colour of each component, normalised.
     pub means: Vec<[f64; 6]>,
     /// Dirichlet parameter `α_init` of each component.
     pub alpha: Vec<f64>,
 }
 
 impl InitialDraw {
-    /// Draws the paper's initial model: positions uniform in a cube, mid-grey colours, noise on both;
-    /// weights `(1 + u)/K`.
+    /// Draws the paper's initial model: positions uniform in a cube, and mid-grey colours, both with
+    /// noise. Dirichlet parameters are `(1 + u)/K`, with `u` uniform in `[0, 1)`.
     pub fn random(components: usize, seed: u64) -> Self {
         let mut rng = Rng::new(seed, Purpose::Init, 0);
         let mean = |rng: &mut Rng| {

@@ -28,8 +28,8 @@ const MIN_SPLATS: usize = 1024;
 
 /// Operations of a learner of the `paper` preset, independent of its precision.
 pub trait PaperLearner: Learns<Points<f32>> {
-    /// Returns the ELBO of each point of the last frame under the model that scored it, nats, in point
-    /// order. It is NaN for points left out.
+    /// Returns the ELBO of each point of the last frame, nats, in point order. The ELBO is that under
+    /// the model used to score the point. It is NaN for points left out.
     fn point_elbo(&self) -> Vec<f64>;
 
     /// Computes the candidates of each point with their responsibilities, without training on the
@@ -48,7 +48,7 @@ pub trait PaperLearner: Learns<Points<f32>> {
 struct NormalizedTrainer<R: PaperScalar> {
     trainer: PaperTrainer<R>,
     normalization: Normalization,
-    /// Points of the frame in the trainer's precision, if that differs from f32.
+    /// Points of the frame in the trainer's precision, if this is not f32.
     widened: Points<R>,
 }
 
@@ -161,13 +161,13 @@ const TILE_POINTS: usize = 64;
 // Bytes per record of a component in a tile, at worst one per point. Each thread reserves space for
 // all records, and buffers grow to three times the size needed.
 const RECORD_BYTES: usize = 3 * 60;
-/// Bytes per component of the index: grid entry, copy of colour and weight, and cells.
+/// Bytes of the index per component: grid entry, copy of colour and weight, and cells.
 const INDEX_BYTES: usize = 16 + 16 + 8;
 const SLOT_BYTES: usize = 8;
 
 impl PaperConfig {
-    /// Estimates the maximum memory of a run on `threads` threads. Frames have `pixels` pixels, and
-    /// `frames_at_once` of them are in memory at a time.
+    /// Estimates the peak memory of a run on `threads` threads. Frames have `pixels` pixels; at most
+    /// `frames_at_once` frames are in memory.
     pub fn memory(&self, pixels: usize, frames_at_once: usize, threads: usize) -> MemoryEstimate {
         // Only this precision stores means in f64; custom operations widen f32 means.
         let scalar = if self.precision == Precision::F64 { 8 } else { 4 };

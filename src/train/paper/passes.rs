@@ -87,7 +87,7 @@ impl Passes {
         device_inputs(inputs, &Points::new()).map(|_| PassUse { open_share, ..self.used.clone() })
     }
 
-    /// True if the next pass will probably run on the device, which sorts the means itself.
+    /// True if the next pass will probably run on the device. The device then sorts the means itself.
     pub fn is_next_on_device(&self) -> bool {
         self.device.as_ref().is_some_and(|device| device.is_chosen)
     }
@@ -99,14 +99,15 @@ impl Passes {
         }
     }
 
-    /// True if the scoring pass can serve as the fit. Only tiles reached by moved means must then run
-    /// again. False if a device runs two full passes faster.
+    /// True if the results of the scoring pass can be reused for the fit. Then only tiles reached by
+    /// moved means are run again. False if the next pass runs on a device, for which two full passes
+    /// are faster.
     pub fn can_run_again<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> bool {
         !self.is_next_on_device() && inputs.fused_rank().is_some()
     }
 
-    /// Runs some tiles of the last fit again: those within reach of `places`, which means left or moved
-    /// to.
+    /// Runs some tiles of the last fit again: those within reach of `places`, the positions that means
+    /// left or moved to.
     pub fn run_reached<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<'_, R>,
@@ -161,8 +162,8 @@ impl Passes {
         }
     }
 
-    /// Runs a pass on the device, and the tiles that the device leaves open on the CPU. Returns the
-    /// milliseconds, or `None` after a fallback to the CPU.
+    /// Runs a pass on the device; tiles that the device leaves out are run on the CPU. Returns the time
+    /// in milliseconds, or `None` after a fallback to the CPU.
     fn run_on_device<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<'_, R>,
@@ -214,7 +215,7 @@ impl Passes {
         }
     }
 
-    /// Evaluates a trial on CPU and device. Records both times, or falls back to the CPU if the device's
+    /// Evaluates a trial on CPU and device: records both times. Falls back to the CPU if the device's
     /// results differ (`is_proved` is false).
     fn evaluate_trial(&mut self, is_proved: bool, [processor, device_ms]: [f64; 2]) {
         let Some(device) = &mut self.device else { return };
@@ -299,8 +300,8 @@ const WIDENED: usize = 1 << 13;
 type RecordBits = (u32, u32, [u32; N_SUMS]);
 
 impl Pass {
-    /// Copies scores and records from a device's pass. Scores of tiles left to the CPU are computed
-    /// later.
+    /// Copies scores and records from the results of a device. Scores of tiles left to the CPU are
+    /// computed later.
     pub fn adopt_device_pass(&self, shard_bits: u32, found: &DevicePass<'_>, q: &mut [f64]) {
         let scores = q.par_iter_mut().zip(found.q).with_min_len(WIDENED);
         // In parallel, because both are dominated by the time to wake threads.

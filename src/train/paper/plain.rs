@@ -106,8 +106,8 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Writes the component of largest responsibility of each point to `owners`, the first of equal
-    /// ones. It is `NO_OWNER` if all responsibilities are zero.
+    /// Writes the component with the largest responsibility for each point to `owners`; the first if
+    /// several are equal. It is `NO_OWNER` if all responsibilities are zero.
     pub fn find_owners(&self, ids: &[u32], responsibilities: &[f64], owners: &mut [u32]) {
         let per_point = self.per_point().max(1);
         let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));
@@ -116,8 +116,8 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
     }
 
-    /// Sums the points of a tile, in point order, and appends one record per component that receives any
-    /// of them.
+    /// Sums the points of a tile in order. Appends one record for each component that receives any of
+    /// them.
     pub fn sum<M: Real>(
         &self,
         slots: &mut Slots,

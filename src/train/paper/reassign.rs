@@ -1,17 +1,18 @@
 //! Moves unused components to badly explained points (`training.md`, Reassignment).
 //!
-//! Sampling without replacement is done as an exponential race, which has the same distribution as the
-//! reference's successive draws: every point gets a time from its own random number, and the earliest
-//! win. The race runs on all threads and gives equal results for any number of them.
+//! Points are sampled without replacement by an exponential race, which has the same distribution as
+//! the reference's successive draws. Every point gets a time, computed from its own random number; the
+//! points with the earliest times are selected. The race runs on all threads; its result does not
+//! depend on their number.
 
 use super::config::{PaperConfig, ReassignPolicy};
 use crate::math::rng::Rng;
 use rayon::prelude::*;
 
 const BITS: usize = u64::BITS as usize;
-/// Approximate number of points sampled to bound the lowest ELBO values.
+/// Approximate number of points sampled to estimate a bound on the lowest ELBO values.
 const SCORES: usize = 1 << 11;
-/// Approximate number of points sampled to bound the earliest times of the race.
+/// Approximate number of points sampled to estimate a bound on the earliest times of the race.
 const DRAWS: usize = 1 << 9;
 // Relative margin for rounding when comparing a time with its bound.
 const ROUNDING: f64 = 1e-9;
@@ -27,7 +28,7 @@ pub struct Quota {
 }
 
 impl Quota {
-    /// Computes the quota for `unused` unused components. `moves` is the minimum of `⌊K f⌋` and
+    /// Computes the limits if `unused` components are unused. `moves` is the minimum of `⌊K f⌋` and
     /// `⌊unused f⌋` for K components and the configured fraction f; `None` if it is 0.
     pub fn new(config: &PaperConfig, unused: usize) -> Option<Self> {
         let fraction = config.reassign_fraction;
@@ -48,7 +49,7 @@ impl Quota {
 /// Chooses the points to which unused components move; buffers are reused.
 #[derive(Default)]
 pub struct DestinationChooser {
-    /// Selection of the points of lowest ELBO; its sort keys reverse the order of scores.
+    /// Selects the points of lowest ELBO. Sort keys are in reverse order of effective distances.
     lowest: Smallest,
     draws: Smallest,
     marks: Vec<u64>,
@@ -56,7 +57,7 @@ pub struct DestinationChooser {
 }
 
 impl DestinationChooser {
-    /// Creates a chooser with all memory that this configuration can need for any frames.
+    /// Creates a chooser with enough memory for any frame under this configuration.
     pub fn reserved(config: &PaperConfig) -> Self {
         // All components unused is the largest quota.
         let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
@@ -70,8 +71,9 @@ impl DestinationChooser {
         }
     }
 
-    /// Selects points to which components move, in ascending order. They are a D²-weighted sample
-    /// without replacement from the points of lowest ELBO (largest effective distance `q`).
+    /// Selects the points to which components move, and returns them in ascending order. They are a
+    /// D²-weighted sample without replacement from the points of lowest ELBO (largest effective
+    /// distance `q`).
     ///
     /// Points with a NaN `q` are never selected. `stream` gives every point its random number.
     pub fn choose_destinations(&mut self, q: &[f64], quota: Quota, stream: &Rng) -> &[u32] {
@@ -99,8 +101,8 @@ impl DestinationChooser {
         points
     }
 
-    /// Selects the `n` points of lowest ELBO (all, if fewer) in any order. At equal ELBO, points of
-    /// lower index are preferred.
+    /// Selects the `n` points of lowest ELBO, or all points if there are fewer, in any order. At equal
+    /// ELBO, points of lower index are preferred.
     pub fn lowest_elbo(&mut self, q: &[f64], n: usize) -> impl Iterator<Item = u32> {
         find_lowest(&mut self.lowest, q, n).iter().map(|chosen| chosen.point())
     }
@@ -133,7 +135,7 @@ fn draw_by_race<'a>(
     })
 }
 
-/// Returns the sort key of a candidate's time in the race; `None` only if it exceeds `bound`.
+/// Returns the sort key of a candidate's time in the race. `None` only if the key exceeds `bound`.
 fn arrival_key(candidate: Ranked, best: f64, bound: u64, stream: &Rng) -> Option<u64> {
     // Times are not negative, so their sign bit is free to sort probability zero last.
     const LAST: u64 = 1 << 63;
@@ -187,7 +189,7 @@ impl Ranked {
     }
 }
 
-/// Selects the items of smallest rank; buffers are reused.
+/// Selects the items of smallest rank (sort key, then point); buffers are reused.
 #[derive(Default)]
 struct Smallest {
     parts: [Vec<Ranked>; PARTS],
@@ -205,11 +207,11 @@ impl Smallest {
         }
     }
 
-    /// Returns the `n` items of smallest rank in any order, or all if there are fewer. At equal sort
+    /// Selects the `n` items of smallest rank, or all if there are fewer, in any order. At equal sort
     /// key, the lower point is preferred.
     ///
-    /// `ranked(item, bound)` returns an item's rank, or `None` if it has none or exceeds `bound`. The
-    /// bound is estimated from about `sampled` items.
+    /// `ranked(item, bound)` returns the rank of an item, or `None` if the item has no rank or its sort
+    /// key exceeds `bound`. The bound is estimated from about `sampled` items.
     fn find(
         &mut self,
         items: usize,
@@ -233,7 +235,8 @@ impl Smallest {
         found
     }
 
-    /// Estimates a sort key that at least `n` items, and not many more, do not exceed.
+    /// Estimates a bound on the sort keys, such that at least `n` items do not exceed it, but not many
+    /// more.
     fn estimate_bound(
         &mut self,
         items: usize,

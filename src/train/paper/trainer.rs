@@ -1,8 +1,8 @@
 //! Trainer of one precision: owns the model and applies frames to it.
 //!
-//! Frames are scored against the initial model, never the posterior (`model.md`, Three models), so
-//! their sums are additive. Only building the index can fail; it happens before or after a frame is added,
-//! so a frame is applied completely or not at all.
+//! Frames are scored against the initial model, never the posterior (`model.md`, Three models), so the
+//! sums of frames are additive. Only building the index can fail, and this happens before or after a
+//! frame is added. So a frame is applied completely or not at all.
 
 use super::config::{Candidates, PaperConfig, ReassignPolicy};
 use super::index::{Index, PaperScalar};
@@ -41,7 +41,7 @@ pub struct PaperTrainer<R: PaperScalar> {
     chooser: DestinationChooser,
     /// Components moved by the last reassignment, each with the index of the point to which it moved.
     moves: Vec<(u32, u32)>,
-    /// Means of the components in `moves` before they moved, to undo a failed reassignment.
+    /// Means that the components in `moves` had before the move, to undo a failed reassignment.
     displaced: Vec<([R; 3], [R; 3])>,
     places: Vec<[f32; 3]>,
     /// Number of frames trained on.
@@ -126,9 +126,9 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.commit(ms);
     }
 
-    /// Moves components by scores computed before the fit, then fits; returns the number of components
-    /// moved. If moves affect few tiles, the scoring pass serves as the fit, and only those tiles are
-    /// run again.
+    /// Scores the components, moves those that the scores select, then fits; returns the number of
+    /// components moved. If the moves affect only a few tiles, the results of the scoring pass are
+    /// reused for the fit. Then only the affected tiles are run again.
     fn reassign_and_fit(
         &mut self,
         points: &Points<R>,
@@ -214,8 +214,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
         (n, if n == 0 { 0.0 } else { mixture.scoring.elbo(sum / n as f64) })
     }
 
-    /// Returns the quota of the next reassignment, if any. Before the first fit no component counts as
-    /// unused. The posterior then equals the initial model, whose weights are not below the prior's
+    /// Returns the quota of the next reassignment, if any. Before the first fit, every component counts
+    /// as used: the posterior then equals the initial model, whose weights are not below the prior's
     /// (`training.md`, Reassignment).
     fn quota(&self) -> Option<Quota> {
         let Mixture { config, statistics, .. } = &self.mixture;
@@ -225,7 +225,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
         Quota::new(config, statistics.len() - statistics.used())
     }
 
-    /// Moves components by the scores of the last pass; returns the number of components moved.
+    /// Moves components, selected by the scores of the last pass; returns the number of components
+    /// moved.
     fn reassign(
         &mut self,
         points: &Points<R>,
@@ -251,7 +252,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
 
     /// Moves initial means of components to points, given as `(component, point)`, and updates the index.
     ///
-    /// The components must be unused, because statistics are relative to the means. On error nothing moves.
+    /// The components must be unused, because statistics are relative to the means. On error, no
+    /// component moves.
     pub fn move_components(
         &mut self,
         points: &Points<R>,

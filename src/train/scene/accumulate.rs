@@ -1,8 +1,8 @@
 //! Adds a frame's points to the sums of their components.
 //!
-//! Each thread takes a run of consecutive components with their points: no two threads write the same
-//! row. So neither atomics nor private copies are needed, and rows are updated in the order of the
-//! points. Neighbours in that order belong to few components, whose rows stay in the cache.
+//! Each thread takes a range of consecutive components with their points, so no two threads write the
+//! same row. Neither atomics nor private copies are needed, and rows are updated in the order of the
+//! points. Consecutive points belong to few components, whose rows stay in the cache.
 
 use super::component_sums::{ComponentSums, FULL, SumRow, term_quanta, value};
 use super::components::Seeds;
@@ -83,14 +83,14 @@ pub fn accumulate(
 struct PartResult {
     /// Components with points, ascending.
     ids: Vec<u32>,
-    /// Index and sums of each component with more points than a row of integer sums can hold.
+    /// Index and sums of each component with more points than an integer row of sums can hold.
     wide: Vec<(u32, [f64; N_SUMS])>,
 }
 
 struct Part<'a, P> {
     first: usize,
     rows: &'a mut [SumRow],
-    /// Points of the components in `rows`, ascending.
+    /// Points of the components in `rows`, in ascending order.
     points: P,
     frame: AssignedPoints<'a>,
 }
@@ -100,13 +100,13 @@ struct Receiver {
     row: u32,
     n: u32,
     seed: [f32; 3],
-    /// Index in [`PartResult::wide`], if a row of integer sums cannot hold the points.
+    /// Index in [`PartResult::wide`], if an integer row of sums cannot hold the component's points.
     wide: Option<usize>,
 }
 
 impl<'p, P: Iterator<Item = &'p [u32]> + Clone> Part<'_, P> {
-    /// Returns the index of the [`Receiver`] of each row, and the receivers in the order of their first
-    /// point.
+    /// Returns, for each row, the index of its [`Receiver`], and the receivers in the order of their
+    /// first point.
     fn receivers(&self) -> (Vec<u32>, Vec<Receiver>) {
         let Self { first, rows, points, frame } = self;
         let (mut places, mut receivers) = (vec![NONE; rows.len()], Vec::<Receiver>::new());
@@ -183,10 +183,10 @@ pub struct PointParts {
     chunks: Vec<Chunk>,
 }
 
-/// Consecutive points of a frame, sorted by the part of their component.
+/// Consecutive points of a frame, sorted by the part to which their component belongs.
 struct Chunk {
     points: Vec<u32>,
-    /// End of each part in `points`. Points without a component follow the last part.
+    /// Index in `points` at which each part ends. Points without a component follow the last part.
     ends: [usize; PARTS],
 }
 
@@ -210,7 +210,7 @@ impl PointParts {
         &self.firsts
     }
 
-    /// Returns the points, ascending, of the part that begins at component `first`.
+    /// Returns the points of the part that begins at component `first`, in ascending order.
     pub fn of(&self, first: usize) -> impl Iterator<Item = &[u32]> + Clone {
         let part = self.firsts.partition_point(|&other| other < first);
         self.chunks.iter().map(move |chunk| {

@@ -1,21 +1,21 @@
 //! Alignment of a frame's pose to the scene: recorded poses of real cameras err by more than the structural
 //! scale.
 //!
-//! Every known component gives two constraints on its points in the frame: they lie in its plane, and
-//! their mean colour follows its joint Gaussian of position and colour. Before the frame is added to the
-//! scene, it is moved by a small camera motion. The motion is the most probable one under both
-//! constraints and a prior about the recorded pose. It is found by Gauss–Newton steps with Cauchy
-//! weights (MAP).
+//! Every known component gives two constraints on its points in the frame. The points lie in the
+//! component's plane, and their mean colour follows the component's joint Gaussian of position and
+//! colour. Before the frame is added to the scene, it is moved by a small camera motion. The motion is
+//! the most probable one under both constraints and a prior about the recorded pose. It is found by
+//! Gauss–Newton steps with Cauchy weights (MAP).
 //!
-//! Errors of neighbouring components correlate, so their evidence is divided by the number of components
-//! that are correlated. Otherwise thousands of components would always outweigh the prior. Planes alone
-//! leave motion along a wall undetermined; colours determine it. A direction determined by neither stays
-//! as recorded.
+//! Errors of neighbouring components correlate, so their evidence is divided by the number of
+//! components that are correlated. Otherwise thousands of components would always outweigh the prior.
+//! Planes alone leave motion along a wall undetermined; colours determine it. Motion determined by
+//! neither stays as recorded.
 //!
 //! A component describes colours only within its extent. So every round assigns the moved points to
 //! components anew, and takes only a part of the computed step. Pose errors are similar from frame to
-//! frame, so the first round starts at the correction of nearby frames. Six rounds with a subset of the
-//! points are typical, then one with all. Exact poses are not aligned.
+//! frame, so the first round starts at the correction of nearby frames. Typically there are six rounds
+//! with a subset of the points, then one with all points. Exact poses are not aligned.
 
 use super::component_sums::{ComponentSums, KNOWN_POINTS};
 use super::components::Seeds;
@@ -40,13 +40,15 @@ const CONVERGED: f64 = 0.02;
 /// Minimum number of matched components for the estimate of a motion.
 // A rigid motion has six unknowns, and a plane constrains one.
 const MIN_COMPONENTS: usize = 6;
-/// Number of matched components from which the recorded position has its full prior deviation.
+/// Minimum number of matched components at which the prior deviation of the recorded position is not
+/// reduced.
 const MANY_COMPONENTS: f64 = 500.0;
 // Maximum number of neighbouring components that count as one, since their errors correlate.
 const MAX_CORRELATED: f64 = 10.0;
 /// Minimum number of patches with independent errors in a whole picture.
 const PATCHES: f64 = MANY_COMPONENTS / MAX_CORRELATED;
-/// Smallest factor on the prior deviation of the recorded position, for few matched components.
+/// Smallest factor by which the prior deviation of the recorded position is reduced, used for few
+/// matched components.
 const HELD: f64 = 0.3;
 /// Variance of a component's mean colour between frames.
 const COLOR_VARIANCE: f64 = 0.003;
@@ -68,7 +70,7 @@ pub struct PoseAlignment<'a> {
     pub h: f64,
 }
 
-/// A component of the scene, with the means of the frame's points that belong to the component.
+/// A component of the scene, with the means of the frame's points that belong to it.
 struct Match<'p> {
     pub plane: &'p ColoredPlane,
     /// Mean position of the frame's points under the recorded pose, world units from the scene's origin.
@@ -99,7 +101,7 @@ pub fn alignment_subset(frame: &Observation) -> Observation {
 }
 
 /// Returns the frame with one of every [`GROUP_STRIDE`] groups of points. A group consists of
-/// neighbouring points, whose seeds are searched together.
+/// neighbouring points, whose seeds are searched for together.
 pub fn first_groups(frame: &Observation) -> Observation {
     let groups = frame.points.chunks(GROUP).step_by(GROUP_STRIDE);
     with_points(frame, groups.flatten().copied().collect())
@@ -175,8 +177,8 @@ impl Match<'_> {
 }
 
 impl FrameMatches<'_> {
-    /// Returns the number of neighbouring matches that count as one, since their errors correlate. The
-    /// number is smaller if components are few and large.
+    /// Returns how many neighbouring matches count as one independent match, since their errors
+    /// correlate. The number is smaller if components are few and large.
     fn n_correlated(&self) -> f64 {
         (self.matches.len() as f64 / (PATCHES * self.share)).clamp(1.0, MAX_CORRELATED)
     }
@@ -190,7 +192,7 @@ impl FrameMatches<'_> {
 
     /// Returns a more probable motion than `before` for a camera recorded at `centre`, world units from
     /// the origin. `turn` and `shift` are the prior standard deviations of rotation (radians) and
-    /// position (world units). `None` with too few matches.
+    /// position (world units). `None` if there are too few matches.
     fn step(&self, before: &Motion, centre: DVec3, [turn, shift]: [f64; 2]) -> Option<Motion> {
         let matches = &self.matches;
         if matches.len() < MIN_COMPONENTS {
@@ -245,7 +247,8 @@ fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-/// Minimum length of the mean of a component's unit normals for the component to count as a plane.
+/// Minimum length of the mean of a component's unit normals, for the component to be treated as a
+/// plane.
 const MIN_AGREEMENT: f64 = 0.8;
 
 /// A component as a plane whose colour changes linearly with position.
@@ -265,7 +268,7 @@ pub struct ColoredPlane {
 
 impl ColoredPlane {
     /// Fits a plane to the sums of a component with the given seed. `ridge` (world units²) regularises
-    /// the colour gradient. `None` with few points or diverging normals.
+    /// the colour gradient. `None` if there are few points or the normals diverge.
     pub fn new(sums: &SceneSums, seed: DVec3, ridge: f64) -> Option<Self> {
         let normal = sums.normal / sums.count;
         if sums.count < KNOWN_POINTS || normal.length() < MIN_AGREEMENT {
@@ -287,7 +290,7 @@ impl ColoredPlane {
     }
 }
 
-/// Cache of the planes of components that a frame has requested.
+/// Cache of the planes of those components that a frame uses.
 pub struct KnownPlanes<'a> {
     component_sums: &'a ComponentSums,
     seeds: &'a Seeds,

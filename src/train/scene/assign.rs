@@ -14,8 +14,8 @@ use rayon::prelude::*;
 // Points searched together: points come in tiles of eight by eight pixels.
 const GROUP: usize = 64;
 
-/// Replaces `owners` by the component of each point: the component of the nearest seed within `reach`. A
-/// point without such a seed has [`NONE`].
+/// Replaces `owners` by the component of each point: the component of the nearest seed within `reach`.
+/// [`NONE`] if there is no such seed.
 pub fn assign(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut Vec<u32>) {
     owners.clear();
     owners.resize(points.len(), NONE);
@@ -33,8 +33,8 @@ pub fn assign(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut
 }
 
 /// Completes an assignment by a device: replaces the seeds in `owners` by their components. On entry
-/// `owners` holds the nearest seed of each point within the structural scale, or [`NONE`]. Points with
-/// [`LEFT_TO_PROCESSOR`] are searched here.
+/// `owners` holds the nearest seed of each point within the structural scale, or [`NONE`]. For points
+/// with [`LEFT_TO_PROCESSOR`], the CPU first finds the seed.
 pub fn assign_known(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut [u32]) {
     owners.par_chunks_mut(GROUP).zip(points.par_chunks(GROUP)).for_each(|(owners, points)| {
         for (owner, point) in
@@ -46,8 +46,8 @@ pub fn assign_known(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners
     });
 }
 
-/// Replaces the seeds in `owners` by their components. Points without a seed are first searched along
-/// their rays, if ray search is on.
+/// Replaces the seeds in `owners` by their components. For points without a seed, a seed is first
+/// searched for along the ray, if ray search is enabled.
 fn keep_components(seeds: &Seeds, reach: Reach, points: &[SurfacePoint], owners: &mut [u32]) {
     if reach.searches_rays() {
         Isa::best().run(SearchRays { grid: &seeds.grid, reach, points, seeds: owners });

@@ -1,4 +1,5 @@
-//! Births: points without a component nearby become seeds, in the order of the points.
+//! Births: points without a component nearby become seeds of new components, in the order of the
+//! points.
 
 use super::components::Seeds;
 use super::grid::{NONE, SeedGrid};
@@ -20,9 +21,9 @@ pub struct Limits {
     pub seeds: usize,
 }
 
-/// Assigns components to the points whose owner is [`NONE`]. A point belongs to a seed created in this
-/// frame within the structural scale `h` (world units). Without such a seed, the point becomes the seed
-/// of a new component, within the limits.
+/// Assigns components to the points whose owner is [`NONE`]. If a seed created in this frame is within
+/// the structural scale `h` (world units), the point gets the component of that seed. Otherwise, within
+/// the limits, the point becomes the seed of a new component.
 pub fn create_components(
     h: f64,
     seeds: &mut Seeds,

@@ -1,9 +1,9 @@
 //! Sums and visibility counts of all components.
 //!
-//! Rows are 32-bit integers in units of 2⁻¹⁵: half the memory of f64, and exact in any order of points,
-//! frames and threads. A row that could overflow spills into a wide row of f64 whole quanta, exact below 2⁵³
-//! of them; 2 % of the components of the Kinect room need one. Sums in f64 would give the same picture within
-//! 0.005 dB.
+//! Rows are 32-bit integers in units of 2⁻¹⁵. They take half the memory of f64 and are exact in any
+//! order of points, frames and threads. If a row could overflow, its sums move to a wide row: whole
+//! quanta in f64, exact below 2⁵³ quanta. In the Kinect room, 2 % of the components need a wide row.
+//! Sums in f64 would change the picture by less than 0.005 dB.
 
 use crate::math::image::split_by_sizes;
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
@@ -12,7 +12,8 @@ use crate::model::splat::observed_cone::ObservedCone;
 use glam::DMat3;
 use rayon::prelude::*;
 
-/// Minimum number of points of a known component, whose plane and colour are compared with frames.
+/// Number of points from which a component is known: its plane and its colour are then compared with
+/// frames.
 pub const KNOWN_POINTS: f64 = 20.0;
 
 // Expected returns are counted in 64ths.
@@ -52,7 +53,7 @@ impl SumRow {
     }
 
     /// Adds the visibility of the component in one frame. `expected` is the number of points that the
-    /// frame could have given.
+    /// frame could have measured on the component.
     #[inline(always)]
     pub fn count_visibility(&mut self, visibility: Visibility, expected: f64) {
         // Whole quanta per frame: the sum is independent of the order of frames.
@@ -127,7 +128,8 @@ impl ComponentSums {
         (n >= KNOWN_POINTS).then(|| [sum(10) / n, sum(11) / n, sum(12) / n])
     }
 
-    /// Returns the range of view directions of a component's points; unknown without points.
+    /// Returns the range of view directions of a component's points; the unknown range if there are no
+    /// points.
     pub fn observed_cone(&self, id: usize) -> ObservedCone {
         // Directions are independent of the structural scale.
         SceneSums::new(&self.sums(id), 1.0).observed_cone()
@@ -159,7 +161,7 @@ impl ComponentSums {
     }
 
     /// Calls `f` in parallel on at most `parts` disjoint ranges of consecutive rows. The arguments of
-    /// `f` are the number of the first row, the rows, and all wide sums.
+    /// `f` are the index of the first row of the range, the rows, and all wide sums.
     pub fn for_each_part(
         &mut self,
         parts: usize,
@@ -170,7 +172,7 @@ impl ComponentSums {
     }
 
     /// Calls `f` as [`Self::for_each_part`] does, on ranges that begin at the rows `firsts`, ascending
-    /// from 0. Each range is one task, and the last range extends to the end.
+    /// from 0. Each range is one task, and the last range extends to the last row.
     pub fn for_each_run(
         &mut self,
         firsts: &[usize],
@@ -298,14 +300,15 @@ fn is_full(row: &SumRow) -> bool {
     value(row.sums[0]) >= FULL
 }
 
-/// Number of points from which the sums of a row are moved to a wide row.
+/// Number of points from which a row's sums are moved to a wide row.
 // A row holds twice as many: that many terms of 7.84, the maximum, are 2.105·10⁹ quanta, just below 2³¹.
 pub const FULL: f64 = WIDE_POINTS as f64;
 
 /// Rounds a term of a sum, within ±7.84, to whole quanta.
 #[inline(always)]
 pub fn term_quanta(term: f32) -> i32 {
-    /// Number whose addition rounds a number below 2²² to an integer, ties to even, in the low bits.
+    /// Adding this number rounds a number below 2²² to an integer (ties to even), stored in the low
+    /// bits of the sum.
     const SHIFTER: f32 = 1.5 * (1 << 23) as f32;
     (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
 }

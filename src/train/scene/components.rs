@@ -19,8 +19,9 @@ pub struct Components {
     n_rows: usize,
     /// Assignment of seeds to components; `None` while component `k` has seed `k` and no other seed.
     sharing: Option<Sharing>,
-    /// Maximum distance of points from each seed, in units of 1/[`WHOLE`] of the structural scale. Seeds
-    /// created before the scale grew have less than [`WHOLE`]. Empty while all seeds have [`WHOLE`].
+    /// For each seed, the maximum distance of its points, in units of 1/[`WHOLE`] of the structural
+    /// scale. It is less than [`WHOLE`] for seeds created before the scale grew. Empty while it is
+    /// [`WHOLE`] for all seeds.
     shares: Vec<u8>,
 }
 
@@ -30,9 +31,9 @@ struct Sharing {
     /// Oldest seed of each component, from which the component's sums measure offsets.
     reference: Vec<u32>,
     /// Surface area that each component's seeds represent, in units of 1/[`SURFACE`] of the squared
-    /// structural scale. 0 without seeds.
+    /// structural scale. 0 if the component has no seeds.
     surface: Vec<u32>,
-    /// Components without seeds; the last is reused first.
+    /// Components without seeds. The last one in the list is reused first.
     free: Vec<u32>,
 }
 
@@ -177,7 +178,7 @@ fn squared(share: u8) -> u32 {
     u32::from(share) * u32::from(share)
 }
 
-/// Seeds and the components that they belong to.
+/// Seeds (points at which components were created) and the components to which they belong.
 pub struct Seeds {
     pub grid: SeedGrid,
     pub components: Components,

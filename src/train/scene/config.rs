@@ -31,8 +31,8 @@ pub struct SceneConfig {
     /// Structural scale `h`, world units: maximum distance of a point from its component's seed, the
     /// point at which that component was created.
     pub h: f64,
-    /// Maximum distance along a point's ray at which a seed is searched, in half-widths of the depth
-    /// noise; 0 disables the search.
+    /// Maximum distance along a point's ray at which a seed is searched for, in half-widths of the
+    /// depth noise; 0 disables the search.
     // Skipped if off, so that files of scenes without it are unchanged.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub ray_search: f64,
@@ -163,14 +163,14 @@ impl SceneConfig {
 /// take less memory.
 const SCENE_COPY_BYTES: usize = 230;
 /// Additional bytes per component for photometric training: rendering record, sums over pixels, and
-/// step. Copies of the photometric state are counted separately.
+/// step. Copies of the photometric state are not included.
 const PHOTOGRAPH_SPLAT_BYTES: usize = 480;
 /// Bytes per pixel of a photograph in memory: colours and depths.
 const PHOTOGRAPH_PIXEL_BYTES: usize = size_of::<[u8; 4]>() + size_of::<f32>();
 /// Bytes for lists and sums while a rendered picture is compared with a photograph, independent of its
 /// size.
 const PHOTOGRAPH_BYTES: u64 = 58_000_000;
-/// Bytes for program, threads and decoders, without per-pixel buffers.
+/// Bytes for the program, its threads and decoders, without per-pixel buffers.
 const SCENE_PROGRAM_BYTES: u64 = 16_000_000;
 const DECODER_PIXEL_BYTES: usize = 30;
 /// Bytes per point for its component, its shift along the ray and its squared distance from the seed.

@@ -1,7 +1,7 @@
-//! Comparison of a frame's points with the scene before they are summed: distance from the seed, and most
-//! probable position along the ray.
+//! Comparison of a frame's points with the scene before they are summed: distance from the seed, and
+//! most probable position along the ray.
 //!
-//! Both share one pass, which is as much bound by memory as by arithmetic.
+//! Both are computed in one pass, whose speed is limited as much by memory as by arithmetic.
 
 use super::component_sums::{ComponentSums, KNOWN_POINTS};
 use super::components::Seeds;
@@ -25,8 +25,9 @@ pub struct Explainer<'a> {
 
 impl Explainer<'_> {
     /// Replaces `q` by the squared distance of each point from its component's seed (world units², NaN
-    /// without a component). Replaces `shifts` by the movement of each point along its ray (world
-    /// units). Returns the sum of the squared distances and the number of points with a component.
+    /// if the point has no component). Replaces `shifts` by the movement of each point along its ray
+    /// (world units). Returns the sum of the squared distances and the number of points with a
+    /// component.
     pub fn explain(
         &self,
         points: &[SurfacePoint],
@@ -84,7 +85,7 @@ impl Explainer<'_> {
 
 /// Maximum weight of a component's plane relative to the measured position of a point.
 const MAX_TRUST: f64 = 2.0;
-/// Minimum cosine between a ray and the plane's normal at which the point is moved.
+/// Minimum cosine between a ray and the plane's normal for which the point is moved.
 const MIN_COSINE: f64 = 0.3;
 
 /// Plane through the points of a component, towards which new points of the component are moved.

@@ -27,9 +27,9 @@ use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Fuses scenes of equal configuration into one scene within the budget (`scene.md`, Fusion). The scenes
-/// may have continued from a common `start`. `None` without scenes, or if a state has invalid component
-/// numbers or unknown recorded rotations.
+/// Fuses scenes of equal configuration into one scene within the budget (`scene.md`, Fusion). The
+/// scenes may have continued from a common `start`. `None` if there are no scenes, or if a state has
+/// invalid component numbers or unknown recorded rotations.
 pub fn fuse(
     config: &SceneConfig,
     start: Option<&SceneState>,
@@ -64,7 +64,7 @@ fn at_scale(scene: &SceneState, steps: u32) -> Option<Cow<'_, SceneState>> {
 
 /// Fuses scenes of one structural scale that may have continued from a common `start`. Where several
 /// scenes have new components at one place, the component of the first scene absorbs the others.
-/// Components of the start come first. The result may exceed the budget. `None` without scenes.
+/// Components of the start come first. The result may exceed the budget. `None` if there are no scenes.
 fn fuse_at_one_scale(
     config: &SceneConfig,
     start: Option<&SceneState>,
@@ -237,8 +237,8 @@ impl Fused {
 
     /// Adds the components of one scene that the start does not have. A component whose mean is within
     /// reach of a seed added from another scene is merged into that seed's component. Its photometric
-    /// estimate describes a different splat and is dropped. All others are appended: they were apart
-    /// from the start's components when they were created.
+    /// estimate describes a different splat and is dropped. All others are appended: when created, they
+    /// were too far from the start's components to belong to one.
     fn add_new_components(&mut self, own: impl Iterator<Item = Component>) {
         let n_before = self.own.len();
         // A component without points has no mean to match by.
@@ -397,9 +397,9 @@ impl Estimate {
     }
 }
 
-/// Combines `start` with the information that each of the `later` estimates has gained since. Without a
-/// start, the later estimates are combined as independent estimates under one prior. `None` without
-/// estimates.
+/// Combines `start` with the information that each of the `later` estimates has gained since. If there
+/// is no start, the later estimates are combined as independent estimates under one prior. `None` if
+/// there are no estimates.
 fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Option<Estimate> {
     let base = start.or(later.first().map(|later| later.estimate))?;
     let (form_prior, color_prior) = prior_precision(&base.splat, &rule.prior);
@@ -433,7 +433,8 @@ fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Op
 struct Joint<const N: usize, const M: usize> {
     precision: Vec<f64>,
     information: [Vec<f64>; M],
-    /// Product of the shares of the start's precision that the scenes retain.
+    /// Share of the start's precision that all scenes together retain: the product of the shares of the
+    /// scenes.
     remembered: f64,
 }
 
@@ -467,7 +468,8 @@ impl<const N: usize, const M: usize> Joint<N, M> {
     }
 
     /// Returns the fused parameters as steps from the start, and the total precision. `None` if the
-    /// precision is not positive definite or a step is not finite. `known` is 1 with a start, 0 without.
+    /// precision is not positive definite or a step is not finite. `known` is 1 if there is a start,
+    /// else 0.
     fn solved(
         mut self,
         start: &[f32],
@@ -487,8 +489,8 @@ impl<const N: usize, const M: usize> Joint<N, M> {
     }
 }
 
-/// Returns entry `(i, j)` of a precision matrix blended with the prior's. `remembered` is the share of
-/// `value`, the entry before blending.
+/// Blends `value`, the entry `(i, j)` of a precision matrix, with that of the prior. `remembered` is
+/// the weight of `value`, from 0 to 1.
 fn blended_precision<const N: usize>(
     value: f64,
     prior: &[f64; N],

@@ -7,15 +7,15 @@ use rayon::prelude::*;
 
 /// Number of points in known components that suffice to determine the gain of a large frame.
 pub const MIN_MATCHES: f64 = 5000.0;
-/// Share of a small frame's points whose components must be known to determine its gain.
+/// Share of a small frame's points that must be in known components to determine its gain.
 const MIN_SHARE: f64 = 0.125;
-/// Minimum number of points in known components that determine the gain of any frame.
+/// Minimum number of points in known components to determine the gain of any frame.
 const FEWEST_MATCHES: f64 = 100.0;
 /// Points per partial sum; a fixed size makes sums independent of the number of threads.
 const CHUNK: usize = 512;
 
-/// Returns how many of a frame's points must be in known components to determine its gain, at most
-/// `most`.
+/// Returns how many of a frame's points must be in known components to determine the frame's gain. The
+/// result is at most `most`.
 pub fn fewest_matches(points: usize, most: f64) -> f64 {
     // The upper limit last: frames of few, heavy points need fewer matches.
     (MIN_SHARE * points as f64).max(FEWEST_MATCHES).min(most)
@@ -61,8 +61,8 @@ impl Brightness {
         sums
     }
 
-    /// Returns the gain of a frame from its parts, as [`gain()`] does for all its points. Parts are
-    /// added in order.
+    /// Returns the gain of a frame, computed from the sums over parts of its points. Apart from
+    /// rounding, it equals [`gain()`] of all points. Parts are added in order.
     pub fn gain(parts: impl IntoIterator<Item = Self>, fewest: f64) -> [f32; 3] {
         let mut total = Self::default();
         for part in parts {

@@ -1,9 +1,9 @@
 //! Rigid motion of a scene as a whole.
 //!
-//! Frames are aligned to the scene, and the scene is built from the frames: this leaves their common position
-//! free. The first frames fix it, including their own pose errors, which all following corrections inherit.
-//! As recorded poses are unbiased on average, the whole scene is moved to where the corrections of its frames
-//! are smallest.
+//! Frames are aligned to the scene, and the scene is built from the frames. So their common pose is
+//! determined only by the first frames. The pose errors of these frames affect all following
+//! corrections. As recorded poses are unbiased on average, the whole scene is moved to where the
+//! corrections of its frames are smallest.
 
 use super::component_sums::ComponentSums;
 use super::rigid_equations::{Motion, RigidEquations};
@@ -13,9 +13,9 @@ use crate::model::splat::pose_log::FramePose;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Returns the rigid motion of the world, from old to new coordinates, that minimises the pose
-/// corrections of the frames. The solution is a least-squares fit, linear in small rotations. `turn` and
-/// `shift` are the standard deviations of recorded rotations (radians) and positions (world units).
-/// `None` without frames, or if a recorded rotation is unknown.
+/// corrections of the frames. The solution is a least-squares fit, linear in small rotations. `turn`
+/// and `shift` are the standard deviations of recorded rotations (radians) and positions (world units).
+/// `None` if there are no frames or a recorded rotation is unknown.
 pub fn common_motion(frames: &[FramePose], [turn, shift]: [f64; 2]) -> Option<Pose> {
     let poses: Vec<[Pose; 2]> = frames.iter().map(FramePose::poses).collect::<Option<_>>()?;
     let n = poses.len() as f64;
@@ -44,7 +44,7 @@ pub fn moved_seed(seed: [f32; 3], origin: DVec3, motion: &Pose) -> [f32; 3] {
 }
 
 /// Applies a rigid motion of the world to a scene: seeds, sums, splats, logs and cameras of buffered
-/// photographs. `None` if a recorded rotation is unknown.
+/// photographs. `None` if the recorded rotation of a frame is unknown.
 pub fn moved(state: SceneState, motion: &Pose) -> Option<SceneState> {
     let origin = DVec3::from_array(state.origin);
     let mut sums = ComponentSums::restore(state.sums, state.visibility);

@@ -1,11 +1,12 @@
 //! Spatial index of seeds: a hash grid with cells as wide as the structural scale, grouped into blocks.
 //!
-//! The bounds of a scene are not known in advance, so blocks are hashed. Points lie on surfaces: most cells
-//! of a box around a few of them are empty, and separate lookups took half the time of the assignment. A
-//! block of 4×4×4 cells returns the seeds of a dozen occupied cells at once; larger blocks hold more seeds
-//! that are too far away, smaller ones are mostly empty again. Buckets are chains of nodes with room for a
-//! few seeds each: insertion moves nothing, growth relinks, and seeds keep their numbers. Nodes hold
-//! positions beside numbers, so that eight seeds are tested against a box at a time.
+//! The bounds of a scene are not known in advance, so blocks are hashed. Points lie on surfaces, so
+//! most cells of a box around a few points are empty. Separate lookups of these cells took half the
+//! time of the assignment. A block of 4×4×4 cells returns the seeds of a dozen occupied cells at once.
+//! In larger blocks, more seeds are too far away; smaller blocks are again mostly empty. Buckets are
+//! chains of nodes, each with room for a few seeds. So insertion moves no seed, growth only relinks
+//! nodes, and seeds keep their numbers. Nodes store positions beside numbers, so that eight seeds at a
+//! time are tested against a box.
 
 use crate::math::simd::{Isa, Kernel, LANES, SET_LANE, Vector};
 use crate::model::scene::points_device::{NO_SEED, Seeds};
@@ -96,8 +97,8 @@ impl SeedGrid {
         cell
     }
 
-    /// True if a position may be within `radius` world units of a seed, including positions just outside
-    /// the grid.
+    /// True if a position may be within `radius` world units of a seed. This can also hold for
+    /// positions just outside the grid.
     #[inline(always)]
     pub fn may_reach_seed(&self, position: [f32; 3], radius: f32) -> bool {
         position.iter().all(|x| (x.abs() - radius) * self.per_cell < MAX_CELLS)
@@ -126,8 +127,8 @@ impl SeedGrid {
         id
     }
 
-    /// Returns a copy of the grid with every seed moved to the position that `place` returns. `None` if
-    /// a seed leaves the range of the grid.
+    /// Returns a copy of the grid in which every seed is moved to the position that `place` returns for
+    /// it. `None` if a seed leaves the range of the grid.
     pub fn moved(&self, place: impl Fn([f32; 3]) -> [f32; 3]) -> Option<Self> {
         let Self { cell, per_cell, .. } = *self;
         // Both are copied: recomputed from the rounded cell, the reciprocal could differ.
@@ -258,8 +259,8 @@ impl Node {
         }
     }
 
-    /// Returns the squared distances of the node's seeds from a position, NaN for free slots. Squares
-    /// are summed in the order x, y, z.
+    /// Returns the squared distances from a position to the node's seeds, NaN for free slots. Squares
+    /// are added in the order x, y, z.
     #[inline(always)]
     fn squared_distances<V: Vector>(&self, [x, y, z]: [V; 3]) -> V {
         let [u, v, w] = &self.along;

@@ -1,10 +1,11 @@
-//! Reduction of the number of components: pairs whose union explains the points almost as well are merged in
-//! closed form (joint moments), cheapest first.
+//! Reduces the number of components by merging pairs, cheapest first. Merging a pair is cheap if the
+//! merged component explains the points almost as well. It has the joint moments of the pair, in closed
+//! form.
 //!
-//! Every component proposes its best neighbour, disjoint pairs are taken in order of cost, and passes
-//! repeat until the budget is met; a heap of all pairs would need repair after every merge. The cost is
-//! the increase in the residuals of colour and of distance to a plane. So uniform walls are merged first
-//! and edges last. Quality falls monotonically with the budget (`bench accuracy`).
+//! Every component proposes its best neighbour, and disjoint pairs are merged in order of cost. Such
+//! passes repeat until the budget is met; a heap of all pairs would need repair after every merge. The
+//! cost is the increase in the residuals of colour and of distance to a plane. So uniform walls are
+//! merged first and edges last. Quality falls monotonically with the budget (`bench accuracy`).
 
 use super::assign::assign;
 use super::births::{Limits, create_components};
@@ -43,8 +44,8 @@ struct Summary {
     error: f64,
 }
 
-/// Merges pairs of components until at most `most` are left. Stops early after a pass with no pair or
-/// fewer than `worthwhile` pairs. `h` is the structural scale, world units.
+/// Merges pairs of components until at most `most` components are left. Stops early after a pass that
+/// finds no pair or merges fewer than `worthwhile` pairs. `h` is the structural scale, world units.
 pub fn merge_down(
     component_sums: &mut ComponentSums,
     seeds: &mut Seeds,
@@ -77,7 +78,7 @@ pub fn merge_down(
     }
 }
 
-/// Returns up to `n` disjoint pairs of neighbouring components that cost least to merge. The older
+/// Returns up to `n` disjoint pairs of neighbouring components with the lowest merging costs. The older
 /// component of each pair comes first.
 fn cheapest_pairs(
     component_sums: &ComponentSums,
@@ -202,7 +203,7 @@ impl Partition {
     }
 
     /// Returns the component of every point. Creates new components where none is within the structural
-    /// scale. A point has `None` if no component can be created.
+    /// scale. `None` for a point for which no component can be created.
     pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
         let Self { h, seeds, owners } = self;
         assign(seeds, Reach::new(*h, 0.0), points, owners);
@@ -249,7 +250,8 @@ pub fn coarsened(state: SceneState, steps: u32) -> Option<SceneState> {
     Some(SceneState { coarsening_steps: steps, shares, sums, visibility, ..state })
 }
 
-/// Converts sums to a unit of length that is `by` times as long, rounded to whole quanta.
+/// Converts sums to a unit of length that is `by` times the old one. The results are rounded to whole
+/// quanta.
 fn in_units(mut sums: [f64; N_SUMS], by: f64) -> [f64; N_SUMS] {
     // `Σ d`, `Σ d dᵀ` and `Σ c dᵀ`; the other sums contain no length.
     let lengths = [(1..4, by), (4..10, by * by), (13..22, by)];

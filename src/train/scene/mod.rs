@@ -1,8 +1,10 @@
-//! Engine of the scene preset (`scene.md`, Stages of a frame): components are born at points without a
-//! component within the structural scale, and hold additive statistics about a fixed seed.
+//! Engine of the scene preset (`scene.md`, Stages of a frame). A component is created at a point that
+//! has no component within the structural scale. This point is its seed, about which additive
+//! statistics are summed.
 //!
-//! The E-step is the mixture's with one candidate: the initial model of every component is isotropic
-//! about its seed, with a common precision. So the nearest seed has the largest responsibility.
+//! The E-step is that of the `paper` preset with one candidate. The initial model of every component is
+//! isotropic about its seed, with a common precision. So the nearest seed has the largest
+//! responsibility.
 #![doc = include_str!("../../../docs/design/scene.md")]
 
 pub mod config;

@@ -17,9 +17,9 @@ pub struct FrameView<'a> {
 }
 
 /// Updates the visibility counts of all components with one frame. A component that the frame measured
-/// is a hit, a component in front of the measured surface a miss. Hidden or unknown components are not
-/// counted. `camera` is the frame's camera with the corrected pose, `h` the structural scale in world
-/// units.
+/// is a hit; a component in front of the measured surface is a miss. Hidden or unknown components are
+/// not counted. `camera` is the frame's camera with the corrected pose, `h` the structural scale in
+/// world units.
 pub fn observe(
     component_sums: &mut ComponentSums,
     seeds: &Seeds,
@@ -54,15 +54,15 @@ impl<'a> FrameView<'a> {
         Self { frame, rotation, centre, h }
     }
 
-    /// True if the frame measured something behind a surface at `mean`, false if it measured that
-    /// surface. `mean` is in world units from the origin. `None` if the surface is hidden, out of view
-    /// or unknown.
+    /// True if the frame measured something behind a surface at `mean`, false if it measured the
+    /// surface itself. `mean` is in world units from the origin. `None` if the surface is hidden, out
+    /// of view or unknown.
     pub fn measures_through(&self, mean: DVec3) -> Option<bool> {
         let (visibility, _) = self.visibility(mean, DVec3::ZERO)?;
         Some(visibility == Visibility::Miss)
     }
 
-    /// Returns the visibility of a component at `mean` and the expected number of points on the
+    /// Returns the visibility of a component at `mean`, and the number of points expected on the
     /// component. `None` if the component is hidden, out of view or unknown.
     fn visibility(&self, mean: DVec3, normal: DVec3) -> Option<(Visibility, f64)> {
         let local = self.rotation * (mean - self.centre);

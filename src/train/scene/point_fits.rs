@@ -1,8 +1,8 @@
-//! Search and summation of points on the processor or on a device (`scene.md`, On a device).
+//! Finds the seeds of points and sums the points, on the CPU or on a device (`scene.md`, On a device).
 //!
-//! A device returns the seed of every point, and sums in whole quanta of the components with points. A frame
-//! on which it fails is computed by the processor, and the device is not used again. The same holds if its
-//! arithmetic differs: the first frame is computed by both and compared.
+//! A device returns the seed of every point, and sums in whole quanta of the components with points. If
+//! the device fails on a frame, the CPU computes that frame and the device is not used again. The same
+//! applies if its arithmetic differs: both compute the first frame and the results are compared.
 
 use super::accumulate::{AssignedPoints, PARTS, accumulate};
 use super::assign::{assign, assign_known};
@@ -27,8 +27,8 @@ const SCALES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 pub struct PointFits {
     device: Option<PointFitter>,
     used: PassUse,
-    /// Number of points passed to the device for search or summation. Of that number, `open_points` were
-    /// left to the processor.
+    /// Number of points passed to the device for search or summation. Of these, `open_points` were left
+    /// to the CPU.
     points: u64,
     open_points: u64,
     slots: PointSlots,
@@ -42,7 +42,7 @@ struct PointFitter {
     /// True if the device has the points of the current frame.
     has_points: bool,
     turn: DeviceChoice,
-    /// Times of the current frame on processor and device, milliseconds, during a trial.
+    /// Times of the current frame on CPU and device, milliseconds, during a trial.
     ms: [f64; 2],
     owners: Vec<u32>,
 }
@@ -80,7 +80,7 @@ impl PointFits {
         };
     }
 
-    /// Begins a frame whose points are assigned but not summed. The processor assigns the points.
+    /// Begins a frame whose points are assigned but not summed. The points are assigned on the CPU.
     pub fn begin_untimed_frame(&mut self) {
         if let Some(fitter) = &mut self.device {
             fitter.turn = DeviceChoice::Processor;
@@ -192,8 +192,8 @@ impl PointFits {
         self.used.device_frames += 1;
     }
 
-    /// Accepts the device after a trial if its sums are equal, else drops it. `processor` and
-    /// `on_device` are the times of the sums, milliseconds.
+    /// Keeps the device after a trial if its sums equal those of the CPU, else drops the device.
+    /// `processor` and `on_device` are the times of summation on each, milliseconds.
     fn conclude_trial(&mut self, is_equal: bool, [processor, on_device]: [f64; 2]) {
         if !is_equal {
             return self.drop_device(DIFFERING.to_owned());
@@ -212,7 +212,7 @@ impl PointFits {
 
 impl PointFitter {
     /// Stores the nearest seed of every point in `owners`. Returns the number of points whose seeds the
-    /// processor has to search.
+    /// CPU has to find.
     fn find_seeds(
         &mut self,
         grid: &SeedGrid,
@@ -254,15 +254,15 @@ const LEFT: u32 = 1 << 31;
 // below 2²², the limit of rounding by addition.
 const MAX_NUMBER: f32 = 2.0;
 const MAX_WEIGHT: u32 = 16;
-/// Largest colour gain, and largest shift of a point in world units, for sums on a device. The limit
+/// Largest colour gain, and largest shift of a point (world units), for sums on a device. The limit
 /// keeps products finite.
 const MAX_FACTOR: f32 = 65_536.0;
 
 /// Slots for sums on a device, one per component with points in a frame.
 #[derive(Default)]
 pub struct PointSlots {
-    /// Number of pixels of each component's points while the points are counted, afterwards the
-    /// component's slot.
+    /// While points are counted: number of pixels of each component's points. Afterwards: slot of each
+    /// component.
     of_components: Vec<AtomicU32>,
     /// Component of each slot, ascending.
     pub ids: Vec<u32>,
@@ -271,15 +271,15 @@ pub struct PointSlots {
     /// Slot of each point ([`NONE`] if the device does not sum the point) and the bits of its shift
     /// (f32).
     pub points: Vec<[u32; 2]>,
-    /// Component of each point that the processor sums, [`NONE`] for the other points. Empty if the
-    /// processor sums no point.
+    /// Component of each point that the CPU sums, [`NONE`] for the other points. Empty if the CPU sums
+    /// no point.
     pub left: Vec<u32>,
     pub n_left: usize,
 }
 
 impl PointSlots {
-    /// Assigns a slot to every component with points that the device can sum. The processor sums
-    /// components with more points than a row holds, or with invalid or large numbers.
+    /// Assigns a slot to every component with points that the device can sum. The CPU sums components
+    /// with more points than a row holds, or with invalid or large numbers.
     pub fn fill(&mut self, n_components: usize, frame: AssignedPoints<'_>) {
         self.count(n_components, frame);
         self.ids.clear();
@@ -319,7 +319,7 @@ impl PointSlots {
         });
     }
 
-    /// Fills the list of points with slots for the device, and the list of points left to the processor.
+    /// Lists the points with slots for the device, and the points left to the CPU.
     fn list(&mut self, frame: AssignedPoints<'_>, any_left: bool) {
         let slots = &self.of_components;
         let slot = |owner: u32| slots.get(owner as usize).map(|slot| slot.load(Ordering::Relaxed));

@@ -58,8 +58,8 @@ impl Motion {
 
 /// Normal equations for the least-squares estimate of a [`Motion`].
 pub(super) struct RigidEquations {
-    /// For each parameter: its row of the matrix, the negative right-hand side, and a zero that fills
-    /// the row to eight numbers.
+    /// For each parameter: its row of the matrix, its entry of the negative right-hand side, and a zero
+    /// that pads to eight numbers.
     rows: [[f64; 8]; 6],
 }
 
@@ -131,7 +131,7 @@ impl RigidEquations {
     }
 
     /// Returns the rotation (axis times angle, radians) and translation (world units) that solve the
-    /// equations. `None` without a finite solution.
+    /// equations. `None` if there is no finite solution.
     pub fn solution(&self) -> Option<[DVec3; 2]> {
         let x = Cholesky::new(6, &self.matrix())?.solve(&self.rows.map(|row| -row[6]));
         let [turn, shift] = [DVec3::from_slice(&x[..3]), DVec3::from_slice(&x[3..])];

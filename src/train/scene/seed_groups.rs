@@ -1,7 +1,7 @@
-//! Nearest seeds of many points: neighbouring points gather the seeds around them together and are compared
-//! with all of them.
+//! Nearest seeds of many points: the seeds around neighbouring points are gathered once, and each point
+//! is compared with all of them.
 //!
-//! This gives straight SIMD loops, while a lookup per point would follow chains of buckets.
+//! This gives simple SIMD loops, while a lookup per point would follow chains of buckets.
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid};
@@ -22,7 +22,7 @@ pub struct SeedGroups {
 
 struct Group {
     n_points: usize,
-    /// End of the group's seeds in the list of all groups' seeds.
+    /// Index at which the group's seeds end in the list of all groups' seeds.
     end: usize,
 }
 
@@ -32,8 +32,8 @@ impl SeedGroups {
         self.seeds.clear();
     }
 
-    /// Adds points as one or more groups, with at least all seeds within `radius` (world units) of each
-    /// point.
+    /// Adds points as one or more groups. The seeds of a group include all seeds within `radius` (world
+    /// units) of each of its points.
     pub fn gather(&mut self, grid: &SeedGrid, radius: f32, points: &[[f32; 3]]) {
         // Slightly larger, since distances are rounded.
         self.gather_halves(grid, radius * (1.0 + 1e-5), points);
@@ -65,8 +65,8 @@ impl SeedGroups {
     }
 }
 
-/// Returns the corners of the bounding box of `places`, enlarged by `radius` on every side; `None`
-/// without places.
+/// Returns the corners of the bounding box of `places`, enlarged by `radius` on every side; `None` if
+/// there are no places.
 fn corners(places: impl Iterator<Item = [f32; 3]>, radius: f32) -> Option<[[f32; 3]; 2]> {
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for place in places {
@@ -164,7 +164,7 @@ fn oldest_nearest(place: [f32; 3], seeds: &[(u32, [f32; 3])], limit: f32) -> u32
 const CHUNK: usize = 64;
 /// Number of consecutive points, neighbours in the image, that share candidate seeds.
 pub const GROUP: usize = 8;
-/// Movement of a point after which candidate seeds are gathered again, relative to the reach.
+/// Movement of a point, relative to the reach, after which candidate seeds are gathered again.
 const MARGIN: f32 = 0.25;
 
 /// Candidate seeds within reach of points that move; gathered again after large movements.
@@ -192,9 +192,9 @@ impl<'a> NearSeeds<'a> {
         Self { grid, reach, chunks }
     }
 
-    /// Replaces `owners` by the component of the seed nearest to each point at the position that `place`
-    /// returns. A point without a seed within reach has [`NONE`]. The points must be the same in every
-    /// call. Returns the results of `of_chunk` for each [`CHUNK`] of points and owners, in order.
+    /// Replaces `owners` by the component of the seed nearest to each point at the position that
+    /// `place` returns. [`NONE`] if no seed is within reach. The points must be the same in every call.
+    /// Returns the results of `of_chunk` for each [`CHUNK`] of points and owners, in order.
     pub fn assign<T: Send>(
         &mut self,
         components: &Components,
@@ -224,8 +224,8 @@ impl<'a> NearSeeds<'a> {
 }
 
 impl Chunk {
-    /// True if a point has moved by more than `margin` (world units) since the last gathering, or before
-    /// the first.
+    /// True if a point has moved by more than `margin` (world units) since seeds were last gathered, or
+    /// if none have been gathered yet.
     fn has_moved_beyond(&self, margin: f32) -> bool {
         let has_stayed = |(place, gathered): (&[f32; 3], &[f32; 3])| {
             squared_distance(*place, *gathered) <= margin * margin
@@ -244,7 +244,7 @@ impl Chunk {
     }
 }
 
-/// Maximum distance of points from their seeds, directly and with a search along rays.
+/// Maximum distances of points from their seeds: directly, and in a search along rays.
 #[derive(Clone, Copy, Debug)]
 pub struct Reach {
     /// Structural scale, world units.
@@ -259,13 +259,13 @@ impl Reach {
         Self { h: h as f32, half_widths: half_widths as f32 }
     }
 
-    /// True if points without a seed are searched along their rays.
+    /// True if seeds are searched for along the rays of points that have no seed.
     pub fn searches_rays(self) -> bool {
         self.half_widths > 0.0
     }
 
-    /// Returns the distance along a point's ray, in either direction, within which seeds of its surface
-    /// are searched, world units.
+    /// Returns the distance along a point's ray, in either direction, within which a seed is searched
+    /// for, world units.
     #[inline(always)]
     pub fn along_ray(self, point: &SurfacePoint) -> f32 {
         // Limited by the maximum offset in sums.
@@ -277,10 +277,10 @@ impl Reach {
 // Distance of the searched places, as a share of the point's reach, so that the searched spheres overlap.
 const STEP: f32 = 0.7;
 
-/// Kernel that searches seeds along the rays of points that have no seed. Positions on a ray are
-/// searched outwards from the point. The nearest seed within reach of the first successful position is
-/// used. Of two equally near positions, the one farther from the camera comes first. A surface in front
-/// of the point would have hidden the point.
+/// Kernel that searches for seeds along the rays of points that have no seed. Positions on the ray are
+/// tried in order of their distance from the point. The search ends at the first position with a seed
+/// within reach and uses the nearest such seed. Of two positions at equal distance, the one farther
+/// from the camera is tried first. A surface in front of the point would have hidden the point.
 pub struct SearchRays<'a> {
     pub grid: &'a SeedGrid,
     pub reach: Reach,

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 /// Default structural scale, pixels.
 pub const DEFAULT_PIXELS: f64 = 2.5;
-/// Minimum structural scale with ray search, as a share of the sensor's depth tolerance. Points
-/// displaced by depth noise are then assigned along their rays (`scene.md`, Ray search).
+/// Minimum structural scale if seeds are searched for along rays, as a share of the sensor's depth
+/// tolerance. The search assigns points displaced by depth noise (`scene.md`, Ray search).
 const ALONG_RAYS: f64 = 0.8;
 
 /// Structural scale: maximum distance of a point from its component's seed, the point at which that

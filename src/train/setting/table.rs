@@ -1,11 +1,12 @@
 //! Table of a preset's settings: every option is declared once.
 //!
 //! From one declaration, `settings!` creates a struct of optional values (read from RON files, layered
-//! by [`SettingLayer::or`]) and a constant table. Its rows parse a value from the command line, apply it
-//! to a run's settings, check its range and format both for comparison. The table defines command-line
-//! arguments and help, the rejection of the other preset's options, and checks of resumed runs. It also
-//! defines the window's panel, preset files and the reference of settings. Rows hold functions instead
-//! of values, so that settings retain their types; only messages and comparisons are text.
+//! by [`SettingLayer::or`]) and a constant table. Its rows parse a value from the command line and
+//! apply it to a run's settings. They also check its range, and format both values for comparison. The
+//! table defines command-line arguments and help, the rejection of the other preset's options, and
+//! checks of resumed runs. It also defines the window's panel, preset files and the reference of
+//! settings. Rows hold functions instead of values, so that settings retain their types; only messages
+//! and comparisons are text.
 
 use super::value::{Choice, ConfigError, Preset, ValueError};
 use std::ffi::OsStr;
@@ -13,7 +14,8 @@ use std::ffi::OsStr;
 /// How a setting is given on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spelling {
-    /// By an option of its own; the second text is the placeholder of its value in help texts.
+    /// By its own option. The first text is the option, the second the placeholder of its value in help
+    /// texts.
     Option(&'static str, &'static str),
     /// By its name with `--set NAME=VALUE`.
     Name,
@@ -32,7 +34,7 @@ pub struct About {
     pub label: Option<&'static str>,
     /// Default value, or a description of what the default depends on.
     pub default: &'static str,
-    /// True if the default does not depend on the dataset or other settings.
+    /// True if the default depends neither on the dataset nor on other settings.
     pub is_default_fixed: bool,
     /// Returns a description of the permitted values; `None` if all values of the type are permitted.
     pub range: Option<fn() -> String>,
@@ -47,7 +49,7 @@ pub struct About {
 }
 
 impl About {
-    /// Returns the help text: sentences, of which the last has no full stop.
+    /// Returns the help text. It consists of sentences; the last one has no full stop.
     pub fn help(&self) -> &'static str {
         let doc = self.doc.trim();
         doc.strip_suffix('.').unwrap_or(doc)
@@ -88,7 +90,7 @@ pub struct Setting<L: SettingLayer> {
 }
 
 impl<L: SettingLayer> Setting<L> {
-    /// Returns the layer's value and the run's, if the layer's value is set and differs.
+    /// Returns a conflict if the layer's value is set and differs from the run's.
     pub fn conflict(&self, layer: &L, run: &L::Run) -> Option<Conflict> {
         let (stored, requested) = ((self.stored)(run), (self.given)(layer)?);
         let setting = self.about.name;
@@ -131,7 +133,7 @@ pub trait SettingLayer: Default + Sized + 'static {
         }
     }
 
-    /// Returns the first value of this layer that differs from the run's, with the run's.
+    /// Returns the first conflict: a value that is set in this layer and differs from the run's.
     fn conflict(&self, run: &Self::Run) -> Option<Conflict> {
         Self::TABLE.iter().find_map(|setting| setting.conflict(self, run))
     }

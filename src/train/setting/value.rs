@@ -1,11 +1,11 @@
-//! Values of settings and their parsing from text.
+//! Values of settings, and how they are parsed from text.
 
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use std::fmt::Debug;
 use strum::{Display, EnumString, VariantNames};
 
-/// One of the values of a setting whose values are named.
+/// A named value of a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
     /// Name of the value on the command line.
@@ -43,7 +43,7 @@ pub trait SettingValue: Clone + PartialEq + Debug + Serialize {
     /// [`ValueError`] states what was expected.
     fn parse(text: &OsStr) -> Result<Self, ValueError>;
 
-    /// Returns `slot` itself if its type is a boolean.
+    /// Returns `slot` itself if its type is a boolean; `None` for other types.
     fn flag(_: &mut Option<Self>) -> Option<&mut Option<bool>> {
         None
     }
@@ -65,7 +65,7 @@ pub fn text_of(value: &(impl Serialize + Debug)) -> String {
     }
 }
 
-/// Implements [`SettingValue`] for number types by [`std::str::FromStr`].
+/// Implements [`SettingValue`] for number types, using [`std::str::FromStr`].
 macro_rules! parsed_values {
     ($($value:ty, $expected:literal;)+) => {$(
         impl SettingValue for $value {
@@ -97,8 +97,8 @@ impl SettingValue for bool {
     }
 }
 
-/// Implements [`SettingValue`] by [`std::str::FromStr`]. With `by name`, it also lists the named values,
-/// either from `strum` or with a label and help for each.
+/// Implements [`SettingValue`], using [`std::str::FromStr`]. With `by name`, it also lists the named
+/// values, either from `strum` or with a label and help for each.
 macro_rules! named_values {
     (by text $($value:ty),+) => {$(
         impl $crate::train::setting::value::SettingValue for $value {

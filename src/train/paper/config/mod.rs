@@ -49,8 +49,8 @@ pub struct PaperConfig {
     pub operations: Operations,
     /// Conversion of posteriors to splats.
     pub conversion: Conversion,
-    /// True to use the plain implementation even where the fused kernels support the configuration. Only
-    /// tests set it, to compare the two.
+    /// True to use the reference implementation even where the fused kernels support the configuration.
+    /// Only tests set it, to compare the two.
     #[serde(skip)]
     pub is_plain: bool,
 }
@@ -135,7 +135,7 @@ settings! {
     }
 }
 
-/// Maximum of `low_elbo_floor`; the published value of that setting is 1024.
+/// Maximum value of the setting `low_elbo_floor`, whose published value is 1024.
 const MAX_LOW_ELBO_FLOOR: usize = 1 << 16;
 
 fn refuse<T>(setting: &'static str, expected: String, found: String) -> Result<T, ConfigError> {

@@ -11,7 +11,7 @@ use strum::EnumString;
 
 pub use crate::model::paper::totals::UpdateWidth;
 
-/// Maximum number of candidates per point; the dense E-step serves for larger numbers.
+/// Maximum number of candidates per point. The alternative for larger numbers is [`Candidates::Dense`].
 pub const MAX_CANDIDATES: usize = 1024;
 
 /// Serialised form of a setting that is a number or a word.
@@ -67,7 +67,7 @@ impl FromStr for Candidates {
 }
 
 impl Candidates {
-    /// True if the number of candidates is within the permitted range.
+    /// True if the number of candidates is within the permitted range. Always true for [`Self::Dense`].
     pub fn is_legal(&self) -> bool {
         match self {
             Self::Dense => true,
@@ -118,8 +118,8 @@ named_values!(by name ReassignPolicy {
     "forwarded" "Forwarded" "After the fit, by its scores; takes effect with the next frame";
 });
 
-/// Lists and parses the names of whole conversions, which the command line accepts. Files store only the
-/// decomposition.
+/// Lists and parses the names of complete conversions from covariance to splat, as given on the command
+/// line. Files store only the decomposition of the covariance.
 impl SettingValue for CovarianceForm {
     fn choices() -> Vec<Choice> {
         let (right, legacy) = (
@@ -198,9 +198,9 @@ pub struct Operations {
 }
 
 impl Operations {
-    /// All inner loops in f64, with 128-bit totals.
+    /// All inner loops in f64, with 128-bit fixed-point totals.
     pub const F64: Self = Self::all(Width::F64, UpdateWidth::Fixed128);
-    /// All inner loops in f32, with 64-bit totals.
+    /// All inner loops in f32, with 64-bit fixed-point totals.
     pub const MIXED: Self = Self::all(Width::F32, UpdateWidth::Fixed64);
 
     /// Returns operations with the number type `width` for all inner loops and `update` for the totals.

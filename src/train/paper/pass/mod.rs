@@ -1,10 +1,11 @@
-//! Parallel pass over a frame's points: search, E-step and per-tile sums.
+//! Parallel pass over a frame's points: search, E-step and per-tile sums (records).
 //!
-//! Work is split by tiles, and a tile's sums depend only on its points. So records and fixed-point
+//! Work is split by tiles, and the sums of a tile depend only on its points. So records and fixed-point
 //! totals do not depend on the number of threads. There are two implementations: fused (f32, all stages
 //! of a tile at once) and plain (any precision and number of candidates, stage by stage).
 //!
-//! Buffers belong to threads, not to tasks, so a warm pass allocates nothing.
+//! Each thread has its own buffers, reused from task to task. So memory is allocated only in the first
+//! passes.
 
 mod reached;
 mod tasks;
@@ -50,7 +51,7 @@ pub struct Mixture<R: PaperScalar> {
 #[derive(Clone, Copy)]
 pub struct PassInputs<'a, R: PaperScalar> {
     pub mixture: &'a Mixture<R>,
-    /// Rule for the components that each point is compared with.
+    /// Components that each point is compared with.
     pub candidates: Candidates,
 }
 
@@ -68,10 +69,11 @@ pub(super) struct Worker {
     plain: PlainMemory,
     ids: Vec<u32>,
     scores: Vec<f64>,
-    /// Sums of tiles (records) by shard of the totals: here in f32, in `wide` in f64.
+    /// Sums of tiles (records), by shard of the totals: `narrow` in f32, `wide` in f64.
     pub(super) narrow: Vec<Vec<TileRecord<f32>>>,
     wide: Vec<Vec<TileRecord<f64>>>,
-    /// Number of records in each shard of `narrow` before tiles were run again; empty if none were.
+    /// For each shard, the number of records in `narrow` before tiles were run again; empty if none
+    /// were.
     first_run: Vec<usize>,
     reach: ReachMemory,
     pub(super) clock: StageClock,
@@ -82,9 +84,9 @@ impl Worker {
         [self.narrow.get(shard).map_or(0, Vec::len), self.wide.get(shard).map_or(0, Vec::len)]
     }
 
-    /// Clears a shard's records and ensures capacity for a quarter more than the last pass produced.
-    /// `seen` holds the numbers of f32 and f64 records of that pass. If a capacity must grow, it becomes
-    /// at least three times that number.
+    /// Clears a shard's records and ensures capacity for a quarter more than in the last pass. `seen`
+    /// holds the numbers of f32 and f64 records of that pass. A capacity that is too small becomes at
+    /// least three times that number.
     fn clear_records(&mut self, shard: usize, seen: [usize; 2]) {
         if self.narrow.len() <= shard {
             self.narrow.resize_with(shard + 1, Vec::new);
@@ -110,8 +112,8 @@ impl Pass {
     /// Scores all points and, if requested, sums them by component.
     ///
     /// `q` receives each point's effective distance (see [`Scoring::elbo`]). Points whose score is NaN
-    /// are left out and receive NaN. `owners`, if given, receives the component of largest
-    /// responsibility, or `u32::MAX` for points left out.
+    /// are left out and receive NaN. `owners`, if given, receives the component with the largest
+    /// responsibility for each point, or `u32::MAX` for points left out.
     pub fn run<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<R>,
@@ -202,7 +204,7 @@ impl Pass {
     }
 
     /// Prepares a pass on the CPU: clears the records. Every thread reserves space for all records of
-    /// the last pass, as tiles change threads from frame to frame.
+    /// the last pass, as each frame divides the tiles differently among the threads.
     pub(super) fn begin(&mut self, statistics: &Statistics) {
         self.make_workers(statistics);
         for shard in 0..statistics.shards() {
@@ -211,8 +213,8 @@ impl Pass {
         }
     }
 
-    /// Prepares a pass on a device: clears the records. Workers receive equal parts of the device's
-    /// records, so reserving space for all records in each would waste memory.
+    /// Prepares a pass on a device: clears the records. The device's records are divided equally among
+    /// the threads, so reserving space for all of them in each thread would waste memory.
     pub(super) fn begin_device_pass(&mut self, statistics: &Statistics) {
         self.make_workers(statistics);
         (0..statistics.shards()).for_each(|shard| self.clear_records(shard, [0; 2]));
@@ -264,7 +266,7 @@ impl Pass {
     }
 
     /// Returns the thread time of search, E-step and sums in the last pass, in nanoseconds, and resets
-    /// it. Tiles are sampled, so only the proportions are meaningful.
+    /// the times. Tiles are sampled, so only the proportions are meaningful.
     pub fn take_stage_nanos(&mut self) -> [u64; 3] {
         let mut sum = [0; 3];
         for worker in &mut self.workers {
@@ -320,7 +322,8 @@ const PART: usize = 64;
 
 impl Pass {
     /// Runs some tiles of the last pass again: those within reach of `places`, the positions that means
-    /// have left or moved to since. Returns the number of tiles. The result equals a full pass.
+    /// have since left or moved to. Returns the number of these tiles. Afterwards the results equal
+    /// those of a full pass.
     pub fn run_reached(
         &mut self,
         inputs: &FusedInputs<'_>,
@@ -367,8 +370,8 @@ impl Pass {
             .extend((0..).zip(&*is_again).filter(|(_, is_again)| **is_again).map(|(tile, _)| tile));
     }
 
-    /// Scores and, if requested, sums the points of the given tiles, which are ascending and unique. `q`
-    /// covers all points, `owners` too unless it is empty.
+    /// Scores the points of the given tiles and, if requested, sums them. The tiles are ascending and
+    /// unique. `q` covers all points, as does `owners` unless it is empty.
     pub fn run_some(
         &self,
         inputs: &FusedInputs<'_>,

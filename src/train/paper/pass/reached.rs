@@ -1,5 +1,5 @@
-//! Finds tiles within reach of a moved mean, and selects the valid records after these were run again
-//! (`training.md`, Reassignment).
+//! Finds the tiles within reach of a moved mean, and selects the valid records after these tiles were
+//! run again (`training.md`, Reassignment).
 
 use crate::math::simd::Isa;
 use crate::model::conjugate::statistics::TileRecord;
@@ -25,8 +25,8 @@ pub(super) struct ReachMemory {
 }
 
 impl RerunTiles {
-    /// Returns the valid records, in slices. The first `n_first` records were made before tiles were run
-    /// again; of them, the records of such tiles are outdated.
+    /// Returns the valid records, in slices. The first `n_first` records were made before tiles were
+    /// run again; those of tiles that were run again are outdated and left out.
     pub fn valid_records<'a>(
         &'a self,
         records: &'a [TileRecord<f32>],
@@ -40,8 +40,8 @@ impl RerunTiles {
 }
 
 impl ReachMemory {
-    /// True if any of `places` is within reach of a point of the tile. A mean there may receive part of
-    /// the point, or may have received part of it.
+    /// True if any of `places` is within reach of a point of the tile: a mean at that place may receive
+    /// part of the point, or may have received it.
     pub fn reaches(
         &mut self,
         inputs: &FusedInputs<'_>,

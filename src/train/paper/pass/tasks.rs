@@ -1,4 +1,4 @@
-//! Splits a pass into tasks of tiles with the columns of their points.
+//! Splits the tiles of a pass into parallel tasks, each with the columns of its points.
 
 use crate::observation::points::Points;
 use crate::train::paper::index::PaperScalar;
@@ -37,8 +37,8 @@ pub(super) fn for_each_task<R: PaperScalar>(
     );
 }
 
-/// Runs `task` for each of some tiles, in ascending order, with the columns of its points. `columns`
-/// begin at point `first`.
+/// Runs `task` for each of the given tiles, in ascending order, with the columns of the tile's points.
+/// `columns` begin at point `first`.
 pub(super) fn for_each_part<R: PaperScalar>(
     points: &Points<R>,
     tiles: &[u32],

@@ -1,5 +1,5 @@
-//! Consistency check of a frame against the scene, from its points, before training on it (`photographs.md`,
-//! Outlier frames).
+//! Checks, before training on a frame, whether the frame's points agree with the scene
+//! (`photographs.md`, Outlier frames).
 
 use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
@@ -54,8 +54,8 @@ pub struct FrameBesideScene<'a> {
 }
 
 impl FrameBesideScene<'_> {
-    /// Returns the agreement of the frame with the scene. Values that too few points or components
-    /// support are zero.
+    /// Returns the agreement of the frame with the scene. Fields are zero if they are computed from too
+    /// few points or components.
     pub fn agreement(&self) -> FrameAgreement {
         let mut found = FrameAgreement::default();
         for (squared_error, points) in self.differences() {
@@ -73,8 +73,8 @@ impl FrameBesideScene<'_> {
         found
     }
 
-    /// Returns the squared colour error and the number of compared points of each [`CHUNK`]. The fixed
-    /// size makes sums independent of the number of threads.
+    /// Returns the squared colour error and the number of compared points for each [`CHUNK`] of points.
+    /// The fixed chunk size makes sums independent of the number of threads.
     fn differences(&self) -> Vec<(f64, f64)> {
         let chunks = self.points.par_chunks(CHUNK).zip(self.owners.par_chunks(CHUNK));
         let chunks = chunks.map(|(points, owners)| {
@@ -90,8 +90,8 @@ impl FrameBesideScene<'_> {
         chunks.collect()
     }
 
-    /// Returns the number of tested components that the frame measured or saw through, and the number
-    /// that it saw through.
+    /// Returns the number of tested components that the frame measured or saw through, and how many of
+    /// these it saw through.
     fn count_seen_through(&self) -> (f64, f64) {
         let viewer = FrameView::new(self.frame, self.camera, self.h);
         let every = self.component_sums.len().div_ceil(MAX_COMPONENTS).max(1);

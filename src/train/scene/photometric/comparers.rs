@@ -1,6 +1,6 @@
-//! Devices that compare photographs with the rendered picture: the processor and optionally a GPU.
+//! Devices that compare photographs with the rendered picture: the CPU and optionally a GPU.
 //!
-//! After a device fails, the processor compares that photograph and all that follow.
+//! After a device fails, the CPU compares that photograph and all that follow.
 
 use crate::math::camera::Camera;
 use crate::math::image::Image;
@@ -23,7 +23,8 @@ pub struct TrainingView {
     pub near: f64,
     /// Rows of the photograph that are compared.
     pub rows: RowSubset,
-    /// Factor on the usual mean square residual above which the photograph is an outlier.
+    /// The photograph is an outlier if its mean square residual exceeds the usual one by more than this
+    /// factor.
     pub outlier_factor: f64,
     /// Number of pixels of the photograph per pixel of the depth image, at least 1.
     pub per_depth_pixel: f64,
@@ -38,7 +39,7 @@ pub struct Comparers {
     counts: ComparerUse,
     /// Value of `counts` at the last [`Self::begin_settling`]; `None` after [`Self::end_settling`].
     before_settling: Option<ComparerUse>,
-    /// Latest comparison, which is counted when its step has been taken.
+    /// Latest comparison. It is added to `counts` after its photometric step.
     latest: LatestComparison,
 }
 
@@ -70,7 +71,7 @@ impl Comparers {
         ComparerUse { ms: ComparerMs { prepare, compare, step }, ..self.counts.clone() }
     }
 
-    /// Counts the latest comparison, after a step that took `step_ms` milliseconds.
+    /// Adds the latest comparison to the counts, after a step that took `step_ms` milliseconds.
     pub fn count_step(&mut self, step_ms: f64) {
         let LatestComparison { is_by_device, ms } = std::mem::take(&mut self.latest);
         let Self { counts, .. } = self;
@@ -147,8 +148,8 @@ impl Comparers {
     }
 }
 
-/// Returns the result of a device. A failure gives `None` and is logged once, since the device is then
-/// not used again.
+/// Returns the result of a device; `None` if the device failed. A failure is recorded and logged once,
+/// since the device is then not used again.
 fn note<'a>(
     answer: Result<PhotometricSums<'a>, DeviceError>,
     counts: &mut ComparerUse,
@@ -171,7 +172,7 @@ mod tests {
 
     const RULE: PixelRule = PixelRule { full_coverage: 1.0, tau: 0.5, coverage: 1.0, depth: 0.5 };
 
-    /// Device that compares on the processor and fails after `left` photographs.
+    /// Device that compares on the CPU and fails after `left` photographs.
     struct Failing {
         walk: PhotometricWalk,
         left: usize,
@@ -215,7 +216,7 @@ mod tests {
         squared_error
     }
 
-    /// Returns the numbers of photographs compared by device and by processor.
+    /// Returns the numbers of photographs compared by the device and by the CPU.
     fn frames(comparers: &Comparers) -> [u64; 2] {
         let ComparerUse { device_frames, processor_frames, .. } = comparers.used();
         [device_frames, processor_frames]

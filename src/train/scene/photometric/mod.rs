@@ -1,5 +1,5 @@
-//! Photometric training: after the points of a frame, one Gauss-Newton step on its photograph. The
-//! precision of every splat accumulates over the frames.
+//! Photometric training: after the points of a frame have been added, one Gauss-Newton step fits the
+//! splats to its photograph. The precision of every splat accumulates over the frames.
 #![doc = include_str!("../../../../docs/design/photographs.md")]
 
 pub(in crate::train::scene) mod agreement;
@@ -30,10 +30,10 @@ pub(in crate::train::scene) use step::{LEAST_OPACITY, PointExtents, is_trained, 
 
 /// Minimum blending weight of a splat, summed over pixels, for a photometric step.
 const MIN_SEEN: f32 = 0.5;
-/// Number of components per task that initialises splats; small, since the components with points in a
-/// frame have neighbouring numbers.
+/// Number of components per task that initialises splats. It is small, since the components with points
+/// in a frame have neighbouring numbers.
 const BEGUN_BY_TASK: usize = 64;
-/// Number of components per task that takes photometric steps.
+/// Number of components per task that takes photometric steps of splats.
 const LEARNT_BY_TASK: usize = 256;
 
 /// Parameters of the photometric steps of a scene's splats.
@@ -41,13 +41,13 @@ const LEARNT_BY_TASK: usize = 256;
 pub(in crate::train::scene) struct SplatStep<'a> {
     rule: &'a PhotometricRule,
     pixels: PixelRule,
-    /// Function that returns mean and extent of a component's points, which limit position and size of
-    /// its splat.
+    /// Function that returns mean and extent of a component's points, which limit the position and size
+    /// of the component's splat.
     extents: &'a PointExtents<'a>,
 }
 
 impl<'a> SplatStep<'a> {
-    /// Creates the parameters. A pixel counts as fully covered if its coverage is at least
+    /// Creates the parameters. A pixel is treated as fully covered if its coverage is at least
     /// `full_coverage`.
     pub fn new(
         full_coverage: f64,
@@ -83,9 +83,10 @@ impl PhotometricLearner {
         Self { state, comparers: Comparers::default(), image, repaired: 0 }
     }
 
-    /// Initialises the splats of the components in `touched` from their points. A splat is kept if it
-    /// has many points and a photograph has trained it. Splats that cannot be drawn are skipped.
-    /// `points` returns the number of a component's points, `splat` the splat derived from its points.
+    /// Initialises the splats of the components in `touched` from their points. A splat is kept if its
+    /// component has many points and the splat was trained on a photograph. Splats that cannot be drawn
+    /// are skipped. `points` returns the number of a component's points, `splat` the splat derived from
+    /// its points.
     pub fn initialise_splats(
         &mut self,
         n_components: usize,
@@ -130,8 +131,9 @@ impl PhotometricLearner {
         });
     }
 
-    /// If the buffer holds more than `most` photographs, removes one at random and takes its photometric
-    /// step. Returns the changed splats and the comparison.
+    /// If the buffer holds more than `most` photographs, removes one at random and takes its
+    /// photometric step. Returns the changed splats, and the comparison of that photograph with the
+    /// scene.
     pub fn train_on_buffered_beyond(
         &mut self,
         most: usize,
@@ -145,8 +147,8 @@ impl PhotometricLearner {
         self.train_on_drawn(&mut draws, step)
     }
 
-    /// Returns the state after the photometric steps for all buffered photographs, and the comparisons.
-    /// The learner's own state is unchanged.
+    /// Returns the state after the photometric steps for all buffered photographs, and the comparisons
+    /// with these photographs. The learner's own state does not change.
     pub fn settled_state(
         &mut self,
         step: &SplatStep<'_>,
@@ -201,8 +203,8 @@ impl PhotometricLearner {
         waiting::init_running_mean(&mut state.noise, differences);
     }
 
-    /// Takes the photometric step of a photograph unless the photograph is an outlier. Returns the
-    /// changed splats and the comparison.
+    /// Takes the photometric step for a photograph unless the photograph is an outlier. Returns the
+    /// changed splats, and the comparison of the photograph with the scene.
     pub fn learn(
         &mut self,
         view: &TrainingView,

@@ -21,20 +21,20 @@ pub struct PhotometricRule {
     /// Standard deviation of a pixel's colour, in units of the usual residual. The usual residual is the
     /// running root mean square of the residuals of covered pixels before each step.
     pub noise: f64,
-    /// Share of a frame's curvature that is added to a splat's precision. It is below 1 because pixels
-    /// of a splat are correlated and the model is not linear.
+    /// Share of a frame's curvature (Gauss-Newton matrix) that is added to a splat's precision. It is
+    /// below 1 because the pixels of a splat are correlated and the model is not linear.
     pub kept: f64,
     /// Share of a splat's precision that is replaced by the prior's precision in every frame that shows
     /// the splat.
     pub forgotten: f64,
-    /// Factor on a frame's curvature in the step for that frame; values above 1 shorten the step.
+    /// Factor on a frame's curvature in the step for that frame. Values above 1 shorten the step.
     pub damping: f64,
     /// Residual at which the Cauchy weight is one half, colour units.
     pub tau: f64,
     /// Weight of a squared coverage error relative to a squared colour error.
     pub coverage: f64,
-    /// Weight of a squared depth error relative to a squared colour error. The depth error of a pixel is
-    /// 1 if all its splats are far from the measured depth. 0 in files without this value.
+    /// Weight of a squared depth error relative to a squared colour error; 0 in files without this
+    /// value. The depth error of a pixel is 1 if all its splats are far from the measured depth.
     #[serde(default)]
     pub depth: f64,
     /// Trust region: maximum change of a splat in one step. It limits means in units of the largest
@@ -45,8 +45,8 @@ pub struct PhotometricRule {
     /// and the first row changes from frame to frame.
     #[serde(default = "every_row")]
     pub rows: u32,
-    /// Number of points below which a component's splat is reinitialised from its points in every frame.
-    /// A splat that no photograph has trained is reinitialised too.
+    /// Number of points below which a component's splat is reinitialised from its points in every
+    /// frame. A splat that was not yet trained on a photograph is reinitialised too.
     #[serde(default)]
     pub young: f64,
     /// Maximum number of photographs in the shuffle buffer; 0 disables the buffer. When the buffer is
@@ -106,9 +106,9 @@ impl PhotometricRule {
         }
     }
 
-    /// Returns the row stride for an image of `pixels` pixels, `per_depth_pixel` of which cover one
-    /// depth pixel. Full training uses about one row per row of the depth image. Light training uses
-    /// about 100,000 pixels at most.
+    /// Returns the row stride for an image of `pixels` pixels; one depth pixel covers `per_depth_pixel`
+    /// pixels. Full training uses about one row per row of the depth image. Light training uses at most
+    /// about 100,000 pixels.
     pub fn row_stride(&self, pixels: usize, per_depth_pixel: f64) -> u32 {
         let power_of_two =
             |rows: usize| rows.min(RowSubset::MAX_STRIDE as usize).next_power_of_two();
@@ -120,7 +120,7 @@ impl PhotometricRule {
         (power_of_two(fewest.max(1)) as u32).clamp(self.rows.max(1), RowSubset::MAX_STRIDE)
     }
 
-    /// Returns the maximum number of buffered photographs of `bytes` bytes each.
+    /// Returns the maximum number of photographs in the shuffle buffer, if each takes `bytes` bytes.
     pub fn most_waiting(&self, bytes: usize) -> usize {
         self.shuffle_buffer.min(MOST_WAITING_BYTES / bytes.max(1))
     }
@@ -179,7 +179,7 @@ pub enum PhotometricMode {
 }
 
 impl PhotometricMode {
-    /// Returns the mode that corresponds to a rule; [`Self::Off`] without a rule.
+    /// Returns the mode that corresponds to a rule; [`Self::Off`] if there is no rule.
     pub fn of(rule: Option<PhotometricRule>) -> Self {
         match rule {
             None => Self::Off,

@@ -11,8 +11,8 @@ use crate::model::splat::splats::{Splat, rotation_array};
 use crate::render::cpu::photometric::{ParameterSums, PhotometricSums, VisibleSplat};
 use glam::{DMat3, DQuat, DVec3};
 
-/// Minimum opacity after a photometric step. A splat that one photograph makes transparent remains
-/// visible to later photographs.
+/// Minimum opacity after a photometric step. So a splat that one photograph makes transparent still
+/// appears in later photographs.
 pub const LEAST_OPACITY: f64 = 0.01;
 // Deviation of a colour coefficient that is not trained, colour units: so small that its row in a block has
 // no effect.
@@ -44,7 +44,7 @@ pub struct LearnRun<'a> {
     pub extents: &'a PointExtents<'a>,
 }
 
-/// Function that returns mean and extent of a component's points; `None` without points.
+/// Function that returns mean and extent of a component's points; `None` if there are no points.
 pub type PointExtents<'a> = dyn Fn(usize) -> Option<PointExtent> + Sync + 'a;
 
 impl Kernel for LearnRun<'_> {
@@ -155,9 +155,9 @@ impl SplatRun<'_> {
 }
 
 /// Updates precisions `Λ` with the curvature `F` of a frame: `Λ ← (1 − f)·Λ + f·Λ⁰ + µF`. Here `f` is
-/// `rule.forgotten`, `Λ⁰` the prior precision and `µ` is `rule.kept`. Returns the Cholesky factors of
-/// `Λ + cF`, with `c = rule.damping`, and a bit mask of successful lanes. Where `Λ + cF` is not positive
-/// definite, the precision is reset to the prior.
+/// `rule.forgotten`, `Λ⁰` the prior precision and `µ` is `rule.kept`. Also returns the Cholesky factors
+/// of `Λ + cF`, with `c = rule.damping`, and a bit mask of the lanes whose factorisation succeeded.
+/// Where `Λ + cF` is not positive definite, the precision is reset to the prior.
 #[inline(always)]
 fn update_precision<V: Vector, const N: usize, const P: usize>(
     triangles: &mut [[f32; P]],
@@ -274,7 +274,7 @@ fn apply_color_step(
 }
 
 /// Limits position and scales of a splat to the extent of its component's points. Photographs from one
-/// side determine neither the size nor the position along the view direction.
+/// side alone determine neither the size nor the position along the view direction.
 fn clamp_to_points(splat: &mut Splat, extent: &PointExtent) {
     let axes = DMat3::from_quat(splat.quaternion().normalize());
     let at = DVec3::from_array(splat.mean.map(f64::from));

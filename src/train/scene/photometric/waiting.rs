@@ -52,7 +52,7 @@ pub fn packed(
 }
 
 /// Unpacks a photograph into `image`, with colours in the scene's exposure. Rows that were not stored
-/// keep their content. `None` for an invalid pose, which loading of files rejects.
+/// keep their content. `None` if the pose is invalid; loaded files contain no invalid pose.
 pub fn unpacked(
     photograph: &BufferedPhotograph,
     image: &mut Image<MeasuredPixel>,
@@ -104,23 +104,23 @@ const FIRST: f64 = 0.1;
 const LEAST: f64 = 0.002;
 /// Number of frames after which a running mean is used for outlier tests.
 pub const SETTLED: f64 = 8.0;
-/// Factor on the usual mean square residual above which a frame is an outlier.
+/// A frame is an outlier if its mean square residual exceeds the usual one by more than this factor.
 pub const CONTRADICTION: f64 = 6.0;
-/// Factor on the usual mean square residual above which a photograph from the shuffle buffer is an
-/// outlier. Residuals of photographs in random order have no trend, so the factor is smaller.
+/// The same factor as [`CONTRADICTION`], but for photographs from the shuffle buffer. Residuals of
+/// photographs in random order have no trend, so the factor is smaller.
 pub const DRAWN_CONTRADICTION: f64 = 4.0;
 /// Limits on the share of components that a frame sees through. A frame is an outlier if its share
-/// exceeds the first value times the usual share, and the second value.
+/// exceeds both the first value times the usual share, and the second value.
 const SEEN_THROUGH: [f64; 2] = [4.0, 0.2];
 
-/// Returns the mean squared error per pixel and channel; `None` without pixels or with an infinite
-/// error.
+/// Returns the mean squared error per pixel and channel. `None` if there are no pixels or the error is
+/// infinite.
 pub fn difference(squared_error: f64, pixels: f64) -> Option<f64> {
     // One infinite residual would spoil the running mean for good.
     (pixels > 0.0 && squared_error.is_finite()).then(|| squared_error / (3.0 * pixels))
 }
 
-/// True if the running mean contains at least one value.
+/// True if the running mean includes at least one value.
 pub fn is_known(noise: &[f64; 2]) -> bool {
     noise[1] > 0.0
 }
@@ -136,7 +136,7 @@ pub fn init_running_mean(noise: &mut [f64; 2], mut differences: Vec<f64>) {
 
 /// Updates the running mean square residual and its weight, `noise`, with the residual of a frame.
 /// `squared_error` is summed over `pixels` pixels and three channels. The outcome marks an outlier if
-/// the frame's mean square exceeds `most` times the running mean. `None` without pixels.
+/// the frame's mean square exceeds `most` times the running mean. `None` if there are no pixels.
 pub fn judge(
     noise: &mut [f64; 2],
     squared_error: f64,
@@ -169,7 +169,7 @@ pub fn update_point_residuals(
 }
 
 /// Updates a running mean and its weight with the value of a frame. Returns true if the value exceeds
-/// `most` and the mean covers enough frames.
+/// `most` and the mean includes enough frames.
 fn update_running_mean([mean, weight]: &mut [f64; 2], of_frame: f64, most: f64) -> bool {
     let contradicts = *weight >= SETTLED && of_frame > most;
     // A plain mean over the first frames, then an exponential one.
@@ -181,8 +181,8 @@ fn update_running_mean([mean, weight]: &mut [f64; 2], of_frame: f64, most: f64) 
     contradicts
 }
 
-/// Returns the usual residual: square root of the running mean square, colour units. Before the first
-/// frame it is a typical value.
+/// Returns the usual residual: the square root of the running mean square, colour units. Before the
+/// first frame, this is a typical value.
 pub fn usual(noise: &[f64; 2]) -> f64 {
     let root = if noise[1] > 0.0 { noise[0].sqrt() } else { FIRST };
     root.max(LEAST)

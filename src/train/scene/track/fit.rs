@@ -1,9 +1,9 @@
 //! Alignment of a frame's samples with the rendered scene: Gauss–Newton over depth and brightness.
 //!
-//! Depth is compared along the normal of the rendered surface, so that a slanted floor has a wall's
-//! weight. Brightness constrains motion along planes. Both have Cauchy weights because of mutual
-//! occlusion. Gradients are taken from the rendered picture, which has no holes, whereas a frame has
-//! some.
+//! Depth is compared along the normal of the rendered surface, so that a slanted floor has the same
+//! weight as a wall. Brightness constrains motion along planes. Both use Cauchy weights, because frame
+//! and scene can occlude parts of each other. Gradients are taken from the rendered picture, which has
+//! no holes, whereas a frame can have holes.
 
 use super::reference::ReferenceLevel;
 use super::samples::{Sample, SampleLevel};
@@ -51,7 +51,7 @@ struct Residual {
     distance: f64,
     /// Normal of the rendered surface.
     normal: DVec3,
-    /// Normal of the surface measured by the frame.
+    /// Normal of the surface as measured by the frame.
     own_normal: DVec3,
     variance: f64,
     brightness: f64,
@@ -94,8 +94,8 @@ impl Residual {
     }
 }
 
-/// Returns the factor that converts the frame's brightness to the rendered brightness; 1 without
-/// residuals.
+/// Returns the factor that converts the frame's brightness to the rendered brightness; 1 if there are
+/// no residuals.
 fn gain(residuals: &[Residual]) -> f64 {
     let (above, below) = residuals.iter().fold((0.0, 0.0), |(above, below), r| {
         let trust = r.depth_trust();
@@ -121,8 +121,8 @@ fn shared_contrast(residuals: &[Residual], gain: f64) -> f64 {
 
 /// Returns the standard deviations of rotation (radians) and centre (world units) along the least
 /// certain axes. They are computed with the frame's own normals and contrast. If the frame shows
-/// something else than the scene, the scene's gradients would give a false certainty. `None` unless all
-/// numbers are finite.
+/// something other than the scene, the scene's gradients would make the pose seem too certain. `None`
+/// unless all numbers are finite.
 fn pose_deviations(
     residuals: &[Residual],
     gain: f64,

@@ -2,8 +2,8 @@
 //!
 //! The scene is the map: it is rendered from a likely pose with a wider view than a frame. The frame is
 //! then aligned with the rendered picture and depth, coarse to fine. No images are stored. A frame that
-//! returns to a known place is aligned with everything trained there, so loops close without further
-//! means as long as the drift is within reach.
+//! returns to a known place is aligned with everything trained there, so loops close without a separate
+//! method. The drift must be small enough for the alignment.
 //!
 //! | step | file |
 //! |---|---|
@@ -43,8 +43,8 @@ const MIN_OVERLAP: f64 = 0.2;
 const MIN_AGREEMENT: f64 = 0.4;
 /// Maximum standard deviation of the rotation, radians, and of the centre, relative to depth.
 const MAX_DEVIATIONS: [f64; 2] = [0.01, 0.01];
-/// Margins on each side of the rendered picture, relative to the size of a frame. The first is for the
-/// search over rotations, the second for the final alignment.
+/// Margins on each side of the rendered picture, relative to the size of a frame: for the search over
+/// rotations, and for the final alignment.
 const MARGINS: [f64; 2] = [0.4, 0.1];
 /// Maximum number of poses that the search over rotations returns.
 const CANDIDATES: usize = 6;
@@ -66,20 +66,21 @@ pub enum TrackingLoss {
         "expected a mean brightness of at least {MIN_BRIGHTNESS}, found {0:.3}; record with more light"
     )]
     Dark(f64),
-    /// Too small an overlap with the scene; holds the share of the frame that the scene covers.
+    /// Insufficient overlap with the scene; holds the share of the frame that the scene covers.
     #[error("expected the scene to cover at least {:.0} % of the frame, found {:.0} %; move slower or return to a known view", 100.0 * MIN_OVERLAP, 100.0 * .0)]
     Overlap(f64),
-    /// Too low an agreement with the scene; holds the agreement at the best pose.
+    /// Insufficient agreement with the scene; holds the agreement at the best pose.
     #[error(
         "expected an agreement with the scene of at least {MIN_AGREEMENT}, found {0:.2} at the best pose; move slower or return to a known view"
     )]
     Agreement(f64),
-    /// Undetermined pose; holds the standard deviations of rotation (radians) and centre (world units).
+    /// Pose not determined by the frame; holds the standard deviations of rotation (radians) and centre
+    /// (world units).
     #[error("expected surfaces and colours that determine the pose, found uncertainties of {:.2} degrees and {:.3} world units; keep more than one plain wall in view", .0[0].to_degrees(), .0[1])]
     Undetermined([f64; 2]),
 }
 
-/// Returns the first frame's recorded pose as a tracked pose, if tracking can start from that frame.
+/// Starts tracking: returns the first frame's recorded pose as a tracked pose.
 ///
 /// # Errors
 /// [`TrackingLoss`] if the frame has too few samples or too little light.
@@ -170,8 +171,8 @@ impl Tracker<'_> {
         aligned.collect::<Vec<_>>().into_iter().fold(None, better)
     }
 
-    /// Refines a pose with the scene rendered from that pose. No surface that the frame shows is then
-    /// occluded in the rendered picture.
+    /// Refines a pose by alignment to the scene rendered from this pose. Then no surface that the frame
+    /// shows is occluded in the rendered picture.
     fn refine_pose(&mut self, found: &PoseFit) -> Option<PoseFit> {
         let mut settled = *found;
         // The first picture is drawn from a pose that was aligned at coarse levels only.

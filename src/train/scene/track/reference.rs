@@ -1,7 +1,7 @@
 //! Reference for the alignment of a frame: brightness and depth of the scene, rendered from a pose.
 //!
-//! It is wider than a frame, so that the frame of a turned camera still overlaps with it. The scene
-//! covers more than the previous frame.
+//! The rendered picture is wider than a frame, so that it overlaps with the frame even if the camera
+//! has turned. This is possible because the scene covers more than the previous frame.
 
 use super::samples::{LEVELS, brightness};
 use crate::math::camera::{Camera, Intrinsics};
@@ -24,7 +24,7 @@ pub struct Reference {
     pub levels: [ReferenceLevel; LEVELS],
 }
 
-/// One resolution of a [`Reference`].
+/// One resolution level of a [`Reference`].
 pub struct ReferenceLevel {
     intrinsics: Intrinsics,
     /// Brightness, and depth along the optical axis in world units. Depth is 0 where the scene is empty.
@@ -139,9 +139,9 @@ impl ReferenceLevel {
         1.0 / self.intrinsics.fx
     }
 
-    /// Projects a point in camera axes to pixel coordinates. `None` outside the picture or within `rim`
-    /// pixels of its border. The origin of the coordinates is `rim` pixels from the left and upper
-    /// borders.
+    /// Projects a point in the camera's frame to pixel coordinates. The origin of the coordinates is
+    /// `rim` pixels from the left and upper borders. `None` if the projection is outside the picture or
+    /// within `rim` pixels of its border.
     fn project(&self, point: DVec3, rim: f64) -> Option<(f64, f64)> {
         let k = &self.intrinsics;
         let (u, v) = (k.fx * point.x / point.z + k.cx - rim, k.fy * point.y / point.z + k.cy - rim);
@@ -151,15 +151,15 @@ impl ReferenceLevel {
         is_inside.then_some((u, v))
     }
 
-    /// Returns brightness and depth of the pixel nearest to a point in camera axes. Depth is 0 where the
-    /// scene is empty; `None` outside the picture.
+    /// Returns brightness and depth of the pixel nearest to a point in the camera's frame. Depth is 0
+    /// where the scene is empty. `None` if the point is outside the picture.
     pub fn nearest(&self, point: DVec3) -> Option<[f64; 2]> {
         let (u, v) = self.project(point, 0.0)?;
         Some(*self.texels.at(u as usize, v as usize))
     }
 
-    /// Interpolates the picture bilinearly at a point in camera axes. `None` outside the picture, next
-    /// to empty pixels, and at depth edges.
+    /// Interpolates the picture bilinearly at a point in the camera's frame. `None` if the point is
+    /// outside the picture, next to an empty pixel, or at a depth edge.
     pub fn at(&self, point: DVec3) -> Option<Texel> {
         let k = &self.intrinsics;
         // Texels are centred half a pixel from their corners.

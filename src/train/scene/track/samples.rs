@@ -27,8 +27,8 @@ pub struct Sample {
 pub struct SampleLevel {
     /// Samples, row by row from the top.
     pub samples: Vec<Sample>,
-    /// Number of neighbouring samples that count as one, since their errors correlate; larger for finer
-    /// levels.
+    /// Number of neighbouring samples that count as one independent sample, since their errors
+    /// correlate. Larger for finer levels.
     pub alike: f64,
 }
 
@@ -61,7 +61,8 @@ struct Block {
 }
 
 impl FrameSamples {
-    /// Samples a frame; the result is in camera axes and independent of the frame's pose.
+    /// Samples a frame. Positions and normals are in the depth camera's frame, so the camera's pose has
+    /// no effect.
     pub fn of(frame: &Observation) -> Self {
         let width = frame.camera.intrinsics.width as usize;
         let block = (width / COLUMNS).max(1);

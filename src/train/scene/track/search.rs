@@ -1,7 +1,8 @@
-//! Search over rotations of a camera on a grid at the coarsest resolution.
+//! Search over rotations of a camera, on a grid and at the coarsest resolution.
 //!
-//! Gauss–Newton converges from within two or three pixels of the coarsest level. Hand-held cameras turn by
-//! many times that between infrequent frames, but hardly move as far, so only rotations are searched.
+//! Gauss–Newton converges from an error of up to two or three pixels of the coarsest level. Between
+//! infrequent frames, hand-held cameras rotate by many times that angle, but their translation is
+//! small. So only rotations are searched.
 
 use super::reference::ReferenceLevel;
 use super::samples::Sample;
@@ -9,7 +10,7 @@ use crate::math::pose::Pose;
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 use rayon::prelude::*;
 
-/// Maximum rotations that are searched: pitch, yaw and roll, radians.
+/// Maximum rotations that are tried: pitch, yaw and roll, radians.
 const REACH: [f64; 3] = [0.5, 0.6, 0.45];
 /// Steps of the grid in pitch, yaw and roll, in pixel angles of the coarsest level. A step in roll moves
 /// the rim of the picture about as far as a step in pitch or yaw.
@@ -22,8 +23,8 @@ const TOLERANCE: [f64; 2] = [0.06, 0.1];
 /// Score of a sample that falls outside the rendered scene.
 const UNKNOWN: f64 = 0.15;
 
-/// Returns up to `most` rotations of the pose `guess` at which a frame agrees best with the scene, best
-/// first. The scene is rendered from the pose `from`.
+/// Returns up to `most` rotated copies of the pose `guess`: those at which a frame agrees best with the
+/// scene, best first. The scene is rendered from the pose `from`.
 pub fn search(
     samples: &[Sample],
     (level, from): (&ReferenceLevel, &Pose),

@@ -1,4 +1,5 @@
-//! Births within the budget, which may require merging components or coarsening the scale.
+//! Creates components within the budget. This may require merging components or increasing the
+//! structural scale.
 
 use super::{FrameClock, SceneTrainer};
 use crate::model::splat::splats::Splat;
@@ -59,10 +60,10 @@ impl SceneTrainer {
         FrameComponents { born: births.born, merged, is_rebuilt }
     }
 
-    /// Merges components to make room for `refused` new ones, but at most for an eighth of the budget.
+    /// Merges components to make room for `refused` new ones, but for at most an eighth of the budget.
     /// If merging frees less than half of that room, the structural scale grows. Returns the number of
-    /// merged components; `None` if no room can be made. Merging precedes the creation of components, so
-    /// that the budget holds at all times.
+    /// merged components; `None` if no room can be made. Merging precedes the creation of components,
+    /// so that the budget holds at all times.
     fn free_components(&mut self, refused: usize) -> Option<usize> {
         let most = self.scene.config.max_components;
         let used = self.scene.seeds.components.used();
@@ -95,13 +96,13 @@ impl SceneTrainer {
         true
     }
 
-    /// Merges components until `target` are left or none can be merged.
+    /// Merges components until `target` components are left or no pair can be merged.
     pub(in crate::train::scene) fn merge_to(&mut self, target: usize) {
         self.merge_worthwhile(target, 1);
     }
 
-    /// Merges components until `target` are left, or until one pass merges fewer than `worthwhile`
-    /// pairs. Returns the number of merged components.
+    /// Merges components until `target` components are left, or until one pass merges fewer than
+    /// `worthwhile` pairs. Returns the number of merged components.
     fn merge_worthwhile(&mut self, target: usize, worthwhile: usize) -> usize {
         let used = self.scene.seeds.components.used();
         self.scene.grow_sums();

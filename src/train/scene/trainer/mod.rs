@@ -221,8 +221,8 @@ impl SceneTrainer {
     }
 
     /// Computes the shift of each point to its most probable depth. Returns the number of points with a
-    /// component, and the mean ELBO of the measured positions under the initial model. The ELBO is 0
-    /// without points.
+    /// component, and the mean ELBO of the measured positions under the initial model. The ELBO is 0 if
+    /// there are no points.
     fn explain(&mut self, points: &[SurfacePoint], tolerance: DepthTolerance) -> (usize, f64) {
         let (sum, n) = self.points.explain(&self.scene, points, tolerance);
         if let Some(owners) = self.component_elbo.owners() {
@@ -248,7 +248,7 @@ impl SceneTrainer {
         self.changes.add_all();
     }
 
-    /// Counts a frame, whether trained on or skipped as an outlier.
+    /// Counts a frame that was trained on or skipped as an outlier.
     fn end_frame(&mut self) {
         self.scene.frames += 1;
         // Visibility counts change opacities of components that received no point.
@@ -271,18 +271,20 @@ impl SceneTrainer {
 pub(super) struct Changes {
     /// Numbers of changed components, ascending.
     listed: Vec<u32>,
-    /// True if every component counts as changed.
+    /// True if all components have to be treated as changed.
     has_changed_all: bool,
 }
 
 impl Changes {
-    /// Clears the list for a new frame. `has_changed_all` is true if every component counts as changed.
+    /// Clears the list for a new frame. `has_changed_all` is true if all components have to be treated
+    /// as changed.
     pub fn restart(&mut self, has_changed_all: bool) {
         self.listed.clear();
         self.has_changed_all = has_changed_all;
     }
 
-    /// Returns the list of components with points in the frame, for training to fill.
+    /// Returns the list of changed components for modification. The caller fills it with the components
+    /// that have points in the frame.
     pub fn touched(&mut self) -> &mut Vec<u32> {
         &mut self.listed
     }

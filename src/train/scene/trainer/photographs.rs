@@ -1,5 +1,5 @@
-//! Photographs of the frames: outlier test before training on a frame, and the photometric step after its
-//! points.
+//! Photographs of the frames: an outlier test before training on a frame, and the photometric step
+//! after its points have been added.
 
 use super::Changes;
 use super::poses::PlacedFrame;
@@ -23,8 +23,8 @@ const NEAREST_OF: usize = 16;
 /// Share of points that may be nearer than the estimated distance of the nearest surfaces.
 const NEARER: f64 = 0.02;
 
-/// Returns the distance from the camera that nearly all points of a frame exceed, world units; 0 without
-/// points.
+/// Returns a distance from the camera that nearly all points of a frame exceed, world units; 0 if there
+/// are no points.
 fn nearest(points: &[SurfacePoint]) -> f64 {
     let mut ranges: Vec<f32> = points.iter().step_by(NEAREST_OF).map(|p| p.range).collect();
     // A quantile instead of the minimum, which a single stray point would set.
@@ -133,8 +133,8 @@ impl Photographs {
         self.observe(scene, Changed::All);
     }
 
-    /// Takes the photometric step of a photograph, or of a buffered one. Returns the changed splats and
-    /// the comparison.
+    /// Takes the photometric step of a photograph, or adds it to the buffer and takes the step of a
+    /// buffered one. Returns the changed splats and the comparison.
     fn step(
         &mut self,
         scene: &Scene,

@@ -11,7 +11,7 @@ use crate::train::scene::point_fits::PointFits;
 /// frame.
 #[derive(Default)]
 pub(super) struct FramePoints {
-    /// Assigns and sums points on the processor or a device.
+    /// Assigns and sums points on the CPU or a device.
     pub fits: PointFits,
     /// Component of each point.
     pub owners: Vec<u32>,
@@ -22,7 +22,7 @@ pub(super) struct FramePoints {
 }
 
 impl FramePoints {
-    /// Chooses a device for a new frame, then assigns the frame's points to components.
+    /// Chooses a device for a new frame and assigns the frame's points to components.
     pub fn assign_new(&mut self, scene: &Scene, points: &[SurfacePoint]) {
         self.fits.begin_frame(points.len(), scene.config.h);
         self.assign(scene, points);

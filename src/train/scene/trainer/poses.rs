@@ -32,7 +32,7 @@ const MIN_EXPOSED: f64 = 1000.0;
 pub(super) struct Poses {
     /// Exposures of the frames, if gains are estimated.
     exposures: Vec<FrameExposure>,
-    /// Pose corrections of the frames, unless poses count as exact.
+    /// Pose corrections of the frames, unless recorded poses are treated as exact.
     corrections: Vec<FramePose>,
     /// Tracked camera poses, if poses are tracked.
     trajectory: Vec<TrackedPose>,
@@ -170,8 +170,8 @@ impl Poses {
     }
 
     /// Returns the motion of the whole scene that minimises the pose corrections of its frames. `None`
-    /// unless the number of corrected frames is a power of two. The common error shrinks with every such
-    /// motion.
+    /// unless the number of corrected frames is a power of two. The pose error common to all frames
+    /// shrinks with every such motion.
     pub fn common_motion(&self, scene: &Scene, frame: &Observation) -> Option<Pose> {
         let n = self.corrections.len();
         let is_due =
@@ -189,7 +189,7 @@ impl Poses {
     }
 
     /// Returns the logs of exposures and pose corrections for drawing a scene of structural scale `h`
-    /// (world units). An empty log gives `None`.
+    /// (world units). `None` in place of an empty log.
     pub fn logs(&self, h: f64) -> (Option<Arc<ExposureLog>>, Option<Arc<PoseLog>>) {
         let exposures = (!self.exposures.is_empty())
             .then(|| Arc::new(ExposureLog::new(self.exposures.clone(), h)));

@@ -19,7 +19,7 @@ use glam::DVec3;
 pub(in crate::train::scene) struct Scene {
     /// Configuration. Its structural scale is the current one, which may have grown.
     pub config: SceneConfig,
-    /// Configured structural scale, world units.
+    /// Structural scale as configured, world units.
     pub asked_scale: f64,
     /// Number of steps by which the structural scale has grown.
     pub coarsened: u32,
@@ -93,8 +93,8 @@ impl Scene {
         self.sums.grow(self.seeds.components.n_rows());
     }
 
-    /// Merges components until `target` are left, or until one pass merges fewer than `worthwhile`
-    /// pairs.
+    /// Merges components until `target` components are left, or until one pass merges fewer than
+    /// `worthwhile` pairs.
     pub fn merge_down(&mut self, target: usize, worthwhile: usize) {
         merge_down(&mut self.sums, &mut self.seeds, self.config.h, target, worthwhile);
     }
