@@ -27,8 +27,9 @@
 //!
 //! # Invariants
 //!
-//! * Statistics are added in fixed point. Without reassignment, any frame order and any number of threads
-//!   give the same bits; with it, the same input in the same order does.
+//! * Statistics are added in fixed point. Without reassignment of components, results are bit-identical
+//!   for any frame order and any number of threads. With reassignment, they are bit-identical for the
+//!   same frames in the same order.
 //! * A frame is applied completely or not at all.
 //! * Only the initial model enters the E-step, never the posterior.
 //! * The engine does not depend on the window, and `app` and `cli` contain no algorithms.

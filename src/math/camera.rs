@@ -6,9 +6,9 @@ use glam::{DVec2, DVec3};
 /// Pinhole intrinsics in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
-    /// Image width.
+    /// Image width, pixels.
     pub width: u32,
-    /// Image height.
+    /// Image height, pixels.
     pub height: u32,
     /// Horizontal focal length, pixels.
     pub fx: f64,

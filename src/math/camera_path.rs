@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 // A cubic between 12 keyframes deviates from the circle by a thousandth of its radius.
 const TURNTABLE_KEYFRAMES: u32 = 12;
 
-/// Camera pose and field of view at one time.
+/// Camera pose and field of view at one point in time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keyframe {
     /// Time from the start of the path, seconds.
@@ -54,7 +54,7 @@ impl CameraPath {
     /// not increase.
     ///
     /// In a loop, the last keyframe must equal the first in pose and field of view. The path passes both
-    /// at the same speed.
+    /// with the same velocity.
     pub fn new(keyframes: Vec<Keyframe>, is_loop: bool) -> Option<Self> {
         let rises = keyframes.windows(2).all(|pair| pair[0].time < pair[1].time);
         (keyframes.len() > 1 && rises).then_some(Self { keyframes, is_loop })
@@ -121,7 +121,7 @@ impl CameraPath {
     }
 
     /// Returns the derivative per second of the interpolated values at keyframe `i`. `turn` is the
-    /// keyframe's quaternion with the sign to use.
+    /// keyframe's quaternion with the sign used in the interpolated segment.
     fn derivative_at(&self, i: usize, turn: DVec4) -> Values {
         let last = self.keyframes.len() - 1;
         let here = self.keyframes[i];
@@ -157,8 +157,8 @@ impl CameraPath {
     }
 }
 
-/// Returns the values of a keyframe. If `beside` is given, the sign of the quaternion matches that
-/// keyframe's.
+/// Returns the values of a keyframe. If the keyframe `beside` is given, the quaternion's sign is chosen
+/// to match that of `beside`.
 fn values(keyframe: &Keyframe, beside: Option<&Keyframe>) -> Values {
     let turn =
         |keyframe: &Keyframe| DVec4::from(DQuat::from_mat3(&keyframe.pose.rotation()).normalize());
@@ -166,8 +166,7 @@ fn values(keyframe: &Keyframe, beside: Option<&Keyframe>) -> Values {
     beside.map_or(own, |beside| with_matching_sign(own, turn(beside)))
 }
 
-/// Chooses the sign of the quaternion that is nearer to `beside`. Both signs represent the same
-/// rotation.
+/// Negates the quaternion if that brings it nearer to `beside`. Both signs represent the same rotation.
 fn with_matching_sign([place, turn]: Values, beside: DVec4) -> Values {
     [place, if turn.dot(beside) < 0.0 { -turn } else { turn }]
 }

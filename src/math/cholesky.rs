@@ -93,7 +93,7 @@ pub fn factor<V: Vector, const N: usize, const P: usize>(lower: &mut [V; P]) -> 
 }
 
 /// Solves one linear system per lane in place, given the factors from [`factor`]. On entry `x` holds the
-/// right sides, on return the solutions.
+/// right-hand sides, on return the solutions.
 #[inline(always)]
 pub fn substitute<V: Vector, const N: usize, const P: usize>(lower: &[V; P], x: &mut [V; N]) {
     for k in 0..N {

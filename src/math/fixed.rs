@@ -1,8 +1,8 @@
-//! Fixed-point sums: integer addition is associative. So totals do not depend on the order of frames,
-//! the number of threads or the shards of a dataset.
+//! Fixed-point sums. Integer addition is associative, so totals do not depend on the order of frames, the
+//! number of threads or the shards of a dataset.
 //!
-//! Two formats: [`to_fixed`] gives an `i128` with 80 fraction bits. [`Quanta`] hold an `i64`, which
-//! almost always suffices and keeps loops vectorisable, and a carry.
+//! There are two formats. [`to_fixed`] returns an `i128` with 80 fraction bits. [`Quanta`] consist of an
+//! `i64`, which almost always suffices and keeps loops vectorisable, and a carry.
 
 /// Number of fraction bits of an `i128` total. The quantum is 2⁻⁸⁰ = 8.3e-25 and the range is ±1.4e14.
 /// The smallest prior term is far larger than the quantum: 4e-15 for a million components.
@@ -53,8 +53,8 @@ pub fn from_fixed(total: i128) -> f64 {
     total as f64 * QUANTUM
 }
 
-/// Fixed-point number `high · 2⁶⁴ + low`, counted in quanta. The representation is unique, so equal sums
-/// have equal bits.
+/// Fixed-point number `high · 2⁶⁴ + low` in quanta; a quantum is the smallest step. The representation
+/// is unique, so equal sums have equal bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quanta {
     /// Carry beyond 64 bits; almost always 0.

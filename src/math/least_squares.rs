@@ -5,13 +5,14 @@ use super::cholesky::Cholesky;
 /// Normal equations of a linearised sum of weighted squared residuals. They hold the cost, half its
 /// gradient and half its Gauss-Newton curvature.
 ///
-/// Each part of a problem has its own equations, which are added in a fixed order. Sums therefore do not
-/// depend on the number of threads. Parts can also be left out or compared for standard errors.
+/// The residuals of a problem are divided into blocks, each with its own equations. Blocks are added in
+/// a fixed order, so sums do not depend on the number of threads. For standard errors, blocks can be
+/// left out or compared.
 #[derive(Clone, Copy, Debug)]
 pub struct NormalEquations<const N: usize> {
-    /// Weighted sum of squares.
+    /// Weighted sum of squared residuals.
     pub cost: f64,
-    /// Number (weight) of contributing points.
+    /// Number of contributing points, or their total weight.
     pub n: f64,
     /// Lower triangle of half the Gauss-Newton curvature of the cost.
     curvature: [[f64; N]; N],
@@ -23,14 +24,15 @@ impl<const N: usize> NormalEquations<N> {
     /// Normal equations without residuals.
     pub const ZERO: Self = Self { cost: 0.0, n: 0.0, curvature: [[0.0; N]; N], gradient: [0.0; N] };
 
-    /// Adds a residual with its weight. `slope` holds its derivatives with respect to the leading
-    /// unknowns; the other derivatives are zero.
+    /// Adds a residual with its weight. `slope` holds the residual's derivatives with respect to the
+    /// first `slope.len()` unknowns; the other derivatives are zero.
     #[inline(always)]
     pub fn add_residual(&mut self, residual: f64, slope: &[f64], weight: f64) {
         self.add_residuals([residual], [slope], weight);
     }
 
-    /// Adds several residuals of equal weight. Each accumulator is read and written only once.
+    /// Adds several residuals of equal weight, as [`Self::add_residual`] does, but reads and writes each
+    /// accumulator only once.
     #[inline(always)]
     pub fn add_residuals<const M: usize>(
         &mut self,
@@ -68,7 +70,7 @@ impl<const N: usize> NormalEquations<N> {
         self.curvature[i][i] += weight;
     }
 
-    /// Adds `factor` times `other`. A factor of −1 removes a part from a total.
+    /// Adds `factor` times `other`. A factor of −1 removes a block from a total.
     pub fn add(&mut self, other: &Self, factor: f64) {
         self.cost += factor * other.cost;
         self.n += factor * other.n;
@@ -80,7 +82,7 @@ impl<const N: usize> NormalEquations<N> {
         }
     }
 
-    /// Returns the sum of all parts.
+    /// Returns the sum of the blocks `parts`.
     pub fn total<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Self {
         parts.into_iter().fold(Self::ZERO, |mut sum, part| {
             sum.add(part, 1.0);
@@ -88,17 +90,18 @@ impl<const N: usize> NormalEquations<N> {
         })
     }
 
-    /// Returns the mean weighted squared residual per point.
+    /// Returns the weighted sum of squared residuals, divided by the number of points.
     pub fn variance(&self) -> f64 {
         self.cost / self.n
     }
 
-    /// Returns half the curvature with respect to the `free` unknowns, as a row-major matrix.
+    /// Returns half the curvature of the cost with respect to the `free` unknowns, as a row-major
+    /// matrix.
     pub fn curvature_of(&self, free: &[usize]) -> Vec<f64> {
         free.iter().flat_map(|&i| free.iter().map(move |&j| self.curvature_at(i, j))).collect()
     }
 
-    /// Returns half the curvature entry of a pair of unknowns.
+    /// Returns half the curvature of the cost with respect to the unknowns `i` and `j`.
     pub fn curvature_at(&self, i: usize, j: usize) -> f64 {
         self.curvature[i.max(j)][i.min(j)]
     }
@@ -143,8 +146,8 @@ impl<const N: usize> NormalEquations<N> {
         Some(Cholesky::new(rest.len(), &self.curvature_of(&rest))?.solve(&pull))
     }
 
-    /// Returns the step to the minimum of the cost. Returns `None` if the data does not determine it or
-    /// any number is not finite.
+    /// Returns the step to the minimum of the cost. Returns `None` if the data does not determine the
+    /// step or the step is not finite.
     pub fn solution(&self) -> Option<[f64; N]> {
         let all: [usize; N] = std::array::from_fn(|i| i);
         let step: [f64; N] = self.damped_step(&all, 0.0)?.try_into().ok()?;
@@ -152,9 +155,9 @@ impl<const N: usize> NormalEquations<N> {
         step.iter().all(|x| x.is_finite()).then_some(step)
     }
 
-    /// Returns the damped Gauss-Newton step of the `free` unknowns in their order; other unknowns are
-    /// held fixed. `damping` is Marquardt's relative addition to the diagonal. Returns `None` if the
-    /// data does not determine a direction.
+    /// Returns the damped Gauss-Newton step of the `free` unknowns, in the order of `free`; other
+    /// unknowns are held fixed. `damping` is the relative increase of the diagonal, after Marquardt.
+    /// Returns `None` if the data does not determine a direction.
     pub fn damped_step(&self, free: &[usize], damping: f64) -> Option<Vec<f64>> {
         let n = free.len();
         let mut matrix = self.curvature_of(free);

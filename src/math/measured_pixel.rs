@@ -1,4 +1,4 @@
-//! A pixel of a photograph with coverage and depth.
+//! Pixels of a photograph with coverage and depth, and the normalisation of positions and colours.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -39,8 +39,9 @@ impl MeasuredPixel {
         Self { color: [0.0; 3], coverage: f32::NAN, depth: 0.0, per_tolerance: 0.0 };
 }
 
-/// Affine map from world positions and colours in `[0, 1]` to the model's coordinates. Offset and
-/// scale are mean and standard deviation of a uniform distribution on a range (`model.md`, Normalisation).
+/// Affine map from world positions and colours in `[0, 1]` to the model's coordinates. Offset and scale
+/// are mean and standard deviation of a uniform distribution on the range of the values (`model.md`,
+/// Normalisation).
 ///
 /// ```
 /// use glam::DVec3;
@@ -62,7 +63,8 @@ pub struct Normalization {
 /// Offset of the colour normalisation: mean of a uniform distribution on `[0, 1]`.
 pub const COLOR_OFFSET: f64 = 0.5;
 
-/// Scale of the colour normalisation, `1/√12`.
+/// Scale of the colour normalisation, `1/√12`: standard deviation of the same distribution as for
+/// [`COLOR_OFFSET`].
 pub const COLOR_SCALE: f64 = 0.288_675_134_594_812_9;
 
 impl Normalization {

@@ -25,7 +25,8 @@ pub struct Orbit {
     pub target: DVec3,
     /// Direction that points up in the image; unit length.
     pub up: DVec3,
-    /// Rotation about `up`, radians; at 0 the view direction is the horizontal axis nearest to −x.
+    /// Rotation about `up`, radians. If azimuth and elevation are 0 and `up` is z, the camera faces −x.
+    /// For any other `up`, this view direction is rotated by the shortest arc from z to `up`.
     pub azimuth: f64,
     /// Angle above the horizon, radians.
     pub elevation: f64,
@@ -74,8 +75,8 @@ fn horizon(up: DVec3) -> (DVec3, DVec3) {
 // cos 30°: a mean up direction within this angle snaps to a coordinate axis.
 const AXIS_COSINE: f64 = 0.866;
 
-/// Returns the mean up direction of images in the world, or z if the cameras disagree. A direction
-/// within 30° of a coordinate axis is replaced by that axis.
+/// Returns the mean up direction of the cameras' images, in world axes; z if the directions nearly
+/// cancel. A direction within 30° of a coordinate axis is replaced by that axis.
 pub fn mean_up<'a>(poses: impl Iterator<Item = &'a Pose>) -> DVec3 {
     let (sum, n) =
         poses.fold((DVec3::ZERO, 0usize), |(sum, n), p| (sum - p.rotation().y_axis, n + 1));

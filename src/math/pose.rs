@@ -156,7 +156,7 @@ impl Pose {
         self.rotation * camera_point + self.translation
     }
 
-    /// Returns `camera_from_world` as rotation and translation.
+    /// Returns the inverse transform, from world to camera coordinates, as rotation and translation.
     pub fn inverse(&self) -> (DMat3, DVec3) {
         let rotation = self.rotation.transpose();
         (rotation, -(rotation * self.translation))

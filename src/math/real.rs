@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
-/// Floating-point type of the engine: `f32` for mixed precision or `f64` for the reference.
+/// Floating-point type of the engine: `f32` for mixed precision, or `f64` for reference results.
 pub trait Real:
     Copy
     + Debug

@@ -1,8 +1,8 @@
 //! Special functions of the Wishart and Dirichlet distributions; multivariate ones for D = 3.
 
-/// Returns the digamma function `ψ(x)` for `x > 0`, NaN outside this domain. Uses the recurrence up to
-/// 12, then the asymptotic series (Abramowitz & Stegun 6.3.18). The absolute error is below 1e-14 ·
-/// max(1, |ψ|).
+/// Returns the digamma function `ψ(x)` for `x > 0`, NaN outside this domain. Applies the recurrence
+/// until `x ≥ 12`, then the asymptotic series (Abramowitz & Stegun 6.3.18). The absolute error is below
+/// 1e-14 · max(1, |ψ|).
 pub fn digamma(mut x: f64) -> f64 {
     if x.is_nan() || x <= 0.0 {
         return f64::NAN;

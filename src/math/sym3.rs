@@ -1,7 +1,7 @@
-//! Symmetric 3×3 matrices in f64, with factorisations robust to components of few points.
+//! Symmetric 3×3 matrices in f64, with factorisations that tolerate ill-conditioned matrices.
 //!
-//! Covariances of a few points on a surface are ill-conditioned. Determinants and inverses use a
-//! Cholesky factor, because cofactors lose up to 10⁴ times more digits there. Eigenvalues use Jacobi
+//! Covariances of a few points on a surface are ill-conditioned. Determinants and inverses use a Cholesky
+//! factor, because the errors of cofactors are up to 10⁴ times larger there. Eigenvalues use Jacobi
 //! rotations, which are accurate to rounding for any condition number.
 
 use glam::{DMat3, DQuat, DVec3};
@@ -48,12 +48,12 @@ impl Sym3 {
         Self { xx: value, yy: value, zz: value, ..Self::default() }
     }
 
-    /// Creates a matrix from xx, xy, xz, yy, yz, zz.
+    /// Creates a matrix from its entries xx, xy, xz, yy, yz, zz.
     pub fn from_array([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> Self {
         Self { xx, xy, xz, yy, yz, zz }
     }
 
-    /// Returns xx, xy, xz, yy, yz, zz.
+    /// Returns the entries xx, xy, xz, yy, yz, zz.
     pub fn to_array(self) -> [f64; 6] {
         [self.xx, self.xy, self.xz, self.yy, self.yz, self.zz]
     }
@@ -139,7 +139,8 @@ impl Sym3 {
     }
 
     /// Returns the logarithm of the determinant, or `None` if the matrix is not positive definite. Uses
-    /// a Cholesky factor: cofactors lose up to 10⁴ times more digits on ill-conditioned matrices.
+    /// a Cholesky factor: on ill-conditioned matrices, the errors of cofactors are up to 10⁴ times
+    /// larger.
     pub fn ln_det(self) -> Option<f64> {
         let l = self.cholesky()?;
         Some(2.0 * (l.x_axis.x.ln() + l.y_axis.y.ln() + l.z_axis.z.ln()))

@@ -1,4 +1,4 @@
-//! Colour coding of component attributes: value, position in a range, colour.
+//! Colour coding of component attributes: the position of a value in a range determines the colour.
 //!
 //! The range spans the middle of the values, because a single outlier would flatten all others to one
 //! colour. It is replaced only after a visible change, because every new range recolours and uploads all
@@ -12,15 +12,15 @@ use crate::model::attributes::ComponentAttributes;
 pub enum Attribute {
     /// Sum of responsibilities over all points of all frames (soft count); logarithmic scale.
     Evidence,
-    /// Standard deviation of the mean's position, in world units; logarithmic scale.
+    /// Standard deviation of the splat's position, in world units; logarithmic scale.
     Uncertainty,
-    /// Mean ELBO of the points of the current frame, in nats.
+    /// Mean ELBO, in nats, of the component's points in the last frame.
     Elbo,
     /// Index of the frame that contributed the component's first points.
     Birth,
 }
 
-/// Colour of splats without a known value.
+/// Colour of splats whose attribute value is unknown.
 pub const UNKNOWN: [f32; 3] = [0.35; 3];
 
 // Fraction of the values that the range excludes at either end, so that outliers do not compress it.

@@ -1,9 +1,9 @@
 //! Combines two images of one viewport: a wipe between them, or their difference.
 //! `shaders/composite.wgsl` uses the same formulas.
 //!
-//! Images are combined after finishing and after compositing over the background, so that a wipe compares
-//! what each would show alone. The second image is sampled bilinearly, because photographs and
-//! renders seldom have the same size.
+//! Images are combined after crack filling, exposure and compositing over the background, so that each
+//! appears as it does alone. The second image is sampled bilinearly, because photographs and renders seldom
+//! have the same size.
 
 use crate::math::image::RgbImage;
 use rayon::prelude::*;

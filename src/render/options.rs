@@ -119,7 +119,7 @@ impl RenderMethod {
 }
 
 impl From<Renderer> for RenderMethod {
-    /// Applies the settings used for measured images.
+    /// Returns the renderer with the settings used for measured images.
     fn from(renderer: Renderer) -> Self {
         match renderer {
             Renderer::Projected => Self::PROJECTED,
@@ -169,8 +169,8 @@ impl DisplayStyle {
     /// Shows splats as stored.
     pub const PLAIN: Self = Self { scale: 1.0, opacity_cut: 0.0, paint: Paint::Stored };
 
-    /// Returns a splat's standard deviations as drawn, in world units: multiplied by the factor and
-    /// raised to the floor (`rendering.md`, Conventions).
+    /// Returns a splat's standard deviations as drawn, in world units: multiplied by [`Self::scale`] and
+    /// raised to at least [`scale_floor`] (`rendering.md`, Conventions).
     pub fn display_scales(&self, splat: &Splat) -> DVec3 {
         let scales = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.scale);
         // Whitening divides by the scales; a scale of 0 would give 0/0 in the f32 inner loop.
@@ -223,8 +223,8 @@ impl RenderOptions {
 /// the reference renderer (`rendering.md`, Conventions).
 pub const EVALUATION_NEAR: f64 = 0.2;
 
-/// Near plane of the viewport as a fraction of the scene radius (`rendering.md`, Conventions). It is
-/// used if the result is smaller than [`EVALUATION_NEAR`].
+/// Near plane of the viewport as a fraction of the scene radius (`rendering.md`, Conventions). The
+/// viewport uses [`EVALUATION_NEAR`] if that is smaller.
 pub const VIEWPORT_NEAR_SHARE: f64 = 0.005;
 
 /// Low-pass variance in px², added to both diagonal entries of the projected covariance
@@ -257,18 +257,19 @@ pub const TRANSMITTANCE_STOP: f64 = 1e-4;
 /// Side length of a tile in pixels (`rendering.md`, CPU renderer).
 pub const TILE: usize = 16;
 
-/// Floor of the scales as a fraction of `max(1, largest scale)`, limited by [`MAX_SCALE_FLOOR_RATIO`]
-/// (`rendering.md`, Conventions).
+/// Floor (lower limit) of a splat's scales, as a fraction of `max(1, largest scale)`. The floor is also
+/// limited by [`MAX_SCALE_FLOOR_RATIO`] (`rendering.md`, Conventions).
 pub const SCALE_FLOOR: f64 = 1e-6;
 
-/// Upper limit of the floor as a fraction of the largest scale. Keeps flat splats flat in scenes with
-/// small world units.
+/// Upper limit of the floor of a splat's scales, as a fraction of the splat's largest scale. Keeps flat
+/// splats flat in scenes with small world units.
 pub const MAX_SCALE_FLOOR_RATIO: f64 = 1e-4;
 
 /// Minimum scale in world units; smaller scales are raised to this value.
 pub const POINT_SCALE: f64 = 1e-12;
 
-/// Returns the floor of a splat's scales, in world units; `largest` is the splat's largest scale.
+/// Returns the floor (lower limit) of a splat's scales, in world units; `largest` is the splat's largest
+/// scale.
 pub fn scale_floor(largest: f64) -> f64 {
     (SCALE_FLOOR * largest.max(1.0)).min(MAX_SCALE_FLOOR_RATIO * largest).max(POINT_SCALE)
 }

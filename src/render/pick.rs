@@ -90,8 +90,8 @@ fn depth_and_alpha(
     (distance2 >= 0.0 && alpha >= ALPHA_CUT).then_some((depth, alpha))
 }
 
-/// Returns the smallest squared Mahalanobis distance from a splat to a point of a ray (`rendering.md`,
-/// Exact renderer).
+/// Returns the smallest squared Mahalanobis distance from a splat to the points of a ray, or of the
+/// whole line for [`Response::Line`] (`rendering.md`, Exact renderer).
 fn ray_distance_squared(placed: &CameraSplat, ray: DVec3, response: Response) -> f64 {
     let p = placed.axes.transpose_mul_vec3(placed.m) / placed.scale;
     let g = placed.axes.transpose_mul_vec3(ray) / placed.scale;

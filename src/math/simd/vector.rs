@@ -1,4 +1,4 @@
-//! Traits for kernels: eight f32 lanes, independent of the instruction set.
+//! Vectors of eight f32 lanes and kernels that use them, independent of the instruction set.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -18,7 +18,7 @@ pub trait Vector:
     fn load(values: &[f32]) -> Self;
     /// Loads the values at even indices of the first sixteen.
     fn load_even(values: &[f32]) -> Self;
-    /// Stores to the first eight values.
+    /// Stores the lanes in the first eight values.
     fn store(self, values: &mut [f32]);
     /// Minimum per lane; undefined for NaN.
     fn min(self, other: Self) -> Self;
@@ -26,28 +26,29 @@ pub trait Vector:
     fn max(self, other: Self) -> Self;
     /// Square root per lane, correctly rounded.
     fn sqrt(self) -> Self;
-    /// Returns a bit mask. Bit `i` is set if lane `i` is at most lane `i` of `other`.
+    /// Compares lane by lane. Returns a bit mask: bit `i` is set if `self ≤ other` in lane `i`.
     fn at_most(self, other: Self) -> u32;
     /// In every lane, clears all bits outside the mask `kept` and sets the bits of `added`.
     fn replace_low_bits(self, kept: u32, added: u32) -> Self;
-    /// Returns a bit mask. Bit `i` is set if lane `i` equals lane `i` of `other` in the bits of `mask`.
+    /// Compares the bits selected by `mask`, lane by lane. Returns a bit mask: bit `i` is set if these
+    /// bits are equal in lane `i`.
     fn bits_equal(self, other: Self, mask: u32) -> u32;
     /// Moves the lanes selected by `mask` to the front, in order; the remaining lanes are undefined.
     fn compress(self, mask: u32) -> Self;
-    /// Returns a lane mask. All bits of a lane are set if it is at most that lane of `other`, otherwise
-    /// none.
+    /// Compares lane by lane. Returns a lane mask: all bits of a lane are set where `self ≤ other`, and
+    /// none elsewhere.
     fn mask_at_most(self, other: Self) -> Self;
     /// Bitwise and.
     fn and(self, other: Self) -> Self;
     /// Returns lanes of `yes` where the mask is set, and lanes of `no` elsewhere.
     fn select(mask: Self, yes: Self, no: Self) -> Self;
-    /// Returns the sign bits as a bit mask, bit `i` for lane `i`. The sign bit is set in the set lanes
-    /// of a lane mask.
+    /// Returns the sign bits as a bit mask, bit `i` for lane `i`. For a lane mask, bit `i` is set if
+    /// lane `i` is set.
     fn sign_bits(self) -> u32;
     /// Truncates to integers; undefined for lanes out of range of `i32`.
     fn truncated(self) -> [i32; LANES];
-    /// Multiplies each lane by a power of two by adding to its floating-point exponent. The bits of each
-    /// lane of `exponent` hold the integer to add. The result must be a normal number.
+    /// Multiplies each lane by a power of two by adding to its floating-point exponent. The integer to
+    /// add is in the low nine bits of each lane of `exponent`. The result must be a normal number.
     fn scale_by_power_of_two(self, exponent: Self) -> Self;
     /// Transposes: lane `j` of vector `i` becomes lane `i` of vector `j`.
     fn transposed(rows: [Self; LANES]) -> [Self; LANES];
@@ -145,7 +146,7 @@ pub fn scatter_rows<V: Vector, const N: usize>(
     }
 }
 
-/// Returns one dot product per lane.
+/// Returns the dot product of the 3-vectors `a` and `b` in each lane.
 #[inline(always)]
 pub fn dot<V: Vector>(a: [V; 3], b: [V; 3]) -> V {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

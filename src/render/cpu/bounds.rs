@@ -7,8 +7,8 @@ use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Returns the tight bounding box, in pixels, of a splat's ellipsoid seen through a pinhole.
-/// `extent_squared` is the squared Mahalanobis radius of the ellipsoid, at which alpha equals the cut.
-/// `None` if the box contains no pixel centre of the image.
+/// `extent_squared` is the squared Mahalanobis radius of the ellipsoid, at which alpha equals the alpha
+/// cut. `None` if the box contains no pixel centre of the image.
 pub(super) fn pinhole(
     view: &CpuView,
     placed: &CameraSplat,
@@ -59,13 +59,14 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
 }
 
 /// Returns a bounding box, in pixels, of a splat's ellipsoid seen through a fisheye; the box is not
-/// tight. `extent_squared` is the squared Mahalanobis radius of the ellipsoid, at which alpha equals
-/// the cut. `None` if the box contains no pixel centre of the image.
+/// tight. `extent_squared` is the squared Mahalanobis radius of the ellipsoid, at which alpha equals the
+/// alpha cut. `None` if the box contains no pixel centre of the image.
 ///
-/// The ellipsoid is projected from the camera onto the plane that touches the unit sphere towards the
-/// centre. The projection lies in a rectangle with one side along increasing angle `θ` from the optical
-/// axis. Straight lines in the plane are great circles on the sphere. So along a side of the rectangle,
-/// `θ` and the azimuth have their extrema at corners or midpoint (see [`shadow_bounds`]).
+/// The ellipsoid is projected from the camera onto a plane. This plane touches the unit sphere around
+/// the camera in the direction of the splat's centre. A rectangle with one side along increasing angle
+/// `θ` from the optical axis contains the projection. Straight lines in the plane are great circles on
+/// the sphere. So along a side of the rectangle, `θ` and the azimuth have their extrema at its ends or
+/// its midpoint (see [`shadow_bounds`]).
 pub(super) fn fisheye(
     view: &CpuView,
     placed: &CameraSplat,
@@ -93,8 +94,8 @@ pub(super) fn fisheye(
     view.pixels(lo * focal + principal, hi * focal + principal)
 }
 
-/// Returns the bounding box, in an equidistant fisheye image, of a rectangle in a plane that touches
-/// the unit sphere. The plane touches it at the angle `theta` from the optical axis and at the given
+/// Returns the bounding box, in an equidistant fisheye image, of a rectangle in a plane that touches the
+/// unit sphere. The point of contact is at the angle `theta` from the optical axis and at the given
 /// `azimuth`. The box is in radians from the principal point.
 ///
 /// The rectangle extends over the range `radial` along increasing `θ` and over the range `tangential`

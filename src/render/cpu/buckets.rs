@@ -7,14 +7,14 @@ use std::ops::Range;
 /// One list of records per bucket (a tile or a row of tiles), each in input order.
 #[derive(Default)]
 pub(super) struct Buckets {
-    /// End of each bucket's list in `records`, which is the start of the next one.
+    /// End of each bucket's list in `records`; the next bucket's list starts there.
     ends: Vec<usize>,
     records: Vec<u32>,
 }
 
 impl Buckets {
-    /// Replaces the lists. Each record is added to the lists of all buckets in the range that `touched`
-    /// returns for the record.
+    /// Fills the lists anew. Each record is added to the lists of all buckets in the range that
+    /// `touched` returns for the record.
     pub(super) fn fill(
         &mut self,
         n_buckets: usize,
@@ -38,8 +38,9 @@ impl Buckets {
         });
     }
 
-    /// Parallel form of [`Self::fill`]. `runs` are ascending ranges of records; each task processes `n`
-    /// of the ranges. A task first counts its entries per bucket, then fills its own part of each list.
+    /// Fills the lists anew like [`Self::fill`], in parallel. `runs` are ascending ranges of records;
+    /// each task processes `n` of the ranges. A task first counts its entries per bucket, then fills its
+    /// own part of each list.
     pub(super) fn fill_parallel(
         &mut self,
         n_buckets: usize,

@@ -14,8 +14,8 @@ use rayon::prelude::*;
 // overhead.
 pub(super) const CHUNK: usize = 512;
 
-/// Numbers of visible and invalid splats in a chunk. The chunk's visible records are packed at the
-/// front of its part of the lists.
+/// Numbers of visible and invalid splats in a chunk. The chunk's visible records are at the front of its
+/// slice of each list.
 #[derive(Clone, Copy, Default)]
 pub(super) struct ChunkCount {
     pub n_visible: usize,
@@ -77,7 +77,7 @@ fn grow<T: Clone + Default>(list: &mut Vec<T>, n: usize) {
     }
 }
 
-/// Chunk of splats and its part of the output.
+/// Chunk of splats, and its slice of each output list.
 struct Chunk<'a> {
     splats: &'a [Splat],
     /// Appearances of the splats from the chunk's first one on; empty for a scene without appearance.

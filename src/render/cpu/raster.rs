@@ -55,7 +55,7 @@ pub(super) struct RowInputs<'a> {
 pub(super) struct DrawRow<'a> {
     pub sheet: RowInputs<'a>,
     pub canvas: &'a mut RowCanvas,
-    /// Index of the row's top pixel row in the image.
+    /// Index, in the image, of the topmost pixel row.
     pub top: usize,
     pub list: &'a [u32],
 }
@@ -118,7 +118,8 @@ impl RowCanvas {
         }));
     }
 
-    /// Finishes the pixels of all tiles and composites them over the background.
+    /// Applies crack filling and exposure to the pixels of all tiles and composites the pixels over the
+    /// background.
     pub(super) fn finish_pixels(
         &self,
         sheet: &RowInputs<'_>,

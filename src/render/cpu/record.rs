@@ -10,10 +10,10 @@
 //! D² = N / (f² + w·N)     w = 1/D² at the camera
 //! ```
 //!
-//! `|g|²` is the sum of the squares along that line and across it. With `f` clamped to be non-negative,
-//! the formula gives `D² = 1/w` where the response is largest at the camera. The projected renderer is
-//! the case `l = w = 0`. All sums are sums of squares, so nothing cancels. The error of the numerator
-//! grows with `p`; in the expanded form it would grow with `(p_x·δx)²`.
+//! The squared length of the whitened ray is the sum of the squares of its components along this line and
+//! across it. With `f` clamped to be non-negative, the formula gives `D² = 1/w` where the response is largest
+//! at the camera. The projected renderer is the case `l = w = 0`. All sums are sums of squares, so nothing
+//! cancels. The error of the numerator grows with `p`; in the expanded form it would grow with `(p_x·δx)²`.
 
 use crate::render::options::TILE;
 use std::ops::Range;
@@ -118,7 +118,8 @@ pub(super) struct Records {
 }
 
 impl Records {
-    /// Replaces the contents with the listed entries of `all`, in that order; leaves `ids` unchanged.
+    /// Replaces the contents with the listed entries of `all`, in the order of `list`; leaves `ids`
+    /// unchanged.
     pub(super) fn gather(&mut self, all: &Self, list: &[u32]) {
         fn pick<T: Copy>(to: &mut Vec<T>, from: &[T], list: &[u32]) {
             to.clear();

@@ -25,8 +25,8 @@ pub struct Rendered {
     /// distance along the pixel's ray at the largest response (exact); 0 where `A` is 0.
     pub depth: Image<f32>,
     /// Number of splats dropped because the splat or its appearance is invalid
-    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and invisible splats do not
-    /// count.
+    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and invisible splats are not
+    /// counted.
     pub n_invalid: usize,
 }
 
@@ -39,7 +39,7 @@ pub enum CpuStage {
     Sort,
     /// Lists the visible records per row of tiles, before sorting.
     Bin,
-    /// Bins to tiles, blends and writes pixels.
+    /// Bins the records to tiles, blends them and writes the pixels.
     Raster,
 }
 

@@ -17,7 +17,7 @@ use std::sync::{Mutex, PoisonError};
 // Groups of runs per thread, for load balancing: runs differ in their number of records.
 const GROUPS: usize = 4;
 
-/// Records of a view and their order. Buffers are reused between views.
+/// Records of a view, and lists of them by row of tiles. Buffers are reused between views.
 #[derive(Default)]
 pub(super) struct ViewLists {
     pub records: Records,

@@ -96,7 +96,7 @@ pub(super) struct ImageSplat {
     /// Sort key, world units: view depth (projected) or distance (exact).
     pub key: f64,
     pub opacity: f64,
-    /// Squared Mahalanobis distance `k²` at which alpha equals the cut.
+    /// Squared Mahalanobis distance `k²` at which alpha equals the alpha cut.
     pub extent_squared: f64,
     pub rect: Rect,
 }

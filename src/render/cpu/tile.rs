@@ -1,10 +1,10 @@
 //! Blends sorted splats into one tile (`rendering.md`, Blending).
 //!
-//! The 256 pixels of a tile are stored in planes of eight lanes. They remain in the L1 cache while
-//! splats are blended, nearest first. Finished groups are masked, finished rows are skipped, and a tile
-//! ends with its last open row. So hidden splats cost almost nothing. SIMD is explicit, because the
-//! autovectorised loop was 4 to 5 times slower (`rendering.md`, CPU renderer). A negative transmittance
-//! marks pixels that are finished or outside the image, so that one comparison tests both.
+//! The 256 pixels of a tile are stored in planes of eight lanes. They remain in the L1 cache while splats are
+//! blended, nearest first. Finished groups are masked, finished rows are skipped, and blending stops when all
+//! rows are finished. So hidden splats cost almost nothing. SIMD is explicit, because the autovectorised loop
+//! was 4 to 5 times slower (`rendering.md`, CPU renderer). A negative transmittance marks pixels that are
+//! finished or outside the image, so that one comparison tests both.
 
 use super::record::{ConicRecord, Gradient, Records, Rect, TangentFrame};
 use crate::math::camera::Intrinsics;
@@ -19,7 +19,7 @@ pub(super) const GROUPS: usize = TILE / LANES;
 // Avoids `0/0` in the direction opposite to a splat's centre.
 const MIN_NUMERATOR: f32 = 1e-20;
 
-/// Kinds of projection as constants: the compiler generates one loop for each.
+/// Kinds of projection, as values of a const generic: the compiler generates one loop for each.
 pub(super) struct ProjectionForm;
 
 impl ProjectionForm {
@@ -79,8 +79,8 @@ impl Tile {
         Self { left, top, transmittance, color: [empty; 3], depth: empty, rays: None, open_rows }
     }
 
-    /// Adds a unit ray per pixel for an equidistant fisheye. Pixels more than π from the axis are marked
-    /// finished.
+    /// Adds a unit ray per pixel for an equidistant fisheye. Pixels at an angle of more than π to the
+    /// optical axis are marked finished.
     pub(super) fn with_fisheye_rays(mut self, k: &Intrinsics) -> Self {
         let mut rays = Box::new([[[0.0; LANES]; TILE * GROUPS]; 3]);
         for group in 0..TILE * GROUPS {
@@ -214,7 +214,7 @@ pub(super) fn initial_transmittance(first: usize, columns: usize) -> [f32; LANES
 pub(super) struct BlendStep<V> {
     /// Alpha before the cap; 0 in a pixel where the splat is invisible.
     pub uncapped_alpha: V,
-    /// Alpha times the transmittance in front.
+    /// Alpha times the transmittance in front of the splat.
     pub weight: V,
     /// True if a pixel became finished: it accepts no further splats.
     pub stopped: bool,
@@ -277,7 +277,7 @@ pub(super) fn covered_rows_and_groups(
     (span(rect.y0, rect.y1, top), columns.start / LANES..columns.end.div_ceil(LANES))
 }
 
-/// Returns the part of `lo..hi` inside a tile that starts at pixel `first`, relative to `first`.
+/// Returns the pixels of `lo..hi` inside the tile that starts at pixel `first`, relative to `first`.
 #[inline(always)]
 fn span(lo: u16, hi: u16, first: usize) -> Range<usize> {
     let end = first + TILE;
@@ -369,8 +369,8 @@ pub(super) fn offset_color<V: Vector>(
     apply_color_change(color, V::splat(x) * offset[0] + V::splat(y) * offset[1])
 }
 
-/// Returns one channel of a splat's colour at its point of largest response. The colour gradient is applied
-/// (`rendering.md`, Native appearance).
+/// Returns one channel of a splat's colour at the point of largest response, including the colour
+/// gradient (`rendering.md`, Native appearance).
 #[inline(always)]
 fn gradient_color<V: Vector>(
     color: f32,

@@ -32,10 +32,10 @@ pub(in crate::render) struct CpuView {
 pub(in crate::render) struct CameraSplat {
     /// Centre in camera axes (x right, y down, z forward), world units.
     pub m: DVec3,
-    /// Unit directions of the principal axes (those of the scales) in camera axes, one per column.
+    /// Unit vectors along the principal axes, in the camera's frame, one per column.
     pub axes: DMat3,
-    /// Standard deviations along the principal axes, world units: multiplied by the display factor and
-    /// raised to the floor.
+    /// Standard deviations along the principal axes as drawn, world units (see
+    /// [`DisplayStyle::display_scales`]).
     pub scale: DVec3,
     pub opacity: f64,
 }
@@ -121,8 +121,8 @@ fn rotation_matrix(rotation: [f32; 4]) -> DMat3 {
 }
 
 impl CameraSplat {
-    /// Returns the squared Mahalanobis distance `k²` at which alpha equals the cut: `o·exp(−k²/2)` with
-    /// opacity `o`.
+    /// Returns the squared Mahalanobis distance `k²` at which alpha, `o·exp(−k²/2)` with opacity `o`,
+    /// equals the alpha cut.
     pub(super) fn extent_squared(&self) -> f64 {
         2.0 * (self.opacity / ALPHA_CUT).ln()
     }

@@ -123,8 +123,8 @@ fn has_gpu_device_file(devices: &Path) -> bool {
     entries.flatten().any(|entry| entry.file_name().to_str().is_some_and(is_card))
 }
 
-/// Describes the adapters of this computer that can draw windows, in the order of
-/// [`AdapterChoice::Index`].
+/// Lists the adapters of this computer that can draw windows. [`AdapterChoice::Index`] is an index in
+/// this list.
 pub fn list() -> Vec<AdapterInfo> {
     enumerate().iter().map(AdapterInfo::new).collect()
 }

@@ -17,7 +17,7 @@ use crate::render::{
 };
 use std::fmt::Write;
 
-/// Concatenates files of `shaders/` at compile time, in the order of their dependencies.
+/// Concatenates files of `shaders/` at compile time; a file must follow the files that it depends on.
 macro_rules! wgsl {
     ($($file:literal),+) => {
         concat!($(include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $file, ".wgsl"))),+)
@@ -63,11 +63,12 @@ pub(super) const N_QUARTERS: u32 = (N_IMAGE_SUMS as u32).div_ceil(4);
 /// within a frame.
 pub(super) mod slot {
     pub(in super::super) const N_SPLATS: u32 = 0;
-    /// Counter of splats with at least one entry (splat-tile pair).
+    /// Slot of the number of splats with at least one entry (splat-tile pair).
     pub(in super::super) const N_VISIBLE: u32 = 1;
-    /// Counter of stored entries (splat-tile pairs).
+    /// Slot of the number of stored entries (splat-tile pairs).
     pub(in super::super) const N_ENTRIES: u32 = 2;
-    /// Counter of entries (splat-tile pairs) needed, saturated at the largest u32.
+    /// Slot of the number of entries (splat-tile pairs) that the image needs, saturated at the largest
+    /// u32.
     pub(in super::super) const N_NEEDED: u32 = 3;
     /// Slot of the depth key of the nearest splat with an entry; the key is all ones if there is no
     /// such splat.
@@ -77,7 +78,7 @@ pub(super) mod slot {
     pub(in super::super) const N_SLOTS: usize = 6;
 }
 
-/// Integer constants by WGSL name.
+/// WGSL names and values of the integer constants.
 const WORDS: [(&str, u32); 33] = [
     ("FLAG_LIVE", FLAG_LIVE),
     ("RENDERER_PROJECTED", RENDERER_PROJECTED),
@@ -114,7 +115,7 @@ const WORDS: [(&str, u32); 33] = [
     ("SUM_GROUP", SUM_GROUP),
 ];
 
-/// Floating-point constants by WGSL name.
+/// WGSL names and values of the floating-point constants.
 const NUMBERS: [(&str, f32); 15] = [
     ("ALPHA_CAP", ALPHA_CAP as f32),
     ("ALPHA_CUT", ALPHA_CUT as f32),

@@ -39,7 +39,7 @@ pub enum GpuError {
         /// Total size of the requested buffers, MiB.
         mib: u64,
     },
-    /// A task of training needs a larger buffer than this adapter supports.
+    /// A training task needs a larger buffer than this adapter supports.
     #[error(
         "a buffer of {needed_mib} MiB is needed for {what}, but this adapter binds at most {limit_mib} MiB; the processor is used instead"
     )]
@@ -51,7 +51,7 @@ pub enum GpuError {
         /// Largest buffer that a shader can bind completely, MiB.
         limit_mib: u64,
     },
-    /// The driver refused a buffer for a task of training.
+    /// The driver refused to allocate a buffer for a training task.
     #[error(
         "the GPU is out of memory for {what} ({mib} MiB requested); the processor is used instead; close other GPU programs to use the GPU"
     )]
@@ -61,7 +61,7 @@ pub enum GpuError {
         /// Size of the requested buffer, MiB.
         mib: u64,
     },
-    /// A task of training failed, or its result could not be read back.
+    /// A training task failed, or its result could not be read back.
     #[error("the GPU failed: {reason}; the processor is used instead")]
     TaskFailed {
         /// Message from wgpu or the driver.

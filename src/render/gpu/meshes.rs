@@ -1,4 +1,4 @@
-//! Draws user interface triangles into a persistent image, and that image into the window.
+//! Draws the triangles of the user interface into a persistent image, and copies this image into the window.
 //!
 //! Used on software adapters (`rendering.md`, Window on a software adapter), where fragments are expensive.
 //! Only changed areas are redrawn, untextured triangles read no texture, and opaque ones are not blended.
@@ -15,7 +15,7 @@ use wgpu::util::DeviceExt;
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct MeshVertex {
-    /// Position in clip space, −1 to 1, right and up.
+    /// Position in clip space, −1 to 1; x to the right, y up.
     pub position: [f32; 2],
     /// Texture coordinates, 0 to 1.
     pub uv: [f32; 2],
@@ -39,7 +39,8 @@ pub enum MeshKind {
     Opaque,
     /// Vertex colours blended over the image.
     Blended,
-    /// Vertex colours times a texture of [`MeshPainter::set_texture`], blended over the image.
+    /// Vertex colours times a texture, blended over the image. The value is the key passed to
+    /// [`MeshPainter::set_texture`].
     Textured(u64),
 }
 
@@ -152,7 +153,7 @@ impl MeshPainter {
         self.textures.insert(key, BoundTexture { texture: texture.clone(), sampling, bindings });
     }
 
-    /// Removes the textures for whose keys `is_wanted` returns false.
+    /// Retains only the textures for whose keys `is_wanted` returns true.
     pub fn retain_textures(&mut self, is_wanted: impl Fn(u64) -> bool) {
         self.textures.retain(|key, _| is_wanted(*key));
     }

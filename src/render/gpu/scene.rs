@@ -157,8 +157,8 @@ fn has_appearance(splats: SplatView<'_>) -> bool {
 }
 
 impl SceneBuffers {
-    /// Allocates buffers for the splats. If the splats exceed the capacity `before`, it grows by a
-    /// factor of at least 1.5, within the adapter's limit.
+    /// Allocates buffers for the splats. If the splats exceed the capacity `before`, the capacity grows
+    /// by a factor of at least 1.5, within the adapter's limit.
     fn new(device: &wgpu::Device, splats: SplatView<'_>, before: usize) -> Result<Self, GpuError> {
         let splat_bytes = size_of::<GpuSplat>() as u64;
         let appearance_bytes =
@@ -190,8 +190,8 @@ impl SceneBuffers {
     }
 }
 
-/// Returns the capacity for `n_splats` splats in slots of `bytes_each` bytes: at least 1.5 times
-/// `before`, within the adapter's limit.
+/// Returns the capacity, in splats, of a buffer for `n_splats` splats of `bytes_each` bytes: at least
+/// 1.5 times `before`, within the adapter's limit.
 fn capacity_for(
     n_splats: usize,
     before: usize,

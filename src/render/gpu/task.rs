@@ -1,9 +1,9 @@
-//! Work of training on a device of its own: buffers, uploads, dispatches and results of one kind of task.
+//! Training tasks on a GPU device of their own: buffers, uploads, dispatches and results of one kind of task.
 //!
 //! A task declares its parts (buffers with their sizes) and its kernels with the parts that they bind.
 //! Buffers grow on demand, and kernels stay bound until a buffer is replaced. Uploads pass through mapped
 //! memory, filled by all threads. One readback returns the results. After an error the device is no longer
-//! used, so no attempt is made to restore the state before it.
+//! used, so no attempt is made to restore the previous state.
 
 use super::error::{GpuError, GpuFaults};
 use super::growing::{GrowingBuffer, copy_pieces};
@@ -30,7 +30,7 @@ pub(super) trait TaskPart: Copy + PartialEq + Send + Sync + 'static {
     /// Numbers of items that a task processes.
     type Sizes: Default + Send + Sync;
     const LABEL: &'static str;
-    /// Descriptions of all parts, each at its own index.
+    /// Descriptions of all parts, each at the index of its part.
     const ALL: &'static [PartRow<Self>];
     /// Labels of the staging buffers, one per upload.
     const UPLOADS: &'static [&'static str];
@@ -110,7 +110,7 @@ impl<P: TaskPart> GpuTask<P> {
         }
     }
 
-    /// Returns an error of this device: the task failed for a `reason` given by wgpu or the driver.
+    /// Returns the error that the task failed on this device; `reason` describes the cause.
     pub(super) fn failed(&self, reason: impl ToString) -> DeviceError {
         self.refused(&GpuError::TaskFailed { reason: reason.to_string() })
     }

@@ -24,7 +24,7 @@ impl GpuTimes {
     }
 }
 
-/// Measured stage, in execution order.
+/// Stage whose GPU time is measured; the variants are in execution order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum GpuStage {
     Preprocess,
@@ -122,7 +122,7 @@ fn times(bytes: &[u8], milliseconds_per_tick: f64) -> Option<GpuTimes> {
 // Results in flight. They are read two frames late, so the third slot is free.
 pub(super) const N_SLOTS: usize = 3;
 
-/// Buffers that the GPU fills and the CPU reads in turn.
+/// Ring of buffers that the GPU fills and the CPU reads some frames later.
 #[derive(Debug)]
 pub(super) struct ReadbackRing {
     slots: [Slot; N_SLOTS],

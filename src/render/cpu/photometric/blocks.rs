@@ -37,7 +37,7 @@ pub struct ParameterSums<V> {
 /// Exponents of the whitened offsets `p` and `q` in each feature (monomial) of the derivatives of
 /// `ln α`.
 const FEATURES: [(usize, usize); N_QUADRATIC] = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
-/// Index, among the image sums, of the curvature moment of the product of two features.
+/// Index in [`ImageSums`] of the curvature moment for the product of each pair of features.
 const PRODUCTS: [[usize; N_QUADRATIC]; N_QUADRATIC] = {
     let mut places = [[0; N_QUADRATIC]; N_QUADRATIC];
     // `for` loops are not allowed in constants.
@@ -53,7 +53,7 @@ const PRODUCTS: [[usize; N_QUADRATIC]; N_QUADRATIC] = {
     }
     places
 };
-/// Index of the log-opacity among the form parameters.
+/// Index of the log-opacity among the form parameters (see [`ParameterSums::gradient`]).
 const OPACITY: usize = N_FORM - 1;
 
 impl<V: Vector> ParameterSums<V> {
@@ -75,8 +75,9 @@ impl<V: Vector> ParameterSums<V> {
         found
     }
 
-    /// Sets the gradient by form parameter `row` and the parameter's row of the Gauss-Newton block.
-    /// `of_row` holds the parameter's coefficients of the features `1, p, q, p², pq, q²`.
+    /// Adds the gradient with respect to form parameter `row` (see [`ParameterSums::gradient`]) and this
+    /// parameter's row of the Gauss-Newton block. `of_row` holds the derivative of `ln α` with respect
+    /// to the parameter, as coefficients of `1, p, q, p², pq, q²`.
     #[inline(always)]
     fn add_form(
         &mut self,
@@ -123,7 +124,7 @@ impl<V: Vector> ParameterSums<V> {
         }
     }
 
-    /// Sets the gradient and the Gauss-Newton block of the colour coefficients. A channel's colour is
+    /// Adds the gradient and the Gauss-Newton block of the colour coefficients. A channel's colour is
     /// `c + W·d + G·e(p, q)`, linear in its seven coefficients `c`, `W` and `G`. `d` is the viewing
     /// direction and `e` the displacement on the splat's plane.
     #[inline(always)]
@@ -162,8 +163,8 @@ impl<V: Vector> ParameterSums<V> {
     }
 }
 
-/// Returns the derivative of `ln α` with respect to a form parameter, as coefficients of
-/// `1, p, q, p², pq, q²`.
+/// Returns the derivative of `ln α` with respect to a form parameter (see [`ParameterSums::gradient`]),
+/// as coefficients of `1, p, q, p², pq, q²`.
 #[inline(always)]
 fn features<V: Vector>(linear: &[V; N_LINEAR], parameter: usize) -> [V; N_QUADRATIC] {
     let mut features = [V::splat(0.0); N_QUADRATIC];
@@ -175,7 +176,8 @@ fn features<V: Vector>(linear: &[V; N_LINEAR], parameter: usize) -> [V; N_QUADRA
     features
 }
 
-/// Returns the features whose coefficients for a form parameter can differ from 0.
+/// Returns the range, in [`FEATURES`], of the features whose coefficients can differ from 0 for a form
+/// parameter.
 const fn range(parameter: usize) -> Range<usize> {
     match parameter {
         OPACITY => 0..1,
@@ -197,7 +199,7 @@ pub struct PhotometricSums<'a> {
 
 #[derive(Clone, Copy)]
 pub(super) enum SumOrder {
-    /// The sums have the indices of the splats' records.
+    /// The sums of a splat are at the index of its record.
     ByRecord,
     /// Only visible splats have sums, in splat order.
     BySplat,
@@ -223,8 +225,8 @@ impl<'a> PhotometricSums<'a> {
         Self { view, sums, order: SumOrder::BySplat, squared_error, pixels }
     }
 
-    /// Returns the splats whose blending weights, summed over the compared pixels, exceed `weight`.
-    /// They are in splat order.
+    /// Returns, in splat order, the splats whose blending weights, summed over the compared pixels,
+    /// exceed `weight`.
     pub fn visible_splats(&self, weight: f32) -> Vec<VisibleSplat> {
         let lists = self.view.lists;
         let seen = |(rank, record): (u32, u32)| {

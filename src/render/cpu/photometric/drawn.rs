@@ -24,7 +24,7 @@ pub(super) struct Hit {
 pub(super) struct VisibleSplat {
     /// Index of the splat in the list of its row of tiles.
     pub list_index: usize,
-    /// End of the splat's hits in [`DrawnTile::hits`], which is the start of the next splat's hits.
+    /// End of the splat's hits in [`DrawnTile::hits`]; the next splat's hits start there.
     pub end: usize,
 }
 
@@ -36,7 +36,8 @@ pub(super) struct DrawnTile {
     /// Transmittance of each pixel; negative if the pixel is finished or outside the image.
     pub transmittance: Plane,
     pub color: [Plane; 3],
-    /// Depth error per pixel, blended over the splats; only set if measured depths are known.
+    /// Depth errors of the splats in each pixel, summed with their blending weights; only set if
+    /// measured depths are known.
     pub depth_error: Plane,
     open_rows: u32,
     /// Visible splats, nearest first.

@@ -16,41 +16,42 @@ use crate::render::options::LOW_PASS_PX2;
 use glam::{DMat3, DVec3};
 use std::f64::consts::LN_2;
 
-/// Index of the derivatives with respect to the mean in a linearisation (the derivatives of one splat's
-/// image). For each world axis, they are the coefficients of `d ln α` on `p, q, p², pq, q²`. `p` and `q`
-/// are the whitened offsets of the records: `α = o·2^−(p²+q²)` with opacity `o`.
+/// First index of the derivatives with respect to the mean in a linearisation (an array of the
+/// derivatives of one splat's image). For each world axis, they are the coefficients of
+/// `p, q, p², pq, q²` in `d ln α`. `p` and `q` are the whitened offsets of the records:
+/// `α = o·2^−(p²+q²)` with opacity `o`.
 pub(super) const BY_MEAN: usize = 0;
-/// Index of the derivatives with respect to shape in a linearisation. For each log-scale, then for each
-/// rotation axis, they are the coefficients of `d ln α` on `p², pq, q²`.
+/// First index of the derivatives with respect to shape in a linearisation. For each log-scale, then for
+/// each rotation axis, they are the coefficients of `p², pq, q²` in `d ln α`.
 pub(super) const BY_SHAPE: usize = BY_MEAN + 15;
-/// Index of the derivatives of colour in a linearisation. For each channel, they are the derivatives of
-/// the colour at a pixel with respect to the mean's world coordinates.
+/// First index of the derivatives of colour in a linearisation. For each channel, they are the
+/// derivatives of the colour at a pixel with respect to the mean's world coordinates.
 pub(super) const COLOR_BY_MEAN: usize = BY_SHAPE + 18;
-/// Index of the viewing direction in a linearisation. The direction leads from the camera to the splat,
-/// in world axes, and is limited to the observed cone.
+/// First index of the viewing direction in a linearisation. The direction leads from the camera to the
+/// splat, in world axes, and is clamped to the cone of observed directions.
 pub(super) const DIRECTION: usize = COLOR_BY_MEAN + 9;
-/// Index of the first of two displacements on the splat's plane in a linearisation. They are world
-/// vectors, per unit of a record's `p` and per unit of its `q`.
+/// First index of two displacements on the splat's plane in a linearisation. They are world vectors: one
+/// per unit of a record's `p`, one per unit of its `q`.
 pub(super) const PLANE_VECTORS: usize = DIRECTION + 3;
 /// Number of values in a linearisation.
 pub(super) const N_LINEAR: usize = PLANE_VECTORS + 6;
 
-/// Converts the records' `p²` to squared Mahalanobis distance: `p²` is `½ log₂e` times the latter.
+/// Ratio of the squared Mahalanobis distance to a record's `p² + q²`.
 const UNIT: f64 = 2.0 * LN_2;
 
 /// Eight splats of a view. Unused lanes hold finite values.
 pub(super) struct SplatLanes {
     /// Centre in camera axes, world units.
     centre: [[f32; LANES]; 3],
-    /// Rotation `w x y z`, of any length.
+    /// Rotation as a quaternion `w x y z` of any non-zero length.
     rotation: [[f32; LANES]; 4],
     /// Standard deviations, world units.
     scale: [[f32; LANES]; 3],
-    /// Colour change per px of image offset, by channel.
+    /// Change of each colour channel per px of image offset.
     across: [[[f32; LANES]; 2]; 3],
-    /// Colour change with viewing direction, by channel.
+    /// Derivative of each colour channel with respect to the viewing direction.
     directional: [[[f32; LANES]; 3]; 3],
-    /// Mean of the observed directions, world axes.
+    /// Mean of the observed viewing directions, world axes.
     observed: [[f32; LANES]; 3],
     cone: [[f32; LANES]; 6],
 }
@@ -149,7 +150,7 @@ impl SplatLanes {
         Shape { per_z, tangent, shifts, follows, axes, scale, rows, scaled, whitening, depth: z }
     }
 
-    /// Returns the directions of the principal axes (those of the scales) in camera axes.
+    /// Returns the unit vectors along the splats' principal axes, in the camera's frame.
     #[inline(always)]
     fn axes<V: Vector>(&self, camera: &LiftCamera) -> [[V; 3]; 3] {
         let [w, x, y, z] = load_rows(&self.rotation);
@@ -168,7 +169,7 @@ impl SplatLanes {
 
     /// Writes the derivatives of each colour channel at a pixel with respect to the mean's world
     /// coordinates. A motion of the mean shifts the spatial variation and rotates the viewing direction.
-    /// Also writes that direction.
+    /// Also writes the viewing direction.
     #[inline(always)]
     fn write_color_derivatives<V: Vector>(
         &self,
@@ -253,7 +254,7 @@ struct Shape<V> {
     /// Mask: set for splats whose Jacobian is evaluated at the centre itself, not at a clamped
     /// position.
     follows: V,
-    /// Directions of the principal axes (those of the scales) in camera axes.
+    /// Unit vectors along the splats' principal axes, in the camera's frame.
     axes: [[V; 3]; 3],
     scale: [V; 3],
     /// Non-zero entries of each row of the projection's Jacobian, px per world unit. The first entry
@@ -381,7 +382,7 @@ impl<V: Vector> Whitening<V> {
         Self { p_x: yy * per_root, p_y: V::splat(0.0) - xy * per_root, q_y: one / yy.sqrt() }
     }
 
-    /// Returns the coefficients of `½ zᵀ(L dΣ Lᵀ)z` on the records' `p²`, `pq` and `q²`.
+    /// Returns `½ zᵀ(L dΣ Lᵀ)z` as coefficients of `p²`, `pq` and `q²` of the records.
     /// `dΣ = [xx, xy, yy]` is a change of the image covariance and `z` the whitened offset.
     #[inline(always)]
     fn quadratic(&self, [xx, xy, yy]: [V; 3]) -> [V; 3] {

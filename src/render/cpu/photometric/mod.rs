@@ -50,7 +50,8 @@ pub struct PhotometricWalk {
 }
 
 impl PhotometricWalk {
-    /// Compares on the CPU like [`PhotometricComparer::compare`], but cannot fail.
+    /// Compares a photograph with its rendering as [`PhotometricComparer::compare`] does, but on the
+    /// CPU, where no error can occur.
     pub fn compare<'a>(
         &'a mut self,
         view: &PreparedView<'a>,
@@ -134,8 +135,8 @@ pub trait PhotometricComparer: Send + Sync {
 }
 
 /// Pixel rows to compare: row `first` and then every `every`-th row (`every` is 1, 2, 4, 8 or 16). Rows
-/// are chosen rather than tiles: a splat compared in only some of its tiles would be fitted to those
-/// alone.
+/// are chosen rather than tiles: a splat compared in only some of its tiles would be fitted to these
+/// tiles alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowSubset {
     every: u32,

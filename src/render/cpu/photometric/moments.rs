@@ -1,8 +1,8 @@
 //! Sums the contributions of pixel groups to one splat.
 //!
-//! A splat has few pixel groups in a tile but many sums. The terms of each group are computed first.
-//! Then one kind of sum at a time is accumulated over all groups. Its sums stay in registers, whereas
-//! all of them together would spill. Groups and then lanes are added in a fixed order, so the results
+//! A splat has few pixel groups in a tile but many sums. The terms of each group are computed first. Then one
+//! kind of sum at a time is accumulated over all groups. The sums of one kind stay in registers, whereas the
+//! sums of all kinds together would spill. Groups and then lanes are added in a fixed order, so the results
 //! are bit-identical on every instruction set.
 
 use crate::math::simd::{LANES, Vector};
@@ -46,7 +46,8 @@ impl<V: Vector> HitTerms<V> {
         [V::splat(1.0), p, q, p * p, p * q, q * q]
     }
 
-    /// Returns the third-order moments, then the fourth-order moments, each in decreasing powers of `p`.
+    /// Returns the third-order monomials of the offset, then the fourth-order ones, each in decreasing
+    /// powers of `p`.
     #[inline(always)]
     fn higher_moments(&self) -> [V; N_ABOVE] {
         let [_, p, q, pp, pq, qq] = self.quadratic();
@@ -122,8 +123,8 @@ pub const N_QUADRATIC: usize = 6;
 /// Number of moments up to fourth order, sorted by order and then by decreasing powers of `p`.
 pub const N_QUARTIC: usize = 15;
 
-/// Index of the gradient moments of `ln α` in [`ImageSums`]. The following constants are the indices of
-/// the other groups of sums.
+/// First index of the gradient moments of `ln α` in [`ImageSums`]. The following constants are the first
+/// indices of the other groups of sums.
 pub(super) const GRADIENT: usize = 0;
 pub(super) const CURVATURE: usize = GRADIENT + N_QUADRATIC;
 pub(super) const COLOR: usize = CURVATURE + N_QUARTIC;
@@ -136,7 +137,7 @@ pub const N_IMAGE_SUMS: usize = WEIGHT + 1;
 /// moments of the colours, and total weight.
 pub type ImageSums = [f32; N_IMAGE_SUMS];
 
-/// Index of the moment `pⁱqʲ` among [`N_QUARTIC`].
+/// Index of the moment `pⁱqʲ` in the order described at [`N_QUARTIC`].
 pub(super) const fn moment(i: usize, j: usize) -> usize {
     let order = i + j;
     order * (order + 1) / 2 + j

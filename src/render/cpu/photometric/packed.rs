@@ -22,7 +22,7 @@ pub(in crate::render) struct PackedSplat {
     cut: f32,
     opacity: f32,
     color: [f32; 3],
-    /// Colour change by channel, per px.
+    /// Change of each colour channel per px of offset.
     across: [[f32; 2]; 3],
     /// Depth change per px, world units; `depth` is the depth at the centre.
     depth_across: [f32; 2],

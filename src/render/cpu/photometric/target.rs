@@ -24,8 +24,8 @@ pub(super) struct TargetTile {
 }
 
 impl TargetTile {
-    /// Loads the pixel rows of `mask` of the tile at pixel `(left, top)`. Pixels outside the image have
-    /// coverage 0.
+    /// Loads the tile at pixel `(left, top)`: the pixel rows whose bits are set in `mask`. Pixels
+    /// outside the image have coverage 0.
     pub(super) fn fill(
         &mut self,
         photograph: &Image<MeasuredPixel>,
@@ -52,9 +52,9 @@ impl TargetTile {
         }
     }
 
-    /// Returns the depth error of a splat in eight pixels, at offsets in px from the splat's centre.
-    /// The error is 0 at the measured depth or if that depth is unknown. It is ½ at the tolerance and
-    /// close to 1 far beyond it (`photographs.md`, Depth).
+    /// Returns the depth error of a splat in eight pixels, at offsets in px from the splat's centre. The
+    /// error is 0 at the measured depth, or if no depth is measured. It is ½ at the tolerance and close
+    /// to 1 far beyond it (`photographs.md`, Depth).
     #[inline(always)]
     pub(super) fn depth_error<V: Vector>(
         &self,

@@ -8,7 +8,8 @@
 //! term, splats would shrink until gaps appear at other viewing distances (`photographs.md`, Coverage).
 //!
 //! Crack filling is part of the derivative (`photographs.md`, Crack filling). A pixel's colour is `C·f(A)`
-//! with `f = min(1/F, 1/A)`, so each splat of a filled pixel also changes the factor.
+//! with blended colour `C`, coverage `A`, full coverage `F` and `f = min(1/F, 1/A)`. So each splat of a
+//! filled pixel also changes `f`.
 
 use super::super::raster::{BATCH, Batch};
 use super::super::record::{ConicRecord, Gradient};
@@ -46,7 +47,7 @@ pub(super) struct SecondWalk {
     left: usize,
     top: usize,
     transmittance: Plane,
-    /// Finished colour behind the splats processed so far.
+    /// Colour behind the splats processed so far, after crack filling; includes the derivative of `f`.
     behind: [Plane; 3],
     /// Crack filling factor `f`.
     fill: Plane,
@@ -57,11 +58,11 @@ pub(super) struct SecondWalk {
     curvature_weight: Plane,
     /// Final transmittance where coverage is compared, else 0.
     final_transmittance: Plane,
-    /// Target coverage minus rendered coverage, multiplied by the weight; 0 where coverage is not
-    /// compared.
+    /// Target coverage minus rendered coverage, times `ρ` and the weight of coverage errors; 0 where
+    /// coverage is not compared.
     missing_coverage: Plane,
-    /// Depth error of the splats behind those processed so far. `weighted_depth_error` is the weighted
-    /// depth error of all splats.
+    /// Depth error of the splats behind those processed so far. `weighted_depth_error` is the depth
+    /// error of all splats, times `ρ` and the weight of depth errors.
     depth_error_behind: Plane,
     weighted_depth_error: Plane,
     /// Weights of coverage and depth errors, see [`PixelRule`].

@@ -101,8 +101,8 @@ const POINT_BYTES: u64 = 24;
 /// Bytes per mean in each of two buffers: position and component, or colour and weight.
 const MEAN_BYTES: u64 = 16;
 pub(super) const RECORD_BYTES: u64 = RECORD_WORDS as u64 * WORD;
-/// Number of words before the list of open tiles (those left to the CPU): the numbers of records and of
-/// open tiles.
+/// Number of words before the list of open tiles (tiles left to the CPU). The words hold the number of
+/// records and the number of open tiles.
 pub(super) const HEAD_WORDS: u64 = 2;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,8 +127,8 @@ pub(super) enum Part {
 pub(super) const FRAME_UPLOAD: usize = 0;
 pub(super) const MEAN_UPLOAD: usize = 1;
 
-/// Buffers bound by the pass over a frame. The following constants are those of the kernels that sort
-/// means.
+/// Buffers bound by the pass over a frame. The following constants list the buffers of the kernels that
+/// sort means.
 pub(super) const RUN: Bindings<Part> = &[
     (0, Part::Frame),
     (1, Part::Points),

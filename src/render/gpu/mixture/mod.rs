@@ -26,7 +26,8 @@ const MIN_RECORDS: u64 = 4096;
 /// Number of means packed per parallel task.
 const PACKED: usize = 1 << 14;
 
-/// Runs the passes of the published algorithm on a GPU device of its own.
+/// Runs the published algorithm's passes over frames (candidate search, E-step and sums) on a GPU device
+/// of its own.
 pub struct GpuMixture {
     task: GpuTask<Part>,
     pass: usize,

@@ -123,8 +123,8 @@ pub(super) enum Part {
     Totals,
 }
 
-/// Buffers bound by the kernel that draws. `WALKED` and `ADDED` are those of the kernels that walk and
-/// add.
+/// Buffers bound by the kernel that draws. `WALKED` and `ADDED` list the buffers of the kernels that
+/// walk and add.
 pub(super) const DRAWN: Bindings<Part> = &[
     (0, Part::Frame),
     (1, Part::Splats),

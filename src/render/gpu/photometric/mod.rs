@@ -48,7 +48,8 @@ impl GpuComparer {
         Self { task, draw, walk, add, walks: Vec::new(), packed: PackedView::default() }
     }
 
-    /// Runs a comparison. The result holds the errors of the tiles, followed by the sums of the splats.
+    /// Runs a comparison. The task's result then holds the errors of the tiles, followed by the sums of
+    /// the splats.
     fn run(&mut self, comparison: &Comparison<'_>) -> Result<(), DeviceError> {
         let sizes = comparison.sizes();
         let [draw, walk] = self.walks(sizes.lanes);

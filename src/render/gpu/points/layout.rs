@@ -85,14 +85,14 @@ pub(super) enum Part {
     Sums,
 }
 
-/// Index of the upload of points. The following constants are those of new seeds, and of the components
-/// of points (slots) with their seeds.
+/// Index of the upload of points. The following constants are the indices of two other uploads: new
+/// seeds, and the slots of the points with the slots' seeds.
 pub(super) const POINT_UPLOAD: usize = 0;
 pub(super) const SEED_UPLOAD: usize = 1;
 pub(super) const FIT_UPLOAD: usize = 2;
 
-/// Buffers bound by the kernel that inserts seeds. `FOUND` and `SUMMED` are those of the kernels that
-/// search and sum.
+/// Buffers bound by the kernel that inserts seeds. `FOUND` and `SUMMED` list the buffers of the kernels
+/// that search and sum.
 pub(super) const FILED: Bindings<Part> = &[(0, Part::Settings), (2, Part::Seeds), (3, Part::Heads)];
 pub(super) const FOUND: Bindings<Part> = &[
     (0, Part::Settings),

@@ -1,4 +1,5 @@
-//! Seeds and sums of a scene's points on a GPU (`scene.md`, On a device).
+//! Searches the nearest seed of each point and sums the points of each component, on a GPU (`scene.md`, On a
+//! device). A seed is the point at which a component was created.
 //!
 //! Points are uploaded once per frame, through mapped memory filled by all threads, for both search and sums.
 //! Seeds remain on the GPU, and new ones are appended to a hash grid. The grid is rebuilt when the number of
@@ -20,7 +21,7 @@ use layout::{
 const MIN_BUCKETS: u64 = 1 << 12;
 
 /// Finds the nearest seed of each point and sums each component's points, on a GPU device of its own. A
-/// component's seed is the point at which it was created.
+/// component's seed is the point at which the component was created.
 pub struct GpuPoints {
     task: GpuTask<Part>,
     file: usize,

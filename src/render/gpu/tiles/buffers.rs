@@ -1,4 +1,4 @@
-//! Buffers of the tile path, used between its stages.
+//! Buffers that pass data between the stages of drawing by tiles.
 
 use crate::render::gpu::adapters::max_buffer_bytes;
 use crate::render::gpu::constants::{GROUP, slot, wgsl};
@@ -9,7 +9,8 @@ use crate::render::gpu::pipeline::storage;
 use crate::render::gpu::task::WORD;
 
 pub(super) const PAIR: u64 = 2 * WORD;
-/// Sizes in bytes of the structs in `packed.wgsl` (record and gradient) and `footprint.wgsl`.
+/// Size in bytes of a record in `packed.wgsl`. The following constants are the sizes of a gradient in
+/// `packed.wgsl` and of a footprint in `footprint.wgsl`.
 const RECORD_BYTES: u64 = 64;
 const GRADIENT_BYTES: u64 = 48;
 const FOOTPRINT_BYTES: u64 = 16;

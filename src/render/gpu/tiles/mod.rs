@@ -30,7 +30,7 @@ pub(super) struct TileFrame<'a> {
     pub(in crate::render::gpu) timer: Option<(&'a StageTimer, usize)>,
 }
 
-/// Pipelines and buffers of the tile path.
+/// Pipelines and buffers for drawing splats by tiles.
 #[derive(Debug)]
 pub(super) struct TilePath {
     kernels: Kernels,

@@ -1,8 +1,8 @@
-//! Kernels of the tile path and their bindings.
+//! Kernels for drawing splats by tiles, and their bindings.
 //!
-//! Bind groups are created once and reused while the buffers stay the same, so a frame only records
-//! passes. The buffers of a sort alternate. Which of the two holds the result depends only on the number
-//! of passes, so it is bound here.
+//! Bind groups are created once and reused while the buffers stay the same, so a frame only records passes.
+//! The two buffers of a sort alternate. Which of them holds the result depends only on the number of passes,
+//! so the result is bound here.
 
 use super::buffers;
 use super::buffers::{COUNTS_BYTES, EntryBuffers, PAIR, SplatBuffers, tile_grid};
@@ -56,7 +56,8 @@ impl Kernels {
     }
 }
 
-/// Resources from outside the tile path. A plan is valid while these resources stay the same.
+/// Resources of the scene and the renderer that a [`TilePlan`] binds. The plan is valid while they stay
+/// the same.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Inputs {
     view: wgpu::Buffer,
@@ -292,8 +293,9 @@ impl EntryDemand {
     }
 }
 
-/// Returns a capacity of 1.5 times `needed` if the current capacity `now` is too small. The result is
-/// never below `now` or an estimate for `n_splats`, and never above `most`.
+/// Returns the capacity, in entries, for images that need `needed` entries: the current capacity `now`,
+/// or 1.5 times `needed` if `now` is too small. The result is at least an estimate for `n_splats` and at
+/// most `most`.
 fn capacity_for(needed: u64, now: u64, n_splats: usize, most: u64) -> u64 {
     let guess = MIN_ENTRIES.max(PER_SPLAT * n_splats as u64);
     // Extra capacity, because approaching the scene raises the demand frame by frame, and each growth

@@ -45,7 +45,8 @@ pub enum Keys<'a> {
     },
 }
 
-/// Two buffers of pairs, between which the passes alternate.
+/// Buffers of a sort: two buffers of pairs, between which the passes alternate, and a buffer of
+/// counters.
 #[derive(Clone, Copy, Debug)]
 pub struct SortBuffers<'a> {
     /// Buffers of pairs before and after a pass; a pair is a u32 key and a u32 value.
@@ -88,7 +89,8 @@ impl RadixSort {
         }
     }
 
-    /// Plans a sort by the lowest `bits` bits of the keys: at most 32, and at least 1 for indexed keys.
+    /// Plans a sort by the lowest `bits` bits of the keys. `bits` is at most 32, and at least 1 for
+    /// indexed keys.
     pub fn plan(
         &self,
         device: &wgpu::Device,
