@@ -91,8 +91,8 @@ impl Projector {
         Self { turn: DMat3::from_quat(turn), offset: DVec3::from_array(offset), focal, principal }
     }
 
-    /// Projects a point of the depth camera's frame to the colour image. Returns `None` behind the
-    /// colour camera.
+    /// Projects a point of the depth camera's frame to the colour image. Returns `None` if the point is
+    /// behind the colour camera.
     #[inline]
     pub fn project(&self, point: DVec3) -> Option<ProjectedPoint> {
         let p = self.turn * (point - self.offset);

@@ -1,4 +1,4 @@
-//! Colour residuals between views, with their derivatives by colour camera and depth.
+//! Colour residuals between views, with their derivatives with respect to colour camera and depth.
 //!
 //! A component's points are projected into the colour images of their own view and of another view of
 //! the component. An inaccurate camera causes a colour difference.
@@ -96,9 +96,9 @@ fn sample_color(
     Some(SampledColor { color, slope })
 }
 
-/// Computes the colour difference of each point of a component to the next view that sees the component.
-/// Differences to the component's mean colour would include texture. Texture is weakest where
-/// photographs are smoothest, which would bias the camera.
+/// Computes the colour difference of each point of a component between its own view and the next view
+/// that sees the component. Differences from the component's mean colour would include texture. Texture
+/// is weakest where photographs are smoothest, which would bias the camera.
 pub(super) fn color_residuals(
     matches: &Matches,
     photos: &Photos,

@@ -65,8 +65,8 @@ impl Covariance {
             .fold(0.0, f64::max)
     }
 
-    /// Returns the Mahalanobis distance of a difference `apart` in the first unknowns. It is 0 if their
-    /// covariance is not positive definite.
+    /// Returns the Mahalanobis distance of a difference `apart` in the first `apart.len()` unknowns. It
+    /// is 0 if their covariance is not positive definite.
     pub fn mahalanobis_distance(&self, apart: &[f64]) -> f64 {
         let m = apart.len();
         let mut block: Vec<f64> =
@@ -106,8 +106,8 @@ impl Scatter {
 }
 
 /// Returns the overdispersion of the views' gradients with respect to depth offset and scale. It is
-/// their variance relative to that of independent points of variance 1. With few views, all points of a
-/// view count as one.
+/// their variance relative to that of independent points of variance 1. With few views, it is the mean
+/// number of points per view.
 pub(super) fn overdispersion(views: &[NormalEquations<WITH_POSE>]) -> f64 {
     let total = NormalEquations::total(views);
     let Some(factor) = Cholesky::new(DEPTH.len(), &total.curvature_of(&DEPTH)) else { return 1.0 };

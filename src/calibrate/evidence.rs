@@ -2,11 +2,11 @@
 //! in all views.
 //!
 //! Residuals get Cauchy weights, recomputed before every fit, because silhouettes, mirrors and moving
-//! objects must not affect the calibration. Both kinds are scaled by their information so that they can be
-//! summed with each other and with the sensor prior. Colour: all points of a component in one view count as
-//! one observation with the residuals' variance. Each view's pose is also fitted within its prior, so that
-//! pose errors do not bias the camera. Thickness: the weight is divided by the overdispersion of the views'
-//! gradients relative to independent points.
+//! objects must not affect the calibration. Colour and thickness residuals are scaled by their
+//! information so that they can be summed with each other and with the sensor prior. For colour, all
+//! points of a component in one view count as one observation with the residuals' variance. Each view's
+//! pose is also fitted within its prior, so that pose errors do not bias the camera. For thickness, the
+//! weight is divided by the overdispersion of the views' gradients relative to independent points.
 
 use super::camera::Projector;
 use super::color;
@@ -54,8 +54,8 @@ pub(super) struct Evidence<'a> {
     points: [f64; 2],
     /// Squared residual at which a point has weight ½, for each kind of residual.
     pub(super) half_weight_squares: [f64; 2],
-    /// Factor by which two halves of the views differ more than their equations predict; 1 before the
-    /// comparison.
+    /// Squared difference between the estimates from two halves of the views, relative to the variance
+    /// that their equations predict; 1 before the comparison.
     overdispersion: f64,
 }
 
@@ -237,7 +237,8 @@ impl<'a> Evidence<'a> {
         NormalEquations::total(views.iter().map(|both| &both[kind as usize])).variance()
     }
 
-    /// Returns the weighted sum of both kinds of equations and of the pose prior, for each view.
+    /// Returns, for each view, the weighted sum of the pose prior and the equations of both kinds of
+    /// residuals.
     pub(super) fn weighted_equations(
         &self,
         prior: &SensorPrior,
@@ -277,7 +278,7 @@ impl<'a> Evidence<'a> {
 // Unit normals of a plane add up to nearly their number.
 const MIN_COHERENCE: f64 = 0.9;
 
-/// Distance of a point from its component's plane, with derivatives with respect to depth offset and
+/// Distance of a point from its component's plane, and its derivatives with respect to depth offset and
 /// depth scale.
 #[derive(Clone, Copy)]
 pub(super) struct PlaneResidual {

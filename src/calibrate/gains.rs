@@ -1,8 +1,9 @@
 //! Gains of the views: factors that equalise the colours of components across views.
 //!
-//! Ratios of gains are differences of logarithms, so the gains solve a linear least-squares problem over
-//! all views that share components. A zero mean of the logarithms fixes the undetermined common factor.
-//! Patches are weighted by their noise after the logarithm; very dark or clipped ones are left out.
+//! Ratios of gains are differences of logarithms, so the gains solve a linear least-squares problem
+//! over all views that share components. A zero mean of the logarithms fixes the undetermined common
+//! factor. Patches (mean colours of a component in a view) are weighted by the inverse variance of the
+//! logarithm; very dark or clipped patches are left out.
 //!
 //! A gain with an additional offset was tried for training on the Kinect and was worse than a gain alone
 //! (`lab/scene.md`).

@@ -17,10 +17,10 @@ pub(super) struct MatchedPoint {
     pub component: u32,
     pub view: u32,
     pub point: SurfacePoint,
-    /// Sampling position on the point's surface, up to half a pixel from the point, in the depth
-    /// camera's frame. With registered colours, the point itself is at a texel centre in its own view
-    /// but between texels in others. Interpolation smooths colours, so sampling at the point would bias
-    /// the colour difference.
+    /// Position on the point's surface at which colours are sampled, offset by up to half a pixel, in
+    /// the depth camera's frame. Without the offset, a registered colour would be read exactly at a
+    /// texel centre in its own view but interpolated in others. This smoothing would bias the colour
+    /// difference.
     pub local: DVec3,
 }
 

@@ -1,9 +1,10 @@
 //! Self-calibration of a recording: colour camera and depth bias. Surfaces seen by several views must be thin
 //! and have equal colours (`pipeline.md`, Calibration).
 //!
-//! Depth and colour camera are one robust least-squares problem (`evidence`, `fit`) with a prior about such
-//! sensors (`unknowns`). Results must hold in frames they were not fitted to (`verdict`). Values that the
-//! data does not determine keep their initial value ([`CalibratedValue`]).
+//! Depth and colour camera are estimated jointly by robust least squares (`evidence`, `fit`) with a
+//! prior on sensor errors (`unknowns`). Results must also reduce the residuals of frames that they were
+//! not fitted to (`verdict`). Values that the data does not determine keep their initial value
+//! ([`CalibratedValue`]).
 
 mod camera;
 mod color;
@@ -280,7 +281,7 @@ struct CalibrationInput {
 }
 
 impl CalibrationInput {
-    /// Matches the points of frames by components of `growth` times the structural scale.
+    /// Matches the points of frames, using components of `growth` times the structural scale.
     ///
     /// # Errors
     /// Fails for a frame without depth.

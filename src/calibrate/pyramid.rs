@@ -1,4 +1,4 @@
-//! Image pyramids, so that gradients still point towards the solution from far away.
+//! Image pyramids: at coarse levels, gradients point towards the solution even from many pixels away.
 
 use crate::math::image::Image;
 

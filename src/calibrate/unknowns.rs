@@ -1,8 +1,8 @@
 //! The vector of all unknowns and its prior.
 //!
-//! Depth scale, depth offset, focal length and camera offset are correlated. They are fitted jointly, so
-//! that their covariance includes the correlation. A sensor prior is added: a depth scale of 1.18
-//! explains some recordings best, but no depth camera has that error.
+//! Depth scale, depth offset, focal length and camera offset are correlated. They are fitted jointly,
+//! so that their covariance includes the correlation. A sensor prior excludes implausible values: a
+//! depth scale of 1.18 explains some recordings best, but no depth camera has such an error.
 
 use super::camera::{CameraUnknowns, FOCAL, N as N_CAMERA, ROLL};
 use crate::dataset::calibration::{Calibration, ColorCamera};
@@ -28,8 +28,8 @@ pub(super) const NAMES: [&str; N] = [
     "colour principal point y, pixels",
 ];
 
-/// Prior standard deviations of the unknowns for consumer sensors. Depth offset and camera offset are in
-/// metres, roll is in radians.
+/// Prior standard deviation of the depth offset of consumer sensors, metres. The next constants are
+/// those of the depth scale and the colour camera (metres, radians).
 const DEPTH_OFFSET_M: f64 = 0.015;
 const DEPTH_SCALE: f64 = 0.02;
 const CAMERA_OFFSET_M: f64 = 0.03;
@@ -38,8 +38,8 @@ const LOG_FOCAL: f64 = 0.08;
 /// Prior standard deviation of the principal point, relative to the image width.
 const PRINCIPAL: f64 = 0.03;
 
-/// Prior standard deviations of recorded poses, metres and radians. Measured errors of recordings are 2
-/// to 18 mm and 0.012 radians.
+/// Prior standard deviation of recorded positions, metres; the next constant is that of orientations,
+/// radians. Measured errors of recordings are 2 to 18 mm and 0.012 radians.
 const POSE_SHIFT_M: f64 = 0.005;
 const POSE_TURN: f64 = 0.005;
 

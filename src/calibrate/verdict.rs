@@ -1,12 +1,12 @@
 //! Decides which calibration estimates are significant.
 //!
-//! A minimum always exists, so finding one proves nothing. Frames are split into two halves that see the
-//! same places. Each half's optimum must explain the *other* half better than the initial estimate does.
-//! Otherwise it fits only that half's errors. The test applies to the whole colour camera, to depth, and
-//! to each value. A value is compared with a refit that holds it at its initial value. Values are
-//! correlated: jointly they may be certain where none is individually, and reverting one shifts the
-//! others. So depth and camera are accepted or rejected as a whole, except values on which no other
-//! depends.
+//! A minimum always exists, so finding one proves nothing. Frames are split into two halves that see
+//! the same places. Each half's optimum must explain the *other* half better than the initial estimate
+//! does. Otherwise it fits only that half's errors. The test applies to the whole colour camera, to
+//! depth, and to each value. For a single value, the optimum is compared with a refit that holds the
+//! value at its initial value. Values are correlated: jointly they may be certain where none is
+//! individually, and reverting one shifts the others. So depth and camera are accepted or rejected as a
+//! whole, except values on which no other depends.
 
 use super::color::{rms_pixel_distance, rms_shift_per_unit};
 use super::covariance::Covariance;
@@ -67,8 +67,8 @@ impl<'a> CrossValidation<'a> {
         Ok(Self { prior, start, halves: [half(first)?, half(second)?] })
     }
 
-    /// Scales down the evidence if the halves differ by more than their equations predict, and fits it
-    /// again. Consecutive views share pose errors, which the equations do not include.
+    /// Scales down the evidence if the halves differ by more than their equations predict, and refits
+    /// the unknowns. Consecutive views share pose errors, which the equations do not include.
     pub fn scale_evidence(
         &mut self,
         evidence: &mut Evidence<'a>,

@@ -1,5 +1,5 @@
-//! Members of an untrusted zip archive: the directory's sizes may be wrong, and a member of one kilobyte
-//! may unpack to a terabyte.
+//! Members of an untrusted zip archive: the sizes in its directory may be wrong, and a member of one
+//! kilobyte may unpack to a terabyte.
 
 use super::error::FrameProblem;
 use super::folder::{MAX_IMAGE_BYTES, RetryingFile, open_file};

@@ -33,7 +33,7 @@ use std::path::{Path, PathBuf};
 #[serde(default, deny_unknown_fields)]
 pub struct Calibration {
     /// Camera of the colour images; `None` selects the camera from the dataset's files. If the files
-    /// state none, colours count as registered to depth pixel by pixel.
+    /// describe no camera, colours are assumed to be registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
     /// Offset added to every depth after scaling, world units, along the direction of measurement in the
     /// files.
@@ -121,7 +121,7 @@ impl Calibration {
     /// Checks that every number is in range.
     ///
     /// # Errors
-    /// [`CalibrationError::Value`] for the first number that is not.
+    /// [`CalibrationError::Value`] for the first number that is out of range.
     pub fn check(&self) -> Result<(), CalibrationError> {
         let all = |setting: &str, values: &[f64], expected, is_legal: fn(f64) -> bool| {
             let Some(found) = values.iter().find(|v| !is_legal(**v)) else { return Ok(()) };
@@ -174,8 +174,8 @@ impl ColorCamera {
         size: None,
     };
 
-    /// Returns the camera of a photograph with the view of the depth camera at another image size, as
-    /// phones record.
+    /// Returns the colour camera of photographs of `size` taken through the lens of the depth camera,
+    /// as by phones.
     pub(super) fn from_depth_intrinsics(depth: &Intrinsics, size: [u32; 2]) -> Self {
         let camera = Self {
             focal: [depth.fx, depth.fy],
@@ -187,8 +187,8 @@ impl ColorCamera {
         camera.scaled_to(size)
     }
 
-    /// Scales the intrinsics to images of `size` (columns, rows). Without a stored size, the intrinsics
-    /// count as those of `size`.
+    /// Scales the intrinsics to images of `size` (columns, rows). If no size is stored, the intrinsics
+    /// are unchanged.
     pub fn scaled_to(self, size: [u32; 2]) -> Self {
         let [own_width, own_height] = self.size.unwrap_or(size).map(f64::from);
         let [width, height] = size.map(f64::from);

@@ -26,7 +26,7 @@ const BLURRED: f64 = 0.5;
 /// Minimum ratio between the brightness of consecutive frames that counts as a jump, up or down.
 const JUMP: f64 = 1.15;
 /// Minimum brightness step that counts as a jump, in multiples of the median step. A step is the
-/// logarithm of the ratio between consecutive frames.
+/// logarithm of the brightness ratio of consecutive frames.
 const JUMP_PER_MEDIAN: f64 = 5.0;
 /// Lower limit for a time gap, in multiples of the median time step. At least two frames are missing in
 /// such a gap.
@@ -43,7 +43,7 @@ pub struct CaptureCheck {
     pub blurred: Vec<BlurredFrame>,
     /// Frames much brighter or darker than the previous frame.
     pub brightness_jumps: Vec<BrightnessJump>,
-    /// Median time between frames, seconds; `None` without timestamps.
+    /// Median time between frames, seconds; `None` if there are no timestamps.
     pub usual_step_s: Option<f64>,
     /// Frames recorded much later than the previous frame, or earlier than it.
     pub gaps: Vec<TimeGap>,
@@ -176,19 +176,19 @@ fn find_time_gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
 /// Largest width at which a photograph is measured, pixels; wider ones are averaged down. Phones smooth
 /// images at full size, which hides blur, and smaller images are faster.
 const MAX_COLUMNS: usize = 640;
-/// Side of the averaged blocks from which coarse differences are computed, pixels.
+/// Side, in pixels, of the blocks whose mean values are compared for the coarse detail of a photograph.
 const COARSE: usize = 4;
 
 struct PhotoQuality {
-    /// Mean squared difference between neighbouring pixels, relative to that between coarse blocks.
-    /// Comparable only within one camera. `None` without any detail.
+    /// Mean squared difference between neighbouring pixels, relative to that between blocks of side
+    /// [`COARSE`]. Comparable only within one camera. `None` if the photograph has no detail.
     sharpness: Option<f64>,
     /// Mean encoded luma over opaque pixels, 0 to 1.
     brightness: f64,
 }
 
 impl PhotoQuality {
-    /// Measures a photograph; transparent pixels count as black for sharpness.
+    /// Measures a photograph. For sharpness, transparent pixels are treated as black.
     fn of(photograph: &Image<[u8; 4]>) -> Self {
         let luma = photograph.map(|&[r, g, b, a]| {
             // Weights of Rec. 601 luma.

@@ -38,8 +38,8 @@ pub(super) enum CodeKind {
     /// 16-bit codes or floats, depending on the file's content (PNG, TIFF, EXR, NPY). The value is the
     /// number of world units per stored unit.
     ByContent(f64),
-    /// 32-bit floats in world units, one per pixel of the camera. The file has no header and is plain or
-    /// LZFSE-compressed.
+    /// 32-bit floats in world units, one per pixel of the camera. The file has no header and is
+    /// uncompressed or LZFSE-compressed.
     BareFloats,
 }
 
@@ -140,8 +140,8 @@ pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<
     }
 }
 
-/// Returns the first channel of an image whose channels have the size of `T`. For other images, the
-/// error states `expected`.
+/// Returns the first channel of an image whose channels have the size of `T`. Fails for other images;
+/// the error contains `expected` and `hint`.
 fn first_channel<T: AnyBitPattern>(
     image: &DynamicImage,
     expected: &'static str,

@@ -1,8 +1,8 @@
 //! Depth of one frame: the stored values and their conversion to lengths.
 //!
-//! Depth is retained as the file stores it. The edge filter of the published algorithm is defined on
-//! 8-bit codes. The plane fit uses a table of all codes. A sensor's noise follows from its code step.
-//! Depth that was never a file has no codes and is stored as lengths.
+//! Depth is retained as the file stores it, for three reasons. The edge filter of the published
+//! algorithm is defined on 8-bit codes, the plane fit uses a table of all codes, and a sensor's noise
+//! follows from its code step. Depth from memory has no codes and is stored as lengths.
 
 use super::distortion::Distortion;
 use super::error::FrameProblem;
@@ -10,8 +10,8 @@ use super::frame::length_per_z;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 
-/// Distance that code 0 means in the 8-bit depth of NeRF-synthetic scenes, world units. Code `d` means
-/// the distance `ℓ = 8·(1 − d/255)`.
+/// Distance at code 0 in the 8-bit depth of NeRF-synthetic scenes, world units. Code `d` encodes the
+/// distance `ℓ = 8·(1 − d/255)`.
 pub const INVERSE8_RANGE: f64 = 8.0;
 
 /// Largest 16-bit depth code; it marks a hole (a pixel without depth), as code 0 does.

@@ -41,9 +41,10 @@ impl Distortion {
             )
     }
 
-    /// Resamples a photograph to a pinhole camera with the intrinsics `k`; returns `None` if nothing
-    /// changes. Pixels that lens distortion moves outside the photograph become transparent. Without
-    /// lens distortion, pixels that the rolling shutter moves outside repeat the photograph's edge.
+    /// Resamples a photograph to a pinhole camera with the intrinsics `k`; returns `None` if no
+    /// correction is needed. Pixels that lens distortion moves outside the photograph become
+    /// transparent. Without lens distortion, pixels that the rolling shutter moves outside repeat the
+    /// photograph's edge.
     pub fn undistort_color(
         &self,
         k: &Intrinsics,
@@ -72,9 +73,9 @@ impl Distortion {
     }
 
     /// Resamples depth by nearest neighbour to a pinhole camera with the intrinsics `k`; returns `None`
-    /// if nothing changes. Pixels outside the recorded image become `hole`. The rolling shutter turns
-    /// the optical axis between rows. `along_axis(value, factor)` converts depth along the axis of a
-    /// pixel's row to depth along the axis of the middle row.
+    /// if no correction is needed. Pixels outside the recorded image become `hole`. The rolling shutter
+    /// turns the optical axis between rows. `along_axis(value, factor)` converts depth along the axis
+    /// of a pixel's row to depth along the axis of the middle row.
     pub fn undistort_depth<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
@@ -87,9 +88,9 @@ impl Distortion {
         })
     }
 
-    /// Resamples an image to a pinhole camera with the intrinsics `k`; returns `None` if nothing
-    /// changes. `value` receives a position in the recorded image, pixels, and the factor on depth along
-    /// the optical axis there.
+    /// Resamples an image to a pinhole camera with the intrinsics `k`; returns `None` if no correction
+    /// is needed. `value` returns the resampled pixel from its position in the recorded image (pixels)
+    /// and the factor by which its recorded depth is corrected for the rolling shutter.
     fn resample<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
@@ -132,7 +133,7 @@ impl Dataset {
     }
 
     /// Returns a copy whose images are rectified for rolling shutter with the poses from the files. The
-    /// poses of the copy are those of this dataset. Returns `None` if nothing changes.
+    /// poses of the copy are those of this dataset. Returns `None` if the copy would not differ.
     pub fn rectified(&self) -> Option<Self> {
         let recorded = self.options.track.then(|| self.with_recorded_poses()).flatten()?;
         let entries = recorded.splits.iter().flat_map(|split| &split.frames);

@@ -44,8 +44,8 @@ pub struct FrameEntry {
     pub name: String,
     /// Intrinsics and pose of the camera that measures depth.
     pub camera: Camera,
-    /// Camera of the photograph if the files state an image size or lens of its own. `None` if
-    /// photographs count as registered to depth pixel by pixel.
+    /// Camera of the photograph if the files describe one that differs from the depth camera. `None` if
+    /// photographs are assumed to be registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
     /// Time of capture, seconds on the recorder's clock, if the files state it.
     pub time: Option<f64>,
@@ -195,7 +195,7 @@ impl FrameEntry {
         }
     }
 
-    /// Returns the number of world units per metre; `None` without depth.
+    /// Returns the number of world units per metre; `None` if the frame has no depth.
     pub(super) fn metre(&self) -> Option<f64> {
         match self.source {
             FrameSource::Synthetic { .. } => Some(1.0),

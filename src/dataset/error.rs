@@ -208,15 +208,15 @@ pub enum FrameProblem {
         "expected a path inside the dataset folder, found `{0}` which leads outside; copy the file into the folder and use a relative path"
     )]
     OutsideFolder(String),
-    /// A depth image without any surface.
+    /// A depth image in which every pixel is a hole.
     #[error(
         "expected depth values, found only holes (0) in the whole image; the frame is skipped: export its depth again"
     )]
     NoDepthValues,
-    /// Intrinsics of an in-memory frame that no camera has.
+    /// Implausible intrinsics of an in-memory frame.
     #[error("camera: expected {expected}, found {found}; {hint}")]
     Intrinsics { expected: String, found: String, hint: &'static str },
-    /// An in-memory buffer of another size than the camera's image.
+    /// An in-memory buffer whose size differs from that of the camera's image.
     #[error(
         "expected {expected} {what} for the camera's {}x{} pixels, found {found}; pass whole images without padding between rows", size.0, size.1
     )]

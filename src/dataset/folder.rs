@@ -1,11 +1,11 @@
 //! Reads a dataset's folder without ever leaving it.
 //!
-//! Datasets are untrusted, and their frame lists contain paths. Such a path is read only if it is inside the
-//! folder: parents and absolute paths are refused by their text, links by their target. Each folder is
-//! listed once; later queries use the listing.
+//! Datasets are untrusted, and their frame lists contain paths. Such a path is read only if it is
+//! inside the folder: `..` and absolute paths are rejected, and so are links whose target is outside.
+//! Each folder is listed once; later queries use the listing.
 //!
-//! A recording may still grow. Then only terminated lines count, and frames that were taken before are
-//! skipped. So polling a long recording costs little more than listing its folder.
+//! While a recording grows, unterminated lines are ignored and frames from earlier polls are skipped.
+//! So polling a long recording costs little more than listing its folder.
 
 use super::archive::Archive;
 use super::error::{DatasetError, FrameProblem};
@@ -370,8 +370,8 @@ pub(super) fn open_file(path: &Path) -> IoResult<File> {
     }
 }
 
-/// True if a regular file exists at the path. Disk errors are returned, so that an unreadable file does
-/// not count as missing.
+/// True if a regular file exists at the path. Disk errors are returned, so that an unreadable file is
+/// not mistaken for a missing one.
 pub(super) fn is_file(path: &Path) -> IoResult<bool> {
     match std::fs::metadata(path) {
         Ok(metadata) => Ok(metadata.is_file()),

@@ -24,8 +24,8 @@ pub struct Frame {
     pub name: String,
     /// Intrinsics and pose of the camera that measured depth.
     pub camera: Camera,
-    /// Camera of the colour image if the files state an image size or lens of its own. `None` if colours
-    /// count as registered to depth pixel by pixel.
+    /// Camera of the colour image if the files describe one that differs from the depth camera. `None`
+    /// if colours are assumed to be registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
     /// Colour image: sRGB-encoded RGBA bytes, not premultiplied; alpha is 255 if the file has none.
     /// Shared, because photometric training keeps the image longer than the frame.
@@ -61,9 +61,9 @@ impl Frame {
     /// camera-to-world matrix in OpenCV axes (x right, y down, z forward).
     ///
     /// # Errors
-    /// Intrinsics that no camera has, or a matrix that is not a rigid pose (NaN, scale, mirror image). A
-    /// buffer of another size than the camera's image. Depth without any surface, or an empty trusted
-    /// interval.
+    /// Intrinsics that no camera has, or a matrix that is not a rigid pose (NaN, scale, mirror image).
+    /// A buffer whose size differs from that of the camera's image. Depth that contains only holes, or
+    /// an empty trusted interval.
     ///
     /// ```
     /// use glam::DMat4;
@@ -181,7 +181,7 @@ impl Frame {
         self.depth_as(DepthKind::Z)
     }
 
-    /// Returns depth in world units, converted to the direction `kind`; otherwise as [`Self::depth_z`].
+    /// Returns depth as [`Self::depth_z`] does, but measured along `kind`.
     pub fn depth_as(&self, kind: DepthKind) -> Option<Image<f32>> {
         let depth = self.depth.as_ref()?;
         let (width, height) = depth.size();

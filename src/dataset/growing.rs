@@ -2,9 +2,9 @@
 //! one.
 //!
 //! A poll reads the folder as opening does, but skips frames that were already taken. Their poses and
-//! headers are not read. What remains is listing folders and reading lists. Modification times and sizes
-//! of the folders and lists of the last poll decide whether to poll again. File system events (such as
-//! inotify) would name the files, but do not work over networks or into containers. Polling would be
+//! headers are not read; only folders are listed and frame lists read. Changes of the modification
+//! times or sizes of these folders and lists trigger another poll. File system events (such as inotify)
+//! would name the changed files, but do not work over networks or into containers. Polling would be
 //! needed anyway.
 
 use super::decode::CodeKind;
@@ -67,9 +67,9 @@ impl GrowingRecording {
         Ok(Self::begin(path, *options, split))
     }
 
-    /// Follows the recording of an opened dataset after its last frame: frames of `split` in the dataset
-    /// count as taken. Returns `None` if the dataset was not read from a folder. Does not access the
-    /// drive, which may no longer respond.
+    /// Follows the recording of an opened dataset after its last frame: frames of `split` in the
+    /// dataset are marked as taken ([`Self::mark_taken`]). Returns `None` if the dataset was not read
+    /// from a folder. Does not access the drive, which may no longer respond.
     pub fn of(dataset: &Dataset, split: usize) -> Option<Self> {
         let path = dataset.path.as_ref().filter(|_| dataset.is_folder)?;
         let name = &dataset.splits.get(split)?.name;
@@ -308,8 +308,8 @@ impl FrameEntry {
 pub struct FrameMarks(Vec<FileMark>);
 
 impl FrameMarks {
-    /// Returns the latest modification time of the files as time since 1970, by the file system's clock.
-    /// `None` if it is unknown.
+    /// Returns the latest modification time of the files, measured from 1970 by the file system's
+    /// clock. `None` if it is unknown.
     pub fn last_modified(&self) -> Option<Duration> {
         self.0.iter().filter_map(|mark| mark.changed).max()
     }
@@ -319,7 +319,7 @@ impl FrameMarks {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FileMark {
     bytes: u64,
-    /// Modification time as time since 1970.
+    /// Modification time, measured from 1970; `None` if unknown.
     changed: Option<Duration>,
 }
 

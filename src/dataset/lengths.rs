@@ -164,7 +164,7 @@ fn shorten(header: &str) -> String {
     header.trim().chars().take(80).collect()
 }
 
-/// Names of depth channels in EXR files, in order of preference. Without any of these names, the first
+/// Names of depth channels in EXR files, in order of preference. If a file has none of them, its first
 /// channel is used.
 const EXR_CHANNELS: [&str; 5] = ["Z", "Y", "R", "V", "depth"];
 

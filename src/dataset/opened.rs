@@ -48,8 +48,8 @@ pub struct Dataset {
 /// Opens a dataset folder: recognises the layout and reads metadata and poses.
 ///
 /// # Errors
-/// A folder that cannot be read, has no known layout, or has no usable frame. Metadata that no camera
-/// has. An option out of range.
+/// A folder that cannot be read, has no known layout, or has no usable frame. Implausible camera
+/// metadata. An option out of range.
 ///
 /// ```
 /// use vbgs_studio::dataset::synthetic::SyntheticParams;
@@ -310,9 +310,9 @@ impl Dataset {
 }
 
 /// Smallest distance of cameras from zero at which positions need a local origin, in multiples of the
-/// largest sensed depth. At smaller distances, `f32` positions round by less than 2⁻¹⁸ of that depth.
-/// This is a hundredth of the structural scale (the largest distance of a point from its component's
-/// seed).
+/// largest sensed depth. At smaller distances, `f32` positions are rounded by less than 2⁻¹⁸ of that
+/// depth. This error is a hundredth of the structural scale (the largest distance of a point from its
+/// component's seed).
 const FAR: f64 = 64.0;
 /// Minimum distance from zero of cameras that need a local origin, in multiples of their spread. A local
 /// origin gains nothing if the cameras are spread as widely as they are distant.

@@ -55,8 +55,8 @@ fn is_false(value: &bool) -> bool {
     !value
 }
 
-/// Returns the ratio of a depth range to the usual range of sensors. Geometric means are compared, or
-/// single ends if the other end is open. `None` if both ends are open.
+/// Returns the ratio of a depth range to the usual range of sensors: of the geometric means, or of one
+/// limit if the other is open. `None` if both limits are open.
 fn relative_to_sensor_range([near, far]: [f64; 2]) -> Option<f64> {
     let [least, most] = SENSOR_RANGE;
     match (near > 0.0, far.is_finite()) {

@@ -3,7 +3,7 @@
 //!
 //! A wrong convention loads without an error and yields a useless model. So other conventions and depth
 //! units are tried on the same pairs of frames, and a far better one is suggested. The camera must have
-//! moved within a pair: without motion every reading fits, and with pure rotation every unit does.
+//! moved within a pair: without motion every convention fits, and with pure rotation every unit fits.
 
 use super::entry::{DatasetSplit, FrameEntry};
 use super::opened::Dataset;
@@ -28,15 +28,15 @@ pub const ENOUGH_FRAMES: usize = 33;
 const SAMPLES: usize = 36;
 /// Largest relative difference between depths that count as matching.
 const TOLERANCE: f64 = 0.04;
-/// Minimum share of samples that must project into the neighbour's image. Samples missing from this
-/// share count as mismatches.
+/// Minimum share of samples that must project into the neighbour's image. If fewer do, the missing
+/// samples are counted as mismatches.
 const MIN_OVERLAP: f64 = 0.25;
 /// Depth factors that are tried. Among them are millimetres, centimetres and the depth scales of TUM and
 /// Replica.
 const UNITS: [f64; 11] =
     [1.0, 0.001, 1000.0, 0.2, 5.0, 0.01, 100.0, 0.1, 10.0, 1.0 / 6.5535, 6.5535];
-/// Minimum gain in agreement of another interpretation over the one in use, and its minimum agreement.
-/// An interpretation is a pose convention with a depth unit.
+/// Conditions for suggesting another interpretation (pose convention with depth unit): minimum gain in
+/// agreement over the interpretation in use, and minimum agreement.
 const MIN_GAIN: [f64; 2] = [0.2, 0.5];
 
 /// Result of the pose check.
@@ -73,8 +73,9 @@ impl PoseCheck {
     }
 }
 
-/// Compares the depth of a split's frames with that of neighbouring frames, for several pose conventions
-/// and depth units. Returns `None` without two frames with depth, or if poses are left to tracking.
+/// Compares the depth of a split's frames with that of neighbouring frames, for several pose
+/// conventions and depth units. Returns `None` if no two frames can be compared, or if poses are left
+/// to tracking.
 ///
 /// ```
 /// use vbgs_studio::dataset::{PoseConvention, pose_check};

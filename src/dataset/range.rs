@@ -122,7 +122,7 @@ fn from_samples(axes: &mut [Vec<f64>; 3]) -> Option<PositionRange> {
     PositionRange::new(centre - half, centre + half, "1 % to 99 % of the depth points")
 }
 
-/// Returns the median; the upper one of the two middle values if their number is even. `None` for an
+/// Returns the median; of an even number of values, the upper of the two middle values. `None` for an
 /// empty list.
 pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     let middle = values.len() / 2;

@@ -36,7 +36,7 @@ pub enum HoldOut {
 }
 
 impl HoldOut {
-    /// True for the default method, which files omit.
+    /// True for the default method, which is omitted when a plan is saved.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }

@@ -1,6 +1,6 @@
 //! Converts classified pixels to points, tile by tile: tiles of 8×8 pixels, made of quads of 4×4. The
-//! mixture's sums are formed per tile, so their bits depend on the tiles and not on the thread that
-//! processes one.
+//! mixture's sums are formed per tile, so they are bitwise independent of the assignment of tiles to
+//! threads.
 //!
 //! The four pixels of a row of a quad are one SIMD step. Dropped pixels among them are computed but not
 //! stored. A tile's points are gathered on the stack: pushing them one by one to six vectors took as long

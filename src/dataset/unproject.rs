@@ -4,9 +4,9 @@
 //! Two passes over the image. The first classifies every pixel row by row with SIMD: a hole, kept, or
 //! dropped for a reason. The second converts the kept pixels to points, tile by tile (`tile_points`).
 //!
-//! Two rules of the published loader are options instead of being corrected, because its figures depend on
-//! them. They are rays through pixel corners with a small-angle formula ([`CameraConvention::Paper`]) and
-//! no filter of flying pixels ([`EdgeFilter::Off`]). Rays are rotated and scaled in f64; only the point is
+//! Two flaws of the published loader are options, because the published results depend on them. They
+//! are rays through pixel corners with a small-angle formula ([`CameraConvention::Paper`]) and no
+//! filter of flying pixels ([`EdgeFilter::Off`]). Rays are rotated and scaled in f64; only the point is
 //! rounded.
 
 use super::depth::{

@@ -1,6 +1,6 @@
 //! Outlier poses: cameras that jump away for one frame and back.
 //!
-//! One frame with lost tracking places its points anywhere, which distorts estimates from all frames,
+//! If tracking is lost in a frame, its points are misplaced, which distorts estimates from all frames,
 //! such as the range of positions. The steps of a recording are of similar size. So a frame is an
 //! outlier if its distance from both neighbours exceeds many median steps and the recording's spread.
 //! Rotations are not checked: a wrong rotation leaves the points within the sensor's range.

@@ -44,8 +44,8 @@ pub enum ViewPoses {
     Corrected,
 }
 
-/// Numbers of trained frames after which [`seen`] is called: one frame, a first look around, and most of
-/// a short recording.
+/// Numbers of frames trained on after which [`seen`] is called: one frame, a first pan around the
+/// scene, and most of a short recording.
 pub const SEEN_AFTER: [usize; 3] = [1, 10, 50];
 
 /// Views of a dataset: index of the split and frame indices in it.

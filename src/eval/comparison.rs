@@ -1,9 +1,9 @@
 //! Comparison of a render with its photograph: over the whole frame, over covered pixels, and with colours
 //! aligned (`evaluation.md`, Covered and aligned).
 //!
-//! The three figures measure the whole frame, the part that the model represents, and the error without
-//! exposure differences. The alignment is fitted per view by least squares, because cameras with automatic
-//! exposure change it per frame.
+//! The three scores measure the whole frame, the part that the model represents, and the error without
+//! exposure differences. The alignment is fitted per view by least squares, because cameras with
+//! automatic exposure change it per frame.
 
 use super::metrics::{MetricError, decibels, same_size};
 use super::ssim::ssim;

@@ -110,8 +110,8 @@ pub fn measure<'a>(
     })
 }
 
-/// Measures cracks in one view at the training distance and at half of it. Returns `None` without
-/// interior pixels.
+/// Measures cracks in one view at the training distance and at half of it. Returns `None` if there are
+/// no interior pixels.
 fn in_view(
     frame: String,
     surfaces: &Surfaces,
@@ -142,7 +142,7 @@ fn half_distance(surfaces: &Surfaces) -> Option<Camera> {
 }
 
 impl Cracks {
-    /// Computes the shares in one image. Returns `None` without interior pixels.
+    /// Computes the shares in one image. Returns `None` if there are no interior pixels.
     fn of(coverage: &Image<f32>, interior: &Image<bool>) -> Option<Self> {
         let (mut n_interior, mut n_over) = (0usize, [0usize; 2]);
         for (&coverage, _) in coverage.data.iter().zip(&interior.data).filter(|(_, i)| **i) {

@@ -1,12 +1,12 @@
-//! Processor and memory of the machine, as the system reports them.
+//! CPU and memory of the machine, as the operating system reports them.
 
 use super::report::MachineReport;
 use crate::math::simd::Isa;
 use std::fs;
 use std::path::Path;
 
-/// Describes the machine: threads of the current pool, processor, instruction set, and the graphics
-/// adapter that renders, if any.
+/// Describes the machine: threads of the current pool, CPU, instruction set, and the graphics adapter
+/// that renders, if any.
 pub fn describe(adapter: Option<String>) -> MachineReport {
     MachineReport {
         threads: rayon::current_num_threads(),
@@ -23,8 +23,8 @@ fn cpu_name() -> String {
     name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
 }
 
-/// Returns properties of the machine that affect the last bits of results, as JSON. These are the
-/// processor, the system's math library, fused multiply-add, and the build profile.
+/// Returns properties of the machine that affect the last bits of results, as JSON. These are the CPU,
+/// the system's math library, fused multiply-add, and the build profile.
 pub fn numerics() -> String {
     let numerics = serde_json::json!({
         "arch": std::env::consts::ARCH,
@@ -69,8 +69,8 @@ const V1: [&str; 3] = ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_
 const V2: [&str; 3] = ["memory.max", "memory.current", "inactive_file"];
 
 /// Returns the bytes available under the tightest limit of the process's cgroups, version 1 or 2.
-/// Returns `None` without a limit. `groups` is the content of `/proc/self/cgroup`, `root` the cgroup
-/// mount point.
+/// Returns `None` if there is no limit. `groups` is the content of `/proc/self/cgroup`, `root` the
+/// cgroup mount point.
 fn available_in_groups(groups: &str, root: &Path) -> Option<u64> {
     let of_line = |line: &str| {
         // A line is `id:controllers:path`, without controllers in version 2.

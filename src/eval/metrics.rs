@@ -1,7 +1,7 @@
 //! PSNR and depth error (`evaluation.md`, PSNR), in f64.
 //!
-//! Images are sRGB-encoded [`RgbImage`](crate::math::image::RgbImage)s with values in `[0, 1]`, or the same
-//! in f64 for tests that need more digits than a renderer has.
+//! Images are sRGB-encoded [`RgbImage`](crate::math::image::RgbImage)s with values in `[0, 1]`, or f64
+//! images for tests that need more digits.
 
 use super::comparison::COVERED;
 use super::report::quantile;
@@ -104,7 +104,7 @@ pub fn depth_error(
     Ok(sum / n_used as f64)
 }
 
-/// Returns the mean and the population standard deviation (ddof 0), or NaN without values.
+/// Returns the mean and the population standard deviation (ddof 0); NaN if there are no values.
 pub fn mean_std(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     // Two passes: views score nearly alike, so a difference of squares would cancel.
@@ -113,7 +113,7 @@ pub fn mean_std(values: &[f64]) -> (f64, f64) {
     (mean, variance.sqrt())
 }
 
-/// Returns the mean, or `None` without values.
+/// Returns the mean; `None` if there are no values.
 pub(super) fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let values: Vec<f64> = values.into_iter().collect();
     (!values.is_empty()).then(|| mean_std(&values).0)

@@ -17,7 +17,7 @@ const NEARER: f64 = 0.02;
 /// Rule for the near plane of evaluated views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NearRule {
-    /// Result of [`near_plane_for`] for a depth that nearly all splats in view exceed.
+    /// Near plane from [`near_plane_for`], for a depth that nearly all splats in view exceed.
     Following,
     /// The published near plane, [`EVALUATION_NEAR`]. If half of the splats in view are so near that the
     /// world unit cannot be metres, it is replaced. The replacement is the result of [`near_plane_for`]

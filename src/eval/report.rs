@@ -95,7 +95,7 @@ pub struct DatasetReport {
 pub struct MachineReport {
     /// Number of training threads.
     pub threads: usize,
-    /// Name of the processor.
+    /// Name of the CPU.
     pub cpu: String,
     /// Instruction set used by the engine.
     pub simd: String,
@@ -262,7 +262,7 @@ pub struct EvalProtocol {
     /// Camera of the photographs; `None` if it is the depth camera.
     pub color_camera: Option<ColorCamera>,
     /// Scale at which views were compared, relative to the size of the photographs. Photographs are
-    /// area-averaged in encoded values.
+    /// area-averaged in sRGB-encoded values.
     #[serde(default)]
     pub scale: EvalScale,
     /// Background of the render, sRGB-encoded.
@@ -366,7 +366,8 @@ pub fn quantile(sorted: &[f64], q: f64) -> f64 {
 // The three constants are fitted to measured peaks; a test holds estimates within a fifth of them.
 /// Bytes per pixel for render, photograph, depth, surfaces and buffers of the metrics.
 const PIXEL_BYTES: u64 = 370;
-/// Bytes per component for its splats, including those of early frames, and its records.
+/// Bytes per component for its splats, including those kept for [`SeenReport`], and the renderer's
+/// records.
 const SPLAT_BYTES: u64 = 420;
 /// Bytes of the program and of memory retained from training.
 const FIXED_BYTES: u64 = 50_000_000;

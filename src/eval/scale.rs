@@ -44,7 +44,7 @@ impl EvalScale {
         self == Self::FULL
     }
 
-    /// Returns the camera of a photograph, scaled to the compared image.
+    /// Returns the camera of a photograph, scaled to the size of the compared image.
     pub fn camera(self, camera: Camera) -> Camera {
         if self.is_full() {
             return camera;
@@ -52,7 +52,7 @@ impl EvalScale {
         Camera { intrinsics: camera.intrinsics.scaled(self.0), ..camera }
     }
 
-    /// Resamples a photograph to the image of its scaled camera.
+    /// Resamples a photograph to the image size of its scaled camera.
     pub fn photograph(self, photograph: RgbImage, scaled: &Intrinsics) -> RgbImage {
         if self.is_full() {
             return photograph;

@@ -20,7 +20,7 @@ pub struct SeenQuality {
     /// Share of pixels with coverage ≥ 0.5 among those with measured depth.
     pub coverage: f64,
     /// Share of pixels with coverage ≥ 0.5 among those with measured depth away from depth jumps and
-    /// holes; `None` without such pixels.
+    /// holes; `None` if there are no such pixels.
     pub coverage_interior: Option<f64>,
 }
 

@@ -13,7 +13,8 @@ use rayon::prelude::*;
 
 const SSIM_RADIUS: usize = SSIM_WINDOW / 2;
 const SSIM_SIGMA: f64 = 1.5;
-/// Stabilising constants for a value range of 1.
+/// Stabilising constant for the means at a value range of 1; the next constant is that for the
+/// variances.
 const SSIM_C1: f64 = 0.01 * 0.01;
 const SSIM_C2: f64 = 0.03 * 0.03;
 /// Number of moments under the window: x, y, x², y² and xy.

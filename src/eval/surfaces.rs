@@ -27,8 +27,8 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
-    /// Returns the surfaces measured by the frame's depth camera, or `None` without depth. Depth counts
-    /// within the trusted range and in opaque pixels (alpha 255). Neighbouring depths within the
+    /// Returns the surfaces measured by the frame's depth camera; `None` if the frame has no depth.
+    /// Only depth in the trusted interval and at opaque pixels is used. Neighbouring depths within the
     /// sensor's margin ([`DepthTolerance::margin`](crate::observation::surface::DepthTolerance)) belong
     /// to one surface.
     pub fn of(frame: &Frame, sensor: Sensor) -> Option<Self> {
@@ -48,8 +48,8 @@ impl Surfaces {
     }
 
     /// Projects the surfaces into another camera. Squares between the centres of four neighbouring
-    /// pixels without a jump are drawn with a depth test. Points not beyond `near` (world units) are
-    /// dropped. Interior pixels of the result are interior in both images.
+    /// pixels without a jump are drawn with a depth test. Points whose depth is at most `near` (world
+    /// units) are dropped. Interior pixels of the result are interior in both images.
     pub fn project_into(&self, camera: &Camera, near: f32) -> Self {
         let corners = self.corners(camera, near);
         let width = self.z.width;
@@ -97,8 +97,8 @@ impl Surfaces {
         depth
     }
 
-    /// Returns the median depth z of the interior pixels in world units, or `None` without interior
-    /// pixels.
+    /// Returns the median depth z of the interior pixels in world units; `None` if there are no
+    /// interior pixels.
     pub fn median_interior_z(&self) -> Option<f32> {
         let pixels = self.z.data.iter().zip(&self.interior.data);
         let mut inside: Vec<f32> = pixels.filter(|(_, inside)| **inside).map(|(z, _)| *z).collect();

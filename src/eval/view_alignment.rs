@@ -6,8 +6,8 @@
 //! with Cauchy weights and a prior on the recorded pose. It proceeds from small images to full size,
 //! because image gradients are valid for about a pixel.
 //!
-//! Gradients are the render's: detail missing from the splats would make the photograph's gradients too
-//! steep and the steps too short.
+//! Gradients are the render's: the photograph's gradients include detail that the splats lack, so they
+//! would be too steep and steps too short.
 //!
 //! Of all visited poses the one with the smallest error is returned, so a failed alignment leaves the
 //! recorded pose.
@@ -83,7 +83,7 @@ pub(super) fn aligned(
 struct RenderedPoint {
     place: DVec3,
     color: [f64; 3],
-    /// Derivative of each channel by column and row, per pixel.
+    /// Derivatives of each channel with respect to column and row, per pixel.
     slope: [[f64; 2]; 3],
 }
 

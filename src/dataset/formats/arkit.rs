@@ -2,9 +2,9 @@
 //! as in ARKit), `intrinsics` for the photograph's size, and the names of three files: photograph, depth
 //! (32-bit floats without header, metres) and confidence (bytes without header, 0 to 2).
 //!
-//! Several apps write such files: keys and the order of matrices differ and are recognised by content. A
-//! matrix with the last row `0 0 0 1` is stored by rows, one with that last column by columns, as in
-//! Apple's own arrays.
+//! Several apps write such files: keys and the storage order of matrices differ and are recognised by
+//! content. If the last four of the 16 numbers are `0 0 0 1`, a matrix is stored by rows. If every
+//! fourth number forms `0 0 0 1`, it is stored by columns, as in Apple's own arrays.
 
 use super::recording::{LIDAR_RANGE, Recording, encoding, frame_entry, same_size};
 use super::stated;

@@ -6,9 +6,10 @@
 //! positions is `position_range` (`[[x,y,z],[x,y,z]]`, low and high corner) if the file has it, else the
 //! `[−1, 1]³` of NeRF-synthetic scenes.
 //!
-//! The layout has no version, and files in use differ: `file_path` with or without extension, matrices of
-//! three or four rows, focal lengths instead of the angle. Unambiguous forms are accepted. Ambiguous ones
-//! (an angle in degrees, 16-bit depth without its scale) are refused, with the value to write.
+//! The layout has no version, and files in use differ: `file_path` with or without extension, matrices
+//! of three or four rows, focal lengths instead of the angle. Unambiguous forms are accepted. Ambiguous
+//! ones (an angle in degrees, 16-bit depth without its scale) are rejected; the error suggests a
+//! correction.
 
 use super::nerfstudio;
 use super::numbered::{ListedFrame, ListedSplit, PHOTOGRAPHS};

@@ -132,8 +132,8 @@ impl Layout {
         !matches!(self, Self::Blender | Self::Nerfstudio)
     }
 
-    /// Returns the convention of the layout's pose matrices. Procedural frames have no matrices and
-    /// return OpenCV.
+    /// Returns the convention of the layout's pose matrices. Returns OpenCV for procedural frames,
+    /// which have no matrices.
     pub fn pose_convention(self) -> PoseConvention {
         let format = FORMATS.iter().find(|(layout, _)| *layout == self);
         format.map_or(PoseConvention::Opencv, |(_, format)| format.poses)

@@ -1,9 +1,9 @@
 //! nerfstudio: `transforms.json` whose frames name depth files (`depth_file_path`, or `depth_path` in
 //! NeRFCapture) or have cameras of their own; OpenGL axes.
 //!
-//! Every camera parameter (`fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1`, `k2`, `k3`, `p1`, `p2`) is given in
-//! the frame or, for all frames, at the top level. Depth is along the optical axis, stored times
-//! `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), by default .001.
+//! Every camera parameter (`fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1`, `k2`, `k3`, `p1`, `p2`) is given
+//! in the frame or, for all frames, at the top level. Depth along the optical axis is the stored value
+//! times `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), by default 0.001.
 
 use super::numbered::PHOTOGRAPHS;
 use super::recording::{

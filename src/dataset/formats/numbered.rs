@@ -24,7 +24,7 @@ pub(super) struct NumberedFiles {
     relative: PathBuf,
     listing: Rc<FolderListing>,
     by_number: BTreeMap<u64, String>,
-    /// Numbers with more than one file, each with the name of a further file.
+    /// Files whose number another file already has: the number and the file's name.
     pub duplicates: Vec<(u64, String)>,
 }
 
@@ -133,8 +133,8 @@ impl ListedSplit {
         self.frames.iter().map(|frame| &frame.color)
     }
 
-    /// Returns the most frequent number of bits per channel of the depth images; 8 without depth.
-    /// Returns `None` if no image can be read.
+    /// Returns the most frequent number of bits per channel of the depth images; 8 if there are none.
+    /// Returns `None` if no depth image can be read.
     pub fn depth_bits(&self) -> Option<u16> {
         let depths: Vec<_> =
             self.frames.iter().filter_map(|frame| frame.depth.as_ref().ok()).collect();
@@ -169,8 +169,8 @@ impl ListedSplit {
         DatasetSplit { name: self.name, frames, has_depth }
     }
 
-    /// Skips every frame with a warning. Used for splits whose camera or depth encoding is unknown, as
-    /// no file header is readable.
+    /// Skips every frame with a warning. Used if a split's camera or depth encoding is unknown because
+    /// no file header can be read.
     pub fn skip_unreadable(self, parsed: &mut ParsedFolder) {
         for ListedFrame { name, color, depth, .. } in self.frames {
             let (file, problem) = match (decode::header(&color), depth) {

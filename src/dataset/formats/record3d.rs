@@ -179,7 +179,8 @@ fn recognise(folder: &Folder) -> Option<String> {
     Some(format!("the archive {name} with `metadata` of `K` and `poses`"))
 }
 
-/// Returns the name of the opened archive, even if it is damaged, or of the only recording in the root.
+/// Returns the name of the opened archive, even if it is damaged, or of the only archive of this layout
+/// in the dataset folder. Several archives yield `None`.
 fn archive_name(folder: &Folder) -> Option<&str> {
     if let Some(name) = folder.opened_archive() {
         return Some(name);

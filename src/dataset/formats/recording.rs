@@ -62,8 +62,8 @@ pub(super) fn frame_entry(
     FrameEntry { name, camera: Camera { intrinsics, pose }, color_camera, time: None, source }
 }
 
-/// Returns an encoding of depth along the optical axis. The user's depth scale and range override the
-/// unit of `codes` and `trusted`.
+/// Returns an encoding of depth along the optical axis. The user's depth scale overrides the unit in
+/// `codes`, and the user's depth range overrides `trusted`.
 pub(super) fn encoding(
     options: &LoadOptions,
     codes: CodeKind,
@@ -106,7 +106,8 @@ impl<'a> Recording<'a> {
         }
     }
 
-    /// Returns the size. An unreadable file becomes a warning and yields `None`.
+    /// Returns the image size in `size`. If `size` holds an error instead, adds a warning and returns
+    /// `None`.
     pub fn warn_unreadable(&mut self, size: ImageSize) -> Option<(u32, u32)> {
         size.unwrap_or_else(|(file, problem)| {
             self.skip(SPLIT, file, problem);
@@ -204,8 +205,8 @@ impl<'a> Recording<'a> {
         DepthSource { file, encoding, confidence: confidence.map(|map| (map, least)) }
     }
 
-    /// Returns the cameras of a photograph and a depth image that share one lens. `file` states the
-    /// intrinsics `stated` for images of any size. `color` and `depth` are image sizes.
+    /// Returns the cameras of a photograph and a depth image that share one lens. `stated` holds the
+    /// intrinsics from `file`, for any image size. `color` and `depth` are image sizes.
     pub fn cameras_of_lens(
         &self,
         stated: &Intrinsics,
@@ -262,7 +263,8 @@ pub(super) fn same_size(
     }
 }
 
-/// Most frequent image size in pixels, or the first file that cannot be read with the reason.
+/// Most frequent image size, pixels; `None` if there are no files. If no file can be read, the first
+/// file and its error.
 type ImageSize = Result<Option<(u32, u32)>, (PathBuf, FrameProblem)>;
 
 pub(super) fn photograph_size(

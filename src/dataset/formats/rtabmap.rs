@@ -2,10 +2,10 @@
 //! and poses, in TUM's form (`t x y z qx qy qz qw`, optionally with the image's number) or KITTI's (twelve
 //! numbers of a 3×4 matrix).
 //!
-//! Images are named by number or by time: a pose belongs to the image of its number, its time, or its place
-//! in the list. If the calibration contains the camera's mount on the robot (`local_transform`), poses are
-//! the robot's (`--poses`). They are the camera's if their file name contains `camera`, as in
-//! `…_camera_poses.txt` (`--poses_camera`).
+//! Images are named by number or by time: a pose belongs to the image with its number, its time, or its
+//! position in the list. If the calibration contains the camera's mount on the robot
+//! (`local_transform`), poses are the robot's (`--poses`). They are the camera's if their file name
+//! contains `camera`, as in `…_camera_poses.txt` (`--poses_camera`).
 
 use super::recording::{
     Recording, check_intrinsics, encoding, frame_entry, metadata_error, same_size,
@@ -35,7 +35,8 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     parse,
 };
 
-/// Suffixes of folder names. The exporter adds the map's name as prefix.
+/// Suffix of the name of the photographs' folder. The exporter adds the map's name as prefix, as it
+/// does for depth and calibration.
 const COLORS: &str = "rgb";
 const DEPTHS: &str = "depth";
 const CALIBRATIONS: &str = "calib";

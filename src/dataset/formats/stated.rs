@@ -91,8 +91,8 @@ pub(super) fn from_text(
     })
 }
 
-/// Reads a camera matrix. The place of the principal point shows whether the matrix is stored by rows or
-/// by columns.
+/// Reads a camera matrix. The position of the principal point shows whether the matrix is stored by
+/// rows or by columns.
 pub(super) fn from_matrix(m: [f64; 9], (width, height): (u32, u32)) -> Option<Intrinsics> {
     let zero = |v: f64| v.abs() < 1e-6;
     let [cx, cy] = match zero(m[2]) && zero(m[5]) {
@@ -128,7 +128,7 @@ pub(super) fn array<'a>(json: &'a Value, key: &str) -> &'a [Value] {
     json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
-/// Returns the name of a frame list's entry: its path or, without a path, its place in the list.
+/// Returns the name of a frame list's entry: its path or, if it has no path, its position in the list.
 pub(super) fn entry_name(entry: &Value, place: usize) -> String {
     let path = entry.get("file_path").and_then(Value::as_str);
     // Exporters differ in the leading `./`.
@@ -284,8 +284,8 @@ pub(super) fn check_model(camera: &FrameCamera) -> Result<(), DatasetError> {
 
 const SAMPLED_FILES: usize = 9;
 
-/// Returns the most frequent result of `ask` among some of the files. Of equally frequent results, that
-/// of the first file is returned. Returns `None` without files.
+/// Returns the most frequent result of `ask` in a sample of the files; among equally frequent results,
+/// the one that occurs first. Returns `None` if there are no files.
 ///
 /// # Errors
 /// Returns the first error if no file can be read.

@@ -3,8 +3,8 @@
 //! `depth/NNNNNN.png` (millimetres), `confidence/NNNNNN.png` (0 to 2), and `rgb.mp4` or images extracted
 //! from it to `rgb/`.
 //!
-//! The video is HEVC and is decoded by an installed `ffmpeg`. Without one, the recording opens on request
-//! with its geometry only.
+//! The video is HEVC and is decoded by an installed `ffmpeg`. Without `ffmpeg`, the recording can be
+//! opened with its geometry only.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{

@@ -120,7 +120,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 }
 
 /// True if all data for the frame of a depth image is written. Poses and photographs are written in
-/// order of time, and a later one may be nearer to the frame.
+/// order of time, and later ones may be nearer in time to the frame.
 fn has_all_data(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedImage]) -> bool {
     let has = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
     // A Kinect needs poses until the last row is read.
@@ -242,7 +242,7 @@ impl Poses<'_> {
         self.mounted(matrix).ok()
     }
 
-    /// Returns the pose as [`Self::at`] does, but for the layout's convention. Opening the dataset
+    /// Returns the pose as [`Self::at`] does, but in the layout's pose convention. Opening the dataset
     /// replaces this convention by the user's.
     fn stated_at(&self, time: f64) -> Result<Pose, FrameProblem> {
         let matrix = self.trajectory.at(time)?;

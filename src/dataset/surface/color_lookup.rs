@@ -27,8 +27,8 @@ pub(super) struct Beside<'a> {
 #[derive(Default)]
 pub(super) struct SeenLanes {
     at: [[f32; LANES]; 2],
-    /// Depth of each point along the colour camera's axis, world units. `margin` holds the differences
-    /// beyond which the points are hidden.
+    /// Depth of each point along the colour camera's axis, world units. A point is hidden if it is more
+    /// than `margin` behind the nearest surface.
     depth: [f32; LANES],
     margin: [f32; LANES],
 }

@@ -1,9 +1,9 @@
 //! Converts fitted pixels to points (`dataset.md`, Surface points), eight at a time as they were fitted.
 //!
-//! For each pixel's plane, the fit yields inverse depth and its two gradients relative to the measured
-//! value; depth and normal follow from these. A pixel is then kept, or gets the status of the first filter
-//! that drops it. Colour comes last, because a separate colour camera is sampled at the point's position, not
-//! the pixel's.
+//! For each pixel's plane, the fit yields inverse depth and its change per column and per row, relative
+//! to the measured value; depth and normal follow from these. A pixel is then kept, or gets the status
+//! of the first filter that drops it. Colour comes last, because a separate colour camera is sampled at
+//! the point's position, not the pixel's.
 
 use super::color_lookup::{ColorLookup, SeenLanes};
 use super::fit::Fitted;
@@ -152,8 +152,8 @@ impl Emitter<'_> {
         }
     }
 
-    /// Computes the surfaces of eight pixels. Normals point away from the camera. The product of normal
-    /// and ray is then the fitted inverse depth divided by the measured one.
+    /// Computes the surfaces of eight pixels. Normals of fitted planes point away from the camera;
+    /// their dot product with the ray is the fitted inverse depth divided by the measured one.
     #[inline(always)]
     fn surface<V: Vector>(&self, fitted: &Fitted, at: usize, ray: [V; 3], per_z: V) -> Surface<V> {
         let one = V::splat(1.0);
@@ -305,21 +305,21 @@ pub enum PixelStatus {
 pub struct SurfaceCounts {
     /// Number of pixels that were converted to points.
     pub kept: usize,
-    /// Number of pixels of [`PixelStatus::LeftOut`].
+    /// Number of pixels with the status [`PixelStatus::LeftOut`].
     pub left_out: usize,
-    /// Number of pixels of [`PixelStatus::Hole`].
+    /// Number of pixels with the status [`PixelStatus::Hole`].
     pub holes: usize,
-    /// Number of pixels of [`PixelStatus::Alpha`].
+    /// Number of pixels with the status [`PixelStatus::Alpha`].
     pub dropped_alpha: usize,
-    /// Number of pixels of [`PixelStatus::Range`].
+    /// Number of pixels with the status [`PixelStatus::Range`].
     pub dropped_range: usize,
-    /// Number of pixels of [`PixelStatus::Flying`].
+    /// Number of pixels with the status [`PixelStatus::Flying`].
     pub dropped_flying: usize,
-    /// Number of pixels of [`PixelStatus::Slant`].
+    /// Number of pixels with the status [`PixelStatus::Slant`].
     pub dropped_slant: usize,
-    /// Number of pixels of [`PixelStatus::Far`].
+    /// Number of pixels with the status [`PixelStatus::Far`].
     pub dropped_far: usize,
-    /// Number of pixels of [`PixelStatus::NoColor`].
+    /// Number of pixels with the status [`PixelStatus::NoColor`].
     pub dropped_no_color: usize,
 }
 

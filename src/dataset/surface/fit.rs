@@ -9,8 +9,8 @@
 //! from the pixel's. Their residual is set beyond every limit, so later rounds need not test the gate
 //! again.
 //!
-//! Tried on Lego and dropped (`dataset.md`, Plane fit): points weighted by their cosine or its square,
-//! without gain over a threshold; windows of other sizes.
+//! Two variants were tested on the Lego scene and rejected (`dataset.md`, Plane fit): windows of other
+//! sizes, and points weighted by the cosine of their slant or its square instead of a threshold.
 
 use super::planes::{NOTHING, Planes, load};
 use super::sensor::Profile;

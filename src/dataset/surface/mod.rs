@@ -1,5 +1,6 @@
-//! Converts frames to observations (`dataset.md`, Plane fit). A robust plane is fitted around every pixel
-//! in inverse depth; pixels without an accepted plane are dropped, the others get its depth and normal.
+//! Converts frames to observations (`dataset.md`, Plane fit). A robust plane is fitted around every
+//! pixel in inverse depth; pixels without an accepted plane are dropped, the others get the plane's
+//! depth and normal.
 //!
 //! | stage | file |
 //! |---|---|

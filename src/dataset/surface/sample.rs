@@ -4,7 +4,7 @@ use super::{Preparer, SurfaceSettings};
 use crate::dataset::Dataset;
 use crate::observation::surface::Observation;
 
-/// Quantile of the pixel footprints that represents a frame sample.
+/// Quantile of the pixel footprints that is stored as [`FrameSample::footprint`].
 const NEARER_SHARE: f64 = 0.95;
 /// Number of evenly spaced frames that are sampled before training.
 const SAMPLED_FRAMES: usize = 8;

@@ -13,7 +13,7 @@ use glam::{DQuat, DVec3};
 const MOST_COVERED: f32 = 16.0;
 
 /// Side of a cell in pixels of the colour image. Neighbouring depth pixels are less than a cell apart,
-/// so surfaces have no holes.
+/// so projected surfaces have no holes.
 const CELL: usize = 2;
 
 /// Depth of the nearest surface in the colour image, for each cell of pixels and optionally for each

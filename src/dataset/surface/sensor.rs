@@ -2,8 +2,9 @@
 //!
 //! Every threshold of the fit is in units of the noise half-width. So a noise law and a few further
 //! numbers describe a sensor. The 8-bit ray depth and the Kinect were measured (`dataset.md`, Sensors).
-//! The others follow from published accuracy or from how depth was computed, with the Kinect's
-//! thresholds in those units. The layout determines the sensor; the images do not show it.
+//! The other noise laws follow from published accuracy or from the computation of depth; the
+//! thresholds, in units of the noise, are the Kinect's. The layout determines the sensor; the images do
+//! not show it.
 
 use crate::dataset::depth::{Depth, DepthCodes, DepthKind, INVERSE8_RANGE, SENSOR_NOISE};
 use crate::math::camera::Intrinsics;

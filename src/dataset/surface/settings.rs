@@ -46,8 +46,8 @@ impl SurfaceSettings {
         Self { calibration, ..Self::of_sensor(dataset.sensor(), origin) }
     }
 
-    /// Creates settings with every stage enabled, for a sensor whose colour is registered, such as
-    /// frames from memory.
+    /// Creates settings with every stage enabled, for frames whose colour is registered to depth, such
+    /// as frames from memory.
     pub fn of_sensor(sensor: Sensor, origin: DVec3) -> Self {
         Self {
             sensor,
@@ -84,7 +84,7 @@ fn from_array<'de, D: serde::Deserializer<'de>>(from: D) -> Result<DVec3, D::Err
 
 /// Number of pixels from the centre of the fit's window to its border.
 pub(super) const RADIUS: usize = 2;
-/// Maximum number of least-squares rounds. From the second round on, only inliers count.
+/// Maximum number of least-squares rounds. From the second round on, only inliers are fitted.
 pub(super) const ROUNDS: usize = 3;
 /// Minimum number of inliers in each round, including the pixel itself.
 pub(super) const MIN_INLIERS: usize = 5;

@@ -9,7 +9,7 @@ use crate::math::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Depth image and its photograph with their timestamps (seconds); both cameras share one lens.
+/// Depth image and its photograph with their timestamps (seconds); both have the same intrinsics.
 pub(in super::super) struct ImagePair {
     pub name: String,
     pub depth: (f64, DepthSource),
@@ -17,8 +17,8 @@ pub(in super::super) struct ImagePair {
 }
 
 impl ImagePair {
-    /// Reads a file of the pair; `None` with a warning if it is unreadable. Reading is retried once,
-    /// because a temporary disk error would otherwise change the estimate.
+    /// Reads a file of the pair. If it is unreadable, logs a warning and returns `None`. Reading is
+    /// retried once, because a temporary disk error would otherwise change the estimate.
     pub fn read<T>(&self, read: impl Fn() -> Result<T, FrameProblem>) -> Option<T> {
         let told = |problem| {
             tracing::warn!(
@@ -34,7 +34,7 @@ impl ImagePair {
 pub(in super::super) struct Clock<'a> {
     /// Returns the world pose of the tracked body at a time (seconds); `None` if it is unknown.
     pub tracked: &'a (dyn Fn(f64) -> Option<Pose> + Sync),
-    /// Mount of the camera on the body. Without a mount, tracked poses are camera poses.
+    /// Mount of the camera on the body; `None` if tracked poses are camera poses.
     pub mount: Option<Mount>,
     pub intrinsics: Intrinsics,
     /// Readout time from the first to the last row of a depth image, seconds. The timestamp is that of
@@ -64,15 +64,15 @@ const FEWEST: usize = 6;
 /// Step between tested delays, seconds. [`N_STEPS`] delays of either sign are tested.
 const STEP: f64 = 0.005;
 const N_STEPS: usize = 8;
-/// Minimum relative decrease of the mean image distance for accepting a delay.
+/// Minimum relative decrease of the mean difference within image pairs for accepting a delay.
 const FALL: f64 = 0.05;
 /// Maximum difference, in seconds, between the delays estimated from two halves of the pairs.
 const AGREED: f64 = 0.008;
 /// Minimum delay that is reported, seconds.
 const LEAST: f64 = 0.004;
 
-/// Returns the delay (seconds) with the smallest sum of `distance` over all pairs; `None` if it is
-/// undetermined or negligible.
+/// Estimates the time from timestamps to capture, seconds: the delay with the smallest sum of
+/// `distance` (difference within a pair) over all pairs. `None` if it is undetermined or negligible.
 pub(super) fn estimate_delay<P: Sync>(
     pairs: &[P],
     distance: impl Fn(&P, f64) -> f64 + Sync,
@@ -108,8 +108,8 @@ fn sum<'a>(rows: impl Iterator<Item = &'a Distances>) -> Distances {
     })
 }
 
-/// Returns the delay (seconds) with the smallest distance, and this distance. Returns `None` at either
-/// end of the tested range, because the minimum may be outside.
+/// Returns the delay (seconds) with the smallest distance, and this distance. Returns `None` if this
+/// delay is an end of the tested range, because the minimum may be outside the range.
 fn lowest(distances: &Distances) -> Option<(f64, f64)> {
     let triples = distances.array_windows().enumerate();
     let (before, [left, here, right]) = triples.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))?;
@@ -128,11 +128,11 @@ const REACH: usize = 48;
 /// Maximum rotation between the images of a pair, radians. Both images must show the same surfaces.
 const MOST_SHAKEN: f64 = 0.35;
 const MOST_TURNED: f64 = 0.6;
-/// Minimum difference between rotation rates, radians per second. It shifts a Kinect's image by 1.5
-/// pixels in 10 ms.
+/// Minimum difference between the rotation rates of a pair's images, radians per second. It shifts a
+/// Kinect's image by 1.5 pixels in 10 ms.
 const LEAST_CHANGE: f64 = 0.3;
-/// Minimum rotation between the images of a pair, radians. A twentieth of an error common to both poses
-/// then remains as a difference.
+/// Minimum rotation between the images of a pair, radians. At this rotation, a twentieth of an error
+/// common to both poses remains as a difference between the images.
 const LEAST_TURN: f64 = 0.05;
 /// Half of the interval over which a rotation rate is measured, seconds.
 const RATE: f64 = 0.01;
@@ -154,8 +154,8 @@ pub(super) fn pairs_by_rotation<'a>(
     chosen(shots, clock, MOST_TURNED, RotatingImage::angle, LEAST_TURN)
 }
 
-/// Pairs evenly spaced images, each with the following image of the highest score. Scores are at least
-/// `least`; the rotation within a pair is below `most_turn`, radians.
+/// Pairs evenly spaced images, each with the later image for which `score` is highest. That score is at
+/// least `least`; the rotation within a pair is below `most_turn`, radians.
 fn chosen<'a>(
     shots: &'a [ImagePair],
     clock: &Clock<'_>,

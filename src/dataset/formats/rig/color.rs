@@ -1,4 +1,4 @@
-//! Photometric difference between two photographs as a function of their delay.
+//! Photometric difference between two photographs as a function of the delay from timestamp to capture.
 
 use super::clock::{Clock, ImagePair};
 use super::depth;
@@ -11,8 +11,8 @@ use glam::DVec3;
 /// Side of the squares over which pixels are averaged. Averaging suppresses noise and detail finer than
 /// the registration error.
 const SQUARE: usize = 4;
-/// Upper limit of grey differences (grey in `[0, 1]`). Larger differences are caused by motion or
-/// reflections.
+/// Limit to which grey differences are clamped (grey in `[0, 1]`). Larger differences are caused by
+/// motion or reflections.
 const FARTHEST: f64 = 0.2;
 
 pub(super) struct Pair {

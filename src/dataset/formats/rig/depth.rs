@@ -1,4 +1,4 @@
-//! Difference between two depth images as a function of their delay.
+//! Difference between two depth images as a function of the delay from timestamp to capture.
 
 use super::clock::{Clock, ImagePair};
 use super::mount_search::{EVERY, Strips};
@@ -9,7 +9,7 @@ use crate::math::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Upper limit of relative depth differences, which bounds the effect of occlusions.
+/// Limit to which relative depth differences are clamped; it bounds the effect of occlusions.
 const FARTHEST: f64 = 0.05;
 
 pub(super) struct Pair<'a> {
@@ -35,8 +35,9 @@ impl<'a> Pair<'a> {
         if n > 0.0 { sum / n } else { FARTHEST }
     }
 
-    /// Returns the measured depth of the second image minus the depth expected from the first, relative
-    /// to the expected depth. The samples are the same for every clock and delay.
+    /// Returns, for each sample of the first image, the depth measured in the second image minus the
+    /// depth expected from the first, relative to the expected depth. `None` if either depth is
+    /// missing. The samples are the same for every delay and clock.
     pub fn depth_differences(&self, clock: &Clock<'_>, delay: f64) -> Vec<Option<f64>> {
         self.measured(clock, delay, |_, share| share)
     }

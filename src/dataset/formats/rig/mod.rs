@@ -2,9 +2,9 @@
 //! camera on the tracked body.
 //!
 //! If times and trajectory are right, the depth of one image, transformed into another, matches the
-//! depth measured there. Matching points also have the same colour in both photographs. So pairs of
-//! images show errors that all of them share. Delays follow from pairs with different rotation rates,
-//! the mount from pairs that are rotated against each other.
+//! depth measured there. Matching points also have the same colour in both photographs. So differences
+//! within image pairs reveal errors that all images share. Delays follow from pairs with different
+//! rotation rates, the mount from pairs with different orientations.
 
 mod clock;
 mod color;

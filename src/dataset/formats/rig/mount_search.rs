@@ -1,9 +1,9 @@
 //! Estimates the mount of a camera on the tracked body.
 //!
-//! An unknown mount moves two images differently if they are rotated against each other. The maximum a
-//! posteriori mount is found by Gauss-Newton with Cauchy weights. Derivatives are finite differences,
-//! because depth images are sampled per pixel. The mount is accepted if it improves image pairs that it
-//! was not fitted to.
+//! An error of the mount displaces two images differently if one is rotated relative to the other. The
+//! maximum a posteriori mount is found by Gauss-Newton with Cauchy weights. Derivatives are finite
+//! differences, because depth images are sampled per pixel. The mount is accepted if it reduces the
+//! difference within image pairs that it was not fitted to.
 
 use super::clock::Clock;
 use super::depth::{Pair, total};
@@ -21,7 +21,7 @@ const FALL: f64 = 0.05;
 const ROUNDS: usize = 12;
 /// Maximum number of tested step lengths; each is twice the previous one.
 const DOUBLINGS: u32 = 5;
-/// Minimum relative decrease of the distance for another round.
+/// Minimum relative decrease of the difference between images in a round; with less, the fit stops.
 const SETTLED: f64 = 0.002;
 /// Half-widths of the finite differences, radians and metres. They shift images by about ten pixels,
 /// over which depth noise averages out.
@@ -92,8 +92,9 @@ impl Search<'_> {
         mount_of(best)
     }
 
-    /// Returns the mount parameters with the smallest distance along a step, and this distance. Noise
-    /// makes slopes too large and steps too short, so a step is doubled while the distance decreases.
+    /// Returns the mount parameters with the smallest image difference along a step, and this
+    /// difference. Noise makes slopes too large and steps too short, so a step is doubled while the
+    /// difference decreases.
     fn lowest_along(&self, pairs: &[&Pair<'_>], from: Vector, step: &Vector) -> (Vector, f64) {
         let at = |times: f64| {
             let mut place = from;
@@ -145,7 +146,7 @@ impl Search<'_> {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in super::super) struct Mount {
-    /// Translation in the frame of the tracked body, metres. Its axes are close to the camera's.
+    /// Translation in metres, in the frame of the tracked body, whose axes are close to the camera's.
     pub shift: DVec3,
     /// Rotation vector (axis times angle), radians.
     pub turn: DVec3,

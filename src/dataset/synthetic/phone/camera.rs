@@ -16,8 +16,8 @@ const LIDAR: u64 = 1 << 40;
 const SHUTTER: f64 = 0.000_1;
 /// Relative light loss in the image corners.
 const VIGNETTING: f64 = 0.06;
-/// Image motion, in pixels, above which a photograph averages three views, and above which it averages
-/// five.
+/// Thresholds of image motion, pixels: above the first, a photograph averages three views; above the
+/// second, five.
 const BLURRED: [f64; 2] = [1.2, 4.0];
 /// Surface depth for which motion blur is estimated, metres.
 const TYPICAL_DEPTH: f64 = 1.5;
