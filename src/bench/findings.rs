@@ -1,6 +1,6 @@
 //! Options, errors and outputs shared by all benches.
 //!
-//! A bench returns its rows once. Table, JSON, CSV and notes are all derived from them, so the
+//! A bench computes its rows once. Table, JSON, CSV and notes are all derived from them, so the
 //! outputs of one run cannot disagree. Table and JSON state the machine, because a time is
 //! meaningless without it.
 
@@ -23,7 +23,7 @@ pub const BENCH_FORMAT: &str = "vbgs-bench/1";
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BenchOptions {
-    /// Reduces all sizes so that a bench takes less than a minute on two cores.
+    /// True to reduce all sizes, so that a bench takes less than a minute on two cores.
     pub quick: bool,
     pub max_frames: Option<usize>,
     pub repeats: Option<usize>,

@@ -24,9 +24,9 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Numbers of frames and of held-out views in the paper.
+/// Number of training frames and number of held-out views in the paper.
 const PAPER: [usize; 2] = [200, 100];
-/// Numbers of frames and of held-out views of a quick run.
+/// Number of training frames and number of held-out views of a quick run.
 const QUICK: [usize; 2] = [12, 4];
 
 #[derive(Clone, Debug)]

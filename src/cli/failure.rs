@@ -29,7 +29,7 @@ impl Failure {
         Self::Failed(error.into())
     }
 
-    /// Adds the name of the calibration file to an error that it caused.
+    /// Adds the name of the calibration file to an error caused by the calibration.
     pub fn with_calibration_file(self, file: Option<&Path>) -> Self {
         match (self, file) {
             (Self::Failed(error), Some(file))
@@ -67,7 +67,7 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
     }
 }
 
-/// Formats an error, followed by those causes that its text does not include.
+/// Formats an error, followed by the causes that its text does not include.
 fn message(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     // Wrappers often repeat the text of their cause.

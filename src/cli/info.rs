@@ -42,9 +42,9 @@ struct DatasetInfo {
 #[derive(Serialize)]
 struct PosesInfo {
     convention: &'static str,
-    /// Share of depth values that agree with neighbouring frames.
+    /// Fraction of depth values that agree with those of neighbouring frames.
     agreement: Option<f64>,
-    /// Median distance from the depth of neighbouring frames, world units.
+    /// Median difference from the depths of neighbouring frames, world units.
     median_error: Option<f64>,
     pairs: usize,
     #[serde(skip)]
@@ -69,7 +69,7 @@ struct SplitInfo {
     /// Smallest and largest depth of the readable frames, world units.
     depth_range: Option<[f64; 2]>,
     bytes: u64,
-    /// Blurred images, brightness jumps and time gaps; `None` for frames that belong to another split.
+    /// Blurred images, brightness jumps and time gaps; `None` if another split includes these frames.
     capture: Option<CaptureCheck>,
 }
 

@@ -39,7 +39,8 @@ pub struct TrainedFrames {
 }
 
 impl TrainedFrames {
-    /// Returns the training frames in a dataset, or `None` if the run used another dataset.
+    /// Returns a model's training frames as views of a dataset, or `None` if the run used another
+    /// dataset.
     pub fn of(&self, dataset: &Dataset) -> Option<ViewGroup> {
         let split = match &self.split {
             // Another dataset may lack the split.

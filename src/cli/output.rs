@@ -15,7 +15,8 @@ use vbgs_studio::eval::report::{AlignedView, EvalReport, SeenReport, SharpnessBa
 use vbgs_studio::eval::seen::SeenQuality;
 use vbgs_studio::export::atomic::write_atomic;
 
-/// First error of writing to stdout. Printing continues after it, and the command fails at its end.
+/// First error of writing to stdout. Printing continues after the error, and the command fails once it
+/// has finished.
 static STDOUT: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
 pub fn print_line(text: impl std::fmt::Display) {

@@ -1,5 +1,5 @@
-//! Converts options to measurements, one per requested renderer. Measuring itself is in
-//! `vbgs_studio::eval::choices`.
+//! Measures the quality of models as the options request, with each requested renderer. The
+//! measurements themselves are in `vbgs_studio::eval::choices`.
 
 use super::args::{ComparisonArgs, Protocol, TrainArgs};
 use super::failure::Failure;
@@ -33,7 +33,8 @@ pub struct QualityRequest<'a> {
     pub hold_out: HoldOut,
 }
 
-/// Measures a group of views with each renderer. Returns one report with its views per renderer.
+/// Measures a group of views with each renderer. Returns, for each renderer, a report and the reports
+/// of its views.
 pub fn measure(
     splats: &SplatSet,
     dataset: &Dataset,
@@ -172,8 +173,8 @@ pub fn measure_run(
     Ok(measured)
 }
 
-/// Returns the groups of views to measure: the split named by `--eval`, both groups of a held-out
-/// sector, and noise-free side views.
+/// Returns the groups of views to measure: the split named by `--eval`; with a sector hold-out, new views
+/// on the camera path and views off it; and noise-free side views, if the dataset has them.
 fn groups(session: &Session, args: &TrainArgs) -> Result<Vec<ViewGroup>, DatasetError> {
     let dataset = session.dataset();
     let named = args.eval.as_ref().map(|name| dataset.split_named(name)).transpose()?;

@@ -1,8 +1,8 @@
 //! `train`: trains headless and writes files at the end.
 //!
-//! Files of an earlier run remain until this run has trained a frame, and each until its replacement is
-//! complete. The report is written before quality is measured, because measuring may take longer than
-//! training and may be interrupted. It is written again with the results.
+//! Files of an earlier run remain until this run has trained a frame. Each then remains until its
+//! replacement is complete. The report is written before quality is measured, because measuring may take
+//! longer than training and may be interrupted. It is written again with the results.
 
 use super::args::settings::{calibration_file, method_request, resume_request, selection};
 use super::args::{DeviceName, TrainArgs};
@@ -316,7 +316,7 @@ pub fn train(
 /// Interval at which interrupts are checked while waiting for a frame.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Names of the files in the output folder. The trajectory is written only for tracked poses.
+/// Name of the trajectory file in the output folder, written only for tracked poses.
 const TRAJECTORY: &str = "trajectory.txt";
 const SCENE: &str = "scene.ply";
 const CHECKPOINT: &str = "checkpoint.vbgs";

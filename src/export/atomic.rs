@@ -295,8 +295,7 @@ struct Temporary<'a, T> {
 }
 
 impl<'a, T> Temporary<'a, T> {
-    /// Creates the entry `.NAME.PROCESS.RANDOM<suffix>` in the target's folder by calling `make` with
-    /// its path.
+    /// Creates `.NAME.PROCESS.RANDOM<suffix>` in the target's folder by calling `make` with its path.
     fn create(
         check: SaveCheck<'a>,
         target: &Path,

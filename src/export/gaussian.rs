@@ -12,8 +12,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI};
 /// Absolute lower bound on written standard deviations, so that their logarithms are finite
 /// (`files.md`, From splat to file).
 pub(super) const SCALE_FLOOR: f64 = 1e-7;
-/// Lower bound on written standard deviations, relative to the splat's largest. The smaller one of this and
-/// the absolute bound applies.
+/// Lower bound on written standard deviations, relative to the splat's largest standard deviation. The
+/// smaller of this bound and the absolute bound applies.
 // In a world of large units all scales may be below the absolute minimum.
 const FLATTEST: f64 = 1e-4;
 /// Minimum distance of a written opacity from 0 and 1 where its logit is stored (`files.md`, From splat
@@ -22,7 +22,7 @@ const FLATTEST: f64 = 1e-4;
 const LOGIT_MARGIN: f64 = 1e-6;
 /// Length below which a quaternion counts as zero.
 const MIN_QUATERNION: f64 = 1e-12;
-/// Largest change of a colour channel by clamping that counts as rounding.
+/// Tolerance for clamping a colour channel: a change up to this value counts as rounding.
 const COLOR_SLACK: f64 = 1e-4;
 
 /// Splat in f64; fields as in [`Splat`] and [`Appearance`], with a unit quaternion as rotation.

@@ -1,5 +1,6 @@
-//! Golden files byte for byte. They were made from f64 values, which a [`Splat`] rounds to f32
-//! first, so the encoders are fed directly; `tests/export/golden.rs` compares the public path.
+//! Comparison with golden files byte for byte. These were made from f64 values, which a [`Splat`] would
+//! round to f32, so the encoders are called directly; `tests/export/golden.rs` compares the public
+//! path.
 
 use super::format::{ModelFormat, WriteOptions};
 use super::gaussian::{AxisRotation, Gaussian};

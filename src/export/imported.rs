@@ -60,8 +60,8 @@ pub enum ModelKind {
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
 pub enum Note {
-    /// Spherical harmonics above degree 1 were ignored, and those of degree 1 if incomplete or in linear
-    /// colour.
+    /// Spherical harmonics above degree 1 were ignored; those of degree 1 were ignored if incomplete or in
+    /// linear colour.
     #[strum(to_string = "view-dependent colour ignored ({n_coefficients} coefficients per splat)")]
     ViewDependentColorIgnored { n_coefficients: usize },
     /// Zero quaternions were read as the identity.

@@ -8,7 +8,7 @@ use glam::DVec3;
 const COMMENT: &str = "vbgs local origin ";
 pub(super) const EXTRA: &str = "local_origin";
 
-/// Way in which a file format stores the local origin.
+/// Method by which a file format stores the local origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OriginCarrier {
     /// The local origin is stored as a transform, which every program applies.

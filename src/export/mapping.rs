@@ -94,7 +94,7 @@ pub enum GradientSplit {
 }
 
 impl Mapping {
-    /// Returns the mapping with the opacity treatment that measured best for a split.
+    /// Returns the mapping with the opacity treatment that gave the highest PSNR for a split.
     pub fn for_split(split: GradientSplit) -> Self {
         // On Lego, four clipped splats gave 26.6 dB and two of equal area 26.5. Single splats gave 26.1 with
         // equal area and 25.7 clipped.
@@ -105,7 +105,8 @@ impl Mapping {
         Self { opacity, split }
     }
 
-    /// Returns the factor by which standard deviations are multiplied.
+    /// Returns the factor by which a splat's standard deviations are multiplied. `full_coverage` is the
+    /// opacity from which the native scene counts a pixel as fully covered; 1 without crack filling.
     fn scale(self, full_coverage: f64) -> f64 {
         // Crack filling also widens splats, by the fourth root of its opacity factor, because neighbours
         // overlap.
@@ -164,7 +165,8 @@ pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     Some(plain)
 }
 
-/// Returns the plain splat of piece `k` of splat `i`; `None` if it is not finite in f32.
+/// Returns the `k`-th of the plain splats that splat `i` is exported as; `None` if it is not finite in
+/// f32.
 pub(super) fn plain_piece(
     view: SplatView,
     i: usize,
@@ -198,8 +200,8 @@ fn split_axes(native: &Gaussian, split: GradientSplit) -> impl DoubleEndedIterat
         .filter(move |&i| scale[i] > scale_floor(scale) && scale[i] != SCALE_FLOOR)
 }
 
-/// Returns piece `k` of the splats into which a splat with a colour gradient is split. All pieces
-/// together have the mean, covariance and colour of the original splat.
+/// Returns the `k`-th of the splats into which a splat with a colour gradient is split. Together they
+/// have the mean, covariance and colour of the original splat.
 fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> Gaussian {
     let frame = DMat3::from_quat(native.rotation);
     let (mut scale, mut offset) = (native.scale, DVec3::ZERO);

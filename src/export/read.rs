@@ -15,8 +15,9 @@ pub const DEFAULT_MAX_SPLATS: usize = 20_000_000;
 /// buffers, SPZ 1 to 4 or `.splat`. The format is detected from the content. Accepts up to
 /// [`DEFAULT_MAX_SPLATS`] rows.
 ///
-/// # Errors The file cannot be read, is not a model, is damaged, or uses unsupported features, as the
-/// [`Fault`] states. Non-finite rows are not an error; they are counted.
+/// # Errors
+/// The file cannot be read, is not a model, is damaged, or uses unsupported features, as the [`Fault`]
+/// states. Non-finite rows are not an error; they are counted.
 pub fn read(path: &Path) -> Result<Imported, ExportError> {
     read_up_to(path, DEFAULT_MAX_SPLATS)
 }
@@ -86,8 +87,8 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
 const ROW_BYTES: usize = 32;
 /// Number of rows examined to detect the format, which has no magic bytes.
 const N_PROBED: usize = 64;
-/// Tolerance for the squared length of a quaternion with 8-bit components, in which byte 255 represents
-/// 1.
+/// Tolerance for the squared length of a unit quaternion whose components were rounded to 8 bits; 1
+/// becomes 127/128.
 const LENGTH_SLACK: f64 = 0.1;
 
 /// True if most of the first rows are plausible splats, with finite values, no negative scales, and a

@@ -1,7 +1,7 @@
-//! Rows of an exported file: selected splats, made plain, in the file's axes and units.
+//! Rows of an exported file: selected splats, converted to plain ones, in the file's axes and units.
 //!
-//! Only the origin of each row is stored, and rows are computed on demand. A plain copy of a native scene
-//! would take as much memory as the scene.
+//! Each row stores only the indices of its splat and of the piece (see [`mapping`]), and its values are
+//! computed on demand. A plain copy of a native scene would take as much memory as the scene.
 
 use super::error::Fault;
 use super::format::{Axes, ModelFormat, WriteOptions, WriteSelection};

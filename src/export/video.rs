@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use tempfile::TempDir;
 
-/// Error of writing a film.
+/// Error of writing a picture sequence or a video.
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {

@@ -27,8 +27,8 @@ pub struct WriteSummary {
 /// mapped to plain ones (see [`super::mapping`]). Needs 8 bytes of memory per splat and a block of rows;
 /// SPZ also needs memory for the compressed file and 16 bytes per splat.
 ///
-/// Positions are exact except in SPZ, and scales are at least 1e-7. Opacities in PLY are limited to `[1e-6, 1
-/// − 1e-6]`.
+/// Positions are exact except in SPZ, and scales are at least 1e-7. Opacities in PLY are limited to
+/// `[1e-6, 1 − 1e-6]`.
 ///
 /// # Errors
 /// [`Fault::NothingToExport`] if no splat is drawable, [`Fault::NothingSelected`] if none is selected,

@@ -1,5 +1,5 @@
-//! Interface to a preset's settings that does not depend on the preset. Code that needs the types uses
-//! [`TypedPreset`](super::frame_loop::TypedPreset).
+//! Settings of a run behind one interface for all presets. Code that needs a preset's concrete types
+//! uses [`TypedPreset`](super::frame_loop::TypedPreset).
 
 use super::settings::method::Method;
 use crate::dataset::Layout;
@@ -13,7 +13,7 @@ use crate::train::candidates::IndexError;
 use crate::train::learner::Learner;
 use crate::train::outcome::MemoryEstimate;
 
-/// Interface to the settings of a run that is the same for all presets.
+/// Interface to the settings of a run, the same for all presets.
 pub trait AnyPreset {
     /// Seed of every random stream.
     fn seed(&self) -> u64;
@@ -87,7 +87,7 @@ pub enum Mismatch {
     /// The prior differs.
     #[error("expected the prior that its settings imply, found another")]
     Prior,
-    /// The settings require another form of model, which the text describes.
+    /// The stored model lacks a property that the settings require; the text describes the property.
     #[error("expected {0} according to its settings, found another")]
     Form(String),
     /// A setting is out of range.

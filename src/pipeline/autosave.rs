@@ -31,7 +31,7 @@ pub struct Autosaved {
     pub bytes: u64,
 }
 
-/// Error of a save, which leaves existing files unchanged.
+/// Error of a save. Existing files are unchanged.
 #[allow(missing_docs, reason = "every message names its fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum AutosaveError {
@@ -114,13 +114,14 @@ impl Autosave {
         refused.map(Err).or(ended)
     }
 
-    /// True while a save is in progress, or if frames were trained on since the start of the last one.
+    /// True while a save is in progress, or if frames were trained on since the start of the latest
+    /// save.
     pub fn is_pending(&self, session: &Session) -> bool {
         let (saved, _) = self.begun;
         self.in_flight.is_some() || session.learner().status().frames > saved
     }
 
-    /// Starts a save immediately, after waiting for the one in progress.
+    /// Starts a save immediately, after waiting for any save in progress.
     ///
     /// # Errors
     /// [`AutosaveError::Thread`], or the error of the save in progress.

@@ -36,7 +36,7 @@ pub enum SessionError {
         "passes: expected 1 without photometric training, found {0}: points count once; train on photographs, or use one pass"
     )]
     Passes(usize),
-    /// Another setting is incompatible with tracking.
+    /// A setting is incompatible with tracking.
     #[error("poses (`--poses track`): expected {expected}, found {found}")]
     Tracking { expected: &'static str, found: String },
     /// A stored model does not match the settings stored with it.

@@ -1,7 +1,7 @@
-//! Polling of a recording in progress: the times of its scans, and the handling of their results.
+//! Follows a recording in progress: schedules scans of its folder and processes their results.
 //!
-//! The training thread polls between frames with a short timeout; no background watcher exists. Each scan has
-//! a thread of its own: a drive that does not respond never blocks saving.
+//! The training thread polls between frames with a short timeout; no background watcher exists. Each scan
+//! runs on its own thread, so a drive that does not respond never blocks saving.
 
 use super::error::SessionError;
 use super::job::Job;
@@ -41,7 +41,7 @@ pub struct Follow {
     problem: Option<String>,
     /// Error message of starting a session on the frames found so far.
     unfit: Option<String>,
-    /// Warning during a scan in which the drive does not respond.
+    /// Warning that the drive has not responded to the current scan.
     silence: Option<String>,
     is_over: bool,
 }
@@ -76,7 +76,7 @@ impl Follow {
     }
 
     /// Follows the recording of an opened dataset for frames after the known ones. `None` if the dataset
-    /// is not a folder, or with a sector hold-out.
+    /// is not a folder, or if a sector is held out.
     pub(super) fn of(dataset: &Dataset, split: usize, selection: &Selection) -> Option<Self> {
         // The sector depends on all cameras, so later frames would change it.
         if selection.hold_out == HoldOut::Sector {
@@ -102,8 +102,8 @@ impl Follow {
         }
     }
 
-    /// Polls the recording; returns the dataset so far if it has grown and has a frame to train on. A
-    /// session started with this dataset gets `self` through
+    /// Polls the recording. If it has grown and has a frame to train on, returns all frames so far as a
+    /// dataset. A session started with this dataset gets `self` through
     /// [`Session::follow`](super::session::Session::follow).
     ///
     /// # Errors
@@ -155,8 +155,8 @@ impl Follow {
         self.pace.time_to_next_check(self.started.elapsed())
     }
 
-    /// Error of the last scan, or of starting a session on its frames. `None` if there are merely no new
-    /// files.
+    /// Current problem: a drive that does not respond, or the error of the last scan or of starting a
+    /// session on the frames found. `None` if there are merely no new files.
     pub fn problem(&self) -> Option<&str> {
         // A silent drive hides everything older.
         self.silence.as_deref().or(self.problem.as_deref()).or(self.unfit.as_deref())

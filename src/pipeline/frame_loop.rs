@@ -1,5 +1,5 @@
-//! Inner training loop: takes prepared frames and updates the learner. The only place that distinguishes the
-//! presets of a run.
+//! Inner training loop: takes prepared frames and updates the learner. Also selects the concrete types of
+//! the run's preset.
 
 use super::any_preset::{AnyPreset, Mismatch, PlacedLearner};
 use super::error::SessionError;
@@ -42,7 +42,7 @@ pub(super) struct SteppedFrame {
 pub(super) enum FrameStatus {
     Learned {
         outcome: Box<FrameOutcome>,
-        /// Number of measured pixels that gave no point.
+        /// Number of pixels with measured depth that gave no point.
         dropped: usize,
         load_ms: f64,
         prepare_ms: f64,
@@ -148,7 +148,7 @@ fn preset_loop<P: TypedPreset>(
     Ok((Box::new(PresetLoop { prefetch, learner }), normalization))
 }
 
-/// Learner of a preset that accepts the observations of the preset's preparation.
+/// Learner for preset `P`, which accepts the observations that the preset's frame preparation produces.
 pub type LearnerOf<P> =
     PlacedLearner<dyn Learns<<<P as TypedPreset>::Preparation as Prepare>::Observation>>;
 
@@ -157,13 +157,13 @@ pub trait TypedPreset: AnyPreset {
     /// Type that prepares frames for the learner.
     type Preparation: Prepare;
 
-    /// Returns the preparation of frames for a model in the coordinates of `normalization`.
+    /// Returns the frame preparation for a model whose coordinates are defined by `normalization`.
     fn preparation(&self, run: &RunConfig, normalization: Normalization) -> Self::Preparation;
 
     /// Creates an untrained learner for a dataset with positions in `range`.
     ///
     /// # Errors
-    /// [`SessionError`] if memory does not suffice or the data give no initialisation.
+    /// [`SessionError`] if memory does not suffice or the model cannot be initialised from the data.
     fn begin(
         &self,
         dataset: &Dataset,
@@ -178,8 +178,7 @@ pub trait TypedPreset: AnyPreset {
     fn restore(&self, model: &StoredModel, frames: u64) -> Result<LearnerOf<Self>, Mismatch>;
 }
 
-/// Restores a learner of either preset (see [`TypedPreset::restore`]), without the type of its
-/// observations.
+/// Restores a learner of either preset, type-erased (see [`TypedPreset::restore`]).
 pub(super) fn restore_any(
     method: &Method,
     model: &StoredModel,

@@ -1,6 +1,6 @@
-//! Work on a thread of its own with a single result, which the starting thread polls or abandons.
+//! Jobs: work on a separate thread with a single result, which the starting thread polls or discards.
 //!
-//! A drive that does not respond blocks only such a thread. A panic counts as a result.
+//! A drive that does not respond blocks only the job's thread. A panic is returned like a result.
 
 use super::panic_report::PanicReport;
 use std::io;
@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread::Builder;
 use std::time::{Duration, Instant};
 
-/// Callback that wakes the thread that polls a job, such as that of a window.
+/// Callback that wakes the thread that polls a job, such as a window's thread.
 pub type Waker = Arc<dyn Fn() + Send + Sync>;
 
 /// Job whose work runs on its own thread. Dropping the job requests cancellation through its
@@ -79,7 +79,8 @@ impl<T: Send + 'static> Job<T> {
         Ok(Self { started: Instant::now(), progress, results })
     }
 
-    /// Returns the result, or the panic that ended the work, once; `None` until it is available.
+    /// Returns the result of the work, or its panic, once. `None` before it is available and after it
+    /// was returned.
     pub fn poll(&self) -> Option<Result<T, PanicReport>> {
         self.results.try_recv().ok()
     }
@@ -116,7 +117,7 @@ const WHOLE: f64 = 1000.0;
 /// Progress and cancellation of work, shared by the working and the observing thread.
 #[derive(Debug)]
 pub struct Progress {
-    /// Finished share in thousandths, or [`NONE`].
+    /// Completed fraction of the work in thousandths, or [`NONE`].
     // An integer, because std has no atomic floats.
     done: AtomicU32,
     is_cancelled: AtomicBool,
@@ -130,13 +131,14 @@ impl Default for Progress {
 
 // Relaxed throughout: no other memory depends on these values.
 impl Progress {
-    /// Marks work as started, with a finished share of 0; clears an earlier cancellation.
+    /// Marks work as started, with a completed fraction of 0; clears an earlier cancellation.
     pub fn begin(&self) {
         self.is_cancelled.store(false, Ordering::Relaxed);
         self.done.store(0, Ordering::Relaxed);
     }
 
-    /// Sets the finished share, from 0 to 1. Returns true if the share changed by enough for a redraw.
+    /// Sets the completed fraction of the work, from 0 to 1. Returns true if the change is worth a
+    /// redraw.
     pub fn set_share(&self, share: f64) -> bool {
         let done = (share.clamp(0.0, 1.0) * WHOLE) as u32;
         // Whole percents, so that a window is not redrawn for every thousandth.
@@ -153,7 +155,7 @@ impl Progress {
         self.done.store(NONE, Ordering::Relaxed);
     }
 
-    /// Finished share, from 0 to 1; `None` while there is no work.
+    /// Completed fraction of the work, from 0 to 1; `None` while there is no work.
     pub fn share(&self) -> Option<f32> {
         let done = self.done.load(Ordering::Relaxed);
         (done != NONE).then(|| (f64::from(done) / WHOLE) as f32)

@@ -1,8 +1,8 @@
 //! Message and location of a panic.
 //!
 //! A caught panic carries its message but not its location, which only the panic hook receives. The
-//! hook therefore records both, and the catcher finds the location by the message. The thread is no
-//! key, because rayon passes panics from its threads to the caller.
+//! hook therefore records both, and the catcher finds the location by the message. Records cannot be
+//! found by thread, because rayon passes panics from its threads to the caller.
 
 use std::any::Any;
 use std::collections::VecDeque;

@@ -68,7 +68,8 @@ pub struct Selection {
     pub order: Order,
     /// Stride: only every N-th frame is used; at least 1.
     pub stride: usize,
-    /// Shard: the part of the frames for one of several runs, applied after order and stride.
+    /// Shard: the part of the frames that one of several runs trains on. Applied after order and
+    /// stride.
     pub shard: Option<Shard>,
     /// Maximum number of frames.
     pub max_frames: Option<usize>,
@@ -113,7 +114,7 @@ impl Selection {
         frames
     }
 
-    /// Returns the selection without shard and limit, which is the same for all shards of a run.
+    /// Returns the selection without shard and limit, the same for all shards of a run.
     pub fn without_shard(&self) -> Self {
         Self { shard: None, max_frames: None, ..self.clone() }
     }
@@ -149,7 +150,7 @@ impl Selection {
 pub struct Plan {
     /// Index of the split in the dataset.
     pub split: usize,
-    /// Indices of the frames in the split, in training order. Those of further passes follow.
+    /// Indices of the frames in the split, in training order: the first pass, then any further passes.
     pub frames: Vec<usize>,
     /// Description of why frames are held out for evaluation, if any are.
     pub held_out: Option<String>,
@@ -222,7 +223,7 @@ impl Plan {
     }
 
     /// Plans the continuation of a run: the frames `visited` so far in their order, then the remaining
-    /// frames. `max_frames` limits the number of different frames, including visited ones.
+    /// frames. `max_frames` limits the number of distinct frames, including visited ones.
     pub fn resumed(
         dataset: &Dataset,
         selection: &Selection,

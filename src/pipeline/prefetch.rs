@@ -1,7 +1,7 @@
 //! Prefetch of frames: decoding and unprojection on other threads, delivered in order. With spare cores,
 //! a bounded number of frames is prepared ahead. Otherwise several are prepared at once between two
-//! training steps. A decoding thread beside a trainer on all cores would double the trainer's time
-//! (`pipeline.md`, Prefetch).
+//! training steps. A decoding thread that competes with training for the cores would double the training
+//! time (`pipeline.md`, Prefetch).
 //!
 //! A drive that does not respond only blocks a prefetch thread; the consumer waits with a timeout.
 
@@ -77,7 +77,7 @@ pub struct Prepared<O> {
 pub struct PreparedFrame<O> {
     /// Observation for the learner.
     pub observation: O,
-    /// Number of measured pixels that gave no point.
+    /// Number of pixels with measured depth that gave no point.
     pub dropped: usize,
     /// Time for reading and decoding, in milliseconds.
     pub load_ms: f64,
@@ -112,7 +112,7 @@ impl PlannedFrame {
 /// frame.
 pub struct Prefetch<P: Prepare> {
     upcoming: VecDeque<PlannedFrame>,
-    /// True if frames are prepared during training, false if only while the trainer waits.
+    /// True if frames are prepared during training, false if only while training waits.
     is_ahead: bool,
     /// Maximum number of frames requested at once.
     most: usize,
@@ -141,11 +141,11 @@ pub trait Prepare: Send + Sync + 'static {
     /// Buffers that are reused between frames, one value per thread.
     type Memory: Default + Send + 'static;
 
-    /// Returns an observation without points, whose memory is reused for frames.
+    /// Returns an observation without points; its memory is later reused for frames.
     fn empty() -> Self::Observation;
 
-    /// Replaces `observation` by that of `frame`. Returns the number of measured pixels that gave no
-    /// point.
+    /// Replaces `observation` by that of `frame`. Returns the number of pixels with measured depth that
+    /// gave no point.
     ///
     /// # Errors
     /// Reason to skip a frame that lacks required data, such as depth.
@@ -178,7 +178,7 @@ impl Prepare for UnprojectSettings {
     }
 }
 
-/// Prepares surface points and ranges for the scene preset.
+/// Prepares surface points and measured distances for the scene preset.
 impl Prepare for SurfaceSettings {
     type Observation = Observation;
     type Memory = Preparer;
@@ -350,7 +350,7 @@ impl<P: Prepare> Shared<P> {
     }
 }
 
-/// Receives a value by `next` from a channel that several threads share.
+/// Receives a value with the function `next` from a channel that several threads share.
 fn receive_shared<T>(
     channel: &Mutex<Receiver<T>>,
     next: impl FnOnce(&Receiver<T>) -> Option<T>,

@@ -163,8 +163,7 @@ pub(super) struct RunProgress {
 }
 
 impl RunProgress {
-    /// Returns the progress of a new run. Frames that the dataset refused when it was opened count as
-    /// skipped.
+    /// Returns the progress of a new run. Frames rejected when the dataset was opened count as skipped.
     pub fn at_start(dataset: &Dataset, split: usize) -> Self {
         let name = &dataset.splits[split].name;
         let refused = dataset.warnings.iter().filter(|w| w.split == *name);

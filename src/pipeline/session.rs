@@ -71,7 +71,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// Prepares a session and starts decoding. Frames that the dataset refused when it was opened count as
+    /// Prepares a session and starts decoding. Frames rejected when the dataset was opened count as
     /// skipped.
     pub fn new(
         dataset: Arc<Dataset>,
@@ -318,8 +318,8 @@ impl Session {
         std::mem::take(&mut self.outlier_warnings)
     }
 
-    /// True if the scene is rendered as after [`Self::settle`], with all buffered photographs trained
-    /// on.
+    /// True if the rendered scene already includes all buffered photographs, so that [`Self::settle`]
+    /// would not change it.
     pub fn is_settled(&self) -> bool {
         self.learner().status().is_settled
     }
@@ -433,7 +433,8 @@ impl Session {
         self.learner().splats_of(ids)
     }
 
-    /// Uses a computing device for a part of training from now on, if the learner has that part.
+    /// Adds a device that computes a part of training from now on; ignored if the learner has no such
+    /// part.
     ///
     /// # Errors
     /// [`DeviceError`] if the device has too little memory for the model; it is then not used.
@@ -446,8 +447,8 @@ impl Session {
     }
 }
 
-/// Returns the time in milliseconds since the last change of a frame's files. `None` if it is unknown or
-/// in the future.
+/// Returns the time in milliseconds since the last change of a frame's files. `None` if the time of the
+/// change is unknown or in the future.
 fn latency_ms(marks: &FrameMarks) -> Option<f64> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
     // Checked, because the recorder's clock may be ahead of this one.

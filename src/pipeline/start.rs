@@ -8,7 +8,7 @@ use crate::dataset::synthetic::ParamsError;
 use crate::dataset::{Dataset, synthetic};
 use std::sync::Arc;
 
-/// Error of starting the demo, training on the built-in synthetic room.
+/// Error of starting the demo, which trains on the built-in synthetic room.
 #[derive(Debug, thiserror::Error)]
 pub enum DemoError {
     /// The parameters of the synthetic room are invalid.

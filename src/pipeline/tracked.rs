@@ -1,7 +1,7 @@
 //! Trajectory of a tracked run, for evaluation, rendering and reports.
 //!
-//! Trained frames have the poses at which they were trained on. Other frames, such as held-out ones, are
-//! tracked against the finished scene without training. If the recording has poses, they correct the
+//! Frames used in training keep the poses found during training. Other frames, such as held-out ones,
+//! are tracked against the finished scene without training. If the recording has poses, they correct the
 //! rolling shutter of the views' images, as in any other run.
 
 use super::any_preset::PlacedLearner;
@@ -77,7 +77,7 @@ impl Trajectory {
         })
     }
 
-    /// Error of the tracked poses against the recorded poses, if there are any.
+    /// Error of the tracked poses relative to the recorded poses, if the dataset has any.
     pub fn error(&self, dataset: &Dataset) -> Option<TrajectoryError> {
         let recorded = dataset.with_recorded_poses()?;
         let entries = recorded.splits.iter().flat_map(|split| &split.frames);

@@ -1,9 +1,9 @@
 //! Ablation of the published algorithm: cost and benefit of each step from the dense E-step to
 //! forwarded reassignment, on any dataset.
 //!
-//! Dense rows would take minutes per frame, so they run on evenly spaced whole tiles. Times that grow
-//! with the number of points are scaled up. These models saw fewer points, so their PSNR is comparable
-//! only within those rows; a note states this.
+//! Rows with a dense E-step would take minutes per frame, so they run on evenly spaced whole tiles.
+//! Times that grow with the number of points are scaled up. The models of these rows saw fewer points,
+//! so their PSNR is comparable only among these rows; a note states this.
 
 use super::sample::{TrainingSample, count};
 use super::table::{TimedRow, TimedStep, time};
@@ -25,8 +25,8 @@ pub struct AblationPlan {
     pub frames: usize,
     pub views: usize,
     pub repeats: usize,
-    /// Maximum number of point-component pairs that a row with a dense E-step scores per frame. Its
-    /// frames are thinned accordingly.
+    /// Maximum number of point-component pairs that a row with a dense E-step scores per frame. The
+    /// row's frames are thinned accordingly.
     pub dense_pairs: usize,
     pub options: BenchOptions,
 }

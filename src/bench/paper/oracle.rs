@@ -1,11 +1,10 @@
-//! Distance of an engine's posterior from that of the dense f64 oracle. Both start from equal means
-//! and train on equal points.
+//! Error of an engine's posterior relative to that of the oracle, the dense f64 engine. Both start from
+//! equal means and train on equal points.
 //!
-//! Reassignment is off in both. It samples points by their ELBO, so a single rounding error can move
-//! another component. With it, arithmetic errors could not be separated from sampling. Quantiles weight
-//! each component by its evidence, because the covariance of a component with one point is almost all
-//! prior. Errors of means are relative to the larger of the mean's length and the component's standard
-//! deviation.
+//! Reassignment is off in both. It samples points by their ELBO, so a single rounding error could move
+//! another component and hide the arithmetic errors. Quantiles weight each component by its evidence,
+//! because the covariance of a component with one point is almost all prior. Errors of means are
+//! relative to the larger of the mean's length and the component's standard deviation.
 
 use super::sample::push_tile;
 use crate::bench::findings::BenchError;
@@ -52,19 +51,19 @@ pub struct Errors {
 /// points assigned to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct PosteriorErrors {
-    /// 99 % quantile of `|m − m*| / max(|m*|, sd)` over component means `m`. The oracle's value is `m*`,
-    /// the component's standard deviation `sd`.
+    /// 99 % quantile over components of `|m − m*| / max(|m*|, sd)`, with the mean `m`, the oracle's mean
+    /// `m*` and the component's standard deviation `sd`.
     pub mean_p99: f64,
     pub mean_max: f64,
-    /// 99 % quantile of `‖Σ − Σ*‖ / ‖Σ*‖` over component covariances `Σ`, in the Frobenius norm. The
-    /// oracle's value is `Σ*`.
+    /// 99 % quantile over components of `‖Σ − Σ*‖ / ‖Σ*‖` in the Frobenius norm, with the covariance
+    /// `Σ` and the oracle's covariance `Σ*`.
     pub covariance_p99: f64,
     pub covariance_max: f64,
 }
 
 impl PosteriorErrors {
-    /// Returns the larger of the 99 % error quantiles of means and covariances. Error bounds are checked
-    /// against it.
+    /// Returns the larger of the 99 % error quantiles of means and covariances, the value that error
+    /// bounds limit.
     pub fn p99(&self) -> f64 {
         self.mean_p99.max(self.covariance_p99)
     }
@@ -147,7 +146,7 @@ fn tiles(points: &Points<f32>) -> Vec<Points<f32>> {
     (0..points.n_tiles()).map(tile).collect()
 }
 
-/// Returns the total variation distance: half the sum of absolute differences.
+/// Returns the total variation distance of two distributions: half the sum of absolute differences.
 pub(super) fn total_variation(a: &Shares, b: &Shares) -> f64 {
     let here = a.iter().map(|(id, r)| (r - b.get(id).unwrap_or(&0.0)).abs());
     let only_there = b.iter().filter(|(id, _)| !a.contains_key(id)).map(|(_, r)| r.abs());

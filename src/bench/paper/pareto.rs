@@ -1,9 +1,9 @@
 //! Speed against error: varies one setting of a base configuration at a time. Each configuration is
 //! timed, rendered and compared with the dense f64 oracle.
 //!
-//! A full grid would need thousands of runs. Dense reassignment appears only in the ablation,
-//! because it costs a dense pass per frame. Oracle and engine start from the final means of the
-//! timed run: few fresh random means ever receive a point, so they would compare little.
+//! A full grid would need thousands of runs. Dense reassignment appears only in the ablation, because
+//! it costs a dense pass per frame. Oracle and engine start from the final means of the timed run. Few
+//! random initial means ever receive a point, so a comparison from them would cover few components.
 
 use super::oracle::{DenseOracle, Errors};
 use super::runs::{Runs, with_threads};
@@ -32,7 +32,7 @@ pub struct ParetoPlan {
     pub components: Vec<usize>,
     pub candidates: Vec<usize>,
     pub precisions: Vec<Precision>,
-    /// Numbers of threads; those above the machine's number are skipped.
+    /// Numbers of threads, besides all threads of the machine; larger numbers are skipped.
     pub threads: Vec<usize>,
     pub policies: Vec<ReassignPolicy>,
     pub frames: usize,

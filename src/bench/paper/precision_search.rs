@@ -161,7 +161,8 @@ fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDra
     Ok(InitialDraw { means: state.means.rows(), alpha: state.alpha_init })
 }
 
-/// Returns every assignment of numeric precisions to the operations, highest precision first.
+/// Returns every assignment of floating-point precisions (f32 or f64) to the operations, highest
+/// precision first.
 fn combinations() -> Vec<Operations> {
     // A zero bit means f64, so that counting up goes from the widest to the narrowest.
     let width = |bits: u32, place: u32| match bits >> place & 1 {
@@ -178,9 +179,9 @@ fn combinations() -> Vec<Operations> {
     (0..1 << 5).map(with).collect()
 }
 
-/// Chooses a combination within the error bound. Candidates are those whose quartiles of time overlap
-/// those of the fastest. The candidate with the smallest error is chosen. Of equal errors, the
-/// combination of highest precision is chosen. Returns `None` if no combination is within the bound.
+/// Chooses a combination within the error bound, or returns `None` if there is none. Candidates are
+/// those whose quartiles of time overlap those of the fastest. Of these, the one with the smallest
+/// error is chosen; ties go to the highest precision.
 fn choose(combinations: &[Combination]) -> Option<Combination> {
     let within = || combinations.iter().filter(|c| c.within_bound);
     let fastest = within().min_by(|a, b| a.ms.total_cmp(&b.ms))?;

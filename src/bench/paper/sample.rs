@@ -1,4 +1,5 @@
-//! Frames of a dataset in memory, and the held-out views that measure a model trained on them.
+//! Frames of a dataset in memory, and the held-out views on which models trained on these frames are
+//! evaluated.
 
 use crate::bench::findings::BenchError;
 use crate::bench::frames::{ViewIndices, each_frame, held_out_views, spaced};
@@ -22,7 +23,7 @@ pub struct TrainingSample {
     pub dataset: Arc<Dataset>,
     pub normalization: Normalization,
     pub frames: Vec<Points<f32>>,
-    /// Held-out views that measure PSNR.
+    /// Held-out views on which PSNR is measured.
     views: ViewIndices,
 }
 

@@ -23,7 +23,7 @@ use strum::{Display, IntoStaticStr};
 pub struct ScalingPlan {
     pub points: Vec<usize>,
     pub components: Vec<usize>,
-    /// Numbers of threads; those above the machine's number are skipped.
+    /// Numbers of threads, besides all threads of the machine; larger numbers are skipped.
     pub threads: Vec<usize>,
     /// Number of points per frame while components or threads are varied.
     pub base_points: usize,

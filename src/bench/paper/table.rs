@@ -23,7 +23,7 @@ pub struct TimedStep {
     pub is_thinned: bool,
 }
 
-/// One row of a table. Times are medians over the runs, in milliseconds per frame of all points.
+/// One row of a table. Times are medians over the runs, in milliseconds per frame with all its points.
 #[derive(Clone, Debug, Serialize)]
 pub struct TimedRow {
     pub sweep: &'static str,

@@ -17,7 +17,7 @@ const WARM_UP: usize = 8;
 
 pub struct TimedGpu {
     gpu: HeadlessGpu,
-    /// One renderer per `Renderer` variant, because timestamps of a shared one would mix both.
+    /// One renderer per `Renderer` variant, because a shared renderer would mix their timestamps.
     methods: [TimedMethod; 2],
     scene: GpuScene,
 }

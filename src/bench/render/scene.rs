@@ -1,7 +1,7 @@
 //! Scenes with any number of splats and constant coverage of the image.
 //!
 //! Splats shrink as their number grows, so that the cost follows the number of splats rather than
-//! their overlap. Shapes and opacities of the synthetic scene match those of a trained one.
+//! their overlap. Shapes and opacities of the synthetic scene match those of a trained scene.
 
 use crate::math::rng::{Purpose, Rng};
 use crate::model::splat::splats::Splat;

@@ -3,9 +3,10 @@
 //!
 //! The first two tables measure each part in two ways. The first adds parts one by one, so a part is
 //! measured without the parts after it. The second leaves out one part at a time, so a part is measured
-//! with all others. The difference shows parts that help only in combination. Births and refinement
-//! depend on the order of frames, so a difference counts only if it exceeds the spread over three
-//! orders. All rows are evaluated with one camera, regardless of the camera they were trained with.
+//! with all others. The difference shows parts that help only in combination. Creation of components
+//! and refinement depend on the order of frames, so a difference counts only if it exceeds the spread
+//! over three orders. All rows are evaluated with one camera, regardless of the camera they were
+//! trained with.
 
 mod report;
 pub mod retention;
@@ -66,7 +67,7 @@ impl AccuracyPlan {
 struct AccuracyRuns {
     dataset: Arc<Dataset>,
     plan: Plan,
-    /// Held-out views that measure quality.
+    /// Held-out views on which quality is measured.
     views: ViewIndices,
     crack_views: Option<ViewIndices>,
     options: EvalOptions,
@@ -210,8 +211,8 @@ pub struct AccuracyRow {
     pub coverage: f64,
     pub ssim: f64,
     pub ssim_aligned: Option<f64>,
-    /// Share of interior pixels with transmittance > 0.1 at the training distance. This field and the
-    /// next three are measured with the first order of frames only.
+    /// Fraction of interior pixels with transmittance > 0.1 at the training distance. This field and
+    /// the next three are measured with the first order of frames only.
     pub cracks_01: Option<f64>,
     pub cracks_03: Option<f64>,
     pub cracks_half_01: Option<f64>,

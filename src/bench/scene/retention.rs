@@ -45,7 +45,7 @@ pub struct RetentionSummary {
     pub most_lost: f64,
     /// PSNR of the held-out views during training: number of frames trained on, and mean PSNR in dB.
     pub held_out: Vec<(usize, f64)>,
-    /// Largest fall of the held-out views' PSNR below an earlier value, dB.
+    /// Largest drop of the held-out views' PSNR below an earlier value, dB.
     pub held_out_fall: f64,
 }
 

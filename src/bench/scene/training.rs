@@ -1,8 +1,9 @@
-//! Trains several configurations on the same frames. Each frame is decoded and prepared once per
-//! group with equal preparation. Sums are computed once for configurations that differ only in
-//! drawing.
+//! Trains several configurations on the same frames. Each frame is decoded and prepared once per group
+//! of configurations with equal preparation. Sufficient statistics are computed once for configurations
+//! that differ only in drawing.
 //!
-//! Dozens of rows share this work. Without it, three orders of 200 frames would be too expensive.
+//! The dozens of rows of a table share this work. Otherwise, three orders of 200 frames would be too
+//! expensive.
 
 use crate::bench::findings::BenchError;
 use crate::bench::frames::{each_frame, spaced};

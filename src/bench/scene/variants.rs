@@ -1,9 +1,9 @@
 //! Configurations of the tables: parts of the scene preset added one by one or left out one at a
 //! time, and structural scales.
 //!
-//! Each part is represented by a change that disables it. A row whose change has no effect on a
-//! dataset is left out. Constants of the changes are those of the ablation in the docs
-//! (`scene.md`, Effect of each part), so that rows are comparable.
+//! Each part is represented by a change that disables it. A row whose change has no effect on a dataset
+//! is left out. The changes use the constants of the ablation in the docs (`scene.md`, Effect of each
+//! part), so that rows are comparable.
 
 use crate::dataset::Dataset;
 use crate::dataset::calibration::Calibration;
@@ -114,7 +114,8 @@ fn opacity_of_count(run: &mut SceneRun) {
     *opacity = DensityOpacity { doubt: DOUBT, rho0: 300.0 / DOUBT, ..*opacity };
 }
 
-/// Loosens the inlier thresholds (`dataset.md`, Plane fit) of the sensor that has tighter ones.
+/// Sets loose inlier thresholds (`dataset.md`, Plane fit) for 8-bit ray depth, whose default thresholds
+/// are tighter.
 fn loose_inliers(run: &mut SceneRun) {
     if run.surface.sensor == Sensor::Inverse8Ray {
         run.surface.thresholds =
@@ -122,7 +123,7 @@ fn loose_inliers(run: &mut SceneRun) {
     }
 }
 
-/// Returns the rows of the first two tables around a preset. Changes without effect on the dataset are
+/// Returns the rows of the first two tables for a preset. Changes without effect on the dataset are
 /// left out.
 pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
     let with = |changes: &[PresetChange]| {
@@ -159,8 +160,8 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
 /// Budgets as fractions of the number of components created without a budget.
 const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
 
-/// Returns one row per budget, to which the preset's components are merged down. `born` is the number of
-/// components created without a budget.
+/// Returns one row per component budget; components are merged until they fit the budget. `born` is the
+/// number of components created without a budget.
 pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     let of_share = |share: f64| {
         let mut run = base.clone();

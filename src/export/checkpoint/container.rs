@@ -1,9 +1,9 @@
 //! Container of a checkpoint: header, section table and checksums.
 //!
-//! Checks run from the outside inwards and allocate only for what the file is known to hold (`files.md`,
-//! Checkpoint container). A length in a damaged file therefore cannot cause a large allocation. Sections
-//! start at multiples of 64 bytes (a cache line), in table order, with only zeros between: the encoding is
-//! unique.
+//! Checks run from the outside inwards and allocate only for data that the file is known to contain
+//! (`files.md`, Checkpoint container). A length in a damaged file therefore cannot cause a large
+//! allocation. Sections start at multiples of 64 bytes (a cache line), in table order, with only zeros
+//! between them, so the encoding is unique.
 
 use super::super::error::{shorten, try_with_capacity};
 use super::element::{ElementType, Stored};

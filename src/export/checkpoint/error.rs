@@ -14,7 +14,7 @@ pub enum CheckpointError {
     /// The file is readable but is not a usable checkpoint.
     #[error("{}: {defect}", path.display())]
     Content { path: PathBuf, defect: Defect },
-    /// The model would produce a file that `read` refuses.
+    /// The model would produce a file that `read` rejects.
     #[error(
         "{}: not written, because it could not be read back: {}; an existing file of that name is unchanged; export the splats to save the result",
         path.display(), defect.finding()

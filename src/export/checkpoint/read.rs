@@ -23,8 +23,9 @@ pub fn is_checkpoint(path: &Path) -> bool {
 
 /// Reads a checkpoint and validates all of it.
 ///
-/// # Errors The file cannot be read, is not a checkpoint, is damaged, has another major version, or
-/// holds impossible values; the [`Defect`] states where.
+/// # Errors
+/// The file cannot be read, is not a checkpoint, is damaged, has another major version, or holds
+/// impossible values; the [`Defect`] states where.
 pub fn read(path: &Path) -> Result<LoadedCheckpoint, CheckpointError> {
     let bytes = read_file(path).map_err(|fault| match fault {
         // The message for a missing model lists other formats.

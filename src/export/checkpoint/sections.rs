@@ -19,8 +19,8 @@ impl<'a> Container<'a> {
         self.section(tag).ok_or_else(missing)
     }
 
-    /// Reads a value by `read` if the section `tag` exists, otherwise returns the default. Simpler
-    /// models and older files lack some sections.
+    /// Reads a value with the function `read` if the section `tag` exists, otherwise returns the
+    /// default. Simpler models and older files lack some sections.
     pub fn optional<R: Default>(
         &self,
         tag: [u8; 4],
@@ -181,5 +181,5 @@ pub fn is_known(tag: [u8; 4]) -> bool {
 }
 
 /// Version of the format that this program writes, major and minor. Scenes require 1.1 or later. From
-/// 1.2 on, scenes hold no contributions of single frames, and their sums have a single form.
+/// 1.2 on, scenes hold no contributions of single frames, and their sums have only one encoding.
 pub const VERSION: (u16, u16) = (1, 2);

@@ -13,8 +13,8 @@ use std::path::Path;
 /// Writes a checkpoint atomically (see [`atomic::write_atomic`]); returns the number of bytes.
 ///
 /// # Errors
-/// The file cannot be written, or [`read`](super::read()) would refuse the model. A refused model leaves
-/// all files untouched.
+/// The file cannot be written, or [`read`](super::read()) would reject the model. In the latter case, all
+/// files are untouched.
 pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
     check_readable(path, checkpoint)?;
     Ok(atomic::write_atomic(path, |out| write_to(out, checkpoint))?)
@@ -29,7 +29,7 @@ pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, Ch
     Ok(atomic::write_with_backup(path, |out| write_to(out, checkpoint))?)
 }
 
-/// Returns an error for a model that would be refused on reading.
+/// Returns an error for a model that could not be read back.
 fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
     // An unreadable file must not replace a valid one.
     let checked = match &checkpoint.model {

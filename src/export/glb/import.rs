@@ -1,8 +1,8 @@
 //! Import of splats or points from a parsed glTF with loaded buffers.
 //!
-//! If any primitive holds splats, those are the model and all others are noted as skipped; otherwise points
-//! are imported. All columns are opened and all rows counted before memory is allocated: many nodes may share
-//! one mesh, so a small file can request any number of rows.
+//! If any primitive holds splats, only the splats are imported, and all other primitives are reported as
+//! skipped. Otherwise points are imported. All columns are opened and all rows counted before memory is
+//! allocated: many nodes may share one mesh, so a small file can request any number of rows.
 
 use super::container::{Column, unsupported};
 use super::schema::{GaussianSplatting, Node, Primitive, Root};

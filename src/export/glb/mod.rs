@@ -1,5 +1,5 @@
-//! glTF 2.0 with `KHR_gaussian_splatting` (`files.md`, GLB). Files are y-up, splats in memory z-up: writing
-//! maps `(x, y, z)` to `(x, z, −y)`, and reading always inverts that.
+//! glTF 2.0 with `KHR_gaussian_splatting` (`files.md`, GLB). Files are y-up, splats in memory z-up.
+//! Writing maps `(x, y, z)` to `(x, z, −y)`, and reading always inverts this mapping.
 
 mod container;
 mod import;

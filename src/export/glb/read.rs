@@ -11,7 +11,7 @@ use std::path::{Component, Path, PathBuf};
 const MAX_JSON_BYTES: usize = 64 << 20;
 /// Maximum nesting of JSON arrays and objects (`files.md`, Limits).
 const MAX_JSON_DEPTH: usize = 64;
-/// glTF extensions that a file may require: the splat extension, and those that do not affect the
+/// glTF extensions that a file may require: the splat extension, and extensions that do not affect the
 /// import.
 const KNOWN_EXTENSIONS: [&str; 2] = [EXTENSION, "KHR_materials_unlit"];
 

@@ -1,8 +1,8 @@
 //! JSON structures of glTF, as far as splats need them. Fields are in the order of writing.
 //!
 //! The `gltf` crate is not used: it only accepts core attribute names and those with an underscore, so
-//! `KHR_gaussian_splatting:SCALE` fails its validation and loses its name. The same structs read and write,
-//! so files of this program are always readable.
+//! `KHR_gaussian_splatting:SCALE` fails its validation and loses its name. The same structs serve reading
+//! and writing, so files of this program are always readable.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -1,8 +1,8 @@
 //! Splats as GLB: one tightly packed buffer view per attribute.
 //!
 //! One table of columns holds both the declaration and the encoder of each attribute, so accessor, buffer
-//! view and bytes cannot disagree. Rows are computed again for each column, so memory stays at one block of
-//! rows for any model size. Everything that can be refused is refused before a file is created.
+//! view and bytes cannot disagree. Rows are computed again for each column, so memory stays at one block
+//! of rows for any model size. All checks that can reject an export run before a file is created.
 
 use super::container::{F32, U16, row_size};
 use super::schema::*;

@@ -1,4 +1,4 @@
-//! Signed distance field, defined only near evidence.
+//! Signed distance field, defined only near components with enough points.
 //!
 //! Each component is a plane segment that contributes its signed distance to nearby grid corners. Its weight
 //! decreases along the plane, as the component's Gaussian does, and across it. The distance at a corner is

@@ -1,5 +1,5 @@
 //! Triangle mesh from the plane segments of a scene's components (`files.md`, Mesh), weighted by their
-//! points.
+//! numbers of points.
 //!
 //! ```
 //! use glam::{DMat3, DVec3};

@@ -1,7 +1,7 @@
 //! PLY header: elements, properties, comments.
 //!
-//! Parsed by hand, so that messages state the line and the header size is bounded before its end is searched
-//! for.
+//! The parser is hand-written: its messages state the line, and it limits the header size before it
+//! searches for the end of the header.
 
 use crate::export::error::{Fault, shorten};
 use std::borrow::Cow;

@@ -6,7 +6,7 @@ mod header;
 pub(super) mod read;
 pub(super) mod write;
 
-/// Number of harmonic coefficients per channel of degree 1.
+/// Number of degree 1 harmonic coefficients per colour channel.
 const N_REST_DEGREE_1: usize = 3;
-/// Number of harmonic coefficients per channel of degrees 1 to 3 together.
+/// Number of harmonic coefficients of degrees 1 to 3 together, per colour channel.
 const N_REST_DEGREE_3: usize = 15;

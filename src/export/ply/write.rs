@@ -161,7 +161,7 @@ fn nearest(point: DVec3, camera_centres: &[DVec3]) -> Option<DVec3> {
     distances.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, centre)| centre)
 }
 
-/// Returns the axis along which the splat is thinnest, directed towards the camera.
+/// Returns a splat's unit normal, the axis along which it is thinnest, directed towards the camera.
 #[expect(clippy::indexing_slicing, reason = "one of three axes")]
 fn normal(splat: &Gaussian, camera: DVec3) -> DVec3 {
     let axis = splat.rotation * DVec3::AXES[splat.scale.min_position()];

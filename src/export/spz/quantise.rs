@@ -131,7 +131,7 @@ fn encode_without(left_out: usize, xyzw: [f64; 4]) -> [u8; 4] {
     bits.to_le_bytes()
 }
 
-/// Inverse of [`coefficient`]: quantises a degree 1 coefficient in fewer steps than a byte has.
+/// Inverse of [`coefficient`]: quantises a degree 1 coefficient in fewer than 256 steps.
 pub(super) fn to_coefficient(f: f64) -> u8 {
     let step = 256.0 / COEFFICIENT_STEPS;
     nearest(((128.0 * f) / step).round() * step + 128.0)

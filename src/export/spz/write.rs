@@ -1,8 +1,8 @@
 //! Splats as SPZ version 4.
 //!
 //! Splats are written along a space-filling curve, so that neighbours are similar and compress well.
-//! Coordinates have enough fraction bits for an eighth of a small splat's size: this moves nothing visibly,
-//! and any further bit is incompressible noise.
+//! Coordinates are rounded to an eighth of a small splat's size. The rounding is invisible, and further
+//! bits would be incompressible noise.
 
 use super::container::{COLUMN_NAMES, MAGIC, NGSP_BYTES};
 use super::quantise::{

@@ -1,8 +1,8 @@
 //! Comparison of settings given with `--resume` against those of the run.
 //!
-//! Values are compared in the setting's own type: model settings by the preset's table, settings of
-//! frames and depth here. A comparison of the stored JSON would miss settings that are renamed or moved
-//! there.
+//! Each value is compared in its own type, because a comparison as JSON would miss settings that were
+//! renamed or moved. Model settings are compared by the preset's table, settings of frames and depth by
+//! this module.
 
 use super::error::RunError;
 use super::saved::{History, SavedRun, parse};
@@ -35,7 +35,7 @@ pub struct ResumeRequest {
     pub order: Option<Order>,
     /// Stride: only every N-th frame is used.
     pub stride: Option<usize>,
-    /// Shard of the frames: the part for one of several runs.
+    /// Shard: the part of the frames that one of several runs trains on.
     pub shard: Option<Shard>,
     /// Options for reading depth files.
     pub load: LoadOptions,

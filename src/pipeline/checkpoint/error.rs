@@ -55,8 +55,8 @@ pub enum RunError {
          that checkpoint and its own --shard", path.display(), origin.display()
     )]
     Origin { path: PathBuf, origin: PathBuf, found: &'static str },
-    /// The runs share frames, which would count twice. `first` is the index of the first shared frame in
-    /// the split.
+    /// The runs share frames, which would be counted twice. `first` is the index of the first shared
+    /// frame in the split.
     #[error(
         "{} and {}: expected no frame in both, found {n_frames}, the first {first}; merge models \
          trained on different frames, such as with --shard, or give their common start with \

@@ -1,5 +1,5 @@
-//! Merging of runs that started alike and were trained on different frames. Mixtures, whose components are
-//! the same from the start, are added; scenes, whose components are created from points, are fused.
+//! Merging of runs with the same start that were trained on different frames. Mixtures have the same
+//! components from the start and are added. Scenes create their components from points and are fused.
 
 use super::error::RunError;
 use super::saved::{Meta, SavedRun, canonical};
@@ -20,8 +20,8 @@ use std::collections::BTreeSet;
 /// fused, and the order of `runs` does not affect the model.
 ///
 /// # Errors
-/// [`RunError::Unlike`] if the runs did not start alike, [`RunError::Overlap`] if a frame would count
-/// twice, [`RunError::Add`] for totals that cannot be added exactly.
+/// [`RunError::Unlike`] if datasets, settings or initial models differ, [`RunError::Overlap`] if a
+/// frame would count twice, [`RunError::Add`] for totals that cannot be added exactly.
 pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
     if runs.first().is_some_and(|run| run.config.method.scene().is_some()) {
         return fuse(None, runs);
@@ -36,7 +36,7 @@ pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
 /// that all runs added to them.
 ///
 /// # Errors
-/// As [`merge`], and [`RunError::Origin`] unless all continued `origin`.
+/// As [`merge`], and [`RunError::Origin`] if a run does not continue `origin`.
 pub fn merge_onto(origin: &SavedRun, runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
     fuse(Some(origin), runs)
 }

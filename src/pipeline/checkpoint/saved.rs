@@ -24,7 +24,7 @@ pub struct Meta {
     pub program: String,
     /// Time of saving, Unix seconds.
     pub saved_unix_s: u64,
-    /// Absolute path of the dataset; `None` for the procedural scene.
+    /// Absolute path of the dataset; `None` for the built-in synthetic room.
     pub dataset: Option<PathBuf>,
     /// Fingerprint of the dataset.
     pub fingerprint: Fingerprint,

@@ -71,7 +71,7 @@ impl Session {
     /// cannot be read back. Retains an older file as `<name>.bak`.
     ///
     /// # Errors
-    /// Message that states why no file was saved, including that of a second panic.
+    /// Message that states why no file was saved; after a second panic, the message of that panic.
     pub fn save_after_panic(&self, path: &Path) -> Result<(), String> {
         let attempt = || -> Result<(), String> {
             self.save_keeping_old(path).map_err(|error| error.to_string())?;

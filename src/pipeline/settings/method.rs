@@ -1,4 +1,4 @@
-//! Settings of a model of either preset. Other code uses [`AnyPreset`] instead of distinguishing the two.
+//! Settings of a model of either preset. Code that treats both presets alike uses [`AnyPreset`].
 
 use super::scene::{SceneOverrides, SceneRun};
 use crate::dataset::Dataset;
@@ -73,7 +73,7 @@ impl MethodRequest {
     /// Fits the settings to a dataset.
     ///
     /// # Errors
-    /// [`SessionError`] for a setting out of range, or for frames that a scene cannot start with.
+    /// [`SessionError`] for a setting out of range, or for frames from which a scene cannot start.
     pub(in crate::pipeline) fn fit_to_dataset(
         self,
         dataset: &Dataset,

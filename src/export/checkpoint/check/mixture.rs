@@ -80,8 +80,8 @@ fn check_means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect
     Ok(())
 }
 
-/// Checks that the sums of component `k` are finite, with no negative count or diagonal moment. Each
-/// mixed second moment must be at most the mean of the two axes' diagonal moments.
+/// Checks that the sums of component `k` are finite, with no negative count or diagonal moment. The
+/// magnitude of each mixed second moment must be at most the mean of the two axes' diagonal moments.
 #[expect(clippy::indexing_slicing, reason = "indices from the tables, or found among the sums")]
 fn check_sums(k: usize, row: [f64; N_SUMS]) -> Result<(), Defect> {
     let refuse = |i: usize, expected| Err(value_defect(SUMS[i].0, k, SUMS[i].1, expected, row[i]));

@@ -172,7 +172,7 @@ fn check_photometric(state: &PhotometricState) -> Result<(), Defect> {
 }
 
 /// Checks the `f64` sums of components with `WIDE_POINTS` points or more. Ids must ascend, sums must be
-/// whole quanta, and the component's `i32` sums in `rows` must be zero.
+/// whole multiples of 2⁻¹⁵, and the component's `i32` sums in `rows` must be zero.
 #[expect(clippy::indexing_slicing, reason = "ids index rows, positions index sums")]
 fn check_wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
     check_ascending(WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
@@ -199,9 +199,9 @@ fn check_wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defec
     Ok(())
 }
 
-/// Checks that the sums of component `k` are finite, with no negative count or diagonal moment. They
-/// must also be within the limit per point. Each mixed second moment must be at most the mean of the two
-/// axes' diagonal moments.
+/// Checks that the sums of component `k` are finite, with no negative count or diagonal moment. No sum
+/// may exceed `MAX_TERM` per point. The magnitude of each mixed second moment must be at most the mean
+/// of the two axes' diagonal moments.
 #[expect(clippy::indexing_slicing, reason = "indices from the table, or found among the sums")]
 fn check_sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
     let n = row[0];

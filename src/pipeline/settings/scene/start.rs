@@ -1,7 +1,7 @@
 //! Fitting of the scene settings to a dataset.
 //!
-//! Values measured with the kind of sensor are the defaults; the user's settings take precedence. The structural
-//! scale is then converted to world units, from sampled frames prepared as in training.
+//! The defaults are values measured for the kind of sensor; the user's settings take precedence. The
+//! structural scale is then converted to world units, from sampled frames prepared as in training.
 
 use super::table::SceneOverrides;
 use crate::dataset::Dataset;
@@ -24,7 +24,7 @@ const LARGE_FRAME: usize = 150_000;
 
 impl SceneRun {
     /// Fits the settings to sampled frames of a plan. Only equal plans give equal settings, so each
-    /// shard has to pass the plan of all frames.
+    /// shard has to pass the plan of all shards together.
     ///
     /// # Errors
     /// [`SceneError`] for a setting out of range, or unusable depth.
