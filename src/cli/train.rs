@@ -380,7 +380,7 @@ fn save_report(
         summary.components,
         summary.drawn
     );
-    // The processor is the normal case and needs no line.
+    // The CPU is the normal case and needs no line.
     let fits = [&report.passes, &report.points].into_iter().flatten();
     for used in fits.filter(|used| used.device.is_some()) {
         output::print_line(used.summary_line());
@@ -472,7 +472,7 @@ fn attach_gpu(session: &mut Session, must: bool) -> Result<(), Failure> {
         if must {
             return Err(failed!("--device gpu: {error}; --device cpu needs none"));
         }
-        eprintln!("note: {error}: the processor {what}");
+        eprintln!("note: {error}: the CPU {what}");
     }
     Ok(())
 }

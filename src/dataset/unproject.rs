@@ -75,7 +75,7 @@ impl std::fmt::Display for PointCounts {
 }
 
 impl PointCounts {
-    /// Returns the number of measured pixels that became no point.
+    /// Returns the number of pixels with measured depth that gave no point.
     pub fn dropped(&self) -> usize {
         self.dropped_alpha + self.dropped_edge + self.dropped_range + self.dropped_far
     }

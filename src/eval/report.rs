@@ -112,7 +112,7 @@ pub struct FrameReport {
     pub frame: String,
     /// Number of points trained on.
     pub points: usize,
-    /// Number of measured pixels without a point.
+    /// Number of pixels with measured depth that gave no point.
     pub points_dropped: usize,
     /// Number of components, used or not.
     pub components: usize,

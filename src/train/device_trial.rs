@@ -15,7 +15,7 @@ pub enum DevicePolicy {
 }
 
 /// Reason for a fallback when the device's results differ from the CPU's.
-pub(super) const DIFFERING: &str = "its arithmetic differs from the processor's";
+pub(super) const DIFFERING: &str = "its arithmetic differs from the CPU's";
 
 /// Median time of the same work on the CPU and on a device, milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,16 +35,16 @@ fn device_summary(
     trial: Option<DeviceMs>,
     given_up: Option<&str>,
 ) -> String {
-    let Some(device) = device else { return format!("the processor {did} {what}") };
+    let Some(device) = device else { return format!("the CPU {did} {what}") };
     let by = match counts {
-        [0, _] => format!("the processor {did} {what}"),
+        [0, _] => format!("the CPU {did} {what}"),
         [_, 0] => format!("{device} {did} {what}"),
-        [n, m] => format!("{device} {did} {n} {what}, the processor {m}"),
+        [n, m] => format!("{device} {did} {n} {what}, the CPU {m}"),
     };
     let measured = trial.map(|DeviceMs { processor, device: other }| {
-        format!(" (measured: {other:.1} ms on {device}, {processor:.1} ms on the processor)")
+        format!(" (measured: {other:.1} ms on {device}, {processor:.1} ms on the CPU)")
     });
-    let lost = given_up.map(|why| format!("; fell back to the processor: {why}"));
+    let lost = given_up.map(|why| format!("; fell back to the CPU: {why}"));
     by + &measured.unwrap_or_default() + &lost.unwrap_or_default()
 }
 
@@ -256,19 +256,17 @@ mod summary_tests {
     #[test]
     fn the_line_says_what_was_used() {
         let mut found = ComparerUse { processor_frames: 3, ..ComparerUse::default() };
-        assert_eq!(found.summary_line(), "the processor compared photographs");
+        assert_eq!(found.summary_line(), "the CPU compared photographs");
         found.device = Some("Card".into());
         found.device_frames = 5;
         found.trial = Some(DeviceMs { processor: 12.0, device: 1.5 });
         assert_eq!(
             found.summary_line(),
-            "Card compared 5 photographs, the processor 3 (measured: 1.5 ms on Card, 12.0 ms on the processor)"
+            "Card compared 5 photographs, the CPU 3 (measured: 1.5 ms on Card, 12.0 ms on the CPU)"
         );
         found = ComparerUse { trial: None, given_up: Some("lost".into()), ..found };
-        assert!(
-            found.summary_line().ends_with("the processor 3; fell back to the processor: lost")
-        );
+        assert!(found.summary_line().ends_with("the CPU 3; fell back to the CPU: lost"));
         let fitted = PassUse { processor_frames: 3, ..PassUse::default() };
-        assert_eq!(fitted.summary_line(), "the processor fitted frames");
+        assert_eq!(fitted.summary_line(), "the CPU fitted frames");
     }
 }

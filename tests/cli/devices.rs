@@ -20,7 +20,7 @@ fn the_processor_compares_where_it_is_asked_to() {
     let (used, said) = trained("--device cpu");
     assert_eq!(used["device"], Value::Null);
     assert_eq!((&used["processor_frames"], &used["device_frames"]), (&3.into(), &0.into()));
-    assert!(said.contains("the processor compared photographs"), "{said}");
+    assert!(said.contains("the CPU compared photographs"), "{said}");
     let (none, said) = trained("--photometric off");
     assert!(none.is_null() && !said.contains("photographs"), "{none} {said}");
 }

@@ -80,7 +80,7 @@ fn what_a_device_leaves_open_is_the_processors() {
 fn a_device_of_other_arithmetic_is_given_up_before_it_counts() {
     let wrong = used(false, usize::MAX, DevicePolicy::Device);
     assert_eq!((wrong.device_frames, wrong.processor_frames), (0, 4));
-    assert_eq!(wrong.given_up.as_deref(), Some("its arithmetic differs from the processor's"));
+    assert_eq!(wrong.given_up.as_deref(), Some("its arithmetic differs from the CPU's"));
 }
 
 #[test]

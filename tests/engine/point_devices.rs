@@ -96,7 +96,7 @@ fn a_device_of_other_arithmetic_is_given_up_before_it_counts() {
     // The first device errs in its sums, the second in its seeds.
     for (seed, length) in [(LEFT_TO_PROCESSOR, 1.0), (0, 3.0)] {
         let wrong = used(seed, usize::MAX, length, DevicePolicy::Device);
-        assert_eq!(counts(&wrong), (0, 4, Some("its arithmetic differs from the processor's")));
+        assert_eq!(counts(&wrong), (0, 4, Some("its arithmetic differs from the CPU's")));
     }
 }
 

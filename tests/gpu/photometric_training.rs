@@ -108,5 +108,5 @@ fn a_view_too_large_for_the_device_is_the_processors() {
     let refused = used(&on_device(&room, &gpu, |_| ()));
     assert_eq!(frames(&refused), [0, 12], "{refused:?}");
     let why = refused.given_up.unwrap();
-    assert!(why.contains("MiB") && why.contains("the processor is used instead"), "{why}");
+    assert!(why.contains("MiB") && why.contains("the CPU is used instead"), "{why}");
 }

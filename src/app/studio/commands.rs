@@ -190,7 +190,7 @@ impl Studio {
         if !others.is_empty() {
             // A user may drop all photographs of a capture instead of its folder.
             let text = format!(
-                "only one subject can be open: {} is opened, {} other dropped paths were left out; to open a capture, drop its folder",
+                "only one dataset or model can be open: {} is opened, {} other dropped paths were left out; to open a capture, drop its folder",
                 first.display(),
                 others.len()
             );

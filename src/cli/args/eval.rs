@@ -30,7 +30,7 @@ pub struct ComparisonArgs {
     /// Colour behind the splats: black, white or #rrggbb
     #[arg(long, default_value = "black", value_parser = parse_color)]
     pub background: [f32; 3],
-    /// Also score each view after aligning its pose to its photograph, with sharpness by octave and SSIM of
+    /// Also score each view after aligning its pose to its photograph, with sharpness per octave and SSIM of
     /// gradients
     #[arg(long)]
     pub align_poses: bool,

@@ -139,7 +139,7 @@ pub struct MergeArgs {
     /// Checkpoints of at least two runs
     #[arg(required = true, num_args = 2.., value_name = "CHECKPOINT")]
     pub checkpoints: Vec<PathBuf>,
-    /// Checkpoint that all of them were resumed from, each with its own --shard. Required for full quality
+    /// Checkpoint from which all of them were resumed, each with its own --shard. Required for full quality
     /// of scenes
     #[arg(long, value_name = "CHECKPOINT")]
     pub start: Option<PathBuf>,

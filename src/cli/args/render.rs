@@ -62,7 +62,7 @@ pub struct RenderArgs {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum PaintName {
-    /// Their own colours
+    /// Colours of the splats
     Colour,
     /// Distance from the camera, relative to the depth of the scene
     Depth,
@@ -92,7 +92,7 @@ pub enum RendererName {
     Projected,
     /// Gaussian response along each pixel's ray
     Exact,
-    /// Both in turn
+    /// Both, one after the other
     Both,
 }
 

@@ -12,7 +12,7 @@ use vbgs_studio::train::setting::Preset;
 /// Device for a part of the training.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DeviceName {
-    /// The faster one, as measured; never a software adapter
+    /// The faster device, as measured; never a software adapter
     Auto,
     /// The CPU; results are reproducible to the bit
     Cpu,
@@ -52,7 +52,7 @@ pub struct TrainArgs {
     /// Maximum number of frames, including those before --resume
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
-    /// Train on every N-th of these frames, starting at the K-th, for merging with other shards
+    /// Train on every N-th of the selected frames, starting at the K-th, for merging with other shards
     #[arg(long, value_name = "K/N")]
     pub shard: Option<Shard>,
     /// Device for fitting points, with the same results, and for comparing photographs. If the GPU fails, the

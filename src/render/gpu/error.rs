@@ -41,7 +41,7 @@ pub enum GpuError {
     },
     /// A training task needs a larger buffer than this adapter supports.
     #[error(
-        "a buffer of {needed_mib} MiB is needed for {what}, but this adapter binds at most {limit_mib} MiB; the processor is used instead"
+        "a buffer of {needed_mib} MiB is needed for {what}, but this adapter binds at most {limit_mib} MiB; the CPU is used instead"
     )]
     TaskTooLarge {
         /// Contents of the buffer.
@@ -53,7 +53,7 @@ pub enum GpuError {
     },
     /// The driver refused to allocate a buffer for a training task.
     #[error(
-        "the GPU is out of memory for {what} ({mib} MiB requested); the processor is used instead; close other GPU programs to use the GPU"
+        "the GPU is out of memory for {what} ({mib} MiB requested); the CPU is used instead; close other GPU programs to use the GPU"
     )]
     NoMemoryForTask {
         /// Contents of the buffer.
@@ -62,7 +62,7 @@ pub enum GpuError {
         mib: u64,
     },
     /// A training task failed, or its result could not be read back.
-    #[error("the GPU failed: {reason}; the processor is used instead")]
+    #[error("the GPU failed: {reason}; the CPU is used instead")]
     TaskFailed {
         /// Message from wgpu or the driver.
         reason: String,

@@ -108,7 +108,7 @@ impl PointFits {
         let device_ms = clock.lap_ms();
         if let Some(fitter) = self.device.as_mut().filter(|_| is_found) {
             fitter.ms[1] += device_ms;
-            // Otherwise the processor repeats the search, for comparison.
+            // Otherwise the CPU repeats the search, for comparison.
             if fitter.turn == DeviceChoice::Device {
                 // Swapped instead of copied: both buffers keep their memory.
                 return std::mem::swap(owners, &mut fitter.owners);
@@ -152,7 +152,7 @@ impl PointFits {
     ) {
         let Self { device, slots, .. } = self;
         let mut clock = Stopwatch::start();
-        // Expected rows, taken before the processor adds to them.
+        // Expected rows, taken before the CPU adds to them.
         let mut on_trial = None;
         if let Some(fitter) =
             device.as_mut().filter(|fitter| fitter.turn != DeviceChoice::Processor)
@@ -168,7 +168,7 @@ impl PointFits {
                         accumulate(component_sums, frame, touched);
                     }
                     touched.extend_from_slice(&slots.ids);
-                    // Components of both lists, ascending, as the processor lists them.
+                    // Components of both lists, ascending, as the CPU lists them.
                     touched.sort_unstable();
                     self.count_device_frame(frame.points.len());
                     return;
@@ -240,7 +240,7 @@ impl PointFitter {
         self.device.sums(&SlotSums {
             points: &slots.points,
             seeds: &slots.seeds,
-            // Rounded as on the processor.
+            // Rounded as on the CPU.
             per_h: (1.0 / frame.h) as f32,
             gain: frame.gain,
             weight: frame.weight as f32,
@@ -250,7 +250,7 @@ impl PointFitter {
 
 /// Bit that marks a component with a point that the device cannot sum.
 const LEFT: u32 = 1 << 31;
-// Largest number, and pixels per point, for which the device rounds terms as the processor does: quanta stay
+// Largest number, and pixels per point, for which the device rounds terms as the CPU does: quanta stay
 // below 2²², the limit of rounding by addition.
 const MAX_NUMBER: f32 = 2.0;
 const MAX_WEIGHT: u32 = 16;

@@ -33,7 +33,7 @@ settings! {
         range "a positive length", |scale| scale.is_positive();
         at |run| run.scale;
     }
-    /// Maximum number of components, or megabytes such as 20MB; the least useful are merged.
+    /// Maximum number of components, or megabytes such as 20MB; the least useful components are merged.
     budget: Budget {
         option "--budget" "N";
         label "Budget";
@@ -46,8 +46,8 @@ settings! {
             run.engine.max_components = budget.components();
         };
     }
-    /// Photometric training: one Gauss-Newton step per frame on its photograph. Needs 496 bytes per
-    /// component, which a budget in MB does not count.
+    /// Photometric training: one Gauss-Newton step per frame on its photograph. Needs 496 extra bytes per
+    /// component, which are not counted towards a budget in MB.
     photometric: PhotometricMode {
         option "--photometric" "MODE";
         label "Photometric";
@@ -94,7 +94,7 @@ settings! {
         set |run, calibration| run.surface.calibration = Some(calibration);
     }
     /// Pixels that become points: every one, or every other pixel of every other row.
-    /// Weights make up for those left out.
+    /// Weights compensate for omitted pixels.
     sampling: PixelSampling {
         label "Sampling";
         default by "every; quarter for real cameras of 150,000 pixels or more";
@@ -106,7 +106,7 @@ settings! {
         default "true";
         at |run| run.surface.plane_fit;
     }
-    /// Drop pixels between two surfaces, which no plane fits.
+    /// Drop pixels between two surfaces, to which no plane can be fitted.
     flying_pixels: bool {
         label "Drop flying pixels";
         default by "on; off for computed depth";

@@ -86,7 +86,8 @@ settings! {
         default "random";
         at |run| run.init;
     }
-    /// When unused components move to badly explained points: `forwarded` after the fit, the others before.
+    /// When unused components move to badly explained points: `forwarded` after the fit, `dense` and `padded`
+    /// before it.
     reassign: ReassignPolicy {
         label "Reassignment";
         default "padded";
@@ -99,7 +100,7 @@ settings! {
         range "0 to 1", |share| (0.0..=1.0).contains(share);
         at |run| run.reassign_fraction;
     }
-    /// Arithmetic by operation, as written by `precision-search`; excludes a named precision.
+    /// Arithmetic by operation, as written by `precision-search`; cannot be combined with a named precision.
     // Listed before `precision`, so that a named precision with the same operations keeps its name.
     operations: Operations {
         default by "those of the precision";
@@ -107,7 +108,7 @@ settings! {
         get |run| Some(run.operations);
         set |run, operations| (run.precision, run.operations) = (Precision::Custom, operations);
     }
-    /// Arithmetic of the hot loops.
+    /// Arithmetic of the inner loops.
     precision: Precision {
         label "Precision";
         default "mixed";

@@ -121,7 +121,7 @@ impl Comparers {
             .map_or(DeviceChoice::Processor, |device| device.trial.choose(view.n_drawn()));
         let by_device = match device {
             Some(Device { comparer, trial }) if turn == DeviceChoice::Both => {
-                // The device first, so that the processor's result is the one returned.
+                // The device first, so that the CPU's result is the one returned.
                 let answer = comparer.compare(&view, photograph, rule, rows);
                 let (is_there, ms) = (note(answer, counts).is_some(), clock.lap_ms());
                 let compared = processor.compare(&view, photograph, rule, rows);
