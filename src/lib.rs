@@ -15,7 +15,7 @@
 //! | [`train`] | training frame by frame: [`train::paper`] as published, [`train::scene`] the default |
 //! | [`render`] | splats to pixels: CPU (`render::cpu`) and GPU (`render::gpu`, feature `gui`) |
 //! | [`export`] | export and import of models, checkpoints |
-//! | [`eval`] | PSNR, SSIM, depth error, cracks; the report's types; tables |
+//! | [`eval`] | PSNR, SSIM, detail, depth error, cracks; the report's types; tables |
 //! | [`pipeline`] | the training loop: settings, prefetch, training; saving, resuming and merging runs |
 //! | [`calibrate`] | camera calibration, estimated from the recording |
 //! | `bench` (feature `bench`) | speed against error, as tables and plots |

@@ -15,7 +15,7 @@ use crate::dataset::splits::{Evaluation, HoldOut, ViewGroup};
 use crate::eval::choices::{GroundTruth, ViewPoses};
 use crate::eval::metrics::mean_std;
 use crate::eval::near::{NearRule, near_plane};
-use crate::eval::report::ViewReport;
+use crate::eval::report::{Detail, ViewReport};
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
@@ -45,6 +45,8 @@ pub struct QualityPoint {
     /// Mean PSNR over the pixels that splats cover, dB, and mean fraction of such pixels in a view.
     pub covered: Option<(f64, f64)>,
     pub ssim: f64,
+    /// Mean detail with colours aligned; `None` for views without any.
+    pub detail: Option<Detail>,
     /// Mean absolute depth error, world units; `None` for views without depth.
     pub depth_error: Option<f64>,
 }
@@ -384,6 +386,7 @@ fn mean_quality(views: &[ViewReport], at: (usize, f64, usize)) -> Option<Quality
         psnr: mean(&|view| Some(view.psnr))?,
         covered: mean(&|view| view.psnr_covered).zip(mean(&|view| Some(view.coverage))),
         ssim: mean(&|view| Some(view.ssim))?,
+        detail: Detail::mean(views),
         depth_error: mean(&|view| view.depth_mae),
     })
 }

@@ -100,9 +100,10 @@ pub fn warn_skipped_views(dataset: &Dataset, eval: &EvalReport) {
 }
 
 pub fn view(view: &ViewReport) -> String {
-    let aligned = view
-        .psnr_aligned_covered
-        .map_or_else(String::new, |psnr| format!("  covered, colours aligned {psnr:6.2} dB"));
+    let detail = view.detail.map_or_else(String::new, |detail| format!(", detail {detail}"));
+    let aligned = view.psnr_aligned_covered.map_or_else(String::new, |psnr| {
+        format!("  covered, colours aligned {psnr:6.2} dB{detail}")
+    });
     format!(
         "{:>5} {:24} {:9} PSNR {:6.2} dB  SSIM {:.4}{aligned}",
         view.index, view.frame, view.renderer, view.psnr, view.ssim
@@ -163,8 +164,10 @@ fn format_trained_views(eval: &EvalReport) -> Option<String> {
 }
 
 fn aligned(eval: &EvalReport) -> Option<String> {
+    let detail =
+        eval.means.detail_mean.map_or_else(String::new, |detail| format!(", detail {detail}"));
     Some(format!(
-        "colours aligned view by view: covered {:.2} dB, whole frame {:.2} dB, SSIM {:.4}",
+        "colours aligned view by view: covered {:.2} dB, whole frame {:.2} dB, SSIM {:.4}{detail}",
         eval.means.psnr_aligned_covered_mean?,
         eval.means.psnr_aligned_mean?,
         eval.means.ssim_aligned_mean?
@@ -176,7 +179,7 @@ fn pose_aligned(view: &AlignedView) -> String {
         view.bands.iter().map(|band| format!("{:.2}", value(band))).collect::<Vec<_>>().join(", ")
     };
     format!(
-        "poses aligned to their photographs (moved by {:.4} and {:.2}° on average): PSNR {:.2} dB, covered {:.2} dB, colours aligned {:.2} dB, SSIM {:.4}, of gradients {:.4}; detail from the finest octave: energy {} of the photograph's, correlation {}",
+        "poses aligned to their photographs (moved by {:.4} and {:.2}° on average): PSNR {:.2} dB, covered {:.2} dB, colours aligned {:.2} dB, SSIM {:.4}, of gradients {:.4}, detail {}; from the finest octave: energy {} of the photograph's, correlation {}",
         view.shift,
         view.turn,
         view.psnr,
@@ -184,6 +187,7 @@ fn pose_aligned(view: &AlignedView) -> String {
         view.psnr_aligned_covered,
         view.ssim_aligned,
         view.gradient_ssim,
+        view.detail(),
         bands(|band| band.energy_ratio),
         bands(|band| band.correlation),
     )

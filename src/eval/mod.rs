@@ -4,6 +4,7 @@
 pub mod choices;
 mod comparison;
 pub mod cracks;
+mod detail;
 mod machine;
 pub mod metrics;
 pub mod near;

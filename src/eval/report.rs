@@ -18,6 +18,7 @@ use crate::train::outcome::{MemoryEstimate, OutlierReason, PhotographOutcome};
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
 
+pub use super::detail::Detail;
 pub use super::machine::{available_bytes, describe, numerics, peak_rss_bytes, rss_bytes};
 pub use super::sharpness::SharpnessBand;
 pub use super::view_alignment::AlignedView;
@@ -290,6 +291,9 @@ pub struct EvalMeans {
     pub psnr_aligned_covered_mean: Option<f64>,
     /// Mean SSIM with colours aligned per view.
     pub ssim_aligned_mean: Option<f64>,
+    /// Means of the views' detail; `None` if no view has it.
+    #[serde(default)]
+    pub detail_mean: Option<Detail>,
     /// Means over the pixels where the views' depth cameras measured a surface; `None` without depth.
     pub seen_mean: Option<SeenQuality>,
     /// Means over the views rendered from aligned poses, if requested.
@@ -327,6 +331,10 @@ pub struct ViewReport {
     pub psnr_aligned_covered: Option<f64>,
     /// SSIM with colours aligned.
     pub ssim_aligned: Option<f64>,
+    /// Detail with colours aligned, at the view's pose before `pose_aligned`; `None` if too few pixels
+    /// are covered or the photograph has no detail.
+    #[serde(default)]
+    pub detail: Option<Detail>,
     /// Quality on the pixels where the view's depth camera measured a surface; `None` without depth.
     pub seen: Option<SeenQuality>,
     /// Quality at the aligned pose, if requested; `None` if no pixel is covered.

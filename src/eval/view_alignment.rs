@@ -13,6 +13,7 @@
 //! recorded pose.
 
 use super::comparison::{COVERED, Comparison, MIN_VARIANCE, aligned_error, compare};
+use super::detail::Detail;
 use super::metrics::{MetricError, mean};
 use super::scale::area_averaged;
 use super::sharpness;
@@ -348,6 +349,12 @@ impl AlignedView {
             gradient_ssim: sharpness::gradient_ssim(&exposed, truth)?,
             bands,
         }))
+    }
+
+    /// Returns the detail at the aligned pose, which the two finest bands contain.
+    pub fn detail(&self) -> Detail {
+        let [finest, second, ..] = self.bands;
+        Detail::of_bands(&[finest, second])
     }
 
     pub(super) fn mean(views: &[Self]) -> Option<Self> {

@@ -7,6 +7,7 @@
 
 use super::choices::{GroundTruth, ViewPoses};
 use super::comparison::{COVERED, Comparison, compare};
+use super::detail::Detail;
 use super::metrics;
 use super::metrics::MetricError;
 use super::report::{EvalMeans, EvalProtocol, EvalReport, SkippedFrame, ViewReport};
@@ -195,6 +196,8 @@ fn score(
         psnr_aligned: covered.map(|c| c.aligned_psnr_frame),
         psnr_aligned_covered: covered.map(|c| c.aligned_psnr),
         ssim_aligned: covered.map(|c| c.aligned_ssim),
+        detail: covered
+            .and_then(|c| Detail::compare(&c.alignment.apply(shown, coverage), coverage, &truth)),
         seen,
         pose_aligned: None,
         depth_mae,
@@ -290,6 +293,7 @@ fn summarise(
         psnr_aligned_mean: mean(|s| s.psnr_aligned),
         psnr_aligned_covered_mean: mean(|s| s.psnr_aligned_covered),
         ssim_aligned_mean: mean(|s| s.ssim_aligned),
+        detail_mean: Detail::mean(scores),
         seen_mean: SeenQuality::mean(&seen),
         pose_aligned_mean: AlignedView::mean(&aligned),
         depth_mae_mean: mean(|s| s.depth_mae),

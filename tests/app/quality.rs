@@ -46,7 +46,8 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     assert!((side.psnr - expected.psnr).abs() < 1e-9, "{side:?}");
     assert_eq!(window.state().quality().side_progress(3), (1, 1));
     for name in ["New views", "From the side"] {
-        let line = format!("{name}: {:.2} dB, SSIM {:.3} (views: 1)", side.psnr, side.ssim);
+        let (psnr, ssim, detail) = (side.psnr, side.ssim, side.detail.unwrap());
+        let line = format!("{name}: {psnr:.2} dB, SSIM {ssim:.3}, detail {detail} (views: 1)");
         wait_for_label(&mut window, &line);
     }
     wait(&mut window, "what is kept", |s| {

@@ -37,4 +37,6 @@ fn wrong_poses_are_told_from_wrong_pictures() {
     assert_eq!(wrong["views"][0]["pose_aligned"]["bands"].as_array().unwrap().len(), 4);
     let said = scratch.run("eval out/scene.ply room --align-poses").succeeds().stdout;
     assert!(said.contains("poses aligned to their photographs (moved by 0.0"), "{said}");
+    // A line per view, the line of aligned colours and that of aligned poses.
+    assert_eq!(said.matches(", detail ").count(), 4, "{said}");
 }

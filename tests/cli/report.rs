@@ -63,6 +63,8 @@ eval[].cracks.training_distance.over_01 number
 eval[].cracks.training_distance.over_03 number
 eval[].cracks.views number
 eval[].depth_mae_mean number
+eval[].detail_mean.finest number
+eval[].detail_mean.second number
 eval[].exposure string
 eval[].ground_truth string
 eval[].learnt_views number
@@ -134,6 +136,8 @@ const VIEW: &str = "
 eval[].group string
 views[].coverage number
 views[].depth_mae number
+views[].detail.finest number
+views[].detail.second number
 views[].frame string
 views[].group string
 views[].index number
@@ -292,6 +296,9 @@ fn the_reports_numbers_make_sense() {
     assert!((5.0..60.0).contains(&number(&eval["psnr_mean"])), "{eval}");
     assert!((0.0..10.0).contains(&number(&eval["psnr_std"])), "{eval}");
     assert!((-1.0..1.0).contains(&number(&eval["ssim_mean"])), "{eval}");
+    for octave in ["finest", "second"] {
+        assert!((-1.0..1.0).contains(&number(&eval["detail_mean"][octave])), "{eval}");
+    }
     assert!((0.0..=1.0).contains(&number(&eval["coverage_mean"])), "{eval}");
     assert!((0.0..5.0).contains(&number(&eval["depth_mae_mean"])), "{eval}");
     let covered = number(&eval["psnr_covered_mean"]);
@@ -328,6 +335,7 @@ fn what_cannot_be_measured_is_null() {
     let eval = scratch.run("eval far.ply room --json").succeeds().json();
     let (total, view) = (&eval["eval"][0], &eval["views"][0]);
     assert!(total["psnr_covered_mean"].is_null() && total["depth_mae_mean"].is_null(), "{eval}");
+    assert!(total["detail_mean"].is_null() && view["detail"].is_null(), "{eval}");
     let null =
         ["psnr_covered", "psnr_aligned", "psnr_aligned_covered", "ssim_aligned", "depth_mae"];
     assert!(null.iter().all(|name| view[*name].is_null()), "{eval}");

@@ -8,7 +8,7 @@ use crate::app::retention::RetainedFrame;
 use crate::app::state::{Opened, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::thumbnails::Thumbnails;
-use crate::eval::report::ViewReport;
+use crate::eval::report::{Detail, ViewReport};
 use crate::model::attributes::ComponentAttributes;
 use crate::render::finish::ramp;
 use eframe::egui::{Button, Color32, Frame, Grid, Image, Margin, RichText, ScrollArea, Ui, Vec2};
@@ -55,6 +55,7 @@ const EVERY: std::ops::RangeInclusive<usize> = 1..=1000;
 pub const DEFAULT_INTERVAL: usize = 10;
 const ROW: f32 = 28.0;
 const NAME: f32 = 96.0;
+const DETAIL_HELP: &str = "Correlation of fine structure, one and two pixels wide, between the drawn picture and the photograph: 1 if all of it is in the right place";
 
 /// Draws the panel. Returns the view to which the camera moves, if one is clicked.
 pub fn ui(
@@ -123,15 +124,19 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
         }
     };
     ui.label(RichText::new(format!("{:.2} dB", point.psnr)).size(24.0).strong());
-    let mut line = format!("PSNR · SSIM {:.3}", point.ssim);
+    let mut line = format!("PSNR · SSIM {:.3}{}", point.ssim, detail(" · ", point.detail));
     if let Some(error) = point.depth_error {
         line += &format!(" · depth error {}", format_number(error));
     }
-    ui.label(line);
+    ui.label(line).on_hover_text(DETAIL_HELP);
     if let Some((psnr, share)) = point.covered {
         ui.label(format!("{psnr:.2} dB over the covered {:.0} % of the pixels", 100.0 * share));
     }
     ui.label(RichText::new(what).weak());
+}
+
+fn detail(separator: &str, detail: Option<Detail>) -> String {
+    detail.map_or_else(String::new, |detail| format!("{separator}detail {detail}"))
 }
 
 /// Draws one line of text each for the held-out views and for the views away from the camera path. Draws
@@ -146,7 +151,9 @@ fn groups(quality: &QualityMonitor, frames: usize, ui: &mut Ui) {
     for (name, ((done, all), result)) in [("New views", new), ("From the side", side)] {
         ui.label(match result {
             Some(point) => {
-                format!("{name}: {:.2} dB, SSIM {:.3} (views: {all})", point.psnr, point.ssim)
+                let QualityPoint { psnr, ssim, .. } = point;
+                let detail = detail(", ", point.detail);
+                format!("{name}: {psnr:.2} dB, SSIM {ssim:.3}{detail} (views: {all})")
             }
             None => format!(
                 "{name}: {done} of {all} views measured; the others follow when training pauses"
@@ -195,10 +202,13 @@ fn table(
     ui: &mut Ui,
 ) -> Option<FrameRef> {
     let mut asked = None;
-    let table = Grid::new("views").num_columns(5).min_col_width(0.0);
+    let table = Grid::new("views").num_columns(6).min_col_width(0.0);
     table.spacing([8.0, 3.0]).striped(true).show(ui, |ui| {
-        for title in ["", "view", "PSNR", "SSIM", "depth"] {
-            ui.label(RichText::new(title).weak());
+        for title in ["", "view", "PSNR", "SSIM", "detail", "depth"] {
+            let label = ui.label(RichText::new(title).weak());
+            if title == "detail" {
+                label.on_hover_text(DETAIL_HELP);
+            }
         }
         ui.end_row();
         for view in views {
@@ -224,6 +234,8 @@ fn table(
             }
             ui.label(RichText::new(format!("{:.2}", view.psnr)).monospace());
             ui.label(RichText::new(format!("{:.3}", view.ssim)).monospace());
+            let detail = view.detail.map_or_else(String::new, |detail| detail.to_string());
+            ui.label(RichText::new(detail).monospace());
             let depth = view.depth_mae.map_or_else(String::new, format_number);
             ui.label(RichText::new(depth).monospace());
             ui.end_row();
