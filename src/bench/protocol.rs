@@ -17,7 +17,7 @@ use crate::pipeline::plan::Selection;
 use crate::pipeline::session::{Session, Step};
 use crate::pipeline::settings::method::MethodRequest;
 use crate::pipeline::settings::scene::SceneOverrides;
-use crate::render::{RenderMethod, RenderOptions};
+use crate::render::{RenderOptions, Renderer};
 use crate::train::paper::config::PaperConfig;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -78,7 +78,7 @@ pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError>
         }
     }
     let mut notes = vec![format!(
-        "At most {frames} frames in listed order and {views} held-out views. `paper`: N = 100,000. `scene`: the defaults of the preset. ms: median training time per frame; other threads decode and prepare. PSNR rgb: photographs with alpha dropped, as in the paper."
+        "At most {frames} frames in listed order and {views} held-out views. `paper`: N = 100,000. `scene`: the defaults of the preset. ms: median training time per frame; other threads decode and prepare. PSNR rgb: photographs with alpha dropped, as in the paper. Renderers as published: `exact` has no pixel footprint."
     )];
     notes.extend(left_out);
     let names: Vec<String> = scenes.iter().map(|scene| scene.name.clone()).collect();
@@ -173,8 +173,8 @@ fn measured(
     let median = |times: Vec<f64>| Spread::of(times).median;
     let color_camera = session.config().method.as_any().color_camera();
     let drawn = splats.view().splats().iter().filter(|splat| splat.is_drawable()).count();
-    let row = |method: RenderMethod| -> Result<ProtocolRow, BenchError> {
-        let render = RenderOptions::evaluation(method, [0.0; 3]);
+    let row = |renderer: Renderer| -> Result<ProtocolRow, BenchError> {
+        let render = RenderOptions::published(renderer, [0.0; 3]);
         let quality = |truth| {
             let options = EvalOptions { color_camera, ..EvalOptions::plain(truth, render) };
             evaluate(&splats, dataset, split, &views, &options, |_| ()).map(|(report, _)| report)
@@ -183,7 +183,7 @@ fn measured(
         Ok(ProtocolRow {
             scene: dataset.name.clone(),
             preset: preset.to_owned(),
-            renderer: method.renderer().to_string(),
+            renderer: renderer.to_string(),
             frames: frames.len(),
             views: composited.views,
             components: session.learner().status().used,
@@ -196,7 +196,7 @@ fn measured(
             ssim: composited.means.ssim_mean,
         })
     };
-    [RenderMethod::PROJECTED, RenderMethod::EXACT].into_iter().map(row).collect()
+    [Renderer::Projected, Renderer::Exact].into_iter().map(row).collect()
 }
 
 fn text(rows: &[ProtocolRow]) -> String {

@@ -22,8 +22,6 @@ struct EvalOutput {
 }
 
 pub fn run(args: &EvalArgs) -> Result<(), Failure> {
-    // Usage errors first: reading models and datasets takes seconds.
-    let methods = args.comparison.protocol.methods(args.renderer)?;
     let model = model::load(&args.model)?;
     let load = model.load_options(args.reading.load_options())?;
     let dataset = dataset::open(&args.dataset, &load)?;
@@ -46,7 +44,7 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
             args: &args.comparison,
             near_rule: NearRule::of(model.method.as_ref().map(Method::preset)),
             color_camera: color_camera(args, &model, &dataset, group.split)?,
-            methods: &methods,
+            renderers: args.renderer.renderers(),
             tracked: model.tracked(),
             learnt: learnt.as_ref().map(ViewGroup::views),
             hold_out,

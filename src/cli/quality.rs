@@ -19,14 +19,14 @@ use vbgs_studio::model::splat::appearance::{SplatSet, SplatView};
 use vbgs_studio::pipeline::session::Session;
 use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::pipeline::tracked::Trajectory;
-use vbgs_studio::render::{Exposing, RenderMethod, RenderOptions};
+use vbgs_studio::render::{RenderOptions, Renderer};
 
 pub struct QualityRequest<'a> {
     pub args: &'a ComparisonArgs,
     pub near_rule: NearRule,
     /// Colour camera of the photographs, if it differs from the depth camera.
     pub color_camera: Option<ColorCamera>,
-    pub methods: &'a [RenderMethod],
+    pub renderers: &'a [Renderer],
     /// Settings and poses of a tracked model, relative to which new views are tracked.
     pub tracked: Option<(&'a Method, &'a Trajectory)>,
     pub learnt: Option<Views<'a>>,
@@ -50,7 +50,7 @@ pub fn measure(
         Some(placed) => (&placed.dataset, (group.split, placed.frames.as_slice())),
         None => (dataset, group.views()),
     };
-    let (splats, methods) = (splats.view(), request.methods);
+    let (splats, renderers) = (splats.view(), request.renderers);
     if request.color_camera.is_some() {
         eprintln!(
             "note: views are rendered with the colour camera of the photographs, not the depth camera"
@@ -63,10 +63,10 @@ pub fn measure(
     let crack_views = crack_views.as_ref().map(|(split, frames)| (*split, frames.as_slice()));
     let n_steps = choices::n_steps(views, crack_views);
     let near = request.near(splats, dataset, views);
-    let bar = output::bar(methods.len() * n_steps, "view");
-    let mut found = Vec::with_capacity(methods.len());
-    for (i, &method) in methods.iter().enumerate() {
-        let options = request.options(method, near);
+    let bar = output::bar(renderers.len() * n_steps, "view");
+    let mut found = Vec::with_capacity(renderers.len());
+    for (i, &renderer) in renderers.iter().enumerate() {
+        let options = request.options(renderer, near);
         let tell = |done| bar.set_position((i * n_steps + done) as u64);
         found.push(choices::measure_quality(splats, dataset, views, crack_views, &options, tell)?);
     }
@@ -88,16 +88,24 @@ impl QualityRequest<'_> {
     fn near(&self, splats: SplatView, dataset: &Dataset, (split, views): Views<'_>) -> f64 {
         let frames = &dataset.splits[split].frames;
         let cameras: Vec<Camera> = views.iter().map(|&view| frames[view].camera).collect();
-        near_plane(splats, &cameras, self.near_rule)
+        let rule = match self.args.protocol {
+            Protocol::Composited => self.near_rule,
+            Protocol::Paper => NearRule::Published,
+        };
+        near_plane(splats, &cameras, rule)
     }
 
-    fn options(&self, method: RenderMethod, near: f64) -> EvalOptions {
+    fn options(&self, renderer: Renderer, near: f64) -> EvalOptions {
         let ComparisonArgs { protocol, background, align_poses, eval_scale } = *self.args;
-        let (ground_truth, poses, exposure_mode) = match protocol {
+        let (ground_truth, poses, render) = match protocol {
             Protocol::Composited => {
-                (GroundTruth::Composited, ViewPoses::Corrected, Exposing::Recorded)
+                let render = RenderOptions::evaluation(renderer.into(), background);
+                (GroundTruth::Composited, ViewPoses::Corrected, render)
             }
-            Protocol::Paper => (GroundTruth::Rgb, ViewPoses::Recorded, Exposing::Neutral),
+            Protocol::Paper => {
+                let render = RenderOptions::published(renderer, background);
+                (GroundTruth::Rgb, ViewPoses::Recorded, render)
+            }
         };
         EvalOptions {
             ground_truth,
@@ -105,11 +113,7 @@ impl QualityRequest<'_> {
             poses,
             align_poses,
             scale: eval_scale,
-            render: RenderOptions {
-                exposure_mode,
-                near,
-                ..RenderOptions::evaluation(method, background)
-            },
+            render: RenderOptions { near, ..render },
         }
     }
 }
@@ -152,7 +156,7 @@ pub fn measure_run(
         args: &ComparisonArgs::default(),
         near_rule: NearRule::of(Some(method.preset())),
         color_camera: method.as_any().color_camera(),
-        methods: &[RenderMethod::PROJECTED],
+        renderers: &[Renderer::Projected],
         tracked: trajectory.as_ref().map(|poses| (method, poses)),
         learnt: Some((plan.split, &plan.frames[..session.visited()])),
         hold_out: hold_out(session),
@@ -161,8 +165,8 @@ pub fn measure_run(
     // Tracked poses of the training views are unknown to early splats.
     for (visited, splats) in early.iter().filter(|_| !dataset.options.track) {
         let views = (plan.split, &plan.frames[..*visited]);
-        let options =
-            request.options(RenderMethod::PROJECTED, request.near(splats.view(), dataset, views));
+        let near = request.near(splats.view(), dataset, views);
+        let options = request.options(Renderer::Projected, near);
         measured.seen.extend(choices::seen(splats.view(), dataset, views, &options)?);
     }
     let splats = session.splats();

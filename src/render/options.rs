@@ -208,6 +208,22 @@ impl RenderOptions {
         }
     }
 
+    /// Returns the settings of the published renderers: as [`Self::evaluation`], with neutral exposure, and
+    /// for [`Renderer::Exact`] with [`Response::Line`] and [`Antialias::Reference`].
+    pub fn published(renderer: Renderer, background: [f32; 3]) -> Self {
+        let method = match renderer {
+            Renderer::Projected => RenderMethod::PROJECTED,
+            Renderer::Exact => RenderMethod::Exact(ExactOptions {
+                response: Response::Line,
+                antialias: Antialias::Reference,
+                lens: Lens::Pinhole,
+            }),
+        };
+        // Published models record no exposure.
+        let exposing = Exposing::Neutral;
+        Self { exposure_mode: exposing, ..Self::evaluation(method, background) }
+    }
+
     /// Returns the settings of an interactive view: neutral exposure, and a near plane that shrinks
     /// with `scene_radius` (world units).
     pub fn viewport(method: RenderMethod, background: [f32; 3], scene_radius: f64) -> Self {

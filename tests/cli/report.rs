@@ -222,7 +222,7 @@ fn the_report_names_every_renderer() {
     };
     let (fair, eval) = (eval("composited"), eval("paper"));
     for (entries, settings) in
-        [(&fair["eval"], ["footprint", "ray"]), (&eval["eval"], ["none", "line"])]
+        [(&fair["eval"], ["footprint", "ray"]), (&eval["eval"], ["reference", "line"])]
     {
         let entries = entries.as_array().unwrap();
         let names: Vec<&Value> = entries.iter().map(|e| &e["renderer"]).collect();

@@ -6,7 +6,7 @@ use glam::{DMat4, DQuat, DVec3};
 use serde_json::Value;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
-use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
+use vbgs_studio::render::{Antialias, Lens, RenderOptions, Renderer, Response};
 
 /// One scene with one renderer's expected pixels.
 pub struct GoldenView {
@@ -54,20 +54,24 @@ fn view(case: &Value, variant: &'static str) -> Option<GoldenView> {
         variant,
         splats: array(&case["splats"]).iter().map(splat).collect(),
         camera: camera(&case["camera"]),
-        options: RenderOptions::evaluation(method(variant, lens), background.map(|v| v as f32)),
+        options: options(variant, lens, background.map(|v| v as f32)),
         background_rounding: rounding.into_iter().fold(0.0, f64::max),
         pixels: pixels.zip(array(expected).iter().map(sample)).collect(),
     })
 }
 
-fn method(variant: &str, lens: Lens) -> RenderMethod {
-    match variant {
-        "projected" => RenderMethod::Projected,
-        "exact" => exact(Response::Ray, Antialias::None, lens),
-        "exact_line" => exact(Response::Line, Antialias::None, lens),
-        "exact_ref" => exact(Response::Line, Antialias::Reference, lens),
-        "exact_footprint" => exact(Response::Ray, Antialias::Footprint, lens),
-        other => panic!("no variant {other}"),
+fn options(variant: &str, lens: Lens, background: [f32; 3]) -> RenderOptions {
+    let exact = |response, antialias| {
+        RenderOptions::evaluation(exact(response, antialias, lens), background)
+    };
+    match (variant, lens) {
+        ("projected", _) => RenderOptions::published(Renderer::Projected, background),
+        ("exact_ref", Lens::Pinhole) => RenderOptions::published(Renderer::Exact, background),
+        ("exact", _) => exact(Response::Ray, Antialias::None),
+        ("exact_line", _) => exact(Response::Line, Antialias::None),
+        ("exact_ref", Lens::Fisheye) => exact(Response::Line, Antialias::Reference),
+        ("exact_footprint", _) => exact(Response::Ray, Antialias::Footprint),
+        (other, _) => panic!("no variant {other}"),
     }
 }
 

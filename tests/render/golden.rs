@@ -1,11 +1,14 @@
-//! Golden pixels of every case and variant.
+//! Golden pixels of every case and variant, and the settings of the published renderers.
 
 use crate::common::agreement::{branches, largest_error, samples};
 use crate::common::oracle::{Oracle, Sample};
 use crate::common::render_cases::{GoldenView, golden_views};
 use crate::draw;
 use std::collections::BTreeMap;
+use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::render::{Exposing, RenderOptions, Renderer};
 
 /// See `rendering.md`, Tolerances.
 const F64_TOLERANCE: f64 = 1e-9;
@@ -66,6 +69,36 @@ fn the_cpu_renderer_draws_golden_pixels() {
     println!("golden, CPU: {n_pixels} pixels, worst {worst:?}, other branch: {on_threshold:?}");
     assert!(on_threshold.iter().all(|n| ["opacity_one_cap", "cutoff_boundary"].contains(n)));
     assert_eq!(n_pixels, N_PIXELS);
+}
+
+#[test]
+fn only_the_projected_one_of_the_published_renderers_widens_a_thin_splat() {
+    let intrinsics = Intrinsics { width: 8, height: 8, fx: 20.0, fy: 20.0, cx: 4.0, cy: 4.0 };
+    let camera = Camera { intrinsics, pose: Pose::IDENTITY };
+    // 0.005 pixels wide, between four pixel centres.
+    let thin = Splat { mean: [0.0, 0.0, 4.0], opacity: 0.9, scale: [1e-3; 3], ..Splat::default() };
+    let coverage = |options| draw(&[thin], &camera, &options).coverage.data[3 * 8 + 3];
+    let published = |renderer| coverage(RenderOptions::published(renderer, [0.0; 3]));
+    // Half a squared pixel from the centre, with a variance of 0.3 px².
+    let widened = 0.9 * (-0.5f32 * 0.5 / 0.3).exp();
+    assert!((published(Renderer::Projected) - widened).abs() < 1e-3);
+    assert_eq!(published(Renderer::Exact), 0.0);
+    let evaluated = coverage(RenderOptions::evaluation(Renderer::Exact.into(), [0.0; 3]));
+    assert!((evaluated - widened).abs() < 1e-2, "{evaluated}");
+}
+
+#[test]
+fn published_settings_differ_from_evaluations_in_exposure_and_the_exact_renderer() {
+    for renderer in [Renderer::Projected, Renderer::Exact] {
+        let evaluation = RenderOptions::evaluation(renderer.into(), [0.0; 3]);
+        let published = RenderOptions::published(renderer, [0.0; 3]);
+        let is_projected = renderer == Renderer::Projected;
+        assert_eq!(published.method == evaluation.method, is_projected, "{renderer}");
+        let modes = [evaluation, published].map(|options| options.exposure_mode);
+        assert_eq!(modes, [Exposing::Recorded, Exposing::Neutral]);
+        let RenderOptions { method, exposure_mode, .. } = evaluation;
+        assert_eq!(RenderOptions { method, exposure_mode, ..published }, evaluation, "{renderer}");
+    }
 }
 
 fn note(worst: &mut BTreeMap<&'static str, f64>, view: &GoldenView, error: f64) {

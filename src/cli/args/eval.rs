@@ -1,14 +1,12 @@
 //! Arguments of `eval`.
 
 use super::depth::ReadArgs;
-use super::render::{RendererArgs, RendererName};
+use super::render::RendererName;
 use crate::cli::args::{choice, parse_color, parse_count};
-use crate::cli::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::dataset::splits::HoldOut;
 use vbgs_studio::eval::scale::EvalScale;
-use vbgs_studio::render::{Antialias, Lens, RenderMethod, Response};
 
 /// Rules for comparing renderings with photographs.
 #[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -16,8 +14,8 @@ pub enum Protocol {
     /// Photographs composited over the background by their alpha, poses and exposure corrected as in training
     #[default]
     Composited,
-    /// As published: colours without alpha, recorded poses, neutral exposure; the exact renderer without
-    /// antialiasing, along the whole line
+    /// As published: colours without alpha, recorded poses, neutral exposure; the exact renderer with
+    /// antialiasing `reference`, along the whole line
     Paper,
 }
 
@@ -69,23 +67,4 @@ pub struct EvalArgs {
     pub calibration: Option<PathBuf>,
     #[command(flatten)]
     pub reading: ReadArgs,
-}
-
-impl Protocol {
-    /// Returns the requested renderers with the options of this protocol, without duplicates.
-    ///
-    /// # Errors
-    /// Does not fail, because the camera is a pinhole.
-    pub fn methods(self, renderer: RendererName) -> Result<Vec<RenderMethod>, Failure> {
-        // The projected renderer has no such options.
-        let is_published = self == Self::Paper && renderer != RendererName::Projected;
-        // As in the published renderer.
-        let (antialias, response) = (Antialias::None, Response::Line);
-        let args = RendererArgs {
-            renderer,
-            antialias: is_published.then_some(antialias),
-            response: is_published.then_some(response),
-        };
-        args.methods(Lens::Pinhole)
-    }
 }

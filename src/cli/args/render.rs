@@ -5,7 +5,9 @@ use crate::cli::failure::Failure;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use std::path::PathBuf;
-use vbgs_studio::render::{Antialias, ExactOptions, Exposing, Lens, RenderMethod, Response};
+use vbgs_studio::render::{
+    Antialias, ExactOptions, Exposing, Lens, RenderMethod, Renderer, Response,
+};
 
 #[derive(Args)]
 pub struct RenderArgs {
@@ -96,6 +98,17 @@ pub enum RendererName {
     Both,
 }
 
+impl RendererName {
+    /// Returns the requested renderers: at least one, without duplicates.
+    pub fn renderers(self) -> &'static [Renderer] {
+        match self {
+            Self::Projected => &[Renderer::Projected],
+            Self::Exact => &[Renderer::Exact],
+            Self::Both => &[Renderer::Projected, Renderer::Exact],
+        }
+    }
+}
+
 #[derive(Args)]
 pub struct RendererArgs {
     /// Renderer
@@ -135,10 +148,10 @@ impl RendererArgs {
             antialias: antialias.unwrap_or(Antialias::Footprint),
             lens,
         });
-        Ok(match renderer {
-            RendererName::Projected => vec![RenderMethod::PROJECTED],
-            RendererName::Exact => vec![exact],
-            RendererName::Both => vec![RenderMethod::PROJECTED, exact],
-        })
+        let method = |renderer: &Renderer| match renderer {
+            Renderer::Projected => RenderMethod::PROJECTED,
+            Renderer::Exact => exact,
+        };
+        Ok(renderer.renderers().iter().map(method).collect())
     }
 }

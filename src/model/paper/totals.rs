@@ -173,8 +173,8 @@ impl Statistics {
                 let used = any_form!(&self.form, shards => &shards[s].used);
                 let first = (s as u32) << self.shard_bits;
                 used.iter().zip((first..).step_by(64)).flat_map(|(&word, first)| {
-                    // Each step clears the lowest set bit.
-                    std::iter::successors(Some(!word), |w| Some(w & (w - 1)))
+                    // Each step clears the lowest set bit. The step after 0 is computed too, but not used.
+                    std::iter::successors(Some(!word), |w| Some(w & w.wrapping_sub(1)))
                         .take_while(|&w| w != 0)
                         .map(move |w| first + w.trailing_zeros())
                 })
