@@ -69,7 +69,8 @@ struct SplitInfo {
     /// Smallest and largest depth of the readable frames, world units.
     depth_range: Option<[f64; 2]>,
     bytes: u64,
-    /// Blurred images, brightness jumps and time gaps; `None` if another split includes these frames.
+    /// Blurred images, brightness jumps and time gaps; `None` if these frames are
+    /// checked as part of another split.
     capture: Option<CaptureCheck>,
 }
 

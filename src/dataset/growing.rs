@@ -190,7 +190,7 @@ impl GrowingRecording {
         split.frames.len()
     }
 
-    /// True if any frame is marked as taken.
+    /// Returns true if any frame has been handed out for training.
     pub fn has_begun(&self) -> bool {
         !self.taken.is_empty()
     }

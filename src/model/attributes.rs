@@ -44,8 +44,8 @@ impl ComponentAttributes {
         }
     }
 
-    /// Replaces the uncertainty by the position's standard deviation in `found`, if photographs have
-    /// changed the splat.
+    /// Replaces the uncertainty with the standard deviation of the position from `found`. Keeps it if
+    /// `found` is `None`, that is, if no photograph has changed the splat.
     pub fn with_photometric_uncertainty(self, found: Option<PhotometricDeviations>) -> Self {
         let uncertainty = found.map(|found| found.position_deviation() as f32).or(self.uncertainty);
         Self { uncertainty, ..self }

@@ -121,7 +121,7 @@ impl Autosave {
         self.in_flight.is_some() || session.learner().status().frames > saved
     }
 
-    /// Starts a save immediately, after waiting for any save in progress.
+    /// Starts a save regardless of the schedule. First waits for any save in progress.
     ///
     /// # Errors
     /// [`AutosaveError::Thread`], or the error of the save in progress.

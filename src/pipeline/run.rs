@@ -98,8 +98,8 @@ impl Session {
         Some(Inspection { photometric_deviations, ..inspection })
     }
 
-    /// Reports of the frames whose photographs the last step compared with the scene. Omits frames
-    /// without a known report.
+    /// Returns the reports of the frames whose photographs the last step compared with the scene. Frames
+    /// without a report, for example those before a resume, are omitted.
     pub fn compared_frames(&self) -> impl Iterator<Item = &FrameReport> {
         let (past, n_learned) = (self.past(), self.learner().status().frames);
         let compared = self.learner().last_frame().compared_photographs.iter();
@@ -153,7 +153,7 @@ impl Session {
 pub(super) struct RunProgress {
     /// Number of visited positions of the plan.
     pub visited: usize,
-    /// Number of pixels represented by the points trained on.
+    /// Number of points trained on; each counts as often as the pixels that it represents.
     pub points: u64,
     /// Reports of the trained frames. Those before a resume are missing if the checkpoint has no history.
     pub frames: Vec<FrameReport>,

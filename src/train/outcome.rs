@@ -91,8 +91,8 @@ impl BirthLog {
         Self((0..learner.status().components).map(birth).collect())
     }
 
-    /// Records the births of components that the learner's last frame changed. `position` is the index
-    /// of the frame in the run.
+    /// Records `position` as the birth frame of each component that the learner's last frame created. It
+    /// is the index of that frame in the run.
     pub fn record(&mut self, learner: &dyn Learner, position: usize) {
         let n_components = learner.status().components.max(self.0.len());
         self.0.resize(n_components, UNBORN);

@@ -26,7 +26,7 @@ const AT_REST: Duration = Duration::from_millis(500);
 /// Interval at which the window receives the cameras of a growing recording. Each update copies the list
 /// of cameras.
 const CAMERAS: Duration = Duration::from_secs(2);
-/// Maximum time to wait for a starting session before orders from the window are handled.
+/// Maximum time to wait for a session to start before commands from the window are handled.
 const PATIENCE: Duration = Duration::from_millis(50);
 
 #[derive(Default)]

@@ -32,7 +32,8 @@ use std::sync::Arc;
 use training::{Trained, n_sweeps, ordered, prepare, train};
 use variants::{SceneVariant, Table, budgets, parts, scales};
 
-/// Sizes of the tables. `frames` and `views` are upper limits.
+/// What the accuracy benchmark runs, which sets the number of rows in each of its tables. `frames` and
+/// `views` are upper limits.
 #[derive(Clone, Debug)]
 pub struct AccuracyPlan {
     pub frames: usize,

@@ -163,7 +163,7 @@ pub struct InfoArgs {
 pub struct CalibrateArgs {
     /// Dataset folder, or a Record3D .r3d
     pub dataset: PathBuf,
-    /// Calibration file to write (RON), for `--calibration` of `train` and `eval` and for the window
+    /// Calibration file to write (RON), for the option `--calibration` and the window
     #[arg(short, long, value_name = "FILE.ron", default_value = "calibration.ron")]
     pub output: PathBuf,
     /// Initial calibration, a RON file; parameters not determined by the data keep its values [default: that

@@ -177,7 +177,8 @@ fn block<'a>(place: IVec3, surfels: impl Iterator<Item = &'a Surfel>, cell: f64)
     sums.into_iter().map(sample).collect()
 }
 
-/// Returns the weight and the signed distance, in cells, of a plane segment at the point `at`.
+/// Returns what a plane segment contributes to the field at the point `at`: its weight, and the signed
+/// distance of `at` from its plane in cells.
 fn contribution(surfel: &Surfel, inverse: DMat3, at: DVec3, cell: f64) -> (f64, f64) {
     let offset = at - surfel.mean;
     let across = offset.dot(surfel.normal);

@@ -144,7 +144,7 @@ impl FrameExposure {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExposureLog {
     frames: Vec<FrameExposure>,
-    /// Distance between cameras at which exposures correlate by one half, world units.
+    /// Distance between cameras at which the correlation of their exposures is one half, world units.
     reach: f64,
 }
 

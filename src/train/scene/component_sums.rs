@@ -337,7 +337,7 @@ const NONE: u32 = u32::MAX;
 /// index is a direct table by component.
 #[derive(Default)]
 pub struct WideSums {
-    /// Index into `rows` of each component, up to the last component with wide sums.
+    /// For each component, its index in `rows`. Ends with the last component that has a wide row.
     places: Vec<u32>,
     rows: Vec<(u32, [f64; N_SUMS])>,
 }

@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 /// Number of points in known components that suffice to determine the gain of a large frame.
 pub const MIN_MATCHES: f64 = 5000.0;
-/// Share of a small frame's points that must be in known components to determine its gain.
+/// Minimum share of a frame's points in known components for its gain to be determined;
+/// [`MIN_MATCHES`] points always suffice.
 const MIN_SHARE: f64 = 0.125;
 /// Minimum number of points in known components to determine the gain of any frame.
 const FEWEST_MATCHES: f64 = 100.0;

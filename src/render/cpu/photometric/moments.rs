@@ -130,7 +130,7 @@ pub(super) const CURVATURE: usize = GRADIENT + N_QUADRATIC;
 pub(super) const COLOR: usize = CURVATURE + N_QUARTIC;
 pub(super) const COLOR_CURVATURE: usize = COLOR + 9;
 pub(super) const WEIGHT: usize = COLOR_CURVATURE + N_QUADRATIC;
-/// Number of sums per splat.
+/// Number of sums over the pixels of a photograph that are accumulated per splat.
 pub const N_IMAGE_SUMS: usize = WEIGHT + 1;
 
 /// Sums of one splat in one view: gradient and curvature moments of `ln α`, gradient and curvature
