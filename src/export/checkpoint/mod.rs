@@ -80,18 +80,16 @@ mod columns;
 mod container;
 mod element;
 mod error;
+mod file;
 mod mixture;
-mod read;
 mod scene;
 mod sections;
-mod write;
 
 pub use crate::model::attributes::StoredModel;
 pub use element::{Checkpoint, Cursor, LoadedCheckpoint};
 pub use error::{CheckpointError, Defect};
-pub use read::{is_checkpoint, parse, read};
+pub use file::{is_checkpoint, parse, read, to_bytes, write, write_keeping_old};
 pub use sections::{MAX_JSON_BYTES, VERSION};
-pub use write::{to_bytes, write, write_keeping_old};
 
 // Columns are written and read in their memory layout.
 const _: () = assert!(cfg!(target_endian = "little"), "checkpoints need a little-endian machine");
