@@ -1,5 +1,5 @@
 //! Detail: how much of a photograph's fine structure a render has in the right place (`evaluation.md`,
-//! Detail).
+//! Sharpness).
 
 use super::comparison::COVERED;
 use super::metrics;
