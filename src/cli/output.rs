@@ -11,7 +11,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::eval::cracks::{CrackReport, Cracks};
-use vbgs_studio::eval::report::{AlignedView, EvalReport, SeenReport, SharpnessBand, ViewReport};
+use vbgs_studio::eval::report::{
+    AlignedView, Detail, EvalReport, SeenReport, SharpnessBand, ViewReport,
+};
 use vbgs_studio::eval::seen::SeenQuality;
 use vbgs_studio::export::atomic::write_atomic;
 
@@ -99,8 +101,12 @@ pub fn warn_skipped_views(dataset: &Dataset, eval: &EvalReport) {
     untold.for_each(|view| eprintln!("warning: {}", view.message));
 }
 
+fn detail(detail: Option<Detail>) -> String {
+    detail.map_or_else(String::new, |detail| format!(", detail {detail}"))
+}
+
 pub fn view(view: &ViewReport) -> String {
-    let detail = view.detail.map_or_else(String::new, |detail| format!(", detail {detail}"));
+    let detail = detail(view.detail);
     let aligned = view.psnr_aligned_covered.map_or_else(String::new, |psnr| {
         format!("  covered, colours aligned {psnr:6.2} dB{detail}")
     });
@@ -164,8 +170,7 @@ fn format_trained_views(eval: &EvalReport) -> Option<String> {
 }
 
 fn aligned(eval: &EvalReport) -> Option<String> {
-    let detail =
-        eval.means.detail_mean.map_or_else(String::new, |detail| format!(", detail {detail}"));
+    let detail = detail(eval.means.detail_mean);
     Some(format!(
         "colours aligned view by view: covered {:.2} dB, whole frame {:.2} dB, SSIM {:.4}{detail}",
         eval.means.psnr_aligned_covered_mean?,

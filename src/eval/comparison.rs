@@ -14,7 +14,7 @@ use rayon::prelude::*;
 pub(super) const COVERED: f32 = 0.5;
 
 /// Similarity of a render and its photograph, with PSNR in dB.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Comparison {
     pub psnr: f64,
     pub ssim: f64,
@@ -25,14 +25,15 @@ pub(super) struct Comparison {
 }
 
 /// Scores that require covered pixels; those named `aligned` are measured with colours aligned.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Covered {
     pub psnr: f64,
     pub aligned_psnr: f64,
     /// PSNR over the whole frame with the colours of covered pixels aligned, dB.
     pub aligned_psnr_frame: f64,
     pub aligned_ssim: f64,
-    pub alignment: Alignment,
+    /// The render with colours aligned.
+    pub aligned: RgbImage,
 }
 
 /// Colour alignment per channel, `gain · colour + offset`: the least-squares fit of a render to its
@@ -60,8 +61,7 @@ pub(super) fn compare(
     let covered = match sums.n_covered {
         0 => None,
         _ => {
-            let alignment = sums.alignment();
-            let aligned = alignment.apply(render, coverage);
+            let aligned = sums.alignment().apply(render, coverage);
             // Recomputed rather than derived from the fit: clamping to `[0, 1]` changes the error.
             let after = Sums::of(&aligned, coverage, truth);
             Some(Covered {
@@ -69,7 +69,7 @@ pub(super) fn compare(
                 aligned_psnr: after.psnr_covered(),
                 aligned_psnr_frame: after.psnr(n_pixels),
                 aligned_ssim: ssim(&aligned, truth)?,
-                alignment,
+                aligned,
             })
         }
     };
@@ -249,9 +249,10 @@ mod tests {
         let truth = Image::from_vec(40, 30, render.data.iter().zip(&other.data).map(mix).collect());
         let coverage = Image::filled(40, 30, 1.0);
         let covered = compare(&render, &coverage, &truth).unwrap().covered.unwrap();
+        let best = Sums::of(&render, &coverage, &truth).alignment();
         for i in 0..3 {
             for (gain, offset) in [(0.02, 0.0), (-0.02, 0.0), (0.0, 0.004), (0.0, -0.004)] {
-                let mut off = covered.alignment;
+                let mut off = best;
                 off.gain[i] += gain;
                 off.offset[i] += offset;
                 let worse = Sums::of(&off.apply(&render, &coverage), &coverage, &truth);
@@ -267,7 +268,8 @@ mod tests {
         let render = Image::filled(16, 12, [0.25; 3]);
         let truth = Image::filled(16, 12, [0.5; 3]);
         let covered = compare(&render, &coverage, &truth).unwrap().covered.unwrap();
-        assert_eq!(covered.alignment, Alignment { gain: [1.0; 3], offset: [0.25; 3] });
+        let alignment = Sums::of(&render, &coverage, &truth).alignment();
+        assert_eq!(alignment, Alignment { gain: [1.0; 3], offset: [0.25; 3] });
         assert!(covered.aligned_psnr > 100.0);
         let expected = -10.0 * (0.0625f64 / 12.0).log10();
         assert!((covered.aligned_psnr_frame - expected).abs() < 1e-9);

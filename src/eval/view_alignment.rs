@@ -335,8 +335,8 @@ impl AlignedView {
         let Comparison { psnr, ssim, covered, .. } = compare(shown, coverage, truth)?;
         let Some(covered) = covered else { return Ok(None) };
         // At the photograph's exposure: a darker render has less energy but is not less sharp.
-        let exposed = covered.alignment.apply(shown, coverage);
-        let Some(bands) = sharpness::bands(&exposed, coverage, truth) else { return Ok(None) };
+        let exposed = &covered.aligned;
+        let Some(bands) = sharpness::bands(exposed, coverage, truth) else { return Ok(None) };
         let turn = DQuat::from_mat3(&(from.rotation().transpose() * to.rotation()));
         Ok(Some(Self {
             shift: (to.centre() - from.centre()).length(),
@@ -346,7 +346,7 @@ impl AlignedView {
             psnr_aligned_covered: covered.aligned_psnr,
             ssim,
             ssim_aligned: covered.aligned_ssim,
-            gradient_ssim: sharpness::gradient_ssim(&exposed, truth)?,
+            gradient_ssim: sharpness::gradient_ssim(exposed, truth)?,
             bands,
         }))
     }
