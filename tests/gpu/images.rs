@@ -62,6 +62,7 @@ fn every_method_finishes_pixels() {
         full_coverage: 0.4,
         exposures,
         poses: None,
+        textures: None,
     });
     for method in METHODS {
         let options = RenderOptions { exposure_mode: Exposing::Recorded, ..options(method) };

@@ -135,9 +135,7 @@ pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
     let mean = DVec3::from_array(splat.mean.map(f64::from));
     let [w, x, y, z] = splat.rotation.map(f64::from);
     let scale = splat.scale.map(f64::from);
-    // A flat splat has its surface normal along its shortest axis.
-    let thinnest = (0..3).min_by(|&a, &b| scale[a].total_cmp(&scale[b])).unwrap_or(0);
-    let normal = DQuat::from_xyzw(x, y, z, w).normalize() * DVec3::AXES[thinnest];
+    let normal = DQuat::from_xyzw(x, y, z, w).normalize() * DVec3::AXES[splat.thinnest_axis()];
     let k = &camera.intrinsics;
     let ray = DVec3::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy, 1.0);
     let (eye, ray) = (camera.pose.centre(), camera.pose.rotation() * ray);

@@ -220,6 +220,8 @@ fn photometric(sections: &Container, n: usize) -> Result<PhotometricState, Defec
         appearance: appearance.into_iter().map(appearance_of).collect(),
         form: sections.rows(PHOTO_SHAPE_PRECISION, Some(n))?,
         color: sections.rows(PHOTO_COLOR, Some(n))?,
+        textures: Vec::new(),
+        texture_steps: 0,
         noise: sections.read_numbers(PHOTO_NOISE)?,
         points: pair(PHOTO_POINTS)?,
         seen_through: pair(PHOTO_SEEN_THROUGH)?,

@@ -8,4 +8,5 @@ mod rigid;
 pub mod splat_rule;
 pub mod state;
 pub mod sums;
+pub mod texels;
 pub mod waiting;

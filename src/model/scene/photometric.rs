@@ -1,11 +1,13 @@
 //! Photometric state of a scene: splat parameters and their precision, one row per component.
 
+use super::texels::TextureSums;
 use super::waiting::BufferedPhotograph;
 use crate::math::cholesky::{Cholesky, at};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::splats::Splat;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Number of parameters of a splat's position, shape and opacity: mean (world units), logarithms of the
 /// scales, rotation about the splat's own axes (radians), logarithm of the opacity.
@@ -32,6 +34,10 @@ pub struct PhotometricState {
     /// Precision matrix of each splat's colour coefficients, shared by all channels: lower triangle, row
     /// by row.
     pub color: Vec<[f32; N_COLOR_PRECISION]>,
+    /// Textures of the splats; components beyond the end have none. Copies of the state share them.
+    pub textures: Vec<Option<Arc<TextureSums>>>,
+    /// Number of times that the pitch of all textures was doubled to keep their memory within the budget.
+    pub texture_steps: u32,
     /// Running mean of the squared residual per channel, and its weight in frames. The residual is
     /// between a photograph and the scene rendered before training on it.
     pub noise: [f64; 2],
@@ -54,7 +60,12 @@ impl PhotometricState {
 
     /// Returns the memory used, in bytes, without buffered photographs.
     pub fn bytes(&self) -> usize {
-        self.splats.len() * Self::BYTES
+        self.splats.len() * Self::BYTES + self.texture_bytes()
+    }
+
+    /// Returns the memory used by textures, in bytes.
+    pub fn texture_bytes(&self) -> usize {
+        self.textures.par_iter().flatten().map(|texture| texture.bytes()).sum()
     }
 
     /// Grows the state to `n` components; new components have no splat.
@@ -75,6 +86,8 @@ impl PhotometricState {
             appearance,
             form: copied_rows(&self.form, n, [0.0; N_FORM_PRECISION]),
             color: copied_rows(&self.color, n, [0.0; N_COLOR_PRECISION]),
+            textures: self.textures.iter().take(n).cloned().collect(),
+            texture_steps: self.texture_steps,
             noise: self.noise,
             points: self.points,
             seen_through: self.seen_through,

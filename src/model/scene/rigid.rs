@@ -7,6 +7,7 @@ use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::{Splat, rotation_array};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 // First indices of vectors in world axes among the parameters of a form and of a channel's colour; all other
 // parameters are independent of the world's axes.
@@ -19,7 +20,7 @@ impl PhotometricState {
     pub fn move_by(&mut self, motion: &Pose) {
         let turn = motion.rotation();
         let rotation = DQuat::from_mat3(&turn);
-        let Self { splats, appearance, form, color, .. } = self;
+        let Self { splats, appearance, form, color, textures, .. } = self;
         splats.par_iter_mut().for_each(|splat| *splat = moved(splat, motion, rotation));
         appearance.par_iter_mut().for_each(|look| *look = turned(look, turn));
         form.par_iter_mut()
@@ -27,6 +28,9 @@ impl PhotometricState {
         color
             .par_iter_mut()
             .for_each(|lower| rotate_precision::<N_COLOR>(lower, &COLOR_VECTORS, turn));
+        textures.par_iter_mut().flatten().for_each(|texture| {
+            Arc::make_mut(texture).lattice.move_by(motion);
+        });
         self.buffered
             .iter_mut()
             .for_each(|photograph| photograph.view = photograph.view.moved(motion));

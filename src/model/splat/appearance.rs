@@ -7,6 +7,7 @@
 use super::observed_cone::ObservedCone;
 use super::pose_log::{ExposureLog, PoseLog};
 use super::splats::Splat;
+use super::texture::Textures;
 use crate::math::pose::Pose;
 use std::ops::Deref;
 use std::sync::Arc;
@@ -55,6 +56,11 @@ impl<'a> SplatView<'a> {
         fits.then_some(Self { splats, appearance, finishing: &PLAIN })
     }
 
+    /// Returns the view with other parameters for finishing composited pixels.
+    pub fn with_finishing(self, finishing: &'a Finishing) -> Self {
+        Self { finishing, ..self }
+    }
+
     /// Returns the splats in order; slots of opacity 0 are empty.
     pub fn splats(&self) -> &'a [Splat] {
         self.splats
@@ -90,6 +96,8 @@ pub struct Finishing {
     pub exposures: Option<Arc<ExposureLog>>,
     /// Pose corrections of the training frames, if any.
     pub poses: Option<Arc<PoseLog>>,
+    /// Textures by splat, if any.
+    pub textures: Option<Arc<Textures>>,
 }
 
 impl Finishing {
@@ -100,7 +108,8 @@ impl Finishing {
 }
 
 // Static, so that views of plain splats can borrow it.
-static PLAIN: Finishing = Finishing { full_coverage: 1.0, exposures: None, poses: None };
+static PLAIN: Finishing =
+    Finishing { full_coverage: 1.0, exposures: None, poses: None, textures: None };
 
 /// Parameters that leave pixels unchanged, as for plain splats (standard 3DGS splats).
 impl Default for Finishing {

@@ -5,4 +5,5 @@ pub mod framing;
 pub mod observed_cone;
 pub mod pose_log;
 pub mod splats;
+pub mod texture;
 pub mod viewpoint;

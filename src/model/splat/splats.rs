@@ -107,6 +107,18 @@ impl Splat {
         DQuat::from_xyzw(x, y, z, w)
     }
 
+    /// Returns the number of the shortest axis, along which a flat splat has its surface normal.
+    pub fn thinnest_axis(&self) -> usize {
+        let [x, y, z] = self.scale;
+        if x <= y && x <= z {
+            0
+        } else if y <= z {
+            1
+        } else {
+            2
+        }
+    }
+
     /// Returns the covariance `Q diag(s²) Qᵀ` in f64, world units².
     pub fn covariance(&self) -> Sym3 {
         let q = DMat3::from_quat(self.quaternion().normalize());

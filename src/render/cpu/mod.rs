@@ -15,6 +15,8 @@ mod record;
 mod renderer;
 mod rows;
 mod shade;
+pub mod surfaces;
+mod textures;
 mod tile;
 pub(super) mod view;
 

@@ -3,6 +3,7 @@
 
 use super::record::{ConicRecord, DepthEntry, Gradient, Records, TangentFrame};
 use super::shade::{self, ColorGradient};
+use super::textures::{LatticeOf, SurfacePlane};
 use super::view::{CameraSplat, CpuView};
 use super::{exact, projected};
 use crate::model::splat::appearance::{Appearance, SplatView};
@@ -25,6 +26,7 @@ pub(super) struct ChunkCount {
 pub(super) fn prepare(
     splats: SplatView<'_>,
     view: &CpuView,
+    lattices: Option<LatticeOf<'_>>,
     out: &mut Records,
     listings: &mut Vec<DepthEntry>,
     counts: &mut Vec<ChunkCount>,
@@ -38,6 +40,8 @@ pub(super) fn prepare(
     let has_gradients = !splats.appearance().is_empty() && view.style.paint == Paint::Stored;
     grow(&mut out.gradients, if has_gradients { n } else { 0 });
     grow(&mut out.frames, if view.method.lens() == Lens::Fisheye { n } else { 0 });
+    grow(&mut out.planes, if lattices.is_some() { n } else { 0 });
+    let mut planes = out.planes.chunks_mut(CHUNK);
     let mut gradients = out.gradients.chunks_mut(CHUNK);
     let mut frames = out.frames.chunks_mut(CHUNK);
     counts.clear();
@@ -57,6 +61,8 @@ pub(super) fn prepare(
             depth_entries: listings,
             gradients: gradients.next().unwrap_or(&mut []),
             frames: frames.next().unwrap_or(&mut []),
+            planes: planes.next().unwrap_or(&mut []),
+            lattices,
         })
         .collect();
     // rayon would merge chunks into one task, but their numbers of visible splats differ widely.
@@ -89,6 +95,8 @@ struct Chunk<'a> {
     depth_entries: &'a mut [DepthEntry],
     gradients: &'a mut [Gradient],
     frames: &'a mut [TangentFrame],
+    planes: &'a mut [SurfacePlane],
+    lattices: Option<LatticeOf<'a>>,
 }
 
 impl Chunk<'_> {
@@ -151,6 +159,12 @@ impl Chunk<'_> {
         self.depth_entries[to] = DepthEntry::new(key, &record.rect);
         self.records[to] = record;
         self.ids[to] = self.first + i as u32;
+        if let (Some(plane), Some(lattices)) = (self.planes.get_mut(to), self.lattices) {
+            let number = self.first as usize + i;
+            *plane = lattices(number).map_or_else(SurfacePlane::default, |lattice| {
+                SurfacePlane::new(view, number, &splats[i], &placed, appearance, &lattice)
+            });
+        }
         true
     }
 }

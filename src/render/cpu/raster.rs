@@ -2,11 +2,14 @@
 
 use super::buckets::Buckets;
 use super::record::Records;
+use super::textures::add_textures;
 use super::tile::{ProjectionForm, Tile};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{Kernel, Vector};
+use crate::model::splat::texture::Textures;
 use crate::render::finish::Finish;
 use crate::render::options::{Lens, RenderMethod, Response, TILE};
+use glam::{DVec2, Vec3};
 use wide::bytemuck::cast_slice;
 
 // Splats binned to tiles at a time. Limits a row's lists to this many entries per tile, whatever
@@ -16,7 +19,7 @@ pub(super) const BATCH: usize = 4096;
 /// Buffers for one row of tiles, reused between images.
 #[derive(Default)]
 pub(super) struct RowCanvas {
-    tiles: Vec<Tile>,
+    pub tiles: Vec<Tile>,
     batch: Batch,
 }
 
@@ -49,6 +52,19 @@ pub(super) struct RowInputs<'a> {
     pub method: RenderMethod,
     pub background: [f32; 3],
     pub finish: Finish,
+    pub textures: Option<&'a Textures>,
+}
+
+impl RowInputs<'_> {
+    /// Returns a pixel's ray in camera axes, of any length; zero outside a fisheye's image.
+    pub(super) fn ray(&self, column: usize, row: usize) -> Vec3 {
+        let k = &self.intrinsics;
+        let (x, y) = (column as f64 + 0.5, row as f64 + 0.5);
+        match self.method.lens() {
+            Lens::Pinhole => Vec3::new(((x - k.cx) / k.fx) as f32, ((y - k.cy) / k.fy) as f32, 1.0),
+            Lens::Fisheye => Lens::Fisheye.ray(k, DVec2::new(x, y)).unwrap_or_default().as_vec3(),
+        }
+    }
 }
 
 /// Task that draws the splats of `list` (nearest first) into one row of tiles.
@@ -95,9 +111,9 @@ impl DrawRow<'_> {
                 let list = by_tile.get(index);
                 // Two loops instead of a branch per splat: scenes without gradients have no overhead.
                 if sheet.records.gradients.is_empty() {
-                    tile.blend_all::<V, FORM, false>(list, records, min_front);
+                    tile.blend_all::<V, FORM, false>(list, records, batch, min_front);
                 } else {
-                    tile.blend_all::<V, FORM, true>(list, records, min_front);
+                    tile.blend_all::<V, FORM, true>(list, records, batch, min_front);
                 }
             }
         }
@@ -111,6 +127,7 @@ impl RowCanvas {
         self.tiles.clear();
         self.tiles.extend((0..width).step_by(TILE).map(|left| {
             let tile = Tile::new(left, top, width - left, height - top);
+            let tile = if !sheet.records.planes.is_empty() { tile.with_owners() } else { tile };
             match sheet.method.lens() {
                 Lens::Pinhole => tile,
                 Lens::Fisheye => tile.with_fisheye_rays(k),
@@ -140,6 +157,15 @@ impl RowCanvas {
                     let [t, r, g, b, z] = planes.map(|plane| plane[row * TILE + column]);
                     // The sign of a transmittance only marks the pixel as finished.
                     let (open, pixel) = (1.0 - t.abs(), row * width + left + column);
+                    let [r, g, b] = match (sheet.textures, tile.owners()) {
+                        (Some(textures), Some(owners)) => {
+                            let ray = sheet.ray(left + column, top + row);
+                            let owners = owners.of(row, column);
+                            let planes = &sheet.records.planes;
+                            add_textures([r, g, b], open, owners, ray, planes, textures)
+                        }
+                        _ => [r, g, b],
+                    };
                     let [r, g, b, covered] = sheet.finish.apply([r, g, b, open]);
                     let t = 1.0 - covered;
                     // Stored colours may exceed 1.

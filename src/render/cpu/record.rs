@@ -15,6 +15,7 @@
 //! at the camera. The projected renderer is the case `l = w = 0`. All sums are sums of squares, so nothing
 //! cancels. The error of the numerator grows with `p`; in the expanded form it would grow with `(p_x·δx)²`.
 
+use super::textures::SurfacePlane;
 use crate::render::options::TILE;
 use std::ops::Range;
 
@@ -115,6 +116,8 @@ pub(super) struct Records {
     pub ids: Vec<u32>,
     pub gradients: Vec<Gradient>,
     pub frames: Vec<TangentFrame>,
+    /// Planes of textured splats; not gathered.
+    pub planes: Vec<SurfacePlane>,
 }
 
 impl Records {

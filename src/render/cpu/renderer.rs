@@ -6,13 +6,14 @@
 
 use super::raster::{DrawRow, RowCanvas, RowInputs};
 use super::rows::{ViewLists, longest_first};
+use super::textures::LatticeOf;
 use super::view::CpuView;
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::math::simd::Isa;
 use crate::model::splat::appearance::SplatView;
 use crate::render::finish::Finish;
-use crate::render::options::{RenderOptions, TILE};
+use crate::render::options::{Paint, RenderOptions, TILE};
 
 /// Rendered image; all planes have the size of the camera's image.
 #[derive(Clone, Debug)]
@@ -52,8 +53,8 @@ impl CpuStage {
 /// renderer per view instead of creating one per image.
 #[derive(Default)]
 pub struct CpuRenderer {
-    lists: ViewLists,
-    canvases: Vec<RowCanvas>,
+    pub(super) lists: ViewLists,
+    pub(super) canvases: Vec<RowCanvas>,
 }
 
 impl CpuRenderer {
@@ -120,7 +121,12 @@ impl CpuRenderer {
         if width == 0 || height == 0 {
             return image;
         }
-        image.n_invalid = self.lists.prepare(splats, &view);
+        // Other paints show no texture.
+        let textures = splats.finishing().textures.as_deref();
+        let textures = textures.filter(|_| options.style.paint == Paint::Stored);
+        let lattice = |splat: usize| Some(textures?.get(splat)?.as_ref()?.lattice);
+        let lattices = textures.map(|_| &lattice as LatticeOf<'_>);
+        image.n_invalid = self.lists.prepare(splats, &view, lattices);
         observer(CpuStage::Prepare);
         self.lists.bin(height);
         observer(CpuStage::Bin);
@@ -135,6 +141,7 @@ impl CpuRenderer {
             method: options.method,
             background: options.background,
             finish,
+            textures,
         };
         let pixels_per_row = width * TILE;
         let pixels = image.color.data.chunks_mut(pixels_per_row);

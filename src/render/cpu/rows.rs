@@ -8,6 +8,7 @@ use super::buckets::Buckets;
 use super::prepare;
 use super::prepare::ChunkCount;
 use super::record::{DepthEntry, Records};
+use super::textures::LatticeOf;
 use super::view::CpuView;
 use crate::model::splat::appearance::SplatView;
 use crate::render::options::TILE;
@@ -31,11 +32,18 @@ pub(super) struct ViewLists {
 }
 
 impl ViewLists {
-    /// Converts the splats to records. Returns the number of invalid splats.
-    pub(super) fn prepare(&mut self, splats: SplatView<'_>, view: &CpuView) -> usize {
+    /// Converts the splats to records, with the planes of splats for which `lattices` returns a lattice.
+    /// Returns the number of invalid splats.
+    pub(super) fn prepare(
+        &mut self,
+        splats: SplatView<'_>,
+        view: &CpuView,
+        lattices: Option<LatticeOf<'_>>,
+    ) -> usize {
         prepare::prepare(
             splats,
             view,
+            lattices,
             &mut self.records,
             &mut self.depth_entries,
             &mut self.counts,

@@ -47,7 +47,7 @@ pub(super) fn color(
         // A marked splat must be recognisable under every paint.
         Paint::Depth(_) | Paint::Normal if splat.color == MARKER_COLOR => MARKER_COLOR,
         Paint::Depth([near, far]) => ramp((placed.m.length() as f32 - near) / (far - near)),
-        Paint::Normal => normal_color(view, placed),
+        Paint::Normal => normal_color(view, splat, placed),
     }
 }
 
@@ -60,6 +60,11 @@ fn directional_color(
     appearance: &Appearance,
 ) -> [f32; 3] {
     let d = appearance.observed.clamp_direction(view.world_from_camera * placed.m.normalize());
+    color_from(splat, appearance, d)
+}
+
+/// Returns the colour of a splat seen along the unit direction `d`, world axes.
+fn color_from(splat: &Splat, appearance: &Appearance, d: DVec3) -> [f32; 3] {
     std::array::from_fn(|channel| {
         let w = DVec3::from_array(appearance.directional[channel].map(f64::from));
         // Clamped here rather than in the fit, because the direction may differ from all training views.
@@ -67,18 +72,24 @@ fn directional_color(
     })
 }
 
+/// Returns the colour of a splat in this view minus its colour seen along the mean of the observed
+/// directions.
+pub(super) fn directional_shift(
+    view: &CpuView,
+    splat: &Splat,
+    placed: &CameraSplat,
+    appearance: Option<&Appearance>,
+) -> [f32; 3] {
+    let Some(appearance) = appearance else { return [0.0; 3] };
+    let here = directional_color(view, splat, placed, appearance);
+    let mean = color_from(splat, appearance, appearance.observed.mean());
+    std::array::from_fn(|channel| here[channel] - mean[channel])
+}
+
 /// Returns the colour `½ + ½·n`. `n` is the world direction of the splat's shortest axis, turned
 /// towards the camera.
-fn normal_color(view: &CpuView, placed: &CameraSplat) -> [f32; 3] {
-    let [x, y, z] = placed.scale.to_array();
-    let shortest = if x <= y && x <= z {
-        0
-    } else if y <= z {
-        1
-    } else {
-        2
-    };
-    let axis = placed.axes.col(shortest);
+fn normal_color(view: &CpuView, splat: &Splat, placed: &CameraSplat) -> [f32; 3] {
+    let axis = placed.axes.col(splat.thinnest_axis());
     // The sign of an axis is arbitrary; the visible side faces the camera.
     let towards = if axis.dot(placed.m) > 0.0 { -axis } else { axis };
     let n = view.world_from_camera * towards;

@@ -7,6 +7,7 @@
 //! finished or outside the image, so that one comparison tests both.
 
 use super::record::{ConicRecord, Gradient, Records, Rect, TangentFrame};
+use super::textures::Owners;
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{LANES, SET_LANE, Vector};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
@@ -49,6 +50,8 @@ pub(super) struct Tile {
     /// Unit ray of every pixel in camera axes; only for a fisheye.
     // Boxed, because most views have none and the planes of a tile share L1.
     rays: Option<Box<[Plane; 3]>>,
+    /// Splats with the largest weights; only if textures are read.
+    owners: Option<Box<Owners>>,
     /// One bit per row with an unfinished pixel.
     open_rows: u32,
 }
@@ -76,7 +79,16 @@ impl Tile {
             *pixels = initial_transmittance(group % GROUPS * LANES, columns);
         }
         let open_rows = (1 << rows) - 1;
-        Self { left, top, transmittance, color: [empty; 3], depth: empty, rays: None, open_rows }
+        Self {
+            left,
+            top,
+            transmittance,
+            color: [empty; 3],
+            depth: empty,
+            rays: None,
+            owners: None,
+            open_rows,
+        }
     }
 
     /// Adds a unit ray per pixel for an equidistant fisheye. Pixels at an angle of more than π to the
@@ -101,6 +113,15 @@ impl Tile {
         self
     }
 
+    /// Records the splats with the largest weights.
+    pub(super) fn with_owners(self) -> Self {
+        Self { owners: Some(Owners::new()), ..self }
+    }
+
+    pub(super) fn owners(&self) -> Option<&Owners> {
+        self.owners.as_deref()
+    }
+
     pub(super) fn is_finished(&self) -> bool {
         self.open_rows == 0
     }
@@ -114,11 +135,13 @@ impl Tile {
 
     /// Blends the listed splats into the tile, nearest first. If `min_front` is 0, the largest response
     /// is searched in front of the camera. If it is `−∞`, the whole line is searched.
+    /// `numbers` holds the record number in the view of every entry of `all`.
     #[inline(always)]
     pub(super) fn blend_all<V: Vector, const FORM: u8, const SHADED: bool>(
         &mut self,
         list: &[u32],
         all: &Records,
+        numbers: &[u32],
         min_front: f32,
     ) {
         for &index in list {
@@ -131,7 +154,7 @@ impl Tile {
             let gradient = if SHADED { Some(&all.gradients[index]) } else { None };
             let frame =
                 if FORM == ProjectionForm::FISHEYE { Some(&all.frames[index]) } else { None };
-            self.blend::<V, FORM>(splat, gradient, frame, min_front);
+            self.blend::<V, FORM>(splat, numbers[index], gradient, frame, min_front);
         }
     }
 
@@ -140,6 +163,7 @@ impl Tile {
     fn blend<V: Vector, const FORM: u8>(
         &mut self,
         splat: &ConicRecord,
+        number: u32,
         gradient: Option<&Gradient>,
         frame: Option<&TangentFrame>,
         min_front: f32,
@@ -165,7 +189,7 @@ impl Tile {
                     }
                     _ => through_plane::<V, FORM>(splat, [x[half], y], min_front),
                 };
-                stopped |= self.blend_group::<V, FORM>(group, splat, gradient, &response);
+                stopped |= self.blend_group::<V, FORM>(group, splat, number, gradient, &response);
             }
             if stopped && row_is_finished(&self.transmittance, row) {
                 self.open_rows &= !(1 << row);
@@ -180,6 +204,7 @@ impl Tile {
         &mut self,
         group: usize,
         splat: &ConicRecord,
+        number: u32,
         gradient: Option<&Gradient>,
         response: &Response<V>,
     ) -> bool {
@@ -199,6 +224,9 @@ impl Tile {
             _ => V::splat(splat.reach) * response.tau,
         };
         add(&mut self.depth[group], weight * depth);
+        if let Some(owners) = &mut self.owners {
+            owners.offer(group, weight, number);
+        }
         stopped
     }
 }

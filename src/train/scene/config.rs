@@ -17,6 +17,11 @@ pub const COMPONENT_BYTES: usize = 200;
 /// Default budget: maximum number of components of a scene, 400 MB at [`COMPONENT_BYTES`] each.
 pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 
+/// Default memory for textures, in megabytes.
+pub const DEFAULT_TEXTURE_MB: u32 = 200;
+/// Maximum memory for textures, in megabytes.
+pub const MAX_TEXTURE_MB: u32 = 100_000;
+
 /// Settings of the scene engine.
 ///
 /// ```
@@ -53,6 +58,9 @@ pub struct SceneConfig {
     // Skipped if off, so that files of scenes without it are unchanged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photometric: Option<PhotometricRule>,
+    /// Memory for textures, in megabytes; 0 if textures are off. They need photographs.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub texture_mb: u32,
     /// True if camera poses are found by tracking against the scene. Recorded poses are then ignored.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub track: bool,
@@ -64,6 +72,10 @@ pub const RAY_SEARCH: f64 = 4.0;
 
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
+}
+
+fn is_none(value: &u32) -> bool {
+    *value == 0
 }
 
 impl SceneConfig {
@@ -95,6 +107,7 @@ impl SceneConfig {
                 directional_ridge: [0.01, 0.2],
             },
             photometric: None,
+            texture_mb: 0,
             track: false,
         }
     }
@@ -128,6 +141,11 @@ impl SceneConfig {
     pub fn photometric_rule(&self) -> Option<PhotometricRule> {
         // A plain splat has no gradient that could be trained.
         self.photometric.map(|rule| rule.of_splats(&self.splat_rule))
+    }
+
+    /// Returns the memory for textures, in bytes.
+    pub fn texture_bytes(&self) -> usize {
+        self.texture_mb as usize * 1_000_000
     }
 
     /// Returns the maximum number of seeds. It exceeds the number of components, since merged components

@@ -10,6 +10,7 @@
 pub mod config;
 pub mod fusion;
 pub mod photometric;
+mod textures;
 pub mod track;
 pub mod units;
 

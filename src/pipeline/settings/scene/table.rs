@@ -4,7 +4,7 @@ use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::{PixelSampling, Sensor};
 use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::scene::config::RAY_SEARCH;
+use crate::train::scene::config::{MAX_TEXTURE_MB, RAY_SEARCH};
 use crate::train::scene::photometric::rule::{MAX_WAITING, PhotometricMode};
 use crate::train::scene::units::{Budget, StructuralScale};
 use crate::train::setting::table::settings;
@@ -68,6 +68,15 @@ settings! {
                 rule.shuffle_buffer = n;
             }
         };
+    }
+    /// Memory for textures, in MB (0 = off). Textures show the detail of photographs that splats are too coarse
+    /// for. Where the memory is too little, all texels become coarser.
+    textures: usize {
+        label "Textures (MB)";
+        default by "200; none without photometric training";
+        range "0 to {MAX_TEXTURE_MB} MB", |mb| *mb <= MAX_TEXTURE_MB as usize;
+        get |run| Some(run.engine.texture_mb as usize);
+        set |run, mb| run.engine.texture_mb = mb as u32;
     }
     /// Kind of splats: native renders best in this program; plain is exported without loss to any viewer.
     splats: SplatKind {

@@ -107,7 +107,7 @@ impl ViewBuffers {
         let plain = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let view = CpuView::new(camera, &RenderOptions { near, ..plain });
         let lists = &mut self.lists;
-        lists.prepare(splats, &view);
+        lists.prepare(splats, &view, None);
         lists.bin(height);
         lists.sort();
         PreparedView { view, lists }

@@ -116,6 +116,11 @@ impl SceneTrainer {
             {
                 *splat = Splat::default();
             }
+            if self.scene.sums.sums(id)[0] == 0.0
+                && let Some(texture) = self.photographs.learner.state.textures.get_mut(id)
+            {
+                *texture = None;
+            }
         }
         used - self.scene.seeds.components.used()
     }

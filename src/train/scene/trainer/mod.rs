@@ -261,8 +261,10 @@ impl SceneTrainer {
         let (splats, appearance): (Vec<_>, Vec<_>) =
             ids.with_min_len(256).map(|id| self.splat(id)).unzip();
         let (exposures, poses) = self.poses.logs(self.scene.config.h);
+        let textures = self.photographs.drawn_textures();
         let full_coverage = self.scene.config.splat_rule.full_coverage as f32;
-        SplatSet::new(splats, appearance).finished(Finishing { full_coverage, exposures, poses })
+        let finishing = Finishing { full_coverage, exposures, poses, textures };
+        SplatSet::new(splats, appearance).finished(finishing)
     }
 }
 

@@ -8,6 +8,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::waiting::PhotographView;
+use crate::model::splat::texture::Textures;
 use crate::observation::surface::{Observation, Photograph, SurfacePoint};
 use crate::render::cpu::photometric::RowSubset;
 use crate::render::near_plane_for;
@@ -17,6 +18,8 @@ use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::photometric::rule::PhotometricRule;
 use crate::train::scene::photometric::waiting::{CONTRADICTION, packed, update_point_residuals};
 use crate::train::scene::photometric::{PhotometricLearner, SplatStep, TrainingView};
+use crate::train::scene::textures::{Taken, TextureLearner};
+use std::sync::Arc;
 
 // Stride over the points to estimate the distance of a frame's nearest surfaces.
 const NEAREST_OF: usize = 16;
@@ -45,6 +48,7 @@ fn pixels_for_each(depth: &Intrinsics, pixels: usize) -> f64 {
 #[derive(Default)]
 pub(super) struct Photographs {
     pub learner: PhotometricLearner,
+    pub textures: TextureLearner,
     /// State for drawing, after the photometric steps for all buffered photographs. Dropped when
     /// training resumes.
     pub settled: Option<PhotometricState>,
@@ -116,6 +120,18 @@ impl Photographs {
         }
         self.observe(scene, changes.get());
         let Some(photograph) = &frame.photograph else { return };
+        if scene.config.texture_mb > 0 {
+            let taken = Taken {
+                photograph,
+                camera: photograph.camera(&camera.pose),
+                near: near_plane_for(nearest(&frame.points)),
+                gain,
+                margin: frame.tolerance.margin,
+                frame: scene.frames,
+            };
+            let (state, budget) = (&mut self.learner.state, scene.config.texture_bytes());
+            self.textures.learn(state, changes.listed(), scene.config.h, budget, &taken);
+        }
         let (changed, compared) = self.step(scene, &rule, frame, photograph, camera, gain);
         self.compared.extend(compared);
         changes.add(&changed);
@@ -130,6 +146,7 @@ impl Photographs {
     /// moved before.
     pub fn move_by(&mut self, scene: &Scene, motion: &Pose) {
         self.learner.state.move_by(motion);
+        self.textures.forget_drawn();
         self.observe(scene, Changed::All);
     }
 
@@ -179,6 +196,11 @@ impl Photographs {
         let (settled, compared) = self.learner.settled_state(&step);
         (self.settled, self.compared) = (Some(settled), compared);
         true
+    }
+
+    /// Returns the textures to draw; `None` if there are none.
+    pub fn drawn_textures(&self) -> Option<Arc<Textures>> {
+        self.textures.drawn(&self.learner.state)
     }
 
     /// Returns the photometric state from which splats are drawn.

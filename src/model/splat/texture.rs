@@ -1,0 +1,213 @@
+//! Textures of splats as renderers read them (`textures.md`).
+//!
+//! A texture is a square lattice of texels, fixed in world space. It lies about in the plane of its splat. A
+//! texel holds the colour of a surface and how far it replaces what the splats draw. Memory is held in
+//! patches of 4 × 4 texels, because the lattice is square and the visible part of a surface is not.
+
+use crate::math::pose::Pose;
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+use std::sync::Arc;
+
+/// Texels per side of a patch.
+pub const PATCH: usize = 4;
+/// Texels per patch.
+pub const TEXELS: usize = PATCH * PATCH;
+/// Largest level of a lattice.
+pub const MAX_LEVEL: u8 = 5;
+/// Marks a patch of the lattice that has no texels.
+pub const ABSENT: u16 = u16::MAX;
+
+/// Lattice of texels in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lattice {
+    /// Centre, world units.
+    pub anchor: [f32; 3],
+    /// Unit directions of columns and rows, world axes.
+    pub axes: [[f32; 3]; 2],
+    /// Half the length of a side, world units.
+    pub half: f32,
+    /// The lattice has `4·2^level` texels per side.
+    pub level: u8,
+}
+
+impl Lattice {
+    /// Returns the number of texels per side.
+    pub fn side(&self) -> usize {
+        PATCH << self.level
+    }
+
+    /// Returns the number of texels per world unit.
+    pub fn per_unit(&self) -> f64 {
+        self.side() as f64 / (2.0 * f64::from(self.half))
+    }
+
+    /// Returns the position of a world point along columns and rows, in texels from the lattice's corner.
+    /// It may lie outside.
+    pub fn place_of(&self, point: DVec3) -> [f64; 2] {
+        let from = point - DVec3::from_array(self.anchor.map(f64::from));
+        self.axes.map(|axis| {
+            let along = DVec3::from_array(axis.map(f64::from)).dot(from);
+            along * self.per_unit() + 0.5 * self.side() as f64
+        })
+    }
+
+    /// Returns the world position of a place in the lattice, in texels from its corner.
+    pub fn point_at(&self, place: [f64; 2]) -> DVec3 {
+        let anchor = DVec3::from_array(self.anchor.map(f64::from));
+        let half = 0.5 * self.side() as f64;
+        self.axes.iter().zip(place).fold(anchor, |point, (axis, at)| {
+            point + DVec3::from_array(axis.map(f64::from)) * ((at - half) / self.per_unit())
+        })
+    }
+
+    /// Moves the lattice with the world. `motion` maps old to new world coordinates.
+    pub fn move_by(&mut self, motion: &Pose) {
+        let world = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
+        self.anchor = motion.transform_point(world(self.anchor)).as_vec3().to_array();
+        self.axes = self.axes.map(|axis| (motion.rotation() * world(axis)).as_vec3().to_array());
+    }
+
+    /// Returns the number of the patch of a texel, row-major, and of the texel in the patch.
+    pub fn patch_of(&self, [x, y]: [usize; 2]) -> (usize, usize) {
+        let patches = self.side() / PATCH;
+        ((y / PATCH) * patches + x / PATCH, (y % PATCH) * PATCH + x % PATCH)
+    }
+}
+
+/// Texel as it is drawn: nine bits for each colour channel, in steps of 1/256, and five bits for its share.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(transparent)]
+pub struct Texel(pub u32);
+
+impl Texel {
+    /// Rounds a texel. `color` is limited to 0 to 511/256, `share` to 0 to 1.
+    pub fn new(color: [f32; 3], share: f32) -> Self {
+        let [r, g, b] = color.map(|c| (c * 256.0).round().clamp(0.0, 511.0) as u32);
+        let share = (share * 31.0).round().clamp(0.0, 31.0) as u32;
+        Self(r | g << 9 | b << 18 | share << 27)
+    }
+
+    /// Returns the colour and the share.
+    pub fn unpack(self) -> ([f32; 3], f32) {
+        let color = [0, 9, 18].map(|at| ((self.0 >> at) & 511) as f32 / 256.0);
+        (color, (self.0 >> 27) as f32 / 31.0)
+    }
+}
+
+/// Texture at one place.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sample {
+    /// Share of the colour that the texture replaces, 0 to 1.
+    pub share: f32,
+    /// Colour of the surface times the share.
+    pub color: [f32; 3],
+}
+
+/// Texture of one splat.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    /// Lattice of the texels.
+    pub lattice: Lattice,
+    /// Index into `patches` of each patch of the lattice, row-major; [`ABSENT`] for patches without texels.
+    pub index: Vec<u16>,
+    /// Texels by patch, row-major in each.
+    pub patches: Vec<[Texel; TEXELS]>,
+}
+
+impl Texture {
+    fn texel(&self, at: [usize; 2]) -> Texel {
+        let (patch, within) = self.lattice.patch_of(at);
+        let patch = self.patches.get(usize::from(self.index[patch]));
+        patch.map_or_else(Texel::default, |patch| patch[within])
+    }
+
+    /// Returns the texture at a place, in texels from the lattice's corner, bilinearly interpolated. The
+    /// share is 0 outside.
+    pub fn sample(&self, place: [f32; 2]) -> Sample {
+        let mut sample = Sample::default();
+        for (at, part) in corners(place, self.lattice.side()).into_iter().flatten() {
+            let (color, share) = self.texel(at).unpack();
+            let share = part * share;
+            sample.share += share;
+            for (sum, color) in sample.color.iter_mut().zip(color) {
+                *sum += share * color;
+            }
+        }
+        sample
+    }
+
+    /// Returns the memory used, in bytes.
+    pub fn bytes(&self) -> usize {
+        size_of::<Self>() + size_of_val(&self.index[..]) + size_of_val(&self.patches[..])
+    }
+}
+
+/// Returns the four texels about a place in a lattice of `side` texels a side, and the weight of each.
+/// `None` outside of the lattice.
+#[inline]
+pub fn corners([x, y]: [f32; 2], side: usize) -> Option<[([usize; 2], f32); 4]> {
+    let limit = side as f32;
+    if !(x >= 0.0 && y >= 0.0 && x <= limit && y <= limit) {
+        return None;
+    }
+    let last = side - 1;
+    let (x, y) = ((x - 0.5).max(0.0), (y - 0.5).max(0.0));
+    let (x0, y0) = ((x as usize).min(last), (y as usize).min(last));
+    let (fx, fy) = ((x - x0 as f32).min(1.0), (y - y0 as f32).min(1.0));
+    let (x1, y1) = ((x0 + 1).min(last), (y0 + 1).min(last));
+    Some([
+        ([x0, y0], (1.0 - fx) * (1.0 - fy)),
+        ([x1, y0], fx * (1.0 - fy)),
+        ([x0, y1], (1.0 - fx) * fy),
+        ([x1, y1], fx * fy),
+    ])
+}
+
+/// Textures by splat; `None` for splats without one. Snapshots share textures that have not changed.
+pub type Textures = Vec<Option<Arc<Texture>>>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lattice() -> Lattice {
+        let axes = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        Lattice { anchor: [1.0, 2.0, 3.0], axes, half: 0.5, level: 1 }
+    }
+
+    #[test]
+    fn places_and_points_are_inverse() {
+        let lattice = lattice();
+        let point = lattice.point_at([1.5, 7.0]);
+        assert_eq!(point.to_array(), [1.0, 2.0 - 0.3125, 3.375]);
+        assert_eq!(lattice.place_of(point + DVec3::X), [1.5, 7.0], "off the plane");
+    }
+
+    #[test]
+    fn packing_keeps_colors_within_half_a_step() {
+        let (color, share) = Texel::new([0.3, 1.5, 7.0], 0.5).unpack();
+        for (found, expected) in color.into_iter().zip([0.3, 1.5, 511.0 / 256.0]) {
+            assert!((found - expected).abs() <= 0.5 / 256.0, "{found} for {expected}");
+        }
+        assert!((share - 0.5).abs() <= 0.5 / 31.0);
+    }
+
+    #[test]
+    fn samples_interpolate_and_absent_patches_have_no_share() {
+        let mut index = vec![ABSENT; 4];
+        index[0] = 0;
+        let mut patch = [Texel::new([1.0, 0.0, 0.0], 1.0); TEXELS];
+        patch[1] = Texel::new([0.0, 1.0, 0.0], 1.0);
+        let texture = Texture { lattice: lattice(), index, patches: vec![patch] };
+        let centre = texture.sample([0.5, 0.5]);
+        assert_eq!((centre.color, centre.share), ([1.0, 0.0, 0.0], 1.0));
+        let between = texture.sample([0.75, 0.5]);
+        assert_eq!(between.color, [0.75, 0.25, 0.0]);
+        let rim = texture.sample([4.0, 2.0]);
+        assert_eq!((rim.color, rim.share), ([0.5, 0.0, 0.0], 0.5), "half beside an absent patch");
+        assert_eq!(texture.sample([6.0, 6.0]), Sample::default());
+        assert_eq!(texture.sample([-0.1, 2.0]), Sample::default());
+        assert_eq!(texture.sample([f32::NAN, 2.0]), Sample::default());
+    }
+}
