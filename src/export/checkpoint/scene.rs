@@ -221,6 +221,7 @@ fn photometric(sections: &Container, n: usize) -> Result<PhotometricState, Defec
         form: sections.rows(PHOTO_SHAPE_PRECISION, Some(n))?,
         color: sections.rows(PHOTO_COLOR, Some(n))?,
         textures: Vec::new(),
+        predictions: Vec::new(),
         texture_steps: 0,
         noise: sections.read_numbers(PHOTO_NOISE)?,
         points: pair(PHOTO_POINTS)?,

@@ -1,6 +1,6 @@
 //! Photometric state of a scene: splat parameters and their precision, one row per component.
 
-use super::texels::TextureSums;
+use super::texels::{Predictions, TextureSums};
 use super::waiting::BufferedPhotograph;
 use crate::math::cholesky::{Cholesky, at};
 use crate::model::splat::appearance::Appearance;
@@ -36,6 +36,8 @@ pub struct PhotometricState {
     pub color: Vec<[f32; N_COLOR_PRECISION]>,
     /// Textures of the splats; components beyond the end have none. Copies of the state share them.
     pub textures: Vec<Option<Arc<TextureSums>>>,
+    /// Predictions of each component's texture; components beyond the end have none.
+    pub predictions: Vec<Predictions>,
     /// Number of times that the pitch of all textures was doubled to keep their memory within the budget.
     pub texture_steps: u32,
     /// Running mean of the squared residual per channel, and its weight in frames. The residual is
@@ -87,6 +89,7 @@ impl PhotometricState {
             form: copied_rows(&self.form, n, [0.0; N_FORM_PRECISION]),
             color: copied_rows(&self.color, n, [0.0; N_COLOR_PRECISION]),
             textures: self.textures.iter().take(n).cloned().collect(),
+            predictions: self.predictions.iter().take(n).copied().collect(),
             texture_steps: self.texture_steps,
             noise: self.noise,
             points: self.points,

@@ -13,7 +13,7 @@ pub const WEIGHT_ONE: f32 = 256.0;
 pub const COLOR_ONE: f32 = 1024.0;
 /// Largest magnitude of an observed colour.
 pub const MAX_COLOR: f32 = 2.0;
-/// Squared colour 1 in the unit of [`Observed::predicted`].
+/// Squared colour 1 in the unit of [`Predictions`].
 pub const PRODUCT_ONE: f32 = (1 << 20) as f32;
 // Weight from which a texel no longer changes: 1,024 pixels. Below it no sum overflows.
 const FULL: u32 = 1 << 18;
@@ -22,6 +22,8 @@ const FULL: u32 = 1 << 18;
 pub const DOUBTS: [f32; 2] = [0.5, 4.0];
 // Prior of the sums of predictions: an exact prediction of this squared colour.
 const BELIEF: f64 = 0.05 * PRODUCT_ONE as f64;
+// A photograph takes this part of the earlier ones' weight.
+const FADING: i64 = 8;
 
 // Least cosine between the normals of a lattice and of its splat, and largest distance of the splat's mean
 // from the lattice's anchor, in half sides; beyond, the lattice is laid anew.
@@ -47,9 +49,46 @@ pub struct Observed {
     pub weight: u16,
     /// Colour of the surface per channel, in units of 1/1024, at most [`MAX_COLOR`].
     pub color: [i16; 3],
-    /// For each of [`DOUBTS`]: products of the predicted correction with the residual and with itself, summed
-    /// over channels, in units of 2⁻²⁰.
-    pub predicted: [[i32; 2]; 2],
+}
+
+/// How well a component's texture predicted photographs that were not part of it. For each of [`DOUBTS`]: sums
+/// over pixels and channels of the predicted correction times the residual and of its square, in units of
+/// 2⁻²⁰.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Predictions(pub [[i64; 2]; 2]);
+
+impl Predictions {
+    /// Adds a pixel's products.
+    pub fn add(&mut self, products: &[[i32; 2]; 2]) {
+        for (sum, product) in self.0.as_flattened_mut().iter_mut().zip(products.as_flattened()) {
+            *sum += i64::from(*product);
+        }
+    }
+
+    /// Adds the sums of the same component of another part of a recording.
+    pub fn merge(&mut self, other: &Self) {
+        for (sum, more) in self.0.as_flattened_mut().iter_mut().zip(other.0.as_flattened()) {
+            *sum += more;
+        }
+    }
+
+    /// Lets earlier photographs count less: splats have learned since.
+    pub fn fade(&mut self) {
+        self.0.as_flattened_mut().iter_mut().for_each(|sum| *sum -= *sum / FADING);
+    }
+
+    /// Returns the prior weight of [`DOUBTS`] that predicted photographs best, and the factor on its
+    /// corrections that would have predicted them best, 0 to 1: the regression of the residuals on the
+    /// predicted corrections.
+    pub fn trust(&self) -> (f32, f32) {
+        let [first, second] = self.0.map(|sums| {
+            let [cross, power] = sums.map(|sum| sum as f64 + BELIEF);
+            (cross.max(0.0) * cross / power, (cross / power).clamp(0.0, 1.0) as f32)
+        });
+        // Of equal predictions the one that keeps more detail.
+        if second.0 > first.0 { (DOUBTS[1], second.1) } else { (DOUBTS[0], first.1) }
+    }
 }
 
 /// Texture of a component with the sums it is learned from.
@@ -57,8 +96,6 @@ pub struct Observed {
 pub struct TextureSums {
     /// Lattice of the texels.
     pub lattice: Lattice,
-    /// For each of [`DOUBTS`]: sums of [`Observed::predicted`].
-    pub predicted: [[i64; 2]; 2],
     /// Index into `patches` of each patch of the lattice, row-major; [`ABSENT`] for patches without texels.
     pub index: Vec<u16>,
     /// Sums of the texels, by patch.
@@ -74,7 +111,7 @@ impl TextureSums {
         let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (turn * axis).as_vec3().to_array());
         let axes = [axes[(thin + 1) % 3], axes[(thin + 2) % 3]];
         let lattice = Lattice { anchor: splat.mean, axes, half, level: 0 };
-        Self { lattice, predicted: [[0; 2]; 2], index: vec![ABSENT], patches: Vec::new() }
+        Self { lattice, index: vec![ABSENT], patches: Vec::new() }
     }
 
     /// Returns the memory used, in bytes.
@@ -125,7 +162,6 @@ impl TextureSums {
         parts: u32,
     ) {
         let old = std::mem::replace(self, self.emptied(Lattice { level, ..self.lattice }));
-        self.predicted = old.predicted;
         old.for_each(|at, sums| {
             for to in into(at) {
                 let texel = self.texel_mut(to);
@@ -143,7 +179,6 @@ impl TextureSums {
         let fresh = Self::new(splat, half);
         let lattice = Lattice { level: self.lattice.level, ..fresh.lattice };
         let old = std::mem::replace(self, self.emptied(lattice));
-        self.predicted = old.predicted;
         let side = lattice.side() as f64;
         old.for_each(|[x, y], sums| {
             let place = lattice.place_of(old.lattice.point_at([x as f64 + 0.5, y as f64 + 0.5]));
@@ -155,7 +190,7 @@ impl TextureSums {
 
     fn emptied(&self, lattice: Lattice) -> Self {
         let index = vec![ABSENT; (lattice.side() / PATCH).pow(2)];
-        Self { lattice, predicted: [[0; 2]; 2], index, patches: Vec::new() }
+        Self { lattice, index, patches: Vec::new() }
     }
 
     /// Calls `f` for all observed texels in row-major order of patches.
@@ -186,10 +221,6 @@ impl TextureSums {
 
     /// Adds a pixel.
     pub fn add(&mut self, observed: &Observed) {
-        let sums = self.predicted.as_flattened_mut().iter_mut();
-        for (sum, product) in sums.zip(observed.predicted.as_flattened()) {
-            *sum += i64::from(*product);
-        }
         let side = self.lattice.side();
         let at = [usize::from(observed.texel) % side, usize::from(observed.texel) / side];
         let weight = i32::from(observed.weight);
@@ -204,10 +235,6 @@ impl TextureSums {
         self.refine(other.lattice.level);
         let mut other = other.clone();
         other.refine(self.lattice.level);
-        let sums = self.predicted.as_flattened_mut().iter_mut();
-        for (sum, more) in sums.zip(other.predicted.as_flattened()) {
-            *sum += more;
-        }
         let (lattice, side) = (self.lattice, self.lattice.side() as f64);
         other.for_each(|[x, y], sums| {
             let place = lattice.place_of(other.lattice.point_at([x as f64 + 0.5, y as f64 + 0.5]));
@@ -217,11 +244,15 @@ impl TextureSums {
         });
     }
 
-    /// Returns the posterior mean at a place for each of [`DOUBTS`].
-    pub fn samples(&self, place: [f32; 2]) -> [Sample; 2] {
+    /// Returns the posterior mean at a place for each of [`DOUBTS`], as it would be without the pixel `own`.
+    pub fn samples_without(&self, place: [f32; 2], own: &Observed) -> [Sample; 2] {
+        let side = self.lattice.side();
         let mut samples = [Sample::default(); 2];
-        for (at, part) in corners(place, self.lattice.side()).into_iter().flatten() {
-            let Some(texel) = self.texel(at) else { continue };
+        for (at, part) in corners(place, side).into_iter().flatten() {
+            let Some(mut texel) = self.texel(at).copied() else { continue };
+            if at[1] * side + at[0] == usize::from(own.texel) {
+                texel.remove(own);
+            }
             for (sample, doubt) in samples.iter_mut().zip(DOUBTS) {
                 let (color, share) = texel.posterior(doubt);
                 sample.share += part * share;
@@ -233,21 +264,9 @@ impl TextureSums {
         samples
     }
 
-    /// Returns the prior weight of [`DOUBTS`] that predicted photographs best, and the factor on its corrections
-    /// that would have predicted them best, 0 to 1: the regression of the residuals on the predicted
-    /// corrections.
-    pub fn trust(&self) -> (f32, f32) {
-        let [first, second] = self.predicted.map(|sums| {
-            let [cross, power] = sums.map(|sum| sum as f64 + BELIEF);
-            (cross.max(0.0) * cross / power, (cross / power).clamp(0.0, 1.0) as f32)
-        });
-        // Of equal predictions the one that keeps more detail.
-        if second.0 > first.0 { (DOUBTS[1], second.1) } else { (DOUBTS[0], first.1) }
-    }
-
-    /// Returns the texture to draw.
-    pub fn drawn(&self) -> Texture {
-        let (doubt, trust) = self.trust();
+    /// Returns the texture to draw. `predictions` are those of its component.
+    pub fn drawn(&self, predictions: &Predictions) -> Texture {
+        let (doubt, trust) = predictions.trust();
         let texel = |sums: &TexelSums| {
             let (color, share) = sums.posterior(doubt);
             Texel::new(color, share * trust)
@@ -268,6 +287,16 @@ impl TexelSums {
         self.weight += other.weight;
         for (sum, color) in self.color.iter_mut().zip(other.color) {
             *sum += color;
+        }
+    }
+
+    /// Takes away a pixel that was added before.
+    fn remove(&mut self, own: &Observed) {
+        // Its weight may have differed a little then.
+        let weight = u32::from(own.weight).min(self.weight);
+        self.weight -= weight;
+        for (sum, color) in self.color.iter_mut().zip(own.color) {
+            *sum -= weight as i32 * i32::from(color);
         }
     }
 

@@ -2,17 +2,20 @@
 
 use crate::math::camera::Camera;
 use crate::math::image::Image;
+use crate::math::measured_pixel::MeasuredPixel;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::texels::{
-    COLOR_ONE, MAX_COLOR, Observed, PRODUCT_ONE, TextureSums, WEIGHT_ONE,
+    COLOR_ONE, MAX_COLOR, Observed, PRODUCT_ONE, Predictions, TextureSums, WEIGHT_ONE,
 };
 use crate::model::splat::appearance::SplatView;
 use crate::model::splat::splats::Splat;
 use crate::model::splat::texture::{MAX_LEVEL, PATCH, Texture, Textures};
 use crate::observation::surface::Photograph;
 use crate::render::cpu::CpuRenderer;
+use crate::render::cpu::photometric::RowSubset;
 use crate::render::cpu::surfaces::{ShownSurface, SurfaceRow};
 use crate::render::{RenderMethod, RenderOptions, TILE};
+use crate::train::scene::photometric::TrainingView;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
@@ -25,7 +28,7 @@ const PITCH: f64 = 1.0;
 /// rows in every frame.
 const MOST_PIXELS: usize = 400_000;
 /// Blending weight below which a splat shows too little of a pixel.
-const MIN_WEIGHT: f32 = 0.05;
+const MIN_WEIGHT: f32 = 0.1;
 /// Coverage of a pixel below which the scene is incomplete there.
 const MIN_COVERED: f32 = 0.5;
 /// Coverage of a photograph's pixel (its alpha) below which its colour is mixed with a background.
@@ -56,6 +59,24 @@ pub(in crate::train::scene) struct Taken<'a> {
     pub frame: u64,
 }
 
+/// Rows of tiles of a photograph that add to textures: one of `stride`, others in every frame.
+#[derive(Clone, Copy)]
+struct TileRows {
+    stride: usize,
+    first: usize,
+}
+
+impl TileRows {
+    fn of(pixels: usize, frame: u64) -> Self {
+        let stride = pixels.div_ceil(MOST_PIXELS).next_power_of_two();
+        Self { stride, first: frame as usize % stride }
+    }
+
+    fn contains(self, row: usize) -> bool {
+        row % self.stride == self.first
+    }
+}
+
 impl TextureLearner {
     /// Adds a photograph to the textures of the splats that it shows. `changed` lists the components whose
     /// splats have changed since the last call, `h` is the structural scale in world units, `budget` the
@@ -69,13 +90,8 @@ impl TextureLearner {
         taken: &Taken<'_>,
     ) {
         self.begin(state, changed, h, &taken.camera);
-        let pixels = taken.photograph.colors.data.len();
-        let stride = pixels.div_ceil(MOST_PIXELS).next_power_of_two();
-        let first = taken.frame as usize % stride;
-        let options = RenderOptions {
-            near: taken.near,
-            ..RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3])
-        };
+        let shown = TileRows::of(taken.photograph.colors.data.len(), taken.frame);
+        let options = options(taken.near);
         let PhotometricState { splats, appearance, textures, .. } = state;
         let Some(view) = SplatView::new(splats, appearance) else { return };
         let size = textures.len().div_ceil(PARTS).max(1);
@@ -86,7 +102,7 @@ impl TextureLearner {
             &lattice,
             &taken.camera,
             &options,
-            |row| row % stride == first,
+            |row| shown.contains(row),
             |row| observations(row, taken, known, size),
         );
         let tasks = textures.par_chunks_mut(size).zip(self.drawn.par_chunks_mut(size));
@@ -100,6 +116,44 @@ impl TextureLearner {
             }
         });
         self.keep_within(state, budget);
+    }
+
+    /// Compares textures with a photograph before its photometric step, as if they had not learned it.
+    /// `photograph` has the colours of the scene's exposure.
+    pub fn judge(
+        &mut self,
+        state: &mut PhotometricState,
+        view: &TrainingView,
+        photograph: &Image<MeasuredPixel>,
+    ) {
+        let PhotometricState { splats, appearance, textures, predictions, .. } = state;
+        let shown = TileRows::of(photograph.data.len(), view.frame);
+        let Some(splats) = SplatView::new(splats, appearance) else { return };
+        predictions.resize(textures.len(), Predictions::default());
+        let size = textures.len().div_ceil(PARTS).max(1);
+        let known = &*textures;
+        let lattice = |splat: usize| Some(known.get(splat)?.as_ref()?.lattice);
+        let rows = self.renderer.visit_surfaces(
+            splats,
+            &lattice,
+            &view.camera,
+            &options(view.near),
+            |row| shown.contains(row),
+            |row| products(row, view.rows, photograph, known, size),
+        );
+        self.drawn.resize_with(textures.len(), OnceLock::new);
+        let tasks = predictions.par_chunks_mut(size).zip(self.drawn.par_chunks_mut(size));
+        tasks.enumerate().with_max_len(1).for_each(|(part, (predictions, drawn))| {
+            let mut seen = vec![false; predictions.len()];
+            for (component, products) in rows.iter().flat_map(|row| &row[part]) {
+                let at = *component as usize - part * size;
+                if !std::mem::replace(&mut seen[at], true) {
+                    predictions[at].fade();
+                    drawn[at].take();
+                }
+                predictions[at].add(products);
+            }
+        });
     }
 
     /// Begins textures for changed splats that have none, lays lattices anew whose splat has moved, and refines
@@ -161,11 +215,10 @@ impl TextureLearner {
         }
         let draw = |(id, texture): (usize, &Option<Arc<TextureSums>>)| {
             let texture = texture.as_ref()?;
-            Some(match self.drawn.get(id) {
-                Some(drawn) => drawn.get_or_init(|| Arc::new(texture.drawn())).clone(),
-                // After a checkpoint was opened, before the next photograph.
-                None => Arc::new(texture.drawn()),
-            })
+            let predictions = state.predictions.get(id).copied().unwrap_or_default();
+            let draw = || Arc::new(texture.drawn(&predictions));
+            // The list is shorter after a checkpoint was opened, before the next photograph.
+            Some(self.drawn.get(id).map_or_else(draw, |drawn| drawn.get_or_init(draw).clone()))
         };
         Some(Arc::new(state.textures.par_iter().enumerate().with_min_len(64).map(draw).collect()))
     }
@@ -176,6 +229,10 @@ fn depth_of(splat: &Splat, camera: &Camera) -> Option<f64> {
     let mean = DVec3::from_array(splat.mean.map(f64::from));
     let depth = (camera.pose.rotation().transpose() * (mean - camera.pose.centre())).z;
     (depth > 0.0).then_some(depth)
+}
+
+fn options(near: f64) -> RenderOptions {
+    RenderOptions { near, ..RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]) }
 }
 
 /// Lists what a row of tiles of the photograph adds to textures, divided by component: `size` components in
@@ -192,24 +249,14 @@ fn observations(
         let raw = &taken.photograph.colors.data[y * width..][..width];
         let pixels = taken.photograph.measured_row(y, taken.margin);
         for (x, (pixel, raw)) in pixels.zip(raw).enumerate() {
-            if raw[..3].iter().any(|&c| c >= SATURATED) || pixel.coverage < MIN_OPAQUE {
-                continue;
-            }
-            let (drawn, covered) = row.drawn(x, y);
-            if covered < MIN_COVERED {
+            if raw[..3].iter().any(|&c| c >= SATURATED) {
                 continue;
             }
             let color = [0, 1, 2].map(|c| pixel.color[c] * taken.gain[c]);
-            for surface in row.at(x, y).into_iter().flatten() {
-                // The photograph may show another surface than the one that the splat is part of.
-                let apart = (surface.depth - pixel.depth).abs() * pixel.per_tolerance;
-                let id = surface.splat as usize;
-                if surface.weight >= MIN_WEIGHT
-                    && apart <= 1.0
-                    && let Some(texture) = textures.get(id).and_then(Option::as_ref)
-                    && let Some(observed) = observed(texture, &surface, color, drawn)
-                {
-                    lists[id / size].push((surface.splat, observed));
+            for (surface, texture) in surfaces(row, [x, y], &pixel, textures).into_iter().flatten()
+            {
+                if let Some(observed) = observed(texture, &surface, color) {
+                    lists[surface.splat as usize / size].push((surface.splat, observed));
                 }
             }
         }
@@ -217,35 +264,74 @@ fn observations(
     lists
 }
 
-/// Returns what a pixel adds to the texture of a surface that it shows; `None` outside of the lattice. `color`
-/// is the photograph's, `drawn` what the splats draw without textures.
-fn observed(
-    texture: &TextureSums,
-    surface: &ShownSurface,
-    color: [f32; 3],
-    drawn: [f32; 3],
-) -> Option<Observed> {
+/// Lists the products of a row of tiles for [`Predictions`], divided by component as in [`observations`].
+fn products(
+    row: &SurfaceRow<'_>,
+    compared: RowSubset,
+    photograph: &Image<MeasuredPixel>,
+    textures: &[Option<Arc<TextureSums>>],
+    size: usize,
+) -> Vec<Vec<(u32, [[i32; 2]; 2])>> {
+    let mut lists = vec![Vec::new(); PARTS];
+    let rows = row.top..(row.top + TILE).min(photograph.height);
+    let is_compared = |y: &usize| *y as u32 % compared.stride() == compared.first();
+    for y in rows.filter(is_compared) {
+        let pixels = &photograph.data[y * photograph.width..][..photograph.width];
+        for (x, pixel) in pixels.iter().enumerate() {
+            for (surface, texture) in surfaces(row, [x, y], pixel, textures).into_iter().flatten() {
+                let Some(own) = observed(texture, &surface, pixel.color) else { continue };
+                let (drawn, _) = row.drawn(x, y);
+                let samples = texture.samples_without(surface.place, &own);
+                let products = samples.map(|sample| {
+                    let mut products = [0.0; 2];
+                    for c in 0..3 {
+                        let replaced = sample.share * (drawn[c] - surface.shift[c]);
+                        let correction = sample.color[c] - replaced;
+                        products[0] += correction * (pixel.color[c] - drawn[c]);
+                        products[1] += correction * correction;
+                    }
+                    products.map(|sum| (surface.weight * sum * PRODUCT_ONE).round() as i32)
+                });
+                lists[surface.splat as usize / size].push((surface.splat, products));
+            }
+        }
+    }
+    lists
+}
+
+/// Returns the surfaces that a pixel of a photograph shows, with their textures.
+fn surfaces<'a>(
+    row: &SurfaceRow<'_>,
+    [x, y]: [usize; 2],
+    pixel: &MeasuredPixel,
+    textures: &'a [Option<Arc<TextureSums>>],
+) -> [Option<(ShownSurface, &'a TextureSums)>; 2] {
+    // An unknown coverage is not a number.
+    if !(pixel.coverage >= MIN_OPAQUE) || row.drawn(x, y).1 < MIN_COVERED {
+        return [None; 2];
+    }
+    row.at(x, y).map(|surface| {
+        let surface = surface?;
+        // The photograph may show another surface than the one that the splat is part of.
+        let apart = (surface.depth - pixel.depth).abs() * pixel.per_tolerance;
+        let texture = textures.get(surface.splat as usize)?.as_deref()?;
+        (surface.weight >= MIN_WEIGHT && apart <= 1.0).then_some((surface, texture))
+    })
+}
+
+/// Returns what a pixel of colour `color` adds to the texture of a surface that it shows; `None` outside of
+/// the lattice.
+fn observed(texture: &TextureSums, surface: &ShownSurface, color: [f32; 3]) -> Option<Observed> {
     let side = texture.lattice.side();
     let [x, y] = surface.place;
     let inside = |v: f32| v >= 0.0 && v < side as f32;
     if !(inside(x) && inside(y)) {
         return None;
     }
-    // This photograph is not part of the texture yet, so its prediction is tested fairly.
-    let predicted = texture.samples(surface.place).map(|sample| {
-        let mut products = [0.0; 2];
-        for c in 0..3 {
-            let correction = sample.color[c] - sample.share * (drawn[c] - surface.shift[c]);
-            products[0] += correction * (color[c] - drawn[c]);
-            products[1] += correction * correction;
-        }
-        products.map(|product| (surface.weight * product * PRODUCT_ONE).round() as i32)
-    });
     let limited = |c: f32| (c.clamp(-MAX_COLOR, MAX_COLOR) * COLOR_ONE).round() as i16;
     Some(Observed {
         texel: (y as usize * side + x as usize) as u16,
         weight: (surface.weight.min(1.0) * WEIGHT_ONE).round() as u16,
         color: [0, 1, 2].map(|c| limited(color[c] - surface.shift[c])),
-        predicted,
     })
 }

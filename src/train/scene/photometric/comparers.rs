@@ -28,6 +28,8 @@ pub struct TrainingView {
     pub outlier_factor: f64,
     /// Number of pixels of the photograph per pixel of the depth image, at least 1.
     pub per_depth_pixel: f64,
+    /// Number of frames before that of the photograph.
+    pub frame: u64,
 }
 
 #[derive(Default)]

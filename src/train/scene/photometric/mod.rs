@@ -19,6 +19,7 @@ use crate::model::splat::splats::Splat;
 use crate::render::cpu::photometric::{PhotometricSums, PixelRule, VisibleSplat};
 use crate::train::learner::Changed;
 use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
+use crate::train::scene::textures::TextureLearner;
 use crate::train::timing::Stopwatch;
 use comparers::Comparers;
 use rayon::prelude::*;
@@ -64,6 +65,7 @@ impl<'a> SplatStep<'a> {
 pub(in crate::train::scene) struct PhotometricLearner {
     pub state: PhotometricState,
     pub comparers: Comparers,
+    pub textures: TextureLearner,
     /// Latest photograph unpacked from the shuffle buffer; its memory is reused.
     image: Image<MeasuredPixel>,
     /// Number of times that a splat's precision was reset to the prior since training began or resumed.
@@ -80,7 +82,8 @@ impl PhotometricLearner {
     /// Resumes photometric training from a state.
     pub fn restore(state: PhotometricState) -> Self {
         let image = Image::filled(0, 0, MeasuredPixel::UNKNOWN);
-        Self { state, comparers: Comparers::default(), image, repaired: 0 }
+        let textures = TextureLearner::default();
+        Self { state, comparers: Comparers::default(), textures, image, repaired: 0 }
     }
 
     /// Initialises the splats of the components in `touched` from their points. A splat is kept if its
@@ -211,6 +214,9 @@ impl PhotometricLearner {
         photograph: &Image<MeasuredPixel>,
         step: &SplatStep<'_>,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
+        if !self.state.textures.is_empty() {
+            self.textures.judge(&mut self.state, view, photograph);
+        }
         let PhotometricState { splats, appearance, .. } = &self.state;
         let Some(splats) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
         let every = view.rows.stride();

@@ -86,7 +86,8 @@ pub fn unpacked(
     let rows = RowSubset::new(every as u32, first as u64);
     let PhotographView { near, per_depth_pixel, .. } = photograph.view;
     let outlier_factor = DRAWN_CONTRADICTION;
-    Some(TrainingView { camera, near, rows, outlier_factor, per_depth_pixel })
+    let frame = photograph.view.frame as u64;
+    Some(TrainingView { camera, near, rows, outlier_factor, per_depth_pixel, frame })
 }
 
 /// Returns the random number generator that draws photographs from the buffer. Its seed depends only on

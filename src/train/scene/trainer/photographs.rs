@@ -18,7 +18,7 @@ use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::photometric::rule::PhotometricRule;
 use crate::train::scene::photometric::waiting::{CONTRADICTION, packed, update_point_residuals};
 use crate::train::scene::photometric::{PhotometricLearner, SplatStep, TrainingView};
-use crate::train::scene::textures::{Taken, TextureLearner};
+use crate::train::scene::textures::Taken;
 use std::sync::Arc;
 
 // Stride over the points to estimate the distance of a frame's nearest surfaces.
@@ -48,7 +48,6 @@ fn pixels_for_each(depth: &Intrinsics, pixels: usize) -> f64 {
 #[derive(Default)]
 pub(super) struct Photographs {
     pub learner: PhotometricLearner,
-    pub textures: TextureLearner,
     /// State for drawing, after the photometric steps for all buffered photographs. Dropped when
     /// training resumes.
     pub settled: Option<PhotometricState>,
@@ -69,7 +68,11 @@ impl Photographs {
     pub fn resume(&mut self) -> bool {
         self.compared.clear();
         self.learner.comparers.end_settling();
-        self.settled.take().is_some()
+        let was_settled = self.settled.take().is_some();
+        if was_settled {
+            self.learner.textures.forget_drawn();
+        }
+        was_settled
     }
 
     /// True if a frame is an outlier because its points disagree with the scene. Always false without
@@ -129,8 +132,9 @@ impl Photographs {
                 margin: frame.tolerance.margin,
                 frame: scene.frames,
             };
-            let (state, budget) = (&mut self.learner.state, scene.config.texture_bytes());
-            self.textures.learn(state, changes.listed(), scene.config.h, budget, &taken);
+            let PhotometricLearner { state, textures, .. } = &mut self.learner;
+            let budget = scene.config.texture_bytes();
+            textures.learn(state, changes.listed(), scene.config.h, budget, &taken);
         }
         let (changed, compared) = self.step(scene, &rule, frame, photograph, camera, gain);
         self.compared.extend(compared);
@@ -146,7 +150,7 @@ impl Photographs {
     /// moved before.
     pub fn move_by(&mut self, scene: &Scene, motion: &Pose) {
         self.learner.state.move_by(motion);
-        self.textures.forget_drawn();
+        self.learner.textures.forget_drawn();
         self.observe(scene, Changed::All);
     }
 
@@ -171,8 +175,8 @@ impl Photographs {
         let step = SplatStep::new(scene.config.splat_rule.full_coverage, rule, &extents);
         if rule.shuffle_buffer == 0 {
             let pixels = photograph.measured_pixels(gain, margin);
-            let view =
-                TrainingView { camera, near, rows, outlier_factor: CONTRADICTION, per_depth_pixel };
+            let (outlier_factor, frame) = (CONTRADICTION, scene.frames);
+            let view = TrainingView { camera, near, rows, outlier_factor, per_depth_pixel, frame };
             let (changed, outcome) = self.learner.learn(&view, &pixels, &step);
             return (changed, outcome.map(|outcome| compared_now(scene, outcome)));
         }
@@ -195,12 +199,14 @@ impl Photographs {
         let step = SplatStep::new(scene.config.splat_rule.full_coverage, &rule, &extents);
         let (settled, compared) = self.learner.settled_state(&step);
         (self.settled, self.compared) = (Some(settled), compared);
+        // Judged by more photographs than those that training has learned from.
+        self.learner.textures.forget_drawn();
         true
     }
 
     /// Returns the textures to draw; `None` if there are none.
     pub fn drawn_textures(&self) -> Option<Arc<Textures>> {
-        self.textures.drawn(&self.learner.state)
+        self.learner.textures.drawn(self.drawn())
     }
 
     /// Returns the photometric state from which splats are drawn.
