@@ -306,8 +306,8 @@ fn surfaces<'a>(
     pixel: &MeasuredPixel,
     textures: &'a [Option<Arc<TextureSums>>],
 ) -> [Option<(ShownSurface, &'a TextureSums)>; 2] {
-    // An unknown coverage is not a number.
-    if !(pixel.coverage >= MIN_OPAQUE) || row.drawn(x, y).1 < MIN_COVERED {
+    // False for the unknown coverage of photographs without alpha, which is not a number.
+    if pixel.coverage < MIN_OPAQUE || row.drawn(x, y).1 < MIN_COVERED {
         return [None; 2];
     }
     row.at(x, y).map(|surface| {

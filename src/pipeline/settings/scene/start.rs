@@ -12,7 +12,7 @@ use crate::dataset::wild_poses::outlier_poses;
 use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::scene::config::{DEFAULT_TEXTURE_MB, SceneConfig};
+use crate::train::scene::config::SceneConfig;
 use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
 use crate::train::setting::ConfigError;
@@ -72,7 +72,6 @@ impl SceneRun {
         surface.sampling = sampling(surface.sensor, pixels);
         let mut engine = sensor_defaults(surface.sensor);
         engine.photometric = PhotometricMode::Light.rule();
-        engine.texture_mb = DEFAULT_TEXTURE_MB;
         engine.track = dataset.options.track;
         let scale = StructuralScale::Pixels(DEFAULT_PIXELS);
         Self { seed: 0, scale, budget: None, engine, surface }
