@@ -20,6 +20,8 @@ const N_PREDICTED: usize = 4;
 const N_PATCH: usize = 4 * TEXELS;
 /// Maximum number of doublings of the pitch. Beyond, every texture has the coarsest lattice.
 const MAX_STEPS: u32 = 1 << 16;
+/// Largest sum of predictions: two billion pixels of the largest product. Beyond, additions could overflow.
+const MAX_PREDICTED: u64 = 1 << 62;
 /// Largest error of an axis' length and of the cosine between the axes.
 const AXIS_TOLERANCE: f64 = 1e-3;
 
@@ -152,8 +154,17 @@ pub(super) fn check(state: &PhotometricState) -> Result<(), Defect> {
 }
 
 fn check_one(id: usize, texture: &TextureSums) -> Result<(), Defect> {
-    let TextureSums { lattice, index, patches, .. } = texture;
+    let TextureSums { lattice, predicted, index, patches } = texture;
     check_lattice(id, lattice)?;
+    let is_odd = |sum: &&i64| sum.unsigned_abs() > MAX_PREDICTED;
+    if let Some(&sum) = predicted.as_flattened().iter().find(is_odd) {
+        let expected = "at most 2^62";
+        return Err(value_defect(TEXTURE_PREDICTED, id, "prediction", expected, sum as f64));
+    }
+    if let Some([_, power]) = predicted.iter().find(|[_, power]| *power < 0) {
+        let expected = "0 or more";
+        return Err(value_defect(TEXTURE_PREDICTED, id, "square", expected, *power as f64));
+    }
     let places = (lattice.side() / PATCH).pow(2);
     if index.len() != places {
         let expected = format!("{places} entries at level {}", lattice.level);

@@ -239,6 +239,8 @@ impl TextureSums {
         for (sum, before) in sums.zip(earlier.predicted.as_flattened()) {
             *sum -= before;
         }
+        // Sums of squares stay such even if the textures are not versions of one.
+        gained.predicted.iter_mut().for_each(|[_, power]| *power = (*power).max(0));
         earlier.for_each(|at, before| {
             if gained.texel(at).is_some() {
                 gained.texel_mut(at).subtract(before);
@@ -375,7 +377,7 @@ mod tests {
             texel: rng.below(side * side) as u16,
             weight: 1 + rng.below(256) as u16,
             color: [0; 3].map(|_| rng.below(4097) as i16 - 2048),
-            predicted: [[0; 2]; 2].map(|row| row.map(|_| rng.below(1000) as i32 - 500)),
+            predicted: [0; 2].map(|_| [rng.below(1000) as i32 - 500, rng.below(1000) as i32]),
         };
         (0..n).map(|_| one()).collect()
     }

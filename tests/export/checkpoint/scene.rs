@@ -265,6 +265,9 @@ fn textures_that_no_scene_has_are_refused() {
     // Lengths that the other sections do not have, refused before memory is taken.
     with(b"TXSI", 8, &word(5), &["TXIX", "expected 1029 elements", "found 21"]);
     with(b"TXSI", 12, &word(0), &["TXEL", "elements"]);
+    let long = |value: i64| value.to_le_bytes();
+    with(b"TXPR", 16, &long(i64::MIN), &["TXPR[component 2, prediction]", "at most 2^62"]);
+    with(b"TXPR", 40, &long(-1), &["TXPR[component 7, square]", "0 or more", "found -1"]);
     let patch =
         |at: usize, value: u16, parts: &[&str]| with(b"TXIX", at, &value.to_le_bytes(), parts);
     patch(0, 1, &["TXIX[component 2, patch]", "each of 1 patches once", "found 1"]);
