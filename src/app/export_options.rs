@@ -3,7 +3,7 @@
 use super::panels::card::choices;
 use super::viewer::export_preview::PreviewReport;
 use crate::export::ModelFormat;
-use crate::export::mapping::{GradientSplit, Mapping, OpacityMapping, is_plain};
+use crate::export::mapping::{self, GradientSplit, Mapping, OpacityMapping, is_plain};
 use crate::model::splat::appearance::SplatView;
 use eframe::egui::{Grid, Ui};
 
@@ -79,6 +79,7 @@ pub fn losses(scene: SplatView<'_>, format: ModelFormat, mapping: Mapping) -> Ve
     if !is_plain(scene) {
         describe_plain_losses(scene, mapping, &mut losses);
     }
+    losses.extend(mapping::lost_textures(scene));
     if scene.finishing().exposures.is_some() {
         losses.push("Exposures of the photographs are not stored".to_owned());
     }
@@ -129,6 +130,8 @@ mod export_losses_tests {
     use super::*;
     use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
     use crate::model::splat::splats::Splat;
+    use crate::model::splat::texture::{Lattice, TEXELS, Texel, Texture};
+    use std::sync::Arc;
 
     #[test]
     fn only_what_is_lost_is_told() {
@@ -150,5 +153,13 @@ mod export_losses_tests {
         assert_eq!(told_of.len(), 3);
         let closed = native.finished(Finishing { full_coverage: 0.5, ..Finishing::default() });
         assert_eq!(told(&closed, ModelFormat::Glb).len(), 4);
+
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let lattice = Lattice { anchor: [0.0; 3], axes, half: 1.0, level: 0 };
+        let texture = Texture { lattice, index: vec![0], patches: vec![[Texel(0); TEXELS]; 2000] };
+        let textures = Some(Arc::new(vec![None, Some(Arc::new(texture))]));
+        let textured = plain.finished(Finishing { textures, ..Finishing::default() });
+        let told_of = told(&textured, ModelFormat::Ply);
+        assert!(told_of[0].starts_with("Textures of 1 splats, 0.1 MB, are not"), "{told_of:?}");
     }
 }

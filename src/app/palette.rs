@@ -2,7 +2,7 @@
 
 use super::splat_updates::{SplatChange, SplatUpdate, apply};
 use crate::model::attributes::ComponentAttributes;
-use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::appearance::{Finishing, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::render::attributes::{Attribute, Range};
 use std::sync::Arc;
@@ -122,16 +122,21 @@ impl Palette {
         Splat { color, ..self.learned[slot] }
     }
 
+    /// Returns how pixels of an attribute are finished: without textures, which show learned colours.
+    fn finishing(&self) -> Finishing {
+        Finishing { textures: None, ..self.learned.finishing().clone() }
+    }
+
     fn color(&mut self, ids: Arc<[u32]>) -> SplatChange {
         let splats: Vec<Splat> = ids.iter().map(|&id| self.colored(id as usize)).collect();
-        let splats = SplatSet::from(splats).finished(self.learned.finishing().clone());
+        let splats = SplatSet::from(splats).finished(self.finishing());
         Arc::make_mut(&mut self.shown).replace(&ids, &splats);
         SplatChange::Some { ids, splats: Arc::new(splats) }
     }
 
     fn color_all(&mut self) -> SplatChange {
         let all: Vec<Splat> = (0..self.learned.len()).map(|slot| self.colored(slot)).collect();
-        self.shown = Arc::new(SplatSet::from(all).finished(self.learned.finishing().clone()));
+        self.shown = Arc::new(SplatSet::from(all).finished(self.finishing()));
         SplatChange::All(self.shown.clone())
     }
 }

@@ -191,6 +191,9 @@ fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
             "note: {path}: no splat has an opacity above 1 or a colour gradient: {option} has no effect"
         );
     }
+    if let Some(loss) = mapping::lost_textures(model.splats.view()) {
+        eprintln!("note: {path}: {loss}");
+    }
     let is_turned = is_turned || !matches!(args.axes, Axes::AsIs);
     if is_turned && args.up.is_none() && model.up.is_none() {
         eprintln!(

@@ -15,7 +15,7 @@ use vbgs_studio::dataset::splits::HELD_OUT;
 use vbgs_studio::dataset::wild_poses::outlier_poses;
 use vbgs_studio::dataset::{Dataset, FrameEntry};
 use vbgs_studio::eval::trajectory_error::TrajectoryError;
-use vbgs_studio::export::checkpoint::is_checkpoint;
+use vbgs_studio::export::checkpoint::{StoredModel, is_checkpoint};
 use vbgs_studio::export::{Imported, ModelKind};
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::model::splat::splats::bounds;
@@ -351,6 +351,8 @@ struct CheckpointInfo {
     components: usize,
     used: usize,
     drawn: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    textures: Option<TexturesInfo>,
     bytes: u64,
     bytes_per_component: f64,
     dataset: Option<PathBuf>,
@@ -358,6 +360,28 @@ struct CheckpointInfo {
     tracking: Option<TrackingInfo>,
     config: RunConfig,
     defects: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct TexturesInfo {
+    /// Number of textured components.
+    components: usize,
+    /// Memory in training.
+    bytes: usize,
+    /// Smallest distance between neighbouring texels, world units.
+    finest_pitch: f64,
+}
+
+impl TexturesInfo {
+    /// Returns `None` if no component has a texture.
+    fn of(model: &StoredModel) -> Option<Self> {
+        let StoredModel::Scene(scene) = model else { return None };
+        let state = scene.photometric.as_ref()?;
+        let textures = || state.textures.iter().flatten();
+        let pitches = textures().map(|texture| 1.0 / texture.lattice.per_unit());
+        let finest_pitch = pitches.reduce(f64::min)?;
+        Some(Self { components: textures().count(), bytes: state.texture_bytes(), finest_pitch })
+    }
 }
 
 #[derive(Serialize)]
@@ -400,6 +424,7 @@ fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
         components,
         used,
         drawn,
+        textures: TexturesInfo::of(&content.model),
         bytes,
         bytes_per_component: bytes as f64 / components.max(1) as f64,
         dataset: meta.dataset,
@@ -447,6 +472,12 @@ fn print_checkpoint(info: &CheckpointInfo) -> Result<(), Failure> {
         info.points
     );
     out!("  {} of {} components used, {} drawn", info.used, info.components, info.drawn);
+    if let Some(TexturesInfo { components, bytes, finest_pitch }) = &info.textures {
+        let megabytes = *bytes as f64 * 1e-6;
+        out!(
+            "  textures of {components} components, {megabytes:.1} MB, finest pitch {finest_pitch:.3e}"
+        );
+    }
     // Only the demo has no folder.
     let dataset = info.dataset.as_ref().map_or("built in".into(), |path| path.to_string_lossy());
     out!("  dataset: {dataset}");

@@ -147,6 +147,17 @@ pub fn is_plain(view: SplatView) -> bool {
         && drawable(view).all(|(i, g)| g.opacity <= 1.0 && gradient(view, i) == DMat3::ZERO)
 }
 
+/// Returns a sentence about textures, which no file of splats stores; `None` if there are none.
+pub fn lost_textures(view: SplatView) -> Option<String> {
+    let (n, bytes) = view.finishing().texture_size();
+    let megabytes = 1e-6 * bytes as f64;
+    (n > 0).then(|| {
+        format!(
+            "Textures of {n} splats, {megabytes:.1} MB, are not stored; a checkpoint stores them"
+        )
+    })
+}
+
 /// Converts splats to plain ones; `None` if all are plain already (see [`is_plain`]). If any splat is
 /// native, all are mapped. View-dependent colour of degree 1 is unchanged. Undrawable splats are left
 /// out.

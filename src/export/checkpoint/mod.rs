@@ -40,6 +40,13 @@
 //! | `WIDE` | f64 | their sums, rows as in `SUMS`, whole multiples of 2⁻¹⁵ |
 //! | `LOOK` | u32 | rows of two: expected returns in 64ths; numbers of frames in which the component was observed (low half) and seen through (high half) |
 //! | `EXPO` | f64 | if gains were fitted, per trained frame: the camera's centre and unit direction in the world, and the gains of red, green and blue |
+//! | `TXID` | u32 | textured components, ascending; only if there are any, as the other sections of textures |
+//! | `TXLA` | f32 | their lattices: anchor, directions of columns and rows, half the side, world units |
+//! | `TXSI` | u32 | level and number of patches of each |
+//! | `TXPR` | i64 | sums of the predictions of each: products with residual and with itself, for two priors |
+//! | `TXIX` | u16 | number of the patch at each place of each lattice, row by row; 65,535 for none |
+//! | `TXEL` | i32 | weight, red, green and blue of every texel, by patch |
+//! | `TXST` | u32 | number of doublings of the pitch for the memory budget; only if there are any |
 //!
 //! Derived data are not saved: the index, posteriors, and the state of random streams, which follows from
 //! their name ([`crate::math::rng`]).
@@ -84,6 +91,7 @@ mod file;
 mod mixture;
 mod scene;
 mod sections;
+mod textures;
 
 pub use crate::model::attributes::StoredModel;
 pub use element::{Checkpoint, Cursor, LoadedCheckpoint};

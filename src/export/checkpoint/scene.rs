@@ -4,6 +4,7 @@ use super::check;
 use super::container::{Container, Section};
 use super::error::{Defect, tag_text};
 use super::sections::*;
+use super::textures;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{
     MAX_COARSENING_STEPS, SceneState, StoredSums, TrackedPose, VisibilityCounts, WHOLE, WideRow,
@@ -109,6 +110,7 @@ fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
         sections.push(Section::from_runs::<u32>(PHOTO_PIXELS, pixels));
         sections.extend(depth_sections(&photometric.buffered));
     }
+    sections.extend(textures::sections(photometric));
     sections
 }
 
@@ -220,9 +222,8 @@ fn photometric(sections: &Container, n: usize) -> Result<PhotometricState, Defec
         appearance: appearance.into_iter().map(appearance_of).collect(),
         form: sections.rows(PHOTO_SHAPE_PRECISION, Some(n))?,
         color: sections.rows(PHOTO_COLOR, Some(n))?,
-        textures: Vec::new(),
-        predictions: Vec::new(),
-        texture_steps: 0,
+        textures: textures::read(sections, n)?,
+        texture_steps: textures::read_steps(sections)?,
         noise: sections.read_numbers(PHOTO_NOISE)?,
         points: pair(PHOTO_POINTS)?,
         seen_through: pair(PHOTO_SEEN_THROUGH)?,

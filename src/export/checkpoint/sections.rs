@@ -174,6 +174,13 @@ tags! { OF_SCENES {
     PHOTO_PIXELS: b"PHPX",
     PHOTO_SCALES: b"PHDS",
     PHOTO_DEPTHS: b"PHDP",
+    TEXTURE_STEPS: b"TXST",
+    TEXTURE_IDS: b"TXID",
+    TEXTURE_LATTICES: b"TXLA",
+    TEXTURE_SIZES: b"TXSI",
+    TEXTURE_PREDICTED: b"TXPR",
+    TEXTURE_INDICES: b"TXIX",
+    TEXTURE_TEXELS: b"TXEL",
 } }
 
 pub fn is_known(tag: [u8; 4]) -> bool {

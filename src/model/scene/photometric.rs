@@ -1,6 +1,6 @@
 //! Photometric state of a scene: splat parameters and their precision, one row per component.
 
-use super::texels::{Predictions, TextureSums};
+use super::texels::TextureSums;
 use super::waiting::BufferedPhotograph;
 use crate::math::cholesky::{Cholesky, at};
 use crate::model::splat::appearance::Appearance;
@@ -36,8 +36,6 @@ pub struct PhotometricState {
     pub color: Vec<[f32; N_COLOR_PRECISION]>,
     /// Textures of the splats; components beyond the end have none. Copies of the state share them.
     pub textures: Vec<Option<Arc<TextureSums>>>,
-    /// Predictions of each component's texture; components beyond the end have none.
-    pub predictions: Vec<Predictions>,
     /// Number of times that the pitch of all textures was doubled to keep their memory within the budget.
     pub texture_steps: u32,
     /// Running mean of the squared residual per channel, and its weight in frames. The residual is
@@ -88,8 +86,7 @@ impl PhotometricState {
             appearance,
             form: copied_rows(&self.form, n, [0.0; N_FORM_PRECISION]),
             color: copied_rows(&self.color, n, [0.0; N_COLOR_PRECISION]),
-            textures: self.textures.iter().take(n).cloned().collect(),
-            predictions: self.predictions.iter().take(n).copied().collect(),
+            textures: self.stored_textures(n),
             texture_steps: self.texture_steps,
             noise: self.noise,
             points: self.points,
@@ -97,6 +94,37 @@ impl PhotometricState {
             // Pixels are shared, so this copies cameras and pointers only.
             buffered: self.buffered.clone(),
         }
+    }
+
+    /// Returns the textures of the first `n` components, shared with the state. Components beyond the last
+    /// texture are left out, so that equal states are stored alike.
+    fn stored_textures(&self, n: usize) -> Vec<Option<Arc<TextureSums>>> {
+        let textures = self.textures.get(..n).unwrap_or(&self.textures);
+        let n = textures.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
+        textures.iter().take(n).cloned().collect()
+    }
+
+    /// Merges the texture of one component into that of another, which keeps its lattice.
+    pub fn merge_texture(&mut self, kept: usize, dropped: usize) {
+        let Some(more) = self.textures.get_mut(dropped).and_then(Option::take) else { return };
+        if kept >= self.textures.len() {
+            self.textures.resize(kept + 1, None);
+        }
+        merge_textures(&mut self.textures[kept], more);
+    }
+
+    /// Doubles the pitch of all textures until they take at most `budget` bytes. Returns true if they have
+    /// changed.
+    pub fn coarsen_textures_to(&mut self, budget: usize) -> bool {
+        let steps = self.texture_steps;
+        let is_coarsest = |texture: &Arc<TextureSums>| texture.lattice.level == 0;
+        while self.texture_bytes() > budget && !self.textures.iter().flatten().all(is_coarsest) {
+            self.texture_steps += 1;
+            self.textures.par_iter_mut().flatten().for_each(|texture| {
+                Arc::make_mut(texture).coarsen();
+            });
+        }
+        self.texture_steps != steps
     }
 
     /// Returns the splat of a component and its appearance; `None` if it has no splat.
@@ -107,6 +135,14 @@ impl PhotometricState {
     /// True if a component has a splat.
     pub fn has_splat(&self, component: usize) -> bool {
         self.splats.get(component).is_some_and(|splat| splat.opacity > 0.0)
+    }
+}
+
+/// Adds a texture to another one of the same surface, if there is one. The other one keeps its lattice.
+pub fn merge_textures(kept: &mut Option<Arc<TextureSums>>, more: Arc<TextureSums>) {
+    match kept {
+        Some(kept) => Arc::make_mut(kept).merge(&more),
+        None => *kept = Some(more),
     }
 }
 

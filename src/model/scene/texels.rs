@@ -13,22 +13,31 @@ pub const WEIGHT_ONE: f32 = 256.0;
 pub const COLOR_ONE: f32 = 1024.0;
 /// Largest magnitude of an observed colour.
 pub const MAX_COLOR: f32 = 2.0;
-/// Squared colour 1 in the unit of [`Predictions`].
+/// Squared colour 1 in the unit of [`Products`].
 pub const PRODUCT_ONE: f32 = (1 << 20) as f32;
-// Weight from which a texel no longer changes: 1,024 pixels. Below it no sum overflows.
+// Weight from which a texel no longer changes: 1,024 pixels.
 const FULL: u32 = 1 << 18;
+/// Largest weight of a texel. Merged texels may exceed the weight from which pixels change nothing.
+// Its colour sums take 30 bits and a sign.
+pub const MAX_TEXEL_WEIGHT: u32 = 2 * FULL;
+/// Largest magnitude of a texel's colour sum, per unit of weight.
+pub const MOST_PER_WEIGHT: u32 = (MAX_COLOR * COLOR_ONE) as u32;
 
 /// Weights of the prior of a texel, in pixels, between which a component chooses.
 pub const DOUBTS: [f32; 2] = [0.5, 4.0];
 // Prior of the sums of predictions: an exact prediction of this squared colour.
 const BELIEF: f64 = 0.05 * PRODUCT_ONE as f64;
-// A photograph takes this part of the earlier ones' weight.
+// A photograph takes this part of the weight of earlier ones.
 const FADING: i64 = 8;
 
 // Least cosine between the normals of a lattice and of its splat, and largest distance of the splat's mean
 // from the lattice's anchor, in half sides; beyond, the lattice is laid anew.
 const MIN_COSINE: f64 = 0.8;
 const MAX_SHIFT: f64 = 0.4;
+
+// Largest distance between equal lattices, in half sides, and largest difference of their axes. Moving a scene
+// as a whole rounds both; a texel of the finest level is sixteen times larger.
+const SAME: f32 = 1e-3;
 
 /// Sums over the pixels that showed one texel, in fixed point: any order of additions gives the same bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
@@ -51,51 +60,17 @@ pub struct Observed {
     pub color: [i16; 3],
 }
 
-/// How well a component's texture predicted photographs that were not part of it. For each of [`DOUBTS`]: sums
-/// over pixels and channels of the predicted correction times the residual and of its square, in units of
-/// 2⁻²⁰.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-#[repr(C)]
-pub struct Predictions(pub [[i64; 2]; 2]);
-
-impl Predictions {
-    /// Adds a pixel's products.
-    pub fn add(&mut self, products: &[[i32; 2]; 2]) {
-        for (sum, product) in self.0.as_flattened_mut().iter_mut().zip(products.as_flattened()) {
-            *sum += i64::from(*product);
-        }
-    }
-
-    /// Adds the sums of the same component of another part of a recording.
-    pub fn merge(&mut self, other: &Self) {
-        for (sum, more) in self.0.as_flattened_mut().iter_mut().zip(other.0.as_flattened()) {
-            *sum += more;
-        }
-    }
-
-    /// Lets earlier photographs count less: splats have learned since.
-    pub fn fade(&mut self) {
-        self.0.as_flattened_mut().iter_mut().for_each(|sum| *sum -= *sum / FADING);
-    }
-
-    /// Returns the prior weight of [`DOUBTS`] that predicted photographs best, and the factor on its
-    /// corrections that would have predicted them best, 0 to 1: the regression of the residuals on the
-    /// predicted corrections.
-    pub fn trust(&self) -> (f32, f32) {
-        let [first, second] = self.0.map(|sums| {
-            let [cross, power] = sums.map(|sum| sum as f64 + BELIEF);
-            (cross.max(0.0) * cross / power, (cross / power).clamp(0.0, 1.0) as f32)
-        });
-        // Of equal predictions the one that keeps more detail.
-        if second.0 > first.0 { (DOUBTS[1], second.1) } else { (DOUBTS[0], first.1) }
-    }
-}
+/// Products of a pixel's predicted correction with its residual and with itself, for each of [`DOUBTS`]:
+/// summed over channels, in units of 2⁻²⁰.
+pub type Products = [[i32; 2]; 2];
 
 /// Texture of a component with the sums it is learned from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TextureSums {
     /// Lattice of the texels.
     pub lattice: Lattice,
+    /// For each of [`DOUBTS`]: sums of [`Products`] over pixels, in which later photographs count more.
+    pub predicted: [[i64; 2]; 2],
     /// Index into `patches` of each patch of the lattice, row-major; [`ABSENT`] for patches without texels.
     pub index: Vec<u16>,
     /// Sums of the texels, by patch.
@@ -111,7 +86,7 @@ impl TextureSums {
         let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (turn * axis).as_vec3().to_array());
         let axes = [axes[(thin + 1) % 3], axes[(thin + 2) % 3]];
         let lattice = Lattice { anchor: splat.mean, axes, half, level: 0 };
-        Self { lattice, index: vec![ABSENT], patches: Vec::new() }
+        Self { lattice, predicted: [[0; 2]; 2], index: vec![ABSENT], patches: Vec::new() }
     }
 
     /// Returns the memory used, in bytes.
@@ -162,13 +137,12 @@ impl TextureSums {
         parts: u32,
     ) {
         let old = std::mem::replace(self, self.emptied(Lattice { level, ..self.lattice }));
+        self.predicted = old.predicted;
         old.for_each(|at, sums| {
-            for to in into(at) {
-                let texel = self.texel_mut(to);
-                texel.weight += sums.weight / parts;
-                for (sum, color) in texel.color.iter_mut().zip(sums.color) {
-                    *sum += color / parts as i32;
-                }
+            let part = sums.scaled_to(sums.weight / parts);
+            // A patch without any weight would only take memory.
+            if part.weight > 0 {
+                into(at).for_each(|to| self.texel_mut(to).join(&part));
             }
         });
     }
@@ -179,18 +153,19 @@ impl TextureSums {
         let fresh = Self::new(splat, half);
         let lattice = Lattice { level: self.lattice.level, ..fresh.lattice };
         let old = std::mem::replace(self, self.emptied(lattice));
+        self.predicted = old.predicted;
         let side = lattice.side() as f64;
         old.for_each(|[x, y], sums| {
             let place = lattice.place_of(old.lattice.point_at([x as f64 + 0.5, y as f64 + 0.5]));
             if place.iter().all(|v| (0.0..side).contains(v)) {
-                self.texel_mut(place.map(|v| v as usize)).add(sums);
+                self.texel_mut(place.map(|v| v as usize)).join(sums);
             }
         });
     }
 
     fn emptied(&self, lattice: Lattice) -> Self {
         let index = vec![ABSENT; (lattice.side() / PATCH).pow(2)];
-        Self { lattice, index, patches: Vec::new() }
+        Self { lattice, predicted: [[0; 2]; 2], index, patches: Vec::new() }
     }
 
     /// Calls `f` for all observed texels in row-major order of patches.
@@ -230,18 +205,60 @@ impl TextureSums {
         });
     }
 
+    /// Adds a pixel's products.
+    pub fn add_products(&mut self, products: &Products) {
+        let sums = self.predicted.as_flattened_mut().iter_mut();
+        for (sum, product) in sums.zip(products.as_flattened()) {
+            *sum += i64::from(*product);
+        }
+    }
+
+    /// Lets earlier photographs count less in the products: splats have learned since.
+    pub fn fade(&mut self) {
+        self.predicted.as_flattened_mut().iter_mut().for_each(|sum| *sum -= *sum / FADING);
+    }
+
     /// Adds the sums of the same component of another part of a recording.
     pub fn merge(&mut self, other: &Self) {
         self.refine(other.lattice.level);
         let mut other = other.clone();
         other.refine(self.lattice.level);
+        let sums = self.predicted.as_flattened_mut().iter_mut();
+        for (sum, more) in sums.zip(other.predicted.as_flattened()) {
+            *sum += more;
+        }
         let (lattice, side) = (self.lattice, self.lattice.side() as f64);
         other.for_each(|[x, y], sums| {
             let place = lattice.place_of(other.lattice.point_at([x as f64 + 0.5, y as f64 + 0.5]));
             if place.iter().all(|v| (0.0..side).contains(v)) {
-                self.texel_mut(place.map(|v| v as usize)).add(sums);
+                self.texel_mut(place.map(|v| v as usize)).join(sums);
             }
         });
+    }
+
+    /// Returns what a texture has gained since an earlier version of it. `None` if its lattice was laid anew
+    /// since: it then holds the earlier sums at other places.
+    pub fn gained_since(&self, earlier: &Self) -> Option<Self> {
+        if !is_same_place(&self.lattice, &earlier.lattice) {
+            return None;
+        }
+        let (mut gained, mut earlier) = (self.clone(), earlier.clone());
+        earlier.refine(gained.lattice.level);
+        while earlier.lattice.level > gained.lattice.level {
+            earlier.coarsen();
+        }
+        let sums = gained.predicted.as_flattened_mut().iter_mut();
+        for (sum, before) in sums.zip(earlier.predicted.as_flattened()) {
+            *sum -= before;
+        }
+        // Sums of squares stay such even if the textures are not versions of one.
+        gained.predicted.iter_mut().for_each(|[_, power]| *power = (*power).max(0));
+        earlier.for_each(|at, before| {
+            if gained.texel(at).is_some() {
+                gained.texel_mut(at).subtract(before);
+            }
+        });
+        Some(gained)
     }
 
     /// Returns the posterior mean at a place for each of [`DOUBTS`], as it would be without the pixel `own`.
@@ -264,9 +281,21 @@ impl TextureSums {
         samples
     }
 
-    /// Returns the texture to draw. `predictions` are those of its component.
-    pub fn drawn(&self, predictions: &Predictions) -> Texture {
-        let (doubt, trust) = predictions.trust();
+    /// Returns the prior weight of [`DOUBTS`] that predicted photographs best, and the factor on its corrections
+    /// that would have predicted them best, 0 to 1: the regression of the residuals on the predicted
+    /// corrections.
+    pub fn trust(&self) -> (f32, f32) {
+        let [first, second] = self.predicted.map(|sums| {
+            let [cross, power] = sums.map(|sum| sum as f64 + BELIEF);
+            (cross.max(0.0) * cross / power, (cross / power).clamp(0.0, 1.0) as f32)
+        });
+        // Of equal predictions the one that keeps more detail.
+        if second.0 > first.0 { (DOUBTS[1], second.1) } else { (DOUBTS[0], first.1) }
+    }
+
+    /// Returns the texture to draw.
+    pub fn drawn(&self) -> Texture {
+        let (doubt, trust) = self.trust();
         let texel = |sums: &TexelSums| {
             let (color, share) = sums.posterior(doubt);
             Texel::new(color, share * trust)
@@ -279,7 +308,17 @@ impl TextureSums {
     }
 }
 
+/// True if two lattices cover the same square with the same directions of columns and rows.
+fn is_same_place(a: &Lattice, b: &Lattice) -> bool {
+    let near =
+        |a: &[f32], b: &[f32], most: f32| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= most);
+    a.half == b.half
+        && near(&a.anchor, &b.anchor, SAME * a.half)
+        && near(a.axes.as_flattened(), b.axes.as_flattened(), SAME)
+}
+
 impl TexelSums {
+    /// Adds a pixel, unless the texel has enough.
     fn add(&mut self, other: &Self) {
         if self.weight >= FULL {
             return;
@@ -300,6 +339,34 @@ impl TexelSums {
         }
     }
 
+    /// Adds the sums of another texel. Beyond the largest weight all observations count less.
+    fn join(&mut self, other: &Self) {
+        let weight = self.weight + other.weight;
+        let color = [0, 1, 2].map(|c| i64::from(self.color[c]) + i64::from(other.color[c]));
+        let part = if weight > MAX_TEXEL_WEIGHT { FULL } else { weight };
+        *self = Self::scaled(color, weight, part);
+    }
+
+    /// Returns the sums of a part of the observations, with the same mean colour.
+    fn scaled_to(&self, part: u32) -> Self {
+        Self::scaled(self.color.map(i64::from), self.weight, part)
+    }
+
+    fn scaled(color: [i64; 3], weight: u32, part: u32) -> Self {
+        let (part_of, whole) = (i64::from(part), i64::from(weight).max(1));
+        Self { weight: part, color: color.map(|sum| (sum * part_of / whole) as i32) }
+    }
+
+    /// Subtracts the sums of a part of the observations. Rounding by a change of the pitch in between leaves
+    /// at least 0, and no colour that no observation has.
+    fn subtract(&mut self, part: &Self) {
+        self.weight = self.weight.saturating_sub(part.weight);
+        let most = i64::from(self.weight) * i64::from(MOST_PER_WEIGHT);
+        for (sum, color) in self.color.iter_mut().zip(part.color) {
+            *sum = (i64::from(*sum) - i64::from(color)).clamp(-most, most) as i32;
+        }
+    }
+
     /// Returns the mean colour and the share of the observations in the posterior mean, 0 to 1. `doubt` is the
     /// weight of the prior in pixels.
     fn posterior(&self, doubt: f32) -> ([f32; 3], f32) {
@@ -309,5 +376,231 @@ impl TexelSums {
         let per = 1.0 / (self.weight as f32 * COLOR_ONE);
         let weight = self.weight as f32 / WEIGHT_ONE;
         (self.color.map(|color| color as f32 * per), weight / (weight + doubt))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::{Purpose, Rng};
+    use glam::DQuat;
+
+    /// A flat splat in the plane z = 0.25.
+    fn splat() -> Splat {
+        let (mean, scale) = ([0.5, -1.0, 0.25], [0.1, 0.1, 0.01]);
+        Splat { mean, scale, opacity: 1.0, ..Splat::default() }
+    }
+
+    fn empty(level: u8) -> TextureSums {
+        let mut texture = TextureSums::new(&splat(), 0.5);
+        texture.refine(level);
+        texture
+    }
+
+    fn observations(n: usize, side: usize, stream: u64) -> Vec<Observed> {
+        let mut rng = Rng::new(5, Purpose::Synthetic, stream);
+        let mut one = || Observed {
+            texel: rng.below(side * side) as u16,
+            weight: 1 + rng.below(256) as u16,
+            color: [0; 3].map(|_| rng.below(4097) as i16 - 2048),
+        };
+        (0..n).map(|_| one()).collect()
+    }
+
+    fn of<'a>(level: u8, observed: impl IntoIterator<Item = &'a Observed>) -> TextureSums {
+        let mut texture = empty(level);
+        observed.into_iter().for_each(|observed| texture.add(observed));
+        texture
+    }
+
+    /// Sums of all texels row by row, which do not depend on the order of the patches.
+    fn sums(texture: &TextureSums) -> Vec<TexelSums> {
+        let side = texture.lattice.side();
+        let at = |i: usize| texture.texel([i % side, i / side]).copied().unwrap_or_default();
+        (0..side * side).map(at).collect()
+    }
+
+    fn assert_equal(a: &TextureSums, b: &TextureSums) {
+        assert_eq!((a.lattice, a.predicted), (b.lattice, b.predicted));
+        assert_eq!(sums(a), sums(b));
+    }
+
+    #[test]
+    fn the_order_of_pixels_does_not_matter() {
+        let observed = observations(2000, 16, 0);
+        let forward = of(2, &observed);
+        assert_equal(&forward, &of(2, observed.iter().rev()));
+        assert!(sums(&forward).iter().any(|texel| texel.weight > 256));
+    }
+
+    #[test]
+    fn halves_merge_to_the_whole() {
+        let observed = observations(2000, 16, 1);
+        let (first, second) = observed.split_at(700);
+        let mut merged = of(2, first);
+        merged.merge(&of(2, second));
+        assert_equal(&merged, &of(2, &observed));
+        let mut finer = of(2, first);
+        finer.merge(&{
+            let mut coarse = of(2, second);
+            coarse.coarsen();
+            coarse
+        });
+        let all = sums(&of(2, &observed)).iter().map(|texel| texel.weight).sum::<u32>();
+        let found = sums(&finer).iter().map(|texel| texel.weight).sum::<u32>();
+        assert!(finer.lattice.level == 2 && all - found <= 3 * 64, "{found} of {all}");
+    }
+
+    #[test]
+    fn refining_and_coarsening_keep_sums_within_rounding() {
+        let before = of(1, &observations(3000, 8, 2));
+        let mut after = before.clone();
+        after.refine(3);
+        assert_eq!(after.lattice.side(), 32);
+        after.coarsen();
+        after.coarsen();
+        assert_eq!((after.lattice, after.predicted), (before.lattice, before.predicted));
+        for (a, b) in sums(&before).iter().zip(sums(&after)) {
+            assert!(a.weight - b.weight < 16, "{a:?} {b:?}");
+            for (a, b) in a.scaled_to(b.weight).color.iter().zip(b.color) {
+                assert!(a.abs_diff(b) <= 16, "{a} {b}");
+            }
+        }
+        after.coarsen();
+        after.coarsen();
+        assert_eq!(after.lattice.level, 0);
+        // Shares of a texel that are too small for a unit of weight leave no colour behind.
+        let mut faint = of(0, &[Observed { weight: 3, ..observations(1, 4, 3)[0] }]);
+        faint.refine(1);
+        assert!(faint.patches.is_empty());
+    }
+
+    #[test]
+    fn texels_keep_their_place_when_the_lattice_is_laid_anew() {
+        let one = observations(1, 16, 4)[0];
+        for texel in [5 * 16 + 6, 9 * 16 + 9, 7 * 16 + 8] {
+            let mut texture = of(2, &[Observed { texel, ..one }]);
+            let center = [usize::from(texel) % 16, usize::from(texel) / 16].map(|v| v as f64 + 0.5);
+            let world = texture.lattice.point_at(center);
+            let expected = sums(&texture)[usize::from(texel)];
+            let [x, y, z] = splat().mean;
+            let rotation = DQuat::from_rotation_z(0.7);
+            let rotation = [rotation.w, rotation.x, rotation.y, rotation.z].map(|v| v as f32);
+            let moved = Splat { mean: [x + 0.21, y - 0.1, z], rotation, ..splat() };
+            assert!(!texture.fits(&moved) && texture.fits(&splat()));
+            texture.lay_anew(&moved, 0.6);
+            assert!(texture.fits(&moved));
+            let place = texture.lattice.place_of(world).map(|v| v as usize);
+            assert_eq!(texture.texel(place), Some(&expected));
+        }
+    }
+
+    #[test]
+    fn gains_are_what_was_added_since() {
+        let (before, after) = (observations(800, 8, 5), observations(900, 16, 6));
+        let mut start = of(1, &before);
+        let mut later = start.clone();
+        later.refine(2);
+        after.iter().for_each(|observed| later.add(observed));
+        let gained = later.gained_since(&start).unwrap();
+        assert_equal(&gained, &of(2, &after));
+        start.merge(&gained);
+        assert_eq!(sums(&start), sums(&later));
+        // Coarser by the budget: sums of four texels.
+        later.coarsen();
+        later.coarsen();
+        let gained = later.gained_since(&start).unwrap();
+        assert_eq!(gained.lattice.level, 0);
+        let weight = sums(&gained).iter().map(|texel| texel.weight).sum::<u32>();
+        assert!(weight < 16, "{weight}");
+        later.lay_anew(&Splat { mean: [0.8, -1.0, 0.25], ..splat() }, 0.5);
+        assert!(later.gained_since(&start).is_none());
+    }
+
+    #[test]
+    fn full_texels_average_and_never_overflow() {
+        let full = |color: i32| TexelSums { weight: MAX_TEXEL_WEIGHT, color: [color; 3] };
+        let most = (MAX_TEXEL_WEIGHT * MOST_PER_WEIGHT) as i32;
+        let mut texel = full(most);
+        texel.join(&full(most));
+        assert_eq!(texel, TexelSums { weight: FULL, color: [most / 2; 3] });
+        texel.join(&TexelSums { weight: FULL, color: [-most / 2; 3] });
+        assert_eq!(texel, TexelSums { weight: 2 * FULL, color: [0; 3] });
+        let before = texel;
+        texel.add(&TexelSums { weight: 256, color: [256 * 2048; 3] });
+        assert_eq!(texel, before, "it has enough");
+    }
+
+    #[test]
+    fn trust_follows_predictions() {
+        let product = |value: f32| (value * PRODUCT_ONE) as i32;
+        let trust = |predicted: [[f32; 2]; 2]| {
+            let predicted = predicted.map(|row| row.map(product));
+            let mut texture = empty(0);
+            (0..1000).for_each(|_| texture.add_products(&predicted));
+            texture.trust()
+        };
+        // Exact corrections under the small doubt, half of them under the large one.
+        let (doubt, factor) = trust([[0.01, 0.01], [0.005, 0.0025]]);
+        assert_eq!((doubt, factor), (DOUBTS[0], 1.0));
+        // Noise under the small doubt, exact corrections under the large one.
+        let (doubt, factor) = trust([[0.002, 0.02], [0.01, 0.01]]);
+        assert_eq!((doubt, factor), (DOUBTS[1], 1.0));
+        // Corrections twice too large: the regression slope is a half.
+        let (_, factor) = trust([[0.02, 0.04], [0.02, 0.04]]);
+        assert!((factor - 0.5).abs() < 0.01, "{factor}");
+        assert_eq!(trust([[-0.01, 0.01]; 2]).1, 0.0, "worse than none");
+        assert_eq!(empty(0).trust(), (DOUBTS[0], 1.0), "believed until tested");
+    }
+
+    #[test]
+    fn a_pixel_is_judged_by_what_others_have_shown() {
+        let all = observations(50, 4, 9);
+        let (own, others) = (all[0], &all[1..]);
+        let place =
+            [usize::from(own.texel) % 4, usize::from(own.texel) / 4].map(|v| v as f32 + 0.5);
+        let [found, expected] =
+            [of(0, &all), of(0, others)].map(|t| t.samples_without(place, &own));
+        let none = Observed { texel: u16::MAX, ..own };
+        assert_eq!(found, of(0, others).samples_without(place, &none));
+        assert_ne!(found, expected, "taken away twice");
+    }
+
+    #[test]
+    fn earlier_photographs_fade() {
+        let mut texture = empty(0);
+        texture.add_products(&[[800, -80], [8, 0]]);
+        texture.fade();
+        assert_eq!(texture.predicted, [[700, -70], [7, 0]]);
+    }
+
+    #[test]
+    fn texels_are_drawn_as_their_posterior_mean() {
+        let mut texture = of(1, &observations(200, 8, 7));
+        // Exact predictions are trusted; only positive colours can be drawn.
+        texture.predicted = [[1 << 30, 1 << 30], [0, 1 << 30]];
+        for texel in texture.patches.iter_mut().flatten() {
+            texel.color = texel.color.map(i32::abs);
+        }
+        let (drawn, side) = (texture.drawn(), texture.lattice.side());
+        for (i, texel) in sums(&texture).iter().enumerate() {
+            let place = [i % side, i / side].map(|v| v as f32 + 0.5);
+            let weight = f64::from(texel.weight) / f64::from(WEIGHT_ONE);
+            let share = weight / (weight + f64::from(DOUBTS[0]));
+            let sample = drawn.sample(place);
+            assert!((f64::from(sample.share) - share).abs() <= 0.5 / 31.0 + 1e-6);
+            // Of another texel, so that nothing is taken away.
+            let other = Observed { texel: u16::MAX, weight: 0, color: [0; 3] };
+            let [exact, _] = texture.samples_without(place, &other);
+            assert!((f64::from(exact.share) - share).abs() < 1e-6);
+            for channel in 0..3 {
+                let sum = f64::from(texel.color[channel]) / f64::from(COLOR_ONE * WEIGHT_ONE);
+                let color = if weight > 0.0 { sum / weight } else { 0.0 };
+                assert!((f64::from(exact.color[channel]) - color * share).abs() < 1e-5);
+                let rounded = color.min(511.0 / 256.0) * f64::from(sample.share);
+                let off = (f64::from(sample.color[channel]) - rounded).abs();
+                assert!(off <= 0.5 / 256.0 + 1e-6, "{off}");
+            }
+        }
     }
 }

@@ -105,6 +105,12 @@ impl Finishing {
     pub fn corrected_pose(&self, pose: &Pose) -> Pose {
         self.poses.as_ref().map_or(*pose, |log| log.at(pose))
     }
+
+    /// Returns the number of textures, and their memory in bytes.
+    pub fn texture_size(&self) -> (usize, usize) {
+        let textures = self.textures.iter().flat_map(|all| all.iter().flatten());
+        textures.fold((0, 0), |(n, bytes), texture| (n + 1, bytes + texture.bytes()))
+    }
 }
 
 // Static, so that views of plain splats can borrow it.
@@ -147,6 +153,19 @@ impl SplatSet {
         for (i, (&slot, splat)) in slots.iter().zip(&new.splats).enumerate() {
             self.put(slot as usize, *splat, new.appearance_of(i));
         }
+    }
+
+    /// Returns the splats for which `keep` is true, with their textures. Slots are numbered anew.
+    pub fn filtered(&self, keep: impl Fn(usize, &Splat) -> bool) -> Self {
+        let kept = || (0..self.len()).filter(|&slot| keep(slot, &self.splats[slot]));
+        let textures = self.finishing.textures.as_ref();
+        let of_slot = |all: &Textures, slot: usize| all.get(slot).cloned().flatten();
+        let textures = textures
+            .map(|all| Arc::new(kept().map(|slot| of_slot(all, slot)).collect::<Textures>()));
+        let mut filtered =
+            Self::default().finished(Finishing { textures, ..self.finishing.clone() });
+        kept().for_each(|slot| filtered.push(self.splats[slot], self.appearance_of(slot)));
+        filtered
     }
 
     fn put(&mut self, slot: usize, splat: Splat, appearance: Appearance) {
@@ -236,6 +255,30 @@ pub fn plain_of_equal_area(opacity: f64) -> (f64, f64) {
     match opacity > OPAQUE {
         true => (OPAQUE, (1.0 + (opacity / OPAQUE).ln()).sqrt()),
         false => (opacity, 1.0),
+    }
+}
+
+#[cfg(test)]
+mod filter_tests {
+    use super::*;
+    use crate::model::splat::texture::{ABSENT, Lattice, Texture};
+
+    #[test]
+    fn textures_stay_with_their_splats() {
+        let at = |x: f32| Splat { mean: [x, 0.0, 0.0], opacity: 1.0, ..Splat::default() };
+        let texture = |x: f32| {
+            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+            let lattice = Lattice { anchor: [x, 0.0, 0.0], axes, half: 1.0, level: 0 };
+            Some(Arc::new(Texture { lattice, index: vec![ABSENT], patches: Vec::new() }))
+        };
+        // The last splat is beyond the list of textures.
+        let textures = Some(Arc::new(vec![texture(0.0), None, texture(2.0)]));
+        let set = SplatSet::from([0.0, 1.0, 2.0, 3.0].map(at).to_vec())
+            .finished(Finishing { textures, ..Finishing::default() });
+        let kept = set.filtered(|slot, splat| slot > 0 && splat.mean[0] != 4.0);
+        assert_eq!(kept.iter().map(|s| s.mean[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0]);
+        let expected = vec![None, texture(2.0), None];
+        assert_eq!(kept.finishing().textures.as_deref(), Some(&expected));
     }
 }
 

@@ -186,6 +186,10 @@ const PHOTOGRAPH_PIXEL_BYTES: usize = size_of::<[u8; 4]>() + size_of::<f32>();
 /// Bytes for lists and sums while a rendered picture is compared with a photograph, independent of its
 /// size.
 const PHOTOGRAPH_BYTES: u64 = 58_000_000;
+/// Memory of textures in multiples of their budget. While a checkpoint is written, training changes copies of
+/// its textures. Lists of patches have spare capacity, and pictures hold two generations of drawn texels, of a
+/// quarter of the size each.
+const TEXTURE_COPIES: u64 = 3;
 /// Bytes for the program, its threads and decoders, without per-pixel buffers.
 const SCENE_PROGRAM_BYTES: u64 = 16_000_000;
 const DECODER_PIXEL_BYTES: usize = 30;
@@ -212,6 +216,8 @@ impl SceneConfig {
         let of_photographs = self.photometric.map_or(0, |_| PHOTOGRAPH_BYTES) + waiting as u64;
         let fixed = of_photographs + SCENE_PROGRAM_BYTES;
         let per_component = COMPONENT_BYTES + SCENE_COPY_BYTES + of_splat;
+        let of_textures =
+            self.photometric.map_or(0, |_| TEXTURE_COPIES * self.texture_bytes() as u64);
         let point = size_of::<SurfacePoint>() + size_of::<f32>();
         let of_points = pixels
             * (frames_at_once * point
@@ -221,7 +227,7 @@ impl SceneConfig {
                 + of_pixel);
         MemoryEstimate {
             model: (self.max_components as u64).saturating_mul(per_component as u64),
-            frames: fixed + of_points as u64,
+            frames: fixed + of_textures + of_points as u64,
         }
     }
 }

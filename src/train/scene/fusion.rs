@@ -2,6 +2,9 @@
 //!
 //! Components of the start (the common initial scene) have the same seeds in all scenes. So the sums
 //! accumulated since then can be added exactly, and photometric estimates refer to the same parameters.
+//! Textures too are sums: those of the start count once. Where a lattice was laid anew since, they cannot be
+//! told from later ones and may count more than once.
+//!
 //! Components created since then have no counterpart. They are matched against existing seeds, as points
 //! are, so that no surface is covered twice.
 
@@ -15,10 +18,11 @@ use super::photometric::{LEAST_OPACITY, is_trained, prior_precision};
 use super::trainer::SceneTrainer;
 use crate::math::cholesky::{Cholesky, at};
 use crate::model::scene::photometric::{
-    N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION, PhotometricState,
+    N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION, PhotometricState, merge_textures,
 };
 use crate::model::scene::state::{SceneState, VisibilityCounts, WHOLE};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
+use crate::model::scene::texels::TextureSums;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::pose_log::FramePose;
 use crate::model::splat::splats::{Splat, rotation_array};
@@ -26,6 +30,7 @@ use crate::train::estep::squared_distance;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
+use std::sync::Arc;
 
 /// Fuses scenes of equal configuration into one scene within the budget (`scene.md`, Fusion). The
 /// scenes may have continued from a common `start`. `None` if there are no scenes, or if a state has
@@ -102,7 +107,10 @@ fn fuse_at_one_scale(
     state.photometric = state.photometric.filter(|_| config.photometric.is_some());
     if let Some(photometric) = &mut state.photometric {
         let of_scenes = scenes.iter().filter_map(|scene| scene.photometric.as_ref());
-        average_residuals(photometric, of_scenes);
+        average_residuals(photometric, of_scenes.clone());
+        let steps = of_scenes.map(|photometric| photometric.texture_steps).max();
+        photometric.texture_steps = steps.unwrap_or(0);
+        photometric.coarsen_textures_to(config.texture_bytes());
     }
     Some(state)
 }
@@ -145,6 +153,7 @@ struct Component {
     sums: [f64; N_SUMS],
     visibility: VisibilityCounts,
     estimate: Option<Estimate>,
+    texture: Option<Arc<TextureSums>>,
 }
 
 /// Returns the components that have seeds, in ascending order of their numbers; `None` if a component
@@ -162,7 +171,9 @@ fn components(state: &SceneState) -> Option<Vec<Component>> {
         let (seed, share) = seed?;
         let estimate = state.photometric.as_ref().and_then(|of| Estimate::of(of, id));
         let visibility = sums.row(id).visibility();
-        Some(Component { seed, share, sums: sums.sums(id), visibility, estimate })
+        let photometric = state.photometric.as_ref();
+        let texture = photometric.and_then(|of| of.textures.get(id)?.clone());
+        Some(Component { seed, share, sums: sums.sums(id), visibility, estimate, texture })
     };
     Some(seeds.into_iter().enumerate().filter_map(component).collect())
 }
@@ -198,7 +209,29 @@ impl Component {
         }
         let start = self.estimate.filter(|_| !is_anew);
         let estimate = rule.and_then(|rule| fused(start, &estimates, rule));
-        Self { seed: self.seed, share: self.share, sums, visibility, estimate }
+        let texture = self.texture_with_gains_of(later);
+        Self { seed: self.seed, share: self.share, sums, visibility, estimate, texture }
+    }
+
+    /// Returns the texture with all that its `later` versions have gained. If a lattice was laid anew since,
+    /// the result has the first such lattice.
+    fn texture_with_gains_of(&self, later: &[&Self]) -> Option<Arc<TextureSums>> {
+        let Some(start) = &self.texture else {
+            let mut all = None;
+            let later = later.iter().filter_map(|now| now.texture.clone());
+            later.for_each(|texture| merge_textures(&mut all, texture));
+            return all;
+        };
+        let (mut anew, mut gains) = (None, Vec::new());
+        for now in later.iter().filter_map(|now| now.texture.as_ref()) {
+            match now.gained_since(start) {
+                Some(gained) => gains.push(Arc::new(gained)),
+                None => merge_textures(&mut anew, now.clone()),
+            }
+        }
+        let mut all = anew.or_else(|| Some(start.clone()));
+        gains.into_iter().for_each(|gained| merge_textures(&mut all, gained));
+        all
     }
 
     /// Adds another component, after conversion of its sums to offsets from this component's seed. `h`
@@ -211,6 +244,9 @@ impl Component {
             *sum += whole_quanta(moved);
         }
         self.visibility = self.visibility.plus(other.visibility);
+        if let Some(texture) = &other.texture {
+            merge_textures(&mut self.texture, texture.clone());
+        }
     }
 
     /// Returns the mean of the component's points, world units from the scene's origin. `h` is the
@@ -271,7 +307,9 @@ impl Fused {
             if let Some(estimate) = &component.estimate {
                 estimate.put(&mut photometric, id);
             }
+            photometric.textures.push(component.texture.clone());
         }
+        let photometric = photometric.stored(self.components.len());
         let (sums, visibility) = sums.state();
         let shares: Vec<u8> = self.components.iter().map(|component| component.share).collect();
         SceneState {

@@ -5,7 +5,7 @@ use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::texels::{
-    COLOR_ONE, MAX_COLOR, Observed, PRODUCT_ONE, Predictions, TextureSums, WEIGHT_ONE,
+    COLOR_ONE, MAX_COLOR, Observed, PRODUCT_ONE, Products, TextureSums, WEIGHT_ONE,
 };
 use crate::model::splat::appearance::SplatView;
 use crate::model::splat::splats::Splat;
@@ -115,7 +115,9 @@ impl TextureLearner {
                 }
             }
         });
-        self.keep_within(state, budget);
+        if state.coarsen_textures_to(budget) {
+            self.forget_drawn();
+        }
     }
 
     /// Compares textures with a photograph before its photometric step, as if they had not learned it.
@@ -126,10 +128,9 @@ impl TextureLearner {
         view: &TrainingView,
         photograph: &Image<MeasuredPixel>,
     ) {
-        let PhotometricState { splats, appearance, textures, predictions, .. } = state;
+        let PhotometricState { splats, appearance, textures, .. } = state;
         let shown = TileRows::of(photograph.data.len(), view.frame);
         let Some(splats) = SplatView::new(splats, appearance) else { return };
-        predictions.resize(textures.len(), Predictions::default());
         let size = textures.len().div_ceil(PARTS).max(1);
         let known = &*textures;
         let lattice = |splat: usize| Some(known.get(splat)?.as_ref()?.lattice);
@@ -142,16 +143,18 @@ impl TextureLearner {
             |row| products(row, view.rows, photograph, known, size),
         );
         self.drawn.resize_with(textures.len(), OnceLock::new);
-        let tasks = predictions.par_chunks_mut(size).zip(self.drawn.par_chunks_mut(size));
-        tasks.enumerate().with_max_len(1).for_each(|(part, (predictions, drawn))| {
-            let mut seen = vec![false; predictions.len()];
+        let tasks = textures.par_chunks_mut(size).zip(self.drawn.par_chunks_mut(size));
+        tasks.enumerate().with_max_len(1).for_each(|(part, (textures, drawn))| {
+            let mut seen = vec![false; textures.len()];
             for (component, products) in rows.iter().flat_map(|row| &row[part]) {
                 let at = *component as usize - part * size;
+                let Some(texture) = &mut textures[at] else { continue };
+                let texture = Arc::make_mut(texture);
                 if !std::mem::replace(&mut seen[at], true) {
-                    predictions[at].fade();
+                    texture.fade();
                     drawn[at].take();
                 }
-                predictions[at].add(products);
+                texture.add_products(products);
             }
         });
     }
@@ -188,21 +191,6 @@ impl TextureLearner {
         }
     }
 
-    /// Doubles the pitch of all textures until they take at most `budget` bytes.
-    fn keep_within(&mut self, state: &mut PhotometricState, budget: usize) {
-        while state.texture_bytes() > budget {
-            let is_coarsest = |texture: &Arc<TextureSums>| texture.lattice.level == 0;
-            if state.textures.iter().flatten().all(is_coarsest) {
-                return;
-            }
-            state.texture_steps += 1;
-            state.textures.par_iter_mut().flatten().for_each(|texture| {
-                Arc::make_mut(texture).coarsen();
-            });
-            self.forget_drawn();
-        }
-    }
-
     /// Marks all textures as changed.
     pub fn forget_drawn(&mut self) {
         self.drawn.iter_mut().for_each(|drawn| drop(drawn.take()));
@@ -215,8 +203,7 @@ impl TextureLearner {
         }
         let draw = |(id, texture): (usize, &Option<Arc<TextureSums>>)| {
             let texture = texture.as_ref()?;
-            let predictions = state.predictions.get(id).copied().unwrap_or_default();
-            let draw = || Arc::new(texture.drawn(&predictions));
+            let draw = || Arc::new(texture.drawn());
             // The list is shorter after a checkpoint was opened, before the next photograph.
             Some(self.drawn.get(id).map_or_else(draw, |drawn| drawn.get_or_init(draw).clone()))
         };
@@ -264,14 +251,14 @@ fn observations(
     lists
 }
 
-/// Lists the products of a row of tiles for [`Predictions`], divided by component as in [`observations`].
+/// Lists the products of a row of tiles for [`TextureSums`], divided by component as in [`observations`].
 fn products(
     row: &SurfaceRow<'_>,
     compared: RowSubset,
     photograph: &Image<MeasuredPixel>,
     textures: &[Option<Arc<TextureSums>>],
     size: usize,
-) -> Vec<Vec<(u32, [[i32; 2]; 2])>> {
+) -> Vec<Vec<(u32, Products)>> {
     let mut lists = vec![Vec::new(); PARTS];
     let rows = row.top..(row.top + TILE).min(photograph.height);
     let is_compared = |y: &usize| *y as u32 % compared.stride() == compared.first();

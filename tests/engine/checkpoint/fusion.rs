@@ -94,6 +94,32 @@ fn shards_of_one_start_are_as_one_run() {
     assert!(all.resume(room(), &ResumeRequest::default(), false).is_ok());
 }
 
+/// Weight of all texels, in pixels.
+fn texels(run: &SavedRun) -> f64 {
+    let textures = scene(run).photometric.as_ref().unwrap().textures.iter().flatten();
+    let texels = textures.flat_map(|texture| texture.patches.as_flattened());
+    texels.map(|texel| f64::from(texel.weight) / 256.0).sum()
+}
+
+#[test]
+fn textures_of_shards_add_up() {
+    let (start, shards) = shards(&asked(PhotometricMode::Light), 2);
+    let fused = reread(&merge_onto(&start, shards.to_vec()).unwrap().unwrap());
+    let added: f64 = shards.iter().map(|run| texels(run) - texels(&start)).sum();
+    let (found, expected) = (texels(&fused), texels(&start) + added);
+    assert!(added > 100.0 && (0.9..1.1).contains(&(found / expected)), "{found} of {expected}");
+    let idle = SavedRun { path: "idle".into(), ..start.clone() };
+    let one = merge_onto(&start, vec![shards[1].clone(), idle]).unwrap().unwrap();
+    let textures = |run: &SavedRun| scene(run).photometric.clone().unwrap().textures;
+    let pairs = textures(&one).into_iter().zip(textures(&shards[1]));
+    let same = pairs.filter(|(a, b)| match (a, b) {
+        (Some(a), Some(b)) => a.lattice == b.lattice && a.drawn().bytes() == b.drawn().bytes(),
+        (a, b) => a.is_none() && b.is_none(),
+    });
+    let (same, n) = (same.count(), textures(&shards[1]).len());
+    assert!(same * 10 > n * 9, "{same} of {n}");
+}
+
 #[test]
 fn what_one_shard_alone_learnt_is_what_it_learnt() {
     let asked = asked(PhotometricMode::Light);

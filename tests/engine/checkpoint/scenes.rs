@@ -65,9 +65,61 @@ fn what_photographs_taught_is_stored_and_goes_on() {
     );
 }
 
+/// Budgets so small that components merge, and that all texels become coarser.
+fn textured() -> SceneOverrides {
+    let budget = Some(Budget::Components(150));
+    SceneOverrides { budget, textures: Some(1), ..photographed() }
+}
+
+#[test]
+fn textures_are_stored_and_go_on() {
+    for asked in [photographed(), textured()] {
+        let whole = with_threads(1, || trained(&asked, first(12)));
+        let expected = timeless(whole.checkpoint().unwrap());
+        let half = with_threads(2, || saved(&trained(&asked, first(5))));
+        let resumed = with_threads(2, || finished(half.resume(room(), &up_to(12), false).unwrap()));
+        assert!(timeless(resumed.checkpoint().unwrap()) == expected);
+        let (state, splats) = (scene(&expected).photometric.as_ref().unwrap(), whole.splats());
+        let textured = || state.textures.iter().flatten();
+        let patches = textured().map(|texture| texture.patches.len()).sum::<usize>();
+        assert!(textured().count() > 20 && patches > 20, "{} {patches}", textured().count());
+        // Drawn from the file, before any photograph: each texture with the component that learned it.
+        let drawn = splats.finishing().textures.as_deref().unwrap();
+        let again = reread(&saved(&whole)).splats().unwrap();
+        assert!(again.finishing().textures.as_deref() == Some(drawn));
+        assert!(resumed.splats().finishing().textures.as_deref() == Some(drawn));
+        for (id, texture) in state.textures.iter().enumerate() {
+            let texture = texture.as_ref().map(|texture| texture.drawn());
+            assert_eq!(drawn[id].as_deref(), texture.as_ref(), "{id}");
+        }
+    }
+}
+
+/// Textures of merged components belong to those that their seeds now belong to.
+#[test]
+fn textures_follow_merged_components() {
+    let asked = SceneOverrides { textures: Some(50), ..textured() };
+    let session = trained(&asked, first(12));
+    let checkpoint = session.checkpoint().unwrap();
+    let state = scene(&checkpoint);
+    let of_seeds = state.components.as_ref().expect("components that were merged");
+    let textures = &state.photometric.as_ref().unwrap().textures;
+    let is_used = |id: usize| of_seeds.contains(&(id as u32));
+    let textured: Vec<usize> = (0..textures.len()).filter(|&id| textures[id].is_some()).collect();
+    assert!(textured.iter().all(|&id| is_used(id)), "a texture of an unused component");
+    let free = SceneOverrides { budget: None, ..asked };
+    let free = timeless(trained(&free, first(12)).checkpoint().unwrap());
+    let weight = |state: &SceneState| -> u64 {
+        let textures = state.photometric.as_ref().unwrap().textures.iter().flatten();
+        textures.flat_map(|t| t.patches.as_flattened()).map(|texel| u64::from(texel.weight)).sum()
+    };
+    let (merged, free) = (weight(state), weight(scene(&free)));
+    assert!(merged * 2 > free, "{merged} of {free}");
+}
+
 #[test]
 fn a_scene_may_stop_after_every_frame() {
-    for asked in [coarse(), plain(), photographed()] {
+    for asked in [coarse(), plain(), photographed(), textured()] {
         let expected = timeless(trained(&asked, first(12)).checkpoint().unwrap());
         let mut run = saved(&trained(&asked, first(1)));
         for n_frames in 2..=12 {

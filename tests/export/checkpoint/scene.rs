@@ -3,6 +3,7 @@
 use super::raw::{self, edited};
 use super::{N, assert_refused, checkpoint, fixed64, means_f32};
 use crate::allocations::largest_during;
+use std::sync::Arc;
 use vbgs_studio::export::checkpoint::{self, Checkpoint, StoredModel, VERSION, parse, to_bytes};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
@@ -12,11 +13,14 @@ use vbgs_studio::model::scene::state::{
     QUANTUM, SceneState, StoredSums, VisibilityCounts, WideRow,
 };
 use vbgs_studio::model::scene::sums::{N_SUMS, terms};
+use vbgs_studio::model::scene::texels::{Observed, TexelSums, TextureSums};
 use vbgs_studio::model::scene::waiting::{
     BufferedDepths, BufferedPhotograph, DepthScale, PhotographView,
 };
 use vbgs_studio::model::splat::pose_log::FrameExposure;
 use vbgs_studio::model::splat::pose_log::FramePose;
+use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::model::splat::texture::{ABSENT, Lattice};
 use vbgs_studio::model::splat::viewpoint::Viewpoint;
 
 /// Components of the sample whose sums overflow a narrow row.
@@ -176,6 +180,169 @@ fn depths_of_photographs_that_wait_are_refused_where_they_are_none() {
     let StoredModel::Scene(state) = &before.checkpoint.model else { unreachable!() };
     let waiting = &state.photometric.as_ref().unwrap().buffered;
     assert!(waiting.len() == 3 && waiting.iter().all(|waiting| waiting.depths.is_none()));
+}
+
+/// Checkpoint with textures of levels 0, 2 and 1 for components 2, 7 and 19.
+fn textured() -> Checkpoint {
+    let mut sample = sample(mixed());
+    let StoredModel::Scene(state) = &mut sample.model else { unreachable!() };
+    let mut photometric = PhotometricState { texture_steps: 3, ..PhotometricState::default() };
+    photometric.grow(N);
+    photometric.textures.resize(N, None);
+    let mut rng = Rng::new(12, Purpose::Synthetic, 0);
+    for (id, level) in [(2, 0), (7, 2), (19, 1)] {
+        let splat =
+            Splat { mean: [id as f32, 0.5, 1.0], scale: [0.1, 0.2, 0.01], ..Splat::default() };
+        let mut texture = TextureSums::new(&splat, 0.25);
+        texture.refine(level);
+        let side = texture.lattice.side();
+        for _ in 0..40 {
+            texture.add(&Observed {
+                texel: (rng.below(side / 2) * side + rng.below(side)) as u16,
+                weight: 1 + rng.below(256) as u16,
+                color: [0; 3].map(|_| rng.below(4097) as i16 - 2048),
+                predicted: [[3, 4], [-5, 6]],
+            });
+        }
+        photometric.textures[id] = Some(Arc::new(texture));
+    }
+    state.photometric = Some(photometric);
+    sample
+}
+
+fn photometric(checkpoint: &mut Checkpoint) -> &mut PhotometricState {
+    let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
+    state.photometric.as_mut().unwrap()
+}
+
+#[test]
+fn textures_come_back_and_scenes_without_have_no_section() {
+    let mut textured = textured();
+    let bytes = to_bytes(&textured);
+    let read = parse(&bytes).unwrap().checkpoint;
+    assert_eq!(read, textured);
+    assert!(to_bytes(&read) == bytes);
+    let sections = raw::sections(&bytes);
+    let length = |tag: &[u8; 4]| sections.iter().find(|s| s.tag == *tag).unwrap().content.len();
+    let state = photometric(&mut textured);
+    let textures = || state.textures.iter().flatten();
+    let n_patches: usize = textures().map(|texture| texture.patches.len()).sum();
+    assert!(n_patches > 6 && textures().any(|t| t.index.contains(&ABSENT)));
+    let sizes = [(b"TXID", 12), (b"TXLA", 120), (b"TXSI", 24), (b"TXPR", 96), (b"TXST", 4)];
+    sizes.iter().for_each(|(tag, size)| assert_eq!(length(tag), *size));
+    assert_eq!([length(b"TXIX"), length(b"TXEL")], [2 * 21, 256 * n_patches]);
+    state.textures.clear();
+    state.texture_steps = 0;
+    let sections = raw::sections(&to_bytes(&textured));
+    assert!(sections.iter().all(|section| !section.tag.starts_with(b"TX")));
+}
+
+#[test]
+fn textures_that_no_scene_has_are_refused() {
+    let bytes = to_bytes(&textured());
+    let with = |tag: &[u8; 4], at: usize, value: &[u8], parts: &[&str]| {
+        let damaged =
+            edited(&bytes, tag, |s| s.content[at..at + value.len()].copy_from_slice(value));
+        assert_refused(&damaged, parts);
+    };
+    let word = |value: u32| value.to_le_bytes();
+    let float = |value: f32| value.to_le_bytes();
+    with(b"TXID", 4, &word(2), &["TXID", "ascending order"]);
+    with(b"TXID", 8, &word(20), &["TXID", "components below 20", "found 20"]);
+    with(b"TXST", 0, &word(u32::MAX), &["TXST", "at most 65536"]);
+    for wild in [f32::NAN, f32::INFINITY] {
+        with(b"TXLA", 44, &float(wild), &["TXLA[component 7, anchor]", "finite"]);
+        with(b"TXLA", 36, &float(wild), &["TXLA[component 2, half]", "positive"]);
+        with(b"TXLA", 12, &float(wild), &["TXLA[component 2, axis]", "unit vector"]);
+    }
+    with(b"TXLA", 76, &float(0.0), &["TXLA[component 7, half]", "a positive number", "found 0"]);
+    with(b"TXLA", 52, &float(0.5), &["TXLA[component 7, axis]", "a unit vector"]);
+    // Both axes alike.
+    let lattice = &raw::sections(&bytes).into_iter().find(|s| s.tag == *b"TXLA").unwrap().content;
+    with(b"TXLA", 24, &lattice[12..24], &["TXLA[component 2, axes]", "perpendicular", "found 1"]);
+    with(b"TXSI", 8, &word(6), &["TXSI[component 7, level]", "at most 5", "found 6"]);
+    with(b"TXSI", 4, &word(2), &["TXSI[component 2, patches]", "at most 1 at level 0"]);
+    // Lengths that the other sections do not have, refused before memory is taken.
+    with(b"TXSI", 8, &word(5), &["TXIX", "expected 1029 elements", "found 21"]);
+    with(b"TXSI", 12, &word(0), &["TXEL", "elements"]);
+    let long = |value: i64| value.to_le_bytes();
+    with(b"TXPR", 16, &long(i64::MIN), &["TXPR[component 2, prediction]", "at most 2^62"]);
+    with(b"TXPR", 40, &long(-1), &["TXPR[component 7, square]", "0 or more", "found -1"]);
+    let patch =
+        |at: usize, value: u16, parts: &[&str]| with(b"TXIX", at, &value.to_le_bytes(), parts);
+    patch(0, 1, &["TXIX[component 2, patch]", "each of 1 patches once", "found 1"]);
+    patch(0, ABSENT, &["TXIX[component 2, unused patch]", "a place for every patch"]);
+    let index = &raw::sections(&bytes).into_iter().find(|s| s.tag == *b"TXIX").unwrap().content;
+    with(b"TXIX", 2, &index[4..6], &["TXIX[component 7, patch]", "once"]);
+    for weight in [524_289, u32::MAX] {
+        with(b"TXEL", 0, &word(weight), &["TXEL[component 2, weight]", "0 to 524288"]);
+    }
+    for color in [i32::MIN, i32::MAX] {
+        let parts = ["TXEL[component 2, colour]", "at most 2048 per weight"];
+        with(b"TXEL", 12, &color.to_le_bytes(), &parts);
+    }
+    for tag in [b"TXLA", b"TXSI", b"TXPR", b"TXIX", b"TXEL"] {
+        let mut sections = raw::sections(&bytes);
+        sections.retain(|section| section.tag != *tag);
+        let name = std::str::from_utf8(tag).unwrap();
+        assert_refused(&raw::file(&sections, VERSION), &[name, "this section"]);
+        for change in [-4isize, 4] {
+            let resized = edited(&bytes, tag, |s| {
+                s.content.resize(s.content.len().strict_add_signed(2 * change), 0);
+            });
+            assert_refused(&resized, &[name]);
+        }
+        assert!(parse(&edited(&bytes, tag, |s| s.element = 6)).is_err());
+    }
+    // Without ids no texture is read.
+    let mut sections = raw::sections(&bytes);
+    sections.retain(|section| section.tag != *b"TXID");
+    let mut none = parse(&raw::file(&sections, VERSION)).unwrap().checkpoint;
+    assert!(photometric(&mut none).textures.is_empty());
+}
+
+/// Every value of the sections of textures may be arbitrary: reading refuses it or reads it, in little memory.
+#[test]
+fn arbitrary_textures_take_no_memory() {
+    let bytes = to_bytes(&textured());
+    let tags = [b"TXID", b"TXLA", b"TXSI", b"TXPR", b"TXIX", b"TXEL", b"TXST"];
+    let mut rng = Rng::new(13, Purpose::Synthetic, 0);
+    for _ in 0..3000 {
+        let damaged = edited(&bytes, tags[rng.below(tags.len())], |s| {
+            let at = rng.below(s.content.len());
+            s.content[at] ^= 1 << rng.below(8);
+        });
+        let (read, largest) = largest_during(|| parse(&damaged));
+        assert!(largest < 1 << 20, "{largest} bytes");
+        if let Ok(read) = read {
+            assert!(parse(&to_bytes(&read.checkpoint)).unwrap().checkpoint == read.checkpoint);
+        }
+    }
+}
+
+/// Textures may take hundreds of megabytes, so writing must not copy them.
+#[test]
+fn textures_are_written_without_a_copy_and_only_if_they_can_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.vbgs");
+    let mut large = textured();
+    let lattice = photometric(&mut large).textures[2].as_ref().unwrap().lattice;
+    let mut texture = TextureSums {
+        lattice: Lattice { level: 5, ..lattice },
+        predicted: [[0; 2]; 2],
+        index: (0..1024).collect(),
+        patches: vec![[TexelSums { weight: 1, color: [9; 3] }; 16]; 1024],
+    };
+    photometric(&mut large).textures = (0..N).map(|_| Some(Arc::new(texture.clone()))).collect();
+    let bytes = photometric(&mut large).texture_bytes();
+    let (written, largest) = largest_during(|| checkpoint::write(&path, &large));
+    written.unwrap();
+    assert!(largest < bytes / 2, "{largest} bytes at once, beside {bytes} of textures");
+    assert_eq!(checkpoint::read(&path).unwrap().checkpoint, large);
+    texture.index[7] = 8;
+    photometric(&mut large).textures[3] = Some(Arc::new(texture));
+    let error = checkpoint::write(&path, &large).unwrap_err().to_string();
+    assert!(error.contains("TXIX[component 3, patch]"), "{error}");
 }
 
 /// The buffer may hold 64 MB, so writing must not copy it.

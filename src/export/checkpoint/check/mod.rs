@@ -47,7 +47,7 @@ pub(super) fn check_visited(frames: &[u64], learned: u64) -> Result<Vec<u32>, De
     ids.map_or_else(|| refuse("frame numbers of 32 bits", "larger ones".to_owned()), Ok)
 }
 
-fn check_ascending(
+pub(super) fn check_ascending(
     tag: [u8; 4],
     ids: impl Iterator<Item = u32> + Clone,
     components: usize,

@@ -2,6 +2,7 @@
 
 use super::super::error::{Defect, tag_text};
 use super::super::sections::*;
+use super::super::textures;
 use super::{AXES, check_ascending, value_defect};
 use crate::model::scene::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
@@ -158,6 +159,7 @@ fn check_photometric(state: &PhotometricState) -> Result<(), Defect> {
             ));
         }
     }
+    textures::check(state)?;
     let usual = [
         (PHOTO_NOISE, state.noise),
         (PHOTO_POINTS, state.points),

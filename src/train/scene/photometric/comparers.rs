@@ -212,6 +212,7 @@ mod tests {
             rows: RowSubset::ALL,
             outlier_factor: 6.0,
             per_depth_pixel: 1.0,
+            frame: 0,
         };
         let squared_error = comparers.compare(view, &learnt, &photograph, RULE).squared_error;
         comparers.count_step(1.0);

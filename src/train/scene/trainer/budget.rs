@@ -108,7 +108,9 @@ impl SceneTrainer {
         self.scene.grow_sums();
         let n = if self.scene.config.photometric.is_some() { self.scene.sums.len() } else { 0 };
         let before: Vec<f64> = (0..n).map(|id| self.scene.sums.sums(id)[0]).collect();
+        let textured = self.reference_seeds_of_textured();
         self.scene.merge_down(target, worthwhile);
+        self.merge_textures(&textured);
         // Estimates of two splats do not describe their union, which is reinitialised.
         for (id, before) in before.into_iter().enumerate() {
             if self.scene.sums.sums(id)[0] != before
@@ -116,12 +118,29 @@ impl SceneTrainer {
             {
                 *splat = Splat::default();
             }
-            if self.scene.sums.sums(id)[0] == 0.0
-                && let Some(texture) = self.photographs.learner.state.textures.get_mut(id)
-            {
-                *texture = None;
-            }
         }
         used - self.scene.seeds.components.used()
+    }
+
+    /// Returns components that have a texture, each with its reference seed.
+    fn reference_seeds_of_textured(&self) -> Vec<(usize, u32)> {
+        let components = &self.scene.seeds.components;
+        let textures = self.photographs.learner.state.textures.iter().enumerate();
+        let textured = textures.filter(|(_, texture)| texture.is_some());
+        textured.map(|(id, _)| (id, components.reference_seed(id) as u32)).collect()
+    }
+
+    /// Adds textures of merged components to those of the components that their seeds now belong to.
+    /// `textured` lists component and reference seed of each texture before the merge.
+    fn merge_textures(&mut self, textured: &[(usize, u32)]) {
+        let components = &self.scene.seeds.components;
+        let kept = textured.iter().map(|&(id, seed)| (components.of_seed(seed) as usize, id));
+        let mut merged = kept.filter(|(kept, id)| kept != id).peekable();
+        if merged.peek().is_some() {
+            // New components may get the rows of merged ones.
+            self.photographs.learner.textures.forget_drawn();
+        }
+        let state = &mut self.photographs.learner.state;
+        merged.for_each(|(kept, id)| state.merge_texture(kept, id));
     }
 }
