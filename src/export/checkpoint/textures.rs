@@ -84,7 +84,8 @@ pub(super) fn read(sections: &Container, n: usize) -> Result<Textures, Defect> {
     let predicted = sections.rows::<i64, N_PREDICTED>(TEXTURE_PREDICTED, count)?;
     let sizes = checked_sizes(&ids, sizes)?;
     // Both are at most 1,024 for each texture that the file lists, so neither sum overflows.
-    let [n_places, n_patches] = [0, 1].map(|i| sizes.iter().map(|size| size[i]).sum::<usize>());
+    let n_places = sizes.iter().map(|[places, _]| places).sum();
+    let n_patches = sizes.iter().map(|[_, patches]| patches).sum::<usize>();
     let mut indices = sections.bytes::<u16>(TEXTURE_INDICES, Some(n_places))?;
     let mut texels = sections.bytes::<i32>(TEXTURE_TEXELS, Some(N_PATCH * n_patches))?;
     // Ids are below the number of components, whose rows the file holds.

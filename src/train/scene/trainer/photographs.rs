@@ -56,7 +56,11 @@ pub(super) struct Photographs {
 }
 
 impl Photographs {
-    pub fn restore(state: PhotometricState, scene: &Scene) -> Self {
+    pub fn restore(mut state: PhotometricState, scene: &Scene) -> Self {
+        // Files end with the last texture, the list in training with the last component.
+        if !state.textures.is_empty() {
+            state.textures.resize(state.splats.len(), None);
+        }
         let learner = PhotometricLearner::restore(state);
         let mut photographs = Self { learner, ..Self::default() };
         photographs.observe(scene, Changed::All);
