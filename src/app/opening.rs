@@ -175,12 +175,8 @@ fn resumed(run: &SavedRun, serial: u64, path: Option<&Path>) -> Result<OpenedSub
 }
 
 fn drawable(all: &SplatSet) -> SplatSet {
-    let mut drawn = SplatSet::default().finished(all.finishing().clone());
     // A checkpoint also stores components that are unused.
-    for (i, splat) in all.iter().enumerate().filter(|(_, splat)| splat.is_drawable()) {
-        drawn.push(*splat, all.appearance_of(i));
-    }
-    drawn
+    all.retained(|_, splat| splat.is_drawable())
 }
 
 fn continued(run: &SavedRun) -> Result<Session, OpenError> {

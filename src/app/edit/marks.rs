@@ -259,13 +259,7 @@ impl LeftOut {
         if self.is_empty() {
             return scene;
         }
-        let mut kept = SplatSet::default().finished(scene.finishing().clone());
-        for (i, splat) in scene.iter().enumerate() {
-            if self.0.is_exported(i as u32, splat) {
-                kept.push(*splat, scene.appearance_of(i));
-            }
-        }
-        Arc::new(kept)
+        Arc::new(scene.retained(|slot, splat| self.0.is_exported(slot as u32, splat)))
     }
 }
 

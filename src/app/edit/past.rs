@@ -22,18 +22,13 @@ pub struct PastScene {
     /// Splats in their learned colours.
     pub splats: Arc<SplatSet>,
     serial: u64,
+    bytes: usize,
 }
 
 impl PartialEq for PastScene {
     fn eq(&self, other: &Self) -> bool {
         // Comparing splats would cost time in every pass.
         self.serial == other.serial
-    }
-}
-
-impl PastScene {
-    fn bytes(&self) -> usize {
-        bytes_of(&self.splats)
     }
 }
 
@@ -61,16 +56,20 @@ impl PastScenes {
             // The run was restarted.
             *self = Self { serial: self.serial, ..Self::default() };
         }
+        if n_frames == 0 || !self.is_due(n_frames) {
+            return;
+        }
         let bytes = bytes_of(scene);
         // A copy larger than the budget would displace all others.
-        if n_frames == 0 || bytes > budget || !self.is_due(n_frames) {
+        if bytes > budget {
             return;
         }
         // Thinned before the check below, because thinning doubles the interval.
         self.thin(MAX_MOMENTS - 1, budget - bytes);
         if self.is_due(n_frames) {
             self.serial += 1;
-            self.moments.push(PastScene { n_frames, splats: scene.clone(), serial: self.serial });
+            let (splats, serial) = (scene.clone(), self.serial);
+            self.moments.push(PastScene { n_frames, splats, serial, bytes });
             let shared = scene.clone();
             let copy = move || SplatSet::clone(&shared);
             // Without a thread the copy keeps sharing memory with the scene.
@@ -106,7 +105,7 @@ impl PastScenes {
 
     /// Returns the memory of all copies, bytes.
     pub fn bytes(&self) -> usize {
-        self.moments.iter().map(PastScene::bytes).sum()
+        self.moments.iter().map(|moment| moment.bytes).sum()
     }
 
     fn is_due(&self, n_frames: usize) -> bool {
@@ -131,8 +130,12 @@ impl PastScenes {
     }
 }
 
+/// Returns the memory of a scene, bytes. Textures count as if no other scene shared them.
 fn bytes_of(scene: &SplatSet) -> usize {
-    size_of_val::<[Splat]>(scene) + size_of_val::<[Appearance]>(scene.view().appearance())
+    let textures = scene.finishing().textures.iter().flat_map(|textures| textures.iter().flatten());
+    size_of_val::<[Splat]>(scene)
+        + size_of_val::<[Appearance]>(scene.view().appearance())
+        + textures.map(|texture| texture.bytes()).sum::<usize>()
 }
 
 #[cfg(test)]

@@ -105,6 +105,11 @@ impl Finishing {
     pub fn corrected_pose(&self, pose: &Pose) -> Pose {
         self.poses.as_ref().map_or(*pose, |log| log.at(pose))
     }
+
+    /// Returns the parameters for splats in other colours than the learned ones.
+    pub fn without_textures(&self) -> Self {
+        Self { textures: None, ..self.clone() }
+    }
 }
 
 // Static, so that views of plain splats can borrow it.
@@ -133,6 +138,21 @@ impl SplatSet {
     /// Returns the parameters for finishing composited pixels.
     pub fn finishing(&self) -> &Finishing {
         &self.finishing
+    }
+
+    /// Returns the splats for which `keep` returns true, given slot and splat, in order. Each keeps its
+    /// appearance and texture.
+    pub fn retained(&self, keep: impl Fn(usize, &Splat) -> bool) -> Self {
+        let slots: Vec<usize> = (0..self.len()).filter(|&i| keep(i, &self.splats[i])).collect();
+        let mut kept = Self::default().finished(self.finishing.clone());
+        for &slot in &slots {
+            kept.push(self.splats[slot], self.appearance_of(slot));
+        }
+        let of = |textures: &Arc<Textures>| {
+            slots.iter().map(|&slot| textures.get(slot).cloned().flatten()).collect()
+        };
+        kept.finishing.textures = self.finishing.textures.as_ref().map(of).map(Arc::new);
+        kept
     }
 
     /// Adds a splat.
@@ -242,6 +262,25 @@ pub fn plain_of_equal_area(opacity: f64) -> (f64, f64) {
 #[cfg(test)]
 mod plain_tests {
     use super::*;
+    use crate::model::splat::texture::{Lattice, Texture};
+
+    #[test]
+    fn retained_splats_keep_their_textures() {
+        let texture = |half| {
+            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+            let lattice = Lattice { anchor: [0.0; 3], axes, half, level: 0 };
+            Some(Arc::new(Texture { lattice, index: vec![0], patches: Vec::new() }))
+        };
+        // The last splat is newer than the textures.
+        let textures = Some(Arc::new(vec![texture(0.0), texture(1.0), None, texture(3.0)]));
+        let set = SplatSet::from(vec![Splat::default(); 5]);
+        let set = set.finished(Finishing { full_coverage: 0.5, textures, ..Finishing::default() });
+        let kept = set.retained(|slot, _| slot != 0 && slot != 2);
+        let expected = [texture(1.0), texture(3.0), None];
+        assert_eq!(kept.finishing().textures.as_ref().unwrap()[..], expected);
+        assert_eq!((kept.len(), kept.finishing().full_coverage), (3, 0.5));
+        assert!(set.finishing().without_textures().textures.is_none());
+    }
 
     #[test]
     fn a_plain_splat_covers_what_the_flat_top_did() {
