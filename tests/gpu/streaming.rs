@@ -5,7 +5,7 @@ use super::device::{Gpu, PLAIN, outside, random_scene};
 use crate::common::scenes::{random_appearance, random_textures, textured_splats};
 use std::sync::Arc;
 use vbgs_studio::model::splat::appearance::{Finishing, SplatSet, SplatView};
-use vbgs_studio::model::splat::texture::Textures;
+use vbgs_studio::model::splat::texture::{Texture, Textures};
 use vbgs_studio::render::gpu::GpuError;
 use vbgs_studio::render::gpu::scene::GpuScene;
 
@@ -152,14 +152,19 @@ fn only_changed_textures_are_uploaded() {
 
 #[test]
 fn textures_that_do_not_fit_are_left_out_with_a_message() {
-    let Some(gpu) = Gpu::with_buffers_up_to(1 << 13) else { return };
-    let set = textured_splats(8);
+    let Some(gpu) = Gpu::with_buffers_up_to(1 << 20) else { return };
+    let mut set = textured_splats(8);
+    let mut large = Texture::clone(set.finishing().textures.as_ref().unwrap()[0].as_ref().unwrap());
+    large.lattice.level = 5;
+    (large.index, large.patches) = ((0..1024).collect(), vec![large.patches[0]; 1024]);
+    // 15 of 68 KiB fit.
+    set = with_textures(&set, &vec![Some(Arc::new(large)); 40]);
     let view = outside(80, 60);
     let scene = gpu.scene(&set);
     let mut renderer = gpu.renderer();
     let image = gpu.drawn(&mut renderer, &scene, &view, &PLAIN);
     let shortage = renderer.shortage().unwrap();
-    assert!(matches!(shortage, GpuError::TexturesLeftOut { n_splats: 5..30, .. }), "{shortage}");
+    assert!(matches!(shortage, GpuError::TexturesLeftOut { n_splats: 25, .. }), "{shortage}");
     assert!(image.data.iter().any(|pixel| pixel[3] > 0.5));
     gpu.assert_no_faults();
 }
