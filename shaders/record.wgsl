@@ -343,6 +343,13 @@ fn ramp(share: f32) -> vec3<f32> {
 
 // Colour of the shortest axis (the first of equals), turned towards the camera.
 fn normal_color(splat: Splat, placed: Placed) -> vec3<f32> {
+    let normal = normal_of(splat);
+    let turn = select(-0.5, 0.5, dot(normal, placed.from_camera) <= 0.0);
+    return vec3<f32>(0.5) + turn * normal;
+}
+
+// World direction of the shortest axis (the first of equals).
+fn normal_of(splat: Splat) -> vec3<f32> {
     var axis = 0u;
     if splat.scale.y < splat.scale[axis] {
         axis = 1u;
@@ -350,9 +357,7 @@ fn normal_color(splat: Splat, placed: Placed) -> vec3<f32> {
     if splat.scale.z < splat.scale[axis] {
         axis = 2u;
     }
-    let normal = transpose(to_splat_axes(splat.rotation))[axis];
-    let turn = select(-0.5, 0.5, dot(normal, placed.from_camera) <= 0.0);
-    return vec3<f32>(0.5) + turn * normal;
+    return transpose(to_splat_axes(splat.rotation))[axis];
 }
 
 // Returns the direction if it lies within the observed cone, otherwise the edge of the cone towards it.
@@ -373,9 +378,21 @@ fn directional_color(splat: Splat, appearance: Appearance, placed: Placed) -> ve
     if view.paint != PAINT_STORED {
         return painted(splat, placed);
     }
-    let direction = within_observed(appearance, placed.from_camera / placed.distance);
+    let direction = placed.from_camera / placed.distance;
+    return color_along(splat, appearance, within_observed(appearance, direction));
+}
+
+// Colour of a splat with appearance along a unit direction, world axes.
+fn color_along(splat: Splat, appearance: Appearance, direction: vec3<f32>) -> vec3<f32> {
     let turned = channels(appearance.directional, direction);
     return clamp(splat.color + turned, vec3<f32>(0.0), vec3<f32>(1.0));
+}
+
+// Colour along a unit direction minus the colour along the mean of the observed directions.
+fn directional_shift(splat: Splat, appearance: Appearance, direction: vec3<f32>) -> vec3<f32> {
+    let o = appearance.observed;
+    return color_along(splat, appearance, within_observed(appearance, direction))
+        - color_along(splat, appearance, vec3<f32>(o[0], o[1], o[2]));
 }
 
 fn gradient_of(appearance: Appearance, drawn: Drawn) -> Gradient {

@@ -176,7 +176,7 @@ fn resumed(run: &SavedRun, serial: u64, path: Option<&Path>) -> Result<OpenedSub
 
 fn drawable(all: &SplatSet) -> SplatSet {
     // A checkpoint also stores components that are unused.
-    all.filtered(|_, splat| splat.is_drawable())
+    all.retained(|_, splat| splat.is_drawable())
 }
 
 fn continued(run: &SavedRun) -> Result<Session, OpenError> {

@@ -18,7 +18,7 @@ pub struct Palette {
     /// Attribute values at the ends of the colour ramp, while `attribute` is set.
     range: Option<Range>,
     /// Splats coloured by `attribute`; empty if `attribute` is `None`.
-    // Without gradients: a colour that encodes a value varies neither over a splat nor with the view.
+    // Without gradients and textures: a colour that encodes a value varies neither over a splat nor with the view.
     shown: Arc<SplatSet>,
 }
 
@@ -122,21 +122,17 @@ impl Palette {
         Splat { color, ..self.learned[slot] }
     }
 
-    /// Returns how pixels of an attribute are finished: without textures, which show learned colours.
-    fn finishing(&self) -> Finishing {
-        Finishing { textures: None, ..self.learned.finishing().clone() }
-    }
-
     fn color(&mut self, ids: Arc<[u32]>) -> SplatChange {
         let splats: Vec<Splat> = ids.iter().map(|&id| self.colored(id as usize)).collect();
-        let splats = SplatSet::from(splats).finished(self.finishing());
+        let splats = SplatSet::from(splats).finished(self.learned.finishing().without_textures());
         Arc::make_mut(&mut self.shown).replace(&ids, &splats);
         SplatChange::Some { ids, splats: Arc::new(splats) }
     }
 
     fn color_all(&mut self) -> SplatChange {
         let all: Vec<Splat> = (0..self.learned.len()).map(|slot| self.colored(slot)).collect();
-        self.shown = Arc::new(SplatSet::from(all).finished(self.finishing()));
+        let finishing = self.learned.finishing().without_textures();
+        self.shown = Arc::new(SplatSet::from(all).finished(finishing));
         SplatChange::All(self.shown.clone())
     }
 }
@@ -144,6 +140,7 @@ impl Palette {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::splat::appearance::Finishing;
     use crate::render::attributes::UNKNOWN;
     use crate::render::finish::ramp;
 
@@ -170,6 +167,21 @@ mod tests {
         assert_eq!(colors, [ramp(0.0), UNKNOWN, ramp(1.0)]);
         palette.set_attribute(None);
         assert!(palette.splats().iter().all(|s| s.color == [0.5, 0.2, 0.1]));
+    }
+
+    #[test]
+    fn textures_do_not_cover_the_colours_of_an_attribute() {
+        let textures = Some(Arc::new(vec![None; 2]));
+        let finishing = Finishing { textures, ..Finishing::default() };
+        let learned = SplatSet::from(vec![Splat::default(); 2]).finished(finishing);
+        let mut palette = Palette::default();
+        palette.change(SplatChange::all(learned.clone()).into());
+        palette.set_attribute(Some(Attribute::Birth));
+        assert!(palette.splats().finishing().textures.is_none());
+        palette.change(SplatChange::some(vec![1], learned).into());
+        assert!(palette.splats().finishing().textures.is_none());
+        palette.set_attribute(None);
+        assert!(palette.splats().finishing().textures.is_some());
     }
 
     #[test]

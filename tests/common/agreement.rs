@@ -7,6 +7,8 @@ use vbgs_studio::render::{ALPHA_CUT, TRANSMITTANCE_STOP};
 
 /// Relative distance within which a value counts as lying on a threshold.
 const THRESHOLD_BAND: f64 = 1e-4;
+/// Distance in texels, and relative change of a cosine, within which f32 may place a look-up.
+pub const LOOK_UP_BAND: f64 = 1e-3;
 /// Largest error of the few pixels that may exceed the tolerance.
 const LOOSE: f64 = 1e-2;
 
@@ -86,9 +88,9 @@ pub fn largest_error(found: &Sample, expected: &Sample) -> f64 {
 pub fn branches(oracle: &Oracle, i: usize, j: usize) -> Vec<Sample> {
     let moved = [1.0 - THRESHOLD_BAND, 1.0 + THRESHOLD_BAND];
     let pairs = moved.into_iter().flat_map(|cut| moved.map(|stop| (cut, stop)));
-    pairs
-        .map(|(cut, stop)| {
-            oracle.with_thresholds(ALPHA_CUT * cut, TRANSMITTANCE_STOP * stop).pixel(i, j)
-        })
-        .collect()
+    let at = |oracle: &Oracle, (cut, stop)| {
+        oracle.with_thresholds(ALPHA_CUT * cut, TRANSMITTANCE_STOP * stop).pixel(i, j)
+    };
+    let oracles = oracle.texture_branches(LOOK_UP_BAND);
+    pairs.flat_map(|pair| oracles.iter().map(move |oracle| at(oracle, pair))).collect()
 }

@@ -1,13 +1,17 @@
 //! Random scenes around the origin, and cameras that view them.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
+use std::sync::Arc;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::sym3::Sym3;
-use vbgs_studio::model::splat::appearance::Appearance;
+use vbgs_studio::model::splat::appearance::{Appearance, Finishing, SplatSet};
 use vbgs_studio::model::splat::observed_cone::ObservedCone;
 use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::model::splat::texture::{
+    ABSENT, Lattice, PATCH, TEXELS, Texel, Texture, Textures,
+};
 use vbgs_studio::render::{Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, Response};
 
 /// A random scene around the origin: centres uniform in a cube with side `2·radius`, standard deviations
@@ -110,6 +114,46 @@ pub fn random_appearance(splats: &[Splat], seed: u64) -> Vec<Appearance> {
         ..Appearance::default()
     });
     appearance.collect()
+}
+
+/// Splats with appearance and textures in the planes of most of them, some patches without texels.
+pub fn textured_splats(seed: u64) -> SplatSet {
+    let scene = Scene { n_splats: 40, scale: (0.05, 0.4), ..NATIVE_SCENES[1] };
+    let splats = scene.splats(seed);
+    let appearance = random_appearance(&splats, seed);
+    let textures = random_textures(&splats, seed);
+    let finishing = Finishing { textures: Some(Arc::new(textures)), ..Finishing::default() };
+    SplatSet::new(splats, appearance).finished(finishing)
+}
+
+/// Random textures, slightly off the planes of their splats, for three of four splats.
+pub fn random_textures(splats: &[Splat], seed: u64) -> Textures {
+    let mut rng = Rng::new(seed, Purpose::Synthetic, 2);
+    let textures = splats.iter().enumerate().map(|(i, splat)| {
+        let largest = splat.scale.iter().fold(0.0, |a: f32, b| a.max(*b));
+        let axes =
+            splat.quaternion() * DQuat::from_axis_angle(DVec3::ONE.normalize(), 0.1 * rng.normal());
+        let axis =
+            |k: usize| (axes * DVec3::AXES[(splat.thinnest_axis() + k) % 3]).as_vec3().to_array();
+        let lattice = Lattice {
+            anchor: splat.mean.map(|v| v + 0.2 * largest * rng.normal() as f32),
+            axes: [axis(1), axis(2)],
+            half: 2.0 * largest,
+            level: (i % 3) as u8,
+        };
+        let mut texel = || Texel::new([0; 3].map(|_| rng.uniform() as f32), rng.uniform() as f32);
+        let mut patches = Vec::new();
+        let index = (0..(lattice.side() / PATCH).pow(2)).map(|at| {
+            if (at + i) % 5 == 4 {
+                return ABSENT;
+            }
+            patches.push([0; TEXELS].map(|_| texel()));
+            patches.len() as u16 - 1
+        });
+        let index = index.collect();
+        (i % 4 != 3).then(|| Arc::new(Texture { lattice, index, patches }))
+    });
+    textures.collect()
 }
 
 /// Every renderer with every setting that changes its formulas.

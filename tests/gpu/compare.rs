@@ -1,5 +1,6 @@
 //! Comparison of images with the f64 oracle.
 
+use crate::common::agreement::LOOK_UP_BAND;
 use crate::common::oracle::{Oracle, Sample};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
@@ -62,9 +63,12 @@ fn is_near_threshold(found: &[f32; 4], oracle: &Oracle, [i, j]: [usize; 2], cut_
     let stops = [1.0 - STOP_BAND, 1.0, 1.0 + STOP_BAND];
     let moved =
         [1.0 - cut_band, 1.0 + cut_band].into_iter().flat_map(|cut| stops.map(|s| (cut, s)));
+    let oracles = oracle.texture_branches(LOOK_UP_BAND);
     moved.into_iter().any(|(cut, stop)| {
-        let thresholds = oracle.with_thresholds(ALPHA_CUT * cut, TRANSMITTANCE_STOP * stop);
-        error(found, &thresholds.pixel(i, j)) <= TOLERANCE
+        oracles.iter().any(|oracle| {
+            let thresholds = oracle.with_thresholds(ALPHA_CUT * cut, TRANSMITTANCE_STOP * stop);
+            error(found, &thresholds.pixel(i, j)) <= TOLERANCE
+        })
     })
 }
 

@@ -1,16 +1,20 @@
 //! Whole images of random scenes against the f64 oracle.
 
-use super::compare::{TOLERANCE, assert_close, error, oracle};
+use super::compare::{TOLERANCE, assert_close, error, largest_difference, oracle};
 use super::device::{Gpu, PLAIN, camera, outside, random_scene};
-use crate::common::scenes::{NATIVE_SCENES, SCENES, camera_of, exact, options, random_appearance};
+use crate::common::scenes::{
+    NATIVE_SCENES, SCENES, camera_of, exact, options, random_appearance, textured_splats,
+};
 use glam::{DMat3, DQuat, DVec3};
 use std::sync::Arc;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::{Finishing, SplatSet, SplatView};
 use vbgs_studio::model::splat::pose_log::{ExposureLog, FrameExposure};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::Exposing;
-use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
+use vbgs_studio::render::finish::MARKER_COLOR;
+use vbgs_studio::render::{
+    Antialias, DisplayStyle, Exposing, Lens, Paint, RenderMethod, RenderOptions, Response,
+};
 
 /// Every renderer with every option that changes the shaders' formulas.
 const METHODS: [RenderMethod; 6] = [
@@ -87,6 +91,48 @@ fn every_method_draws_appearance() {
             assert_close(&image, &oracle(native, &view, &options), &label);
         }
     }
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn every_method_draws_textures() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut set = textured_splats(3);
+    // A marked splat keeps its colour.
+    set.splats_mut()[0].color = MARKER_COLOR;
+    let finishing = Finishing { full_coverage: 0.6, ..set.finishing().clone() };
+    let set = set.finished(finishing.clone());
+    let untextured = set.clone().finished(Finishing { textures: None, ..finishing });
+    for method in METHODS {
+        let (view, options) = (camera_of(method), options(method));
+        let image = gpu.image(&set, &view, &options);
+        let label = format!("textures {method:?}");
+        assert_close(&image, &oracle(&set, &view, &options), &label);
+        let plain = gpu.image(&untextured, &view, &options);
+        let n_changed =
+            image.data.iter().zip(&plain.data).filter(|(a, b)| (a[0] - b[0]).abs() > 0.02).count();
+        assert!(10 * n_changed > image.data.len(), "{label}: {n_changed} pixels show textures");
+    }
+    // Without appearance a splat has the same colour in every direction.
+    let plain = SplatSet::from(set.to_vec()).finished(set.finishing().clone());
+    let (view, options) = (camera_of(METHODS[0]), options(METHODS[0]));
+    let image = gpu.image(&plain, &view, &options);
+    assert_close(&image, &oracle(&plain, &view, &options), "textures without appearance");
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn other_paints_show_no_texture() {
+    let Some(gpu) = Gpu::new() else { return };
+    let set = textured_splats(4);
+    let untextured = set.clone().finished(Finishing::default());
+    let view = outside(80, 60);
+    let style = DisplayStyle { paint: Paint::Normal, ..DisplayStyle::PLAIN };
+    let options = RenderOptions { style, ..PLAIN };
+    let [a, b] = [&set, &untextured].map(|set| gpu.image(set, &view, &options));
+    assert_eq!(largest_difference(&a, &b), 0.0);
+    let [a, b] = [&set, &untextured].map(|set| gpu.image(set, &view, &PLAIN));
+    assert!(largest_difference(&a, &b) > 0.1);
     gpu.assert_no_faults();
 }
 

@@ -2,8 +2,12 @@
 
 use super::compare::largest_difference;
 use super::device::{Gpu, PLAIN, outside, random_scene};
-use crate::common::scenes::random_appearance;
-use vbgs_studio::model::splat::appearance::SplatView;
+use crate::common::scenes::{random_appearance, random_textures, textured_splats};
+use std::sync::Arc;
+use vbgs_studio::model::splat::appearance::{Finishing, SplatSet, SplatView};
+use vbgs_studio::model::splat::texture::{Texture, Textures};
+use vbgs_studio::render::gpu::GpuError;
+use vbgs_studio::render::gpu::scene::GpuScene;
 
 #[test]
 fn sparse_updates_equal_a_whole_upload() {
@@ -94,5 +98,73 @@ fn appearance_follows_sparse_updates_and_comes_and_goes() {
     assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], all).unwrap(), 400 * (64 + 108));
     let again = gpu.image_of(&scene, &view, &PLAIN);
     assert_eq!(largest_difference(&again, &whole), 0.0);
+    gpu.assert_no_faults();
+}
+
+fn with_textures(set: &SplatSet, textures: &Textures) -> SplatSet {
+    let textures = Some(Arc::new(textures.clone()));
+    set.clone().finished(Finishing { textures, ..Finishing::default() })
+}
+
+#[test]
+fn only_changed_textures_are_uploaded() {
+    let Some(gpu) = Gpu::new() else { return };
+    let view = outside(80, 60);
+    let mut set = textured_splats(8);
+    let mut textures = set.finishing().textures.as_deref().unwrap().clone();
+    let others = random_textures(&set, 9);
+    let mut scene = gpu.scene(&set);
+    let update = |scene: &mut GpuScene, set: &SplatSet| {
+        let bytes = scene.update(&gpu.device, &gpu.queue, &[], set).unwrap();
+        let [found, fresh] = [&*scene, &gpu.scene(set)].map(|s| gpu.image_of(s, &view, &PLAIN));
+        assert_eq!(largest_difference(&found, &fresh), 0.0);
+        bytes
+    };
+    set = with_textures(&set, &textures);
+    assert_eq!(update(&mut scene, &set), 0, "the same textures in another list");
+
+    textures[4] = others[4].clone();
+    let words = 11 + 4 + 16 * textures[4].as_ref().unwrap().patches.len();
+    set = with_textures(&set, &textures);
+    assert_eq!(update(&mut scene, &set), 4 * words as u64, "one texture in its place");
+
+    textures[0] = others[5].clone();
+    textures[2] = None;
+    set = with_textures(&set, &textures);
+    let bytes = update(&mut scene, &set);
+    assert!(bytes > 0 && bytes < 10_000, "{bytes}");
+
+    // Every texture moves in turn, so that the buffer is packed again.
+    for i in 0..40 {
+        textures[i] = others[(i + 1) % 40].clone();
+        set = with_textures(&set, &textures);
+        update(&mut scene, &set);
+    }
+    textures.truncate(30);
+    set = with_textures(&set, &textures);
+    update(&mut scene, &set);
+    set = set.finished(Finishing::default());
+    assert_eq!(update(&mut scene, &set), 0, "no textures");
+    set = with_textures(&set, &others);
+    update(&mut scene, &set);
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn textures_that_do_not_fit_are_left_out_with_a_message() {
+    let Some(gpu) = Gpu::with_buffers_up_to(1 << 20) else { return };
+    let mut set = textured_splats(8);
+    let mut large = Texture::clone(set.finishing().textures.as_ref().unwrap()[0].as_ref().unwrap());
+    large.lattice.level = 5;
+    (large.index, large.patches) = ((0..1024).collect(), vec![large.patches[0]; 1024]);
+    // 15 of 68 KiB fit.
+    set = with_textures(&set, &vec![Some(Arc::new(large)); 40]);
+    let view = outside(80, 60);
+    let scene = gpu.scene(&set);
+    let mut renderer = gpu.renderer();
+    let image = gpu.drawn(&mut renderer, &scene, &view, &PLAIN);
+    let shortage = renderer.shortage().unwrap();
+    assert!(matches!(shortage, GpuError::TexturesLeftOut { n_splats: 25, .. }), "{shortage}");
+    assert!(image.data.iter().any(|pixel| pixel[3] > 0.5));
     gpu.assert_no_faults();
 }

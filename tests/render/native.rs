@@ -6,6 +6,7 @@ use crate::common::oracle::{AppearanceF64, Oracle, Sample, SplatF64};
 use crate::common::ray::GaussianOnRay;
 use crate::common::scenes::{
     METHODS, NATIVE_SCENES, Scene, camera, camera_of, exact, options, random_appearance,
+    textured_splats,
 };
 use glam::{DVec2, DVec3};
 use std::sync::Arc;
@@ -15,6 +16,7 @@ use vbgs_studio::model::splat::appearance::{Appearance, Finishing, SplatSet, Spl
 use vbgs_studio::model::splat::pose_log::{ExposureLog, FrameExposure};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::Exposing;
+use vbgs_studio::render::finish::MARKER_COLOR;
 use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
 
 const EXACT: RenderMethod = exact(Response::Ray, Antialias::None, Lens::Pinhole);
@@ -76,6 +78,27 @@ fn finished_images_agree_with_the_oracle() {
                 assert!((closed.rgba[3] - coverage).abs() < 1e-6, "{label}");
                 assert!((closed.depth - open.depth).abs() < 1e-9, "{label}");
             }
+        }
+    }
+}
+
+#[test]
+fn textured_images_agree_with_the_oracle() {
+    for seed in 60..63 {
+        let mut set = textured_splats(seed);
+        set.splats_mut()[0].color = MARKER_COLOR;
+        let untextured = SplatSet::new(set.to_vec(), set.view().appearance().to_vec());
+        for method in METHODS {
+            let label = format!("textures {seed} {method:?}");
+            let (camera, options) = (camera_of(method), options(method));
+            let agreement = agreement(set.view(), &camera, &options, &label);
+            agreement.assert_close(0.05, &label);
+            assert!(agreement.mean < 1e-5, "{label}: {agreement:?}");
+            let [textured, plain] =
+                [&set, &untextured].map(|set| Oracle::of(set, &camera, &options).render());
+            let pairs = textured.data.iter().zip(&plain.data);
+            let n_changed = pairs.filter(|(a, b)| (a.rgba[0] - b.rgba[0]).abs() > 0.02).count();
+            assert!(10 * n_changed > plain.data.len(), "{label}: {n_changed} pixels");
         }
     }
 }

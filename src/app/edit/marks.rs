@@ -259,7 +259,7 @@ impl LeftOut {
         if self.is_empty() {
             return scene;
         }
-        Arc::new(scene.filtered(|slot, splat| self.0.is_exported(slot as u32, splat)))
+        Arc::new(scene.retained(|slot, splat| self.0.is_exported(slot as u32, splat)))
     }
 }
 

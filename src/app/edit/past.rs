@@ -130,6 +130,7 @@ impl PastScenes {
     }
 }
 
+/// Returns the memory of a scene, bytes. Textures count as if no other scene shared them.
 fn bytes_of(scene: &SplatSet) -> usize {
     // Copies share textures that have not changed in between; at worst all have.
     let (_, of_textures) = scene.finishing().texture_size();

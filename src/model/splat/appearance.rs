@@ -111,6 +111,11 @@ impl Finishing {
         let textures = self.textures.iter().flat_map(|all| all.iter().flatten());
         textures.fold((0, 0), |(n, bytes), texture| (n + 1, bytes + texture.bytes()))
     }
+
+    /// Returns the parameters for splats in other colours than the learned ones.
+    pub fn without_textures(&self) -> Self {
+        Self { textures: None, ..self.clone() }
+    }
 }
 
 // Static, so that views of plain splats can borrow it.
@@ -141,6 +146,21 @@ impl SplatSet {
         &self.finishing
     }
 
+    /// Returns the splats for which `keep` returns true, given slot and splat, in order. Each keeps its
+    /// appearance and texture.
+    pub fn retained(&self, keep: impl Fn(usize, &Splat) -> bool) -> Self {
+        let slots: Vec<usize> = (0..self.len()).filter(|&i| keep(i, &self.splats[i])).collect();
+        let mut kept = Self::default().finished(self.finishing.clone());
+        for &slot in &slots {
+            kept.push(self.splats[slot], self.appearance_of(slot));
+        }
+        let of = |textures: &Arc<Textures>| {
+            slots.iter().map(|&slot| textures.get(slot).cloned().flatten()).collect()
+        };
+        kept.finishing.textures = self.finishing.textures.as_ref().map(of).map(Arc::new);
+        kept
+    }
+
     /// Adds a splat.
     pub fn push(&mut self, splat: Splat, appearance: Appearance) {
         self.put(self.splats.len(), splat, appearance);
@@ -153,19 +173,6 @@ impl SplatSet {
         for (i, (&slot, splat)) in slots.iter().zip(&new.splats).enumerate() {
             self.put(slot as usize, *splat, new.appearance_of(i));
         }
-    }
-
-    /// Returns the splats for which `keep` is true, with their textures. Slots are numbered anew.
-    pub fn filtered(&self, keep: impl Fn(usize, &Splat) -> bool) -> Self {
-        let kept = || (0..self.len()).filter(|&slot| keep(slot, &self.splats[slot]));
-        let textures = self.finishing.textures.as_ref();
-        let of_slot = |all: &Textures, slot: usize| all.get(slot).cloned().flatten();
-        let textures = textures
-            .map(|all| Arc::new(kept().map(|slot| of_slot(all, slot)).collect::<Textures>()));
-        let mut filtered =
-            Self::default().finished(Finishing { textures, ..self.finishing.clone() });
-        kept().for_each(|slot| filtered.push(self.splats[slot], self.appearance_of(slot)));
-        filtered
     }
 
     fn put(&mut self, slot: usize, splat: Splat, appearance: Appearance) {
@@ -259,32 +266,27 @@ pub fn plain_of_equal_area(opacity: f64) -> (f64, f64) {
 }
 
 #[cfg(test)]
-mod filter_tests {
-    use super::*;
-    use crate::model::splat::texture::{ABSENT, Lattice, Texture};
-
-    #[test]
-    fn textures_stay_with_their_splats() {
-        let at = |x: f32| Splat { mean: [x, 0.0, 0.0], opacity: 1.0, ..Splat::default() };
-        let texture = |x: f32| {
-            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-            let lattice = Lattice { anchor: [x, 0.0, 0.0], axes, half: 1.0, level: 0 };
-            Some(Arc::new(Texture { lattice, index: vec![ABSENT], patches: Vec::new() }))
-        };
-        // The last splat is beyond the list of textures.
-        let textures = Some(Arc::new(vec![texture(0.0), None, texture(2.0)]));
-        let set = SplatSet::from([0.0, 1.0, 2.0, 3.0].map(at).to_vec())
-            .finished(Finishing { textures, ..Finishing::default() });
-        let kept = set.filtered(|slot, splat| slot > 0 && splat.mean[0] != 4.0);
-        assert_eq!(kept.iter().map(|s| s.mean[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0]);
-        let expected = vec![None, texture(2.0), None];
-        assert_eq!(kept.finishing().textures.as_deref(), Some(&expected));
-    }
-}
-
-#[cfg(test)]
 mod plain_tests {
     use super::*;
+    use crate::model::splat::texture::{Lattice, Texture};
+
+    #[test]
+    fn retained_splats_keep_their_textures() {
+        let texture = |half| {
+            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+            let lattice = Lattice { anchor: [0.0; 3], axes, half, level: 0 };
+            Some(Arc::new(Texture { lattice, index: vec![0], patches: Vec::new() }))
+        };
+        // The last splat is newer than the textures.
+        let textures = Some(Arc::new(vec![texture(0.0), texture(1.0), None, texture(3.0)]));
+        let set = SplatSet::from(vec![Splat::default(); 5]);
+        let set = set.finished(Finishing { full_coverage: 0.5, textures, ..Finishing::default() });
+        let kept = set.retained(|slot, _| slot != 0 && slot != 2);
+        let expected = [texture(1.0), texture(3.0), None];
+        assert_eq!(kept.finishing().textures.as_ref().unwrap()[..], expected);
+        assert_eq!((kept.len(), kept.finishing().full_coverage), (3, 0.5));
+        assert!(set.finishing().without_textures().textures.is_none());
+    }
 
     #[test]
     fn a_plain_splat_covers_what_the_flat_top_did() {

@@ -16,7 +16,7 @@ mod renderer;
 mod rows;
 mod shade;
 pub mod surfaces;
-mod textures;
+pub(super) mod textures;
 mod tile;
 pub(super) mod view;
 

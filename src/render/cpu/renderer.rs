@@ -12,7 +12,7 @@ use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::math::simd::Isa;
 use crate::model::splat::appearance::SplatView;
-use crate::render::finish::Finish;
+use crate::render::finish::{Finish, MARKER_COLOR};
 use crate::render::options::{Paint, RenderOptions, TILE};
 
 /// Rendered image; all planes have the size of the camera's image.
@@ -124,7 +124,11 @@ impl CpuRenderer {
         // Other paints show no texture.
         let textures = splats.finishing().textures.as_deref();
         let textures = textures.filter(|_| options.style.paint == Paint::Stored);
-        let lattice = |splat: usize| Some(textures?.get(splat)?.as_ref()?.lattice);
+        let lattice = |splat: usize| {
+            let texture = textures?.get(splat)?.as_ref()?;
+            // A marked splat keeps its colour.
+            (splats.splats()[splat].color != MARKER_COLOR).then_some(texture.lattice)
+        };
         let lattices = textures.map(|_| &lattice as LatticeOf<'_>);
         image.n_invalid = self.lists.prepare(splats, &view, lattices);
         observer(CpuStage::Prepare);

@@ -78,8 +78,8 @@ impl SurfacePlane {
     /// depth along the optical axis. `None` at grazing angles and behind the camera.
     pub(super) fn meet(&self, ray: Vec3) -> Option<([f32; 2], f32)> {
         let per_depth = self.normal.dot(ray);
-        // False for the infinite or undefined values of a plane through the camera.
-        if !(per_depth >= self.least * ray.length()) {
+        // The values of a plane through the camera are infinite or undefined.
+        if per_depth.is_nan() || per_depth < self.least * ray.length() {
             return None;
         }
         let point = ray / per_depth;

@@ -2,14 +2,17 @@
 //! WGSL to every shader module. Two definitions could diverge unnoticed, because a shader with a different
 //! cut draws almost the same image.
 
+use super::textures::LATTICE_WORDS;
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::paper::mixture_device::MAX_TILE_POINTS;
 use crate::model::scene::points_device::{LEFT_TO_PROCESSOR, NO_SEED};
 use crate::model::scene::state::QUANTUM;
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, TERM_FACTORS};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
+use crate::model::splat::texture::PATCH;
 use crate::render::compare::OUTSIDE_BRIGHTNESS;
 use crate::render::cpu::photometric::{MIN_COUNTED_COVERAGE, MIN_WEIGHT, N_IMAGE_SUMS};
+use crate::render::cpu::textures::MIN_COSINE;
 use crate::render::finish::{MARKER_COLOR, RAMP};
 use crate::render::{
     ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, MAX_SCALE_FLOOR_RATIO,
@@ -79,7 +82,7 @@ pub(super) mod slot {
 }
 
 /// WGSL names and values of the integer constants.
-const WORDS: [(&str, u32); 33] = [
+const WORDS: [(&str, u32); 35] = [
     ("FLAG_LIVE", FLAG_LIVE),
     ("RENDERER_PROJECTED", RENDERER_PROJECTED),
     ("RENDERER_EXACT", RENDERER_EXACT),
@@ -113,10 +116,12 @@ const WORDS: [(&str, u32); 33] = [
     ("OPEN", LEFT_TO_PROCESSOR),
     ("N_SUMS", N_SUMS as u32),
     ("SUM_GROUP", SUM_GROUP),
+    ("PATCH", PATCH as u32),
+    ("LATTICE_WORDS", LATTICE_WORDS as u32),
 ];
 
 /// WGSL names and values of the floating-point constants.
-const NUMBERS: [(&str, f32); 15] = [
+const NUMBERS: [(&str, f32); 16] = [
     ("ALPHA_CAP", ALPHA_CAP as f32),
     ("ALPHA_CUT", ALPHA_CUT as f32),
     ("TRANSMITTANCE_STOP", TRANSMITTANCE_STOP as f32),
@@ -132,6 +137,7 @@ const NUMBERS: [(&str, f32); 15] = [
     ("MIN_WEIGHT", MIN_WEIGHT),
     ("MAX_OFFSET", MAX_OFFSET),
     ("QUANTA", (1.0 / QUANTUM) as f32),
+    ("MIN_COSINE", MIN_COSINE as f32),
 ];
 
 /// Prepends the declarations of all shared constants to a shader.

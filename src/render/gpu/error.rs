@@ -77,6 +77,16 @@ pub enum GpuError {
         /// Number of pairs drawn.
         capacity: u64,
     },
+    /// The textures do not fit in GPU memory.
+    #[error(
+        "{n_splats} splats are drawn without their texture, because GPU memory holds only {mib} MiB of textures; train with a smaller `texture_mb` or use the CPU renderer"
+    )]
+    TexturesLeftOut {
+        /// Number of splats drawn without their texture.
+        n_splats: usize,
+        /// Size of the buffer of textures, MiB.
+        mib: u64,
+    },
     /// The shaders do not support an option that is intended for comparisons.
     #[error("{found} is not supported on the GPU; use the CPU renderer")]
     CpuOnly {

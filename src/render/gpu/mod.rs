@@ -29,6 +29,7 @@ pub mod points;
 pub mod renderer;
 pub mod scene;
 mod task;
+mod textures;
 pub mod tiles;
 mod timer;
 

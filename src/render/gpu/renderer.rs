@@ -7,7 +7,7 @@ use super::tiles::{TileFrame, TilePath};
 use super::timer::{GpuTimes, N_SLOTS, StageTimer};
 use crate::math::camera::Camera;
 use crate::render::finish::Finish;
-use crate::render::options::RenderOptions;
+use crate::render::options::{Paint, RenderOptions};
 
 /// Draws scenes into an image of its own. Several renderers may share a scene.
 #[derive(Debug)]
@@ -16,6 +16,7 @@ pub struct SplatRenderer {
     view: wgpu::Buffer,
     target: SplatTarget,
     timer: Option<StageTimer>,
+    textures_left_out: Option<GpuError>,
 }
 
 impl SplatRenderer {
@@ -31,6 +32,7 @@ impl SplatRenderer {
             }),
             target: SplatTarget::new(device, 0, 0)?,
             timer: StageTimer::new(device, queue),
+            textures_left_out: None,
         })
     }
 
@@ -63,7 +65,10 @@ impl SplatRenderer {
         }
         let slot = self.timer.as_mut().and_then(StageTimer::reserve_slot);
         let timer = self.timer.as_ref().zip(slot);
-        let frame = TileFrame { view: &self.view, scene, image: &self.target, timer };
+        let shows_textures = options.style.paint == Paint::Stored;
+        self.textures_left_out = scene.textures.shortage.clone().filter(|_| shows_textures);
+        let frame =
+            TileFrame { view: &self.view, scene, image: &self.target, timer, shows_textures };
         self.tiles.record(device, queue, encoder, frame)?;
         if let Some((timer, slot)) = timer {
             timer.end(encoder, slot);
@@ -82,10 +87,10 @@ impl SplatRenderer {
         self.timer.as_ref().and_then(|timer| timer.latest)
     }
 
-    /// Returns an error if the farthest splats are permanently left out, because GPU memory holds too
-    /// few splat-tile pairs.
+    /// Returns an error if the farthest splats or some textures are permanently left out, because they
+    /// do not fit in GPU memory.
     pub fn shortage(&self) -> Option<&GpuError> {
-        self.tiles.demand.shortage.as_ref()
+        self.tiles.demand.shortage.as_ref().or(self.textures_left_out.as_ref())
     }
 }
 

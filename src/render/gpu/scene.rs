@@ -12,6 +12,7 @@ use super::growing::{MIB, allocate};
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, shader};
 use super::pipeline::{ComputeKernel, Grid};
 use super::task::IN;
+use super::textures::GpuTextures;
 use crate::model::splat::appearance::{Finishing, SplatView};
 
 // Fraction of changed splats above which the whole scene is uploaded. A sparse record costs 80 bytes
@@ -26,6 +27,7 @@ pub struct GpuScene {
     pub(super) buffers: SceneBuffers,
     n_splats: usize,
     pub(super) finishing: Finishing,
+    pub(super) textures: GpuTextures,
 }
 
 #[derive(Debug)]
@@ -51,15 +53,17 @@ impl GpuScene {
             buffers: SceneBuffers::new(device, splats, 0)?,
             n_splats: 0,
             finishing: splats.finishing().clone(),
+            textures: GpuTextures::default(),
         };
         scene.upload_whole(queue, splats);
+        scene.textures.update(device, queue, splats.finishing().textures.as_ref());
         Ok(scene)
     }
 
     /// Uploads the changes that turn the scene into `splats`. Only the splats in `changed` and those
     /// beyond the previous length may differ from the last call. `changed` may have any order and
-    /// repeats. If appearance is added or removed, all splats are uploaded. Returns the number of bytes
-    /// uploaded.
+    /// repeats. If appearance is added or removed, all splats are uploaded. Textures are uploaded if
+    /// the last call had another. Returns the number of bytes uploaded.
     ///
     /// # Errors
     /// [`GpuError::TooManySplats`] or [`GpuError::OutOfMemory`]. In either case the scene keeps its
@@ -74,6 +78,17 @@ impl GpuScene {
         let splats: SplatView<'a> = splats.into();
         // Updated even if no splat changed, because crack filling and exposure belong to the scene.
         self.finishing.clone_from(splats.finishing());
+        let n_bytes = self.update_splats(device, queue, changed, splats)?;
+        Ok(n_bytes + self.textures.update(device, queue, splats.finishing().textures.as_ref()))
+    }
+
+    fn update_splats(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        changed: &[u32],
+        splats: SplatView<'_>,
+    ) -> Result<u64, GpuError> {
         let n_splats = splats.splats().len();
         if n_splats > self.buffers.capacity
             || has_appearance(splats) != self.buffers.appearance.is_some()

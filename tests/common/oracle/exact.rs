@@ -15,6 +15,7 @@ use vbgs_studio::render::{
 /// A splat relative to the camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Exact {
+    number: usize,
     /// Distance of the mean from the camera.
     pub distance: f64,
     mean: DVec3,
@@ -29,6 +30,7 @@ impl Exact {
     pub(super) fn new(splat: &Placed, k: &Intrinsics, settings: Settings) -> Self {
         let (scale, opacity) = antialiased(splat, k, settings.antialias);
         Self {
+            number: splat.number,
             distance: splat.mean.length(),
             mean: splat.mean,
             whitening: DMat3::from_diagonal(scale.recip()) * splat.axes.transpose(),
@@ -48,6 +50,7 @@ impl Exact {
             (0.0, p.dot(p))
         };
         Contribution {
+            number: self.number,
             alpha: ALPHA_CAP.min(self.opacity * (-0.5 * distance2).exp()),
             depth: t * ray.length(),
             color: self.shade.at(ray * t - self.mean),

@@ -14,7 +14,9 @@ use exact::Exact;
 use glam::{DVec2, DVec3};
 use projected::Projected;
 use rayon::prelude::*;
+use shade::Surface;
 use splat::Placed;
+use std::collections::HashMap;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::appearance::SplatView;
@@ -43,6 +45,19 @@ pub struct Oracle {
     alpha_cut: f64,
     transmittance_stop: f64,
     splats: Sorted,
+    /// Textured surfaces by splat.
+    surfaces: HashMap<usize, Surface>,
+    look_up: LookUp,
+}
+
+/// Choices in reading textures that rounding may turn, within a band of the thresholds.
+#[derive(Clone, Copy, Debug, Default)]
+struct LookUp {
+    /// True if the splat with the third largest weight replaces the second one of almost equal weight.
+    takes_third: bool,
+    /// Distance by which lattices end outside of their border, texels. Also the relative change of the least
+    /// cosine between ray and normal.
+    beyond: f64,
 }
 
 /// Splats of a view, sorted nearest first.
@@ -54,6 +69,8 @@ enum Sorted {
 
 /// Contribution of a splat at one point of the image.
 struct Contribution {
+    /// Number of the splat in the scene.
+    number: usize,
     /// Alpha before the cut.
     alpha: f64,
     depth: f64,
@@ -63,7 +80,8 @@ struct Contribution {
 impl Oracle {
     /// Prepares and sorts the splats; leaves out invalid and hidden ones.
     pub fn new(splats: &[SplatF64], camera: &Camera, options: &RenderOptions) -> Self {
-        let placed = splats.iter().filter_map(|splat| Placed::new(splat, camera, options));
+        let splats = splats.iter().enumerate();
+        let placed = splats.filter_map(|splat| Placed::new(splat, camera, options));
         let k = &camera.intrinsics;
         Self {
             intrinsics: *k,
@@ -71,6 +89,8 @@ impl Oracle {
             finish: Finish::NONE,
             alpha_cut: ALPHA_CUT,
             transmittance_stop: TRANSMITTANCE_STOP,
+            surfaces: HashMap::new(),
+            look_up: LookUp::default(),
             splats: match options.method {
                 RenderMethod::Projected => {
                     let splats = placed.filter_map(|splat| Projected::new(&splat, k));
@@ -96,13 +116,33 @@ impl Oracle {
         let wide: Vec<SplatF64> =
             wide.map(|(i, splat)| SplatF64 { appearance: appearance(i), ..splat.into() }).collect();
         let finish = Finish::new(view.finishing(), camera, options);
-        Self { finish, ..Self::new(&wide, camera, options) }
+        let textures = view.finishing().textures.iter().flat_map(|textures| textures.iter());
+        let textured = textures.zip(&wide).enumerate();
+        let surfaces = textured.filter_map(|(number, (texture, splat))| {
+            Some((number, Surface::new(splat, texture.as_ref()?, camera, options)?))
+        });
+        Self { finish, surfaces: surfaces.collect(), ..Self::new(&wide, camera, options) }
     }
 
     /// Returns the view with other thresholds, to find the values that f32 rounding allows in a pixel on a
     /// threshold (`rendering.md`, Tolerances).
     pub fn with_thresholds(&self, alpha_cut: f64, transmittance_stop: f64) -> Self {
         Self { alpha_cut, transmittance_stop, ..self.clone() }
+    }
+
+    /// Returns the view with every choice in reading textures that rounding by `band` allows.
+    pub fn texture_branches(&self, band: f64) -> Vec<Self> {
+        if self.surfaces.is_empty() {
+            return vec![self.clone()];
+        }
+        let choices =
+            [false, true].into_iter().flat_map(|third| [0.0, -band, band].map(|b| (third, b)));
+        choices
+            .map(|(takes_third, beyond)| Self {
+                look_up: LookUp { takes_third, beyond },
+                ..self.clone()
+            })
+            .collect()
     }
 
     /// Samples one pixel, in O(splats).
@@ -114,11 +154,13 @@ impl Oracle {
     pub fn at(&self, point: DVec2) -> Sample {
         match &self.splats {
             Sorted::Projected(splats) => {
-                self.blend(splats.iter().filter_map(|splat| splat.at(point)))
+                let ray = exact::ray(Lens::Pinhole, &self.intrinsics, point);
+                self.blend(splats.iter().filter_map(|splat| splat.at(point)), ray)
             }
             Sorted::Exact(lens, splats) => {
                 let ray = exact::ray(*lens, &self.intrinsics, point);
-                self.blend(ray.iter().flat_map(|ray| splats.iter().map(|splat| splat.along(*ray))))
+                let along = ray.iter().flat_map(|ray| splats.iter().map(|splat| splat.along(*ray)));
+                self.blend(along, ray)
             }
         }
     }
@@ -131,8 +173,13 @@ impl Oracle {
         Image::from_vec(width, height, data)
     }
 
-    /// Blends front to back (`rendering.md`, Blending).
-    fn blend(&self, contributions: impl Iterator<Item = Contribution>) -> Sample {
+    /// Blends front to back (`rendering.md`, Blending). `ray` is in camera axes.
+    fn blend(
+        &self,
+        contributions: impl Iterator<Item = Contribution>,
+        ray: Option<DVec3>,
+    ) -> Sample {
+        let mut weights = Vec::new();
         let mut transmittance = 1.0;
         let (mut color, mut depth, mut n_blended) = (DVec3::ZERO, 0.0, 0);
         for splat in contributions.filter(|splat| splat.alpha >= self.alpha_cut) {
@@ -140,12 +187,16 @@ impl Oracle {
             if next < self.transmittance_stop {
                 break;
             }
+            weights.push((splat.alpha * transmittance, splat.number));
             color += splat.color * (splat.alpha * transmittance);
             depth += splat.depth * (splat.alpha * transmittance);
             transmittance = next;
             n_blended += 1;
         }
         let open = 1.0 - transmittance;
+        if let Some(ray) = ray.filter(|_| open > 0.0 && !self.surfaces.is_empty()) {
+            color = self.textured(color, open, weights, ray);
+        }
         let coverage = (open / f64::from(self.finish.full_coverage)).min(1.0);
         let closed = if open > 0.0 { color * (coverage / open) } else { color };
         let exposure = DVec3::from_array(self.finish.exposure.map(f64::from));
@@ -158,6 +209,31 @@ impl Oracle {
         }
     }
 }
+
+impl Oracle {
+    /// Adds the textures of the two splats with the largest weights to a premultiplied colour.
+    fn textured(
+        &self,
+        color: DVec3,
+        coverage: f64,
+        mut weights: Vec<(f64, usize)>,
+        ray: DVec3,
+    ) -> DVec3 {
+        weights.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let is_tie = weights.len() > 2 && weights[2].0 > weights[1].0 * (1.0 - TIE);
+        if is_tie && self.look_up.takes_third {
+            weights.swap(1, 2);
+        }
+        let owners = weights.iter().take(2).filter_map(|(w, id)| Some((w, self.surfaces.get(id)?)));
+        let changes = owners.map(|(weight, surface)| {
+            *weight * surface.correction(ray, color / coverage, self.look_up.beyond)
+        });
+        (color + changes.sum::<DVec3>()).max(DVec3::ZERO)
+    }
+}
+
+/// Relative difference of weights that f32 may turn around.
+const TIE: f64 = 1e-4;
 
 /// Sorts by ascending key; equal keys keep their order.
 fn nearest_first<T>(splats: impl Iterator<Item = T>, key: impl Fn(&T) -> f64) -> Vec<T> {

@@ -11,6 +11,7 @@ use vbgs_studio::render::{ALPHA_CAP, FRUSTUM_MARGIN, LOW_PASS_PX2};
 /// A splat projected to the image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Projected {
+    number: usize,
     /// View depth `z` of the mean.
     pub depth: f64,
     centre: DVec2,
@@ -46,6 +47,7 @@ impl Projected {
         }
         let centre = DVec2::new(k.fx * a + k.cx, k.fy * b + k.cy);
         Some(Self {
+            number: splat.number,
             depth: m.z,
             centre,
             conic: DMat2::from_cols(DVec2::new(yy, -xy), DVec2::new(-xy, xx)) * det.recip(),
@@ -60,6 +62,7 @@ impl Projected {
         let offset = point - self.centre;
         let exponent = -0.5 * offset.dot(self.conic * offset);
         (exponent <= 0.0).then(|| Contribution {
+            number: self.number,
             alpha: ALPHA_CAP.min(self.opacity * exponent.exp()),
             depth: self.depth,
             color: self.shade.at(self.slide[0] * offset.x + self.slide[1] * offset.y),

@@ -92,6 +92,8 @@ impl From<&SplatF64> for Splat {
 
 /// A splat in camera space.
 pub(super) struct Placed {
+    /// Number of the splat in the scene.
+    pub number: usize,
     /// Centre.
     pub mean: DVec3,
     /// Columns are the directions of the standard deviations.
@@ -104,7 +106,11 @@ pub(super) struct Placed {
 
 impl Placed {
     /// `None` if the splat is invalid, below the opacity cut or too near.
-    pub(super) fn new(splat: &SplatF64, camera: &Camera, options: &RenderOptions) -> Option<Self> {
+    pub(super) fn new(
+        (number, splat): (usize, &SplatF64),
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Option<Self> {
         // Uses the same definition of a drawable splat as every other renderer.
         if !Splat::from(splat).is_drawable() || !has_finite_appearance(splat) {
             return None;
@@ -122,6 +128,7 @@ impl Placed {
         let scale = splat.scale * f64::from(look.scale);
         let axes = camera_from_world * DMat3::from_quat(splat.rotation.normalize());
         Some(Self {
+            number,
             mean,
             axes,
             scale: scale.max(DVec3::splat(scale_floor(scale.max_element()))),

@@ -201,7 +201,6 @@ fn textured() -> Checkpoint {
                 texel: (rng.below(side / 2) * side + rng.below(side)) as u16,
                 weight: 1 + rng.below(256) as u16,
                 color: [0; 3].map(|_| rng.below(4097) as i16 - 2048),
-                predicted: [[3, 4], [-5, 6]],
             });
         }
         photometric.textures[id] = Some(Arc::new(texture));

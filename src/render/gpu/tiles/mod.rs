@@ -28,6 +28,7 @@ pub(super) struct TileFrame<'a> {
     /// Output image, at least one pixel per side.
     pub(in crate::render::gpu) image: &'a SplatTarget,
     pub(in crate::render::gpu) timer: Option<(&'a StageTimer, usize)>,
+    pub(in crate::render::gpu) shows_textures: bool,
 }
 
 /// Pipelines and buffers for drawing splats by tiles.
@@ -68,9 +69,9 @@ impl TilePath {
         encoder: &mut wgpu::CommandEncoder,
         frame: TileFrame<'_>,
     ) -> Result<(), GpuError> {
-        let TileFrame { view, scene, image, timer } = frame;
+        let TileFrame { view, scene, image, timer, shows_textures } = frame;
         self.ensure_capacity(device, scene)?;
-        let inputs = Inputs::new(view, scene, image);
+        let inputs = Inputs::new(view, scene, image, shows_textures);
         // After a resize or growth the bound resources no longer exist.
         if self.plan.as_ref().is_none_or(|plan| plan.inputs != inputs) {
             // A plan binds specific buffers: any replacement makes it stale.

@@ -14,6 +14,7 @@ use crate::render::gpu::renderer::SplatTarget;
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::task::IN;
 use crate::render::gpu::timer::{GpuStage, ReadbackRing};
+use std::sync::OnceLock;
 
 /// Number of workgroups of the pass over all entries that finds each tile's range of entries.
 const RANGE_GROUPS: u32 = 1024;
@@ -33,27 +34,45 @@ pub(super) struct Kernels {
     ranges: ComputeKernel,
     /// Kernels that blend the entries of a tile, for scenes without and with appearance.
     raster: [ComputeKernel; 2],
+    /// The same kernels with textures.
+    // Compiled when first used, because many scenes have no textures.
+    textured: [OnceLock<ComputeKernel>; 2],
 }
 
 impl Kernels {
     pub(super) fn new(device: &wgpu::Device) -> Self {
-        let variants = |source, entry| {
-            let module = module(device, entry, source);
-            [0.0, 1.0].map(|value| {
-                ComputeKernel::specialized(device, &module, entry, &[("has_appearance", value)])
-            })
-        };
+        let preprocess = module(device, "preprocess", buffers::PREPROCESS);
         let bin = module(device, "bin", buffers::BIN);
         Self {
-            preprocess: variants(buffers::PREPROCESS, "preprocess"),
+            preprocess: [0.0, 1.0].map(|value| {
+                let flags = [("has_appearance", value)];
+                ComputeKernel::specialized(device, &preprocess, "preprocess", &flags)
+            }),
             sort: RadixSort::new(device),
             count: ComputeKernel::new(device, &bin, "count"),
             offsets: ComputeKernel::new(device, &bin, "offsets"),
             emit: ComputeKernel::new(device, &bin, "emit"),
             ranges: ComputeKernel::new(device, &bin, "ranges"),
-            raster: variants(buffers::RASTER, "raster"),
+            raster: [0, 1].map(|appearance| raster(device, appearance, 0)),
+            textured: Default::default(),
         }
     }
+
+    fn raster(&self, device: &wgpu::Device, inputs: &Inputs) -> &ComputeKernel {
+        let appearance = usize::from(inputs.appearance.is_some());
+        match inputs.textures {
+            Some(_) => self.textured[appearance].get_or_init(|| raster(device, appearance, 1)),
+            None => &self.raster[appearance],
+        }
+    }
+}
+
+/// Creates the kernel that blends the entries of a tile. Each flag is 0 or 1.
+fn raster(device: &wgpu::Device, has_appearance: usize, has_textures: usize) -> ComputeKernel {
+    let module = module(device, "raster", buffers::RASTER);
+    let flags = [("has_appearance", has_appearance), ("has_textures", has_textures)];
+    let flags = flags.map(|(name, value)| (name, value as f64));
+    ComputeKernel::specialized(device, &module, "raster", &flags)
 }
 
 /// Resources of the scene and the renderer that a [`TilePlan`] binds. The plan is valid while they stay
@@ -63,16 +82,25 @@ pub(super) struct Inputs {
     view: wgpu::Buffer,
     splats: wgpu::Buffer,
     appearance: Option<wgpu::Buffer>,
+    /// Textures to draw, if any.
+    textures: Option<wgpu::Buffer>,
     image: wgpu::TextureView,
     size: (u32, u32),
 }
 
 impl Inputs {
-    pub(super) fn new(view: &wgpu::Buffer, scene: &GpuScene, image: &SplatTarget) -> Self {
+    /// Other paints than the stored colours show no textures: `shows_textures` is false.
+    pub(super) fn new(
+        view: &wgpu::Buffer,
+        scene: &GpuScene,
+        image: &SplatTarget,
+        shows_textures: bool,
+    ) -> Self {
         Self {
             view: view.clone(),
             splats: scene.buffers.splats.clone(),
             appearance: scene.buffers.appearance.clone(),
+            textures: scene.textures.buffer.clone().filter(|_| shows_textures),
             image: image.view().clone(),
             size: image.size(),
         }
@@ -135,6 +163,7 @@ impl TilePlan {
     ) -> Self {
         let TileMemory { counts, splats, entries } = memory;
         let variant = usize::from(inputs.appearance.is_some());
+        let appearance = inputs.appearance.as_ref().unwrap_or(&splats.no_appearance);
         let preprocess = [
             (0, &inputs.view),
             (1, counts),
@@ -142,7 +171,7 @@ impl TilePlan {
             (3, &splats.keys),
             (4, &splats.records),
             (5, &splats.footprints),
-            (6, inputs.appearance.as_ref().unwrap_or(&splats.no_appearance)),
+            (6, appearance),
             (7, &splats.gradients),
             (8, &splats.small_footprints),
         ];
@@ -178,6 +207,10 @@ impl TilePlan {
             (3, splats.records.as_entire_binding()),
             (4, wgpu::BindingResource::TextureView(&inputs.image)),
             (5, splats.gradients.as_entire_binding()),
+            (6, inputs.splats.as_entire_binding()),
+            (7, appearance.as_entire_binding()),
+            // Without textures any buffer of words serves as placeholder.
+            (8, inputs.textures.as_ref().unwrap_or(&splats.keys).as_entire_binding()),
         ];
         let ranges = [(1, counts), (7, sorted), (8, &tile_ranges)];
         Self {
@@ -188,7 +221,7 @@ impl TilePlan {
             emit,
             by_tile,
             ranges: kernels.ranges.bind_buffers(device, &ranges),
-            raster: kernels.raster[variant].bind(device, &raster),
+            raster: kernels.raster(device, &inputs).bind(device, &raster),
             tile_ranges,
             inputs,
         }
