@@ -2,7 +2,7 @@
 
 use super::splat_updates::{SplatChange, SplatUpdate, apply};
 use crate::model::attributes::ComponentAttributes;
-use crate::model::splat::appearance::{Finishing, SplatSet};
+use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::splats::Splat;
 use crate::render::attributes::{Attribute, Range};
 use std::sync::Arc;

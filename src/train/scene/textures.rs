@@ -270,13 +270,13 @@ fn products(
                 let (drawn, _) = row.drawn(x, y);
                 let samples = texture.samples_without(surface.place, &own);
                 let products = samples.map(|sample| {
-                    let mut products = [0.0; 2];
-                    for c in 0..3 {
+                    let of_channel = |c: usize| {
                         let replaced = sample.share * (drawn[c] - surface.shift[c]);
                         let correction = sample.color[c] - replaced;
-                        products[0] += correction * (pixel.color[c] - drawn[c]);
-                        products[1] += correction * correction;
-                    }
+                        [correction * (pixel.color[c] - drawn[c]), correction * correction]
+                    };
+                    let [r, g, b] = [0, 1, 2].map(of_channel);
+                    let products = [0, 1].map(|i| r[i] + g[i] + b[i]);
                     products.map(|sum| (surface.weight * sum * PRODUCT_ONE).round() as i32)
                 });
                 lists[surface.splat as usize / size].push((surface.splat, products));
