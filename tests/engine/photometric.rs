@@ -176,10 +176,14 @@ fn what_waits_is_drawn_at_rest_and_by_readers_of_a_checkpoint() {
 }
 
 #[test]
-fn photographs_wait_only_to_be_learnt() {
+fn settings_of_photographs_are_refused_without_training_on_them() {
     let asked = SceneOverrides { photometric: Some(PhotometricMode::Off), ..asked(5) };
     let error = Session::new(room(), asked, Selection::all_frames()).err().unwrap().to_string();
     assert!(error.contains("shuffle_buffer: expected 0") && error.contains("found 5"), "{error}");
+    let photometric = Some(PhotometricMode::Off);
+    let asked = SceneOverrides { photometric, textures: Some(7), ..SceneOverrides::default() };
+    let error = Session::new(room(), asked, Selection::all_frames()).err().unwrap().to_string();
+    assert!(error.contains("textures: expected 0") && error.contains("found 7"), "{error}");
 }
 
 #[test]

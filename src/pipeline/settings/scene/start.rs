@@ -37,7 +37,7 @@ impl SceneRun {
         check_plain_splats(overrides)?;
         overrides.apply(&mut run);
         SceneOverrides::check(&run)?;
-        check_shuffle_buffer(overrides, &run.engine)?;
+        check_photometric(overrides, &run.engine)?;
         // Checked before frames are sampled, so that a calibration for another aspect ratio is refused
         // at once.
         if let Some(camera) = run.surface.calibration.as_ref().and_then(|given| given.color_camera)
@@ -100,14 +100,14 @@ fn check_plain_splats(overrides: &SceneOverrides) -> Result<(), ConfigError> {
     }
 }
 
-fn check_shuffle_buffer(
-    overrides: &SceneOverrides,
-    engine: &SceneConfig,
-) -> Result<(), ConfigError> {
-    match overrides.shuffle_buffer.filter(|&n| n > 0 && engine.photometric.is_none()) {
+/// Refuses settings that only have an effect with photometric training.
+fn check_photometric(overrides: &SceneOverrides, engine: &SceneConfig) -> Result<(), ConfigError> {
+    let asked = [("shuffle_buffer", overrides.shuffle_buffer), ("textures", overrides.textures)];
+    let asked = asked.into_iter().find_map(|(setting, n)| Some((setting, n.filter(|&n| n > 0)?)));
+    match asked.filter(|_| engine.photometric.is_none()) {
         None => Ok(()),
-        Some(n) => Err(ConfigError {
-            setting: "shuffle_buffer",
+        Some((setting, n)) => Err(ConfigError {
+            setting,
             expected: "0 without photometric training (`--photometric off`)".to_owned(),
             found: n.to_string(),
         }),

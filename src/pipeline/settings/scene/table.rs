@@ -63,7 +63,7 @@ settings! {
         range "0 to {MAX_WAITING} photographs", |n| *n <= MAX_WAITING;
         get |run| run.engine.photometric.map(|rule| rule.shuffle_buffer);
         set |run, n| {
-            // Without photometric training, `check_shuffle_buffer` refuses the value.
+            // Without photometric training, `check_photometric` refuses the value.
             if let Some(rule) = &mut run.engine.photometric {
                 rule.shuffle_buffer = n;
             }
