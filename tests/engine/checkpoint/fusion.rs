@@ -103,7 +103,8 @@ fn texels(run: &SavedRun) -> f64 {
 
 #[test]
 fn textures_of_shards_add_up() {
-    let (start, shards) = shards(&asked(PhotometricMode::Light), 2);
+    let asked = SceneOverrides { textures: Some(50), ..asked(PhotometricMode::Light) };
+    let (start, shards) = shards(&asked, 2);
     let fused = reread(&merge_onto(&start, shards.to_vec()).unwrap().unwrap());
     let added: f64 = shards.iter().map(|run| texels(run) - texels(&start)).sum();
     let (found, expected) = (texels(&fused), texels(&start) + added);

@@ -73,7 +73,8 @@ fn textured() -> SceneOverrides {
 
 #[test]
 fn textures_are_stored_and_go_on() {
-    for asked in [photographed(), textured()] {
+    let ample = SceneOverrides { textures: Some(50), ..photographed() };
+    for asked in [ample, textured()] {
         let whole = with_threads(1, || trained(&asked, first(12)));
         let expected = timeless(whole.checkpoint().unwrap());
         let half = with_threads(2, || saved(&trained(&asked, first(5))));
@@ -89,8 +90,9 @@ fn textures_are_stored_and_go_on() {
         assert!(again.finishing().textures.as_deref() == Some(drawn));
         assert!(resumed.splats().finishing().textures.as_deref() == Some(drawn));
         for (id, texture) in state.textures.iter().enumerate() {
-            let texture = texture.as_ref().map(|texture| texture.drawn());
-            assert!(drawn[id].as_deref() == texture.as_ref(), "{id}");
+            // Buffered photographs change how far a drawn texture is trusted, not where it lies.
+            let lattice = texture.as_ref().map(|texture| texture.lattice);
+            assert!(drawn[id].as_ref().map(|drawn| drawn.lattice) == lattice, "{id}");
         }
     }
 }
