@@ -137,7 +137,6 @@ impl TextureSums {
         parts: u32,
     ) {
         let old = std::mem::replace(self, self.emptied(Lattice { level, ..self.lattice }));
-        self.predicted = old.predicted;
         old.for_each(|at, sums| {
             let part = sums.scaled_to(sums.weight / parts);
             // A patch without any weight would only take memory.
@@ -153,19 +152,24 @@ impl TextureSums {
         let fresh = Self::new(splat, half);
         let lattice = Lattice { level: self.lattice.level, ..fresh.lattice };
         let old = std::mem::replace(self, self.emptied(lattice));
-        self.predicted = old.predicted;
-        let side = lattice.side() as f64;
-        old.for_each(|[x, y], sums| {
-            let place = lattice.place_of(old.lattice.point_at([x as f64 + 0.5, y as f64 + 0.5]));
+        self.join_texels(&old);
+    }
+
+    /// Adds the texels of another lattice at their places in the world, as far as this one covers them.
+    fn join_texels(&mut self, other: &Self) {
+        let (lattice, side) = (self.lattice, self.lattice.side() as f64);
+        other.for_each(|[x, y], sums| {
+            let place = lattice.place_of(other.lattice.point_at([x as f64 + 0.5, y as f64 + 0.5]));
             if place.iter().all(|v| (0.0..side).contains(v)) {
                 self.texel_mut(place.map(|v| v as usize)).join(sums);
             }
         });
     }
 
+    /// Returns a texture without texels and with the same predictions.
     fn emptied(&self, lattice: Lattice) -> Self {
         let index = vec![ABSENT; (lattice.side() / PATCH).pow(2)];
-        Self { lattice, predicted: [[0; 2]; 2], index, patches: Vec::new() }
+        Self { lattice, predicted: self.predicted, index, patches: Vec::new() }
     }
 
     /// Calls `f` for all observed texels in row-major order of patches.
@@ -227,13 +231,7 @@ impl TextureSums {
         for (sum, more) in sums.zip(other.predicted.as_flattened()) {
             *sum += more;
         }
-        let (lattice, side) = (self.lattice, self.lattice.side() as f64);
-        other.for_each(|[x, y], sums| {
-            let place = lattice.place_of(other.lattice.point_at([x as f64 + 0.5, y as f64 + 0.5]));
-            if place.iter().all(|v| (0.0..side).contains(v)) {
-                self.texel_mut(place.map(|v| v as usize)).join(sums);
-            }
-        });
+        self.join_texels(&other);
     }
 
     /// Returns what a texture has gained since an earlier version of it. `None` if its lattice was laid anew
@@ -272,10 +270,7 @@ impl TextureSums {
             }
             for (sample, doubt) in samples.iter_mut().zip(DOUBTS) {
                 let (color, share) = texel.posterior(doubt);
-                sample.share += part * share;
-                for (sum, color) in sample.color.iter_mut().zip(color) {
-                    *sum += part * share * color;
-                }
+                sample.add(color, part * share);
             }
         }
         samples

@@ -104,6 +104,17 @@ pub struct Sample {
     pub color: [f32; 3],
 }
 
+impl Sample {
+    /// Adds a texel, whose share is already multiplied by its weight in the interpolation.
+    #[inline]
+    pub fn add(&mut self, color: [f32; 3], share: f32) {
+        self.share += share;
+        for (sum, color) in self.color.iter_mut().zip(color) {
+            *sum += share * color;
+        }
+    }
+}
+
 /// Texture of one splat.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
@@ -128,11 +139,7 @@ impl Texture {
         let mut sample = Sample::default();
         for (at, part) in corners(place, self.lattice.side()).into_iter().flatten() {
             let (color, share) = self.texel(at).unpack();
-            let share = part * share;
-            sample.share += share;
-            for (sum, color) in sample.color.iter_mut().zip(color) {
-                *sum += share * color;
-            }
+            sample.add(color, part * share);
         }
         sample
     }

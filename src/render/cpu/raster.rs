@@ -58,12 +58,8 @@ pub(super) struct RowInputs<'a> {
 impl RowInputs<'_> {
     /// Returns a pixel's ray in camera axes, of any length; zero outside a fisheye's image.
     pub(super) fn ray(&self, column: usize, row: usize) -> Vec3 {
-        let k = &self.intrinsics;
-        let (x, y) = (column as f64 + 0.5, row as f64 + 0.5);
-        match self.method.lens() {
-            Lens::Pinhole => Vec3::new(((x - k.cx) / k.fx) as f32, ((y - k.cy) / k.fy) as f32, 1.0),
-            Lens::Fisheye => Lens::Fisheye.ray(k, DVec2::new(x, y)).unwrap_or_default().as_vec3(),
-        }
+        let at = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
+        self.method.lens().ray(&self.intrinsics, at).unwrap_or_default().as_vec3()
     }
 }
 

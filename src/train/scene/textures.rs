@@ -91,30 +91,10 @@ impl TextureLearner {
     ) {
         self.begin(state, changed, h, &taken.camera);
         let shown = TileRows::of(taken.photograph.colors.data.len(), taken.frame);
-        let options = options(taken.near);
-        let PhotometricState { splats, appearance, textures, .. } = state;
-        let Some(view) = SplatView::new(splats, appearance) else { return };
-        let size = textures.len().div_ceil(PARTS).max(1);
-        let known = &*textures;
-        let lattice = |splat: usize| Some(known.get(splat)?.as_ref()?.lattice);
-        let rows = self.renderer.visit_surfaces(
-            view,
-            &lattice,
-            &taken.camera,
-            &options,
-            |row| shown.contains(row),
-            |row| observations(row, taken, known, size),
-        );
-        let tasks = textures.par_chunks_mut(size).zip(self.drawn.par_chunks_mut(size));
-        tasks.enumerate().with_max_len(1).for_each(|(part, (textures, drawn))| {
-            for (component, observed) in rows.iter().flat_map(|row| &row[part]) {
-                let at = *component as usize - part * size;
-                if let Some(texture) = &mut textures[at] {
-                    Arc::make_mut(texture).add(observed);
-                    drawn[at].take();
-                }
-            }
+        let rows = self.visit(state, &taken.camera, taken.near, shown, |row| {
+            observations(row, taken, &state.textures)
         });
+        self.change(&mut state.textures, &rows, |texture, _, observed| texture.add(observed));
         if state.coarsen_textures_to(budget) {
             self.forget_drawn();
         }
@@ -128,33 +108,57 @@ impl TextureLearner {
         view: &TrainingView,
         photograph: &Image<MeasuredPixel>,
     ) {
-        let PhotometricState { splats, appearance, textures, .. } = state;
         let shown = TileRows::of(photograph.data.len(), view.frame);
-        let Some(splats) = SplatView::new(splats, appearance) else { return };
-        let size = textures.len().div_ceil(PARTS).max(1);
-        let known = &*textures;
-        let lattice = |splat: usize| Some(known.get(splat)?.as_ref()?.lattice);
-        let rows = self.renderer.visit_surfaces(
-            splats,
-            &lattice,
-            &view.camera,
-            &options(view.near),
-            |row| shown.contains(row),
-            |row| products(row, view.rows, photograph, known, size),
-        );
+        let rows = self.visit(state, &view.camera, view.near, shown, |row| {
+            products(row, view.rows, photograph, &state.textures)
+        });
+        self.change(&mut state.textures, &rows, |texture, is_first, products| {
+            if is_first {
+                texture.fade();
+            }
+            texture.add_products(products);
+        });
+    }
+
+    /// Draws the textured splats of a view and returns what `list` returns for the rows of tiles in `shown`.
+    fn visit<T: Send>(
+        &mut self,
+        state: &PhotometricState,
+        camera: &Camera,
+        near: f64,
+        shown: TileRows,
+        list: impl Fn(&SurfaceRow<'_>) -> T + Sync,
+    ) -> Vec<T> {
+        let Some(splats) = SplatView::new(&state.splats, &state.appearance) else {
+            return Vec::new();
+        };
+        let lattice = |splat: usize| Some(state.textures.get(splat)?.as_ref()?.lattice);
+        let plain = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
+        let options = RenderOptions { near, ..plain };
+        let shown = |row| shown.contains(row);
+        self.renderer.visit_surfaces(splats, &lattice, camera, &options, shown, list)
+    }
+
+    /// Calls `change` for all listed items, with the texture and whether it is the texture's first item.
+    fn change<T: Sync>(
+        &mut self,
+        textures: &mut [Option<Arc<TextureSums>>],
+        rows: &[Lists<T>],
+        change: impl Fn(&mut TextureSums, bool, &T) + Sync,
+    ) {
+        let size = part_size(textures.len());
         self.drawn.resize_with(textures.len(), OnceLock::new);
         let tasks = textures.par_chunks_mut(size).zip(self.drawn.par_chunks_mut(size));
         tasks.enumerate().with_max_len(1).for_each(|(part, (textures, drawn))| {
             let mut seen = vec![false; textures.len()];
-            for (component, products) in rows.iter().flat_map(|row| &row[part]) {
+            for (component, item) in rows.iter().flat_map(|row| &row[part]) {
                 let at = *component as usize - part * size;
                 let Some(texture) = &mut textures[at] else { continue };
-                let texture = Arc::make_mut(texture);
-                if !std::mem::replace(&mut seen[at], true) {
-                    texture.fade();
+                let is_first = !std::mem::replace(&mut seen[at], true);
+                if is_first {
                     drawn[at].take();
                 }
-                texture.add_products(products);
+                change(Arc::make_mut(texture), is_first, item);
             }
         });
     }
@@ -218,18 +222,21 @@ fn depth_of(splat: &Splat, camera: &Camera) -> Option<f64> {
     (depth > 0.0).then_some(depth)
 }
 
-fn options(near: f64) -> RenderOptions {
-    RenderOptions { near, ..RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]) }
+/// Items with their components, divided by component into [`PARTS`] lists.
+type Lists<T> = Vec<Vec<(u32, T)>>;
+
+/// Returns the number of components of a list, except that the last may have fewer.
+fn part_size(n_components: usize) -> usize {
+    n_components.div_ceil(PARTS).max(1)
 }
 
-/// Lists what a row of tiles of the photograph adds to textures, divided by component: `size` components in
-/// each list.
+/// Lists what a row of tiles of the photograph adds to textures.
 fn observations(
     row: &SurfaceRow<'_>,
     taken: &Taken<'_>,
     textures: &[Option<Arc<TextureSums>>],
-    size: usize,
-) -> Vec<Vec<(u32, Observed)>> {
+) -> Lists<Observed> {
+    let size = part_size(textures.len());
     let Image { width, height, .. } = *taken.photograph.colors;
     let mut lists = vec![Vec::new(); PARTS];
     for y in row.top..(row.top + TILE).min(height) {
@@ -251,14 +258,14 @@ fn observations(
     lists
 }
 
-/// Lists the products of a row of tiles for [`TextureSums`], divided by component as in [`observations`].
+/// Lists the products of a row of tiles for [`TextureSums::add_products`].
 fn products(
     row: &SurfaceRow<'_>,
     compared: RowSubset,
     photograph: &Image<MeasuredPixel>,
     textures: &[Option<Arc<TextureSums>>],
-    size: usize,
-) -> Vec<Vec<(u32, Products)>> {
+) -> Lists<Products> {
+    let size = part_size(textures.len());
     let mut lists = vec![Vec::new(); PARTS];
     let rows = row.top..(row.top + TILE).min(photograph.height);
     let is_compared = |y: &usize| *y as u32 % compared.stride() == compared.first();
