@@ -52,7 +52,7 @@ pub struct TexelSums {
 /// What one pixel adds to a texture.
 #[derive(Clone, Copy, Debug)]
 pub struct Observed {
-    /// Number of the texel, row-major in the lattice.
+    /// Number of the texel by [`Lattice::number_of`].
     pub texel: u16,
     /// Weight in units of 1/256 pixel, at most 256.
     pub weight: u16,
@@ -191,6 +191,12 @@ impl TextureSums {
 
     fn texel_mut(&mut self, at: [usize; 2]) -> &mut TexelSums {
         let (patch, within) = self.lattice.patch_of(at);
+        self.numbered_mut(patch, within)
+    }
+
+    /// Returns texel `within` of a patch of the lattice.
+    #[inline(always)]
+    fn numbered_mut(&mut self, patch: usize, within: usize) -> &mut TexelSums {
         if self.index[patch] == ABSENT {
             self.index[patch] = self.patches.len() as u16;
             self.patches.push([TexelSums::default(); TEXELS]);
@@ -200,13 +206,11 @@ impl TextureSums {
 
     /// Adds a pixel.
     pub fn add(&mut self, observed: &Observed) {
-        let side = self.lattice.side();
-        let at = [usize::from(observed.texel) % side, usize::from(observed.texel) / side];
-        let weight = i32::from(observed.weight);
-        self.texel_mut(at).add(&TexelSums {
-            weight: observed.weight.into(),
-            color: observed.color.map(|color| weight * i32::from(color)),
-        });
+        let (number, weight) = (usize::from(observed.texel), i32::from(observed.weight));
+        let [r, g, b] = observed.color;
+        let color = [weight * i32::from(r), weight * i32::from(g), weight * i32::from(b)];
+        let texel = self.numbered_mut(number / TEXELS, number % TEXELS);
+        texel.add(&TexelSums { weight: observed.weight.into(), color });
     }
 
     /// Adds a pixel's products.
@@ -261,11 +265,11 @@ impl TextureSums {
 
     /// Returns the posterior mean at a place for each of [`DOUBTS`], as it would be without the pixel `own`.
     pub fn samples_without(&self, place: [f32; 2], own: &Observed) -> [Sample; 2] {
-        let side = self.lattice.side();
         let mut samples = [Sample::default(); 2];
-        for (at, part) in corners(place, side).into_iter().flatten() {
+        let Some(corners) = corners(place, self.lattice.side()) else { return samples };
+        for (at, part) in corners {
             let Some(mut texel) = self.texel(at).copied() else { continue };
-            if at[1] * side + at[0] == usize::from(own.texel) {
+            if self.lattice.number_of(at) == own.texel {
                 texel.remove(own);
             }
             for (sample, doubt) in samples.iter_mut().zip(DOUBTS) {
@@ -473,11 +477,10 @@ mod tests {
     #[test]
     fn texels_keep_their_place_when_the_lattice_is_laid_anew() {
         let one = observations(1, 16, 4)[0];
-        for texel in [5 * 16 + 6, 9 * 16 + 9, 7 * 16 + 8] {
-            let mut texture = of(2, &[Observed { texel, ..one }]);
-            let center = [usize::from(texel) % 16, usize::from(texel) / 16].map(|v| v as f64 + 0.5);
-            let world = texture.lattice.point_at(center);
-            let expected = sums(&texture)[usize::from(texel)];
+        for at in [[6, 5], [9, 9], [8, 7]] {
+            let mut texture = of(2, &[Observed { texel: empty(2).lattice.number_of(at), ..one }]);
+            let world = texture.lattice.point_at(at.map(|v| v as f64 + 0.5));
+            let expected = sums(&texture)[at[1] * 16 + at[0]];
             let [x, y, z] = splat().mean;
             let rotation = DQuat::from_rotation_z(0.7);
             let rotation = [rotation.w, rotation.x, rotation.y, rotation.z].map(|v| v as f32);

@@ -68,7 +68,15 @@ impl Lattice {
         self.axes = self.axes.map(|axis| (motion.rotation() * world(axis)).as_vec3().to_array());
     }
 
+    /// Returns the number of a texel: patch by patch, row-major in each.
+    #[inline(always)]
+    pub fn number_of(&self, at: [usize; 2]) -> u16 {
+        let (patch, within) = self.patch_of(at);
+        (patch * TEXELS + within) as u16
+    }
+
     /// Returns the number of the patch of a texel, row-major, and of the texel in the patch.
+    #[inline(always)]
     pub fn patch_of(&self, [x, y]: [usize; 2]) -> (usize, usize) {
         let patches = self.side() / PATCH;
         ((y / PATCH) * patches + x / PATCH, (y % PATCH) * PATCH + x % PATCH)

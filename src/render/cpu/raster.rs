@@ -53,10 +53,13 @@ pub(super) struct RowInputs<'a> {
     pub background: [f32; 3],
     pub finish: Finish,
     pub textures: Option<&'a Textures>,
+    /// True if tiles without textured splats are left empty.
+    pub is_for_textures: bool,
 }
 
 impl RowInputs<'_> {
     /// Returns a pixel's ray in camera axes, of any length; zero outside a fisheye's image.
+    #[inline(always)]
     pub(super) fn ray(&self, column: usize, row: usize) -> Vec3 {
         let at = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
         self.method.lens().ray(&self.intrinsics, at).unwrap_or_default().as_vec3()
@@ -96,6 +99,9 @@ impl DrawRow<'_> {
     fn draw<V: Vector, const FORM: u8>(self, min_front: f32) {
         let Self { sheet, canvas, top, list } = self;
         canvas.clear(top, &sheet);
+        if sheet.is_for_textures {
+            canvas.finish_plain_tiles(sheet.records, list);
+        }
         for batch in list.chunks(BATCH) {
             // Batches are ordered nearest first: once every tile is full, later splats are hidden.
             if canvas.tiles.iter().all(Tile::is_finished) {
@@ -131,6 +137,19 @@ impl RowCanvas {
         }));
     }
 
+    /// Marks the tiles that none of the listed splats with a texture touches as finished.
+    fn finish_plain_tiles(&mut self, records: &Records, list: &[u32]) {
+        let mut is_textured = vec![false; self.tiles.len()];
+        for &record in list {
+            if records.planes[record as usize].has_texture() {
+                let columns = records.records[record as usize].rect.tile_columns();
+                is_textured[columns].fill(true);
+            }
+        }
+        let plain = self.tiles.iter_mut().zip(is_textured).filter(|(_, is_textured)| !is_textured);
+        plain.for_each(|(tile, _)| tile.finish());
+    }
+
     /// Applies crack filling and exposure to the pixels of all tiles and composites the pixels over the
     /// background.
     pub(super) fn finish_pixels(
@@ -156,7 +175,7 @@ impl RowCanvas {
                     let [r, g, b] = match (sheet.textures, tile.owners()) {
                         (Some(textures), Some(owners)) => {
                             let ray = sheet.ray(left + column, top + row);
-                            let owners = owners.of(row, column);
+                            let owners = [0, 1].map(|which| owners.of(row, column, which));
                             let planes = &sheet.records.planes;
                             add_textures([r, g, b], open, owners, ray, planes, textures)
                         }

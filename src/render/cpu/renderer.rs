@@ -146,6 +146,7 @@ impl CpuRenderer {
             background: options.background,
             finish,
             textures,
+            is_for_textures: false,
         };
         let pixels_per_row = width * TILE;
         let pixels = image.color.data.chunks_mut(pixels_per_row);

@@ -11,6 +11,7 @@ use crate::model::splat::appearance::SplatView;
 use crate::model::splat::texture::Lattice;
 use crate::render::finish::Finish;
 use crate::render::options::{RenderOptions, TILE};
+use glam::Vec3;
 
 /// A textured splat in a pixel.
 #[derive(Clone, Copy, Debug)]
@@ -36,53 +37,73 @@ pub struct SurfaceRow<'a> {
 }
 
 impl SurfaceRow<'_> {
-    /// Returns the drawn colour of a pixel without textures, not premultiplied, and its coverage.
-    pub fn drawn(&self, column: usize, row: usize) -> ([f32; 3], f32) {
-        let planes = self.canvas.tiles[column / TILE].planes();
-        let [t, r, g, b, _] = planes.map(|plane| {
-            let pixels: &[f32] = plane.as_flattened();
-            pixels[(row - self.top) * TILE + column % TILE]
-        });
-        let covered = 1.0 - t.abs();
-        ([r, g, b].map(|c| c / covered.max(f32::MIN_POSITIVE)), covered)
+    /// Returns the coverage of a pixel of the image.
+    #[inline(always)]
+    pub fn coverage(&self, column: usize, row: usize) -> f32 {
+        1.0 - self.value(0, column, row).abs()
     }
 
-    /// Returns the surfaces of a pixel of the image, largest weight first.
-    pub fn at(&self, column: usize, row: usize) -> [Option<ShownSurface>; 2] {
-        let tile = &self.canvas.tiles[column / TILE];
-        let Some(owners) = tile.owners() else { return [None; 2] };
-        let ray = self.inputs.ray(column, row);
-        owners.of(row - self.top, column % TILE).map(|(number, weight)| {
-            if weight <= 0.0 {
-                return None;
-            }
-            let plane = &self.inputs.records.planes[number as usize];
-            let (place, depth) = plane.meet(ray)?;
-            Some(ShownSurface { splat: plane.splat, weight, place, depth, shift: plane.shift })
-        })
+    /// Returns the drawn colour of a pixel without textures, not premultiplied.
+    #[inline(always)]
+    pub fn color(&self, column: usize, row: usize) -> [f32; 3] {
+        let per = 1.0 / self.coverage(column, row).max(f32::MIN_POSITIVE);
+        [1, 2, 3].map(|plane| self.value(plane, column, row) * per)
+    }
+
+    #[inline(always)]
+    fn value(&self, plane: usize, column: usize, row: usize) -> f32 {
+        let pixels: &[f32] = self.canvas.tiles[column / TILE].planes()[plane].as_flattened();
+        pixels[(row - self.top) * TILE + column % TILE]
+    }
+
+    /// Returns the ray of a pixel in camera axes, of any length.
+    #[inline(always)]
+    pub fn ray(&self, column: usize, row: usize) -> Vec3 {
+        self.inputs.ray(column, row)
+    }
+
+    /// Returns one of the two surfaces of a pixel if its weight is at least `least`; `which` is 0 for the
+    /// largest weight. `ray` is the pixel's ray.
+    #[inline(always)]
+    pub fn at(
+        &self,
+        [column, row]: [usize; 2],
+        which: usize,
+        ray: Vec3,
+        least: f32,
+    ) -> Option<ShownSurface> {
+        let owners = self.canvas.tiles[column / TILE].owners()?;
+        let (number, weight) = owners.of(row - self.top, column % TILE, which);
+        // Number and weight are 0 where no splat was drawn.
+        if weight < least || weight <= 0.0 {
+            return None;
+        }
+        let plane = &self.inputs.records.planes[number as usize];
+        let (place, depth) = plane.meet(ray)?;
+        Some(ShownSurface { splat: plane.splat, weight, place, depth, shift: plane.shift })
     }
 }
 
 impl CpuRenderer {
-    /// Draws a view and calls `visit` for every row of tiles that `shown` selects by its number from the top.
-    /// `lattices` returns the lattice of a splat's texture. Returns the results from top to bottom.
+    /// Draws the tiles of a view that textured splats touch, and calls `visit` for some rows of tiles. `rows` lists their numbers from the top, ascending,
+    /// each with a value for `visit`. `lattices` returns the lattice of a splat's texture.
     pub fn visit_surfaces<T: Send>(
         &mut self,
         splats: SplatView<'_>,
         lattices: &(dyn Fn(usize) -> Option<Lattice> + Sync),
         camera: &Camera,
         options: &RenderOptions,
-        shown: impl Fn(usize) -> bool,
-        visit: impl Fn(&SurfaceRow<'_>) -> T + Sync,
-    ) -> Vec<T> {
+        rows: impl Iterator<Item = (usize, T)>,
+        visit: impl Fn(&SurfaceRow<'_>, T) + Sync,
+    ) {
         let view = CpuView::new(camera, options);
         if view.width == 0 || view.height == 0 {
-            return Vec::new();
+            return;
         }
         self.lists.prepare(splats, &view, Some(lattices));
         self.lists.bin(view.height);
         self.lists.sort();
-        let rows = &self.lists.rows;
+        let lists = &self.lists.rows;
         let inputs = RowInputs {
             records: &self.lists.records,
             intrinsics: camera.intrinsics,
@@ -90,18 +111,18 @@ impl CpuRenderer {
             background: options.background,
             finish: Finish::NONE,
             textures: None,
+            is_for_textures: true,
         };
-        let n_rows = view.height.div_ceil(TILE);
-        self.canvases.resize_with(n_rows, RowCanvas::default);
-        let mut results: Vec<Option<T>> = (0..n_rows).map(|_| None).collect();
-        let tasks = self.canvases.iter_mut().zip(&mut results).enumerate();
-        let tasks = tasks.filter(|(row, _)| shown(*row));
-        let tasks = tasks.map(|(row, task)| (rows.get(row).len(), (row, task)));
-        longest_first(tasks, |(row, (canvas, result))| {
-            let (top, list) = (row * TILE, rows.get(row));
-            Isa::best().run(DrawRow { sheet: inputs, canvas: &mut *canvas, top, list });
-            *result = Some(visit(&SurfaceRow { canvas, inputs: &inputs, top }));
+        self.canvases.resize_with(view.height.div_ceil(TILE), RowCanvas::default);
+        let mut canvases = self.canvases.iter_mut().enumerate();
+        let tasks = rows.filter_map(|(row, value)| {
+            let (_, canvas) = canvases.find(|(number, _)| *number == row)?;
+            Some((lists.get(row).len(), (row, canvas, value)))
         });
-        results.into_iter().flatten().collect()
+        longest_first(tasks, |(row, canvas, value)| {
+            let (top, list) = (row * TILE, lists.get(row));
+            Isa::best().run(DrawRow { sheet: inputs, canvas: &mut *canvas, top, list });
+            visit(&SurfaceRow { canvas, inputs: &inputs, top }, value);
+        });
     }
 }

@@ -74,8 +74,13 @@ impl SurfacePlane {
         }
     }
 
+    pub(super) fn has_texture(&self) -> bool {
+        self.splat != u32::MAX
+    }
+
     /// Returns where a ray in camera axes meets the plane: position in the lattice, in texels, and
     /// depth along the optical axis. `None` at grazing angles and behind the camera.
+    #[inline(always)]
     pub(super) fn meet(&self, ray: Vec3) -> Option<([f32; 2], f32)> {
         let per_depth = self.normal.dot(ray);
         // The values of a plane through the camera are infinite or undefined.
@@ -122,10 +127,11 @@ impl Owners {
         V::select(leads, number, n1).store(&mut to_first[group]);
     }
 
-    /// Returns record numbers and weights of a pixel, largest first.
-    pub(super) fn of(&self, row: usize, column: usize) -> [(u32, f32); 2] {
+    /// Returns record number and weight of a pixel's splat; `which` is 0 for the one with the largest weight.
+    #[inline(always)]
+    pub(super) fn of(&self, row: usize, column: usize, which: usize) -> (u32, f32) {
         let (group, lane) = (row * GROUPS + column / LANES, column % LANES);
-        [0, 1].map(|i| (self.numbers[i][group][lane].to_bits(), self.weights[i][group][lane]))
+        (self.numbers[which][group][lane].to_bits(), self.weights[which][group][lane])
     }
 }
 

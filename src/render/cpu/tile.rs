@@ -122,6 +122,11 @@ impl Tile {
         self.owners.as_deref()
     }
 
+    /// Marks the tile as finished, so that it accepts no splats.
+    pub(super) fn finish(&mut self) {
+        self.open_rows = 0;
+    }
+
     pub(super) fn is_finished(&self) -> bool {
         self.open_rows == 0
     }

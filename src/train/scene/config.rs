@@ -17,6 +17,8 @@ pub const COMPONENT_BYTES: usize = 200;
 /// Default budget: maximum number of components of a scene, 400 MB at [`COMPONENT_BYTES`] each.
 pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 
+/// Default memory for textures, in megabytes.
+pub const DEFAULT_TEXTURE_MB: u32 = 200;
 /// Maximum memory for textures, in megabytes.
 pub const MAX_TEXTURE_MB: u32 = 100_000;
 

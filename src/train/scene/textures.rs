@@ -1,6 +1,6 @@
 //! Textures of components, learned from photographs (`textures.md`).
 
-use crate::math::camera::Camera;
+use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::model::scene::photometric::PhotometricState;
@@ -16,7 +16,7 @@ use crate::render::cpu::photometric::RowSubset;
 use crate::render::cpu::surfaces::{ShownSurface, SurfaceRow};
 use crate::render::{RenderMethod, RenderOptions, TILE};
 use crate::train::scene::photometric::TrainingView;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
@@ -24,9 +24,16 @@ use std::sync::{Arc, OnceLock};
 const REACH: f64 = 1.2;
 /// Pitch of the texels in pixels of the nearest view.
 const PITCH: f64 = 1.0;
+/// Level of the lattice from which a component gets a texture: 16 texels a side.
+const MIN_LEVEL: u8 = 2;
 /// Pixels of a photograph that add to textures, at most: larger photographs add every n-th row of tiles, other
 /// rows in every frame.
-const MOST_PIXELS: usize = 400_000;
+const MOST_PIXELS: usize = 160_000;
+/// The same for a photograph with at least [`FINER`] pixels per depth pixel, which shows more than splats can.
+const MOST_FINE_PIXELS: usize = 750_000;
+const FINER: f64 = 2.0;
+/// Pixels of a photograph by which textures are judged, at most.
+const MOST_JUDGED: usize = 100_000;
 /// Blending weight below which a splat shows too little of a pixel.
 const MIN_WEIGHT: f32 = 0.1;
 /// Coverage of a pixel below which the scene is incomplete there.
@@ -42,6 +49,9 @@ const PARTS: usize = 32;
 #[derive(Default)]
 pub(in crate::train::scene) struct TextureLearner {
     renderer: CpuRenderer,
+    /// What the rows of tiles of the latest photographs add; their memory is reused.
+    observed: Vec<Lists<Observed>>,
+    products: Vec<Lists<Products>>,
     /// Texture as drawn of every component; empty where it has changed since it was last drawn.
     drawn: Vec<OnceLock<Arc<Texture>>>,
 }
@@ -55,26 +65,10 @@ pub(in crate::train::scene) struct Taken<'a> {
     /// Factor from the photograph's colours to the scene's.
     pub gain: [f32; 3],
     pub margin: [f32; 2],
+    /// Number of pixels of the photograph per pixel of the depth image, at least 1.
+    pub per_depth_pixel: f64,
     /// Number of frames before this one.
     pub frame: u64,
-}
-
-/// Rows of tiles of a photograph that add to textures: one of `stride`, others in every frame.
-#[derive(Clone, Copy)]
-struct TileRows {
-    stride: usize,
-    first: usize,
-}
-
-impl TileRows {
-    fn of(pixels: usize, frame: u64) -> Self {
-        let stride = pixels.div_ceil(MOST_PIXELS).next_power_of_two();
-        Self { stride, first: frame as usize % stride }
-    }
-
-    fn contains(self, row: usize) -> bool {
-        row % self.stride == self.first
-    }
 }
 
 impl TextureLearner {
@@ -90,11 +84,14 @@ impl TextureLearner {
         taken: &Taken<'_>,
     ) {
         self.begin(state, changed, h, &taken.camera);
-        let shown = TileRows::of(taken.photograph.colors.data.len(), taken.frame);
-        let rows = self.visit(state, &taken.camera, taken.near, shown, |row| {
-            observations(row, taken, &state.textures)
+        let most = if taken.per_depth_pixel >= FINER { MOST_FINE_PIXELS } else { MOST_PIXELS };
+        let shown = tile_rows(&taken.camera.intrinsics, most, taken.frame);
+        let mut rows = std::mem::take(&mut self.observed);
+        self.visit(state, &taken.camera, taken.near, shown, &mut rows, |row, lists| {
+            list_observed(row, taken, &state.textures, lists);
         });
-        self.change(&mut state.textures, &rows, |texture, _, observed| texture.add(observed));
+        self.change(&mut state.textures, &rows, |_| (), TextureSums::add);
+        self.observed = rows;
         if state.coarsen_textures_to(budget) {
             self.forget_drawn();
         }
@@ -108,57 +105,67 @@ impl TextureLearner {
         view: &TrainingView,
         photograph: &Image<MeasuredPixel>,
     ) {
-        let shown = TileRows::of(photograph.data.len(), view.frame);
-        let rows = self.visit(state, &view.camera, view.near, shown, |row| {
-            products(row, view.rows, photograph, &state.textures)
+        let shown = tile_rows(&view.camera.intrinsics, MOST_JUDGED, view.frame);
+        let mut rows = std::mem::take(&mut self.products);
+        self.visit(state, &view.camera, view.near, shown, &mut rows, |row, lists| {
+            list_products(row, view.rows, photograph, &state.textures, lists);
         });
-        self.change(&mut state.textures, &rows, |texture, is_first, products| {
-            if is_first {
-                texture.fade();
-            }
-            texture.add_products(products);
-        });
+        self.change(&mut state.textures, &rows, TextureSums::fade, TextureSums::add_products);
+        self.products = rows;
     }
 
-    /// Draws the textured splats of a view and returns what `list` returns for the rows of tiles in `shown`.
+    /// Draws the textured splats of a view and calls `list` for the rows of tiles in `shown`.
     fn visit<T: Send>(
         &mut self,
         state: &PhotometricState,
         camera: &Camera,
         near: f64,
-        shown: TileRows,
-        list: impl Fn(&SurfaceRow<'_>) -> T + Sync,
-    ) -> Vec<T> {
-        let Some(splats) = SplatView::new(&state.splats, &state.appearance) else {
-            return Vec::new();
-        };
+        shown: Vec<usize>,
+        rows: &mut Vec<Lists<T>>,
+        list: impl Fn(&SurfaceRow<'_>, &mut Lists<T>) + Sync,
+    ) {
+        let has_textures = state.textures.iter().any(Option::is_some);
+        let splats = SplatView::new(&state.splats, &state.appearance);
+        let Some(splats) = splats.filter(|_| has_textures) else { return rows.clear() };
         let lattice = |splat: usize| Some(state.textures.get(splat)?.as_ref()?.lattice);
         let plain = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let options = RenderOptions { near, ..plain };
-        let shown = |row| shown.contains(row);
-        self.renderer.visit_surfaces(splats, &lattice, camera, &options, shown, list)
+        rows.resize_with(shown.len(), Lists::new);
+        let visited = rows.iter_mut().zip(shown).map(|(lists, row)| {
+            lists.resize_with(PARTS, Vec::new);
+            lists.iter_mut().for_each(Vec::clear);
+            (row, lists)
+        });
+        self.renderer.visit_surfaces(splats, &lattice, camera, &options, visited, list);
     }
 
-    /// Calls `change` for all listed items, with the texture and whether it is the texture's first item.
+    /// Calls `begin` once for every texture that has listed items, and `change` for every item.
     fn change<T: Sync>(
         &mut self,
         textures: &mut [Option<Arc<TextureSums>>],
         rows: &[Lists<T>],
-        change: impl Fn(&mut TextureSums, bool, &T) + Sync,
+        begin: impl Fn(&mut TextureSums) + Sync,
+        change: impl Fn(&mut TextureSums, &T) + Sync,
     ) {
-        let size = part_size(textures.len());
+        let bits = part_bits(textures.len());
         self.drawn.resize_with(textures.len(), OnceLock::new);
-        let tasks = textures.par_chunks_mut(size).zip(self.drawn.par_chunks_mut(size));
+        let tasks = textures.par_chunks_mut(1 << bits).zip(self.drawn.par_chunks_mut(1 << bits));
         tasks.enumerate().with_max_len(1).for_each(|(part, (textures, drawn))| {
-            let mut seen = vec![false; textures.len()];
+            // `Arc::make_mut` counts references atomically, which would take longer than adding an item.
+            let mut unchanged: Vec<_> = textures.iter_mut().map(Option::as_mut).collect();
+            let mut changed: Vec<Option<&mut TextureSums>> = Vec::new();
+            changed.resize_with(unchanged.len(), || None);
             for (component, item) in rows.iter().flat_map(|row| &row[part]) {
-                let at = *component as usize - part * size;
-                let Some(texture) = &mut textures[at] else { continue };
-                let is_first = !std::mem::replace(&mut seen[at], true);
-                if is_first {
+                let at = *component as usize - (part << bits);
+                if let Some(texture) = unchanged[at].take() {
+                    let texture = Arc::make_mut(texture);
+                    begin(texture);
                     drawn[at].take();
+                    changed[at] = Some(texture);
                 }
-                change(Arc::make_mut(texture), is_first, item);
+                if let Some(texture) = &mut changed[at] {
+                    change(texture, item);
+                }
             }
         });
     }
@@ -181,6 +188,10 @@ impl TextureLearner {
             let Some(depth) = depth_of(splat, camera) else { continue };
             let level = (2.0 * reach / (depth * per_depth * PATCH as f64)).log2().floor();
             let level = level.clamp(0.0, MAX_LEVEL.into()) as u8;
+            // Splats of few pixels show what the photograph shows.
+            if level < MIN_LEVEL && texture.is_none() {
+                continue;
+            }
             let texture =
                 texture.get_or_insert_with(|| Arc::new(TextureSums::new(splat, reach as f32)));
             let (is_finer, is_off) = (texture.lattice.level < level, !texture.fits(splat));
@@ -215,6 +226,13 @@ impl TextureLearner {
     }
 }
 
+/// Returns every n-th row of tiles of a photograph, others in every frame, with about `most` pixels in all.
+fn tile_rows(intrinsics: &Intrinsics, most: usize, frame: u64) -> Vec<usize> {
+    let [width, height] = [intrinsics.width, intrinsics.height].map(|n| n as usize);
+    let stride = (width * height).div_ceil(most).next_power_of_two();
+    (frame as usize % stride..height.div_ceil(TILE)).step_by(stride).collect()
+}
+
 /// Returns the depth of a splat's mean along the optical axis, world units; `None` behind the camera.
 fn depth_of(splat: &Splat, camera: &Camera) -> Option<f64> {
     let mean = DVec3::from_array(splat.mean.map(f64::from));
@@ -225,107 +243,130 @@ fn depth_of(splat: &Splat, camera: &Camera) -> Option<f64> {
 /// Items with their components, divided by component into [`PARTS`] lists.
 type Lists<T> = Vec<Vec<(u32, T)>>;
 
-/// Returns the number of components of a list, except that the last may have fewer.
-fn part_size(n_components: usize) -> usize {
-    n_components.div_ceil(PARTS).max(1)
+/// Returns the logarithm to base 2 of the number of components of a list, except that the last may have fewer.
+fn part_bits(n_components: usize) -> u32 {
+    n_components.div_ceil(PARTS).next_power_of_two().trailing_zeros()
 }
 
 /// Lists what a row of tiles of the photograph adds to textures.
-fn observations(
+fn list_observed(
     row: &SurfaceRow<'_>,
     taken: &Taken<'_>,
     textures: &[Option<Arc<TextureSums>>],
-) -> Lists<Observed> {
-    let size = part_size(textures.len());
+    lists: &mut Lists<Observed>,
+) {
+    let bits = part_bits(textures.len());
     let Image { width, height, .. } = *taken.photograph.colors;
-    let mut lists = vec![Vec::new(); PARTS];
     for y in row.top..(row.top + TILE).min(height) {
         let raw = &taken.photograph.colors.data[y * width..][..width];
         let pixels = taken.photograph.measured_row(y, taken.margin);
         for (x, (pixel, raw)) in pixels.zip(raw).enumerate() {
-            if raw[..3].iter().any(|&c| c >= SATURATED) {
+            if raw[..3].iter().any(|&c| c >= SATURATED) || !is_shown(row, [x, y], &pixel) {
                 continue;
             }
-            let color = [0, 1, 2].map(|c| pixel.color[c] * taken.gain[c]);
-            for (surface, texture) in surfaces(row, [x, y], &pixel, textures).into_iter().flatten()
-            {
+            let ([r, g, b], gain) = (pixel.color, taken.gain);
+            let color = [r * gain[0], g * gain[1], b * gain[2]];
+            let ray = row.ray(x, y);
+            for which in 0..2 {
+                let Some((surface, texture)) = surface(row, [x, y], which, ray, &pixel, textures)
+                else {
+                    continue;
+                };
                 if let Some(observed) = observed(texture, &surface, color) {
-                    lists[surface.splat as usize / size].push((surface.splat, observed));
+                    lists[surface.splat as usize >> bits].push((surface.splat, observed));
                 }
             }
         }
     }
-    lists
 }
 
 /// Lists the products of a row of tiles for [`TextureSums::add_products`].
-fn products(
+fn list_products(
     row: &SurfaceRow<'_>,
     compared: RowSubset,
     photograph: &Image<MeasuredPixel>,
     textures: &[Option<Arc<TextureSums>>],
-) -> Lists<Products> {
-    let size = part_size(textures.len());
-    let mut lists = vec![Vec::new(); PARTS];
+    lists: &mut Lists<Products>,
+) {
+    let bits = part_bits(textures.len());
     let rows = row.top..(row.top + TILE).min(photograph.height);
     let is_compared = |y: &usize| *y as u32 % compared.stride() == compared.first();
     for y in rows.filter(is_compared) {
         let pixels = &photograph.data[y * photograph.width..][..photograph.width];
         for (x, pixel) in pixels.iter().enumerate() {
-            for (surface, texture) in surfaces(row, [x, y], pixel, textures).into_iter().flatten() {
+            if !is_shown(row, [x, y], pixel) {
+                continue;
+            }
+            let (drawn, ray) = (row.color(x, y), row.ray(x, y));
+            for which in 0..2 {
+                let Some((surface, texture)) = surface(row, [x, y], which, ray, pixel, textures)
+                else {
+                    continue;
+                };
                 let Some(own) = observed(texture, &surface, pixel.color) else { continue };
-                let (drawn, _) = row.drawn(x, y);
+                let mut products = Products::default();
                 let samples = texture.samples_without(surface.place, &own);
-                let products = samples.map(|sample| {
-                    let of_channel = |c: usize| {
-                        let replaced = sample.share * (drawn[c] - surface.shift[c]);
-                        let correction = sample.color[c] - replaced;
-                        [correction * (pixel.color[c] - drawn[c]), correction * correction]
-                    };
-                    let [r, g, b] = [0, 1, 2].map(of_channel);
-                    let products = [0, 1].map(|i| r[i] + g[i] + b[i]);
-                    products.map(|sum| (surface.weight * sum * PRODUCT_ONE).round() as i32)
-                });
-                lists[surface.splat as usize / size].push((surface.splat, products));
+                for (products, sample) in products.iter_mut().zip(samples) {
+                    let (mut cross, mut power) = (0.0, 0.0);
+                    for (channel, &drawn) in drawn.iter().enumerate() {
+                        let replaced = sample.share * (drawn - surface.shift[channel]);
+                        let correction = sample.color[channel] - replaced;
+                        cross += correction * (pixel.color[channel] - drawn);
+                        power += correction * correction;
+                    }
+                    let unit = surface.weight * PRODUCT_ONE;
+                    *products = [(unit * cross) as i32, (unit * power) as i32];
+                }
+                lists[surface.splat as usize >> bits].push((surface.splat, products));
             }
         }
     }
-    lists
 }
 
-/// Returns the surfaces that a pixel of a photograph shows, with their textures.
-fn surfaces<'a>(
+/// True if a photograph's pixel shows surfaces of the scene, without background.
+#[inline(always)]
+fn is_shown(row: &SurfaceRow<'_>, [x, y]: [usize; 2], pixel: &MeasuredPixel) -> bool {
+    // Photographs without alpha have unknown coverage, which is not a number and fails the comparison.
+    let is_mixed = pixel.coverage < MIN_OPAQUE;
+    !is_mixed && row.coverage(x, y) >= MIN_COVERED
+}
+
+/// Returns a surface that a pixel of a photograph shows, with its texture; `which` is 0 for the one with the
+/// largest weight.
+#[inline(always)]
+fn surface<'a>(
     row: &SurfaceRow<'_>,
-    [x, y]: [usize; 2],
+    at: [usize; 2],
+    which: usize,
+    ray: Vec3,
     pixel: &MeasuredPixel,
     textures: &'a [Option<Arc<TextureSums>>],
-) -> [Option<(ShownSurface, &'a TextureSums)>; 2] {
-    // False for the unknown coverage of photographs without alpha, which is not a number.
-    if pixel.coverage < MIN_OPAQUE || row.drawn(x, y).1 < MIN_COVERED {
-        return [None; 2];
-    }
-    row.at(x, y).map(|surface| {
-        let surface = surface?;
-        // The photograph may show another surface than the one that the splat is part of.
-        let apart = (surface.depth - pixel.depth).abs() * pixel.per_tolerance;
-        let texture = textures.get(surface.splat as usize)?.as_deref()?;
-        (surface.weight >= MIN_WEIGHT && apart <= 1.0).then_some((surface, texture))
-    })
+) -> Option<(ShownSurface, &'a TextureSums)> {
+    let surface = row.at(at, which, ray, MIN_WEIGHT)?;
+    // The photograph may show another surface than the one that the splat is part of.
+    let apart = (surface.depth - pixel.depth).abs() * pixel.per_tolerance;
+    let texture = textures.get(surface.splat as usize)?.as_deref()?;
+    (apart <= 1.0).then_some((surface, texture))
 }
 
 /// Returns what a pixel of colour `color` adds to the texture of a surface that it shows; `None` outside of
 /// the lattice.
+#[inline(always)]
 fn observed(texture: &TextureSums, surface: &ShownSurface, color: [f32; 3]) -> Option<Observed> {
-    let side = texture.lattice.side();
     let [x, y] = surface.place;
-    let inside = |v: f32| v >= 0.0 && v < side as f32;
-    if !(inside(x) && inside(y)) {
+    let side = texture.lattice.side() as f32;
+    if !(x >= 0.0 && y >= 0.0 && x < side && y < side) {
         return None;
     }
-    let limited = |c: f32| (c.clamp(-MAX_COLOR, MAX_COLOR) * COLOR_ONE).round() as i16;
+    let mut limited = [0; 3];
+    for (limited, (color, shift)) in limited.iter_mut().zip(color.into_iter().zip(surface.shift)) {
+        // Rounded by a cast of a positive number; `round` is a call of a function.
+        let positive = ((color - shift).clamp(-MAX_COLOR, MAX_COLOR) + MAX_COLOR) * COLOR_ONE;
+        *limited = (positive + 0.5) as i16 - (MAX_COLOR * COLOR_ONE) as i16;
+    }
     Some(Observed {
-        texel: (y as usize * side + x as usize) as u16,
-        weight: (surface.weight.min(1.0) * WEIGHT_ONE).round() as u16,
-        color: [0, 1, 2].map(|c| limited(color[c] - surface.shift[c])),
+        texel: texture.lattice.number_of([x as usize, y as usize]),
+        weight: (surface.weight.min(1.0) * WEIGHT_ONE + 0.5) as u16,
+        color: limited,
     })
 }

@@ -12,7 +12,7 @@ use crate::dataset::wild_poses::outlier_poses;
 use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::scene::config::SceneConfig;
+use crate::train::scene::config::{DEFAULT_TEXTURE_MB, SceneConfig};
 use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
 use crate::train::setting::ConfigError;
@@ -38,6 +38,11 @@ impl SceneRun {
         overrides.apply(&mut run);
         SceneOverrides::check(&run)?;
         check_photometric(overrides, &run.engine)?;
+        // Plain splats are exported without loss, which textures would be.
+        let is_plain = overrides.splats == Some(SplatKind::Plain);
+        if overrides.textures.is_none() && (run.engine.photometric.is_none() || is_plain) {
+            run.engine.texture_mb = 0;
+        }
         // Checked before frames are sampled, so that a calibration for another aspect ratio is refused
         // at once.
         if let Some(camera) = run.surface.calibration.as_ref().and_then(|given| given.color_camera)
@@ -72,6 +77,7 @@ impl SceneRun {
         surface.sampling = sampling(surface.sensor, pixels);
         let mut engine = sensor_defaults(surface.sensor);
         engine.photometric = PhotometricMode::Light.rule();
+        engine.texture_mb = DEFAULT_TEXTURE_MB;
         engine.track = dataset.options.track;
         let scale = StructuralScale::Pixels(DEFAULT_PIXELS);
         Self { seed: 0, scale, budget: None, engine, surface }

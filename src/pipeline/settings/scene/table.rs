@@ -73,7 +73,7 @@ settings! {
     /// for. Where the memory is too little, all texels become coarser.
     textures: usize {
         label "Textures (MB)";
-        default "0";
+        default by "200; none without photometric training and with plain splats";
         range "0 to {MAX_TEXTURE_MB} MB", |mb| *mb <= MAX_TEXTURE_MB as usize;
         get |run| Some(run.engine.texture_mb as usize);
         set |run, mb| run.engine.texture_mb = mb as u32;

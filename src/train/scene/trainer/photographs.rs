@@ -39,9 +39,9 @@ fn nearest(points: &[SurfacePoint]) -> f64 {
 }
 
 /// Returns the number of pixels of a photograph per pixel of its depth image, at least 1.
-fn pixels_for_each(depth: &Intrinsics, pixels: usize) -> f64 {
+fn pixels_for_each(depth: &Intrinsics, photograph: &Photograph) -> f64 {
     let depth = f64::from(depth.width) * f64::from(depth.height);
-    (pixels as f64 / depth).max(1.0)
+    (photograph.colors.data.len() as f64 / depth).max(1.0)
 }
 
 /// Photometric training of a scene: learner, temporary state for drawing, and comparisons.
@@ -134,6 +134,7 @@ impl Photographs {
                 near: near_plane_for(nearest(&frame.points)),
                 gain,
                 margin: frame.tolerance.margin,
+                per_depth_pixel: pixels_for_each(&frame.camera.intrinsics, photograph),
                 frame: scene.frames,
             };
             let PhotometricLearner { state, textures, .. } = &mut self.learner;
@@ -172,7 +173,7 @@ impl Photographs {
         let camera = photograph.camera(&camera.pose);
         let near = near_plane_for(nearest(&frame.points));
         let pixels = photograph.colors.data.len();
-        let per_depth_pixel = pixels_for_each(&frame.camera.intrinsics, pixels);
+        let per_depth_pixel = pixels_for_each(&frame.camera.intrinsics, photograph);
         let rows = RowSubset::new(rule.row_stride(pixels, per_depth_pixel), scene.frames);
         let margin = frame.tolerance.margin;
         let extents = |id| scene.extent(id);
