@@ -4,7 +4,7 @@ use super::marks::{Edits, Mark};
 use super::past::PastScene;
 use crate::app::splat_updates::{SplatChange, apply};
 use crate::math::camera::Camera;
-use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
+use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::render::Lens;
 use crate::render::finish::MARKER_COLOR;
@@ -43,20 +43,6 @@ impl VisibilityRules {
             Some(_) => (Splat { color: MARKER_COLOR, ..splat }, Appearance::default()),
             None => (splat, appearance),
         }
-    }
-
-    /// Returns how pixels are finished: without the textures of highlighted splats, which would cover the
-    /// highlight.
-    fn finishing(&self, scene: &SplatSet) -> Finishing {
-        let kept = |(slot, texture): (usize, &Option<_>)| {
-            let is_marked =
-                slot < scene.len() && self.edits.mark(slot as u32, &scene[slot]).is_some();
-            texture.clone().filter(|_| !is_marked)
-        };
-        let finishing = scene.finishing().clone();
-        let textures = finishing.textures.as_ref();
-        let textures = textures.map(|all| Arc::new(all.iter().enumerate().map(kept).collect()));
-        Finishing { textures, ..finishing }
     }
 }
 
@@ -126,7 +112,7 @@ impl VisibleSplats {
     }
 
     fn displayed(&self, slots: impl Iterator<Item = u32>, scene: &SplatSet) -> Arc<SplatSet> {
-        let mut splats = SplatSet::default().finished(self.rules.finishing(scene));
+        let mut splats = SplatSet::default().finished(scene.finishing().clone());
         for slot in slots {
             let (splat, appearance) = self.rules.displayed(slot, scene);
             splats.push(splat, appearance);
@@ -181,7 +167,6 @@ mod tests {
     use crate::app::edit::marks::SelectMode;
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
-    use crate::model::splat::texture::{ABSENT, Lattice, Texture};
 
     fn scene(n: usize) -> Arc<SplatSet> {
         let splat = |i: usize| Splat {
@@ -229,22 +214,6 @@ mod tests {
         let change = visible.set_rules(VisibilityRules::default(), &colored).unwrap();
         assert!(matches!(change, SplatChange::All(all) if all == colored));
         assert!(visible.splats().is_none());
-    }
-
-    #[test]
-    fn textures_do_not_cover_the_highlight() {
-        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-        let lattice = Lattice { anchor: [0.0; 3], axes, half: 1.0, level: 0 };
-        let texture = Arc::new(Texture { lattice, index: vec![ABSENT], patches: Vec::new() });
-        let textures = Some(Arc::new(vec![Some(texture); 3]));
-        let textured = Finishing { textures, ..Finishing::default() };
-        let colored = Arc::new(SplatSet::from(scene(2).to_vec()).finished(textured));
-        let edits = Edits::default().with_selection([1], &colored, SelectMode::Replace);
-        let mut visible = VisibleSplats::default();
-        visible.set_rules(VisibilityRules { edits, ..VisibilityRules::default() }, &colored);
-        let shown = visible.splats().unwrap().finishing().textures.clone().unwrap();
-        let is_textured: Vec<bool> = shown.iter().map(Option::is_some).collect();
-        assert_eq!(is_textured, [true, false, true]);
     }
 
     #[test]
