@@ -24,7 +24,7 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
         if ui.horizontal(|ui| choices(&mut split, &splits, ui)).inner {
             // Also sets the opacity mapping that measured best with this split; the user can still change
             // it below.
-            *mapping = Mapping::for_split(split);
+            *mapping = Mapping { detail: mapping.detail, ..Mapping::for_split(split) };
         }
         ui.end_row();
         ui.label("Opacity above 1");
@@ -33,6 +33,14 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
             (OpacityMapping::Clip, "Clip", "Limits the opacity; splats keep their size"),
         ];
         ui.horizontal(|ui| choices(&mut mapping.opacity, &opacities, ui));
+        ui.end_row();
+        ui.label("Textures");
+        let details = [
+            (None, "Leave out", "Writes each splat in its own colour"),
+            (Some(100_000), "100,000 splats", "Replaces splats with textures by small ones"),
+            (Some(400_000), "400,000 splats", "Sharper, in a file four times as large"),
+        ];
+        ui.horizontal(|ui| choices(&mut mapping.detail, &details, ui));
         ui.end_row();
     });
     ui.add_space(4.0);
@@ -79,7 +87,10 @@ pub fn losses(scene: SplatView<'_>, format: ModelFormat, mapping: Mapping) -> Ve
     if !is_plain(scene) {
         describe_plain_losses(scene, mapping, &mut losses);
     }
-    losses.extend(mapping::lost_textures(scene));
+    losses.extend(match (mapping::lost_textures(scene), mapping.detail) {
+        (Some(_), Some(most)) => Some(format!("Textures become about {most} small splats")),
+        (lost, _) => lost,
+    });
     if scene.finishing().exposures.is_some() {
         losses.push("Exposures of the photographs are not stored".to_owned());
     }

@@ -185,14 +185,20 @@ fn y_up_axes(args: &ExportArgs, format: &dyn std::fmt::Display) -> Result<(), Fa
 fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
     let path = args.model.display();
     if let Some(option) =
-        args.mapping.first_given_option().filter(|_| mapping::is_plain(model.splats.view()))
+        args.mapping.first_for_natives().filter(|_| mapping::is_plain(model.splats.view()))
     {
         eprintln!(
             "note: {path}: no splat has an opacity above 1 or a colour gradient: {option} has no effect"
         );
     }
-    if let Some(loss) = mapping::lost_textures(model.splats.view()) {
-        eprintln!("note: {path}: {loss}");
+    match (mapping::lost_textures(model.splats.view()), args.mapping.export_detail) {
+        (Some(loss), None) => {
+            eprintln!("note: {path}: {loss}; --export-detail writes them as small splats");
+        }
+        (None, Some(_)) => {
+            eprintln!("note: {path}: no splat has a texture: --export-detail has no effect");
+        }
+        _ => {}
     }
     let is_turned = is_turned || !matches!(args.axes, Axes::AsIs);
     if is_turned && args.up.is_none() && model.up.is_none() {

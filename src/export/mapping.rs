@@ -39,6 +39,8 @@ pub struct Mapping {
     pub opacity: OpacityMapping,
     /// Treatment of colour gradients.
     pub split: GradientSplit,
+    /// Number of small splats, about, that replace splats with textures; `None` leaves textures out.
+    pub detail: Option<usize>,
 }
 
 /// Treatment of opacities above 0.99.
@@ -102,7 +104,7 @@ impl Mapping {
             GradientSplit::One | GradientSplit::Two => OpacityMapping::EqualArea,
             GradientSplit::Four => OpacityMapping::Clip,
         };
-        Self { opacity, split }
+        Self { opacity, split, detail: None }
     }
 
     /// Returns the factor by which a splat's standard deviations are multiplied. `full_coverage` is the

@@ -42,6 +42,7 @@ pub mod mapping;
 pub mod mesh;
 pub mod video;
 
+mod detail;
 mod gaussian;
 mod glb;
 mod harmonics;

@@ -3,12 +3,14 @@
 //! Each row stores only the indices of its splat and of the piece (see [`mapping`]), and its values are
 //! computed on demand. A plain copy of a native scene would take as much memory as the scene.
 
+use super::detail::Detail;
 use super::error::Fault;
 use super::format::{Axes, ModelFormat, WriteOptions, WriteSelection};
 use super::gaussian::{AxisRotation, Gaussian, drawable_at};
 use super::mapping::{self, Mapping};
 use super::stream::SplatRows;
-use crate::model::splat::appearance::SplatView;
+use crate::model::splat::appearance::{Appearance, SplatView};
+use crate::model::splat::splats::Splat;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -16,6 +18,8 @@ pub(super) struct ExportRows<'a> {
     view: SplatView<'a>,
     /// Conversion of native splats; `None` for plain splats and point clouds.
     mapping: Option<Mapping>,
+    /// Small splats in place of those with textures.
+    detail: Detail,
     turn: AxisRotation,
     unit_scale: f64,
     rows: Vec<Row>,
@@ -27,7 +31,8 @@ pub(super) struct ExportRows<'a> {
 #[derive(Clone, Copy)]
 struct Row {
     splat: u32,
-    piece: u8,
+    /// Number of a piece of the mapping, or of a small splat of its texture.
+    piece: u32,
 }
 
 impl<'a> ExportRows<'a> {
@@ -36,29 +41,38 @@ impl<'a> ExportRows<'a> {
         let is_points = options.format == ModelFormat::PointCloudPly;
         // Points have neither a flat top nor a gradient.
         let mapping = (!is_points && !mapping::is_plain(view)).then_some(options.mapping);
+        let most = options.mapping.detail.filter(|_| !is_points);
+        let detail = most.map_or_else(Detail::default, |most| Detail::new(view, most));
         let (selection, evidence) = (options.selection, options.confidence);
-        let rows_of = |i: usize| -> Option<(u8, bool)> {
+        let selects = |i: usize, mean: DVec3| selection.selects(i, mean, evidence);
+        let selects_small =
+            |i: usize, small: &Splat| selects(i, DVec3::from_array(small.mean.map(f64::from)));
+        let rows_of = |i: usize| -> Option<(u32, bool)> {
             let native = drawable_at(view, i)?;
+            if let Some(small) = detail.of(i) {
+                let is_selected = small.iter().any(|small| selects_small(i, small));
+                return Some((if is_selected { small.len() as u32 } else { 0 }, false));
+            }
             let n_pieces = mapping.map_or(1, |mapping| mapping::n_pieces(&native, mapping));
-            let n_pieces = match selection.selects(i, native.mean, evidence) {
-                true => n_pieces as u8,
-                false => 0,
-            };
+            let n_pieces = if selects(i, native.mean) { n_pieces as u32 } else { 0 };
             Some((n_pieces, !native.is_diffuse()))
         };
-        let found: Vec<Option<(u8, bool)>> =
+        let found: Vec<Option<(u32, bool)>> =
             (0..view.splats().len()).into_par_iter().map(rows_of).collect();
         let mut rows = Vec::new();
         for (i, n_pieces) in found.iter().enumerate().filter_map(|(i, f)| Some((i, (*f)?.0))) {
             let row = |piece| Row { splat: i as u32, piece };
-            // A piece of a split splat may be too large for f32 although the splat is not.
-            let fits =
-                |piece: &u8| mapping.is_none() || plain(view, row(*piece), mapping).is_some();
+            let fits = |piece: &u32| match detail.of(i) {
+                Some(small) => small.get(*piece as usize).is_some_and(|s| selects_small(i, s)),
+                // A piece of a split splat may be too large for f32 although the splat is not.
+                None => mapping.is_none() || plain(view, row(*piece), mapping).is_some(),
+            };
             rows.extend((0..n_pieces).filter(fits).map(row));
         }
         Ok(Self {
             view,
             mapping,
+            detail,
             turn: file_rotation(options),
             unit_scale: options.unit_scale,
             rows,
@@ -76,6 +90,9 @@ impl<'a> ExportRows<'a> {
     #[expect(clippy::indexing_slicing, reason = "rows are below the number of rows")]
     pub fn in_world(&self, row: usize) -> Gaussian {
         let row = self.rows[row];
+        if let Some(small) = self.detail.of(row.splat as usize) {
+            return Gaussian::from_splat(&small[row.piece as usize], &Appearance::default());
+        }
         // Rows only refer to drawable splats, so the fallback is never used.
         plain(self.view, row, self.mapping).unwrap_or(Gaussian::INVISIBLE)
     }
@@ -104,7 +121,7 @@ fn plain(view: SplatView, row: Row, mapping: Option<Mapping>) -> Option<Gaussian
     let i = row.splat as usize;
     let native = drawable_at(view, i)?;
     let Some(mapping) = mapping else { return Some(native) };
-    let (splat, appearance) = mapping::plain_piece(view, i, &native, row.piece.into(), mapping)?;
+    let (splat, appearance) = mapping::plain_piece(view, i, &native, row.piece as usize, mapping)?;
     Some(Gaussian::from_splat(&splat, &appearance))
 }
 

@@ -73,6 +73,16 @@ fn mappings_do_not_touch_plain_scenes() {
 }
 
 #[test]
+fn textures_become_small_splats_or_are_named() {
+    let scratch = Scratch::with_scene();
+    let none = scratch.run("export out/scene.ply -o a.ply --export-detail 100").succeeds().stderr;
+    assert!(none.contains("no splat has a texture: --export-detail has no effect"), "{none}");
+    let mesh = "export out/checkpoint.vbgs -o a.obj --as mesh --export-detail 100";
+    scratch.run(mesh).fails(2, &["--export-detail", "a setting of splats"]);
+    scratch.run("export out/scene.ply -o a.ply --export-detail 0").fails(2, &["1 or more"]);
+}
+
+#[test]
 fn exports_are_chosen_turned_scaled_and_meshed() {
     let scratch = Scratch::with_room();
     scratch.run("train room --out run").succeeds();

@@ -92,7 +92,7 @@ fn a_stored_scene_is_a_model() {
 #[test]
 fn info_tells_what_a_stored_scene_holds() {
     let scratch = Scratch::with_room();
-    scratch.run(&format!("{TRAIN} --out out --max-frames 5")).succeeds();
+    scratch.run(&format!("{TRAIN} --out out --max-frames 5 --set textures=0")).succeeds();
     let info = scratch.run("info out/checkpoint.vbgs --json").succeeds().json();
     let summary = scratch.json("out/report.json")["summary"].clone();
     assert_eq!((&info["kind"], &info["version"]), (&"checkpoint".into(), &"1.2".into()));

@@ -7,6 +7,7 @@ mod checkpoint;
 #[path = "../common/mod.rs"]
 mod common;
 mod degree_1;
+mod detail;
 mod faults;
 mod figures;
 mod glb;

@@ -18,7 +18,9 @@ const SPLITS: [GradientSplit; 3] = [GradientSplit::One, GradientSplit::Two, Grad
 const OPACITIES: [OpacityMapping; 2] = [OpacityMapping::EqualArea, OpacityMapping::Clip];
 
 fn mappings() -> impl Iterator<Item = Mapping> {
-    SPLITS.into_iter().flat_map(|split| OPACITIES.map(|opacity| Mapping { opacity, split }))
+    SPLITS
+        .into_iter()
+        .flat_map(|split| OPACITIES.map(|opacity| Mapping { opacity, split, detail: None }))
 }
 
 /// Random splats with gradients and view dependence, with opacities in a range.
@@ -92,7 +94,8 @@ fn covered_area(opacity: f64) -> f64 {
 #[test]
 fn equal_area_covers_what_the_flat_top_covered() {
     // Split splats are not widened further, so only the factor of the flat top remains.
-    let mapping = Mapping { opacity: OpacityMapping::EqualArea, split: GradientSplit::Two };
+    let mapping =
+        Mapping { opacity: OpacityMapping::EqualArea, split: GradientSplit::Two, detail: None };
     let widened = |opacity: f32| {
         let splat = Splat { opacity, scale: [0.3, 0.2, 0.1], ..Splat::default() };
         let gradient = [[1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]];
@@ -117,7 +120,7 @@ fn single_splats_are_widened_as_measured() {
     for (opacity, factor) in
         [(OpacityMapping::EqualArea, 1.3 / 1.2), (OpacityMapping::Clip, 1.5 / 1.2)]
     {
-        let mapping = Mapping { opacity, split: GradientSplit::One };
+        let mapping = Mapping { opacity, split: GradientSplit::One, detail: None };
         let plain = to_plain(native.view(), mapping).unwrap();
         for (a, b) in native.iter().zip(plain.iter()) {
             assert_eq!(a.mean, b.mean);
@@ -126,7 +129,8 @@ fn single_splats_are_widened_as_measured() {
         }
     }
     let opaque = Splat { opacity: 3.0, scale: [0.2; 3], ..Splat::default() };
-    let clipped = Mapping { opacity: OpacityMapping::Clip, split: GradientSplit::One };
+    let clipped =
+        Mapping { opacity: OpacityMapping::Clip, split: GradientSplit::One, detail: None };
     let plain = to_plain(SplatView::from(&[opaque]), clipped).unwrap();
     assert_eq!((plain[0].opacity, plain[0].scale), (0.99, [0.25; 3]));
 }
@@ -222,7 +226,7 @@ fn awkward_splats() {
     let expected: usize = cases.iter().map(|c| c.2).sum();
     let folder = tempfile::tempdir().unwrap();
     for opacity in OPACITIES {
-        let mapping = Mapping { opacity, split: GradientSplit::Four };
+        let mapping = Mapping { opacity, split: GradientSplit::Four, detail: None };
         let plain = to_plain(native.view(), mapping).unwrap();
         assert_eq!(plain.len(), expected);
         for splat in plain.iter() {

@@ -40,7 +40,7 @@ type PresetChange = (&'static str, fn(&mut SceneRun));
 
 /// Parts of the preset with the changes that disable them, in table order (`scene.md`, Effect of each
 /// part).
-const PARTS: [PresetChange; 12] = [
+const PARTS: [PresetChange; 13] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
         run.surface.flying_pixels = false;
@@ -56,7 +56,11 @@ const PARTS: [PresetChange; 12] = [
     ("colour gradient", |run| run.engine.splat_rule.gradient = false),
     // At 1 only fully covered pixels count as full, so nothing is filled.
     ("closing", |run| run.engine.splat_rule.full_coverage = 1.0),
-    ("photographs", |run| run.engine.photometric = None),
+    ("photographs", |run| {
+        run.engine.photometric = None;
+        run.engine.texture_mb = 0;
+    }),
+    ("textures", |run| run.engine.texture_mb = 0),
 ];
 
 /// Further changes of the preset, other than leaving out one part.
@@ -66,7 +70,10 @@ const CHANGES: [PresetChange; 7] = [
         run.engine.splat_rule.directional = false;
     }),
     ("opacity from the number of points only", opacity_of_count),
-    ("plain splats", |run| run.engine.splat_rule = run.engine.splat_rule.plain()),
+    ("plain splats", |run| {
+        run.engine.splat_rule = run.engine.splat_rule.plain();
+        run.engine.texture_mb = 0;
+    }),
     ("no prior of the covariance", |run| run.engine.splat_rule.prior_points = 0.0),
     ("loose inliers, no calibration", |run| {
         loose_inliers(run);

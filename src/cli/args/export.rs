@@ -1,6 +1,8 @@
 //! Arguments of `export`.
 
-use crate::cli::args::{axis, documented_choice, parse_box, parse_positive, parse_unit_scale};
+use crate::cli::args::{
+    axis, documented_choice, parse_box, parse_count, parse_positive, parse_unit_scale,
+};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use std::path::PathBuf;
@@ -79,10 +81,19 @@ pub struct MappingArgs {
     /// [default: 1]
     #[arg(long, value_parser = documented_choice::<GradientSplit>())]
     pub export_split: Option<GradientSplit>,
+    /// Small splats, about, that PLY, GLB and SPZ hold in place of splats with textures [default: textures
+    /// are left out]
+    #[arg(long, value_name = "SPLATS", value_parser = parse_count)]
+    pub export_detail: Option<usize>,
 }
 
 impl MappingArgs {
     pub fn first_given_option(&self) -> Option<&'static str> {
+        self.first_for_natives().or(self.export_detail.map(|_| "--export-detail"))
+    }
+
+    /// Returns the first given option that only native splats heed.
+    pub fn first_for_natives(&self) -> Option<&'static str> {
         let mapping = self.export_mapping.map(|_| "--export-mapping");
         mapping.or(self.export_split.map(|_| "--export-split"))
     }
@@ -90,6 +101,7 @@ impl MappingArgs {
     pub fn mapping(&self) -> Mapping {
         // The best treatment of opacities depends on the split: equal areas for one or two, clipping for four.
         let best = Mapping::for_split(self.export_split.unwrap_or_default());
-        Mapping { opacity: self.export_mapping.unwrap_or(best.opacity), ..best }
+        let opacity = self.export_mapping.unwrap_or(best.opacity);
+        Mapping { opacity, detail: self.export_detail, ..best }
     }
 }

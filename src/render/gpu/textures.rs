@@ -13,7 +13,6 @@ use super::growing::{MIB, allocate};
 use super::task::{IN, WORD};
 use crate::model::splat::texture::{TEXELS, Texture, Textures};
 use std::sync::Arc;
-use wgpu::util::DeviceExt;
 
 /// Words of a lattice: anchor, two axes, texels per world unit, texels per side.
 pub(super) const LATTICE_WORDS: usize = 11;
@@ -287,11 +286,14 @@ impl<'a> Staged<'a> {
         let words = std::mem::take(&mut self.words);
         let copies = std::mem::take(&mut self.copies);
         let Some(to) = self.to.filter(|_| !words.is_empty()) else { return };
-        let from = self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        // Not mapped at creation: a lost device has no memory to map, and wgpu panics.
+        let from = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("changed textures"),
-            contents: bytemuck::cast_slice(&words),
-            usage: wgpu::BufferUsages::COPY_SRC,
+            size: words.len() as u64 * WORD,
+            usage: wgpu::BufferUsages::COPY_SRC.union(wgpu::BufferUsages::COPY_DST),
+            mapped_at_creation: false,
         });
+        self.queue.write_buffer(&from, 0, bytemuck::cast_slice(&words));
         let mut encoder = self.device.create_command_encoder(&Default::default());
         for copy in copies {
             let [at, into, n] = copy.map(|n_words| n_words as u64 * WORD);
