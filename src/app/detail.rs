@@ -23,6 +23,8 @@ pub const FINEST_PX: f64 = 0.5;
 pub struct DetailForecast {
     pub components: f64,
     pub model_bytes: f64,
+    /// Memory of textures, part of `model_bytes`.
+    pub texture_bytes: f64,
     pub frame_ms: f64,
 }
 
@@ -68,9 +70,12 @@ pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
     // Components cover surfaces, so their number is inversely proportional to the squared scale.
     let components = (used * (run.engine.h / length).powi(2)).min(run.engine.max_components as f64);
     let factor = components / used;
+    let texture_bytes = snapshot.model.texture_bytes as f64;
     Some(DetailForecast {
         components,
-        model_bytes: snapshot.model.bytes as f64 * factor,
+        // Textures have the resolution of the photographs at any scale.
+        model_bytes: (snapshot.model.bytes as f64 - texture_bytes) * factor + texture_bytes,
+        texture_bytes,
         frame_ms: quantile(&ms, 0.5) * (1.0 + COMPONENT_SHARE * (factor - 1.0)),
     })
 }

@@ -203,6 +203,8 @@ pub struct ModelSize {
     pub components: usize,
     pub used: usize,
     pub bytes: usize,
+    /// Memory of textures, part of `bytes`.
+    pub texture_bytes: usize,
 }
 
 #[derive(Clone, Copy, Debug, Default)]

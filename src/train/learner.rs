@@ -82,6 +82,8 @@ pub struct Status {
     pub used: usize,
     /// Memory of the model in bytes, without training buffers.
     pub model_bytes: usize,
+    /// Memory of textures in bytes, part of `model_bytes`.
+    pub texture_bytes: usize,
     /// True if the scene is drawn as if all buffered photographs had been trained on (see
     /// [`Learner::settle`]).
     pub is_settled: bool,

@@ -140,6 +140,13 @@ fn forecast_card(
                 snapshot.frames_done
             );
             ui.add(Label::new(text).wrap());
+            if forecast.texture_bytes > 0.0 {
+                let text = format!(
+                    "{:.1} MB of these are textures: colour as fine as the photographs, whatever the scale; Settings limits their memory",
+                    1e-6 * forecast.texture_bytes
+                );
+                ui.add(Label::new(RichText::new(text).weak()).wrap());
+            }
         }
         None => {
             ui.label(RichText::new("A forecast appears after the first trained frame").weak());

@@ -118,6 +118,7 @@ impl WorkerThread {
         snapshot.model.components = status.components;
         snapshot.model.used = status.used;
         snapshot.model.bytes = status.model_bytes;
+        snapshot.model.texture_bytes = status.texture_bytes;
         // Frames are only added to the list; snapshots share it until then.
         if snapshot.frames.skipped.len() != session.skipped().len() {
             snapshot.frames.skipped = Arc::new(session.skipped().to_vec());

@@ -58,9 +58,9 @@ impl PhotometricState {
         + size_of::<[f32; N_FORM_PRECISION]>()
         + size_of::<[f32; N_COLOR_PRECISION]>();
 
-    /// Returns the memory used, in bytes, without buffered photographs.
-    pub fn bytes(&self) -> usize {
-        self.splats.len() * Self::BYTES + self.texture_bytes()
+    /// Returns the memory used by splats, in bytes.
+    pub fn splat_bytes(&self) -> usize {
+        self.splats.len() * Self::BYTES
     }
 
     /// Returns the memory used by textures, in bytes.

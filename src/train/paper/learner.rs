@@ -89,6 +89,7 @@ impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
             components: model.len(),
             used: statistics.used(),
             model_bytes: model.len() * (of_start + statistics.row_bytes()),
+            texture_bytes: 0,
             is_settled: false,
             warnings: Vec::new(),
         }

@@ -52,12 +52,15 @@ impl Learns<Observation> for SceneTrainer {
 impl Learner for SceneTrainer {
     fn status(&self) -> Status {
         let Scene { sums, seeds, frames, .. } = &self.scene;
+        let texture_bytes = self.photographs.learner.state.texture_bytes();
+        let of_splats = self.photographs.learner.state.splat_bytes();
         Status {
             frames: *frames,
             // Rows of sums, used or free.
             components: sums.len(),
             used: seeds.components.used(),
-            model_bytes: sums.bytes() + seeds.bytes() + self.photographs.learner.state.bytes(),
+            model_bytes: sums.bytes() + seeds.bytes() + of_splats + texture_bytes,
+            texture_bytes,
             is_settled: self.photographs.settled.is_some(),
             warnings: self.warnings(),
         }
