@@ -130,12 +130,11 @@ mod tests {
     use super::*;
     use crate::app::panels::latency::tests::frame;
     use crate::pipeline::plan::{Order, Selection};
-    use crate::pipeline::session::Session;
+    use crate::pipeline::session::{Session, demo_dataset};
     use crate::pipeline::settings::scene::SceneOverrides;
-    use crate::pipeline::start;
 
     fn snapshot(selection: Selection) -> Snapshot {
-        let dataset = start::dataset().unwrap();
+        let dataset = demo_dataset().unwrap();
         let session = Session::new(dataset, SceneOverrides::default(), selection).unwrap();
         let opened = crate::app::opening::session(session, 1, None).opened;
         Snapshot { opened: Some(Arc::new(opened)), ..Snapshot::default() }

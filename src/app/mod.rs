@@ -26,7 +26,6 @@ pub mod quality;
 pub mod rescue;
 pub mod retention;
 mod selection;
-mod session_info;
 mod settings_file;
 pub mod splat_updates;
 pub mod state;

@@ -1,9 +1,9 @@
 //! Opens the demo, a dataset folder, a checkpoint or a model file.
 
 use super::color_mode::ColorMode;
-use super::session_info::{origin_info, session_info};
 use super::state::{HomeView, NoticeKind, Opened, Subject};
 use super::training::{RefusedSetting, TrainSettings};
+use super::wording::{origin_info, session_info};
 use crate::dataset::LoadOptions;
 use crate::dataset::error::DatasetError;
 use crate::export::ExportError;
@@ -17,9 +17,7 @@ use crate::model::splat::splats::Splat;
 use crate::pipeline::checkpoint::{ResumeRequest, RunError, SavedRun};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::Selection;
-use crate::pipeline::session::Session;
-use crate::pipeline::start;
-use crate::pipeline::start::DemoError;
+use crate::pipeline::session::{DemoError, Session, demo_dataset, demo_session};
 use crate::{dataset, export};
 use glam::DVec3;
 use std::path::{Path, PathBuf, absolute};
@@ -62,7 +60,7 @@ pub fn open(
     serial: u64,
 ) -> Result<OpenedSubject, OpenError> {
     match subject {
-        Subject::Demo => Ok(session(start::session(training.request()?)?, serial, None)),
+        Subject::Demo => Ok(session(demo_session(training.request()?)?, serial, None)),
         Subject::Path(path) if is_checkpoint(path) => checkpoint(path, serial),
         // An archive is a file too, but contains a dataset.
         Subject::Path(path) if path.is_file() && !dataset::is_archive(path) => {
@@ -182,7 +180,7 @@ fn drawable(all: &SplatSet) -> SplatSet {
 fn continued(run: &SavedRun) -> Result<Session, OpenError> {
     let dataset = match &run.meta.dataset {
         Some(folder) => Arc::new(dataset::open(folder, &run.load_options())?),
-        None => start::dataset()?,
+        None => demo_dataset()?,
     };
     Ok(run.clone().resume(dataset, &ResumeRequest::default(), false)?)
 }

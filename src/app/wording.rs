@@ -1,7 +1,17 @@
-//! Texts that describe values of the library to the user.
+//! Texts that describe values of the library to the user: poses, the order of a run, and the properties of a
+//! session in the scene panel.
 
+use super::panels::signal_color::format_number;
+use crate::dataset::Dataset;
+use crate::dataset::calibration::Calibration;
 use crate::dataset::pose_check::{PoseCheck, PoseTrial};
+use crate::dataset::surface::Sensor;
+use crate::pipeline::any_preset::ComponentLimit;
 use crate::pipeline::plan::{Order, Plan, Selection};
+use crate::pipeline::session::Session;
+use crate::pipeline::settings::scene::SceneRun;
+use crate::train::scene::units::StructuralScale;
+use glam::DVec3;
 
 pub fn pose_agreement(check: &PoseCheck) -> String {
     let PoseTrial { agreement, poses, .. } = check.opened;
@@ -43,6 +53,87 @@ pub fn run_order(selection: &Selection, plan: &Plan) -> String {
     let passes = (selection.passes > 1).then(|| format!("{} passes", selection.passes));
     let parts = [Some(order.to_owned()), Some(stride), held_out, shard, most, passes];
     parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
+}
+
+/// Returns the properties of a session in the scene panel, as labels and texts.
+pub fn session_info(session: &Session) -> Vec<(String, String)> {
+    let dataset: &Dataset = session.dataset();
+    let path =
+        dataset.path.as_ref().map_or_else(|| "built in".to_owned(), |p| p.display().to_string());
+    let mut info = vec![
+        ("Dataset".to_owned(), path),
+        ("Layout".to_owned(), format!("{} ({})", dataset.layout.name(), dataset.recognised_by)),
+    ];
+    for split in &dataset.splits {
+        // Datasets have no empty splits.
+        let k = &split.frames[0].camera.intrinsics;
+        let depth = if split.has_depth { "with depth" } else { "colour only" };
+        let text = format!("{} frames, {}×{}, {depth}", split.frames.len(), k.width, k.height);
+        info.push((format!("Split {}", split.name), text));
+    }
+    let config = session.config();
+    info.push(("Preset".to_owned(), config.method.preset().to_string()));
+    match config.method.as_any().component_limit() {
+        ComponentLimit::Fixed(n) => {
+            info.push(("Components".to_owned(), n.to_string()));
+            info.push(("Range from".to_owned(), config.position_range_source.clone()));
+        }
+        ComponentLimit::Asked(n) => info.push(("Budget".to_owned(), format!("{n} components"))),
+        ComponentLimit::Default(n) => {
+            info.push(("Budget".to_owned(), format!("none set (at most {n} components)")));
+        }
+    }
+    info.extend(config.method.scene().into_iter().flat_map(scene_info));
+    let is_assumed = config.method.assumes_calibration(dataset);
+    info.extend(origin_info(dataset.local_origin()));
+    let calibration = calibration(config.method.as_any().calibration(), is_assumed);
+    info.push(("Calibration".to_owned(), calibration.to_owned()));
+    info
+}
+
+/// Returns the label and the text for the local origin; `None` if the local origin equals the world's
+/// origin.
+pub fn origin_info(origin: DVec3) -> Option<(String, String)> {
+    let [x, y, z] = origin.to_array();
+    // All digits: users add the origin to exported positions.
+    (origin != DVec3::ZERO).then(|| ("Local origin".to_owned(), format!("{x}  {y}  {z}")))
+}
+
+fn scene_info(run: &SceneRun) -> Vec<(String, String)> {
+    let SceneRun { scale, engine, surface, .. } = run;
+    let h = format_number(engine.h);
+    let scale = match scale {
+        StructuralScale::Pixels(n) => format!("{h} world units (requested: {n} pixels)"),
+        StructuralScale::World(_) => format!("{h} world units"),
+    };
+    let stages = [
+        (surface.plane_fit, "plane fit"),
+        (surface.flying_pixels, "flying pixels dropped"),
+        (surface.cosine, "slanted surfaces dropped"),
+    ];
+    let on: Vec<&str> = stages.iter().filter(|(is_on, _)| *is_on).map(|(_, name)| *name).collect();
+    let preparation = if on.is_empty() { "depth as measured".to_owned() } else { on.join(", ") };
+    [("Structural scale", scale), ("Sensor", sensor(surface.sensor)), ("Preparation", preparation)]
+        .map(|(label, value)| (label.to_owned(), value))
+        .into()
+}
+
+fn sensor(sensor: Sensor) -> String {
+    match sensor {
+        Sensor::Inverse8Ray => "8-bit ray distance".to_owned(),
+        Sensor::Kinect => "Kinect".to_owned(),
+        Sensor::Lidar => "time of flight".to_owned(),
+        Sensor::Exact { noise: 0.0 } => "computed depth".to_owned(),
+        Sensor::Exact { noise } => format!("computed depth with noise {noise}"),
+    }
+}
+
+fn calibration(calibration: Option<&Calibration>, is_assumed: bool) -> &'static str {
+    match calibration {
+        None => "none: colour and depth are assumed to be registered",
+        Some(_) if is_assumed => "colour camera of the published Kinect calibration",
+        Some(_) => "given",
+    }
 }
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ use vbgs_studio::bench::{protocol, render, scene};
 use vbgs_studio::dataset;
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::export::video::write_png;
-use vbgs_studio::pipeline::start;
+use vbgs_studio::pipeline::session::demo_dataset;
 
 pub fn run(bench: &BenchName) -> Result<(), Failure> {
     match bench {
@@ -127,7 +127,7 @@ fn on_dataset(
 
 /// Opens the dataset at `path`, or that of the demo if no path is given.
 pub fn open(path: Option<&Path>, depth: &ReadArgs) -> Result<Arc<Dataset>, Failure> {
-    let Some(path) = path else { return Ok(start::dataset()?) };
+    let Some(path) = path else { return Ok(demo_dataset()?) };
     let dataset = dataset::open(path, &depth.recorded_load_options()?)?;
     print_dataset_notes(&dataset);
     Ok(Arc::new(dataset))

@@ -7,8 +7,8 @@ use std::path::Path;
 use vbgs_studio::export::video::write_png;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::pipeline::any_preset::file_comments;
+use vbgs_studio::pipeline::session::demo_session;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
-use vbgs_studio::pipeline::start;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
@@ -19,7 +19,7 @@ const FOLDER: &str = "vbgs-demo";
 pub fn run(reason: &str) -> Result<(), Failure> {
     out!("{reason}: training the demo headless into {FOLDER}/");
     let interrupt = Interrupt::listen()?;
-    let mut session = start::session(SceneOverrides::default())?;
+    let mut session = demo_session(SceneOverrides::default())?;
     // Ctrl-C ends training but not the command: the files are written in any case.
     let finished = train::train(&mut session, &interrupt, |_, _| ())?;
     let out = Path::new(FOLDER);

@@ -127,8 +127,8 @@ mod tests {
     use vbgs_studio::bench::findings::BenchError;
     use vbgs_studio::export::{ExportError, Fault};
     use vbgs_studio::pipeline::error::SessionError;
+    use vbgs_studio::pipeline::session::DemoError;
     use vbgs_studio::pipeline::settings::scene::SceneError;
-    use vbgs_studio::pipeline::start::DemoError;
 
     #[test]
     fn a_wrong_setting_is_wrong_usage_however_deep_it_lies() {

@@ -1,11 +1,15 @@
-//! `info`: describes a dataset or model and lists all defects found.
+//! `info` describes a dataset or model and lists all defects found; `calibrate` estimates the camera
+//! calibration of a dataset.
 
-use super::args::InfoArgs;
+use super::args::{CalibrateArgs, InfoArgs};
 use super::failure::Failure;
+use super::train::print_dataset_notes;
 use super::{output, tracked};
 use glam::DVec3;
 use serde::Serialize;
 use std::path::PathBuf;
+use vbgs_studio::calibrate::CalibratePlan;
+use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::capture_check::CaptureCheck;
 use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::fingerprint::Fingerprint;
@@ -23,7 +27,7 @@ use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::run::RunConfig;
 use vbgs_studio::pipeline::tracked::Trajectory;
 use vbgs_studio::train::learner::Status;
-use vbgs_studio::{dataset, export};
+use vbgs_studio::{calibrate, dataset, export};
 
 #[derive(Serialize)]
 struct DatasetInfo {
@@ -489,6 +493,31 @@ fn print_checkpoint(info: &CheckpointInfo) -> Result<(), Failure> {
     out!("  config: {}", serde_json::to_string(config)?);
     info.defects.iter().for_each(|defect| out!("  defect: {defect}"));
     out!("  {} defects found", info.defects.len());
+    Ok(())
+}
+
+/// Estimates the calibration of a recording and writes it to a file.
+pub fn run_calibrate(args: &CalibrateArgs) -> Result<(), Failure> {
+    // Read before the recording is opened, so that errors in it are reported at once.
+    let start = args.calibration.as_deref().map(Calibration::read).transpose()?;
+    let dataset = dataset::open(&args.dataset, &args.depth.recorded_load_options()?)?;
+    print_dataset_notes(&dataset);
+    let start = match start {
+        Some(start) => start,
+        None if args.from_scratch => Calibration::NONE,
+        None => dataset.known_calibration().unwrap_or_default(),
+    };
+    let plan = CalibratePlan { split: args.split.clone(), max_frames: args.max_frames, start };
+    // Checked before minutes of work whose result is written there.
+    output::check_files(std::slice::from_ref(&args.output))?;
+    let found = output::steps("calibrate", |progress| calibrate::run(&dataset, &plan, progress))?;
+    found.skipped.iter().for_each(|message| eprintln!("warning: {message}"));
+    output::write_text(&args.output, &found.calibration.to_text()?)?;
+    if args.json {
+        return output::print_json(&found);
+    }
+    output::print_line(found.text());
+    out!("wrote {}; use it with `train --calibration` or in the window", args.output.display());
     Ok(())
 }
 

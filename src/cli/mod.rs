@@ -19,7 +19,6 @@ macro_rules! failed {
 mod args;
 #[cfg(feature = "bench")]
 mod bench;
-mod calibrate;
 mod demo;
 mod eval;
 mod export;
@@ -73,7 +72,7 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
         Some(Command::Synth(args)) => synth::run(&args),
         Some(Command::Merge(args)) => export::run_merge(&args),
         Some(Command::Info(args)) => info::run(&args),
-        Some(Command::Calibrate(args)) => calibrate::run(&args),
+        Some(Command::Calibrate(args)) => info::run_calibrate(&args),
         #[cfg(feature = "bench")]
         Some(Command::Bench(bench)) => bench::run(&bench),
         #[cfg(feature = "bench")]

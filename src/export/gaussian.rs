@@ -1,8 +1,13 @@
-//! Conversion of single splats between the model and files: f64, lower bounds, normalisation, axes.
+//! Conversion of single splats between the model and files: f64, lower bounds, normalisation, axes,
+//! spherical harmonics.
 //!
 //! Conversions use f64 and round to f32 once, in the file: a logit near 1 and a rotated quaternion would lose
 //! digits in f32. Rotations between world axes only permute and negate coordinates, so positions round-trip
 //! exactly.
+//!
+//! Colours become real spherical harmonics of degrees 0 and 1, as in 3DGS files and `KHR_gaussian_splatting`.
+//! The unit direction from the camera to the splat is `(x, y, z)`. With the Condon–Shortley phase,
+//! `colour = ½ + C0·f₀ + C1·(−y·f₁ + z·f₂ − x·f₃)`.
 
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
@@ -24,6 +29,10 @@ const LOGIT_MARGIN: f64 = 1e-6;
 const MIN_QUATERNION: f64 = 1e-12;
 /// Tolerance for clamping a colour channel: a change up to this value counts as rounding.
 const COLOR_SLACK: f64 = 1e-4;
+/// Constant factor of degree 0, `1/(2√π)`.
+const C0: f64 = 0.282_094_791_773_878_14;
+/// Constant factor of degree 1, `√(3/(4π))`.
+const C1: f64 = 0.488_602_511_902_919_9;
 
 /// Splat in f64; fields as in [`Splat`] and [`Appearance`], with a unit quaternion as rotation.
 #[derive(Clone, Copy, Debug)]
@@ -187,6 +196,27 @@ pub(super) fn linear_to_srgb(linear: f64) -> f64 {
     if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
+pub(super) fn color_to_harmonic(color: DVec3) -> DVec3 {
+    (color - 0.5) / C0
+}
+
+pub(super) fn harmonic_to_color(coefficient: DVec3) -> DVec3 {
+    coefficient * C0 + 0.5
+}
+
+/// Converts the matrix `w` of a directional colour to the three coefficients of degree 1, each with
+/// three channels. The directional colour in direction `d` is `w·d`.
+pub(super) fn directional_to_harmonics(w: DMat3) -> [DVec3; 3] {
+    // Adding zero turns −0 into 0.
+    [-w.y_axis, w.z_axis, -w.x_axis].map(|change| change / C1 + DVec3::ZERO)
+}
+
+/// Inverse of [`directional_to_harmonics`]: converts three coefficients of degree 1 to the matrix of a
+/// directional colour.
+pub(super) fn harmonics_to_directional([y, z, x]: [DVec3; 3]) -> DMat3 {
+    DMat3::from_cols(-x, -y, z) * C1
+}
+
 /// Rotation between coordinate systems. Between world axes it only permutes and negates coordinates, so
 /// positions stay exact.
 #[derive(Clone, Copy, Debug)]
@@ -290,5 +320,16 @@ mod tests {
             let v = f64::from(i) / 1000.0;
             assert!((linear_to_srgb(srgb_to_linear(v)) - v).abs() < 1e-7, "{v}");
         }
+    }
+
+    #[test]
+    fn degree_1_is_linear_in_the_direction() {
+        let w = DMat3::from_cols_array(&[0.3, -0.2, 0.1, 0.5, 0.7, -0.4, -0.6, 0.25, 0.9]);
+        let d = DVec3::new(2.0, -3.0, 6.0) / 7.0;
+        let [f1, f2, f3] = directional_to_harmonics(w);
+        let change = C1 * (-d.y * f1 + d.z * f2 - d.x * f3);
+        assert!((change - w * d).length() < 1e-15);
+        let back = harmonics_to_directional([f1, f2, f3]) - w;
+        assert!(back.to_cols_array().iter().all(|v| v.abs() < 1e-15), "{back}");
     }
 }

@@ -45,7 +45,6 @@ pub mod video;
 mod detail;
 mod gaussian;
 mod glb;
-mod harmonics;
 mod ply;
 mod read;
 mod read_back;

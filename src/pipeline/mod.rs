@@ -17,5 +17,4 @@ mod presets;
 pub mod run;
 pub mod session;
 pub mod settings;
-pub mod start;
 pub mod tracked;

@@ -1,4 +1,5 @@
-//! Training session: a dataset, its settings and a model trained frame by frame.
+//! Training session: a dataset, its settings and a model trained frame by frame; and the demo, a session on
+//! the built-in synthetic room.
 
 use super::error::SessionError;
 use super::follow::{Follow, ScanFindings};
@@ -8,7 +9,8 @@ use super::plan::{Plan, Selection};
 use super::prefetch::{Next, PlannedFrame};
 use super::run::{RunConfig, RunProgress};
 use super::settings::method::MethodRequest;
-use crate::dataset::{Dataset, FrameMarks, range};
+use crate::dataset::synthetic::ParamsError;
+use crate::dataset::{Dataset, FrameMarks, range, synthetic};
 use crate::eval::report::{FrameMs, FrameReport, SkippedFrame};
 use crate::math::measured_pixel::Normalization;
 use crate::model::inspection::DeviceError;
@@ -453,4 +455,25 @@ fn latency_ms(marks: &FrameMarks) -> Option<f64> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
     // Checked, because the recorder's clock may be ahead of this one.
     Some(1e3 * now.checked_sub(marks.last_modified()?)?.as_secs_f64())
+}
+
+/// Error of starting the demo, which trains on the built-in synthetic room.
+#[derive(Debug, thiserror::Error)]
+pub enum DemoError {
+    /// The parameters of the synthetic room are invalid.
+    #[error("{0}")]
+    Scene(#[from] ParamsError),
+    /// The session could not be started.
+    #[error("{0}")]
+    Session(#[from] SessionError),
+}
+
+/// Returns the dataset of the built-in synthetic room.
+pub fn demo_dataset() -> Result<Arc<Dataset>, DemoError> {
+    Ok(Arc::new(synthetic::demo()?))
+}
+
+/// Starts a session over all frames of the built-in synthetic room.
+pub fn demo_session(asked: impl Into<MethodRequest>) -> Result<Session, DemoError> {
+    Ok(Session::new(demo_dataset()?, asked, Selection::all_frames())?)
 }

@@ -102,11 +102,11 @@ fn points_of(frame: &FrameRef, pose: Pose, color_camera: Option<&ColorCamera>) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::start;
+    use crate::pipeline::session::demo_dataset;
 
     #[test]
     fn points_lie_where_the_camera_measured_them_in_its_colours() {
-        let dataset = start::dataset().unwrap();
+        let dataset = demo_dataset().unwrap();
         let frame = FrameRef::first(&dataset).unwrap();
         let camera = frame.entry().camera;
         let points = points_of(&frame, camera.pose, None).unwrap();

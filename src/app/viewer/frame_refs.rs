@@ -148,11 +148,11 @@ pub fn fit(camera: &Camera, [width, height]: [u32; 2]) -> (Camera, Area) {
 mod tests {
     use super::*;
     use crate::math::pose::Pose;
-    use crate::pipeline::start;
+    use crate::pipeline::session::demo_dataset;
 
     #[test]
     fn stepping_visits_every_frame_and_comes_round() {
-        let dataset = start::dataset().unwrap();
+        let dataset = demo_dataset().unwrap();
         let first = FrameRef::first(&dataset).unwrap();
         let mut frame = first.clone();
         for number in 0..first.n_frames() {
@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn the_same_numbers_in_another_dataset_are_another_frame() {
-        let [a, b] = [(); 2].map(|()| FrameRef::first(&start::dataset().unwrap()).unwrap());
+        let [a, b] = [(); 2].map(|()| FrameRef::first(&demo_dataset().unwrap()).unwrap());
         assert_eq!(a.position(), b.position());
         assert_ne!(a, b);
         let mut empty = Dataset::clone(a.dataset());

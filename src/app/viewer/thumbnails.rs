@@ -262,7 +262,7 @@ mod tests {
     use super::*;
     use crate::dataset::depth::{DepthCodes, DepthKind};
     use crate::math::image::Image;
-    use crate::pipeline::start;
+    use crate::pipeline::session::demo_dataset;
     use std::time::{Duration, Instant};
 
     #[test]
@@ -308,7 +308,7 @@ mod tests {
 
     #[test]
     fn a_frame_whose_decoding_panics_is_told_and_the_next_one_is_decoded() {
-        let dataset = start::dataset().unwrap();
+        let dataset = demo_dataset().unwrap();
         let frame = FrameRef::first(&dataset).unwrap();
         let mut thumbnails = Thumbnails::start(Arc::new(|| {})).unwrap();
         let waker = thumbnails.waker.clone();
@@ -323,7 +323,7 @@ mod tests {
     /// Simulates scrolling past every frame of a long recording.
     #[test]
     fn what_is_on_screen_stays_and_the_rest_is_bounded() {
-        let dataset = start::dataset().unwrap();
+        let dataset = demo_dataset().unwrap();
         let frame = FrameRef::first(&dataset).unwrap();
         let mut thumbnails = Thumbnails::start(Arc::new(|| {})).unwrap();
         let kept =

@@ -3,7 +3,6 @@
 #[cfg(feature = "bench")]
 mod bench;
 mod depth;
-mod eval;
 mod export;
 mod render;
 pub mod settings;
@@ -26,11 +25,10 @@ use vbgs_studio::calibrate::DEFAULT_FRAMES;
 use vbgs_studio::pipeline::plan::MAX_PASSES;
 
 pub use depth::ReadArgs;
-pub use eval::{ComparisonArgs, EvalArgs, Protocol};
 pub use export::{ExportArgs, FormatName, KindName};
 pub use render::{PaintName, RenderArgs};
 pub use synth::SynthArgs;
-pub use train::{DeviceName, TrainArgs};
+pub use train::{ComparisonArgs, DeviceName, EvalArgs, Protocol, TrainArgs};
 
 /// Turns posed RGB-D frames into a Gaussian-splat scene while you watch.
 ///

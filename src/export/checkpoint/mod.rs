@@ -83,7 +83,6 @@
 //! [`N_SUMS`]: crate::model::scene::sums::N_SUMS
 
 mod check;
-mod columns;
 mod container;
 mod element;
 mod error;

@@ -11,8 +11,9 @@ use super::{
     SH_PREFIX, SRGB,
 };
 use crate::export::error::{Fault, shorten};
-use crate::export::gaussian::{AxisRotation, Gaussian, linear_to_srgb};
-use crate::export::harmonics;
+use crate::export::gaussian::{
+    AxisRotation, Gaussian, harmonic_to_color, harmonics_to_directional, linear_to_srgb,
+};
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use crate::export::local_origin::EXTRA;
 use crate::math::sym3::Sym3;
@@ -247,7 +248,7 @@ impl Shape<'_> {
     fn directional(&self, row: usize) -> DMat3 {
         let coefficient = |column: &Column| DVec3::from_array(column.get(row));
         self.degree_1.as_ref().map_or(DMat3::ZERO, |columns| {
-            harmonics::to_directional(columns.each_ref().map(coefficient))
+            harmonics_to_directional(columns.each_ref().map(coefficient))
         })
     }
 
@@ -272,7 +273,7 @@ impl Color<'_> {
     fn get(&self, row: usize) -> DVec3 {
         match self {
             Color::Sh { coefficient, linear } => {
-                let color = harmonics::to_color(DVec3::from_array(coefficient.get(row)));
+                let color = harmonic_to_color(DVec3::from_array(coefficient.get(row)));
                 if *linear { color.map(linear_to_srgb) } else { color }
             }
             Color::Linear(column) => DVec3::from_array(column.get(row)).map(linear_to_srgb),

@@ -12,10 +12,12 @@ use super::{
 };
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
-use crate::export::gaussian::{Gaussian, srgb_to_linear};
+use crate::export::gaussian::{
+    Gaussian, color_to_harmonic, directional_to_harmonics, srgb_to_linear,
+};
+use crate::export::local_origin;
 use crate::export::source::file_origin;
 use crate::export::stream::{ProgressCounter, SplatRows, put_floats, write_rows};
-use crate::export::{harmonics, local_origin};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde_json::json;
@@ -51,9 +53,7 @@ const COLUMNS: [Column; 6] = [
     Column::floats(ROTATION, "VEC4", |g, row| put_floats(row, &g.rotation.to_array())),
     Column::floats(SCALE, "VEC3", |g, row| put_floats(row, &g.scale.to_array())),
     Column::floats(OPACITY, "SCALAR", |g, row| put_floats(row, &[g.opacity])),
-    Column::floats(SH_0, "VEC3", |g, row| {
-        put_floats(row, &harmonics::from_color(g.color).to_array())
-    }),
+    Column::floats(SH_0, "VEC3", |g, row| put_floats(row, &color_to_harmonic(g.color).to_array())),
 ];
 
 const DEGREE_1: [Column; 3] = [
@@ -64,7 +64,7 @@ const DEGREE_1: [Column; 3] = [
 
 #[expect(clippy::indexing_slicing, reason = "called with 0, 1 and 2")]
 fn put_degree_1(splat: &Gaussian, coefficient: usize, row: &mut Vec<u8>) {
-    put_floats(row, &harmonics::from_directional(splat.directional)[coefficient].to_array());
+    put_floats(row, &directional_to_harmonics(splat.directional)[coefficient].to_array());
 }
 
 /// Encodes the colour and opacity that viewers without the splat extension draw.

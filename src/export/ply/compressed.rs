@@ -5,8 +5,7 @@
 use super::body::{Body, pick};
 use super::header::{PlyElement, PlyHeader};
 use crate::export::error::{Fault, try_with_capacity};
-use crate::export::gaussian::Gaussian;
-use crate::export::harmonics;
+use crate::export::gaussian::{Gaussian, harmonics_to_directional};
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use glam::{DMat3, DVec3};
 use std::f64::consts::SQRT_2;
@@ -188,7 +187,7 @@ fn directional(bytes: [f64; N_DEGREE_1]) -> DMat3 {
         255.0 => SH_RANGE,
         byte => ((byte + 0.5) / 256.0 - 0.5) * 2.0 * SH_RANGE,
     });
-    harmonics::to_directional([DVec3::new(a, b, c), DVec3::new(d, e, f), DVec3::new(g, h, i)])
+    harmonics_to_directional([DVec3::new(a, b, c), DVec3::new(d, e, f), DVec3::new(g, h, i)])
 }
 
 fn columns<const N: usize>(

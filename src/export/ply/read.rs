@@ -7,8 +7,7 @@ use super::body::{Body, pick};
 use super::compressed;
 use super::header::{Kind, PlyElement, PlyHeader};
 use crate::export::error::{Fault, shorten_to};
-use crate::export::gaussian::{Gaussian, sigmoid};
-use crate::export::harmonics;
+use crate::export::gaussian::{Gaussian, harmonic_to_color, harmonics_to_directional, sigmoid};
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use glam::{DMat3, DQuat, DVec3};
 
@@ -155,7 +154,7 @@ impl Layout {
             mean: vector(self.mean),
             opacity: 1.0,
             color: match &self.color {
-                Color::Sh(columns) => harmonics::to_color(vector(*columns)),
+                Color::Sh(columns) => harmonic_to_color(vector(*columns)),
                 Color::Rgb { columns, full } => vector(*columns) / *full,
                 Color::None => DVec3::splat(0.5),
             },
@@ -171,7 +170,7 @@ impl Layout {
                 scale: shape.scale(values),
                 rotation: rows.rotation(pick(values, shape.rotation)),
                 directional: shape.degree_1.map_or(DMat3::ZERO, |coefficients| {
-                    harmonics::to_directional(coefficients.map(vector))
+                    harmonics_to_directional(coefficients.map(vector))
                 }),
                 ..point
             },

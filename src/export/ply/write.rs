@@ -3,8 +3,7 @@
 use super::{N_REST_DEGREE_1, N_REST_DEGREE_3};
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
-use crate::export::gaussian::{Gaussian, logit, wxyz};
-use crate::export::harmonics;
+use crate::export::gaussian::{Gaussian, color_to_harmonic, directional_to_harmonics, logit, wxyz};
 use crate::export::imported::VERTICAL_AXIS;
 use crate::export::local_origin::comment;
 use crate::export::source::{ExportRows, file_origin, file_rotation};
@@ -64,8 +63,8 @@ impl PlyLayout {
         let mut put = |values: &[f64]| put_floats(row, values);
         put(&gaussian.mean.to_array());
         put(&[0.0; 3]); // normals, ignored by readers of this layout
-        put(&harmonics::from_color(gaussian.color).to_array());
-        let degree_1 = harmonics::from_directional(gaussian.directional);
+        put(&color_to_harmonic(gaussian.color).to_array());
+        let degree_1 = directional_to_harmonics(gaussian.directional);
         // Channel by channel, each padded, as readers expect.
         for channel in 0..3 {
             let mut rest = [0.0; N_REST_DEGREE_3];

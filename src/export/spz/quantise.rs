@@ -1,6 +1,6 @@
 //! Quantisation of values to and from SPZ bytes.
 
-use crate::export::harmonics;
+use crate::export::gaussian::{color_to_harmonic, harmonic_to_color};
 use exr::prelude::f16;
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -36,7 +36,7 @@ pub(super) fn half(bytes: [u8; 2]) -> f64 {
 
 pub(super) fn color(bytes: [u8; 3]) -> DVec3 {
     let byte = DVec3::from_array(bytes.map(f64::from));
-    harmonics::to_color((byte / 255.0 - 0.5) / COLOR_SCALE)
+    harmonic_to_color((byte / 255.0 - 0.5) / COLOR_SCALE)
 }
 
 pub(super) fn scale(bytes: [u8; 3]) -> DVec3 {
@@ -84,7 +84,7 @@ pub(super) fn to_opacity(opacity: f64) -> u8 {
 }
 
 pub(super) fn to_color(color: DVec3) -> [u8; 3] {
-    let coefficient = harmonics::from_color(color);
+    let coefficient = color_to_harmonic(color);
     coefficient.to_array().map(|f| nearest(255.0 * (COLOR_SCALE * f + 0.5)))
 }
 

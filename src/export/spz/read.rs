@@ -4,8 +4,7 @@ use super::container;
 use super::container::{MAGIC, Unpacked};
 use super::quantise::{coefficient, color, first_three, fixed, half, scale, smallest_three};
 use crate::export::error::Fault;
-use crate::export::gaussian::{AxisRotation, Gaussian};
-use crate::export::harmonics;
+use crate::export::gaussian::{AxisRotation, Gaussian, harmonics_to_directional};
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use glam::{DMat3, DVec3};
 
@@ -65,7 +64,7 @@ fn splat(file: &Unpacked, i: usize, rows: &mut Rows) -> Gaussian {
         n => {
             let coefficients = harmonics.get(i * 3 * n..).unwrap_or_default();
             let of = |k: usize| DVec3::from_array(row(coefficients, k).map(coefficient));
-            harmonics::to_directional([of(0), of(1), of(2)])
+            harmonics_to_directional([of(0), of(1), of(2)])
         }
     };
     let [opacity] = row(opacities, i);

@@ -9,8 +9,7 @@ use super::quantise::{
     fixed, scale, to_coefficient, to_color, to_fixed, to_opacity, to_scale, to_smallest_three,
 };
 use crate::export::error::Fault;
-use crate::export::gaussian::Gaussian;
-use crate::export::harmonics;
+use crate::export::gaussian::{Gaussian, directional_to_harmonics};
 use crate::export::stream::{ProgressCounter, SplatRows, write_rows};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -110,7 +109,7 @@ impl SpzLayout {
         ];
         if self.degree > 0 {
             let harmonics = |g: &Gaussian, row: &mut Vec<u8>| {
-                let coefficients = harmonics::from_directional(g.directional);
+                let coefficients = directional_to_harmonics(g.directional);
                 row.extend(coefficients.iter().flat_map(DVec3::to_array).map(to_coefficient));
             };
             encoders.push((Box::new(harmonics), 9));

@@ -7,14 +7,14 @@
 //! rotation rates, the mount from pairs with different orientations.
 
 mod clock;
-mod color;
-mod depth;
+mod images;
 mod mount_search;
 #[cfg(test)]
 mod tests;
 
 use clock::estimate_delay;
 use glam::DVec3;
+use images::{ColorPair, DepthPair, total_distance};
 use rayon::prelude::*;
 
 pub(super) use clock::{Clock, ImagePair};
@@ -43,21 +43,21 @@ impl Rig {
 }
 
 pub(super) fn find(shots: &[ImagePair], clock: &Clock<'_>) -> Rig {
-    let loaded = |chosen: Vec<[_; 2]>| -> Vec<depth::Pair<'_>> {
-        chosen.into_par_iter().filter_map(|pair| depth::Pair::load(pair, clock)).collect()
+    let loaded = |chosen: Vec<[_; 2]>| -> Vec<DepthPair<'_>> {
+        chosen.into_par_iter().filter_map(|pair| DepthPair::load(pair, clock)).collect()
     };
     let shaken = loaded(clock::pairs_by_rate_change(shots, clock));
     let delay = estimate_delay(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
     let at_once = &clock.without_readout();
-    let all: Vec<&depth::Pair<'_>> = shaken.iter().collect();
+    let all: Vec<&DepthPair<'_>> = shaken.iter().collect();
     // A tie, as without pairs, keeps the expectation.
-    let reads_rows = depth::total(&all, clock, delay) <= depth::total(&all, at_once, delay);
+    let reads_rows = total_distance(&all, clock, delay) <= total_distance(&all, at_once, delay);
     let clock = if reads_rows { clock } else { at_once };
     let mount = mount_search::find(&loaded(clock::pairs_by_rotation(shots, clock)), clock, delay);
     // Photographs come last: their common points need the delay and mount of depth.
     let clock = &clock.mounted(mount);
-    let shaken: Vec<color::Pair> =
-        shaken.into_par_iter().filter_map(|pair| color::Pair::load(&pair, clock, delay)).collect();
+    let shaken: Vec<ColorPair> =
+        shaken.into_par_iter().filter_map(|pair| ColorPair::load(&pair, clock, delay)).collect();
     let color = estimate_delay(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
     Rig { reads_rows, depth_delay: delay, color_delay: color, mount }
 }

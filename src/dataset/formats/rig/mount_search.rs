@@ -6,7 +6,7 @@
 //! difference within image pairs that it was not fitted to.
 
 use super::clock::Clock;
-use super::depth::{Pair, total};
+use super::images::{DepthPair, total_distance};
 use crate::math::camera::Intrinsics;
 use crate::math::least_squares::NormalEquations;
 use crate::math::pose::Pose;
@@ -42,7 +42,7 @@ fn mount_of([a, b, c, x, y, z]: Vector) -> Mount {
 }
 
 /// Estimates the mount from image pairs. Returns the identity if the mount is undetermined.
-pub(super) fn find(pairs: &[Pair<'_>], clock: &Clock<'_>, delay: f64) -> Mount {
+pub(super) fn find(pairs: &[DepthPair<'_>], clock: &Clock<'_>, delay: f64) -> Mount {
     if pairs.len() < FEWEST {
         return Mount::default();
     }
@@ -51,7 +51,7 @@ pub(super) fn find(pairs: &[Pair<'_>], clock: &Clock<'_>, delay: f64) -> Mount {
     let (every, other): (Vec<_>, Vec<_>) = pairs.iter().enumerate().partition(|(i, _)| i % 2 == 0);
     let [every, other] =
         [every, other].map(|half| half.into_iter().map(|(_, pair)| pair).collect());
-    let serves = |found_by: &Vec<&Pair<'_>>, others: &Vec<&Pair<'_>>| {
+    let serves = |found_by: &Vec<&DepthPair<'_>>, others: &Vec<&DepthPair<'_>>| {
         let least = (1.0 - FALL) * search.distance(others, Mount::default());
         search.distance(others, search.fitted(found_by)) < least
     };
@@ -68,11 +68,11 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn distance(&self, pairs: &[&Pair<'_>], mount: Mount) -> f64 {
-        total(pairs, &self.clock.mounted(mount), self.delay)
+    fn distance(&self, pairs: &[&DepthPair<'_>], mount: Mount) -> f64 {
+        total_distance(pairs, &self.clock.mounted(mount), self.delay)
     }
 
-    fn fitted(&self, pairs: &[&Pair<'_>]) -> Mount {
+    fn fitted(&self, pairs: &[&DepthPair<'_>]) -> Mount {
         let mut best = [0.0; N];
         let mut least = self.distance(pairs, mount_of(best));
         for _ in 0..ROUNDS {
@@ -95,7 +95,7 @@ impl Search<'_> {
     /// Returns the mount parameters with the smallest image difference along a step, and this
     /// difference. Noise makes slopes too large and steps too short, so a step is doubled while the
     /// difference decreases.
-    fn lowest_along(&self, pairs: &[&Pair<'_>], from: Vector, step: &Vector) -> (Vector, f64) {
+    fn lowest_along(&self, pairs: &[&DepthPair<'_>], from: Vector, step: &Vector) -> (Vector, f64) {
         let at = |times: f64| {
             let mut place = from;
             place.iter_mut().zip(step).for_each(|(x, step)| *x += times * step);
@@ -113,7 +113,7 @@ impl Search<'_> {
         best
     }
 
-    fn equations(&self, pair: &Pair<'_>, from: Vector) -> NormalEquations<N> {
+    fn equations(&self, pair: &DepthPair<'_>, from: Vector) -> NormalEquations<N> {
         let apart = |mount: Vector| {
             pair.depth_differences(&self.clock.mounted(mount_of(mount)), self.delay)
         };

@@ -7,8 +7,7 @@
 //! Each thread has its own buffers, reused from task to task. So memory is allocated only in the first
 //! passes.
 
-mod reached;
-mod tasks;
+mod tiles;
 
 use super::config::{Candidates, Operations, PaperConfig, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
@@ -23,9 +22,8 @@ use crate::train::component_elbo::NO_OWNER;
 use crate::train::estep::Scoring;
 use crate::train::timing::{PaperStage, StageClock};
 use rayon::prelude::*;
-use reached::{ReachMemory, RerunTiles};
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-use tasks::{Columns, for_each_part, for_each_task};
+use tiles::{Columns, ReachMemory, RerunTiles, for_each_part, for_each_task};
 
 /// Results requested from a pass over a frame's points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
