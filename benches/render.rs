@@ -1,7 +1,8 @@
 //! Time per image of the CPU renderer and of SSIM.
 //!
 //! `cargo bench --bench render` prints the table; `cargo bench --bench render -- WIDTH HEIGHT SPLATS SIGMA`
-//! prints one row. `RAYON_NUM_THREADS` sets the number of threads.
+//! prints one row. `RAYON_NUM_THREADS` sets the number of threads. `cargo bench --bench render -- FILE.vbgs`
+//! draws a checkpoint with and without its textures, on the CPU and on a graphics adapter if there is one.
 
 #![allow(clippy::print_stdout)]
 
@@ -14,8 +15,15 @@ use vbgs_studio::eval::ssim::ssim;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
+#[cfg(feature = "gui")]
+use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::render::cpu::{CpuRenderer, CpuStage};
+#[cfg(feature = "gui")]
+use vbgs_studio::render::gpu::{
+    adapters::AdapterChoice, headless::HeadlessGpu, renderer::SplatRenderer, scene::GpuScene,
+};
 use vbgs_studio::render::{RenderOptions, Renderer};
 
 /// Repetitions per row of the table, of which the best and the median are printed.
@@ -32,6 +40,9 @@ fn main() {
         "{} threads; milliseconds, best / median of {REPETITIONS}",
         rayon::current_num_threads()
     );
+    if let Some(path) = std::env::args().find(|argument| argument.ends_with(".vbgs")) {
+        return textured_rows(&path);
+    }
     if let [width, height, n_splats, sigma] = numbers[..] {
         return render_row(width as u32, height as u32, n_splats as usize, sigma);
     }
@@ -80,6 +91,45 @@ fn print_stages(mut draw: impl FnMut(&mut dyn FnMut(CpuStage))) {
         print!("    {stage:?} {:.2}", ms[REPETITIONS / 2]);
     }
     println!();
+}
+
+/// Prints the time to draw a checkpoint from the pose of its middle frame, with and without textures.
+fn textured_rows(path: &str) {
+    let run = SavedRun::read(path.as_ref()).expect("a checkpoint");
+    let textured = run.splats().expect("splats");
+    let poses = textured.finishing().poses.clone().expect("a checkpoint of a real camera");
+    let frames = poses.frames();
+    let [_, pose] = frames[frames.len() / 2].poses().expect("a valid pose");
+    let finishing = textured.finishing().without_textures();
+    let plain = textured.clone().finished(finishing);
+    let camera = Camera { intrinsics: Intrinsics::from_horizontal_fov(1280, 960, 1.05), pose };
+    for renderer in [Renderer::Projected, Renderer::Exact] {
+        let options = RenderOptions::evaluation(renderer.into(), [0.0; 3]);
+        let cpu = [&plain, &textured].map(|scene| {
+            let mut drawing = CpuRenderer::new();
+            time(|| drop(drawing.render(scene, &camera, &options))).1
+        });
+        println!("{renderer} 1280x960, CPU: {:.2}, with textures {:.2}", cpu[0], cpu[1]);
+        #[cfg(feature = "gui")]
+        if let Ok(gpu) = HeadlessGpu::new(&AdapterChoice::Auto) {
+            let ms = [&plain, &textured].map(|scene| gpu_ms(&gpu, scene, &camera, &options));
+            println!("{renderer} 1280x960, {}: {:.2}, with textures {:.2}", gpu.caps, ms[0], ms[1]);
+        }
+    }
+}
+
+#[cfg(feature = "gui")]
+fn gpu_ms(gpu: &HeadlessGpu, scene: &SplatSet, camera: &Camera, options: &RenderOptions) -> f64 {
+    let HeadlessGpu { device, queue, .. } = gpu;
+    let scene = GpuScene::new(device, queue, scene).expect("memory for the scene");
+    let mut renderer = SplatRenderer::new(device, queue).expect("a renderer");
+    time(|| {
+        let mut encoder = device.create_command_encoder(&Default::default());
+        renderer.render(device, queue, &mut encoder, &scene, camera, options).expect("a frame");
+        queue.submit([encoder.finish()]);
+        gpu.wait().expect("a device");
+    })
+    .1
 }
 
 fn ssim_row() {
