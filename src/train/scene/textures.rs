@@ -131,11 +131,11 @@ impl TextureLearner {
         let plain = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let options = RenderOptions { near, ..plain };
         rows.resize_with(shown.len(), Lists::new);
-        let visited = rows.iter_mut().zip(shown).map(|(lists, row)| {
+        for lists in rows.iter_mut() {
             lists.resize_with(PARTS, Vec::new);
             lists.iter_mut().for_each(Vec::clear);
-            (row, lists)
-        });
+        }
+        let visited = shown.into_iter().zip(rows);
         self.renderer.visit_surfaces(splats, &lattice, camera, &options, visited, list);
     }
 
