@@ -2,6 +2,7 @@
 
 use crate::common::layouts::{TestLayout, write};
 use crate::common::scratch::{TINY, open_plain, tiny};
+use std::path::Path;
 use tempfile::TempDir;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, FREE_FOLDER, WriteError};
 use vbgs_studio::dataset::synthetic::{
@@ -75,6 +76,31 @@ fn recordings_open_beside_their_true_views() {
             assert!(far < 10, "{layout:?}, {name}: {far} depths differ");
         }
     }
+}
+
+#[test]
+fn an_arkit_package_may_state_the_camera_for_its_depth() {
+    let folder = written(&DOOR, TestLayout::Arkit);
+    let cameras = |folder: &Path| {
+        let recording = open_plain(folder).unwrap();
+        let frames = all(&recording).iter().map(|entry| entry.load().unwrap());
+        frames.map(|frame| (frame.camera, frame.photo_camera(None))).collect::<Vec<_>>()
+    };
+    let expected = cameras(folder.path());
+    let path = folder.path().join("frames.jsonl");
+    let text = std::fs::read_to_string(&path).unwrap();
+    // Depth has half the width and height of the photographs.
+    let moved = text.lines().map(|line| {
+        let mut json: serde_json::Value = serde_json::from_str(line).unwrap();
+        let mut k = json.as_object_mut().unwrap().remove("intrinsics").unwrap();
+        for (row, column) in [(0, 0), (0, 2), (1, 1), (1, 2)] {
+            k[row][column] = (0.5 * k[row][column].as_f64().unwrap()).into();
+        }
+        json["intrinsics_depth"] = k;
+        format!("{json}\n")
+    });
+    std::fs::write(&path, moved.collect::<String>()).unwrap();
+    assert_eq!(cameras(folder.path()), expected);
 }
 
 /// Recording and ground-truth views share one world: depth agrees within drift and noise.

@@ -1,5 +1,5 @@
 //! ARKit packages: a file with one JSON object per line, each a frame with `camera_to_world` (OpenGL axes,
-//! as in ARKit), `intrinsics` for the photograph's size, and the names of three files: photograph, depth
+//! as in ARKit), `intrinsics` for the photograph's size or `intrinsics_depth`, and the names of three files: photograph, depth
 //! (32-bit floats without header, metres) and confidence (bytes without header, 0 to 2).
 //!
 //! Several apps write such files: keys and the storage order of matrices differ and are recognised by
@@ -40,6 +40,8 @@ const COLOR_KEYS: [&str; 8] =
 const DEPTH_KEYS: [&str; 5] = ["depth", "depth_path", "depth_file_path", "depth_file", "depthPath"];
 const CONFIDENCE_KEYS: [&str; 5] =
     ["confidence", "confidence_path", "confidence_file", "conf", "confidencePath"];
+/// Intrinsics for the size of the depth image.
+const DEPTH_LENS_KEYS: [&str; 3] = ["intrinsics_depth", "depth_intrinsics", "depthIntrinsics"];
 const TIME_KEYS: [&str; 3] = ["timestamp", "time", "t"];
 const WIDTH_KEYS: [&str; 3] = ["width", "image_width", "w"];
 const HEIGHT_KEYS: [&str; 3] = ["height", "image_height", "h"];
@@ -124,14 +126,15 @@ impl<'a> FrameLine<'a> {
         if let Some(stated) = side(self.json, &WIDTH_KEYS).zip(side(self.json, &HEIGHT_KEYS)) {
             same_size(stated, size, self.file)?;
         }
-        let Some(k) = self.intrinsics(size) else {
-            let expected = "`intrinsics`, a camera matrix or fx, fy, cx, cy of the photograph";
-            return Ok(Err(FrameProblem::Entry { expected, found: describe_json(self.json) }));
-        };
         let depth_size = match depth.as_ref().map(|file| self.depth_size(file, size)) {
             None => size,
             Some(Ok(size)) => size,
             Some(Err(problem)) => return Ok(Err(problem)),
+        };
+        let Some(k) = self.intrinsics(size).or_else(|| self.depth_intrinsics(depth_size, size))
+        else {
+            let expected = "`intrinsics`, a camera matrix or fx, fy, cx, cy of the photograph";
+            return Ok(Err(FrameProblem::Entry { expected, found: describe_json(self.json) }));
         };
         let cameras = recording.cameras_of_lens(&k, size, depth_size, self.file)?;
         // Some packages convert depth to images; the content decides.
@@ -182,6 +185,12 @@ impl<'a> FrameLine<'a> {
         let (fx, fy) = (number(["fx", "fl_x"])?, number(["fy", "fl_y"])?);
         let (cx, cy) = (number(["cx", "ox"])?, number(["cy", "oy"])?);
         Some(Intrinsics { width: size.0, height: size.1, fx, fy, cx, cy })
+    }
+
+    /// Returns the intrinsics of the photograph from those stated for depth, which has the same view.
+    fn depth_intrinsics(&self, depth: (u32, u32), photograph: (u32, u32)) -> Option<Intrinsics> {
+        let k = stated::from_json(first_of(self.json, &DEPTH_LENS_KEYS)?, depth)?;
+        Some(k.resized(photograph.0, photograph.1))
     }
 
     /// Returns the size of a depth image as stated by the line or the image file. For floats without
