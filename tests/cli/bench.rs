@@ -81,6 +81,7 @@ fn accuracy_is_taken_apart() {
     for part in [
         "+ plane fit and its filter",
         "no colour gradient",
+        "+ textures",
         "points alone, h =",
         "frames trained: 1;",
     ] {
@@ -103,7 +104,7 @@ fn accuracy_is_taken_apart() {
     // Exact depth, registered colour and constant exposure leave nothing to calibrate or fit.
     let names: Vec<&str> = rows.iter().map(|row| row["configuration"].as_str().unwrap()).collect();
     assert!(!names.iter().any(|name| name.contains("calibration") || name.contains("gain")));
-    assert_eq!((steps.len(), scales.len()), (9, 4), "{names:?}");
+    assert_eq!((steps.len(), scales.len()), (10, 4), "{names:?}");
     for row in scales {
         assert!(row["psnr_low"].as_f64() <= row["psnr_high"].as_f64(), "{row}");
         assert!(row["drawn"].as_f64() <= row["born"].as_f64() && row["drawn"] != 0.0, "{row}");
