@@ -26,10 +26,11 @@ const REACH: f64 = 1.2;
 const PITCH: f64 = 1.0;
 /// Level of the lattice from which a component gets a texture: 16 texels a side.
 const MIN_LEVEL: u8 = 2;
-/// Pixels of a photograph that add to textures, at most: larger photographs add every n-th row of tiles, other
-/// rows in every frame.
-const MOST_PIXELS: usize = 160_000;
-/// The same for a photograph with at least [`FINER`] pixels per depth pixel, which shows more than splats can.
+/// Pixels of a photograph that add to textures, at most: larger photographs are reduced. Every second row of
+/// tiles adds, others in the next frame.
+const MOST_PIXELS: usize = 320_000;
+/// The same for a photograph with at least [`FINER`] pixels per depth pixel, which shows more than splats can. All
+/// its rows add.
 const MOST_FINE_PIXELS: usize = 750_000;
 const FINER: f64 = 2.0;
 /// Pixels of a photograph by which textures are judged, at most.
@@ -57,6 +58,7 @@ pub(in crate::train::scene) struct TextureLearner {
 }
 
 /// A photograph and how it was taken.
+#[derive(Clone, Copy)]
 pub(in crate::train::scene) struct Taken<'a> {
     pub photograph: &'a Photograph,
     /// Camera of the photograph.
@@ -83,8 +85,17 @@ impl TextureLearner {
         budget: usize,
         taken: &Taken<'_>,
     ) {
+        let is_fine = taken.per_depth_pixel >= FINER;
+        let most = if is_fine { MOST_FINE_PIXELS } else { MOST_PIXELS };
+        let pixels = taken.photograph.colors.data.len();
+        let factor = (pixels as f64 / most as f64).sqrt().ceil() as usize;
+        // Fewer rows instead of a smaller picture would show as stripes until all rows have been seen.
+        let reduced = (factor > 1).then(|| reduced(taken.photograph, factor));
+        let photograph = reduced.as_ref().unwrap_or(taken.photograph);
+        let camera = Camera { intrinsics: photograph.intrinsics, ..taken.camera };
+        let taken = &Taken { photograph, camera, ..*taken };
         self.begin(state, changed, h, &taken.camera);
-        let most = if taken.per_depth_pixel >= FINER { MOST_FINE_PIXELS } else { MOST_PIXELS };
+        let most = if is_fine { most } else { most / 2 };
         let shown = tile_rows(&taken.camera.intrinsics, most, taken.frame);
         let mut rows = std::mem::take(&mut self.observed);
         self.visit(state, &taken.camera, taken.near, shown, &mut rows, |row, lists| {
@@ -223,6 +234,57 @@ impl TextureLearner {
             Some(self.drawn.get(id).map_or_else(draw, |drawn| drawn.get_or_init(draw).clone()))
         };
         Some(Arc::new(state.textures.par_iter().enumerate().with_min_len(64).map(draw).collect()))
+    }
+}
+
+/// Returns a photograph whose pixels are the means of `factor` × `factor` pixels, with the depths of their
+/// centres. A channel that is saturated in one of them is saturated.
+fn reduced(photograph: &Photograph, factor: usize) -> Photograph {
+    let Image { width, height, .. } = *photograph.colors;
+    let (columns, rows) = (width / factor, height / factor);
+    let mean = |[x, y]: [usize; 2]| {
+        let (mut sum, mut most) = ([0; 4], [0; 4]);
+        for row in y * factor..(y + 1) * factor {
+            let pixels = &photograph.colors.data[row * width + x * factor..][..factor];
+            for pixel in pixels {
+                for channel in 0..4 {
+                    sum[channel] += u32::from(pixel[channel]);
+                    most[channel] = pixel[channel].max(most[channel]);
+                }
+            }
+        }
+        let n = (factor * factor) as u32;
+        let mut mean = sum.map(|sum| ((sum + n / 2) / n) as u8);
+        for channel in (0..3).filter(|&channel| most[channel] >= SATURATED) {
+            mean[channel] = u8::MAX;
+        }
+        mean
+    };
+    let at = |i: usize| [i % columns, i / columns];
+    let n = columns * rows;
+    let colors = (0..n).into_par_iter().with_min_len(1024).map(|i| mean(at(i))).collect();
+    let depth = |i: usize| {
+        let [x, y] = at(i).map(|v| v * factor + factor / 2);
+        photograph.depths.data[y * width + x]
+    };
+    let k = photograph.intrinsics;
+    let per = 1.0 / factor as f64;
+    Photograph {
+        intrinsics: Intrinsics {
+            width: columns as u32,
+            height: rows as u32,
+            fx: k.fx * per,
+            fy: k.fy * per,
+            cx: k.cx * per,
+            cy: k.cy * per,
+        },
+        colors: Image::from_vec(columns, rows, colors).into(),
+        depths: Image::from_vec(columns, rows, (0..n).map(depth).collect()),
+        // The other fields one by one: a clone would copy all depths.
+        offset: photograph.offset,
+        rotation: photograph.rotation,
+        gain: photograph.gain,
+        has_coverage: photograph.has_coverage,
     }
 }
 
@@ -369,4 +431,43 @@ fn observed(texture: &TextureSums, surface: &ShownSurface, color: [f32; 3]) -> O
         weight: (surface.weight.min(1.0) * WEIGHT_ONE + 0.5) as u16,
         color: limited,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    #[test]
+    fn reduced_pixels_are_means_unless_saturated() {
+        let color = |i: usize| [i as u8, 10, if i == 9 { 255 } else { 20 }, 255];
+        let photograph = Photograph {
+            intrinsics: Intrinsics::from_horizontal_fov(5, 4, 0.8),
+            offset: DVec3::ZERO,
+            rotation: DQuat::IDENTITY,
+            colors: Image::from_vec(5, 4, (0..20).map(color).collect()).into(),
+            gain: [1.0; 3],
+            depths: Image::from_vec(5, 4, (0..20).map(|i| i as f32).collect()),
+            has_coverage: false,
+        };
+        let half = reduced(&photograph, 2);
+        assert_eq!((half.colors.width, half.colors.height), (2, 2));
+        // The fifth column is left out. Pixels 0, 1, 5 and 6 have the mean 3.
+        assert_eq!(half.colors.data[0], [3, 10, 20, 255]);
+        assert_eq!(half.colors.data[3], [15, 10, 20, 255]);
+        assert_eq!(half.depths.data, [6.0, 8.0, 16.0, 18.0]);
+        // The ray through the middle of four pixels is that of the pixel they become.
+        let (whole, part) = (photograph.intrinsics, half.intrinsics);
+        let middle = (whole.ray(2, 0) + whole.ray(3, 1)) / 2.0;
+        assert!(part.ray(1, 0).distance(middle) < 1e-12);
+        let bright = Photograph {
+            colors: Image::from_vec(5, 4, vec![[251; 4]; 20]).into(),
+            ..photograph.clone()
+        };
+        assert_eq!(reduced(&bright, 2).colors.data[0], [251; 4]);
+        let mut data = bright.colors.data.clone();
+        data[6][1] = SATURATED;
+        let one = Photograph { colors: Image::from_vec(5, 4, data).into(), ..photograph };
+        assert_eq!(reduced(&one, 2).colors.data[0], [251, 255, 251, 251]);
+    }
 }
