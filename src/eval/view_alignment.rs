@@ -7,7 +7,8 @@
 //! because image gradients are valid for about a pixel.
 //!
 //! Gradients are the render's: the photograph's gradients include detail that the splats lack, so they
-//! would be too steep and steps too short.
+//! would be too steep and steps too short. Pixels of large images are sampled: their errors are correlated, so
+//! most of them would add time and hardly any information.
 //!
 //! Of all visited poses the one with the smallest error is returned, so a failed alignment leaves the
 //! recorded pose.
@@ -44,8 +45,10 @@ const CORRELATED_PIXELS: f64 = 100.0;
 /// Residual, in multiples of the mean, at which a point has weight ½.
 const HALF_WEIGHT_MEANS: f64 = 2.0;
 const MIN_PIXELS: usize = 200;
+/// Number of pixels of an image that are compared, at most.
+const MOST_PIXELS: usize = 40_000;
 /// Number of points per partial sum. Because it is fixed, sums do not depend on the number of threads.
-const CHUNK: usize = 4096;
+const CHUNK: usize = 2048;
 
 pub(super) struct AlignedCamera {
     pub pose: Pose,
@@ -63,14 +66,13 @@ pub(super) fn aligned(
 ) -> Result<AlignedCamera, MetricError> {
     let mut least = aligned_error(&rendered.color, &rendered.coverage, truth)?;
     let mut best = AlignedCamera { pose: camera.pose, rendered };
-    let mut memory = PhotographedPoints::default();
     for scale in SCALES {
         let k = camera.intrinsics.scaled(scale);
         let size = [k.width as usize, k.height as usize];
         // From the best pose so far: a scale that failed must not affect the next.
         let points = rendered_points(&best, &camera.intrinsics, &k, renderer);
         let photograph = area_averaged(truth, size);
-        let moved = align_pose(&points, &photograph, &k, [&camera.pose, &best.pose], &mut memory);
+        let moved = align_pose(&points, &photograph, &k, [&camera.pose, &best.pose]);
         let Some(pose) = moved else { continue };
         let rendered = draw(&Camera { pose, ..*camera });
         let error = aligned_error(&rendered.color, &rendered.coverage, truth)?;
@@ -81,6 +83,12 @@ pub(super) fn aligned(
     Ok(best)
 }
 
+/// Every `stride`-th column and row of a render that has a surface.
+struct RenderedPoints {
+    points: Vec<RenderedPoint>,
+    stride: usize,
+}
+
 struct RenderedPoint {
     place: DVec3,
     color: [f64; 3],
@@ -88,13 +96,13 @@ struct RenderedPoint {
     slope: [[f64; 2]; 3],
 }
 
-/// Returns the points of covered pixels whose neighbours are also covered, at the image size of `k`.
+/// Returns points of covered pixels whose neighbours are also covered, at the image size of `k`.
 fn rendered_points(
     view: &AlignedCamera,
     full: &Intrinsics,
     k: &Intrinsics,
     renderer: Renderer,
-) -> Vec<RenderedPoint> {
+) -> RenderedPoints {
     let Rendered { color, coverage, depth, .. } = &view.rendered;
     let (width, height) = (k.width as usize, k.height as usize);
     let small = area_averaged(color, [width, height]);
@@ -107,11 +115,12 @@ fn rendered_points(
         let [x, y] = under(column, row);
         *coverage.at(x, y) >= COVERED
     };
+    let stride = ((width * height) as f64 / MOST_PIXELS as f64).sqrt().ceil().max(1.0) as usize;
     let mut points = Vec::new();
     // Excludes the border, which has no gradient, and neighbours of uncovered pixels, where the background
     // would add an edge.
-    for row in 1..height.saturating_sub(1) {
-        for column in 1..width.saturating_sub(1) {
+    for row in (1..height.saturating_sub(1)).step_by(stride) {
+        for column in (1..width.saturating_sub(1)).step_by(stride) {
             let at = under(column, row);
             // Full-size depth under the smaller image's pixel.
             let length = f64::from(*depth.at(at[0], at[1]));
@@ -135,13 +144,12 @@ fn rendered_points(
             points.push(RenderedPoint { place, color, slope });
         }
     }
-    points
+    RenderedPoints { points, stride }
 }
 
 /// A point sampled in the photograph: its colours in the render and the photograph, and its depth.
 /// `slope` is the Jacobian of the rendered colour with respect to the camera's rotation and translation,
 /// one row per channel.
-#[derive(Clone)]
 struct PhotographedPoint {
     shown: [f64; 3],
     seen: [f64; 3],
@@ -149,53 +157,29 @@ struct PhotographedPoint {
     z: f64,
 }
 
-/// Points inside a photograph, in order. The buffers are reused between iterations: allocating some 60
-/// MB per iteration took a third of the time.
-#[derive(Default)]
-struct PhotographedPoints {
-    parts: Vec<Vec<PhotographedPoint>>,
-    all: Vec<PhotographedPoint>,
-}
-
-impl PhotographedPoints {
-    fn fill(
-        &mut self,
-        points: &[RenderedPoint],
-        look_up: impl Fn(&RenderedPoint) -> Option<PhotographedPoint> + Sync,
-    ) {
-        let Self { parts, all } = self;
-        parts.resize_with(points.len().div_ceil(CHUNK), Vec::new);
-        parts.par_iter_mut().zip(points.par_chunks(CHUNK)).for_each(|(part, points)| {
-            part.clear();
-            part.extend(points.iter().filter_map(&look_up));
-        });
-        all.clear();
-        parts.iter().for_each(|part| all.extend_from_slice(part));
-    }
-}
-
 /// Aligns a camera pose to a photograph by matching the points' colours, with a prior centred on the
 /// pose `recorded`. The iteration starts at the pose `first`. Returns `None` if too few points are in
 /// the image.
 fn align_pose(
-    points: &[RenderedPoint],
+    RenderedPoints { points, stride }: &RenderedPoints,
     photograph: &RgbImage,
     k: &Intrinsics,
     [recorded, first]: [&Pose; 2],
-    memory: &mut PhotographedPoints,
 ) -> Option<Pose> {
+    // Pixels that are apart share less of their errors.
+    let correlated = (CORRELATED_PIXELS / (stride * stride) as f64).max(1.0);
     let mut pose = *first;
     for _ in 0..ROUNDS {
         let (rotation, translation) = pose.inverse();
-        memory.fill(points, |point| {
+        let look_up = |point: &RenderedPoint| {
             sample_photograph(photograph, k, rotation * point.place + translation, point)
-        });
-        let seen = &memory.all;
-        if seen.len() < MIN_PIXELS {
+        };
+        let seen: Vec<_> = points.par_iter().with_min_len(CHUNK).filter_map(look_up).collect();
+        if seen.len() * stride * stride < MIN_PIXELS {
             return None;
         }
         let depth = seen.iter().map(|point| point.z).sum::<f64>() / seen.len() as f64;
-        let [turn, shift] = step(seen, recorded, &pose, SHIFT_DEVIATION * depth)?;
+        let [turn, shift] = step(&seen, recorded, &pose, SHIFT_DEVIATION * depth, correlated)?;
         pose = pose.attached_camera(shift, DQuat::from_scaled_axis(turn));
         // Motion in the image at the mean depth.
         let pixels = k.fx.max(k.fy) * (turn.length() + shift.length() / depth);
@@ -244,6 +228,7 @@ fn step(
     recorded: &Pose,
     pose: &Pose,
     shift_deviation: f64,
+    correlated: f64,
 ) -> Option<[DVec3; 2]> {
     let lines = [0, 1, 2].map(|channel| fit_exposure(points, channel));
     let residual = |point: &PhotographedPoint, i: usize| {
@@ -272,7 +257,7 @@ fn step(
         .collect();
     let sums = NormalEquations::total(&parts);
     // Bounded for equal images, whose residuals are all zero.
-    let variance = CORRELATED_PIXELS * sums.variance().max(f64::MIN_POSITIVE.sqrt());
+    let variance = correlated * sums.variance().max(f64::MIN_POSITIVE.sqrt());
     let mut equations = NormalEquations::<6>::ZERO;
     equations.add(&sums, variance.recip());
     // The prior stays on the recorded pose in all iterations; on the previous one, poses could drift.

@@ -5,6 +5,7 @@ use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Measured surface point. Its position is relative to [`Observation::origin`], in world axes and units.
@@ -131,17 +132,18 @@ impl Photograph {
         }
     }
 
-    /// Returns the measured pixels of one row from left to right, with the photograph's gain applied. A
+    /// Returns the measured pixels of some columns of a row, with the photograph's gain applied. A
     /// surface within `margin[0] + margin[1]·depth` (world units) of the measured depth is regarded as
     /// the measured one.
     pub fn measured_row(
         &self,
         row: usize,
+        columns: Range<usize>,
         margin: [f32; 2],
     ) -> impl ExactSizeIterator<Item = MeasuredPixel> + '_ {
-        let width = self.colors.width;
-        let depths = &self.depths.data[row * width..][..width];
-        let colors = &self.colors.data[row * width..][..width];
+        let first = row * self.colors.width + columns.start;
+        let depths = &self.depths.data[first..][..columns.len()];
+        let colors = &self.colors.data[first..][..columns.len()];
         colors.iter().zip(depths).map(move |(color, depth)| {
             let [red, green, blue, alpha] = color.map(|byte| f32::from(byte) / 255.0);
             let covered = match self.has_coverage {
@@ -165,8 +167,10 @@ impl Photograph {
             MeasuredPixel { color: [r * gain[0], g * gain[1], b * gain[2]], ..pixel }
         };
         let Image { width, height, .. } = *self.colors;
-        let pixels =
-            (0..height).flat_map(|row| self.measured_row(row, margin)).map(exposed).collect();
+        let pixels = (0..height)
+            .flat_map(|row| self.measured_row(row, 0..width, margin))
+            .map(exposed)
+            .collect();
         Image::from_vec(width, height, pixels)
     }
 }

@@ -141,6 +141,28 @@ impl Texture {
         patch.map_or_else(Texel::default, |patch| patch[within])
     }
 
+    /// Returns the texels at columns `x` and `x + 1` of rows `y` and `y + 1`, row by row. At the last column and
+    /// row they repeat.
+    #[inline(always)]
+    pub fn four(&self, [x, y]: [usize; 2]) -> [Texel; 4] {
+        let (patch, within) = self.lattice.patch_of([x, y]);
+        if x % PATCH < PATCH - 1 && y % PATCH < PATCH - 1 {
+            let patch =
+                self.index.get(patch).and_then(|&patch| self.patches.get(usize::from(patch)));
+            let Some(patch) = patch else { return [Texel::default(); 4] };
+            let [low, high] = [within, within + PATCH];
+            return [patch[low], patch[low + 1], patch[high], patch[high + 1]];
+        }
+        let last = self.lattice.side() - 1;
+        let (right, below) = ((x + 1).min(last), (y + 1).min(last));
+        [
+            self.texel([x, y]),
+            self.texel([right, y]),
+            self.texel([x, below]),
+            self.texel([right, below]),
+        ]
+    }
+
     /// Returns the texture at a place, in texels from the lattice's corner, bilinearly interpolated. The
     /// share is 0 outside.
     pub fn sample(&self, place: [f32; 2]) -> Sample {

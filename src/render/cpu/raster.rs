@@ -2,14 +2,12 @@
 
 use super::buckets::Buckets;
 use super::record::Records;
-use super::textures::add_textures;
 use super::tile::{ProjectionForm, Tile};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{Kernel, Vector};
 use crate::model::splat::texture::Textures;
 use crate::render::finish::Finish;
 use crate::render::options::{Lens, RenderMethod, Response, TILE};
-use glam::{DVec2, Vec3};
 use wide::bytemuck::cast_slice;
 
 // Splats binned to tiles at a time. Limits a row's lists to this many entries per tile, whatever
@@ -55,15 +53,6 @@ pub(super) struct RowInputs<'a> {
     pub textures: Option<&'a Textures>,
     /// True if tiles without textured splats are left empty.
     pub is_for_textures: bool,
-}
-
-impl RowInputs<'_> {
-    /// Returns a pixel's ray in camera axes, of any length; zero outside a fisheye's image.
-    #[inline(always)]
-    pub(super) fn ray(&self, column: usize, row: usize) -> Vec3 {
-        let at = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
-        self.method.lens().ray(&self.intrinsics, at).unwrap_or_default().as_vec3()
-    }
 }
 
 /// Task that draws the splats of `list` (nearest first) into one row of tiles.
@@ -119,6 +108,11 @@ impl DrawRow<'_> {
                 }
             }
         }
+        if let Some(textures) = sheet.textures {
+            for tile in &mut canvas.tiles {
+                tile.add_textures::<V>(&sheet.intrinsics, &sheet.records.planes, textures);
+            }
+        }
     }
 }
 
@@ -172,15 +166,6 @@ impl RowCanvas {
                     let [t, r, g, b, z] = planes.map(|plane| plane[row * TILE + column]);
                     // The sign of a transmittance only marks the pixel as finished.
                     let (open, pixel) = (1.0 - t.abs(), row * width + left + column);
-                    let [r, g, b] = match (sheet.textures, tile.owners()) {
-                        (Some(textures), Some(owners)) => {
-                            let ray = sheet.ray(left + column, top + row);
-                            let owners = [0, 1].map(|which| owners.of(row, column, which));
-                            let planes = &sheet.records.planes;
-                            add_textures([r, g, b], open, owners, ray, planes, textures)
-                        }
-                        _ => [r, g, b],
-                    };
                     let [r, g, b, covered] = sheet.finish.apply([r, g, b, open]);
                     let t = 1.0 - covered;
                     // Stored colours may exceed 1.

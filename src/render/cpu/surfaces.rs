@@ -4,14 +4,15 @@
 use super::raster::{DrawRow, RowCanvas, RowInputs};
 use super::renderer::CpuRenderer;
 use super::rows::longest_first;
+use super::textures::{Owners, SurfacePlane, meet};
+use super::tile::{GROUPS, Plane, Tile};
 use super::view::CpuView;
-use crate::math::camera::Camera;
-use crate::math::simd::Isa;
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::simd::{Isa, Kernel, LANES, Vector};
 use crate::model::splat::appearance::SplatView;
 use crate::model::splat::texture::Lattice;
 use crate::render::finish::Finish;
 use crate::render::options::{RenderOptions, TILE};
-use glam::Vec3;
 
 /// A textured splat in a pixel.
 #[derive(Clone, Copy, Debug)]
@@ -28,65 +29,103 @@ pub struct ShownSurface {
     pub shift: [f32; 3],
 }
 
-/// One drawn row of tiles.
-pub struct SurfaceRow<'a> {
-    canvas: &'a RowCanvas,
-    inputs: &'a RowInputs<'a>,
-    /// First pixel row of the row of tiles.
-    pub top: usize,
+/// One drawn tile that shows textured splats.
+pub struct SurfaceTile<'a> {
+    tile: &'a Tile,
+    owners: &'a Owners,
+    planes: &'a [SurfacePlane],
+    met: [MetPlanes; 2],
+    /// First pixel column and row in the image.
+    pub first: [usize; 2],
 }
 
-impl SurfaceRow<'_> {
-    /// Returns the coverage of a pixel of the image.
+/// Where the rays of a tile meet the planes of one splat a pixel.
+struct MetPlanes {
+    place: [Plane; 2],
+    /// Not a number where a plane is not met.
+    depth: Plane,
+}
+
+struct MeetTile<'a> {
+    tile: &'a Tile,
+    owners: &'a Owners,
+    planes: &'a [SurfacePlane],
+    intrinsics: &'a Intrinsics,
+}
+
+impl Kernel for MeetTile<'_> {
+    type Output = [MetPlanes; 2];
+
     #[inline(always)]
-    pub fn coverage(&self, column: usize, row: usize) -> f32 {
-        1.0 - self.value(0, column, row).abs()
+    fn run<V: Vector>(self) -> [MetPlanes; 2] {
+        let Self { tile, owners, planes, intrinsics } = self;
+        let empty = [[f32::NAN; LANES]; TILE * GROUPS];
+        let mut met = [0, 1].map(|_| MetPlanes { place: [empty; 2], depth: empty });
+        for group in 0..TILE * GROUPS {
+            let rays = tile.group_rays::<V>(intrinsics, group);
+            for (which, to) in met.iter_mut().enumerate() {
+                let (weights, planes) = owners.of(group, which, planes);
+                if V::load(&weights).at_most(V::splat(0.0)) == (1 << LANES) - 1 {
+                    continue;
+                }
+                let met = meet(planes, rays);
+                met.place[0].store(&mut to.place[0][group]);
+                met.place[1].store(&mut to.place[1][group]);
+                let depth = V::select(met.is_met, met.depth, V::splat(f32::NAN));
+                depth.store(&mut to.depth[group]);
+            }
+        }
+        met
+    }
+}
+
+impl SurfaceTile<'_> {
+    /// Returns the coverage of the pixel `[column, row]` of the tile.
+    #[inline(always)]
+    pub fn coverage(&self, at: [usize; 2]) -> f32 {
+        1.0 - value(self.tile.planes()[0], at).abs()
     }
 
     /// Returns the drawn colour of a pixel without textures, not premultiplied.
     #[inline(always)]
-    pub fn color(&self, column: usize, row: usize) -> [f32; 3] {
-        let per = 1.0 / self.coverage(column, row).max(f32::MIN_POSITIVE);
-        [1, 2, 3].map(|plane| self.value(plane, column, row) * per)
-    }
-
-    #[inline(always)]
-    fn value(&self, plane: usize, column: usize, row: usize) -> f32 {
-        let pixels: &[f32] = self.canvas.tiles[column / TILE].planes()[plane].as_flattened();
-        pixels[(row - self.top) * TILE + column % TILE]
-    }
-
-    /// Returns the ray of a pixel in camera axes, of any length.
-    #[inline(always)]
-    pub fn ray(&self, column: usize, row: usize) -> Vec3 {
-        self.inputs.ray(column, row)
+    pub fn color(&self, at: [usize; 2]) -> [f32; 3] {
+        let per = 1.0 / self.coverage(at).max(f32::MIN_POSITIVE);
+        let [_, r, g, b, _] = self.tile.planes();
+        [value(r, at) * per, value(g, at) * per, value(b, at) * per]
     }
 
     /// Returns one of the two surfaces of a pixel if its weight is at least `least`; `which` is 0 for the
-    /// largest weight. `ray` is the pixel's ray.
+    /// largest weight.
     #[inline(always)]
-    pub fn at(
-        &self,
-        [column, row]: [usize; 2],
-        which: usize,
-        ray: Vec3,
-        least: f32,
-    ) -> Option<ShownSurface> {
-        let owners = self.canvas.tiles[column / TILE].owners()?;
-        let (number, weight) = owners.of(row - self.top, column % TILE, which);
+    pub fn at(&self, at: [usize; 2], which: usize, least: f32) -> Option<ShownSurface> {
+        let (weight, number) = self.owners.one(group_and_lane(at), which);
+        let MetPlanes { place, depth } = &self.met[which];
+        let depth = value(depth, at);
         // Number and weight are 0 where no splat was drawn.
-        if weight < least || weight <= 0.0 {
+        if weight < least || weight <= 0.0 || depth.is_nan() {
             return None;
         }
-        let plane = &self.inputs.records.planes[number as usize];
-        let (place, depth) = plane.meet(ray)?;
-        Some(ShownSurface { splat: plane.splat, weight, place, depth, shift: plane.shift })
+        let SurfacePlane { splat, shift, .. } = self.planes[number];
+        let place = [value(&place[0], at), value(&place[1], at)];
+        Some(ShownSurface { splat, weight, place, depth, shift })
     }
 }
 
+#[inline(always)]
+fn group_and_lane([column, row]: [usize; 2]) -> [usize; 2] {
+    [row * GROUPS + column / LANES, column % LANES]
+}
+
+#[inline(always)]
+fn value(plane: &Plane, at: [usize; 2]) -> f32 {
+    let [group, lane] = group_and_lane(at);
+    plane[group][lane]
+}
+
 impl CpuRenderer {
-    /// Draws the tiles of a view that textured splats touch, and calls `visit` for some rows of tiles. `rows` lists their numbers from the top, ascending,
-    /// each with a value for `visit`. `lattices` returns the lattice of a splat's texture.
+    /// Draws some rows of tiles of a view, and calls `visit` for every tile that textured splats touch, from left
+    /// to right. `rows` lists the numbers of the rows from the top, ascending, each with a value for `visit`.
+    /// `lattices` returns the lattice of a splat's texture.
     pub fn visit_surfaces<T: Send>(
         &mut self,
         splats: SplatView<'_>,
@@ -94,7 +133,7 @@ impl CpuRenderer {
         camera: &Camera,
         options: &RenderOptions,
         rows: impl Iterator<Item = (usize, T)>,
-        visit: impl Fn(&SurfaceRow<'_>, T) + Sync,
+        visit: impl Fn(&SurfaceTile<'_>, &mut T) + Sync,
     ) {
         let view = CpuView::new(camera, options);
         if view.width == 0 || view.height == 0 {
@@ -119,10 +158,19 @@ impl CpuRenderer {
             let (_, canvas) = canvases.find(|(number, _)| *number == row)?;
             Some((lists.get(row).len(), (row, canvas, value)))
         });
-        longest_first(tasks, |(row, canvas, value)| {
+        longest_first(tasks, |(row, canvas, mut value)| {
             let (top, list) = (row * TILE, lists.get(row));
             Isa::best().run(DrawRow { sheet: inputs, canvas: &mut *canvas, top, list });
-            visit(&SurfaceRow { canvas, inputs: &inputs, top }, value);
+            let planes = &inputs.records.planes;
+            for (column, tile) in canvas.tiles.iter().enumerate() {
+                let Some(owners) = tile.owners().filter(|owners| owners.has_any()) else {
+                    continue;
+                };
+                let intrinsics = &inputs.intrinsics;
+                let met = Isa::best().run(MeetTile { tile, owners, planes, intrinsics });
+                let first = [column * TILE, top];
+                visit(&SurfaceTile { tile, owners, planes, met, first }, &mut value);
+            }
         });
     }
 }

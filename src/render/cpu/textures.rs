@@ -7,12 +7,13 @@
 use super::shade;
 use super::tile::{GROUPS, Plane};
 use super::view::{CameraSplat, CpuView};
-use crate::math::simd::{LANES, Vector};
+use crate::math::simd::{LANES, Vector, dot, gather_rows};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::model::splat::texture::{Lattice, Textures};
+use crate::model::splat::texture::{Lattice, Texture, Textures};
 use crate::render::options::TILE;
-use glam::{DVec3, Vec3};
+use glam::DVec3;
+use wide::bytemuck::{Pod, Zeroable, cast_ref};
 
 /// Least cosine between ray and normal for a look-up: near grazing angles the intersection is unstable.
 pub(in crate::render) const MIN_COSINE: f64 = 0.1;
@@ -21,14 +22,15 @@ pub(in crate::render) const MIN_COSINE: f64 = 0.1;
 pub(super) type LatticeOf<'a> = &'a (dyn Fn(usize) -> Option<Lattice> + Sync);
 
 /// Plane of a textured splat in camera axes, for intersections with pixel rays.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
 pub(super) struct SurfacePlane {
     /// Normal over the plane's distance: a ray `r` meets the plane at `r/(n·r)`.
-    normal: Vec3,
+    normal: [f32; 3],
     /// Least `|n·r|/|r|` of a look-up.
     least: f32,
     /// Directions of the lattice's columns and rows, texels per world unit.
-    axes: [Vec3; 2],
+    axes: [[f32; 3]; 2],
     /// Position of the camera in the lattice, texels.
     offset: [f32; 2],
     /// Colour of the splat in this view minus its colour seen from the mean of the observed directions.
@@ -41,9 +43,9 @@ impl Default for SurfacePlane {
     /// Returns the plane of a splat without texture, which no ray meets.
     fn default() -> Self {
         Self {
-            normal: Vec3::ZERO,
+            normal: [0.0; 3],
             least: f32::INFINITY,
-            axes: [Vec3::ZERO; 2],
+            axes: [[0.0; 3]; 2],
             offset: [0.0; 2],
             shift: [0.0; 3],
             splat: u32::MAX,
@@ -65,9 +67,9 @@ impl SurfacePlane {
         let world = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
         let axes = lattice.axes.map(|axis| view.camera_from_world * world(axis));
         Self {
-            normal: (normal / distance).as_vec3(),
+            normal: (normal / distance).as_vec3().to_array(),
             least: (MIN_COSINE / distance.abs()) as f32,
-            axes: axes.map(|axis| (axis * lattice.per_unit()).as_vec3()),
+            axes: axes.map(|axis| (axis * lattice.per_unit()).as_vec3().to_array()),
             offset: lattice.place_of(view.centre).map(|v| v as f32),
             shift: shade::directional_shift(view, splat, placed, appearance),
             splat: number as u32,
@@ -77,20 +79,35 @@ impl SurfacePlane {
     pub(super) fn has_texture(&self) -> bool {
         self.splat != u32::MAX
     }
+}
 
-    /// Returns where a ray in camera axes meets the plane: position in the lattice, in texels, and
-    /// depth along the optical axis. `None` at grazing angles and behind the camera.
-    #[inline(always)]
-    pub(super) fn meet(&self, ray: Vec3) -> Option<([f32; 2], f32)> {
-        let per_depth = self.normal.dot(ray);
-        // The values of a plane through the camera are infinite or undefined.
-        if per_depth.is_nan() || per_depth < self.least * ray.length() {
-            return None;
-        }
-        let point = ray / per_depth;
-        let place = [0, 1].map(|i| self.axes[i].dot(point) + self.offset[i]);
-        Some((place, point.z))
+/// Where the rays of eight pixels meet planes.
+pub(super) struct Met<V> {
+    /// Lane mask: clear at grazing angles and behind the camera.
+    pub is_met: V,
+    /// Column and row in the lattice, texels from its corner.
+    pub place: [V; 2],
+    /// Depth along the optical axis.
+    pub depth: V,
+    pub shift: [V; 3],
+}
+
+/// Intersects eight rays in camera axes with a plane each.
+#[inline(always)]
+pub(super) fn meet<V: Vector>(planes: [&SurfacePlane; LANES], ray: [V; 3]) -> Met<V> {
+    let mut rows = [cast_ref(planes[0]); LANES];
+    for lane in 1..LANES {
+        rows[lane] = cast_ref(planes[lane]);
     }
+    let [nx, ny, nz, least, ax, ay, az, bx, by, bz, u, v, red, green, blue, _] =
+        gather_rows::<V, 16>(rows);
+    let per_depth = dot([nx, ny, nz], ray);
+    // The values of a plane through the camera are infinite or undefined, and fail the comparison.
+    let is_met = (least * dot(ray, ray).sqrt()).mask_at_most(per_depth);
+    let inverse = V::splat(1.0) / per_depth;
+    let point = [ray[0] * inverse, ray[1] * inverse, ray[2] * inverse];
+    let place = [dot([ax, ay, az], point) + u, dot([bx, by, bz], point) + v];
+    Met { is_met, place, depth: point[2], shift: [red, green, blue] }
 }
 
 /// The two splats with the largest weights in every pixel of a tile.
@@ -127,41 +144,150 @@ impl Owners {
         V::select(leads, number, n1).store(&mut to_first[group]);
     }
 
-    /// Returns record number and weight of a pixel's splat; `which` is 0 for the one with the largest weight.
+    /// True if a splat was drawn in a pixel.
+    pub(super) fn has_any(&self) -> bool {
+        self.weights[0].as_flattened().iter().any(|&weight| weight > 0.0)
+    }
+
+    /// Returns the weight of a pixel's splat and its record number; `which` is 0 for the largest weight.
     #[inline(always)]
-    pub(super) fn of(&self, row: usize, column: usize, which: usize) -> (u32, f32) {
-        let (group, lane) = (row * GROUPS + column / LANES, column % LANES);
-        (self.numbers[which][group][lane].to_bits(), self.weights[which][group][lane])
+    pub(super) fn one(&self, [group, lane]: [usize; 2], which: usize) -> (f32, usize) {
+        let number = self.numbers[which][group][lane].to_bits();
+        (self.weights[which][group][lane], number as usize)
+    }
+
+    /// Returns the weights of the splats of eight pixels and their planes; `which` is 0 for the largest
+    /// weights. Pixels without a splat have weight 0 and any plane.
+    #[inline(always)]
+    pub(super) fn of<'a>(
+        &self,
+        group: usize,
+        which: usize,
+        planes: &'a [SurfacePlane],
+    ) -> ([f32; LANES], [&'a SurfacePlane; LANES]) {
+        let numbers = &self.numbers[which][group];
+        let mut of = [&planes[0]; LANES];
+        for lane in 0..LANES {
+            of[lane] = &planes[numbers[lane].to_bits() as usize];
+        }
+        (self.weights[which][group], of)
     }
 }
 
-/// Adds the textures of a pixel's owners to its premultiplied colour. `coverage` is the sum of all weights,
-/// `ray` the pixel's ray in camera axes.
-pub(super) fn add_textures(
-    color: [f32; 3],
-    coverage: f32,
-    owners: [(u32, f32); 2],
-    ray: Vec3,
+/// Textures of eight pixels at places of them.
+struct Samples<V> {
+    share: V,
+    /// Colour times the share.
+    color: [V; 3],
+}
+
+// Bits of 2²³: an integer below it in the low bits gives their sum.
+const INTEGER: u32 = 0x4B00_0000;
+
+/// Adds textures to the premultiplied colours of eight pixels. `coverage` is the sum of all weights, `rays`
+/// are in camera axes. Returns `None` if no texture is met.
+#[inline(always)]
+pub(super) fn add_textures<V: Vector>(
+    colors: [V; 3],
+    coverage: V,
+    (owners, group): (&Owners, usize),
+    rays: [V; 3],
     planes: &[SurfacePlane],
     textures: &Textures,
-) -> [f32; 3] {
-    let mut textured = color;
-    let per = 1.0 / coverage.max(f32::MIN_POSITIVE);
-    for (number, weight) in owners {
-        // Number and weight are 0 where no splat was offered.
-        if weight <= 0.0 {
+) -> Option<[V; 3]> {
+    let mut textured = None;
+    let per = V::splat(1.0) / coverage.max(V::splat(f32::MIN_POSITIVE));
+    for which in 0..2 {
+        let (weights, planes) = owners.of(group, which, planes);
+        let mut of: [Option<&Texture>; LANES] = [None; LANES];
+        let (mut sides, mut is_textured) = ([-1.0; LANES], false);
+        for lane in 0..LANES {
+            if weights[lane] <= 0.0 {
+                continue;
+            }
+            if let Some(Some(texture)) = textures.get(planes[lane].splat as usize) {
+                of[lane] = Some(texture);
+                sides[lane] = texture.lattice.side() as f32;
+                is_textured = true;
+            }
+        }
+        if !is_textured {
             continue;
         }
-        let plane = &planes[number as usize];
-        let Some((place, _)) = plane.meet(ray) else { continue };
-        let Some(texture) = textures.get(plane.splat as usize).and_then(Option::as_ref) else {
-            continue;
-        };
-        let sample = texture.sample(place);
+        let met = meet(planes, rays);
+        let Some(samples) = sample(&of, &met, V::load(&sides)) else { continue };
+        let weight = V::load(&weights);
+        let mut sums = textured.unwrap_or(colors);
         for channel in 0..3 {
-            let drawn = color[channel] * per - plane.shift[channel];
-            textured[channel] += weight * (sample.color[channel] - sample.share * drawn);
+            let drawn = colors[channel] * per - met.shift[channel];
+            let change = samples.color[channel] - samples.share * drawn;
+            sums[channel] = sums[channel] + weight * change;
+        }
+        textured = Some(sums);
+    }
+    let mut textured = textured?;
+    for channel in 0..3 {
+        textured[channel] = textured[channel].max(V::splat(0.0));
+    }
+    Some(textured)
+}
+
+/// Interpolates textures of `sides` texels a side bilinearly, as [`Texture::sample`] does. The share is 0 where a plane is
+/// not met. Returns `None` if no place is within its lattice.
+#[inline(always)]
+fn sample<V: Vector>(
+    textures: &[Option<&Texture>; LANES],
+    met: &Met<V>,
+    sides: V,
+) -> Option<Samples<V>> {
+    let (zero, one) = (V::splat(0.0), V::splat(1.0));
+    let [x, y] = met.place;
+    let columns = zero.mask_at_most(x).and(x.mask_at_most(sides));
+    let rows = zero.mask_at_most(y).and(y.mask_at_most(sides));
+    let is_inside = met.is_met.and(columns).and(rows);
+    let inside = is_inside.sign_bits();
+    if inside == 0 {
+        return None;
+    }
+    // Undefined places become 0.
+    let x = (x.and(is_inside) - V::splat(0.5)).max(zero);
+    let y = (y.and(is_inside) - V::splat(0.5)).max(zero);
+    let (column, row) = (x.truncated(), y.truncated());
+    let (mut x0, mut y0) = ([0.0; LANES], [0.0; LANES]);
+    // Of each of four texels, red and green, then blue and share, as bits.
+    let mut texels = [[[0.0; LANES]; 2]; 4];
+    for lane in 0..LANES {
+        (x0[lane], y0[lane]) = (column[lane] as f32, row[lane] as f32);
+        let Some(texture) = textures[lane] else { continue };
+        if inside >> lane & 1 == 0 {
+            continue;
+        }
+        let four = texture.four([column[lane] as usize, row[lane] as usize]);
+        for i in 0..4 {
+            texels[i][0][lane] = f32::from_bits(four[i].0 & 0x3_FFFF);
+            texels[i][1][lane] = f32::from_bits(four[i].0 >> 18);
         }
     }
-    textured.map(|channel| channel.max(0.0))
+    let (right, below) = (x - V::load(&x0), y - V::load(&y0));
+    let (left, above) = (one - right, one - below);
+    let parts = [left * above, right * above, left * below, right * below];
+    let (mut share, mut color) = (zero, [zero; 3]);
+    let integer = V::splat(f32::from_bits(INTEGER));
+    for i in 0..4 {
+        let [low, high] = [V::load(&texels[i][0]), V::load(&texels[i][1])];
+        let [r, g] = [low.replace_low_bits(511, INTEGER), low.replace_low_bits(511 << 9, INTEGER)];
+        let [b, s] = [high.replace_low_bits(511, INTEGER), high.replace_low_bits(31 << 9, INTEGER)];
+        let weight = parts[i] * (s - integer);
+        share = share + weight;
+        color[0] = color[0] + weight * (r - integer);
+        color[1] = color[1] + weight * (g - integer);
+        color[2] = color[2] + weight * (b - integer);
+    }
+    // Shares are in steps of 1/31, colours of 1/256. Both and green are 9 bits further left.
+    let unit = 1.0 / (31.0 * 512.0);
+    share = share * V::splat(unit);
+    color[0] = color[0] * V::splat(unit / 256.0);
+    color[1] = color[1] * V::splat(unit / (256.0 * 512.0));
+    color[2] = color[2] * V::splat(unit / 256.0);
+    Some(Samples { share, color })
 }

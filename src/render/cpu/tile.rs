@@ -7,10 +7,11 @@
 //! finished or outside the image, so that one comparison tests both.
 
 use super::record::{ConicRecord, Gradient, Records, Rect, TangentFrame};
-use super::textures::Owners;
+use super::textures::{Owners, SurfacePlane, add_textures};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{LANES, SET_LANE, Vector};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
+use crate::model::splat::texture::Textures;
 use crate::render::options::{ALPHA_CAP, Lens, TILE, TRANSMITTANCE_STOP};
 use glam::DVec2;
 use std::ops::Range;
@@ -136,6 +137,43 @@ impl Tile {
     pub(super) fn planes(&self) -> [&Plane; 5] {
         let [red, green, blue] = &self.color;
         [&self.transmittance, red, green, blue, &self.depth]
+    }
+
+    /// Returns the rays of eight pixels in camera axes, of any length.
+    #[inline(always)]
+    pub(super) fn group_rays<V: Vector>(&self, k: &Intrinsics, group: usize) -> [V; 3] {
+        if let Some(rays) = &self.rays {
+            let [x, y, z] = &**rays;
+            return [V::load(&x[group]), V::load(&y[group]), V::load(&z[group])];
+        }
+        let x0 = (self.left as f64 + 0.5 - k.cx) as f32;
+        let y = (((self.top + group / GROUPS) as f64 + 0.5 - k.cy) / k.fy) as f32;
+        let x = V::load(&LANE_COLUMNS[group % GROUPS]) + V::splat(x0);
+        [x * V::splat(k.fx.recip() as f32), V::splat(y), V::splat(1.0)]
+    }
+
+    /// Adds the textures of the splats with the largest weights to the drawn colours.
+    #[inline(always)]
+    pub(super) fn add_textures<V: Vector>(
+        &mut self,
+        k: &Intrinsics,
+        planes: &[SurfacePlane],
+        textures: &Textures,
+    ) {
+        let Some(owners) = self.owners.as_deref().filter(|_| !planes.is_empty()) else { return };
+        for group in 0..TILE * GROUPS {
+            let [r, g, b] = &self.color;
+            let colors = [V::load(&r[group]), V::load(&g[group]), V::load(&b[group])];
+            // The sign of a transmittance only marks the pixel as finished.
+            let passed = V::load(&self.transmittance[group]).replace_low_bits(!(1 << 31), 0);
+            let (coverage, rays) = (V::splat(1.0) - passed, self.group_rays(k, group));
+            let owners = (owners, group);
+            let textured = add_textures(colors, coverage, owners, rays, planes, textures);
+            let Some(textured) = textured else { continue };
+            for (plane, textured) in self.color.iter_mut().zip(textured) {
+                textured.store(&mut plane[group]);
+            }
+        }
     }
 
     /// Blends the listed splats into the tile, nearest first. If `min_front` is 0, the largest response

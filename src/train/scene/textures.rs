@@ -13,10 +13,10 @@ use crate::model::splat::texture::{MAX_LEVEL, PATCH, Texture, Textures};
 use crate::observation::surface::Photograph;
 use crate::render::cpu::CpuRenderer;
 use crate::render::cpu::photometric::RowSubset;
-use crate::render::cpu::surfaces::{ShownSurface, SurfaceRow};
+use crate::render::cpu::surfaces::{ShownSurface, SurfaceTile};
 use crate::render::{RenderMethod, RenderOptions, TILE};
 use crate::train::scene::photometric::TrainingView;
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
@@ -98,8 +98,8 @@ impl TextureLearner {
         let most = if is_fine { most } else { most / 2 };
         let shown = tile_rows(&taken.camera.intrinsics, most, taken.frame);
         let mut rows = std::mem::take(&mut self.observed);
-        self.visit(state, &taken.camera, taken.near, shown, &mut rows, |row, lists| {
-            list_observed(row, taken, &state.textures, lists);
+        self.visit(state, &taken.camera, taken.near, shown, &mut rows, |tile, lists| {
+            list_observed(tile, taken, &state.textures, lists);
         });
         self.change(&mut state.textures, &rows, |_| (), TextureSums::add);
         self.observed = rows;
@@ -118,14 +118,14 @@ impl TextureLearner {
     ) {
         let shown = tile_rows(&view.camera.intrinsics, MOST_JUDGED, view.frame);
         let mut rows = std::mem::take(&mut self.products);
-        self.visit(state, &view.camera, view.near, shown, &mut rows, |row, lists| {
-            list_products(row, view.rows, photograph, &state.textures, lists);
+        self.visit(state, &view.camera, view.near, shown, &mut rows, |tile, lists| {
+            list_products(tile, view.rows, photograph, &state.textures, lists);
         });
         self.change(&mut state.textures, &rows, TextureSums::fade, TextureSums::add_products);
         self.products = rows;
     }
 
-    /// Draws the textured splats of a view and calls `list` for the rows of tiles in `shown`.
+    /// Draws the textured splats of a view and calls `list` for the tiles of the rows in `shown`.
     fn visit<T: Send>(
         &mut self,
         state: &PhotometricState,
@@ -133,7 +133,7 @@ impl TextureLearner {
         near: f64,
         shown: Vec<usize>,
         rows: &mut Vec<Lists<T>>,
-        list: impl Fn(&SurfaceRow<'_>, &mut Lists<T>) + Sync,
+        list: impl Fn(&SurfaceTile<'_>, &mut Lists<T>) + Sync,
     ) {
         let has_textures = state.textures.iter().any(Option::is_some);
         let splats = SplatView::new(&state.splats, &state.appearance);
@@ -147,7 +147,9 @@ impl TextureLearner {
             lists.iter_mut().for_each(Vec::clear);
         }
         let visited = shown.into_iter().zip(rows);
-        self.renderer.visit_surfaces(splats, &lattice, camera, &options, visited, list);
+        self.renderer.visit_surfaces(splats, &lattice, camera, &options, visited, |tile, lists| {
+            list(tile, lists)
+        });
     }
 
     /// Calls `begin` once for every texture that has listed items, and `change` for every item.
@@ -310,28 +312,29 @@ fn part_bits(n_components: usize) -> u32 {
     n_components.div_ceil(PARTS).next_power_of_two().trailing_zeros()
 }
 
-/// Lists what a row of tiles of the photograph adds to textures.
+/// Lists what a tile of the photograph adds to textures.
 fn list_observed(
-    row: &SurfaceRow<'_>,
+    tile: &SurfaceTile<'_>,
     taken: &Taken<'_>,
     textures: &[Option<Arc<TextureSums>>],
     lists: &mut Lists<Observed>,
 ) {
     let bits = part_bits(textures.len());
     let Image { width, height, .. } = *taken.photograph.colors;
-    for y in row.top..(row.top + TILE).min(height) {
-        let raw = &taken.photograph.colors.data[y * width..][..width];
-        let pixels = taken.photograph.measured_row(y, taken.margin);
+    let [left, top] = tile.first;
+    let columns = left..(left + TILE).min(width);
+    for y in top..(top + TILE).min(height) {
+        let raw = &taken.photograph.colors.data[y * width..][columns.clone()];
+        let pixels = taken.photograph.measured_row(y, columns.clone(), taken.margin);
         for (x, (pixel, raw)) in pixels.zip(raw).enumerate() {
-            if raw[..3].iter().any(|&c| c >= SATURATED) || !is_shown(row, [x, y], &pixel) {
+            let at = [x, y - top];
+            if raw[..3].iter().any(|&c| c >= SATURATED) || !is_shown(tile, at, &pixel) {
                 continue;
             }
             let ([r, g, b], gain) = (pixel.color, taken.gain);
             let color = [r * gain[0], g * gain[1], b * gain[2]];
-            let ray = row.ray(x, y);
             for which in 0..2 {
-                let Some((surface, texture)) = surface(row, [x, y], which, ray, &pixel, textures)
-                else {
+                let Some((surface, texture)) = surface(tile, at, which, &pixel, textures) else {
                     continue;
                 };
                 if let Some(observed) = observed(texture, &surface, color) {
@@ -342,27 +345,29 @@ fn list_observed(
     }
 }
 
-/// Lists the products of a row of tiles for [`TextureSums::add_products`].
+/// Lists the products of a tile for [`TextureSums::add_products`].
 fn list_products(
-    row: &SurfaceRow<'_>,
+    tile: &SurfaceTile<'_>,
     compared: RowSubset,
     photograph: &Image<MeasuredPixel>,
     textures: &[Option<Arc<TextureSums>>],
     lists: &mut Lists<Products>,
 ) {
     let bits = part_bits(textures.len());
-    let rows = row.top..(row.top + TILE).min(photograph.height);
+    let [left, top] = tile.first;
+    let rows = top..(top + TILE).min(photograph.height);
+    let columns = left..(left + TILE).min(photograph.width);
     let is_compared = |y: &usize| *y as u32 % compared.stride() == compared.first();
     for y in rows.filter(is_compared) {
-        let pixels = &photograph.data[y * photograph.width..][..photograph.width];
+        let pixels = &photograph.data[y * photograph.width..][columns.clone()];
         for (x, pixel) in pixels.iter().enumerate() {
-            if !is_shown(row, [x, y], pixel) {
+            let at = [x, y - top];
+            if !is_shown(tile, at, pixel) {
                 continue;
             }
-            let (drawn, ray) = (row.color(x, y), row.ray(x, y));
+            let drawn = tile.color(at);
             for which in 0..2 {
-                let Some((surface, texture)) = surface(row, [x, y], which, ray, pixel, textures)
-                else {
+                let Some((surface, texture)) = surface(tile, at, which, pixel, textures) else {
                     continue;
                 };
                 let Some(own) = observed(texture, &surface, pixel.color) else { continue };
@@ -387,24 +392,23 @@ fn list_products(
 
 /// True if a photograph's pixel shows surfaces of the scene, without background.
 #[inline(always)]
-fn is_shown(row: &SurfaceRow<'_>, [x, y]: [usize; 2], pixel: &MeasuredPixel) -> bool {
+fn is_shown(tile: &SurfaceTile<'_>, at: [usize; 2], pixel: &MeasuredPixel) -> bool {
     // Photographs without alpha have unknown coverage, which is not a number and fails the comparison.
     let is_mixed = pixel.coverage < MIN_OPAQUE;
-    !is_mixed && row.coverage(x, y) >= MIN_COVERED
+    !is_mixed && tile.coverage(at) >= MIN_COVERED
 }
 
 /// Returns a surface that a pixel of a photograph shows, with its texture; `which` is 0 for the one with the
 /// largest weight.
 #[inline(always)]
 fn surface<'a>(
-    row: &SurfaceRow<'_>,
+    tile: &SurfaceTile<'_>,
     at: [usize; 2],
     which: usize,
-    ray: Vec3,
     pixel: &MeasuredPixel,
     textures: &'a [Option<Arc<TextureSums>>],
 ) -> Option<(ShownSurface, &'a TextureSums)> {
-    let surface = row.at(at, which, ray, MIN_WEIGHT)?;
+    let surface = tile.at(at, which, MIN_WEIGHT)?;
     // The photograph may show another surface than the one that the splat is part of.
     let apart = (surface.depth - pixel.depth).abs() * pixel.per_tolerance;
     let texture = textures.get(surface.splat as usize)?.as_deref()?;

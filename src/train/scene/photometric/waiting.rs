@@ -40,7 +40,7 @@ pub fn packed(
     let rows: Vec<usize> = view.stored_rows().collect();
     let out = colors.par_chunks_mut(line).zip(depths.par_chunks_mut(line));
     out.zip(rows).for_each(|((colors, depths), row)| {
-        let pixels = photograph.measured_row(row, margin);
+        let pixels = photograph.measured_row(row, 0..photograph.colors.width, margin);
         for ((color, depth), pixel) in colors.iter_mut().zip(depths).zip(pixels) {
             let [r, g, b] = pixel.color.map(unit_to_byte);
             (*color, *depth) = ([r, g, b, level(&pixel)], steps(&pixel));
