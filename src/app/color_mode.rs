@@ -14,6 +14,7 @@ pub enum ColorMode {
     Uncertainty,
     Elbo,
     Birth,
+    Texture,
     Depth,
     Normal,
 }
@@ -24,6 +25,7 @@ labelled! { ColorMode:
     Uncertainty: "Uncertainty", "Standard deviation of each component's position";
     Elbo: "Per-point ELBO", "How well the current frame's points fit each component";
     Birth: "Birth frame", "Frame in which each component was created";
+    Texture: "Texture", "Share of a pixel's colour that its texels determine; 0 for splats without texture";
     Depth: "Depth", "Distance from the camera, from violet (near) to yellow (far)";
     Normal: "Normal", "Direction of each splat's shortest axis, coded as RGB";
 }
@@ -39,7 +41,8 @@ impl ColorMode {
             | ColorMode::Evidence
             | ColorMode::Uncertainty
             | ColorMode::Elbo
-            | ColorMode::Birth => Paint::Stored,
+            | ColorMode::Birth
+            | ColorMode::Texture => Paint::Stored,
         }
     }
 
@@ -49,15 +52,21 @@ impl ColorMode {
             ColorMode::Uncertainty => Some(Attribute::Uncertainty),
             ColorMode::Elbo => Some(Attribute::Elbo),
             ColorMode::Birth => Some(Attribute::Birth),
+            ColorMode::Texture => Some(Attribute::Texture),
             ColorMode::Color | ColorMode::Depth | ColorMode::Normal => None,
         }
     }
 
     /// Returns the reason why the open scene cannot be shown in this mode, if any. `available` lists the
-    /// attribute modes that the scene supports.
-    pub fn unavailable_reason(self, available: &[ColorMode]) -> Option<&'static str> {
+    /// attribute modes that the scene supports, besides that of textures.
+    pub fn unavailable_reason(
+        self,
+        available: &[ColorMode],
+        has_textures: bool,
+    ) -> Option<&'static str> {
         match self {
             ColorMode::Color | ColorMode::Depth | ColorMode::Normal => None,
+            ColorMode::Texture => (!has_textures).then_some("The open scene has no textures"),
             _ if available.contains(&self) => None,
             ColorMode::Evidence => Some("The open scene stores no evidence per splat"),
             ColorMode::Uncertainty => Some("The open scene stores no uncertainty per splat"),
@@ -73,13 +82,15 @@ mod tests {
 
     #[test]
     fn only_what_a_scene_tells_can_be_shown() {
-        let offered = |available: &[ColorMode]| -> Vec<ColorMode> {
+        let offered = |available: &[ColorMode], has_textures| -> Vec<ColorMode> {
             ColorMode::ALL
                 .into_iter()
-                .filter(|mode| mode.unavailable_reason(available).is_none())
+                .filter(|mode| mode.unavailable_reason(available, has_textures).is_none())
                 .collect()
         };
-        assert_eq!(offered(&[]), [ColorMode::Color, ColorMode::Depth, ColorMode::Normal]);
-        assert_eq!(offered(&ColorMode::ALL), ColorMode::ALL);
+        let [color, depth, normal] = [ColorMode::Color, ColorMode::Depth, ColorMode::Normal];
+        assert_eq!(offered(&[], false), [color, depth, normal]);
+        assert_eq!(offered(&[], true), [color, ColorMode::Texture, depth, normal]);
+        assert_eq!(offered(&ColorMode::ALL, true), ColorMode::ALL);
     }
 }

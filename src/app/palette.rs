@@ -2,9 +2,11 @@
 
 use super::splat_updates::{SplatChange, SplatUpdate, apply};
 use crate::model::attributes::ComponentAttributes;
-use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::appearance::{Finishing, SplatSet};
 use crate::model::splat::splats::Splat;
+use crate::model::splat::texture::{Textures, painted_by_share};
 use crate::render::attributes::{Attribute, Range};
+use crate::render::finish::ramp;
 use std::sync::Arc;
 
 #[derive(Default)]
@@ -18,8 +20,10 @@ pub struct Palette {
     /// Attribute values at the ends of the colour ramp, while `attribute` is set.
     range: Option<Range>,
     /// Splats coloured by `attribute`; empty if `attribute` is `None`.
-    // Without gradients and textures: a colour that encodes a value varies neither over a splat nor with the view.
+    // Without gradients and learned textures: a colour that encodes a value does not vary with the view.
     shown: Arc<SplatSet>,
+    /// Learned textures, and the same painted by share, while those are shown.
+    textures: [Arc<Textures>; 2],
 }
 
 impl Palette {
@@ -60,6 +64,7 @@ impl Palette {
             return None;
         }
         self.attribute = attribute;
+        self.textures = Default::default();
         if attribute.is_some() {
             self.attributes.resize(self.learned.len(), ComponentAttributes::default());
             self.update_range();
@@ -124,25 +129,39 @@ impl Palette {
 
     fn color(&mut self, ids: Arc<[u32]>) -> SplatChange {
         let splats: Vec<Splat> = ids.iter().map(|&id| self.colored(id as usize)).collect();
-        let splats = SplatSet::from(splats).finished(self.learned.finishing().without_textures());
+        let splats = SplatSet::from(splats).finished(self.finishing());
         Arc::make_mut(&mut self.shown).replace(&ids, &splats);
         SplatChange::Some { ids, splats: Arc::new(splats) }
     }
 
     fn color_all(&mut self) -> SplatChange {
         let all: Vec<Splat> = (0..self.learned.len()).map(|slot| self.colored(slot)).collect();
-        let finishing = self.learned.finishing().without_textures();
-        self.shown = Arc::new(SplatSet::from(all).finished(finishing));
+        self.shown = Arc::new(SplatSet::from(all).finished(self.finishing()));
         SplatChange::All(self.shown.clone())
+    }
+
+    /// Returns the finishing parameters of splats coloured by `attribute`.
+    fn finishing(&mut self) -> Finishing {
+        let learned = self.learned.finishing();
+        let shown =
+            learned.textures.as_ref().filter(|_| self.attribute == Some(Attribute::Texture));
+        let textures = shown.map(|textures| {
+            let [old, painted] = &self.textures;
+            if !Arc::ptr_eq(old, textures) {
+                let painted = painted_by_share(textures, [old, painted], ramp);
+                self.textures = [textures.clone(), Arc::new(painted)];
+            }
+            self.textures[1].clone()
+        });
+        Finishing { textures, ..learned.without_textures() }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::splat::appearance::Finishing;
+    use crate::model::splat::texture::{Lattice, TEXELS, Texel, Texture};
     use crate::render::attributes::UNKNOWN;
-    use crate::render::finish::ramp;
 
     fn born(frame: Option<u32>) -> ComponentAttributes {
         ComponentAttributes { birth: frame, ..ComponentAttributes::default() }
@@ -182,6 +201,41 @@ mod tests {
         assert!(palette.splats().finishing().textures.is_none());
         palette.set_attribute(None);
         assert!(palette.splats().finishing().textures.is_some());
+    }
+
+    #[test]
+    fn texels_are_coloured_by_share_and_splats_as_0() {
+        let texture = |share: f32| {
+            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+            let lattice = Lattice { anchor: [0.0; 3], axes, half: 1.0, level: 0 };
+            let patches = vec![[Texel::new([0.5; 3], share); TEXELS]];
+            Some(Arc::new(Texture { lattice, index: vec![0], patches }))
+        };
+        let learned = |textures: Textures| {
+            let finishing =
+                Finishing { textures: Some(Arc::new(textures)), ..Finishing::default() };
+            SplatSet::from(vec![Splat::default(); 2]).finished(finishing)
+        };
+        let of = |palette: &Palette, splat: usize| {
+            palette.splats().finishing().textures.as_ref().unwrap()[splat].clone()
+        };
+        let ramped = |share| Some([Texel::new(ramp(share), 1.0); TEXELS]);
+        let texels =
+            |palette: &Palette, splat| of(palette, splat).map(|texture| texture.patches[0]);
+        let (first, mut palette) = (texture(1.0), Palette::default());
+        palette.change(SplatChange::all(learned(vec![first.clone(), None])).into());
+        palette.set_attribute(Some(Attribute::Texture));
+        assert!(palette.splats().iter().all(|splat| splat.color == ramp(0.0)));
+        assert_eq!([0, 1].map(|splat| texels(&palette, splat)), [ramped(1.0), None]);
+        let before = of(&palette, 0);
+        // A change of one splat comes with all textures.
+        let change = SplatChange::some(vec![1], learned(vec![first, texture(0.0)]));
+        assert!(matches!(palette.change(change.into()), SplatChange::Some { .. }));
+        assert_eq!([0, 1].map(|splat| texels(&palette, splat)), [ramped(1.0), ramped(0.0)]);
+        assert!(Arc::ptr_eq(&before.unwrap(), &of(&palette, 0).unwrap()), "painted once");
+        palette.set_attribute(Some(Attribute::Birth));
+        assert!(palette.splats().finishing().textures.is_none());
+        assert!(palette.textures.iter().all(|textures| textures.is_empty()));
     }
 
     #[test]

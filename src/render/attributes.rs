@@ -18,6 +18,9 @@ pub enum Attribute {
     Elbo,
     /// Index of the frame that contributed the component's first points.
     Birth,
+    /// Share of a pixel's colour that texels determine. Splats have 0, because texels hold their own shares
+    /// ([`crate::model::splat::texture::painted_by_share`]). The range is 0 to 1.
+    Texture,
 }
 
 /// Colour of splats whose attribute value is unknown.
@@ -41,6 +44,7 @@ impl Attribute {
             Self::Elbo => of.elbo,
             // Exact up to 2²⁴ frames.
             Self::Birth => of.birth.map(|frame| frame as f32),
+            Self::Texture => Some(0.0),
         };
         let value = value.map(f64::from).filter(|v| v.is_finite())?;
         match self.is_logarithmic() {
@@ -60,6 +64,7 @@ impl Attribute {
             Self::Uncertainty => "world units",
             Self::Elbo => "nats",
             Self::Birth => "",
+            Self::Texture => "share of colour",
         }
     }
 }
@@ -76,6 +81,9 @@ impl Range {
     /// Computes the range of the middle 96 % of an attribute's known values; `None` if no value is
     /// known.
     pub fn of(attribute: Attribute, values: &[ComponentAttributes]) -> Option<Self> {
+        if attribute == Attribute::Texture {
+            return Some(Self { attribute, ends: [0.0, 1.0] });
+        }
         // Strided over the whole list, because neighbours often have the same birth frame.
         let stride = values.len().div_ceil(MAX_SAMPLES).max(1);
         let sample = values.iter().step_by(stride);
@@ -170,6 +178,12 @@ mod tests {
             .collect();
         let [lo, hi] = Range::of(Attribute::Elbo, &all).unwrap().ends();
         assert!((lo + 98_000.0).abs() < 500.0 && (hi + 2_000.0).abs() < 500.0, "{lo} {hi}");
+    }
+
+    #[test]
+    fn shares_of_texels_have_the_range_from_0_to_1() {
+        let range = Range::of(Attribute::Texture, &[]).unwrap();
+        assert_eq!((range.ends(), range.color(&evidence(9.0))), ([0.0, 1.0], ramp(0.0)));
     }
 
     #[test]

@@ -133,8 +133,11 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
-        "Colour modes: colour, evidence, uncertainty, per-point ELBO, birth frame, depth, normal",
-        &["inspect.rs: every_colour_that_stands_for_something_is_shown_with_its_legend"],
+        "Colour modes: colour, evidence, uncertainty, per-point ELBO, birth frame, texture, depth, normal",
+        &[
+            "inspect.rs: every_colour_that_stands_for_something_is_shown_with_its_legend",
+            "src/app/palette.rs: texels_are_coloured_by_share_and_splats_as_0",
+        ],
     ),
     (
         "A draggable wipe between projected and exact, with a difference view",

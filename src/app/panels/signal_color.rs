@@ -53,10 +53,13 @@ pub fn ui(attribute: Attribute, range: Option<&Range>, corner: Pos2, ui: &Ui) {
                     ui.label(RichText::new(unknown_reason(attribute)).weak());
                 }
             }
-            ui.horizontal(|ui| {
-                swatch(Some(to_color32(UNKNOWN)), ui);
-                ui.label(RichText::new("unknown").weak());
-            });
+            // The share is known of every splat.
+            if attribute != Attribute::Texture {
+                ui.horizontal(|ui| {
+                    swatch(Some(to_color32(UNKNOWN)), ui);
+                    ui.label(RichText::new("unknown").weak());
+                });
+            }
         });
     });
 }
@@ -73,7 +76,7 @@ fn title(attribute: Attribute) -> String {
 fn unknown_reason(attribute: Attribute) -> &'static str {
     match attribute {
         Attribute::Elbo => "Available after the next trained frame",
-        Attribute::Evidence | Attribute::Uncertainty | Attribute::Birth => {
+        Attribute::Evidence | Attribute::Uncertainty | Attribute::Birth | Attribute::Texture => {
             "Available after the first trained frame"
         }
     }

@@ -109,7 +109,7 @@ impl Studio {
             }
             (Action::Tab(_), _) => None,
             (Action::Mode(mode), Some(opened)) => self.view.mode_unavailable_reason(mode, opened),
-            (Action::Color(mode), Some(opened)) => mode.unavailable_reason(opened.available_modes),
+            (Action::Color(mode), Some(opened)) => self.view.color_unavailable_reason(mode, opened),
             (Action::Mode(_) | Action::Color(_), None) => Some("Nothing is open"),
         }
     }

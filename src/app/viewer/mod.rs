@@ -16,6 +16,7 @@ pub mod toolbar;
 pub mod viewpoint;
 mod world_painter;
 
+use super::color_mode::ColorMode;
 use super::command::UiCommand;
 use super::edit::editor::Editor;
 use super::film::Still;
@@ -218,7 +219,7 @@ impl SceneView {
         if self.mode_unavailable_reason(self.comparison.mode(), opened).is_some() {
             self.comparison.set_mode(ViewMode::Single);
         }
-        if self.settings.color_mode.unavailable_reason(opened.available_modes).is_some() {
+        if self.color_unavailable_reason(self.settings.color_mode, opened).is_some() {
             self.settings.color_mode = Default::default();
         }
     }
@@ -275,7 +276,9 @@ impl SceneView {
     /// if a panel needs attributes.
     fn watched_attribute(&self) -> Option<Attribute> {
         let for_panels = self.editor.needs_attributes.then_some(Attribute::Evidence);
-        self.settings.color_mode.attribute().or(for_panels)
+        // Textures hold their shares themselves.
+        let shown = self.settings.color_mode.attribute().filter(|&a| a != Attribute::Texture);
+        shown.or(for_panels)
     }
 
     /// Returns the attribute that the worker must deliver, and resets the requests of panels. Called at the
@@ -358,6 +361,15 @@ impl SceneView {
     pub fn mode_unavailable_reason(&self, mode: ViewMode, opened: &Opened) -> Option<&'static str> {
         let model = self.comparison.model().map(|model| &**model);
         mode.unavailable_reason(self.settings.lens, opened, model)
+    }
+
+    pub fn color_unavailable_reason(
+        &self,
+        mode: ColorMode,
+        opened: &Opened,
+    ) -> Option<&'static str> {
+        let has_textures = self.learned().finishing().textures.is_some();
+        mode.unavailable_reason(opened.available_modes, has_textures)
     }
 
     pub fn set_mode(&mut self, mode: ViewMode, opened: &Opened) {

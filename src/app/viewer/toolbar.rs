@@ -120,7 +120,7 @@ fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
         .selected_text(shown.label())
         .show_ui(ui, |ui| {
             for mode in ColorMode::ALL {
-                let why_not = mode.unavailable_reason(opened.available_modes);
+                let why_not = view.color_unavailable_reason(mode, opened);
                 if entry(shown == mode, [mode.label(), mode.tooltip()], why_not, ui) {
                     view.settings.color_mode = mode;
                 }

@@ -204,6 +204,31 @@ pub fn corners([x, y]: [f32; 2], side: usize) -> Option<[([usize; 2], f32); 4]> 
 /// Textures by splat; `None` for splats without one. Snapshots share textures that have not changed.
 pub type Textures = Vec<Option<Arc<Texture>>>;
 
+/// Returns textures of share 1, with `color` of the learned share as the colour of each texel. Textures that
+/// are the same in `old` are taken from `painted`, the result for `old`.
+pub fn painted_by_share(
+    textures: &Textures,
+    [old, painted]: [&Textures; 2],
+    color: impl Fn(f32) -> [f32; 3],
+) -> Textures {
+    // A share has five bits, and there are millions of texels.
+    let texels: [Texel; 32] =
+        std::array::from_fn(|share| Texel::new(color(share as f32 / 31.0), 1.0));
+    let paint = |patch: &[Texel; TEXELS]| patch.map(|texel| texels[(texel.0 >> 27) as usize]);
+    let painted_of = |(splat, texture): (usize, &Option<Arc<Texture>>)| {
+        let texture = texture.as_ref()?;
+        match (old.get(splat), painted.get(splat)) {
+            (Some(Some(old)), Some(painted)) if Arc::ptr_eq(old, texture) => painted.clone(),
+            _ => Some(Arc::new(Texture {
+                lattice: texture.lattice,
+                index: texture.index.clone(),
+                patches: texture.patches.iter().map(paint).collect(),
+            })),
+        }
+    };
+    textures.iter().enumerate().map(painted_of).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -228,6 +253,28 @@ mod tests {
             assert!((found - expected).abs() <= 0.5 / 256.0, "{found} for {expected}");
         }
         assert!((share - 0.5).abs() <= 0.5 / 31.0);
+    }
+
+    #[test]
+    fn textures_painted_by_share_replace_all_colour_and_unchanged_ones_are_taken_over() {
+        let shares = [0.0, 0.25, 1.0].map(|share| Texel::new([1.9, 0.0, 0.3], share));
+        let patch = std::array::from_fn(|i| shares[i % 3]);
+        let index = vec![ABSENT, 0, ABSENT, ABSENT];
+        let texture = Some(Arc::new(Texture { lattice: lattice(), index, patches: vec![patch] }));
+        let color = |share: f32| [share, 1.0 - share, 0.0];
+        let old = vec![texture.clone(), None, texture.clone()];
+        let painted = painted_by_share(&old, [&Vec::new(); 2], color);
+        assert_eq!(painted[1], None);
+        let first = painted[0].as_ref().unwrap();
+        assert_eq!((&first.index, first.lattice), (&texture.as_ref().unwrap().index, lattice()));
+        for (painted, learned) in first.patches[0].iter().zip(patch) {
+            assert_eq!(*painted, Texel::new(color(learned.unpack().1), 1.0));
+        }
+        assert_eq!(first.sample([0.5, 0.5]).share, 0.0, "nothing is known of absent patches");
+        let changed = texture.as_deref().cloned().map(Arc::new);
+        let new = painted_by_share(&vec![texture, changed], [&old, &painted], color);
+        let is_same = |splat: usize| Arc::ptr_eq(new[splat].as_ref().unwrap(), first);
+        assert_eq!([is_same(0), is_same(1)], [true, false]);
     }
 
     #[test]
