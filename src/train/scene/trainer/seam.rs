@@ -44,7 +44,7 @@ impl Learns<Observation> for SceneTrainer {
         }
         self.poses.recycle(placed);
         self.end_frame();
-        clock.lap(SceneStage::Photometric);
+        clock.lap_photographs(&mut self.photographs);
         FrameOutcome { ms: clock.finish(), ..FrameOutcome::default() }
     }
 }
