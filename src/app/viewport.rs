@@ -334,7 +334,7 @@ impl CallbackTrait for PaintWindow {
     fn prepare(
         &self,
         device: &wgpu::Device,
-        _: &wgpu::Queue,
+        queue: &wgpu::Queue,
         screen: &ScreenDescriptor,
         encoder: &mut wgpu::CommandEncoder,
         _: &mut CallbackResources,
@@ -342,7 +342,7 @@ impl CallbackTrait for PaintWindow {
         let mut window = self.window.lock().unwrap_or_else(PoisonError::into_inner);
         // Drawn before the window's pass, in which no other render pass can begin.
         let list = window.update_to_pass(&self.pass, screen.size_in_pixels);
-        window.painter.draw(device, encoder, screen.size_in_pixels, &list);
+        window.painter.draw(device, queue, encoder, screen.size_in_pixels, &list);
         Vec::new()
     }
 

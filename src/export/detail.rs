@@ -4,8 +4,8 @@
 //! texture's lattice: large squares where the colour is even, single texels where it is not. A place of a
 //! surface belongs to the splat with the largest response there, so that overlapping textures are written once.
 
-use super::gaussian::{Gaussian, drawable, from_rows, wxyz};
-use crate::model::splat::appearance::{GRADIENT_LIMIT, OPAQUE, SplatView};
+use super::gaussian::{Gaussian, color_change, drawable, from_rows, wxyz};
+use crate::model::splat::appearance::{OPAQUE, SplatView};
 use crate::model::splat::splats::Splat;
 use crate::model::splat::texture::{Lattice, Texture};
 use glam::{DMat3, DQuat, DVec3};
@@ -105,9 +105,7 @@ impl Surface {
     }
 
     fn color(&self, point: DVec3) -> DVec3 {
-        // Renderers limit the change of a splat's colour likewise.
-        let limit = DVec3::splat(GRADIENT_LIMIT);
-        self.color + (self.gradient * (point - self.splat.mean)).clamp(-limit, limit)
+        self.color + color_change(self.gradient, point - self.splat.mean)
     }
 }
 
@@ -182,18 +180,18 @@ impl Square {
 
     /// Returns the least sum of squared errors and prices of splats, and its number of splats.
     fn cost(&self, price: f64) -> (f64, usize) {
-        let whole = (self.error + price, 1);
+        self.cost_of_parts(price).unwrap_or((self.error + price, 1))
+    }
+
+    /// Returns the cost of the parts; `None` if the whole square costs no more.
+    fn cost_of_parts(&self, price: f64) -> Option<(f64, usize)> {
         let parts = self.parts.iter().map(|part| part.cost(price));
-        match parts.reduce(|a, b| (a.0 + b.0, a.1 + b.1)) {
-            Some(parts) if parts.0 < whole.0 => parts,
-            _ => whole,
-        }
+        parts.reduce(|a, b| (a.0 + b.0, a.1 + b.1)).filter(|(sum, _)| *sum < self.error + price)
     }
 
     /// Calls `f` for the squares of [`Self::cost`].
     fn leaves(&self, price: f64, f: &mut impl FnMut(&Self)) {
-        let parts: f64 = self.parts.iter().map(|part| part.cost(price).0).sum();
-        if !self.parts.is_empty() && parts < self.error + price {
+        if self.cost_of_parts(price).is_some() {
             self.parts.iter().for_each(|part| part.leaves(price, f));
         } else {
             f(self);

@@ -9,7 +9,7 @@
 //! The unit direction from the camera to the splat is `(x, y, z)`. With the Condon–Shortley phase,
 //! `colour = ½ + C0·f₀ + C1·(−y·f₁ + z·f₂ − x·f₃)`.
 
-use crate::model::splat::appearance::{Appearance, SplatView};
+use crate::model::splat::appearance::{Appearance, GRADIENT_LIMIT, SplatView};
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
@@ -175,6 +175,12 @@ pub(super) fn wxyz(q: DQuat) -> [f64; 4] {
 
 pub(super) fn from_rows(rows: [[f32; 3]; 3]) -> DMat3 {
     DMat3::from_cols_array_2d(&rows.map(|row| row.map(f64::from))).transpose()
+}
+
+/// Returns the change of a splat's colour at `offset` from its mean (world units), limited as by renderers.
+pub(super) fn color_change(gradient: DMat3, offset: DVec3) -> DVec3 {
+    let limit = DVec3::splat(GRADIENT_LIMIT);
+    (gradient * offset).clamp(-limit, limit)
 }
 
 pub(super) fn logit(opacity: f64) -> f64 {

@@ -22,9 +22,9 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-use super::gaussian::{Gaussian, SCALE_FLOOR, drawable, from_rows, scale_floor};
+use super::gaussian::{Gaussian, SCALE_FLOOR, color_change, drawable, from_rows, scale_floor};
 use crate::model::splat::appearance::{
-    Appearance, GRADIENT_LIMIT, OPAQUE, PLAIN_WIDTH, SplatSet, SplatView, plain_of_equal_area,
+    Appearance, OPAQUE, PLAIN_WIDTH, SplatSet, SplatView, plain_of_equal_area,
 };
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DVec3};
@@ -224,11 +224,9 @@ fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> 
         // The spread of the centres adds variance, so each piece gets correspondingly less.
         scale[axis] *= (1.0 - split.piece_distance().powi(2)).sqrt();
     }
-    // Renderers limit the change of a native splat's colour likewise.
-    let limit = DVec3::splat(GRADIENT_LIMIT);
     Gaussian {
         mean: native.mean + offset,
-        color: native.color + (gradient * offset).clamp(-limit, limit),
+        color: native.color + color_change(gradient, offset),
         scale,
         ..*native
     }

@@ -115,7 +115,7 @@ impl Session {
         let first = plan.frames.first().map(|&i| split.frames[i].camera.intrinsics);
         let path = dataset.path.as_ref();
         let devices = self.learner().device_use();
-        let Status { components, used, model_bytes, .. } = self.learner().status();
+        let Status { components, used, .. } = self.learner().status();
         Report {
             format: REPORT_FORMAT,
             dataset: DatasetReport {
@@ -134,7 +134,7 @@ impl Session {
                 components,
                 used,
                 drawn: self.splats().iter().filter(|splat| splat.opacity > 0.0).count(),
-                model_bytes,
+                model_bytes: self.learner().memory().bytes,
                 peak_rss_bytes: report::peak_rss_bytes(),
                 ..Summary::of_frames(&past.frames, past.wall_s)
             },

@@ -22,6 +22,9 @@ pub trait Learner: Send + Sync {
     /// Returns size and state of the model.
     fn status(&self) -> Status;
 
+    /// Returns the memory of the model. Takes longer than [`Self::status`], because it visits all textures.
+    fn memory(&self) -> ModelMemory;
+
     /// Returns the effects of the last frame or, if [`Self::settle`] has been called since, of that
     /// call.
     fn last_frame(&self) -> LastFrame<'_>;
@@ -80,15 +83,20 @@ pub struct Status {
     /// Number of components in use: with points in the `paper` preset, with seeds (creation points) in
     /// the `scene` preset.
     pub used: usize,
-    /// Memory of the model in bytes, without training buffers.
-    pub model_bytes: usize,
-    /// Memory of textures in bytes, part of `model_bytes`.
-    pub texture_bytes: usize,
     /// True if the scene is drawn as if all buffered photographs had been trained on (see
     /// [`Learner::settle`]).
     pub is_settled: bool,
     /// Warnings shown when training ends, if any.
     pub warnings: Vec<TrainingWarning>,
+}
+
+/// Memory of a model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ModelMemory {
+    /// Memory in bytes, without training buffers.
+    pub bytes: usize,
+    /// Memory of textures in bytes, part of `bytes`.
+    pub texture_bytes: usize,
 }
 
 /// Effects of a frame on a model.

@@ -204,6 +204,8 @@ pub enum SceneStage {
     Stats,
     /// Projection of every component into the frame, with counts of hits and misses.
     Visibility,
+    /// Addition of the photograph to textures, and comparison of textures with a photograph.
+    Textures,
     /// Gauss-Newton step that fits the splats to the photograph, if enabled.
     Photometric,
     /// Merging of components down to the budget; rarely needed.
@@ -224,7 +226,7 @@ pub const PAPER_STAGES: [TrainStage; 5] = [
 ];
 
 /// Stages of the `scene` preset, indexed by [`SceneStage`].
-pub const SCENE_STAGES: [TrainStage; 8] = [
+pub const SCENE_STAGES: [TrainStage; 9] = [
     stage("pose", "Pose correction", "Fits the frame's pose to the scene's planes and colours"),
     stage("assign", "Assignment", "Finds the component of every point"),
     stage("births", "Births", "Creates components for points without one nearby"),
@@ -235,6 +237,11 @@ pub const SCENE_STAGES: [TrainStage; 8] = [
     ),
     stage("stats", "Sums", "Sums every component's points about its seed"),
     stage("visibility", "Visibility", "Counts components that the frame saw or saw through"),
+    stage(
+        "textures",
+        "Textures",
+        "Adds the photograph to textures and measures how well textures predict photographs",
+    ),
     stage(
         "photometric",
         "Photometric step",

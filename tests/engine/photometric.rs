@@ -195,6 +195,26 @@ fn points_alone_are_not_gone_through_twice() {
     assert!(error.contains("passes: expected 1") && error.contains("found 2"), "{error}");
 }
 
+#[test]
+fn textures_are_a_stage_of_their_own() {
+    // With a buffer, photographs are learned late, and settling learns those that are buffered.
+    for (textures, shuffle_buffer) in [(50, 0), (50, 4), (0, 4)] {
+        let asked = SceneOverrides { textures: Some(textures), ..asked(shuffle_buffer) };
+        let mut session = Session::new(room(), asked, Selection::all_frames()).unwrap();
+        for _ in 0..12 {
+            assert!(matches!(session.step().unwrap(), Step::Trained(_)));
+            session.settle();
+        }
+        for frame in session.frames() {
+            let ms = frame.ms.stages;
+            let of = |key| ms.stages().find(|(stage, _)| stage.key == key).unwrap().1;
+            let sum: f64 = ms.values().iter().sum();
+            assert!(of("photometric") > 0.0 && sum <= ms.train, "{ms:?}");
+            assert_eq!(of("textures") > 0.0, textures > 0, "{ms:?}");
+        }
+    }
+}
+
 /// Damaged frames: a tenth, after the first frames, which establish the usual residual.
 const DAMAGED: [usize; 4] = [12, 20, 28, 36];
 

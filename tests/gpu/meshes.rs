@@ -30,12 +30,17 @@ impl<'a> Window<'a> {
     fn draw(&mut self, size: [u32; 2], list: &MeshList) -> Image<[f32; 4]> {
         let Fixture { device, queue, .. } = self.gpu;
         let target = SplatTarget::new(device, size[0], size[1]).unwrap();
-        let mut encoder = device.create_command_encoder(&Default::default());
-        self.painter.draw(device, &mut encoder, size, list);
-        queue.submit([encoder.finish()]);
+        self.submit(size, list);
         readback::draw(device, queue, target.view(), |pass| self.painter.show(pass));
         self.gpu.assert_no_faults();
         readback::premultiplied(device, queue, &target)
+    }
+
+    fn submit(&mut self, size: [u32; 2], list: &MeshList) {
+        let Fixture { device, queue, .. } = self.gpu;
+        let mut encoder = device.create_command_encoder(&Default::default());
+        self.painter.draw(device, queue, &mut encoder, size, list);
+        queue.submit([encoder.finish()]);
     }
 
     /// A texture of two texels, black and white.
@@ -103,6 +108,19 @@ fn batches_are_drawn_in_order_within_their_scissors() {
     let (black, green) = ([1.0 - half, 0.0, 0.0, 1.0], [1.0 - half, half, 0.0, 1.0]);
     assert_near(&row(&shown), &[red, blue, blue, black, green, green, red, red]);
     assert_near(&shown.data[3 * shown.width..], &[red; 8]);
+}
+
+#[test]
+fn drawing_on_a_lost_device_does_not_panic() {
+    let Some(gpu) = Fixture::own(|_| ()) else { return };
+    let mut window = Window::new(&gpu);
+    let mut list = MeshList::default();
+    cover(&mut list, MeshKind::Opaque, WHOLE, RED);
+    window.draw(SIZE, &list);
+    gpu.device.destroy();
+    let _ = gpu.device.poll(wgpu::PollType::Poll);
+    assert!(gpu.faults.is_lost());
+    window.submit(SIZE, &list);
 }
 
 #[test]

@@ -157,10 +157,10 @@ fn memory_and_time_stay_flat(n: usize) {
         }
         ms.push((computed_ms() - start) / ROUND as f64);
         let wide = of_wide_rows(&scene);
-        model.push((scene.status().model_bytes - wide) as f64);
+        model.push((scene.memory().bytes - wide) as f64);
         used.push(scene.status().used as f64);
         // Wide rows are stored in a tree whose nodes are two thirds full.
-        let kept = scene.status().model_bytes + wide / 2 + of_frames(scene.status().frames);
+        let kept = scene.memory().bytes + wide / 2 + of_frames(scene.status().frames);
         memory.push(bytes() as f64 - kept as f64);
         resident.extend(rss_bytes().map(|bytes| bytes as f64));
     }

@@ -14,7 +14,7 @@ use egui_plot::{FilledArea, HLine, HoverPosition};
 use std::ops::RangeInclusive;
 
 /// Colours of the stages in order of execution.
-// Distinguishable with red-green colour blindness (Okabe and Ito 2008).
+// Distinguishable with red-green colour blindness (Okabe and Ito 2008; textures are Tol's wine).
 const COLORS: [Color32; MAX_STAGES] = [
     Color32::from_rgb(86, 180, 233),
     Color32::from_rgb(230, 159, 0),
@@ -22,6 +22,7 @@ const COLORS: [Color32; MAX_STAGES] = [
     Color32::from_rgb(240, 228, 66),
     Color32::from_rgb(213, 94, 0),
     Color32::from_rgb(204, 121, 167),
+    Color32::from_rgb(136, 34, 85),
     Color32::from_rgb(0, 114, 178),
     Color32::from_rgb(153, 153, 153),
 ];

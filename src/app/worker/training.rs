@@ -113,12 +113,13 @@ impl WorkerThread {
 
     pub(super) fn refresh_session_info(&mut self) {
         let Some(session) = self.run.session() else { return };
-        let (status, snapshot) = (session.learner().status(), &mut self.outbox.snapshot);
+        let (learner, snapshot) = (session.learner(), &mut self.outbox.snapshot);
+        let (status, memory) = (learner.status(), learner.memory());
         snapshot.n_frames = session.plan().frames.len();
         snapshot.model.components = status.components;
         snapshot.model.used = status.used;
-        snapshot.model.bytes = status.model_bytes;
-        snapshot.model.texture_bytes = status.texture_bytes;
+        snapshot.model.bytes = memory.bytes;
+        snapshot.model.texture_bytes = memory.texture_bytes;
         // Frames are only added to the list; snapshots share it until then.
         if snapshot.frames.skipped.len() != session.skipped().len() {
             snapshot.frames.skipped = Arc::new(session.skipped().to_vec());

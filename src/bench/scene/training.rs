@@ -134,7 +134,7 @@ fn train_alike(
         Some(Trained {
             splats: course.engine.splats(),
             born: course.engine.status().components,
-            model_bytes: course.engine.status().model_bytes,
+            model_bytes: course.engine.memory().bytes,
             train_ms: course.train_ms.clone(),
             prepare_ms: prepare_ms.clone(),
         })

@@ -58,6 +58,7 @@ const PARTS: [PresetChange; 13] = [
     ("closing", |run| run.engine.splat_rule.full_coverage = 1.0),
     ("photographs", |run| {
         run.engine.photometric = None;
+        // Unused, but rows with equal settings share their training.
         run.engine.texture_mb = 0;
     }),
     ("textures", |run| run.engine.texture_mb = 0),

@@ -1,7 +1,8 @@
-//! Buffers that grow on demand.
+//! Buffers that grow on demand, and buffers filled once.
 
 use super::adapters::{max_buffer_bytes, poll_once};
 use super::error::GpuError;
+use super::task::WORD;
 use rayon::prelude::*;
 use wgpu::{BufferUsages as Usage, WriteOnly};
 
@@ -62,6 +63,22 @@ fn create_buffer(device: &wgpu::Device, label: &str, usage: Usage, size: u64) ->
         usage,
         mapped_at_creation: usage.contains(Usage::MAP_WRITE),
     })
+}
+
+/// Creates a buffer with the given contents, whose length must be a multiple of four bytes.
+pub(super) fn filled_buffer(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    label: &str,
+    usage: Usage,
+    contents: &[u8],
+) -> wgpu::Buffer {
+    // A binding cannot be empty.
+    let size = (contents.len() as u64).max(WORD);
+    // Not mapped at creation: a lost device has no memory to map, and wgpu panics.
+    let buffer = create_buffer(device, label, usage.union(Usage::COPY_DST), size);
+    queue.write_buffer(&buffer, 0, contents);
+    buffer
 }
 
 /// Creates buffers by calling `create`. Returns the error `refused` if the driver reports that it is

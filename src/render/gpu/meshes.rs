@@ -5,11 +5,11 @@
 //! Colours are sRGB-encoded bytes, as in the window.
 
 use super::constants::module;
+use super::growing::filled_buffer;
 use super::layout::shader;
 use super::pipeline::{bind_group, draw_pipeline};
 use std::collections::HashMap;
 use std::ops::Range;
-use wgpu::util::DeviceExt;
 
 /// Corner of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -168,6 +168,7 @@ impl MeshPainter {
     pub fn draw(
         &mut self,
         device: &wgpu::Device,
+        queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         size: [u32; 2],
         list: &MeshList,
@@ -190,13 +191,7 @@ impl MeshPainter {
             })],
             ..Default::default()
         });
-        let buffer = |contents, usage| {
-            device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-                label: Some("meshes"),
-                contents,
-                usage,
-            })
-        };
+        let buffer = |contents, usage| filled_buffer(device, queue, "meshes", usage, contents);
         let vertices = buffer(bytemuck::cast_slice(&list.vertices), wgpu::BufferUsages::VERTEX);
         let indices = buffer(bytemuck::cast_slice(&list.indices), wgpu::BufferUsages::INDEX);
         pass.set_vertex_buffer(0, vertices.slice(..));

@@ -8,7 +8,7 @@
 use super::adapters::max_buffer_bytes;
 use super::constants::{SCATTER_GROUP, module};
 use super::error::GpuError;
-use super::growing::{MIB, allocate};
+use super::growing::{MIB, allocate, filled_buffer};
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, shader};
 use super::pipeline::{ComputeKernel, Grid};
 use super::task::IN;
@@ -247,19 +247,14 @@ fn scatter(
     if changed.is_empty() {
         return 0;
     }
-    let list = device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("changed records"),
-        size: size_of_val(changed) as u64,
-        usage: IN,
-        mapped_at_creation: false,
-    });
-    let n_bytes = write(queue, &list, changed);
+    let bytes: &[u8] = bytemuck::cast_slice(changed);
+    let list = filled_buffer(device, queue, "changed records", IN, bytes);
     let bound = kernel.bind_buffers(device, &[(0, &list), (1, target)]);
     let groups = Grid::groups(changed.len().div_ceil(SCATTER_GROUP as usize));
     let mut encoder = device.create_command_encoder(&Default::default());
     bound.dispatch(&mut encoder.begin_compute_pass(&Default::default()), groups);
     queue.submit([encoder.finish()]);
-    n_bytes
+    bytes.len() as u64
 }
 
 #[cfg(test)]

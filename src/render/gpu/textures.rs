@@ -9,7 +9,7 @@
 
 use super::adapters::max_buffer_bytes;
 use super::error::GpuError;
-use super::growing::{MIB, allocate};
+use super::growing::{MIB, allocate, filled_buffer};
 use super::task::{IN, WORD};
 use crate::model::splat::texture::{TEXELS, Texture, Textures};
 use std::sync::Arc;
@@ -286,20 +286,15 @@ impl<'a> Staged<'a> {
         let words = std::mem::take(&mut self.words);
         let copies = std::mem::take(&mut self.copies);
         let Some(to) = self.to.filter(|_| !words.is_empty()) else { return };
-        // Not mapped at creation: a lost device has no memory to map, and wgpu panics.
-        let from = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("changed textures"),
-            size: words.len() as u64 * WORD,
-            usage: wgpu::BufferUsages::COPY_SRC.union(wgpu::BufferUsages::COPY_DST),
-            mapped_at_creation: false,
-        });
-        self.queue.write_buffer(&from, 0, bytemuck::cast_slice(&words));
-        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let Self { device, queue, .. } = *self;
+        let (usage, contents) = (wgpu::BufferUsages::COPY_SRC, bytemuck::cast_slice(&words));
+        let from = filled_buffer(device, queue, "changed textures", usage, contents);
+        let mut encoder = device.create_command_encoder(&Default::default());
         for copy in copies {
             let [at, into, n] = copy.map(|n_words| n_words as u64 * WORD);
             encoder.copy_buffer_to_buffer(&from, at, to, into, n);
         }
-        self.queue.submit([encoder.finish()]);
+        queue.submit([encoder.finish()]);
         self.n_bytes += words.len() as u64 * WORD;
     }
 

@@ -18,7 +18,7 @@ use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::device_trial::DevicePolicy;
 use crate::train::learner::{
-    Changed, Component, DeviceUse, LastFrame, Learner, Learns, Status, TrainingDevice,
+    Changed, Component, DeviceUse, LastFrame, Learner, Learns, ModelMemory, Status, TrainingDevice,
 };
 use crate::train::outcome::{FrameOutcome, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES};
 use rayon::prelude::*;
@@ -82,17 +82,21 @@ impl<R: PaperScalar> PaperLearner for NormalizedTrainer<R> {
 impl<R: PaperScalar> Learner for NormalizedTrainer<R> {
     fn status(&self) -> Status {
         let Mixture { model, statistics, .. } = &self.trainer.mixture;
-        // Initial means and weights, and the Dirichlet parameter.
-        let of_start = 7 * size_of::<R>() + size_of::<f64>();
         Status {
             frames: self.trainer.frames,
             components: model.len(),
             used: statistics.used(),
-            model_bytes: model.len() * (of_start + statistics.row_bytes()),
-            texture_bytes: 0,
             is_settled: false,
             warnings: Vec::new(),
         }
+    }
+
+    fn memory(&self) -> ModelMemory {
+        let Mixture { model, statistics, .. } = &self.trainer.mixture;
+        // Initial means and weights, and the Dirichlet parameter.
+        let of_start = 7 * size_of::<R>() + size_of::<f64>();
+        let bytes = model.len() * (of_start + statistics.row_bytes());
+        ModelMemory { bytes, texture_bytes: 0 }
     }
 
     fn last_frame(&self) -> LastFrame<'_> {

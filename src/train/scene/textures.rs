@@ -26,11 +26,12 @@ const REACH: f64 = 1.2;
 const PITCH: f64 = 1.0;
 /// Level of the lattice from which a component gets a texture: 16 texels a side.
 const MIN_LEVEL: u8 = 2;
-/// Pixels of a photograph that add to textures, at most: larger photographs are reduced. Every second row of
-/// tiles adds, others in the next frame.
+/// Number of pixels above which a photograph is reduced.
 const MOST_PIXELS: usize = 320_000;
-/// The same for a photograph with at least [`FINER`] pixels per depth pixel, which shows more than splats can. All
-/// its rows add.
+/// Pixels of a photograph that add to textures, at most: of larger ones every second row of tiles adds, others
+/// in the next frame.
+const MOST_ADDED: usize = 160_000;
+/// Both numbers for a photograph with at least [`FINER`] pixels per depth pixel, which shows more than splats can.
 const MOST_FINE_PIXELS: usize = 750_000;
 const FINER: f64 = 2.0;
 /// Pixels of a photograph by which textures are judged, at most.
@@ -86,19 +87,23 @@ impl TextureLearner {
         taken: &Taken<'_>,
     ) {
         let is_fine = taken.per_depth_pixel >= FINER;
-        let most = if is_fine { MOST_FINE_PIXELS } else { MOST_PIXELS };
+        let [most, most_added] =
+            if is_fine { [MOST_FINE_PIXELS; 2] } else { [MOST_PIXELS, MOST_ADDED] };
         let pixels = taken.photograph.colors.data.len();
-        let factor = (pixels as f64 / most as f64).sqrt().ceil() as usize;
+        let factor = (pixels as f64 / most as f64).sqrt().ceil().max(1.0) as usize;
+        let intrinsics = reduced_intrinsics(&taken.photograph.intrinsics, factor);
+        let camera = Camera { intrinsics, ..taken.camera };
+        self.begin(state, changed, h, &camera);
+        if state.textures.iter().all(Option::is_none) {
+            return;
+        }
         // Fewer rows instead of a smaller picture would show as stripes until all rows have been seen.
         let reduced = (factor > 1).then(|| reduced(taken.photograph, factor));
         let photograph = reduced.as_ref().unwrap_or(taken.photograph);
-        let camera = Camera { intrinsics: photograph.intrinsics, ..taken.camera };
         let taken = &Taken { photograph, camera, ..*taken };
-        self.begin(state, changed, h, &taken.camera);
-        let most = if is_fine { most } else { most / 2 };
-        let shown = tile_rows(&taken.camera.intrinsics, most, taken.frame);
+        let shown = tile_rows(&camera.intrinsics, most_added, taken.frame);
         let mut rows = std::mem::take(&mut self.observed);
-        self.visit(state, &taken.camera, taken.near, shown, &mut rows, |tile, lists| {
+        self.visit(state, &camera, taken.near, shown, &mut rows, |tile, lists| {
             list_observed(tile, taken, &state.textures, lists);
         });
         self.change(&mut state.textures, &rows, |_| (), TextureSums::add);
@@ -269,17 +274,8 @@ fn reduced(photograph: &Photograph, factor: usize) -> Photograph {
         let [x, y] = at(i).map(|v| v * factor + factor / 2);
         photograph.depths.data[y * width + x]
     };
-    let k = photograph.intrinsics;
-    let per = 1.0 / factor as f64;
     Photograph {
-        intrinsics: Intrinsics {
-            width: columns as u32,
-            height: rows as u32,
-            fx: k.fx * per,
-            fy: k.fy * per,
-            cx: k.cx * per,
-            cy: k.cy * per,
-        },
+        intrinsics: reduced_intrinsics(&photograph.intrinsics, factor),
         colors: Image::from_vec(columns, rows, colors).into(),
         depths: Image::from_vec(columns, rows, (0..n).map(depth).collect()),
         // The other fields one by one: a clone would copy all depths.
@@ -287,6 +283,19 @@ fn reduced(photograph: &Photograph, factor: usize) -> Photograph {
         rotation: photograph.rotation,
         gain: photograph.gain,
         has_coverage: photograph.has_coverage,
+    }
+}
+
+/// Returns the intrinsics of a [`reduced`] photograph.
+fn reduced_intrinsics(k: &Intrinsics, factor: usize) -> Intrinsics {
+    let per = 1.0 / factor as f64;
+    Intrinsics {
+        width: k.width / factor as u32,
+        height: k.height / factor as u32,
+        fx: k.fx * per,
+        fy: k.fy * per,
+        cx: k.cx * per,
+        cy: k.cy * per,
     }
 }
 

@@ -66,6 +66,8 @@ pub(in crate::train::scene) struct PhotometricLearner {
     pub state: PhotometricState,
     pub comparers: Comparers,
     pub textures: TextureLearner,
+    /// Time spent on textures since the frame began, milliseconds.
+    pub texture_ms: f64,
     /// Latest photograph unpacked from the shuffle buffer; its memory is reused.
     image: Image<MeasuredPixel>,
     /// Number of times that a splat's precision was reset to the prior since training began or resumed.
@@ -82,8 +84,8 @@ impl PhotometricLearner {
     /// Resumes photometric training from a state.
     pub fn restore(state: PhotometricState) -> Self {
         let image = Image::filled(0, 0, MeasuredPixel::UNKNOWN);
-        let textures = TextureLearner::default();
-        Self { state, comparers: Comparers::default(), textures, image, repaired: 0 }
+        let (textures, comparers) = (TextureLearner::default(), Comparers::default());
+        Self { state, comparers, textures, texture_ms: 0.0, image, repaired: 0 }
     }
 
     /// Initialises the splats of the components in `touched` from their points. A splat is kept if its
@@ -215,7 +217,9 @@ impl PhotometricLearner {
         step: &SplatStep<'_>,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
         if !self.state.textures.is_empty() {
+            let clock = Stopwatch::start();
             self.textures.judge(&mut self.state, view, photograph);
+            self.texture_ms += clock.elapsed_ms();
         }
         let PhotometricState { splats, appearance, .. } = &self.state;
         let Some(splats) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };

@@ -174,7 +174,7 @@ impl SceneTrainer {
         observe(sums, seeds, frame, &placed.camera, config.h);
         clock.lap(SceneStage::Visibility);
         self.photographs.learn(&self.scene, frame, &placed.camera, gain, &mut self.changes);
-        clock.lap(SceneStage::Photometric);
+        clock.lap_photographs(&mut self.photographs);
         self.poses.log(&self.scene, frame, placed, gain);
         self.move_to_recorded(frame);
         self.end_frame();
@@ -327,6 +327,14 @@ impl FrameClock {
 
     fn lap(&mut self, stage: SceneStage) {
         self.ms.add(stage as usize, self.stage.lap_ms());
+    }
+
+    /// Ends the photometric stage and the stage of textures, which runs within it.
+    fn lap_photographs(&mut self, photographs: &mut Photographs) {
+        let ms = self.stage.lap_ms();
+        let texture_ms = std::mem::take(&mut photographs.learner.texture_ms);
+        self.ms.add(SceneStage::Textures as usize, texture_ms);
+        self.ms.add(SceneStage::Photometric as usize, ms - texture_ms);
     }
 
     fn finish(mut self) -> StageMs {

@@ -19,6 +19,7 @@ use crate::train::scene::photometric::rule::PhotometricRule;
 use crate::train::scene::photometric::waiting::{CONTRADICTION, packed, update_point_residuals};
 use crate::train::scene::photometric::{PhotometricLearner, SplatStep, TrainingView};
 use crate::train::scene::textures::Taken;
+use crate::train::timing::Stopwatch;
 use std::sync::Arc;
 
 // Stride over the points to estimate the distance of a frame's nearest surfaces.
@@ -72,6 +73,8 @@ impl Photographs {
     pub fn resume(&mut self) -> bool {
         self.compared.clear();
         self.learner.comparers.end_settling();
+        // Settling is not part of a frame.
+        self.learner.texture_ms = 0.0;
         let was_settled = self.settled.take().is_some();
         if was_settled {
             self.learner.textures.forget_drawn();
@@ -137,9 +140,10 @@ impl Photographs {
                 per_depth_pixel: pixels_for_each(&frame.camera.intrinsics, photograph),
                 frame: scene.frames,
             };
-            let PhotometricLearner { state, textures, .. } = &mut self.learner;
-            let budget = scene.config.texture_bytes();
+            let PhotometricLearner { state, textures, texture_ms, .. } = &mut self.learner;
+            let (budget, clock) = (scene.config.texture_bytes(), Stopwatch::start());
             textures.learn(state, changes.listed(), scene.config.h, budget, &taken);
+            *texture_ms += clock.elapsed_ms();
         }
         let (changed, compared) = self.step(scene, &rule, frame, photograph, camera, gain);
         self.compared.extend(compared);

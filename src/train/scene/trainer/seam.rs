@@ -15,7 +15,7 @@ use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::device_trial::DevicePolicy;
 use crate::train::learner::{
-    Component, DeviceUse, LastFrame, Learner, Learns, Status, TrainingDevice,
+    Component, DeviceUse, LastFrame, Learner, Learns, ModelMemory, Status, TrainingDevice,
 };
 use crate::train::outcome::{FrameOutcome, TrainingWarning};
 use crate::train::timing::SceneStage;
@@ -44,7 +44,7 @@ impl Learns<Observation> for SceneTrainer {
         }
         self.poses.recycle(placed);
         self.end_frame();
-        clock.lap(SceneStage::Photometric);
+        clock.lap_photographs(&mut self.photographs);
         FrameOutcome { ms: clock.finish(), ..FrameOutcome::default() }
     }
 }
@@ -52,18 +52,21 @@ impl Learns<Observation> for SceneTrainer {
 impl Learner for SceneTrainer {
     fn status(&self) -> Status {
         let Scene { sums, seeds, frames, .. } = &self.scene;
-        let texture_bytes = self.photographs.learner.state.texture_bytes();
-        let of_splats = self.photographs.learner.state.splat_bytes();
         Status {
             frames: *frames,
             // Rows of sums, used or free.
             components: sums.len(),
             used: seeds.components.used(),
-            model_bytes: sums.bytes() + seeds.bytes() + of_splats + texture_bytes,
-            texture_bytes,
             is_settled: self.photographs.settled.is_some(),
             warnings: self.warnings(),
         }
+    }
+
+    fn memory(&self) -> ModelMemory {
+        let (Scene { sums, seeds, .. }, state) = (&self.scene, &self.photographs.learner.state);
+        let texture_bytes = state.texture_bytes();
+        let bytes = sums.bytes() + seeds.bytes() + state.splat_bytes() + texture_bytes;
+        ModelMemory { bytes, texture_bytes }
     }
 
     fn last_frame(&self) -> LastFrame<'_> {
