@@ -68,11 +68,16 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     let training = training.ok_or_else(needed)?;
     let h = model.method.as_ref().and_then(|m| m.scene()).map(|scene| scene.engine.h);
     let cell = args.cell.or(h.map(|h| 0.5 * h)).ok_or_else(needed)?;
+    if let Some(loss) =
+        mapping::lost_textures(model.splats.view()).filter(|_| !format.has_textures())
+    {
+        eprintln!("note: {path}: {loss}; meshes as GLB and OBJ show them");
+    }
     let summary = write_with_progress(&args.output, "mesh", |progress| {
         // A mesh ignores the format of splats.
         let options = options(args, ModelFormat::Ply, &model, Some(&training), progress);
         let asked = |i: usize, surfel: &Surfel| {
-            options.selection.selects(i, surfel.mean, options.confidence).then_some(*surfel)
+            options.selection.selects(i, surfel.mean, options.confidence).then(|| surfel.clone())
         };
         let surfels: Vec<Surfel> =
             training.surfels.iter().filter_map(|(i, surfel)| asked(*i, surfel)).collect();

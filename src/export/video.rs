@@ -187,13 +187,16 @@ impl FilmWriter {
 /// # Errors
 /// Those of [`write_atomic`].
 pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), ExportError> {
-    let (width, height) = (picture.width as u32, picture.height as u32);
-    let written = write_atomic(path, |out| {
-        PngEncoder::new(out)
-            .write_image(&picture.to_rgb8(), width, height, ExtendedColorType::Rgb8)
-            .map_err(io::Error::other)
-    });
-    written.map(drop)
+    let size = [picture.width, picture.height];
+    write_atomic(path, |out| encode_png(out, &picture.to_rgb8(), size)).map(drop)
+}
+
+/// Writes rows of red, green and blue bytes as PNG. `size` is width and height.
+pub(super) fn encode_png(out: impl Write, rgb: &[u8], size: [usize; 2]) -> io::Result<()> {
+    let [width, height] = size.map(|n| n as u32);
+    PngEncoder::new(out)
+        .write_image(rgb, width, height, ExtendedColorType::Rgb8)
+        .map_err(io::Error::other)
 }
 
 #[cfg(test)]

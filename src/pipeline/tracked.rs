@@ -191,6 +191,7 @@ fn place(
 pub fn surfels(revived: &PlacedLearner) -> Vec<(usize, Surfel)> {
     let (learner, normalization) = (&revived.learner, &revived.normalization);
     let splats = learner.splats();
+    let textures = splats.finishing().textures.as_ref();
     let of = |component: usize| {
         if !splats[component].is_drawable() {
             return None;
@@ -202,6 +203,8 @@ pub fn surfels(revived: &PlacedLearner) -> Vec<(usize, Surfel)> {
             covariance: posterior.world_covariance(normalization),
             color: Normalization::denormalize_color(posterior.mean_color),
             evidence: posterior.count,
+            // Splats newer than the textures have none yet.
+            texture: textures.and_then(|all| all.get(component)?.clone()),
         };
         Some((component, surfel))
     };

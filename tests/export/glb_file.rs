@@ -69,6 +69,7 @@ impl Glb {
         assert_eq!(accessor["componentType"], 5126);
         let width = match accessor["type"].as_str().unwrap() {
             "SCALAR" => 1,
+            "VEC2" => 2,
             "VEC3" => 3,
             "VEC4" => 4,
             other => panic!("{other}"),

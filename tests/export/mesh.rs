@@ -11,6 +11,7 @@ use vbgs_studio::export::mesh::{MeshFormat, Surfel, triangulate, write_mesh};
 use vbgs_studio::export::{Axes, ModelFormat, WriteOptions, WriteProgress};
 use vbgs_studio::math::sym3::Sym3;
 use vbgs_studio::model::splat::appearance::Finishing;
+use vbgs_studio::model::splat::texture::{Lattice, PATCH, TEXELS, Texel, Texture};
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
@@ -32,6 +33,7 @@ fn sphere(n: usize, centre: DVec3, hole: f64) -> Vec<Surfel> {
             covariance: Sym3::from_mat3(frame * variance * frame.transpose()),
             color: 0.5 + 0.5 * normal,
             evidence: 20.0,
+            texture: None,
         }
     });
     surfels.filter(|s| (s.mean - centre - DVec3::Z).length() >= hole).collect()
@@ -204,4 +206,141 @@ fn a_recorded_room_lies_where_it_was_measured() {
         at(0.99)
     );
     assert!(within > 0.95 && distances.len() > 10_000);
+}
+
+const PLAIN: DVec3 = DVec3::new(1.0, 0.5, 0.0);
+/// Share of the wall's textures, exact in five bits.
+const SHARE: f64 = 16.0 / 31.0;
+
+/// Returns the colour of a texture with checks of 0.0625.
+fn check(at: DVec3) -> DVec3 {
+    let is_odd = (16.0 * at.truncate()).floor().element_sum().rem_euclid(2.0) == 1.0;
+    if is_odd { DVec3::new(0.75, 0.25, 0.5) } else { DVec3::new(0.25, 0.75, 0.5) }
+}
+
+/// A wall at z = 0.53, textured where x < 0.5.
+fn checked_wall() -> Vec<Surfel> {
+    let texture = |mean: DVec3| {
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let lattice = Lattice { anchor: mean.as_vec3().to_array(), axes, half: 0.125, level: 4 };
+        let texel = |i: usize| {
+            let (patch, within) = (i / TEXELS, i % TEXELS);
+            let place = [patch % 16 * PATCH + within % PATCH, patch / 16 * PATCH + within / PATCH];
+            let color = check(lattice.point_at(place.map(|v| v as f64 + 0.5)));
+            Texel::new(color.as_vec3().to_array(), SHARE as f32)
+        };
+        let patches = (0..256).map(|p| std::array::from_fn(|i| texel(TEXELS * p + i))).collect();
+        Arc::new(Texture { lattice, index: (0..256).collect(), patches })
+    };
+    let surfel = |i: i32| {
+        let mean = DVec3::new(0.1 * f64::from(i % 10), 0.1 * f64::from(i / 10), 0.53);
+        let covariance = Sym3::from_mat3(DMat3::from_diagonal(DVec3::new(0.004, 0.004, 1e-6)));
+        let texture = (mean.x < 0.45).then(|| texture(mean));
+        Surfel { mean, normal: DVec3::Z, covariance, color: PLAIN, evidence: 50.0, texture }
+    };
+    (0..60).map(surfel).collect()
+}
+
+/// Returns the bilinearly interpolated colour of an image.
+fn sampled(image: &image::RgbImage, u: f64, v: f64) -> DVec3 {
+    let (x, y) = (u * f64::from(image.width()) - 0.5, v * f64::from(image.height()) - 0.5);
+    let at = |i: u32, j: u32| {
+        let pixel = image.get_pixel(x as u32 + i, y as u32 + j).0;
+        DVec3::from_array(pixel.map(|c| f64::from(c) / 255.0))
+    };
+    let row = |j| if x.fract() > 0.0 { at(0, j).lerp(at(1, j), x.fract()) } else { at(0, j) };
+    if y.fract() > 0.0 { row(0).lerp(row(1), y.fract()) } else { row(0) }
+}
+
+#[test]
+fn a_textured_glb_shows_the_textures_in_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("wall.glb");
+    let write = || {
+        let options = WriteOptions::new(ModelFormat::Ply);
+        write_mesh(&path, &checked_wall(), 0.05, MeshFormat::Glb, &options).unwrap();
+        std::fs::read(&path).unwrap()
+    };
+    let bytes = write();
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert!(one.install(write) == bytes, "threads change the file");
+    let glb = Glb::parse(&bytes);
+    let number = |value: &serde_json::Value| value.as_u64().unwrap() as usize;
+    let view = |i: usize| {
+        let view = &glb.json["bufferViews"][i];
+        let (start, length) = (number(&view["byteOffset"]), number(&view["byteLength"]));
+        assert!(start % 4 == 0 && start + length <= number(&glb.json["buffers"][0]["byteLength"]));
+        &glb.bin[start..start + length]
+    };
+    assert_eq!(glb.bin.len(), number(&glb.json["buffers"][0]["byteLength"]));
+    assert_eq!(glb.json["extensionsUsed"][0], "KHR_materials_unlit");
+    let png = view(number(&glb.json["images"][0]["bufferView"]));
+    let image = image::load_from_memory(png).unwrap().to_rgb8();
+    assert!(image.width().is_power_of_two() && image.height().is_power_of_two());
+    let (positions, places) = (glb.floats("POSITION"), glb.floats("TEXCOORD_0"));
+    let indices: Vec<usize> =
+        view(2).as_chunks().0.iter().map(|b| u32::from_le_bytes(*b) as usize).collect();
+    let (mut n_textured, mut n_plain) = (0, 0);
+    for triangle in indices.as_chunks::<3>().0 {
+        for weights in [[0.6, 0.2, 0.2], [0.1, 0.7, 0.2], [0.3, 0.3, 0.4], [1.0, 0.0, 0.0]] {
+            let mean = |rows: &[Vec<f32>], i: usize| -> f64 {
+                triangle.iter().zip(weights).map(|(v, w)| w * f64::from(rows[*v][i])).sum()
+            };
+            // From y-up.
+            let at = DVec3::new(mean(&positions, 0), -mean(&positions, 2), mean(&positions, 1));
+            let found = sampled(&image, mean(&places, 0), mean(&places, 1));
+            let near = (16.0 * at.truncate()).map(|v| (v - v.round()).abs()).min_element() / 16.0;
+            // Away from the borders of checks and of textures, where texels mix colours.
+            let expected = match at {
+                _ if at.x < 0.5 && at.y < 0.6 && at.min_element() > -0.1 && near > 0.009 => {
+                    PLAIN.lerp(check(at), SHARE)
+                }
+                _ if at.x > 0.7 => PLAIN,
+                _ => continue,
+            };
+            assert!((found - expected).abs().max_element() < 0.01, "{found} at {at}: {expected}");
+            *(if at.x < 0.5 { &mut n_textured } else { &mut n_plain }) += 1;
+        }
+    }
+    assert!(n_textured > 300 && n_plain > 200, "{n_textured} {n_plain}");
+}
+
+#[test]
+fn a_textured_obj_has_its_files_and_a_ply_has_colours() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let options = WriteOptions::new(ModelFormat::Ply);
+    let text = |name: &str| std::fs::read_to_string(path(name)).unwrap();
+    let write = |name: &str, surfels: &[Surfel]| {
+        let format = MeshFormat::from_path(Path::new(name)).unwrap();
+        write_mesh(&path(name), surfels, 0.05, format, &options).unwrap()
+    };
+    let wall = checked_wall();
+    let summary = write("wall.obj", &wall);
+    let obj = text("wall.obj");
+    assert!(obj.starts_with("mtllib wall.mtl\n") && obj.contains("\nusemtl surface\nf "));
+    let material = text("wall.mtl");
+    assert!(material.starts_with("newmtl surface\n") && material.contains("map_Kd wall.png\n"));
+    image::open(path("wall.png")).unwrap();
+    let rows = |kind: &str| -> Vec<Vec<&str>> {
+        let rows = obj.lines().filter_map(|line| line.strip_prefix(kind));
+        rows.map(|row| row.split(' ').collect()).collect()
+    };
+    let (positions, places, faces) = (rows("v "), rows("vt "), rows("f "));
+    assert_eq!((positions.len(), faces.len()), (summary.n_vertices, summary.n_triangles));
+    assert!(positions.iter().all(|row| row.len() == 3));
+    assert_eq!(places.len(), 2 * faces.len());
+    let is_inside = |v: &&str| (0.0..=1.0).contains(&v.parse::<f64>().unwrap());
+    assert!(places.iter().flatten().all(is_inside));
+    for (position, place) in faces.iter().flatten().map(|v| v.split_once('/').unwrap()) {
+        assert!((1..=positions.len()).contains(&position.parse().unwrap()));
+        assert!((1..=places.len()).contains(&place.parse().unwrap()));
+    }
+    let plain = wall.iter().map(|surfel| Surfel { texture: None, ..surfel.clone() });
+    let plain: Vec<Surfel> = plain.collect();
+    write("wall.ply", &wall);
+    write("plain.ply", &plain);
+    assert!(std::fs::read(path("wall.ply")).unwrap() == std::fs::read(path("plain.ply")).unwrap());
+    write("plain.obj", &plain);
+    assert!(!text("plain.obj").contains("vt ") && !path("plain.png").exists());
 }

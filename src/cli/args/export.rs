@@ -25,7 +25,7 @@ pub enum FormatName {
 pub enum KindName {
     /// Splats, or their centres
     Splats,
-    /// A triangle mesh with vertex colours: PLY, GLB or OBJ by extension
+    /// A triangle mesh: PLY, GLB or OBJ by extension. GLB and OBJ show textures, otherwise vertex colours
     Mesh,
 }
 

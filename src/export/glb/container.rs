@@ -239,6 +239,7 @@ fn describe((component, normalized): (u32, bool)) -> String {
 pub(super) fn row_size(kind: &str, component: u32) -> usize {
     let width = match kind {
         "SCALAR" => 1,
+        "VEC2" => 2,
         "VEC3" => 3,
         _ => 4,
     };

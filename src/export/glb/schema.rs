@@ -1,4 +1,4 @@
-//! JSON structures of glTF, as far as splats need them. Fields are in the order of writing.
+//! JSON structures of glTF, as far as splats and meshes need them. Fields are in the order of writing.
 //!
 //! The `gltf` crate is not used: it only accepts core attribute names and those with an underscore, so
 //! `KHR_gaussian_splatting:SCALE` fails its validation and loses its name. The same structs serve reading
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 pub(super) type Extensions = BTreeMap<String, Value>;
 
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Root {
     pub asset: Asset,
@@ -25,6 +25,15 @@ pub(super) struct Root {
     pub nodes: Vec<Node>,
     #[serde(default)]
     pub meshes: Vec<Mesh>,
+    // Not read, as the next three: splats have none of them.
+    #[serde(skip_deserializing, skip_serializing_if = "Vec::is_empty")]
+    pub materials: Vec<Value>,
+    #[serde(skip_deserializing, skip_serializing_if = "Vec::is_empty")]
+    pub textures: Vec<Value>,
+    #[serde(skip_deserializing, skip_serializing_if = "Vec::is_empty")]
+    pub samplers: Vec<Value>,
+    #[serde(skip_deserializing, skip_serializing_if = "Vec::is_empty")]
+    pub images: Vec<Value>,
     #[serde(default)]
     pub accessors: Vec<Accessor>,
     #[serde(default)]
@@ -33,7 +42,7 @@ pub(super) struct Root {
     pub buffers: Vec<Buffer>,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Asset {
     pub version: String,
     #[serde(default)]
@@ -78,6 +87,8 @@ pub(super) struct Primitive {
     /// indices.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub indices: Option<usize>,
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    pub material: Option<usize>,
     pub mode: Option<u32>,
     #[serde(default, skip_serializing_if = "PrimitiveExtensions::is_empty")]
     pub extensions: PrimitiveExtensions,

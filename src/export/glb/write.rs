@@ -187,8 +187,6 @@ pub(super) fn document(
             generator: GENERATOR.to_owned(),
             extras: extras(options, origin),
         },
-        extensions_used: Vec::new(),
-        extensions_required: Vec::new(),
         scene: Some(0),
         scenes: vec![GltfScene { nodes: vec![0] }],
         nodes: vec![Node { mesh: Some(0), translation, ..Node::default() }],
@@ -196,6 +194,7 @@ pub(super) fn document(
         accessors: columns.iter().enumerate().map(accessor).collect(),
         buffer_views,
         buffers: vec![Buffer { byte_length: end, uri: None }],
+        ..Root::default()
     }
 }
 
@@ -225,6 +224,7 @@ fn primitive(columns: &[&Column]) -> Primitive {
     Primitive {
         attributes: Attributes(attributes),
         indices: None,
+        material: None,
         mode: Some(POINTS),
         extensions: PrimitiveExtensions { splatting: Some(splatting), other: BTreeMap::new() },
     }

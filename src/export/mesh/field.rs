@@ -6,16 +6,23 @@
 //! sides of a thin wall stay separate.
 //!
 //! Space is divided into blocks, each computed from the components that reach it. The result therefore does
-//! not depend on the number of threads.
+//! not depend on the number of threads. Textures are baked with the same weights.
 
+use crate::export::atomic::to_fault;
 use crate::export::error::Fault;
+use crate::export::stream::ProgressCounter;
+use crate::export::video::encode_png;
+use crate::math::image::unit_to_byte;
 use crate::math::sym3::Sym3;
+use crate::model::splat::texture::Texture;
 use glam::{DMat3, DVec3, IVec3};
 use rayon::prelude::*;
+use std::cmp::Reverse;
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Plane segment with an oriented normal, which represents one component.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Surfel {
     /// Centre, in world units.
     pub mean: DVec3,
@@ -27,6 +34,8 @@ pub struct Surfel {
     pub color: DVec3,
     /// Number of points of the component.
     pub evidence: f64,
+    /// Texture of the component, in the world of `mean`.
+    pub texture: Option<Arc<Texture>>,
 }
 
 /// Number of grid corners of a block along each axis.
@@ -51,6 +60,15 @@ const MIN_SHARE: f64 = 0.3;
 /// Maximum number of points with which a component is weighted.
 // A wall seen in every frame must not outweigh the edge of an object in front of it.
 const MAX_EVIDENCE: f64 = 64.0;
+/// Maximum number of texels per side of an atlas.
+const MAX_ATLAS_SIDE: usize = 4096;
+/// Number of texels per side of the block of a quad without textures: vertex colours, interpolated.
+const PLAIN_SIDE: usize = 2;
+/// Minimum cosine between the normals of a quad and of a component whose texture it shows.
+// The textures of the other side of a thin wall, and of the next side of a box, show something else.
+const MIN_COSINE: f64 = 0.5;
+/// Number of blocks of an atlas that are computed between two reports of progress.
+const BATCH: usize = 1024;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
@@ -105,11 +123,7 @@ fn block_surfel_pairs(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>
         if reached.len() as f64 + n_blocks > 8.0 * MAX_BLOCKS.max(surfels.len()) as f64 {
             return Err(too_small(cell));
         }
-        for z in lo.z..=hi.z {
-            for y in lo.y..=hi.y {
-                reached.extend((lo.x..=hi.x).map(|x| ([x, y, z], i as u32)));
-            }
-        }
+        reached.extend(places(lo, hi).map(|place| (place, i as u32)));
     }
     // Groups the pairs by block and fixes the order of sums within a block.
     reached.par_sort_unstable();
@@ -117,6 +131,11 @@ fn block_surfel_pairs(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>
         n if n > MAX_BLOCKS => Err(too_small(cell)),
         _ => Ok(reached),
     }
+}
+
+fn places(lo: IVec3, hi: IVec3) -> impl Iterator<Item = Place> {
+    let row = move |y, z| (lo.x..=hi.x).map(move |x| [x, y, z]);
+    (lo.z..=hi.z).flat_map(move |z| (lo.y..=hi.y).flat_map(move |y| row(y, z)))
 }
 
 fn median_evidence(surfels: &[Surfel]) -> f64 {
@@ -145,14 +164,16 @@ fn plane_covariance(surfel: &Surfel, cell: f64) -> Sym3 {
     surfel.covariance.add_scaled(1.0, Sym3::diagonal((SPREAD * cell).powi(2)))
 }
 
+fn inverse(surfel: &Surfel, cell: f64) -> Option<DMat3> {
+    plane_covariance(surfel, cell).inverse().map(|s| s.to_mat3())
+}
+
 fn block<'a>(place: IVec3, surfels: impl Iterator<Item = &'a Surfel>, cell: f64) -> Samples {
     let origin = BLOCK * place;
     // Weight, weighted distance in cells, weighted colour.
     let mut sums = vec![(0.0, 0.0, DVec3::ZERO); (BLOCK * BLOCK * BLOCK) as usize];
     for surfel in surfels {
-        let Some(inverse) = plane_covariance(surfel, cell).inverse().map(|s| s.to_mat3()) else {
-            continue;
-        };
+        let Some(inverse) = inverse(surfel, cell) else { continue };
         let (lo, hi) = corners(surfel, cell);
         let lo = (lo - origin).max(IVec3::ZERO);
         let hi = (hi - origin).min(IVec3::splat(BLOCK - 1));
@@ -200,6 +221,26 @@ pub struct TriangleMesh {
     pub colors: Vec<DVec3>,
     /// Vertex indices, counter-clockwise seen from the side of the cameras.
     pub triangles: Vec<[u32; 3]>,
+}
+
+/// Vertices of the two triangles of a quad.
+pub(in crate::export) const QUAD_TRIANGLES: [usize; 6] = [0, 1, 2, 0, 2, 3];
+/// Places of the vertices of a quad in its block of an atlas.
+const PLACES: [[f64; 2]; 4] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+
+impl TriangleMesh {
+    /// Returns the number of quads, each of two triangles, of a mesh from [`triangulate`].
+    pub(in crate::export) fn n_quads(&self) -> usize {
+        self.triangles.len() / 2
+    }
+
+    /// Returns the vertices around a quad, whose triangles are [`QUAD_TRIANGLES`].
+    pub(in crate::export) fn quad(&self, i: usize) -> [usize; 4] {
+        let (s, t) = (self.triangles[2 * i], self.triangles[2 * i + 1]);
+        // Both begin at one end of their common edge.
+        let (s, t) = if s[2] == t[1] { (s, t) } else { (t, s) };
+        [s[0], s[1], s[2], t[2]].map(|v| v as usize)
+    }
 }
 
 /// Triangulates the surface of `surfels` on cells of width `cell`, in world units.
@@ -283,5 +324,210 @@ fn quad(field: &Field, numbers: &HashMap<IVec3, u32>, corner: IVec3, axis: usize
     match from.distance < to.distance {
         true => vec![[a, b, c], [a, c, d]],
         false => vec![[a, c, b], [a, d, c]],
+    }
+}
+
+/// Colours of a mesh's surface from textures: an image with a square block of texels for each quad.
+pub(in crate::export) struct Atlas {
+    /// PNG file of sRGB-encoded colours.
+    pub png: Vec<u8>,
+    size: [usize; 2],
+    blocks: Vec<Block>,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Block {
+    /// First column and row.
+    corner: [usize; 2],
+    /// Texels per side, a power of two.
+    side: usize,
+}
+
+impl Atlas {
+    /// Bakes the textures of `surfels` for the mesh that [`triangulate`] makes of them.
+    pub fn bake(
+        mesh: &TriangleMesh,
+        surfels: &[Surfel],
+        cell: f64,
+        steps: &mut ProgressCounter,
+    ) -> Result<Self, Fault> {
+        let mut reached = block_surfel_pairs(surfels, cell)?;
+        reached.retain(|(_, i)| surfels[*i as usize].texture.is_some());
+        let groups = reached.chunk_by(|a, b| a.0 == b.0).map(|group| (group[0].0, group));
+        let surface = Surface { mesh, surfels, cell, by_block: groups.collect() };
+        let quads = (0..mesh.n_quads()).into_par_iter();
+        let (blocks, size) = arrange(&quads.map(|i| surface.side(i)).collect::<Vec<_>>())?;
+        let mut pixels = vec![0; 3 * size[0] * size[1]];
+        for (n, batch) in blocks.chunks(BATCH).enumerate() {
+            let texels = batch.par_iter().enumerate();
+            let texels = texels.map(|(i, block)| surface.texels(BATCH * n + i, block.side));
+            for (Block { corner: [x, y], side }, texels) in
+                batch.iter().zip(texels.collect::<Vec<_>>())
+            {
+                for (row, texels) in texels.chunks(3 * side).enumerate() {
+                    let start = 3 * ((y + row) * size[0] + x);
+                    pixels[start..start + texels.len()].copy_from_slice(texels);
+                }
+            }
+            steps.advance(batch.len()).map_err(to_fault("bake textures", 0))?;
+        }
+        let mut png = Vec::new();
+        encode_png(&mut png, &pixels, size).map_err(to_fault("encode textures", 0))?;
+        Ok(Self { png, size, blocks })
+    }
+
+    /// Returns the places of a quad's vertices in the image, from its upper left corner, in `[0, 1]`.
+    pub fn coordinates(&self, quad: usize) -> [[f64; 2]; 4] {
+        let Block { corner, side } = self.blocks[quad];
+        PLACES.map(|place| {
+            // Centres of texels, so that interpolation never reads another block.
+            let at = |i: usize| corner[i] as f64 + 0.5 + place[i] * (side - 1) as f64;
+            [0, 1].map(|i| at(i) / self.size[i] as f64)
+        })
+    }
+}
+
+/// Returns places for blocks, and the size of the image. `sides` are their texels per side, powers of two; all
+/// are halved until they fit.
+fn arrange(sides: &[usize]) -> Result<(Vec<Block>, [usize; 2]), Fault> {
+    const MAX_TEXELS: usize = MAX_ATLAS_SIDE * MAX_ATLAS_SIDE;
+    let halved = |side: usize, times: u32| (side >> times).max(1);
+    let area = |times| sides.iter().map(|side| halved(*side, times).pow(2)).sum::<usize>();
+    let times = (0..=MAX_ATLAS_SIDE.ilog2()).find(|times| area(*times) <= MAX_TEXELS);
+    let times = times.ok_or_else(|| {
+        let found = format!("one that gives {}; give a larger one", sides.len());
+        Fault::setting("cell", format!("a width that gives {MAX_TEXELS} quads at most"), found)
+    })?;
+    let mut order: Vec<usize> = (0..sides.len()).collect();
+    order.sort_by_key(|i| Reverse(sides[*i]));
+    let mut blocks = vec![Block::default(); sides.len()];
+    let mut n_texels = 0;
+    for i in order {
+        let side = halved(sides[i], times);
+        // On a Z-order curve squares of descending size leave no gaps.
+        let corner = [n_texels, n_texels >> 1].map(every_second_bit);
+        blocks[i] = Block { corner, side };
+        n_texels += side * side;
+    }
+    let bits = n_texels.next_power_of_two().ilog2();
+    Ok((blocks, [1 << bits.div_ceil(2), 1 << (bits / 2)]))
+}
+
+fn every_second_bit(n: usize) -> usize {
+    (0..usize::BITS / 2).map(|bit| (n >> (2 * bit) & 1) << bit).sum()
+}
+
+/// Returns the value at a place in a quad, linear on each of its triangles, from the values of its vertices.
+fn interpolate([a, b, c, d]: [DVec3; 4], [u, v]: [f64; 2]) -> DVec3 {
+    if u >= v { a + u * (b - a) + v * (c - b) } else { a + v * (d - a) + u * (c - d) }
+}
+
+/// Surface of a mesh and the components with textures near it.
+struct Surface<'a> {
+    mesh: &'a TriangleMesh,
+    surfels: &'a [Surfel],
+    cell: f64,
+    by_block: HashMap<Place, &'a [(Place, u32)]>,
+}
+
+struct Textured<'a> {
+    surfel: &'a Surfel,
+    texture: &'a Texture,
+    inverse: DMat3,
+}
+
+/// Texture at a point.
+struct Shown {
+    weight: f64,
+    share: f64,
+    /// Colour times the share.
+    color: DVec3,
+    /// Width of a texel, world units.
+    pitch: f64,
+}
+
+impl<'a> Surface<'a> {
+    fn vertices(&self, quad: usize) -> [DVec3; 4] {
+        self.mesh.quad(quad).map(|v| self.mesh.positions[v])
+    }
+
+    fn near(&self, [a, b, c, d]: [DVec3; 4]) -> Vec<Textured<'a>> {
+        let normal = (c - a).cross(d - b).normalize_or_zero();
+        let lo = (a.min(b).min(c).min(d) / self.cell).floor().as_ivec3();
+        let hi = (a.max(b).max(c).max(d) / self.cell).ceil().as_ivec3();
+        let [first, last] = [lo, hi].map(|corner| corner.div_euclid(IVec3::splat(BLOCK)));
+        let groups = places(first, last).filter_map(|place| self.by_block.get(&place));
+        let mut numbers: Vec<u32> = groups.flat_map(|group| group.iter()).map(|p| p.1).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        let textured = |i: u32| {
+            let surfel = &self.surfels[i as usize];
+            let is_near = || {
+                let (from, to) = corners(surfel, self.cell);
+                from.cmple(hi).all() && to.cmpge(lo).all()
+            };
+            let is_shown = surfel.normal.dot(normal) >= MIN_COSINE && is_near();
+            let texture = surfel.texture.as_deref().filter(|_| is_shown)?;
+            Some(Textured { surfel, texture, inverse: inverse(surfel, self.cell)? })
+        };
+        numbers.into_iter().filter_map(textured).collect()
+    }
+
+    /// Returns the two textures with the largest weights at a point.
+    // A mean of more would blur, because planes of components differ.
+    fn shown(&self, near: &[Textured], at: DVec3) -> [Option<Shown>; 2] {
+        let mut found = [None, None];
+        let weight_of = |shown: &Option<Shown>| shown.as_ref().map_or(0.0, |s| s.weight);
+        for Textured { surfel, texture, inverse } in near {
+            let (weight, _) = contribution(surfel, *inverse, at, self.cell);
+            if weight <= weight_of(&found[1]) {
+                continue;
+            }
+            let sample = texture.sample(texture.lattice.place_of(at).map(|v| v as f32));
+            if sample.share > 0.0 {
+                let color = DVec3::from_array(sample.color.map(f64::from));
+                let pitch = texture.lattice.per_unit().recip();
+                found[1] = Some(Shown { weight, share: sample.share.into(), color, pitch });
+                found.sort_by(|a, b| weight_of(b).total_cmp(&weight_of(a)));
+            }
+        }
+        found
+    }
+
+    /// Returns the number of texels per side that shows all detail of a quad's textures, a power of two.
+    fn side(&self, quad: usize) -> usize {
+        let vertices = self.vertices(quad);
+        let near = self.near(vertices);
+        let places = PLACES.into_iter().chain([[0.5; 2]]);
+        let shown = places.flat_map(|place| self.shown(&near, interpolate(vertices, place)));
+        let pitch = shown.flatten().map(|shown| shown.pitch).fold(f64::INFINITY, f64::min);
+        let [a, b, c, d] = vertices;
+        let edges = [a - b, b - c, c - d, d - a].map(DVec3::length);
+        // The cast saturates. One more, because the outer texels have their centres on the edges.
+        let n_pitches = (edges.into_iter().fold(0.0, f64::max) / pitch).ceil() as usize;
+        n_pitches.saturating_add(1).clamp(PLAIN_SIDE, MAX_ATLAS_SIDE).next_power_of_two()
+    }
+
+    /// Returns the texels of a quad's block, row by row, as bytes of red, green and blue.
+    fn texels(&self, quad: usize, side: usize) -> Vec<u8> {
+        let vertices = self.vertices(quad);
+        let colors = self.mesh.quad(quad).map(|v| self.mesh.colors[v]);
+        let near = self.near(vertices);
+        let along = |i| if side == 1 { 0.5 } else { i as f64 / (side - 1) as f64 };
+        let texel = |i: usize| {
+            let place = [i % side, i / side].map(along);
+            let shown = self.shown(&near, interpolate(vertices, place));
+            let (mut weight, mut share, mut color) = (0.0, 0.0, DVec3::ZERO);
+            for shown in shown.into_iter().flatten() {
+                weight += shown.weight;
+                share += shown.weight * shown.share;
+                color += shown.weight * shown.color;
+            }
+            let drawn = interpolate(colors, place);
+            let color =
+                if weight > 0.0 { color / weight + (1.0 - share / weight) * drawn } else { drawn };
+            color.to_array().map(|c| unit_to_byte(c as f32))
+        };
+        (0..side * side).flat_map(texel).collect()
     }
 }

@@ -13,6 +13,7 @@
 //!     covariance: Sym3::from_mat3(DMat3::from_diagonal(DVec3::new(0.004, 0.004, 1e-6))),
 //!     color: DVec3::new(1.0, 0.5, 0.0),
 //!     evidence: 50.0,
+//!     texture: None,
 //! };
 //! let surfels: Vec<Surfel> = (0..10).flat_map(|x| (0..10).map(move |y| surfel(x, y))).collect();
 //! let mesh = triangulate(&surfels, 0.05)?;
@@ -23,7 +24,7 @@
 
 pub(super) mod field;
 
-use super::atomic::write_atomic;
+use super::atomic::{remove_leftovers, write_atomic};
 use super::error::{ExportError, Fault};
 use super::format::{Axes, ModelFormat, WriteOptions};
 use super::glb::mesh::MeshLayout;
@@ -37,16 +38,21 @@ use std::io;
 use std::io::Write;
 use std::path::Path;
 
+use field::{Atlas, QUAD_TRIANGLES};
 pub use field::{Surfel, TriangleMesh, triangulate};
+
+/// Name of the material of a textured OBJ.
+const MATERIAL: &str = "surface";
 
 /// File format of meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshFormat {
     /// Binary PLY with vertex colours (`red green blue`).
     Ply,
-    /// glTF 2.0, y-up, with linear vertex colours (`COLOR_0`).
+    /// glTF 2.0, y-up, with linear vertex colours (`COLOR_0`), or with a texture.
     Glb,
-    /// Wavefront OBJ text with colours after the coordinates, as MeshLab and Blender read them.
+    /// Wavefront OBJ text with colours after the coordinates, as MeshLab and Blender read them, or with a
+    /// texture in a PNG of the same name, named by an MTL.
     Obj,
 }
 
@@ -61,6 +67,11 @@ impl MeshFormat {
             MeshFormat::Glb => "glb",
             MeshFormat::Obj => "obj",
         }
+    }
+
+    /// True if files of this format hold textures.
+    pub fn has_textures(self) -> bool {
+        self != MeshFormat::Ply
     }
 
     /// Returns how files of this format store the local origin.
@@ -116,14 +127,12 @@ fn obj(
     comments: &[String],
     steps: &mut ProgressCounter,
 ) -> io::Result<()> {
-    for comment in comments {
-        writeln!(out, "# {comment}")?;
-    }
+    obj_comments(out, comments)?;
     write_rows(out, mesh.positions.len(), steps, |i, row| {
-        let [x, y, z] = mesh.positions[i].as_vec3().to_array();
         let [r, g, b] = mesh.colors[i].to_array();
         // Four digits are finer than the bytes of the other formats.
-        row.extend_from_slice(format!("v {x} {y} {z} {r:.4} {g:.4} {b:.4}\n").as_bytes());
+        let line = format!("v {} {r:.4} {g:.4} {b:.4}\n", obj_position(mesh, i));
+        row.extend_from_slice(line.as_bytes());
     })?;
     write_rows(out, mesh.triangles.len(), steps, |i, row| {
         let [a, b, c] = mesh.triangles[i].map(|v| v + 1);
@@ -131,20 +140,71 @@ fn obj(
     })
 }
 
+fn obj_comments(out: &mut dyn Write, comments: &[String]) -> io::Result<()> {
+    comments.iter().try_for_each(|comment| writeln!(out, "# {comment}"))
+}
+
+fn obj_position(mesh: &TriangleMesh, i: usize) -> String {
+    let [x, y, z] = mesh.positions[i].as_vec3().to_array();
+    format!("{x} {y} {z}")
+}
+
+/// Writes a mesh with a texture as OBJ text, and its MTL and PNG beside `path`.
+fn obj_textured(
+    out: &mut dyn Write,
+    path: &Path,
+    (mesh, atlas): (&TriangleMesh, &Atlas),
+    comments: &[String],
+    steps: &mut ProgressCounter,
+) -> io::Result<()> {
+    let [mtl, png] = ["mtl", "png"].map(|extension| path.with_extension(extension));
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    obj_comments(out, comments)?;
+    writeln!(out, "mtllib {}", name(&mtl))?;
+    // No vertex colours: some programs multiply them with the texture.
+    write_rows(out, mesh.positions.len(), steps, |i, row| {
+        row.extend_from_slice(format!("v {}\n", obj_position(mesh, i)).as_bytes());
+    })?;
+    write_rows(out, mesh.n_quads(), steps, |i, row| {
+        for [u, v] in atlas.coordinates(i) {
+            // From the lower left corner; six digits are finer than a hundredth of a texel.
+            row.extend_from_slice(format!("vt {u:.6} {:.6}\n", 1.0 - v).as_bytes());
+        }
+    })?;
+    writeln!(out, "usemtl {MATERIAL}")?;
+    write_rows(out, mesh.n_quads(), steps, |i, row| {
+        let quad = mesh.quad(i);
+        for triangle in QUAD_TRIANGLES.chunks(3) {
+            let corner = |k: &usize| format!(" {}/{}", quad[*k] + 1, 4 * i + k + 1);
+            let corners: String = triangle.iter().map(corner).collect();
+            row.extend_from_slice(format!("f{corners}\n").as_bytes());
+        }
+    })?;
+    let material =
+        format!("newmtl {MATERIAL}\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {}\n", name(&png));
+    // Last, so that a cancelled export replaces no file, and an OBJ never lacks its texture.
+    for (path, content) in [(&png, &atlas.png[..]), (&mtl, material.as_bytes())] {
+        remove_leftovers(path);
+        write_atomic(path, |out| out.write_all(content)).map_err(io::Error::other)?;
+    }
+    Ok(())
+}
+
 /// Summary of a written mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeshSummary {
-    /// Number of vertices.
+    /// Number of vertices. A GLB with a texture repeats them for each quad.
     pub n_vertices: usize,
     /// Number of triangles.
     pub n_triangles: usize,
-    /// Size of the file in bytes.
+    /// Size of the file in bytes, without the MTL and PNG of an OBJ.
     pub bytes: u64,
 }
 
 /// Triangulates plane segments on cells of width `cell`, in world units, and writes the mesh atomically.
 /// Only axes, up direction, local origin, unit scale, comments and progress of the options apply. A GLB
-/// is always y-up.
+/// is always y-up. If any segment has a texture, GLB and OBJ have a texture instead of vertex colours. That
+/// of an OBJ is in files of its name beside it, `.mtl` and `.png`.
 ///
 /// # Errors
 /// [`Fault::NoSurface`] if no surface is found, [`Fault::Setting`] for invalid options,
@@ -156,46 +216,60 @@ pub fn write_mesh(
     format: MeshFormat,
     options: &WriteOptions,
 ) -> Result<MeshSummary, ExportError> {
-    let (mesh, origin) =
-        in_file_axes(surfels, cell, format, options).map_err(|fault| fault.with_path(path))?;
+    let fail = |fault: Fault| fault.with_path(path);
+    let mut mesh = checked_mesh(surfels, cell, options).map_err(fail)?;
+    let is_textured = format.has_textures() && surfels.iter().any(|s| s.texture.is_some());
     let (n_vertices, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
-    let steps = |n| ProgressCounter::new(options.progress, n);
+    let n_steps = match (format, is_textured) {
+        (MeshFormat::Ply | MeshFormat::Obj, false) => n_vertices + n_triangles,
+        // A GLB stores positions and colours in two passes over the vertices.
+        (MeshFormat::Glb, false) => 2 * n_vertices + n_triangles,
+        // Quads count once for their texels and for each of their columns.
+        (MeshFormat::Glb, true) => 4 * mesh.n_quads(),
+        (_, true) => n_vertices + 3 * mesh.n_quads(),
+    };
+    let mut steps = ProgressCounter::new(options.progress, n_steps);
+    // Textures lie in the world, so before the mesh is rotated.
+    let atlas = is_textured.then(|| Atlas::bake(&mesh, surfels, cell, &mut steps));
+    let atlas = atlas.transpose().map_err(fail)?;
+    let origin = to_file_axes(&mut mesh, format, options);
     let comments: Vec<String> = options.comments.iter().cloned().chain(comment(origin)).collect();
-    let n_rows = n_vertices + n_triangles;
-    let bytes = match format {
-        MeshFormat::Ply => {
-            write_atomic(path, |out| ply(out, &mesh, &comments, &mut steps(n_rows)))?
+    let bytes = match (format, &atlas) {
+        (MeshFormat::Ply, _) => write_atomic(path, |out| ply(out, &mesh, &comments, &mut steps))?,
+        (MeshFormat::Obj, None) => {
+            write_atomic(path, |out| obj(out, &mesh, &comments, &mut steps))?
         }
-        MeshFormat::Obj => {
-            write_atomic(path, |out| obj(out, &mesh, &comments, &mut steps(n_rows)))?
-        }
-        MeshFormat::Glb => {
-            let layout =
-                MeshLayout::new(&mesh, origin, options).map_err(|fault| fault.with_path(path))?;
-            // A GLB stores positions and colours in two passes over the vertices.
-            let steps = &mut steps(n_rows + n_vertices);
-            write_atomic(path, |out| layout.write(out, &mesh, steps))?
+        (MeshFormat::Obj, Some(atlas)) => write_atomic(path, |out| {
+            obj_textured(out, path, (&mesh, atlas), &comments, &mut steps)
+        })?,
+        (MeshFormat::Glb, atlas) => {
+            let layout = MeshLayout::new(&mesh, atlas.as_ref(), origin, options).map_err(fail)?;
+            write_atomic(path, |out| layout.write(out, &mesh, atlas.as_ref(), &mut steps))?
         }
     };
     Ok(MeshSummary { n_vertices, n_triangles, bytes })
 }
 
-fn in_file_axes(
+fn checked_mesh(
     surfels: &[Surfel],
     cell: f64,
-    format: MeshFormat,
     options: &WriteOptions,
-) -> Result<(TriangleMesh, DVec3), Fault> {
+) -> Result<TriangleMesh, Fault> {
     check_axes(options)?;
-    let mut mesh = triangulate(surfels, cell)?;
-    if mesh.triangles.is_empty() {
-        return Err(Fault::NoSurface { n_components: surfels.len() });
+    let mesh = triangulate(surfels, cell)?;
+    match mesh.triangles.is_empty() {
+        true => Err(Fault::NoSurface { n_components: surfels.len() }),
+        false => Ok(mesh),
     }
+}
+
+/// Moves a mesh to the axes and units of a file. Returns the local origin in these.
+fn to_file_axes(mesh: &mut TriangleMesh, format: MeshFormat, options: &WriteOptions) -> DVec3 {
     // glTF prescribes y-up. As a PLY, because the model's format does not concern the mesh.
     let axes = if format == MeshFormat::Glb { Axes::YUp } else { options.axes };
     let options = WriteOptions { axes, format: ModelFormat::Ply, ..options.clone() };
     let turn = file_rotation(&options);
     let place = |p: &mut DVec3| *p = options.unit_scale * turn.rotate_vector(*p);
     mesh.positions.iter_mut().for_each(place);
-    Ok((mesh, file_origin(&options)))
+    file_origin(&options)
 }
