@@ -33,6 +33,7 @@ pub struct Lattice {
 
 impl Lattice {
     /// Returns the number of texels per side.
+    #[inline(always)]
     pub fn side(&self) -> usize {
         PATCH << self.level
     }
@@ -135,10 +136,18 @@ pub struct Texture {
 }
 
 impl Texture {
+    #[inline(always)]
     fn texel(&self, at: [usize; 2]) -> Texel {
         let (patch, within) = self.lattice.patch_of(at);
-        let patch = self.patches.get(usize::from(self.index[patch]));
-        patch.map_or_else(Texel::default, |patch| patch[within])
+        match self.patch(patch) {
+            Some(patch) => patch[within],
+            None => Texel::default(),
+        }
+    }
+
+    #[inline(always)]
+    fn patch(&self, number: usize) -> Option<&[Texel; TEXELS]> {
+        self.patches.get(usize::from(*self.index.get(number)?))
     }
 
     /// Returns the texels at columns `x` and `x + 1` of rows `y` and `y + 1`, row by row. At the last column and

@@ -122,8 +122,10 @@ impl RowCanvas {
         let (width, height) = (k.width as usize, k.height as usize);
         self.tiles.clear();
         self.tiles.extend((0..width).step_by(TILE).map(|left| {
-            let tile = Tile::new(left, top, width - left, height - top);
-            let tile = if !sheet.records.planes.is_empty() { tile.with_owners() } else { tile };
+            let mut tile = Tile::new(left, top, width - left, height - top);
+            if !sheet.records.planes.is_empty() {
+                tile.record_owners();
+            }
             match sheet.method.lens() {
                 Lens::Pinhole => tile,
                 Lens::Fisheye => tile.with_fisheye_rays(k),

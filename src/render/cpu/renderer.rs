@@ -54,6 +54,7 @@ impl CpuStage {
 #[derive(Default)]
 pub struct CpuRenderer {
     pub(super) lists: ViewLists,
+    /// One per thread.
     pub(super) canvases: Vec<RowCanvas>,
 }
 
@@ -138,7 +139,6 @@ impl CpuRenderer {
         observer(CpuStage::Sort);
         let finish = Finish::new(splats.finishing(), camera, options);
         let rows = &self.lists.rows;
-        self.canvases.resize_with(height.div_ceil(TILE), RowCanvas::default);
         let sheet = RowInputs {
             records: &self.lists.records,
             intrinsics: camera.intrinsics,
@@ -153,9 +153,8 @@ impl CpuRenderer {
         let pixels = pixels.zip(image.coverage.data.chunks_mut(pixels_per_row));
         let pixels = pixels.zip(image.depth.data.chunks_mut(pixels_per_row));
         // Rows differ widely in their number of splats.
-        let tasks = self.canvases.iter_mut().zip(pixels).enumerate();
-        let tasks = tasks.map(|(row, task)| (rows.get(row).len(), (row, task)));
-        longest_first(tasks, |(row, (canvas, ((color, coverage), depth)))| {
+        let tasks = pixels.enumerate().map(|(row, task)| (rows.get(row).len(), (row, task)));
+        longest_first(tasks, &mut self.canvases, |(row, ((color, coverage), depth)), canvas| {
             let (top, list) = (row * TILE, rows.get(row));
             Isa::best().run(DrawRow { sheet, canvas: &mut *canvas, top, list });
             canvas.finish_pixels(&sheet, top, color, coverage, depth);

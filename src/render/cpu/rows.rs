@@ -28,7 +28,7 @@ pub(super) struct ViewLists {
     /// every splat covers the image, and rows bin their own tiles in parallel.
     pub rows: Buckets,
     /// Buffers for sorting, one instance per thread.
-    sorters: Vec<Mutex<DepthSorter>>,
+    sorters: Vec<DepthSorter>,
 }
 
 impl ViewLists {
@@ -62,13 +62,8 @@ impl ViewLists {
 
     pub(super) fn sort(&mut self) {
         let Self { rows, sorters, depth_entries, .. } = self;
-        let n_threads = rayon::current_num_threads().max(sorters.len());
-        sorters.resize_with(n_threads, Mutex::default);
         let rows = rows.each_mut().into_iter().map(|row| (row.len(), row));
-        longest_first(rows, |row| {
-            // Each thread uses its own sorter, so the lock is never contended. It only avoids unsafe code.
-            let thread = rayon::current_thread_index().unwrap_or(0) % sorters.len();
-            let mut sorter = sorters[thread].lock().unwrap_or_else(PoisonError::into_inner);
+        longest_first(rows, sorters, |row, sorter: &mut DepthSorter| {
             sorter.sort(row, |i| depth_entries[i as usize].key);
         });
     }
@@ -85,23 +80,26 @@ impl ViewLists {
     }
 }
 
-/// Runs tasks in parallel, largest work estimate first. Only short tasks remain at the end, so threads
-/// finish at about the same time.
-pub(super) fn longest_first<T: Send>(
+/// Runs tasks in parallel, largest work estimate first, each with the buffer of its thread. Only short tasks
+/// remain at the end, so threads finish at about the same time.
+pub(super) fn longest_first<T: Send, B: Default + Send>(
     tasks: impl Iterator<Item = (usize, T)>,
-    run: impl Fn(T) + Sync,
+    buffers: &mut Vec<B>,
+    run: impl Fn(T, &mut B) + Sync,
 ) {
     let mut tasks: Vec<(usize, T)> = tasks.collect();
     // Ascending, because `pop` takes the last task.
     tasks.sort_by_key(|(work, _)| *work);
     let tasks = Mutex::new(tasks);
     let next = || tasks.lock().unwrap_or_else(PoisonError::into_inner).pop();
+    buffers.resize_with(rayon::current_num_threads(), B::default);
+    let (next, run) = (&next, &run);
     rayon::scope(|scope| {
         // One loop per thread: rayon would not start separate tasks in this order.
-        for _ in 0..rayon::current_num_threads() {
-            scope.spawn(|_| {
+        for buffer in buffers {
+            scope.spawn(move |_| {
                 while let Some((_, task)) = next() {
-                    run(task);
+                    run(task, buffer);
                 }
             });
         }
@@ -187,7 +185,9 @@ mod tests {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let ran = Mutex::new(Vec::new());
         let tasks = [3, 0, 7, 7, 1].into_iter().map(|work| (work, work));
-        pool.install(|| longest_first(tasks, |task| ran.lock().unwrap().push(task)));
+        pool.install(|| {
+            longest_first(tasks, &mut vec![(); 0], |task, ()| ran.lock().unwrap().push(task))
+        });
         assert_eq!(*ran.lock().unwrap(), [7, 7, 3, 1, 0]);
     }
 

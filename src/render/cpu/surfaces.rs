@@ -152,13 +152,8 @@ impl CpuRenderer {
             textures: None,
             is_for_textures: true,
         };
-        self.canvases.resize_with(view.height.div_ceil(TILE), RowCanvas::default);
-        let mut canvases = self.canvases.iter_mut().enumerate();
-        let tasks = rows.filter_map(|(row, value)| {
-            let (_, canvas) = canvases.find(|(number, _)| *number == row)?;
-            Some((lists.get(row).len(), (row, canvas, value)))
-        });
-        longest_first(tasks, |(row, canvas, mut value)| {
+        let tasks = rows.map(|(row, value)| (lists.get(row).len(), (row, value)));
+        longest_first(tasks, &mut self.canvases, |(row, mut value), canvas: &mut RowCanvas| {
             let (top, list) = (row * TILE, lists.get(row));
             Isa::best().run(DrawRow { sheet: inputs, canvas: &mut *canvas, top, list });
             let planes = &inputs.records.planes;

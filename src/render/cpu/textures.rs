@@ -226,8 +226,8 @@ pub(super) fn add_textures<V: Vector>(
         textured = Some(sums);
     }
     let mut textured = textured?;
-    for channel in 0..3 {
-        textured[channel] = textured[channel].max(V::splat(0.0));
+    for channel in &mut textured {
+        *channel = channel.max(V::splat(0.0));
     }
     Some(textured)
 }

@@ -114,9 +114,9 @@ impl Tile {
         self
     }
 
-    /// Records the splats with the largest weights.
-    pub(super) fn with_owners(self) -> Self {
-        Self { owners: Some(Owners::new()), ..self }
+    /// Records the splats with the largest weights from now on.
+    pub(super) fn record_owners(&mut self) {
+        self.owners = Some(Owners::new());
     }
 
     pub(super) fn owners(&self) -> Option<&Owners> {

@@ -67,7 +67,7 @@ impl PhotometricWalk {
             let list = lists.get(row);
             (list.len(), WalkRow { records, list, row, photograph, rule, rows, canvas })
         });
-        longest_first(tasks, |task| Isa::best().run(task));
+        longest_first(tasks, &mut Vec::new(), |task, ()| Isa::best().run(task));
         self.add_rows(view.lists);
         let (squared_error, pixels) = self
             .canvases
