@@ -63,7 +63,7 @@ const MAX_EVIDENCE: f64 = 64.0;
 /// Maximum number of texels per side of an atlas.
 const MAX_ATLAS_SIDE: usize = 4096;
 /// Number of texels per side of the block of a quad without textures: vertex colours, interpolated.
-const PLAIN_SIDE: usize = 2;
+const PLAIN_SIDE: usize = 4;
 /// Minimum cosine between the normals of a quad and of a component whose texture it shows.
 // The textures of the other side of a thin wall, and of the next side of a box, show something else.
 const MIN_COSINE: f64 = 0.5;
@@ -379,12 +379,24 @@ impl Atlas {
     /// Returns the places of a quad's vertices in the image, from its upper left corner, in `[0, 1]`.
     pub fn coordinates(&self, quad: usize) -> [[f64; 2]; 4] {
         let Block { corner, side } = self.blocks[quad];
+        let (rim, length) = (rim(side) as f64, inner_length(side));
         PLACES.map(|place| {
             // Centres of texels, so that interpolation never reads another block.
-            let at = |i: usize| corner[i] as f64 + 0.5 + place[i] * (side - 1) as f64;
+            let at = |i: usize| corner[i] as f64 + 0.5 + rim + place[i] * length;
             [0, 1].map(|i| at(i) / self.size[i] as f64)
         })
     }
+}
+
+/// Returns the number of texels between the edge of a block and its quad.
+// Smoothed edges of triangles are drawn from places a little outside, which must not show other blocks.
+fn rim(side: usize) -> usize {
+    if side < PLAIN_SIDE { 0 } else { (side / 8).clamp(1, 2) }
+}
+
+/// Returns the distance of a quad's vertices in its block, texels.
+fn inner_length(side: usize) -> f64 {
+    (side - 1 - 2 * rim(side)) as f64
 }
 
 /// Returns places for blocks, and the size of the image. `sides` are their texels per side, powers of two; all
@@ -503,9 +515,13 @@ impl<'a> Surface<'a> {
         let pitch = shown.flatten().map(|shown| shown.pitch).fold(f64::INFINITY, f64::min);
         let [a, b, c, d] = vertices;
         let edges = [a - b, b - c, c - d, d - a].map(DVec3::length);
-        // The cast saturates. One more, because the outer texels have their centres on the edges.
-        let n_pitches = (edges.into_iter().fold(0.0, f64::max) / pitch).ceil() as usize;
-        n_pitches.saturating_add(1).clamp(PLAIN_SIDE, MAX_ATLAS_SIDE).next_power_of_two()
+        // The outer texels have their centres on the edges.
+        let n_pitches = (edges.into_iter().fold(0.0, f64::max) / pitch).ceil();
+        let mut side = PLAIN_SIDE;
+        while inner_length(side) < n_pitches && side < MAX_ATLAS_SIDE {
+            side *= 2;
+        }
+        side
     }
 
     /// Returns the texels of a quad's block, row by row, as bytes of red, green and blue.
@@ -513,7 +529,10 @@ impl<'a> Surface<'a> {
         let vertices = self.vertices(quad);
         let colors = self.mesh.quad(quad).map(|v| self.mesh.colors[v]);
         let near = self.near(vertices);
-        let along = |i| if side == 1 { 0.5 } else { i as f64 / (side - 1) as f64 };
+        let along = |i| match side {
+            1 => 0.5,
+            _ => (i as f64 - rim(side) as f64) / inner_length(side),
+        };
         let texel = |i: usize| {
             let place = [i % side, i / side].map(along);
             let shown = self.shown(&near, interpolate(vertices, place));
