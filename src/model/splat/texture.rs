@@ -156,9 +156,7 @@ impl Texture {
     pub fn four(&self, [x, y]: [usize; 2]) -> [Texel; 4] {
         let (patch, within) = self.lattice.patch_of([x, y]);
         if x % PATCH < PATCH - 1 && y % PATCH < PATCH - 1 {
-            let patch =
-                self.index.get(patch).and_then(|&patch| self.patches.get(usize::from(patch)));
-            let Some(patch) = patch else { return [Texel::default(); 4] };
+            let Some(patch) = self.patch(patch) else { return [Texel::default(); 4] };
             let [low, high] = [within, within + PATCH];
             return [patch[low], patch[low + 1], patch[high], patch[high + 1]];
         }

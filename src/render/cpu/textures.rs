@@ -174,7 +174,7 @@ impl Owners {
     }
 }
 
-/// Textures of eight pixels at places of them.
+/// Textures at eight places, one per pixel.
 struct Samples<V> {
     share: V,
     /// Colour times the share.
@@ -232,8 +232,8 @@ pub(super) fn add_textures<V: Vector>(
     Some(textured)
 }
 
-/// Interpolates textures of `sides` texels a side bilinearly, as [`Texture::sample`] does. The share is 0 where a plane is
-/// not met. Returns `None` if no place is within its lattice.
+/// Interpolates textures of `sides` texels a side bilinearly, as [`Texture::sample`] does. The share is 0 where
+/// a plane is not met. Returns `None` if no place is within its lattice.
 #[inline(always)]
 fn sample<V: Vector>(
     textures: &[Option<&Texture>; LANES],
