@@ -132,8 +132,10 @@ pub enum FrameProblem {
     /// The frame has no confidence map yet, although the recording contains such maps.
     #[error("expected a confidence map {0}, found none yet; record it with the frame's depth")]
     MissingConfidence(String),
-    /// The frame has no pose file.
-    #[error("expected a pose file {0}, found none; restore it or remove the frame")]
+    /// The frame has no pose.
+    #[error(
+        "expected a pose file {0}, found none; restore it, remove the frame, or estimate all poses with --poses track"
+    )]
     MissingPose(String),
     /// A sequence listed in a split file does not exist.
     #[error(

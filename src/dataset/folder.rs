@@ -181,7 +181,14 @@ impl Folder {
     }
 
     fn peek_with(&self, name: &str, read: fn(&Path) -> std::io::Result<String>) -> String {
-        let path = self.file(Path::new(""), &self.listing, name);
+        let path = match name.rsplit_once('/') {
+            None => self.file(Path::new(""), &self.listing, name),
+            // Listed again, so that a link in the folder below cannot lead outside either.
+            Some((below, file)) => {
+                let below = Path::new(below);
+                self.list(below).and_then(|listing| self.file(below, &listing, file))
+            }
+        };
         let text = path.and_then(|path| Ok(read(&path)?));
         text.unwrap_or_else(|problem| {
             self.record_unread(name, problem);

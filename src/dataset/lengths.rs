@@ -91,6 +91,29 @@ fn unpacked(
     if out.len() == expected { Ok(Cow::Owned(out)) } else { Err(short(out.len())) }
 }
 
+/// Returns the number of bytes that a file without header has when decompressed; `None` if it is damaged
+/// or larger than an image.
+pub(super) fn unpacked_bytes(bytes: &[u8]) -> Option<u64> {
+    if !bytes.starts_with(b"bvx") {
+        return Some(bytes.len() as u64);
+    }
+    let mut decoder = lzfse_rust::LzfseRingDecoder::default();
+    let most = (MAX_PIXELS * size_of::<f32>()) as u64;
+    // Counted only, so that nothing is allocated.
+    let mut stream = decoder.reader_bytes(bytes).take(most + 1);
+    std::io::copy(&mut stream, &mut std::io::sink()).ok().filter(|n| *n <= most)
+}
+
+/// Returns the size of an image of floats in so many bytes, with the aspect ratio of the photograph.
+pub(super) fn size_of_floats(bytes: u64, (width, height): (u32, u32)) -> Option<(u32, u32)> {
+    let n = bytes / size_of::<f32>() as u64;
+    // From `w · h = n`, with `w / h` of the photograph.
+    let columns = (n as f64 * f64::from(width) / f64::from(height)).sqrt().round();
+    let rows = (n as f64 / columns.max(1.0)).round();
+    let is_exact = (columns * rows) as u64 == n && n > 0 && columns <= f64::from(u32::MAX);
+    is_exact.then_some((columns as u32, rows as u32))
+}
+
 /// Decodes an NPY array of depth. The array has two axes, or three of which the first or last has length
 /// one.
 fn read_npy(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {

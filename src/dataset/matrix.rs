@@ -70,6 +70,14 @@ fn shorten(text: &str) -> String {
     text.chars().take(24).collect()
 }
 
+/// Creates a matrix from its first three rows.
+pub(super) fn from_three_rows(rows: [f64; 12]) -> DMat4 {
+    let mut m = [0.0; 16];
+    m[..12].copy_from_slice(&rows);
+    m[15] = 1.0;
+    from_rows(&m)
+}
+
 fn from_rows(values: &[f64; 16]) -> DMat4 {
     // Files store rows, glam takes columns.
     DMat4::from_cols_array(values).transpose()

@@ -5,6 +5,7 @@ use super::error::{DatasetError, FrameProblem};
 use super::folder::{MAX_IMAGE_BYTES, read_bytes};
 use super::pose_check::PoseConvention;
 use super::video::Video;
+use crate::math::pose::Pose;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -83,6 +84,14 @@ impl LoadOptions {
         let units = [1.0, scale / unit, 100.0, 1000.0].map(|metre| (metre, 1.0));
         let units = units.into_iter().chain([(scale / MILLIMETRE, UNLIKELY)]);
         units.min_by(|a, b| off(a).total_cmp(&off(b))).map_or(1.0, |(metre, _)| metre)
+    }
+
+    /// Reads a frame's pose, unless poses are left to tracking: then nothing is read.
+    pub(super) fn pose(
+        &self,
+        read: impl FnOnce() -> Result<Pose, FrameProblem>,
+    ) -> Result<Pose, FrameProblem> {
+        if self.track { Ok(Pose::IDENTITY) } else { read() }
     }
 
     /// Returns options for opening another dataset in the same coordinates. The local origin is set even

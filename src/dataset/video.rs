@@ -5,9 +5,10 @@
 //! that is deleted with the dataset.
 
 use super::error::FrameProblem;
-use super::folder::is_file;
+use super::folder::{RetryingFile, is_file};
 use crate::math::camera::Intrinsics;
 use glam::{DVec2, DVec3};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
@@ -73,6 +74,123 @@ fn run(video: &Path, folder: &Path, every_frame: &str) -> Result<Output, String>
 fn first_line(output: &Output) -> String {
     let message = String::from_utf8_lossy(&output.stderr);
     message.lines().next().unwrap_or("a failure of ffmpeg without a message").to_owned()
+}
+
+/// Largest size of a video's index, bytes; that of hours is smaller.
+const MAX_INDEX: u64 = 64 << 20;
+/// Largest number of pictures; that of 19 hours at 60 Hz is smaller.
+const MAX_PICTURES: usize = 1 << 22;
+
+/// Reads the times of an MP4 or MOV video's pictures, seconds, in the order in which they are shown.
+/// Returns `None` for other or damaged files.
+pub(super) fn picture_times(path: &Path) -> Option<Vec<f64>> {
+    let mut file = RetryingFile::open(path).ok()?;
+    loop {
+        let mut head = [0; 16];
+        file.read_exact(&mut head[..8]).ok()?;
+        let mut rest = u64::from(u32_at(&head, 0)?).checked_sub(8);
+        if rest.is_none() && u32_at(&head, 0)? == 1 {
+            file.read_exact(&mut head[8..]).ok()?;
+            rest = u64::from_be_bytes(*head[8..].first_chunk()?).checked_sub(16);
+        }
+        let rest = rest?;
+        if &head[4..8] == b"moov" {
+            let mut index = Vec::new();
+            // Read until the file's end at most, whatever size is stated.
+            file.take(rest.min(MAX_INDEX)).read_to_end(&mut index).ok()?;
+            return times_in_index(&index);
+        }
+        file.seek(SeekFrom::Current(i64::try_from(rest).ok()?)).ok()?;
+    }
+}
+
+fn times_in_index(index: &[u8]) -> Option<Vec<f64>> {
+    let is_video = |track: &&[u8]| {
+        let handler = find_box(track, &[b"mdia", b"hdlr"]);
+        handler.and_then(|handler| handler.get(8..12)) == Some(b"vide")
+    };
+    let track = boxes(index).filter(|(kind, _)| kind == b"trak").map(|(_, t)| t).find(is_video)?;
+    let header = find_box(track, &[b"mdia", b"mdhd"])?;
+    let ticks = time_scale(header)?;
+    let table = |kind| find_box(track, &[b"mdia", b"minf", b"stbl", kind]);
+    let steps = runs(table(b"stts")?)?;
+    let mut delays = table(b"ctts").and_then(runs).unwrap_or_default().into_iter();
+    let start = edit_start(track, time_scale(find_box(index, &[b"mvhd"])?)?, ticks);
+    let mut decoded = 0.0;
+    let mut times = Vec::with_capacity(steps.len());
+    for step in steps {
+        // Signed in newer files; writers of older ones keep it small.
+        let delay = delays.next().map_or(0, u32::cast_signed);
+        times.push((decoded + f64::from(delay)) / ticks + start);
+        decoded += f64::from(step);
+    }
+    times.sort_by(f64::total_cmp);
+    Some(times)
+}
+
+/// Returns the time at which the first picture's clock starts, seconds.
+fn edit_start(track: &[u8], movie_ticks: f64, ticks: f64) -> f64 {
+    let Some(list) = find_box(track, &[b"edts", b"elst"]) else { return 0.0 };
+    let is_wide = list.first() == Some(&1);
+    let mut start = 0.0;
+    for entry in list.get(8..).unwrap_or_default().chunks_exact(if is_wide { 20 } else { 12 }) {
+        let (length, media) = match is_wide {
+            true => (u64_at(entry, 0), u64_at(entry, 8).map(u64::cast_signed)),
+            false => (
+                u32_at(entry, 0).map(u64::from),
+                u32_at(entry, 4).map(|time| i64::from(time.cast_signed())),
+            ),
+        };
+        let (Some(length), Some(media)) = (length, media) else { break };
+        // An empty edit delays the pictures; the next one states where in them the video begins.
+        if media >= 0 {
+            return start - media as f64 / ticks;
+        }
+        start += length as f64 / movie_ticks;
+    }
+    start
+}
+
+/// Expands a table of pairs of count and value.
+fn runs(table: &[u8]) -> Option<Vec<u32>> {
+    let pairs = table.get(8..)?.chunks_exact(8).take(u32_at(table, 4)? as usize);
+    let mut values = Vec::new();
+    for pair in pairs {
+        let (count, value) = (u32_at(pair, 0)? as usize, u32_at(pair, 4)?);
+        if values.len() + count > MAX_PICTURES {
+            return None;
+        }
+        values.resize(values.len() + count, value);
+    }
+    Some(values)
+}
+
+fn time_scale(header: &[u8]) -> Option<f64> {
+    let ticks = u32_at(header, if header.first()? == &1 { 20 } else { 12 })?;
+    (ticks > 0).then_some(f64::from(ticks))
+}
+
+fn find_box<'a>(bytes: &'a [u8], path: &[&[u8; 4]]) -> Option<&'a [u8]> {
+    path.iter().try_fold(bytes, |inside, kind| Some(boxes(inside).find(|(k, _)| k == *kind)?.1))
+}
+
+/// Iterates over the boxes in a box: kind and content. Ends at a damaged one.
+fn boxes(mut bytes: &[u8]) -> impl Iterator<Item = ([u8; 4], &[u8])> {
+    std::iter::from_fn(move || {
+        let size = u32_at(bytes, 0)? as usize;
+        let kind = *bytes.get(4..)?.first_chunk()?;
+        let content = bytes.get(8..size)?;
+        bytes = bytes.get(size..)?;
+        Some((kind, content))
+    })
+}
+
+fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
+    Some(u32::from_be_bytes(*bytes.get(at..)?.first_chunk()?))
+}
+
+fn u64_at(bytes: &[u8], at: usize) -> Option<u64> {
+    Some(u64::from_be_bytes(*bytes.get(at..)?.first_chunk()?))
 }
 
 /// Readout time of a Kinect v1 photograph, seconds.

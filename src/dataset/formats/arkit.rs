@@ -15,6 +15,7 @@ use crate::dataset::entry::FrameEntry;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
+use crate::dataset::lengths;
 use crate::dataset::matrix::describe_json;
 use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
@@ -57,7 +58,8 @@ fn frame_lines(folder: &Folder) -> Option<&str> {
         // Every line is a frame, so the first one suffices.
         let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
         let json: Value = serde_json::from_str(first).unwrap_or_default();
-        first_of(&json, &POSE_KEYS).is_some()
+        let has = |keys: &[&str]| first_of(&json, keys).is_some();
+        has(&POSE_KEYS) || has(&COLOR_KEYS) && has(&DEPTH_KEYS)
     };
     let is_lines = |name: &&str| [".jsonl", ".ndjson"].iter().any(|end| name.ends_with(end));
     folder.listing.files().filter(is_lines).find(is_ours)
@@ -119,7 +121,7 @@ impl<'a> FrameLine<'a> {
         recording: &Recording,
         encoding: DepthEncoding,
     ) -> Result<Result<FrameEntry, FrameProblem>, DatasetError> {
-        let (pose, color, depth, confidence, size) = match self.read(recording.folder) {
+        let (pose, color, depth, confidence, size) = match self.read(recording) {
             Ok(found) => found,
             Err(problem) => return Ok(Err(problem)),
         };
@@ -151,12 +153,13 @@ impl<'a> FrameLine<'a> {
     #[expect(clippy::type_complexity, reason = "taken apart at once by its only caller")]
     fn read(
         &self,
-        folder: &Folder,
+        recording: &Recording,
     ) -> Result<(Pose, ByteSource, Option<ByteSource>, Option<ByteSource>, (u32, u32)), FrameProblem>
     {
-        let pose = matrix(first_of(self.json, &POSE_KEYS))?;
-        let pose = Pose::from_opengl(pose)?;
-        let named = |keys: &[&str]| self.text(keys).map(|text| (text, folder.resolve_named(text)));
+        let matrix = || matrix(first_of(self.json, &POSE_KEYS));
+        let pose = recording.options.pose(|| Ok(Pose::from_opengl(matrix()?)?))?;
+        let path = |text| (text, recording.folder.resolve_named(text));
+        let named = |keys: &[&str]| self.text(keys).map(path);
         let missing = |text: &str, problem: FrameProblem, kind: fn(String) -> FrameProblem| {
             problem.or_missing(|| kind(text.to_owned()))
         };
@@ -211,22 +214,16 @@ impl<'a> FrameLine<'a> {
         if let Ok(size) = decode::depth_size(file) {
             return Ok(size);
         }
-        let n = std::fs::metadata(file.path())?.len() / size_of::<f32>() as u64;
-        // From `w · h = n`, with `w / h` of the photograph.
-        let width = (n as f64 * f64::from(color.0) / f64::from(color.1)).sqrt().round();
-        let height = (n as f64 / width.max(1.0)).round();
-        match (width * height) as u64 == n && n > 0 && width <= f64::from(u32::MAX) {
-            true => Ok((width as u32, height as u32)),
-            false => Err(FrameProblem::DepthFile {
-                expected: "`depth_width` and `depth_height`, or depth of the photograph's aspect ratio",
-                found: format!("{n} floats for a photograph of {}x{}", color.0, color.1),
-            }),
-        }
+        let bytes = std::fs::metadata(file.path())?.len();
+        lengths::size_of_floats(bytes, color).ok_or_else(|| FrameProblem::DepthFile {
+            expected: "`depth_width` and `depth_height`, or depth of the photograph's aspect ratio",
+            found: format!("{bytes} bytes of floats for a photograph of {}x{}", color.0, color.1),
+        })
     }
 }
 
 /// Parses a matrix of 16 numbers, stored by rows or by columns, as a nested or flat array.
-fn matrix(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
+pub(super) fn matrix(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     let shape = |found: String| FrameProblem::PoseShape(found);
     let value = value.ok_or_else(|| shape("no `camera_to_world`".to_owned()))?;
     let numbers = flat_numbers(value).ok_or_else(|| shape(describe_json(value)))?;

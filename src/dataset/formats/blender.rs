@@ -126,7 +126,7 @@ impl FrameList {
         options: &LoadOptions,
         parsed: &mut ParsedFolder,
     ) -> Result<Option<DatasetSplit>, DatasetError> {
-        let listed = self.listed(folder, parsed)?;
+        let listed = self.listed(folder, options, parsed)?;
         let Ok(Some(size)) = photograph_size(listed.colors()) else {
             listed.skip_unreadable(parsed);
             return Ok(None);
@@ -149,6 +149,7 @@ impl FrameList {
     fn listed(
         &self,
         folder: &Folder,
+        options: &LoadOptions,
         parsed: &mut ParsedFolder,
     ) -> Result<ListedSplit, DatasetError> {
         let mut images = ImageFolders { folder, listed: BTreeMap::new() };
@@ -158,7 +159,7 @@ impl FrameList {
             if folder.was_taken(&name) {
                 continue;
             }
-            match listed_frame(frame, &name, &mut images) {
+            match listed_frame(frame, &name, &mut images, options) {
                 Ok(frame) => frames.push(frame),
                 Err(problem) => parsed.skip(&self.split, &name, self.file.clone(), problem),
             }
@@ -214,12 +215,14 @@ fn listed_frame(
     frame: &Value,
     name: &str,
     images: &mut ImageFolders,
+    options: &LoadOptions,
 ) -> Result<ListedFrame, FrameProblem> {
     let Some(file_path) = frame.get("file_path").and_then(Value::as_str) else {
         let expected = "a `file_path` in each entry of `frames`";
         return Err(FrameProblem::Entry { expected, found: describe_json(frame) });
     };
-    let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
+    let matrix = || from_json(frame.get("transform_matrix"));
+    let pose = options.pose(|| Ok(Pose::from_opengl(matrix()?)?))?;
     let (color, depth) = images.find(file_path)?;
     let (color, depth) = (color.into(), depth.map(Into::into));
     Ok(ListedFrame { name: name.to_owned(), pose, color, depth })

@@ -73,9 +73,19 @@ layouts! {
     Arkit: arkit::FORMAT,
     /// `rgb/`, `depth/`, `calib/` and poses (RTAB-Map's export).
     RtabMap: rtabmap::FORMAT,
-    /// `color/` and `depth/` without poses, for tracking.
+    /// `color/` and `depth/`, with poses of any form or, for tracking, without poses.
     ColorDepth: paired::FORMAT,
 }
+
+type Recogniser = fn(&Folder) -> Option<String>;
+
+/// Layouts whose cameras and depth are known without the files that hold their poses.
+const UNPOSED: [(Layout, Recogniser); 4] = [
+    (Layout::Replica, replica::recognise_unposed),
+    (Layout::Scannet, scannet::recognise_unposed),
+    (Layout::StrayScanner, stray::recognise_unposed),
+    (Layout::RtabMap, rtabmap::recognise_unposed),
+];
 
 pub(super) fn parse(
     folder: &Folder,
@@ -86,6 +96,16 @@ pub(super) fn parse(
     };
     // All formats are tried: a folder of two recordings must not open as either.
     let mut found: Vec<_> = FORMATS.iter().filter_map(recognise).collect();
+    // Images alone may be of a layout whose poses are missing. Without tracking, poses of another form
+    // may lie beside them.
+    let is_plain = found.iter().all(|(layout, ..)| options.track && *layout == Layout::ColorDepth);
+    if is_plain {
+        let unposed = UNPOSED.iter().filter_map(|(layout, recognise)| {
+            let (_, format) = FORMATS.iter().find(|(other, _)| other == layout)?;
+            Some((*layout, format, recognise(folder)?))
+        });
+        found.extend(unposed);
+    }
     // A file that could not be read could have identified another layout.
     if let Some(error) = folder.take_unread() {
         return Err(error);
@@ -93,6 +113,10 @@ pub(super) fn parse(
     if found.len() > 1 {
         // A layout with poses takes precedence over images alone.
         found.retain(|(layout, ..)| *layout != Layout::ColorDepth);
+    }
+    if found.len() > 1 && !tum::has_two_lists(folder) {
+        // Recordings of other layouts may have a list of pairs too.
+        found.retain(|(layout, ..)| *layout != Layout::Tum);
     }
     if found.len() > 1 {
         let found = found.iter().map(|(layout, _, why)| format!("{} by {why}", layout.name()));

@@ -155,7 +155,8 @@ impl FrameList<'_> {
         [most_color, most_depth]: Sizes,
     ) -> Result<Result<FrameEntry, FrameProblem>, DatasetError> {
         let read = || {
-            let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
+            let matrix = || from_json(frame.get("transform_matrix"));
+            let pose = recording.options.pose(|| Ok(Pose::from_opengl(matrix()?)?))?;
             let color = photograph(recording.folder, name)?;
             let depth = first_of(frame, &DEPTH_KEYS).and_then(Value::as_str);
             let depth = depth.map(|text| depth_file(recording.folder, text)).transpose()?;

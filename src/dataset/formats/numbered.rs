@@ -12,7 +12,7 @@ use crate::dataset::formats::ParsedFolder;
 use crate::dataset::options::ByteSource;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -66,10 +66,6 @@ impl NumberedFiles {
         lists.iter().flat_map(|list| list.numbers()).collect()
     }
 
-    pub fn len(&self) -> usize {
-        self.by_number.len()
-    }
-
     pub fn stem(&self, number: u64) -> Option<&str> {
         let name = self.by_number.get(&number)?;
         Some(name.rsplit_once('.').map_or(name.as_str(), |(stem, _)| stem))
@@ -97,6 +93,50 @@ impl NumberedFiles {
     ) -> Result<ByteSource, FrameProblem> {
         Ok(self.file(folder, number).transpose()?.ok_or(missing)?.into())
     }
+}
+
+/// Correspondence of two lists of numbers, such as those of photographs and of depth images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Correspondence {
+    /// Items belong together if the second number exceeds the first by this difference.
+    Numbers(i128),
+    /// Items belong together in the order of their numbers.
+    Order,
+}
+
+impl Correspondence {
+    /// Finds how two lists of ascending numbers correspond: by number if most numbers agree, also if
+    /// one list counts from another start; by order if counts are equal. Returns `None` if neither
+    /// holds, since a lost file would then shift all later pairs.
+    pub fn of(first: &[u64], second: &[u64]) -> Option<Self> {
+        let fewer = first.len().min(second.len());
+        let known: HashSet<u64> = second.iter().copied().collect();
+        let n_shared = |shift: i128| {
+            first.iter().filter(|n| shifted(**n, shift).is_some_and(|n| known.contains(&n))).count()
+        };
+        let difference = |a: Option<&u64>, b: Option<&u64>| Some(i128::from(*b?) - i128::from(*a?));
+        // Both ends must agree: if only one does, a file at the other may be lost.
+        let start = difference(first.first(), second.first());
+        let start = start.filter(|start| Some(*start) == difference(first.last(), second.last()));
+        let other = start.map_or((0, 0), |shift| (n_shared(shift), shift));
+        let (n, shift) = [(n_shared(0), 0), other].into_iter().rev().max_by_key(|(n, _)| *n)?;
+        if 3 * n > 2 * fewer || fewer == 0 {
+            return Some(Self::Numbers(shift));
+        }
+        (first.len() == second.len()).then_some(Self::Order)
+    }
+
+    /// Returns the pairs of corresponding numbers, with each number of `second`.
+    pub fn pairs(self, first: &[u64], second: &[u64]) -> Vec<(Option<u64>, u64)> {
+        match self {
+            Self::Numbers(shift) => second.iter().map(|n| (shifted(*n, -shift), *n)).collect(),
+            Self::Order => first.iter().map(|n| Some(*n)).zip(second.iter().copied()).collect(),
+        }
+    }
+}
+
+fn shifted(number: u64, shift: i128) -> Option<u64> {
+    u64::try_from(i128::from(number) + shift).ok()
 }
 
 /// Parses the first number after the prefix. For example, `00012-000033.png` has the number 12.
@@ -191,7 +231,26 @@ impl ListedSplit {
 
 #[cfg(test)]
 mod tests {
+    use super::Correspondence::{Numbers, Order};
     use super::*;
+
+    #[test]
+    fn a_lost_file_on_either_side_moves_no_other_pair() {
+        let all: Vec<u64> = (0..12).collect();
+        let without = |lost: u64| all.iter().copied().filter(|n| *n != lost).collect::<Vec<_>>();
+        let from = |start: u64| all.iter().map(|n| n + start).collect::<Vec<_>>();
+        let of = Correspondence::of;
+        assert_eq!(of(&without(3), &without(7)), Some(Numbers(0)));
+        assert_eq!(of(&without(0), &all), Some(Numbers(0)));
+        assert_eq!(of(&from(1), &all), Some(Numbers(-1)), "counted from 1 and from 0");
+        let lost: Vec<u64> = from(1).into_iter().filter(|n| *n != 5).collect();
+        assert_eq!(of(&lost, &all), Some(Numbers(-1)));
+        let tens: Vec<u64> = all.iter().map(|n| 10 * n).collect();
+        assert_eq!(of(&tens, &all), Some(Order));
+        assert_eq!(of(&tens, &without(3)), None);
+        assert_eq!(of(&[], &all), Some(Numbers(0)));
+        assert_eq!(of(&[u64::MAX], &[0]), Some(Numbers(-i128::from(u64::MAX))));
+    }
 
     #[test]
     fn numbers_are_read_behind_the_prefix() {

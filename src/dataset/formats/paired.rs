@@ -1,14 +1,17 @@
-//! Photographs in `color/` (`image/`, `rgb/`) and depth in `depth/`, paired by number. Shared by the Open3D
-//! layout and by recordings without poses. Depth is in millimetres.
+//! Photographs in `color/` (`image/`, `rgb/`) and depth in `depth/`, paired by number. Depth is in
+//! millimetres. Shared by the Open3D layout, whose poses are in a log, and by folders of images whose
+//! poses are in a list of any form, in the folder or one below, or missing.
 
-use super::numbered::{NumberedFiles, PHOTOGRAPHS};
+use super::numbered::{Correspondence, NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
-    Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error, same_size,
+    Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error, no_poses,
+    same_size,
 };
-use super::stated;
 use super::stated::PRIMESENSE;
+use super::trajectory::{PoseList, are_counts, log_blocks, log_head, pose_lists, time_unit};
+use super::{stated, tum};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
-use crate::dataset::entry::DepthSource;
+use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -18,7 +21,7 @@ use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::pose::Pose;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::Path;
 
 const COLOR_FOLDERS: [&str; 3] = ["color", "image", "rgb"];
 const DEPTH_FOLDER: &str = "depth";
@@ -40,7 +43,7 @@ fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError>
     let color_name = color_folder(folder).unwrap_or("color");
     let colors = recording.list(color_name, "", &PHOTOGRAPHS)?;
     let depths = recording.list(DEPTH_FOLDER, "", &["png"])?;
-    let pairs = pairs(recording, &colors, &depths, color_name);
+    let pairs = pairs(recording, &colors, &depths, color_name)?;
     let cameras = cameras(recording, &pairs)?;
     let unit = CodeKind::Linear16(MILLIMETRE);
     let encoding = encoding(recording.options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
@@ -60,29 +63,42 @@ impl Pair {
     }
 }
 
-/// Pairs photographs and depth images by number, or by order if their counts are equal and their numbers
-/// differ.
+/// Pairs photographs and depth images by number if most numbers agree, else by their order.
 fn pairs(
     recording: &mut Recording,
     colors: &NumberedFiles,
     depths: &NumberedFiles,
     color_name: &str,
-) -> BTreeMap<u64, Pair> {
+) -> Result<BTreeMap<u64, Pair>, DatasetError> {
     let folder = recording.folder;
-    let same = colors.numbers().eq(depths.numbers());
-    // While the recording grows, equal counts are a coincidence.
-    let by_order = !same && colors.len() == depths.len() && !folder.is_growing();
-    if by_order {
-        recording.note("colour and depth are numbered differently: paired by their order");
-    }
-    let mut depth_numbers = depths.numbers();
-    let numbers = match by_order {
-        true => colors.numbers().collect(),
-        false => NumberedFiles::union(&[colors, depths]),
+    let [of_color, of_depth]: [Vec<u64>; 2] = [colors, depths].map(|l| l.numbers().collect());
+    let correspondence = match folder.is_growing() {
+        // Equal counts are a coincidence then.
+        true => Some(Correspondence::Numbers(0)),
+        false => Correspondence::of(&of_color, &of_depth),
     };
+    let Some(correspondence) = correspondence else {
+        let found = format!("{} for {} in {color_name}/", of_depth.len(), of_color.len());
+        let expected = "depth images with the numbers of the photographs, or as many";
+        let hint = "name both by the same numbers, or restore the missing files";
+        return Err(metadata_error(&folder.path.join(DEPTH_FOLDER), expected, found, hint));
+    };
+    match correspondence {
+        Correspondence::Numbers(0) => {}
+        Correspondence::Numbers(shift) => recording.note(format!(
+            "colour and depth are numbered differently: depth {shift:+} belongs to each photograph"
+        )),
+        Correspondence::Order => {
+            recording.note("colour and depth are numbered differently: paired by their order");
+        }
+    }
+    let depth_of: BTreeMap<u64, u64> = correspondence
+        .pairs(&of_color, &of_depth)
+        .into_iter()
+        .map(|(number, depth)| (number.unwrap_or(depth), depth))
+        .collect();
     let mut found = BTreeMap::new();
-    for number in numbers {
-        let depth_number = if by_order { depth_numbers.next().unwrap_or(number) } else { number };
+    for number in of_color.into_iter().chain(depth_of.keys().copied()).collect::<BTreeSet<_>>() {
         let name = colors.stem(number).map_or_else(|| number.to_string(), str::to_owned);
         let color = match colors.file(folder, number).transpose() {
             Ok(color) => color.map(Into::into),
@@ -91,14 +107,15 @@ fn pairs(
                 continue;
             }
         };
-        let depth = match depths.file(folder, depth_number) {
+        let depth = depth_of.get(&number).and_then(|number| depths.file(folder, *number));
+        let depth = match depth {
             Some(Ok(depth)) => Ok(ByteSource::File(depth)),
             Some(Err(problem)) => Err(problem.to_string()),
             None => Err(format!("{DEPTH_FOLDER}/{name}.png")),
         };
         found.insert(number, Pair { name, color, depth });
     }
-    found
+    Ok(found)
 }
 
 fn cameras(
@@ -125,37 +142,75 @@ fn cameras(
 }
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "photographs and depth without poses: `color/` and `depth/`",
+    identified_by: "photographs and depth: `color/` and `depth/`, with poses in any list or without",
     poses: PoseConvention::Opencv,
-    recognise: |folder| recognise(folder).map(|images| format!("{images}, without poses")),
+    recognise,
     parse,
 };
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
-    if !options.track {
-        let found = "images only".to_owned();
-        let hint = "estimate the poses with --poses track, or add the poses";
-        return Err(metadata_error(&folder.path, "poses of the frames", found, hint));
+    if let Some(lists) = color_folder(folder).and_then(|color| tum::timed_names(folder, color)) {
+        return tum::parse_lists(folder, options, &lists);
     }
     let mut recording = Recording::new(folder, options);
-    let Some((pairs, cameras, encoding)) = read(&mut recording)? else {
-        return Ok(recording.finish());
-    };
-    for (number, pair) in &pairs {
-        if folder.was_taken(&pair.name) {
-            continue;
+    let Some(images) = read(&mut recording)? else { return Ok(recording.finish()) };
+    match options.track {
+        true => unposed(&mut recording, &images),
+        false => {
+            let (name, list) = pose_list(&mut recording, &images.0)?;
+            posed(&mut recording, &images, &folder.path.join(name), list)?;
         }
+    }
+    Ok(recording.finish())
+}
+
+fn unposed(recording: &mut Recording, (pairs, cameras, encoding): &PairedImages) {
+    let folder = recording.folder;
+    for (number, pair) in pairs.iter().filter(|(_, pair)| !folder.was_taken(&pair.name)) {
         let missing = || FrameProblem::MissingColor(format!("number {number}"));
         let frame = pair.color.clone().ok_or_else(missing).and_then(|color| {
-            let depth = Some(DepthSource::new(pair.depth()?, encoding));
-            Ok(frame_entry(pair.name.clone(), Pose::IDENTITY, cameras, color, depth))
+            let depth = Some(DepthSource::new(pair.depth()?, *encoding));
+            Ok(frame_entry(pair.name.clone(), Pose::IDENTITY, *cameras, color, depth))
         });
         // While the recording grows, the other file of the pair may still be written.
         if frame.is_ok() || !folder.is_growing() {
             recording.add(&pair.name, &folder.path, frame);
         }
     }
-    Ok(recording.finish())
+}
+
+/// Finds the list of poses that fits the images, and its path.
+fn pose_list(
+    recording: &mut Recording,
+    pairs: &BTreeMap<u64, Pair>,
+) -> Result<(String, PoseList), DatasetError> {
+    let folder = recording.folder;
+    let numbers: Vec<u64> = pairs.keys().copied().collect();
+    let lists = pose_lists(folder);
+    let fits = |list: &PoseList| list.correspondence(&numbers).is_some();
+    let (mut fitting, others): (Vec<_>, Vec<_>) = lists.into_iter().partition(|(_, l)| fits(l));
+    if fitting.is_empty() {
+        let expected =
+            format!("a pose for each of {} images, or numbers that name them", numbers.len());
+        return Err(match others.first() {
+            None => no_poses(&folder.path, "poses of the frames", "images only"),
+            Some((name, list)) => {
+                let found = format!("{} poses ({})", list.poses.len(), list.form);
+                no_poses(&folder.path.join(name), &expected, &found)
+            }
+        });
+    }
+    let (name, list) = fitting.swap_remove(0);
+    let paired = match list.correspondence(&numbers) {
+        Some(Correspondence::Order) => "paired with the images by their order",
+        _ => "paired with the images by number",
+    };
+    recording.note(format!("poses are those of {name} ({}), {paired}", list.form));
+    let unused: Vec<_> = fitting.into_iter().chain(others).map(|(name, _)| name).collect();
+    if !unused.is_empty() {
+        recording.note(format!("other lists of poses are not used: {}", unused.join(", ")));
+    }
+    Ok((name, list))
 }
 
 pub(super) const OPEN3D: DatasetFormat = DatasetFormat {
@@ -170,92 +225,124 @@ fn recognise_open3d(folder: &Folder) -> Option<String> {
     trajectory_log(folder).map(|log| format!("{log}, with {images}"))
 }
 
-/// Finds a log file whose first block is a pose.
-fn trajectory_log(folder: &Folder) -> Option<&str> {
-    let is_trajectory = |name: &&str| {
+/// Finds a log file whose first block is a pose, in the folder or one below.
+fn trajectory_log(folder: &Folder) -> Option<String> {
+    let is_trajectory = |name: &String| {
         let text = folder.peek(name);
         let mut lines = text.lines();
-        let head = lines.next().and_then(head);
+        let head = lines.next().and_then(log_head);
         let row = lines.next().map(matrix::parse_numbers::<4>);
         // Heads of Open3D's trajectories repeat the index.
         matches!(head, Some([a, b, _]) if a == b) && matches!(row, Some(Ok(_)))
     };
-    let logs = || folder.listing.files().filter(|name| name.ends_with(".log"));
+    let below = folder.subfolders().into_iter().filter_map(|sub| {
+        let listing = folder.list(Path::new(&sub)).ok()?;
+        Some(listing.files().map(|name| format!("{sub}/{name}")).collect::<Vec<_>>())
+    });
+    let here: Vec<String> = folder.listing.files().map(str::to_owned).collect();
     // Odometry may be logged as a trajectory too, with another origin: a log named after one is preferred.
-    let named = logs().filter(|name| name.contains("traj")).find(is_trajectory);
-    named.or_else(|| logs().find(is_trajectory))
-}
-
-fn head(line: &str) -> Option<[u64; 3]> {
-    let mut numbers = line.split_whitespace().map(|t| t.parse().ok());
-    let head = [numbers.next()??, numbers.next()??, numbers.next()??];
-    numbers.next().is_none().then_some(head)
+    std::iter::once(here).chain(below).find_map(|mut logs| {
+        logs.retain(|name| name.ends_with(".log"));
+        let named =
+            logs.iter().filter(|name| name.contains("traj")).find(|name| is_trajectory(name));
+        named.or_else(|| logs.iter().find(|name| is_trajectory(name))).cloned()
+    })
 }
 
 fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    let Some((pairs, cameras, encoding)) = read(&mut recording)? else {
+    let Some(images) = read(&mut recording)? else { return Ok(recording.finish()) };
+    if options.track {
+        unposed(&mut recording, &images);
         return Ok(recording.finish());
-    };
-    let (log, blocks) = blocks(&mut recording)?;
+    }
+    let (file, text) =
+        folder.lines(&trajectory_log(folder).unwrap_or("trajectory.log".to_owned()))?;
+    let list = PoseList { form: "Open3D's log", poses: log_blocks(&text) };
+    posed(&mut recording, &images, &file, list)?;
+    Ok(recording.finish())
+}
+
+/// Adds the frames of the images that have a pose in the list.
+fn posed(
+    recording: &mut Recording,
+    (pairs, cameras, encoding): &PairedImages,
+    file: &Path,
+    list: PoseList,
+) -> Result<(), DatasetError> {
+    let folder = recording.folder;
     let numbers: Vec<u64> = pairs.keys().copied().collect();
-    let is_complete = numbers.len() == blocks.len();
-    for (index, pose) in blocks {
-        // Blocks count images. If images are missing, the numbers in their names decide.
-        let in_place = usize::try_from(index).ok().and_then(|i| numbers.get(i).copied());
-        let counted = numbers.first().and_then(|first| first.checked_add(index));
-        let number = match folder.is_growing() {
-            // Images may not be written yet: both counts must agree.
-            true => counted.filter(|_| counted == in_place),
-            false if is_complete => in_place,
-            false => counted,
-        };
+    let shown = file.strip_prefix(&folder.path).unwrap_or(file).display().to_string();
+    let correspondence = list.correspondence(&numbers);
+    let times: Vec<f64> = list.poses.iter().filter_map(|pose| pose.time).collect();
+    // Numbers in place of times are no times.
+    let unit = (!are_counts(&times)).then(|| time_unit(&times));
+    let (mut poses, mut is_sorted) = (BTreeMap::new(), true);
+    for (key, listed) in list.keys().into_iter().zip(list.poses) {
+        match key {
+            None => {
+                let expected = "a frame's number with each pose";
+                let missing = || FrameProblem::Entry { expected, found: "none".to_owned() };
+                let problem = listed.matrix.err().unwrap_or_else(missing);
+                recording.skip(&format!("line {}", listed.line), file.to_owned(), problem);
+            }
+            Some(key) if poses.contains_key(&key) => {
+                let problem = FrameProblem::Duplicate(format!("another block {key}"));
+                recording.skip(&key.to_string(), file.to_owned(), problem);
+            }
+            Some(key) => {
+                is_sorted &= poses.last_key_value().is_none_or(|(last, _)| *last < key);
+                poses.insert(key, listed);
+            }
+        }
+    }
+    if !is_sorted {
+        recording.note(format!("{shown}: blocks out of order; sorted"));
+    }
+    let keys: Vec<u64> = poses.keys().copied().collect();
+    // Images of a growing recording may not be written yet: number and place must agree.
+    let counted = |(place, key): (usize, &u64)| {
+        let number = numbers.first().and_then(|first| first.checked_add(*key));
+        (number.filter(|_| number == numbers.get(place).copied()), *key)
+    };
+    let placed = match (folder.is_growing(), correspondence) {
+        (true, _) => keys.iter().enumerate().map(counted).collect(),
+        (false, Some(correspondence)) => correspondence.pairs(&numbers, &keys),
+        (false, None) => {
+            let (n_images, n_poses) = (numbers.len(), keys.len());
+            let expected =
+                format!("a pose for each of {n_images} images, or numbers that name them");
+            return Err(no_poses(file, &expected, &format!("{n_poses} poses with other numbers")));
+        }
+    };
+    let mut n_posed = 0;
+    for (number, key) in placed {
         let pair = number.and_then(|number| pairs.get(&number));
         if pair.is_some_and(|pair| folder.was_taken(&pair.name)) {
             continue;
         }
         let Some((pair, color)) = pair.and_then(|pair| Some((pair, pair.color.clone()?))) else {
-            let problem = FrameProblem::MissingColor(format!("number {index}"));
-            recording.skip(&index.to_string(), log.clone(), problem);
+            let problem = FrameProblem::MissingColor(format!("number {key}"));
+            recording.skip(&key.to_string(), file.to_owned(), problem);
             continue;
         };
-        let frame = pose.and_then(|pose| {
-            let depth = Some(DepthSource::new(pair.depth()?, encoding));
-            Ok(frame_entry(pair.name.clone(), pose, cameras, color, depth))
+        n_posed += 1;
+        let Some(listed) = poses.remove(&key) else { continue };
+        let frame = listed.matrix.and_then(|matrix| {
+            let depth = Some(DepthSource::new(pair.depth()?, *encoding));
+            let pose = Pose::from_opencv(matrix)?;
+            let frame = frame_entry(pair.name.clone(), pose, *cameras, color, depth);
+            let time = listed.time.zip(unit).map(|(time, unit)| time * unit);
+            Ok(FrameEntry { time, ..frame })
         });
-        recording.add(&pair.name, &log, frame);
+        recording.add(&pair.name, file, frame);
     }
-    Ok(recording.finish())
-}
-
-type Block = (u64, Result<Pose, FrameProblem>);
-
-fn blocks(recording: &mut Recording) -> Result<(PathBuf, Vec<Block>), DatasetError> {
-    let name = trajectory_log(recording.folder).unwrap_or("trajectory.log").to_owned();
-    let (file, text) = recording.folder.lines(&name)?;
-    let mut found: Vec<Block> = Vec::new();
-    let mut seen = BTreeSet::new();
-    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-    while let Some((i, line)) = lines.next() {
-        let Some([index, ..]) = head(line) else {
-            let expected = "three whole numbers before each matrix of four rows";
-            recording.skip_line(&file, i + 1, expected, line);
-            // Skip to the next line that can begin a block.
-            continue;
-        };
-        let rows: Vec<&str> = lines.by_ref().take(4).map(|(_, row)| row).collect();
-        let pose = matrix::from_text(&rows.join("\n")).and_then(|m| Ok(Pose::from_opencv(m)?));
-        match seen.insert(index) {
-            true => found.push((index, pose)),
-            false => {
-                let problem = FrameProblem::Duplicate(format!("another block {index}"));
-                recording.skip(&index.to_string(), file.clone(), problem);
-            }
-        }
+    let n_photographs = pairs.values().filter(|pair| pair.color.is_some()).count();
+    if n_posed < n_photographs && !folder.is_growing() {
+        let n = n_photographs - n_posed;
+        recording.note(format!(
+            "{n} of {n_photographs} photographs have no pose in {shown} and are left out"
+        ));
     }
-    if !found.is_sorted_by_key(|(index, _)| *index) {
-        recording.note(format!("{name}: blocks out of order; sorted"));
-        found.sort_by_key(|(index, _)| *index);
-    }
-    Ok((file, found))
+    Ok(())
 }

@@ -8,7 +8,7 @@
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
-    Cameras, LIDAR_RANGE, Recording, encoding, frame_entry, metadata_error, same_size,
+    Cameras, LIDAR_RANGE, Recording, encoding, frame_entry, metadata_error, no_poses, same_size,
 };
 use super::trajectory::TimedPose;
 use super::{recording, stated};
@@ -18,6 +18,7 @@ use crate::dataset::entry::FrameEntry;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, relative_path};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
+use crate::dataset::lengths;
 use crate::dataset::matrix::describe_json;
 use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
@@ -34,6 +35,9 @@ struct Metadata {
     json: Value,
 }
 
+/// Largest number of depth files of which the floats are counted until one can be read.
+const MOST_COUNTED: usize = 4;
+
 struct FrameSources {
     color: ByteSource,
     depth: Option<ByteSource>,
@@ -42,8 +46,11 @@ struct FrameSources {
 
 impl Metadata {
     fn is_one(text: &[u8]) -> bool {
-        serde_json::from_slice::<Value>(text)
-            .is_ok_and(|json| json.get("K").is_some() && json.get("poses").is_some())
+        // The front camera has no poses.
+        let is_ours = |json: Value| {
+            json.get("K").is_some() && ["poses", "fps"].iter().any(|key| json.get(key).is_some())
+        };
+        serde_json::from_slice(text).is_ok_and(is_ours)
     }
 
     fn new(file: PathBuf, text: &[u8]) -> Result<Self, DatasetError> {
@@ -64,8 +71,13 @@ impl Metadata {
         let k = self.intrinsics(size)?;
         let depth_size = self.depth_size(frames, codes, size)?;
         let poses = stated::array(&self.json, "poses");
+        let is_tracked = recording.options.track;
+        if poses.is_empty() && !is_tracked {
+            let found = "none, as the front camera records them";
+            return Err(no_poses(&self.file, "`poses`, one for each frame", found));
+        }
         // No error: only the frames without a pose are skipped below.
-        if poses.len() < frames.len() {
+        if poses.len() < frames.len() && !is_tracked {
             let (listed, found) = (poses.len(), frames.len());
             recording
                 .note(format!("expected a pose for each of {found} frames, found {listed} poses"));
@@ -75,7 +87,7 @@ impl Metadata {
             // A number beyond any index has no pose, so its frame is skipped.
             let index = usize::try_from(number).unwrap_or(usize::MAX);
             let name = number.to_string();
-            let pose = match pose(poses.get(index), index) {
+            let pose = match recording.options.pose(|| pose(poses.get(index), index)) {
                 Ok(pose) => pose,
                 Err(problem) => {
                     recording.skip(&name, self.file.clone(), problem);
@@ -142,8 +154,14 @@ impl Metadata {
         if let Some(stated) = self.size("dw", "dh") {
             return Ok(stated);
         }
-        // Old versions of the app do not state the size; they supported one sensor.
-        Ok(if color.0 < color.1 { (192, 256) } else { (256, 192) })
+        // Old versions of the app do not state the size: the floats of a frame are counted.
+        let depths = frames.values().filter_map(|frame| frame.depth.as_ref());
+        let counted = depths.take(MOST_COUNTED).find_map(|depth| {
+            let bytes = lengths::unpacked_bytes(&depth.read().ok()?)?;
+            lengths::size_of_floats(bytes, color)
+        });
+        // Without a readable file, the size of the app's lidar.
+        Ok(counted.unwrap_or(if color.0 < color.1 { (192, 256) } else { (256, 192) }))
     }
 
     fn time(&self, index: usize) -> Option<f64> {

@@ -247,6 +247,12 @@ pub(super) fn metadata_error(
     }
 }
 
+/// Returns the error for a recording without the poses that `file` should hold.
+pub(super) fn no_poses(file: &Path, expected: &str, found: &str) -> DatasetError {
+    let hint = "estimate the poses with --poses track, or add the poses";
+    metadata_error(file, expected, found.to_owned(), hint)
+}
+
 pub(super) fn same_size(
     stated: (u32, u32),
     found: (u32, u32),

@@ -5,7 +5,9 @@
 //! Depth is rendered, in steps of 1/6553.5 m, and registered.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{ANY_RANGE, Recording, encoding, frame_entry, metadata_error, same_size};
+use super::recording::{
+    ANY_RANGE, Recording, encoding, frame_entry, metadata_error, no_poses, same_size,
+};
 use super::stated::{KnownCamera, side};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::DepthSource;
@@ -43,8 +45,14 @@ fn recognise(folder: &Folder) -> Option<String> {
     let text = folder.peek(POSES);
     let is_matrix =
         text.lines().next().is_some_and(|line| matrix::parse_numbers::<16>(line).is_ok());
-    let is_ours = is_matrix && NumberedFiles::any(folder, IMAGES, "frame", &PHOTOGRAPHS);
-    is_ours.then(|| format!("{POSES} with one matrix per line, and frames in {IMAGES}/"))
+    let frames = recognise_unposed(folder).filter(|_| is_matrix)?;
+    Some(format!("{POSES} with one matrix per line, and {frames}"))
+}
+
+pub(super) fn recognise_unposed(folder: &Folder) -> Option<String> {
+    let has = |prefix, extensions| NumberedFiles::any(folder, IMAGES, prefix, extensions);
+    let is_ours = has("frame", &PHOTOGRAPHS) && has("depth", &["png"]);
+    is_ours.then(|| format!("frames and depth in {IMAGES}/"))
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
@@ -58,7 +66,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     let unit = CodeKind::Linear16(1.0 / per_metre);
     let encoding = encoding(options, unit, Sensor::Exact { noise: 0.0 }, ANY_RANGE);
-    let (traj, text) = folder.lines(POSES)?;
+    let (traj, text) = match options.track {
+        true => (folder.path.join(IMAGES), String::new()),
+        false if folder.listing.has_file(POSES) => folder.lines(POSES)?,
+        false => return Err(no_poses(&folder.path.join(POSES), "a pose per line", "no such file")),
+    };
     let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
     for number in NumberedFiles::union(&[&colors, &depths]) {
         let name = format!("frame{number:06}");
@@ -67,16 +79,17 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         }
         // Lines count frames from 0.
         let line = usize::try_from(number).ok().and_then(|i| lines.get(i));
-        let found = line
-            .ok_or_else(|| FrameProblem::MissingPose(format!("line {} of {POSES}", number + 1)))
-            .and_then(|line| Ok(Pose::from_opencv(matrix::from_text(line)?)?))
-            .and_then(|pose| {
-                let missing = FrameProblem::MissingColor(format!("frame{number:06}.jpg"));
-                let color = colors.required(folder, number, missing)?;
-                let missing = FrameProblem::MissingDepth(format!("depth{number:06}.png"));
-                let depth = DepthSource::new(depths.required(folder, number, missing)?, encoding);
-                Ok(frame_entry(name.clone(), pose, cameras, color, Some(depth)))
-            });
+        let pose = options.pose(|| {
+            let missing = || FrameProblem::MissingPose(format!("line {} of {POSES}", number + 1));
+            Ok(Pose::from_opencv(matrix::from_text(line.ok_or_else(missing)?)?)?)
+        });
+        let found = pose.and_then(|pose| {
+            let missing = FrameProblem::MissingColor(format!("frame{number:06}.jpg"));
+            let color = colors.required(folder, number, missing)?;
+            let missing = FrameProblem::MissingDepth(format!("depth{number:06}.png"));
+            let depth = DepthSource::new(depths.required(folder, number, missing)?, encoding);
+            Ok(frame_entry(name.clone(), pose, cameras, color, Some(depth)))
+        });
         recording.add(&name, &traj, found);
     }
     Ok(recording.finish())

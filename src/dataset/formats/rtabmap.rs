@@ -11,7 +11,7 @@ use super::recording::{
     Recording, check_intrinsics, encoding, frame_entry, metadata_error, same_size,
 };
 use super::stated;
-use super::trajectory::{TimedPose, lines};
+use super::trajectory::{ListedPose, lines};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -48,9 +48,14 @@ const TRUSTED_DEPTH: [f64; 2] = [0.3, 5.0];
 const TIME_ROUNDING: f64 = 2e-3;
 
 fn recognise(folder: &Folder) -> Option<String> {
+    let poses = pose_file(folder)?;
+    recognise_unposed(folder).map(|images| format!("{poses} and {images}"))
+}
+
+pub(super) fn recognise_unposed(folder: &Folder) -> Option<String> {
     let (colors, depths) = (subfolder(folder, COLORS)?, subfolder(folder, DEPTHS)?);
-    let (calibration, poses) = (calibration(folder)?, pose_file(folder)?);
-    Some(format!("{calibration} and {poses}, with images in {colors}/ and {depths}/"))
+    let calibration = calibration(folder)?;
+    Some(format!("{calibration}, with images in {colors}/ and {depths}/"))
 }
 
 fn subfolder(folder: &Folder, suffix: &str) -> Option<String> {
@@ -80,35 +85,12 @@ fn pose_file(folder: &Folder) -> Option<&str> {
         let text = folder.peek(name);
         // Other texts may begin with numbers too.
         let named = name.contains("poses") || name.contains("trajectory") || name.contains("odom");
-        named && lines(&text).next().is_some_and(|(_, line)| pose(line).is_ok())
+        named
+            && lines(&text)
+                .next()
+                .is_some_and(|(i, line)| ListedPose::from_line(i, line).matrix.is_ok())
     };
     folder.listing.files().filter(|name| name.ends_with(".txt")).find(is_ours)
-}
-
-struct PoseLine {
-    time: Option<f64>,
-    number: Option<u64>,
-    matrix: DMat4,
-}
-
-fn pose(line: &str) -> Result<PoseLine, FrameProblem> {
-    let timed = |numbers: [f64; 8]| {
-        let pose = TimedPose::new(numbers);
-        let wrong = || FrameProblem::PoseShape("numbers without a unit quaternion".to_owned());
-        Ok::<_, FrameProblem>((Some(numbers[0]), pose.ok_or_else(wrong)?.matrix()))
-    };
-    // The count of numbers distinguishes the forms.
-    if let Ok(numbers) = matrix::parse_numbers::<8>(line) {
-        let (time, matrix) = timed(numbers)?;
-        return Ok(PoseLine { time, number: None, matrix });
-    }
-    if let Ok([t, x, y, z, qx, qy, qz, qw, number]) = matrix::parse_numbers::<9>(line) {
-        let (time, matrix) = timed([t, x, y, z, qx, qy, qz, qw])?;
-        let is_whole = number >= 0.0 && number.fract() == 0.0;
-        return Ok(PoseLine { time, number: is_whole.then_some(number as u64), matrix });
-    }
-    let rows = matrix::parse_numbers::<12>(line).map_err(FrameProblem::PoseShape)?;
-    Ok(PoseLine { time: None, number: None, matrix: from_rows(rows) })
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
@@ -126,6 +108,22 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     // A phone's lidar has a lower resolution than its photographs; depth cameras do not.
     let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
     let encoding = encoding(options, CodeKind::ByContent(MILLIMETRE), sensor, TRUSTED_DEPTH);
+    let frame = |stem: String, pose| {
+        let color = colors.required(&stem, FrameProblem::MissingColor)?;
+        let depth = depths.required(&stem, FrameProblem::MissingDepth)?;
+        let depth = Some(DepthSource::new(depth, encoding));
+        Ok::<_, FrameProblem>(frame_entry(stem, pose, cameras, color, depth))
+    };
+    if options.track {
+        for (stem, _) in colors.by_stem.iter().filter(|(stem, _)| !folder.was_taken(stem)) {
+            let found = frame(stem.clone(), Pose::IDENTITY);
+            // While the recording grows, the depth image may still be written.
+            if found.is_ok() || !folder.is_growing() {
+                recording.add(stem, &folder.path.join(DEPTHS), found);
+            }
+        }
+        return Ok(recording.finish());
+    }
     // The default is used only if the file was removed since recognition; reading it then fails.
     let pose_name = pose_file(folder).unwrap_or("poses.txt");
     let (file, text) = folder.lines(pose_name)?;
@@ -144,19 +142,16 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let total = lines(&text).count();
     let mut seen = BTreeSet::new();
     for (i, (line, content)) in lines(&text).enumerate() {
-        let found = pose(content).and_then(|p| {
-            let stem = colors.stem(&p, i, total)?;
+        let listed = ListedPose::from_line(line, content);
+        let read = || {
+            let stem = colors.stem(&listed, i, total)?;
             if folder.was_taken(&stem) {
                 return Ok(None);
             }
-            let pose = Pose::from_opencv(p.matrix * on_robot)?;
-            let color = colors.required(&stem, FrameProblem::MissingColor)?;
-            let depth = depths.required(&stem, FrameProblem::MissingDepth)?;
-            let depth = Some(DepthSource::new(depth, encoding));
-            let frame = frame_entry(stem, pose, cameras, color, depth);
-            Ok(Some(FrameEntry { time: p.time, ..frame }))
-        });
-        match found {
+            let pose = Pose::from_opencv(listed.matrix? * on_robot)?;
+            Ok(Some(FrameEntry { time: listed.time, ..frame(stem, pose)? }))
+        };
+        match read() {
             Ok(None) => {}
             Ok(Some(frame)) if !seen.insert(frame.name.clone()) => {
                 let problem = FrameProblem::Duplicate(format!("another pose in line {line}"));
@@ -219,7 +214,7 @@ impl<'a> Images<'a> {
         self.source(self.find(stem).ok_or_else(|| missing(stem.to_owned()))?)
     }
 
-    fn stem(&self, pose: &PoseLine, place: usize, total: usize) -> Result<String, FrameProblem> {
+    fn stem(&self, pose: &ListedPose, place: usize, total: usize) -> Result<String, FrameProblem> {
         let by_number = pose.number.map(|n| n.to_string());
         if let Some(stem) = by_number.filter(|n| self.find(n).is_some()) {
             return Ok(stem);
@@ -275,7 +270,7 @@ fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
         return Ok(DMat4::IDENTITY);
     }
     let said = data(text, KEY).unwrap_or_default();
-    let motion = matrix::parse_numbers::<12>(said).ok().map(from_rows);
+    let motion = matrix::parse_numbers::<12>(said).ok().map(matrix::from_three_rows);
     let rigid = motion.filter(|motion| Pose::from_opencv(*motion).is_ok());
     rigid.ok_or_else(|| {
         let expected = "a rigid `local_transform` of 3x4 numbers";
@@ -287,14 +282,6 @@ fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
 fn data<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     let (_, rest) = text.split_once(key)?.1.split_once("data:")?;
     Some(rest.split_once('[')?.1.split_once(']')?.0)
-}
-
-fn from_rows(rows: [f64; 12]) -> DMat4 {
-    let mut m = [0.0; 16];
-    m[..12].copy_from_slice(&rows);
-    // Twelve numbers lack the last row.
-    m[15] = 1.0;
-    DMat4::from_cols_array(&m).transpose()
 }
 
 fn beginning(text: &str) -> String {

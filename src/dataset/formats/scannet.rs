@@ -2,7 +2,7 @@
 //! world, OpenCV axes), `intrinsic/intrinsic_color.txt` and `intrinsic_depth.txt`.
 //!
 //! Colour and depth are two cameras of two sizes. If tracking was lost, a pose is all `-inf`; such frames
-//! are skipped and counted.
+//! are skipped and counted, unless poses are left to tracking.
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
@@ -23,7 +23,7 @@ use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     identified_by: "ScanNet: `color/`, `depth/`, `pose/N.txt` and `intrinsic/`",
@@ -36,6 +36,7 @@ const COLORS: &str = "color";
 const DEPTHS: &str = "depth";
 const POSES: &str = "pose";
 const INTRINSICS: &str = "intrinsic";
+const CAMERAS: [&str; 2] = ["intrinsic_color.txt", "intrinsic_depth.txt"];
 
 fn recognise(folder: &Folder) -> Option<String> {
     // Numbered poses distinguish this layout from images without poses.
@@ -44,21 +45,33 @@ fn recognise(folder: &Folder) -> Option<String> {
     is_ours.then(|| format!("numbered poses in {POSES}/, with {COLORS}/ and {DEPTHS}/"))
 }
 
+pub(super) fn recognise_unposed(folder: &Folder) -> Option<String> {
+    let has = [COLORS, DEPTHS].iter().all(|name| folder.has_folder(name));
+    let listing = folder.list(Path::new(INTRINSICS)).ok()?;
+    let camera = CAMERAS.into_iter().find(|name| listing.has_file(name))?;
+    has.then(|| format!("{INTRINSICS}/{camera}, with {COLORS}/ and {DEPTHS}/"))
+}
+
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
     let colors = recording.list(COLORS, "", &PHOTOGRAPHS)?;
     let depths = recording.list(DEPTHS, "", &["png"])?;
-    let poses = recording.list(POSES, "", &["txt"])?;
+    let poses = match options.track {
+        true => None,
+        false => recording.list_optional(POSES, &["txt"])?,
+    };
     let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
     let Some((color, depth)) = sizes else { return Ok(recording.finish()) };
     let cameras = cameras(&recording, color, depth)?;
     let unit = CodeKind::Linear16(MILLIMETRE);
     let encoding = encoding(options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
-    for number in NumberedFiles::union(&[&colors, &depths, &poses]) {
+    let lists: Vec<&NumberedFiles> = [&colors, &depths].into_iter().chain(&poses).collect();
+    for number in NumberedFiles::union(&lists) {
         if folder.was_taken(&number.to_string()) {
             continue;
         }
-        let found = read_pose(folder, &poses, number).and_then(|pose| {
+        let pose = options.pose(|| read_pose(folder, poses.as_ref(), number));
+        let found = pose.and_then(|pose| {
             let missing = FrameProblem::MissingColor(format!("{COLORS}/{number}.jpg"));
             let color = colors.required(folder, number, missing)?;
             let missing = FrameProblem::MissingDepth(format!("{DEPTHS}/{number}.png"));
@@ -71,8 +84,12 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     Ok(recording.finish())
 }
 
-fn read_pose(folder: &Folder, poses: &NumberedFiles, number: u64) -> Result<Pose, FrameProblem> {
-    let file = poses.file(folder, number).transpose()?;
+fn read_pose(
+    folder: &Folder,
+    poses: Option<&NumberedFiles>,
+    number: u64,
+) -> Result<Pose, FrameProblem> {
+    let file = poses.and_then(|poses| poses.file(folder, number)).transpose()?;
     let file = file.ok_or_else(|| FrameProblem::MissingPose(format!("{POSES}/{number}.txt")))?;
     // Where tracking was lost, the pose is `-inf`; `Pose` refuses it, which becomes a warning.
     let text = read_small_text(&file)?;
@@ -84,8 +101,9 @@ fn cameras(
     color: (u32, u32),
     depth: (u32, u32),
 ) -> Result<Cameras, DatasetError> {
-    let of_color = intrinsics(recording.folder, "intrinsic_color.txt", color)?;
-    let of_depth = intrinsics(recording.folder, "intrinsic_depth.txt", depth)?;
+    let [color_name, depth_name] = CAMERAS;
+    let of_color = intrinsics(recording.folder, color_name, color)?;
+    let of_depth = intrinsics(recording.folder, depth_name, depth)?;
     match (of_color, of_depth) {
         (Some((color_file, of_color)), Some((_, of_depth)))
             // The user's numbers describe one lens.
@@ -110,7 +128,7 @@ fn cameras(
             recording.cameras_of_lens(&stated, color, depth, &file)
         }
         (None, None) => {
-            let file = recording.folder.path.join(INTRINSICS).join("intrinsic_depth.txt");
+            let file = recording.folder.path.join(INTRINSICS).join(depth_name);
             let Some([fx, fy, cx, cy]) = recording.options.intrinsics else {
                 let found = "no such file".to_owned();
                 let hint = "export the intrinsics, or set them";

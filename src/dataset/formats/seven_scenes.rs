@@ -94,7 +94,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     for (split, folders) in split_folders(folder, &mut parsed)? {
         let mut listed = ListedSplit { name: split, frames: Vec::new() };
         for frames_in in &folders {
-            collect(folder, frames_in, &mut listed, &mut parsed);
+            collect((folder, options), frames_in, &mut listed, &mut parsed);
         }
         splits.push(listed);
     }
@@ -186,7 +186,12 @@ fn sequence_folder(listed: &str) -> String {
     sequence_number(listed).map_or_else(|| listed.to_owned(), |n| format!("seq-{n:02}"))
 }
 
-fn collect(folder: &Folder, frames_in: &str, listed: &mut ListedSplit, parsed: &mut ParsedFolder) {
+fn collect(
+    (folder, options): (&Folder, &LoadOptions),
+    frames_in: &str,
+    listed: &mut ListedSplit,
+    parsed: &mut ParsedFolder,
+) {
     let relative = Path::new(frames_in);
     let ListedSplit { name: split, frames } = listed;
     let listing = match folder.list(relative) {
@@ -198,7 +203,7 @@ fn collect(folder: &Folder, frames_in: &str, listed: &mut ListedSplit, parsed: &
         if folder.was_taken(&frame_name(relative, stem)) {
             continue;
         }
-        match listed_frame(folder, relative, &listing, color, stem) {
+        match listed_frame((folder, options), relative, &listing, color, stem) {
             Ok(frame) => frames.push(frame),
             Err((file, problem)) => parsed.skip(split, stem, file, problem),
         }
@@ -206,7 +211,7 @@ fn collect(folder: &Folder, frames_in: &str, listed: &mut ListedSplit, parsed: &
 }
 
 fn listed_frame(
-    folder: &Folder,
+    (folder, options): (&Folder, &LoadOptions),
     relative: &Path,
     listing: &FolderListing,
     color: &str,
@@ -214,7 +219,8 @@ fn listed_frame(
 ) -> Result<ListedFrame, (PathBuf, FrameProblem)> {
     let pose_name = format!("{stem}{POSE_SUFFIX}");
     let pose_file = folder.path.join(relative).join(&pose_name);
-    let pose = read_pose(folder, relative, listing, &pose_name).map_err(|p| (pose_file, p))?;
+    let pose = options.pose(|| read_pose(folder, relative, listing, &pose_name));
+    let pose = pose.map_err(|problem| (pose_file, problem))?;
     let checked = |name: &str| folder.file(relative, listing, name);
     let color = checked(color).map_err(|p| (folder.path.join(relative).join(color), p))?;
     let depth_name = format!("{stem}{DEPTH_SUFFIX}");

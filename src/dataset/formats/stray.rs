@@ -4,14 +4,16 @@
 //! from it to `rgb/`.
 //!
 //! The video is HEVC and is decoded by an installed `ffmpeg`. Without `ffmpeg`, the recording can be
-//! opened with its geometry only.
+//! opened with its geometry only. Videos may lack frames, so pictures belong to frames by their times:
+//! the app shows each picture at its frame number times a constant step.
 
-use super::numbered::{NumberedFiles, PHOTOGRAPHS};
+use super::numbered::{Correspondence, NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
-    LIDAR_RANGE, Recording, depth_size, encoding, frame_entry, metadata_error, photograph_size,
+    LIDAR_RANGE, Recording, depth_size, encoding, frame_entry, metadata_error, no_poses,
+    photograph_size,
 };
 use super::stated;
-use super::trajectory::{TimedPose, sort_by_time};
+use super::trajectory::{TimedPose, sort_by_time, usual_step};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::FrameEntry;
 use crate::dataset::error::{DatasetError, FrameProblem, VIDEO_BY_HAND};
@@ -20,10 +22,11 @@ use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
-use crate::dataset::video::Video;
+use crate::dataset::video::{Video, picture_times};
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
-use std::collections::BTreeSet;
+use glam::DMat4;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
@@ -50,6 +53,12 @@ fn recognise(folder: &Folder) -> Option<String> {
     is_ours.then(|| format!("{POSES} with poses by frame, and {CAMERA}"))
 }
 
+pub(super) fn recognise_unposed(folder: &Folder) -> Option<String> {
+    let has_colors = folder.listing.has_file(VIDEO) || folder.has_folder(COLORS);
+    let is_ours = has_colors && folder.listing.has_file(CAMERA) && folder.has_folder(DEPTHS);
+    is_ours.then(|| format!("{CAMERA} and {DEPTHS}/"))
+}
+
 fn columns(head: &str) -> Option<[usize; 9]> {
     let names: Vec<&str> = head.split(',').map(str::trim).collect();
     let mut found = [0; 9];
@@ -59,21 +68,32 @@ fn columns(head: &str) -> Option<[usize; 9]> {
     Some(found)
 }
 
+/// Largest distance of a picture's time from a multiple of the usual step, in steps.
+const MOST_OFF_STEP: f64 = 0.1;
+/// Largest number of lost frames that a note names.
+const MOST_SHOWN: usize = 12;
+
 struct Files {
     colors: Option<NumberedFiles>,
     video: Option<Arc<Video>>,
     depths: NumberedFiles,
     confidences: Option<NumberedFiles>,
+    /// Number of the picture of each frame; `None` if pictures have the numbers of frames.
+    pictures: Option<BTreeMap<u64, u64>>,
 }
 
 impl Files {
     fn color(&self, folder: &Folder, frame: u64) -> Option<Result<ByteSource, FrameProblem>> {
+        let picture = match &self.pictures {
+            Some(pictures) => pictures.get(&frame).copied(),
+            None => Some(frame),
+        };
         match (&self.colors, &self.video) {
-            (Some(colors), _) => colors.file(folder, frame).map(|file| file.map(Into::into)),
+            (Some(colors), _) => colors.file(folder, picture?).map(|file| file.map(Into::into)),
             (None, Some(video)) => Some(Ok(ByteSource::VideoFrame {
                 video: Arc::clone(video),
                 // No video has that many pictures, so only this frame fails.
-                index: usize::try_from(frame).unwrap_or(usize::MAX),
+                index: usize::try_from(picture?).unwrap_or(usize::MAX),
             })),
             (None, None) => {
                 // A grey picture has the size of the depth image.
@@ -97,7 +117,12 @@ impl Files {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    let files = files(&mut recording)?;
+    let mut files = files(&mut recording)?;
+    let lines = match options.track {
+        true => untracked(folder, &files.depths)?,
+        false => odometry(&mut recording)?,
+    };
+    files.pictures = pictures(&mut recording, &files, &lines)?;
     let size = depth_size(files.depths.sources(folder));
     let Some(depth_size) = recording.warn_unreadable(size) else { return Ok(recording.finish()) };
     let Some(size) = color_size(&mut recording, &files, depth_size) else {
@@ -108,13 +133,13 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     let unit = CodeKind::ByContent(MILLIMETRE);
     let encoding = encoding(options, unit, Sensor::Lidar, LIDAR_RANGE);
-    for line in odometry(&mut recording)? {
+    for line in lines {
         let name = format!("{:06}", line.frame);
         if folder.was_taken(&name) {
             continue;
         }
         let read = |frame: u64| {
-            let pose = Pose::from_opencv(line.pose.matrix())?;
+            let pose = Pose::from_opencv(line.matrix)?;
             let missing = || FrameProblem::MissingColor(format!("{COLORS}/{name}.jpg"));
             let color = files.color(folder, frame).transpose()?.ok_or_else(missing)?;
             let missing = FrameProblem::MissingDepth(format!("{DEPTHS}/{name}.png"));
@@ -122,7 +147,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             let confidence = files.confidence(folder, frame)?;
             let depth = Some(recording.depth_with_confidence(file, encoding, confidence));
             let recorded = frame_entry(name.clone(), pose, cameras, color, depth);
-            Ok(FrameEntry { time: Some(line.pose.time), ..recorded })
+            Ok(FrameEntry { time: line.time, ..recorded })
         };
         let frame = read(line.frame);
         recording.add(&name, &folder.path.join(POSES), frame);
@@ -157,7 +182,105 @@ fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
     if colors.is_none() && video.is_none() {
         recording.note("geometry only: all photographs are grey");
     }
-    Ok(Files { colors, video, depths, confidences })
+    Ok(Files { colors, video, depths, confidences, pictures: None })
+}
+
+/// Pairs the frames with the pictures of the video, or of the folder of images. Returns `None` if
+/// pictures have the numbers of frames.
+fn pictures(
+    recording: &mut Recording,
+    files: &Files,
+    lines: &[OdometryLine],
+) -> Result<Option<BTreeMap<u64, u64>>, DatasetError> {
+    let folder = recording.folder;
+    let frames: Vec<u64> = files.depths.numbers().collect();
+    let has_video = folder.listing.has_file(VIDEO);
+    let times = has_video.then(|| picture_times(&folder.path.join(VIDEO))).flatten();
+    let colors: Option<Vec<u64>> = files.colors.as_ref().map(|colors| colors.numbers().collect());
+    if folder.is_growing() || colors.is_none() && files.video.is_none() {
+        return Ok(None);
+    }
+    let is_gapless = |n: &Vec<u64>| n.array_windows().all(|[a, b]| b - a == 1);
+    // Images extracted from the video have no gaps where the video lacks frames.
+    let extracted = colors
+        .as_ref()
+        .filter(|n| is_gapless(n) && times.as_ref().is_some_and(|times| times.len() == n.len()));
+    let (name, n_pictures, found) = match (&times, &colors) {
+        (Some(times), _) if colors.is_none() || extracted.is_some() => {
+            let first = extracted.and_then(|numbers| numbers.first()).copied().unwrap_or(0);
+            let found = frames_of_pictures(times, &frames, lines);
+            let numbered = found.map(|found| (first..).zip(found).map(|(n, f)| (f, n)).collect());
+            (VIDEO, times.len(), numbered)
+        }
+        (_, Some(colors)) => {
+            if is_gapless(colors) && colors.len() < frames.len() && is_gapless(&frames) {
+                recording.note(format!(
+                    "{COLORS}/ has {} images without a gap for {} depth images: if they are of a video with lost frames, copy {VIDEO} beside them, whose times pair them",
+                    colors.len(), frames.len()
+                ));
+            }
+            let found = Correspondence::of(colors, &frames).map(|found| {
+                let pairs = found.pairs(colors, &frames).into_iter();
+                pairs.filter_map(|(color, frame)| Some((frame, color?))).collect()
+            });
+            (COLORS, colors.len(), found)
+        }
+        (_, None) => {
+            recording.note(format!(
+                "{VIDEO}: the times of its pictures cannot be read: paired by count"
+            ));
+            return Ok(None);
+        }
+    };
+    let pictures: BTreeMap<u64, u64> = found.ok_or_else(|| {
+        let expected =
+            format!("a picture for each of {} depth images, or times that pair them", frames.len());
+        let hint = "number images in rgb/ as those in depth/";
+        metadata_error(&folder.path.join(name), &expected, format!("{n_pictures} pictures"), hint)
+    })?;
+    let lost: Vec<String> =
+        frames.iter().filter(|n| !pictures.contains_key(n)).map(u64::to_string).collect();
+    if name == VIDEO && !lost.is_empty() {
+        let shown = lost.iter().take(MOST_SHOWN).cloned().collect::<Vec<_>>().join(", ");
+        let more = if lost.len() > MOST_SHOWN { ", …" } else { "" };
+        recording.note(format!(
+            "{VIDEO} lacks {} of {} frames, by the times of its pictures: {shown}{more}",
+            lost.len(),
+            frames.len()
+        ));
+    }
+    Ok(Some(pictures))
+}
+
+/// Returns the frame of each picture of a video, from the times of the pictures.
+fn frames_of_pictures(times: &[f64], frames: &[u64], lines: &[OdometryLine]) -> Option<Vec<u64>> {
+    let last = lines.iter().map(|line| line.frame).chain(frames.iter().copied()).max()?;
+    let is_ascending = |found: &Vec<u64>| found.array_windows().all(|[a, b]| a < b);
+    let step = usual_step(times).unwrap_or(1.0);
+    // The app shows each picture at a multiple of a step.
+    let counted = times.iter().map(|time| {
+        let number = (time / step).round();
+        let is_whole = (time / step - number).abs() < MOST_OFF_STEP && number >= 0.0;
+        is_whole.then_some(number as u64)
+    });
+    // Other versions show them at the times of their poses.
+    let poses: Vec<(f64, u64)> =
+        lines.iter().filter_map(|line| Some((line.time?, line.frame))).collect();
+    let start = poses.first().map_or(0.0, |(time, _)| *time);
+    let recorded = times.iter().map(|time| {
+        let after = poses.partition_point(|(at, _)| at - start < *time);
+        let near = poses.get(after.saturating_sub(1)..)?.iter().take(2);
+        let off = |(at, _): &(f64, u64)| (at - start - time).abs();
+        let best = near.min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        (off(best) < 0.5 * step).then_some(best.1)
+    });
+    // Beyond the last frame, the gaps are those of a clock, not of lost pictures.
+    let is_count = |found: &Vec<u64>| {
+        is_ascending(found) && found.last().is_some_and(|n| *n <= last || *n < found.len() as u64)
+    };
+    let counted = counted.collect::<Option<Vec<u64>>>().filter(is_count);
+    let by_time = counted.or_else(|| recorded.collect::<Option<Vec<u64>>>().filter(is_ascending));
+    by_time.or_else(|| (times.len() == frames.len()).then(|| frames.to_vec()))
 }
 
 /// Returns the size of the photographs, or that of depth if there are no photographs.
@@ -167,9 +290,9 @@ fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Op
         return Some(depth);
     }
     let numbers: Vec<u64> = match &files.colors {
-        Some(colors) => colors.numbers().collect(),
+        Some(_) => files.depths.numbers().collect(),
         // All pictures of a video have one size.
-        None => vec![0],
+        None => vec![files.pictures.as_ref().and_then(|p| p.keys().next().copied()).unwrap_or(0)],
     };
     let sources = numbers.into_iter().filter_map(|n| files.color(folder, n)?.ok());
     recording.warn_unreadable(photograph_size(sources))
@@ -204,10 +327,38 @@ fn camera(recording: &mut Recording, size: (u32, u32)) -> Result<Intrinsics, Dat
 
 struct OdometryLine {
     frame: u64,
-    pose: TimedPose,
+    time: Option<f64>,
+    matrix: DMat4,
+}
+
+/// Returns the frames with depth. Of the poses' file only the times are used, if there is one.
+fn untracked(folder: &Folder, depths: &NumberedFiles) -> Result<Vec<OdometryLine>, DatasetError> {
+    let text = match folder.listing.has_file(POSES) {
+        true => folder.lines(POSES)?.1,
+        false => String::new(),
+    };
+    let mut lines = text.lines();
+    let times: BTreeMap<u64, f64> = match lines.next().and_then(columns) {
+        Some([at_time, at_frame, ..]) => lines
+            .filter_map(|line| {
+                let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+                let time =
+                    cells.get(at_time)?.parse().ok().filter(|time: &f64| time.is_finite())?;
+                Some((cells.get(at_frame)?.parse().ok()?, time))
+            })
+            .collect(),
+        None => BTreeMap::new(),
+    };
+    let line =
+        |frame| OdometryLine { frame, time: times.get(&frame).copied(), matrix: DMat4::IDENTITY };
+    Ok(depths.numbers().map(line).collect())
 }
 
 fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError> {
+    if !recording.folder.listing.has_file(POSES) {
+        let file = recording.folder.path.join(POSES);
+        return Err(no_poses(&file, "a pose for each frame", "no such file"));
+    }
     let (file, text) = recording.folder.lines(POSES)?;
     let mut lines = text.lines().enumerate();
     let places = lines.next().and_then(|(_, head)| columns(head)).unwrap_or_default();
@@ -230,13 +381,15 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
             continue;
         };
         match seen.insert(frame) {
-            true => found.push(OdometryLine { frame, pose }),
+            true => {
+                found.push(OdometryLine { frame, time: Some(pose.time), matrix: pose.matrix() });
+            }
             false => {
                 let problem = FrameProblem::Duplicate(format!("another line of frame {frame}"));
                 recording.skip(&frame.to_string(), file.clone(), problem);
             }
         }
     }
-    recording.note_unordered(POSES, sort_by_time(&mut found, |line| line.pose.time));
+    recording.note_unordered(POSES, sort_by_time(&mut found, |line| line.time.unwrap_or_default()));
     Ok(found)
 }

@@ -1,8 +1,27 @@
-//! Timestamped poses and interpolation between them.
+//! Trajectories: lists of poses in every known form, units of time, and interpolation between poses.
+//!
+//! | form | pose | identified by |
+//! |---|---|---|
+//! | TUM, ORB-SLAM | `t x y z qx qy qz qw`, optionally the image's number | time or number |
+//! | KITTI | rows of a 3×4 or 4×4 matrix in one line | place |
+//! | Open3D's log | a line of three whole numbers, then a 4×4 matrix | first of the numbers |
+//! | blocks | 4×4 matrices, one row per line | place |
+//! | CSV with a header | columns of position and quaternion by name | column of time or frame |
+//! | JSON | an array or object of matrices, or of objects with a matrix | name, time or place |
+//! | numbered files | one matrix each | number |
 
+use super::arkit;
+use super::numbered::{Correspondence, NumberedFiles};
+use super::stated::flat_numbers;
 use crate::dataset::error::FrameProblem;
+use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::matrix;
+use crate::dataset::range::median;
 use crate::math::pose::Pose;
-use glam::{DMat4, DQuat, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec3};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::Path;
 
 /// Maximum time between a frame and its pose or photograph, seconds. At 30 Hz, half a frame interval is
 /// 17 ms.
@@ -29,9 +48,367 @@ impl TimedPose {
         })
     }
 
+    /// Creates a pose from a rigid matrix.
+    pub fn from_matrix(time: f64, matrix: DMat4) -> Self {
+        let turn = DQuat::from_mat3(&DMat3::from_mat4(matrix)).normalize();
+        Self { time, position: matrix.w_axis.truncate(), turn }
+    }
+
     pub fn matrix(&self) -> DMat4 {
         DMat4::from_rotation_translation(self.turn, self.position)
     }
+}
+
+/// Pose of a list, and what the list states about its frame.
+pub(super) struct ListedPose {
+    /// Line in the file or place in the list, from 1.
+    pub line: usize,
+    pub time: Option<f64>,
+    pub number: Option<u64>,
+    pub matrix: Result<DMat4, FrameProblem>,
+}
+
+impl ListedPose {
+    /// Parses a pose in one line of TUM's, RTAB-Map's or KITTI's form. The count of numbers
+    /// distinguishes the forms.
+    pub fn from_line(line: usize, text: &str) -> Self {
+        let timed = |numbers: [f64; 8], number| {
+            let wrong = || FrameProblem::PoseShape("numbers without a unit quaternion".to_owned());
+            let matrix = TimedPose::new(numbers).map(|pose| pose.matrix()).ok_or_else(wrong);
+            Self { line, time: Some(numbers[0]), number, matrix }
+        };
+        if let Ok(numbers) = matrix::parse_numbers::<8>(text) {
+            return timed(numbers, None);
+        }
+        if let Ok([t, x, y, z, qx, qy, qz, qw, number]) = matrix::parse_numbers::<9>(text) {
+            return timed([t, x, y, z, qx, qy, qz, qw], whole(number));
+        }
+        let matrix = match matrix::parse_numbers::<16>(text) {
+            Ok(_) => matrix::from_text(text),
+            Err(_) => matrix::parse_numbers::<12>(text)
+                .map(matrix::from_three_rows)
+                .map_err(FrameProblem::PoseShape),
+        };
+        Self { line, time: None, number: None, matrix }
+    }
+
+    /// Returns the frame's number, which may also be stated as a whole time.
+    fn key(&self) -> Option<u64> {
+        self.number.or_else(|| whole(self.time?))
+    }
+
+    fn is_rigid(&self) -> bool {
+        self.matrix.as_ref().is_ok_and(|matrix| Pose::from_opencv(*matrix).is_ok())
+    }
+}
+
+fn whole(number: f64) -> Option<u64> {
+    (number >= 0.0 && number.fract() == 0.0 && number < 1e15).then_some(number as u64)
+}
+
+/// List of poses in one of the known forms.
+pub(super) struct PoseList {
+    /// Form, for messages.
+    pub form: &'static str,
+    pub poses: Vec<ListedPose>,
+}
+
+impl PoseList {
+    /// Parses a text; `None` unless most entries are poses in one known form.
+    pub fn parse(text: &str) -> Option<Self> {
+        let (form, poses) = if text.trim_start().starts_with(['{', '[']) {
+            ("JSON", poses_in_json(&serde_json::from_str(text).ok()?)?)
+        } else if let Some(poses) = poses_in_table(text) {
+            ("CSV with a header", poses)
+        } else {
+            let first = lines(text).next()?.1;
+            match first.split([' ', '\t', ',']).filter(|token| !token.is_empty()).count() {
+                3 => ("Open3D's log", log_blocks(text)),
+                4 => ("4x4 blocks", matrix_blocks(text)),
+                n @ (8 | 9 | 12 | 16) => {
+                    let form = if n < 12 { "TUM" } else { "KITTI" };
+                    let pose = |(line, text)| ListedPose::from_line(line, text);
+                    (form, lines(text).map(pose).collect())
+                }
+                _ => return None,
+            }
+        };
+        let n_rigid = poses.iter().filter(|pose| pose.is_rigid()).count();
+        (n_rigid >= 2 && 2 * n_rigid >= poses.len()).then_some(Self { form, poses })
+    }
+
+    /// Returns the number that identifies each pose's frame: the stated one or, in a list without
+    /// numbers, its place. `None` for a pose without number in a list with numbers.
+    pub fn keys(&self) -> Vec<Option<u64>> {
+        let is_numbered = self.is_numbered();
+        let key = |(place, pose): (u64, &ListedPose)| match is_numbered {
+            true => pose.key(),
+            false => Some(place),
+        };
+        (0..).zip(&self.poses).map(key).collect()
+    }
+
+    /// Finds how images with ascending numbers correspond to the poses; `None` if neither numbers nor
+    /// counts agree.
+    pub fn correspondence(&self, images: &[u64]) -> Option<Correspondence> {
+        let keys: BTreeSet<u64> = self.keys().into_iter().flatten().collect();
+        let keys: Vec<u64> = keys.into_iter().collect();
+        match self.is_numbered() {
+            true => Correspondence::of(images, &keys),
+            false => (keys.len() == images.len()).then_some(Correspondence::Order),
+        }
+    }
+
+    fn is_numbered(&self) -> bool {
+        self.poses.iter().filter(|pose| pose.is_rigid()).all(|pose| pose.key().is_some())
+    }
+}
+
+/// Splits Open3D's log into its blocks.
+pub(super) fn log_blocks(text: &str) -> Vec<ListedPose> {
+    let mut found = Vec::new();
+    let mut rest = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    while let Some((i, content)) = rest.next() {
+        let (number, matrix) = match log_head(content) {
+            Some([index, ..]) => {
+                let rows: Vec<&str> = rest.by_ref().take(4).map(|(_, row)| row).collect();
+                (Some(index), matrix::from_text(&rows.join("\n")))
+            }
+            // The next line may begin a block.
+            None => {
+                let expected = "three whole numbers before each matrix of four rows";
+                let found = content.chars().take(60).collect();
+                (None, Err(FrameProblem::Line { expected, found, line: i + 1 }))
+            }
+        };
+        found.push(ListedPose { line: i + 1, time: None, number, matrix });
+    }
+    found
+}
+
+pub(super) fn log_head(line: &str) -> Option<[u64; 3]> {
+    let mut numbers = line.split_whitespace().map(|t| t.parse().ok());
+    let head = [numbers.next()??, numbers.next()??, numbers.next()??];
+    numbers.next().is_none().then_some(head)
+}
+
+fn matrix_blocks(text: &str) -> Vec<ListedPose> {
+    let rows: Vec<(usize, &str)> = lines(text).collect();
+    let block = |rows: &[(usize, &str)]| {
+        let text: Vec<&str> = rows.iter().map(|(_, row)| *row).collect();
+        let line = rows.first().map_or(0, |(line, _)| *line);
+        ListedPose { line, time: None, number: None, matrix: matrix::from_text(&text.join("\n")) }
+    };
+    rows.chunks(4).map(block).collect()
+}
+
+/// Parses a table whose first line names its columns.
+fn poses_in_table(text: &str) -> Option<Vec<ListedPose>> {
+    let mut rows = text.lines().enumerate().filter(|(_, row)| !row.trim().is_empty());
+    let (_, head) = rows.next()?;
+    let rows = rows.filter(|(_, row)| !row.starts_with('#'));
+    let separator = [',', ';', '\t'].into_iter().find(|c| head.contains(*c)).unwrap_or(' ');
+    let cells = |row: &str| -> Vec<String> {
+        let cells = row.split(separator).map(|cell| cell.trim().to_lowercase());
+        cells.filter(|cell| separator != ' ' || !cell.is_empty()).collect()
+    };
+    // Units follow in brackets; a comment sign may come first.
+    let plain = |name: &String| {
+        let name = name.split(['[', '(']).next().unwrap_or_default();
+        name.trim_matches(|c: char| !c.is_alphanumeric()).to_owned()
+    };
+    let names: Vec<String> = cells(head.trim_start_matches(['#', ' '])).iter().map(plain).collect();
+    let is_turn =
+        |name: &str| name.starts_with('q') || name.contains("rot") || name.contains("quat");
+    let is_time = |name: &str| name == "t" || name.contains("time") || name.contains("stamp");
+    let is_place = |name: &str| name.len() == 1 || name.starts_with(['t', 'p']);
+    let column = |is_it: &dyn Fn(&str) -> bool| names.iter().position(|name| is_it(name));
+    let place = |axis| column(&|name| name.ends_with(axis) && !is_turn(name) && is_place(name));
+    let turn = |axis| column(&|name| name.ends_with(axis) && is_turn(name));
+    let columns =
+        [place('x')?, place('y')?, place('z')?, turn('x')?, turn('y')?, turn('z')?, turn('w')?];
+    let (at_time, at_frame) = (column(&is_time), column(&is_name));
+    let pose = |(i, row): (usize, &str)| {
+        let cells = cells(row);
+        let cell = |at: Option<usize>| cells.get(at?);
+        let number =
+            |at: usize| cell(Some(at)).and_then(|cell| cell.parse().ok()).unwrap_or(f64::NAN);
+        let [x, y, z, qx, qy, qz, qw] = columns.map(number);
+        let expected = "finite numbers for position and unit quaternion";
+        let found = row.chars().take(60).collect();
+        let wrong = || FrameProblem::Line { expected, found, line: i + 1 };
+        let pose = TimedPose::new([0.0, x, y, z, qx, qy, qz, qw]);
+        let time = cell(at_time).and_then(|cell| cell.parse().ok()).filter(|t: &f64| t.is_finite());
+        let number = cell(at_frame).and_then(|cell| number_in_name(cell));
+        let matrix = pose.map(|pose| pose.matrix()).ok_or_else(wrong);
+        ListedPose { line: i + 1, time, number, matrix }
+    };
+    Some(rows.map(pose).collect())
+}
+
+/// True for names of columns and keys that state an image's number or file.
+fn is_name(name: &str) -> bool {
+    name == "id"
+        || ["frame", "image", "index", "file", "name"].iter().any(|part| name.contains(part))
+}
+
+/// Returns the last number in a file name, such as 12 in `rgb/frame_000012.png`.
+pub(super) fn number_in_name(name: &str) -> Option<u64> {
+    let file = name.rsplit(['/', '\\']).next()?;
+    let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
+    stem.split(|c: char| !c.is_ascii_digit()).rfind(|digits| !digits.is_empty())?.parse().ok()
+}
+
+/// Finds the poses in JSON: at its root or below one of its keys.
+fn poses_in_json(json: &Value) -> Option<Vec<ListedPose>> {
+    let below = json.as_object().into_iter().flat_map(|object| object.values());
+    std::iter::once(json).chain(below).find_map(|list| {
+        let items: Vec<(Option<&str>, &Value)> = match list {
+            Value::Array(items) => items.iter().map(|item| (None, item)).collect(),
+            Value::Object(items) => items.iter().map(|(k, v)| (Some(k.as_str()), v)).collect(),
+            _ => return None,
+        };
+        let poses: Vec<ListedPose> = items
+            .iter()
+            .enumerate()
+            .map(|(i, (key, item))| pose_in_json(i + 1, *key, item))
+            .collect();
+        let n_rigid = poses.iter().filter(|pose| pose.is_rigid()).count();
+        (n_rigid >= 2 && 2 * n_rigid >= poses.len()).then_some(poses)
+    })
+}
+
+fn pose_in_json(line: usize, key: Option<&str>, item: &Value) -> ListedPose {
+    let fields = item.as_object().into_iter().flatten();
+    let bare = std::iter::once((String::new(), item));
+    let matrix = bare
+        .chain(fields.clone().map(|(key, value)| (key.to_lowercase(), value)))
+        .find_map(|(key, value)| {
+            let matrix = match flat_numbers(value)?.len() {
+                12 => matrix::from_three_rows(flat_numbers(value)?.try_into().ok()?),
+                16 => arkit::matrix(Some(value)).ok()?,
+                _ => return None,
+            };
+            // Extrinsics are from world to camera.
+            let is_inverse = ["extrinsic", "w2c", "world_to"].iter().any(|part| key.contains(part));
+            let rigid = Pose::from_opencv(matrix).is_ok();
+            rigid.then(|| if is_inverse { matrix.inverse() } else { matrix })
+        });
+    let named = fields.clone().filter(|(key, _)| is_name(&key.to_lowercase()));
+    let number = named.into_iter().find_map(|(_, value)| match value {
+        Value::String(name) => number_in_name(name),
+        other => other.as_u64(),
+    });
+    let time = fields.clone().find(|(key, _)| key.to_lowercase().contains("time"));
+    ListedPose {
+        line,
+        time: time.and_then(|(_, value)| value.as_f64()),
+        number: number.or_else(|| number_in_name(key?)),
+        matrix: matrix.ok_or_else(|| FrameProblem::PoseShape(matrix::describe_json(item))),
+    }
+}
+
+/// Extensions of files that hold no poses.
+const NO_TEXT: [&str; 20] = [
+    "png", "jpg", "jpeg", "exr", "tif", "tiff", "npy", "npz", "pgm", "ppm", "bin", "depth", "conf",
+    "mp4", "ply", "pcd", "obj", "md", "r3d", "zip",
+];
+/// Largest number of texts of one folder that are searched for poses.
+const MAX_TEXTS: usize = 64;
+
+/// True unless the extension is that of an image or of another file without text.
+pub(super) fn is_text(name: &str) -> bool {
+    let extension = name.rsplit_once('.').map(|(_, end)| end.to_lowercase());
+    extension.is_none_or(|end| !NO_TEXT.contains(&end.as_str()))
+}
+
+/// Reads all lists of poses in the folder and one level below, with their paths. Numbered texts of one
+/// folder with a matrix each are one list.
+pub(super) fn pose_lists(folder: &Folder) -> Vec<(String, PoseList)> {
+    let mut found = Vec::new();
+    for sub in std::iter::once(String::new()).chain(folder.subfolders()) {
+        let Ok(listing) = folder.list(Path::new(&sub)) else { continue };
+        if let Some(list) = numbered_matrices(folder, &sub) {
+            found.push((sub, list));
+            continue;
+        }
+        for name in listing.files().filter(|name| is_text(name)).take(MAX_TEXTS) {
+            let path = if sub.is_empty() { name.to_owned() } else { format!("{sub}/{name}") };
+            // The start shows whether the file is text, which may be long.
+            let is_binary = folder.peek(&path).contains(['\0', char::REPLACEMENT_CHARACTER]);
+            let list = (!is_binary).then(|| PoseList::parse(&folder.peek_whole(&path))).flatten();
+            found.extend(list.map(|list| (path, list)));
+        }
+    }
+    // The sort is stable: of lists with equally telling names, that of the outer folder comes first.
+    let rank = |path: &str| {
+        let path = path.to_lowercase();
+        ["groundtruth", "gt", "traj", "pose"].iter().position(|part| path.contains(part))
+    };
+    found.sort_by_key(|(path, _)| rank(path).unwrap_or(usize::MAX));
+    found
+}
+
+fn numbered_matrices(folder: &Folder, sub: &str) -> Option<PoseList> {
+    let files = NumberedFiles::list(folder, sub, "", &["txt"]).ok()?;
+    let pose = |(i, number): (usize, u64)| {
+        let read = || {
+            let missing = || FrameProblem::MissingPose(number.to_string());
+            let file = files.file(folder, number).transpose()?.ok_or_else(missing)?;
+            let text = read_small_text(&file)?;
+            ListedPose::from_line(1, &text).matrix
+        };
+        ListedPose { line: i + 1, time: None, number: Some(number), matrix: read() }
+    };
+    let sound = files.numbers().take(MAX_TEXTS).enumerate().map(pose).filter(ListedPose::is_rigid);
+    if sound.count() < 2 {
+        return None;
+    }
+    Some(PoseList {
+        form: "numbered files",
+        poses: files.numbers().enumerate().map(pose).collect(),
+    })
+}
+
+/// Longest usual time between frames, seconds; frames of cameras are 8 ms to 8 s apart.
+const LONGEST_STEP: f64 = 8.0;
+/// Units of time that recorders use, seconds.
+const UNITS: [f64; 4] = [1.0, 1e-3, 1e-6, 1e-9];
+
+/// Returns the unit of the times of frames, seconds, from their spacing.
+pub(super) fn time_unit(times: &[f64]) -> f64 {
+    let step = usual_step(times).unwrap_or(0.0);
+    // Frames far apart, in seconds since 1970.
+    let is_epoch = times.iter().any(|time| *time > 1e9 && time.fract() != 0.0) && step < 1e3;
+    let unit = UNITS.into_iter().find(|unit| is_epoch || step * unit < LONGEST_STEP);
+    unit.unwrap_or(UNITS[3])
+}
+
+/// True if times are whole numbers that are no clock's ticks, but count frames.
+pub(super) fn are_counts(times: &[f64]) -> bool {
+    time_unit(times) == 1.0 && times.iter().all(|time| time.fract() == 0.0)
+}
+
+/// Returns the median time between frames; `None` for fewer than two different times.
+pub(super) fn usual_step(times: &[f64]) -> Option<f64> {
+    let mut sorted = times.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    median(sorted.array_windows().map(|[a, b]| b - a).filter(|step| *step > 0.0).collect())
+}
+
+/// Returns the unit in which times overlap with `others`, whose unit is known.
+pub(super) fn matching_unit(times: &[f64], (others, unit): (&[f64], f64)) -> Option<f64> {
+    let range = |times: &[f64], unit: f64| {
+        let all = times.iter().map(|time| time * unit);
+        all.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], t| [a.min(t), b.max(t)])
+    };
+    let [start, end] = range(others, unit);
+    let overlaps = |unit: &f64| {
+        let [first, last] = range(times, *unit);
+        first <= end && last >= start
+    };
+    // The same unit first: frames and poses usually share a clock.
+    std::iter::once(unit).chain(UNITS).find(overlaps)
 }
 
 /// Returns the lines that are neither empty nor a comment (`#`), with line numbers from 1.
@@ -48,12 +425,17 @@ pub(super) fn sort_by_time<T>(items: &mut [T], time: impl Fn(&T) -> f64) -> usiz
     n
 }
 
-/// Returns the error for a time that has no pose or photograph (`what`) within [`TOLERANCE`]. `nearest`
-/// is the time difference to the nearest one, seconds.
-pub(super) fn not_in_time(what: &'static str, time: f64, nearest: Option<f64>) -> FrameProblem {
+/// Returns the error for a time that has no pose or photograph (`what`) within `tolerance`, seconds.
+/// `nearest` is the time difference to the nearest one, seconds.
+pub(super) fn not_in_time(
+    what: &'static str,
+    time: f64,
+    tolerance: f64,
+    nearest: Option<f64>,
+) -> FrameProblem {
     let found = nearest.map(|nearest| format!("the nearest {:.0} ms away", 1e3 * nearest));
     let found = found.unwrap_or_else(|| "none".to_owned());
-    FrameProblem::NotInTime { what, time, tolerance_ms: 1e3 * TOLERANCE, found }
+    FrameProblem::NotInTime { what, time, tolerance_ms: (1e4 * tolerance).round() / 10.0, found }
 }
 
 pub(super) struct Trajectory {
@@ -91,7 +473,7 @@ impl Trajectory {
         let nearest = distance(before).min(distance(after));
         if nearest > TOLERANCE {
             let nearest = nearest.is_finite().then_some(nearest);
-            return Err(not_in_time("a pose", time, nearest));
+            return Err(not_in_time("a pose", time, TOLERANCE, nearest));
         }
         Ok(match (before, after) {
             (Some(a), Some(b)) => {

@@ -11,15 +11,23 @@
 //! the trajectory. Errors of the timestamps and the camera's mount on the tracked body are estimated from
 //! the images (`rig/mod.rs`).
 //!
+//! One list of pairs (`associations.txt` of ORB-SLAM, under any name) may replace both lists, or names of
+//! files that are times; poses may be in any list of poses. Times may be in milli-, micro- or nanoseconds:
+//! the unit follows from their spacing. Whole numbers may count frames in place of times.
+//!
 //! The recordings do not contain intrinsics. The manufacturer's default projects their depth better than
 //! the calibration published for each colour camera.
 
+use super::numbered::PHOTOGRAPHS;
 use super::recording::{
-    Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error,
+    Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error, no_poses,
 };
 use super::rig::{Clock, ImagePair, Mount, Rig};
 use super::stated::PRIMESENSE;
-use super::trajectory::{TOLERANCE, TimedPose, Trajectory, lines, not_in_time, sort_by_time};
+use super::trajectory::{
+    PoseList, TOLERANCE, TimedPose, Trajectory, are_counts, is_text, lines, matching_unit,
+    not_in_time, number_in_name, pose_lists, sort_by_time, time_unit, usual_step,
+};
 use super::{rig, stated};
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -29,17 +37,17 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::dataset::video::{KINECT_COLOR, KINECT_DEPTH, RollingShutter};
 use crate::math::camera::Intrinsics;
 use crate::math::pose::{Pose, PoseError};
 use glam::{DMat4, DVec3};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "TUM RGB-D: `rgb.txt`, `depth.txt` and `groundtruth.txt`",
+    identified_by: "TUM RGB-D: `rgb.txt` and `depth.txt`, or `associations.txt`, and `groundtruth.txt`",
     poses: PoseConvention::Opencv,
     recognise,
     parse,
@@ -48,22 +56,90 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const COLOR_LIST: &str = "rgb.txt";
 const DEPTH_LIST: &str = "depth.txt";
 const POSES: &str = "groundtruth.txt";
+const DEPTH_FOLDER: &str = "depth";
 /// Maximum time, in seconds, between a depth image and a photograph that count as simultaneous.
 const SIMULTANEOUS: f64 = 1e-3;
 /// Maximum relative deviation of a PrimeSense camera's focal length from the manufacturer's value. In
 /// TUM's calibrations, the deviation is 2 %.
 const CALIBRATED: f64 = 0.03;
+/// Maximum time between a depth image and its photograph, in steps between photographs.
+const MOST_OF_STEP: f64 = 0.75;
 /// Length of one step of the depth codes, metres.
 const DEPTH_UNIT: f64 = 1.0 / 5000.0;
 
 fn recognise(folder: &Folder) -> Option<String> {
-    let lists_images = |name: &str| {
+    if has_two_lists(folder) {
+        return Some(format!("{COLOR_LIST} and {DEPTH_LIST} with times and image files"));
+    }
+    let (name, _) = pair_list(folder)?;
+    Some(format!("{name} with pairs of image files"))
+}
+
+pub(super) fn has_two_lists(folder: &Folder) -> bool {
+    [COLOR_LIST, DEPTH_LIST].into_iter().all(|name| {
         // The start of a list suffices; long recordings have thousands of lines.
         let text = folder.peek(name);
         folder.listing.has_file(name) && lines(&text).any(|(_, line)| image(line).is_some())
+    })
+}
+
+/// Finds a list whose lines name photograph and depth image. Also returns true if depth comes first.
+fn pair_list(folder: &Folder) -> Option<(String, bool)> {
+    let is_depth = |name: &str| name.to_lowercase().contains("depth");
+    folder.listing.files().filter(|name| is_text(name)).find_map(|name| {
+        let text = folder.peek(name);
+        let [(_, first), (_, second)] = pair(lines(&text).next()?.1)?;
+        let is_pair = [first, second].iter().all(|name| is_image(name));
+        (is_pair && is_depth(first) != is_depth(second)).then(|| (name.to_owned(), is_depth(first)))
+    })
+}
+
+/// Parses the times and files of a line. A file without a time has the time or number in its name.
+fn pair(text: &str) -> Option<[(f64, &str); 2]> {
+    let (mut time, mut found) = (None, Vec::new());
+    for token in text.split([' ', '\t', ',', ';']).filter(|token| !token.is_empty()) {
+        match token.parse::<f64>() {
+            Ok(number) if number.is_finite() => time = Some(number),
+            _ => {
+                let named = || time_in_name(token).or(Some(number_in_name(token)? as f64));
+                found.push((time.or_else(named)?, token));
+            }
+        }
+    }
+    found.try_into().ok()
+}
+
+fn is_image(name: &str) -> bool {
+    let extension = name.rsplit_once('.').map(|(_, end)| end.to_lowercase());
+    extension.is_some_and(|end| PHOTOGRAPHS.contains(&end.as_str()))
+}
+
+/// Lists of a recording's images.
+pub(super) enum ImageLists {
+    /// One list of photographs, one of depth images.
+    Two,
+    /// One list of pairs, and true if depth comes first in its lines.
+    Pairs(String, bool),
+    /// Files whose names are times, in the folder of photographs and that of depth.
+    Names([String; 2]),
+}
+
+/// Returns the folders of images if all of their names are times.
+pub(super) fn timed_names(folder: &Folder, color: &str) -> Option<ImageLists> {
+    let folders = [color, DEPTH_FOLDER].map(str::to_owned);
+    let are_times = |name: &String| {
+        let Ok(listing) = folder.list(Path::new(name)) else { return false };
+        let mut names = listing.files().filter(|name| is_image(name)).peekable();
+        names.peek().is_some() && names.all(|name| time_in_name(name).is_some())
     };
-    let is_ours = lists_images(COLOR_LIST) && lists_images(DEPTH_LIST);
-    is_ours.then(|| format!("{COLOR_LIST} and {DEPTH_LIST} with times and image files"))
+    folders.iter().all(are_times).then_some(ImageLists::Names(folders))
+}
+
+fn time_in_name(name: &str) -> Option<f64> {
+    let stem = name.rsplit('/').next()?.rsplit_once('.')?.0;
+    // Smaller whole numbers count frames.
+    let is_time = |time: &f64| time.is_finite() && (stem.contains('.') || *time >= 1e9);
+    stem.parse().ok().filter(is_time)
 }
 
 fn image(line: &str) -> Option<(f64, &str)> {
@@ -72,18 +148,47 @@ fn image(line: &str) -> Option<(f64, &str)> {
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let pairs = pair_list(folder).filter(|_| !has_two_lists(folder));
+    let lists = pairs.map_or(ImageLists::Two, |(name, first)| ImageLists::Pairs(name, first));
+    parse_lists(folder, options, &lists)
+}
+
+pub(super) fn parse_lists(
+    folder: &Folder,
+    options: &LoadOptions,
+    lists: &ImageLists,
+) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    let colors = images(&mut recording, COLOR_LIST)?;
-    let depths = images(&mut recording, DEPTH_LIST)?;
+    let mut colors = images(&mut recording, lists, false)?;
+    let mut depths = images(&mut recording, lists, true)?;
+    let [color_times, depth_times] = [&colors, &depths].map(|images| times(images));
+    let unit = time_unit(&depth_times);
     // Tracking needs no poses, so frames are not delayed for them.
     let trajectory = match options.track {
-        false => Some(trajectory(&mut recording)?),
+        false => Some(trajectory(&mut recording, (&depth_times, unit))?),
         true => None,
     };
-    let Some((cameras, is_kinect)) = cameras(&mut recording, &colors, &depths)? else {
+    let color_unit = matching_unit(&color_times, (&depth_times, unit)).unwrap_or(unit);
+    for (what, unit) in [("depth images", unit), ("photographs", color_unit)] {
+        if unit != 1.0 {
+            recording
+                .note(format!("times of {what} are in steps of {unit:e} s, from their spacing"));
+        }
+    }
+    depths.iter_mut().for_each(|image| image.time *= unit);
+    colors.iter_mut().for_each(|image| image.time *= color_unit);
+    let colors = Photographs::new(colors);
+    let is_counted = are_counts(&depth_times);
+    let Some((cameras, is_kinect)) = cameras(&mut recording, &colors.images, &depths)? else {
         return Ok(recording.finish());
     };
-    let unit = CodeKind::Linear16(DEPTH_UNIT);
+    let is_kinect = is_kinect && !is_counted;
+    let step = match lists {
+        // TUM names its files by seconds.
+        ImageLists::Names(_) if unit != 1.0 => MILLIMETRE,
+        _ => DEPTH_UNIT,
+    };
+    let unit = CodeKind::Linear16(step);
     let encoding = encoding(options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     let is_growing = folder.is_growing();
     let poses = trajectory.as_ref().map(|trajectory| Poses {
@@ -114,6 +219,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     }
     for depth in taken {
         let frame = frame(depth, &colors, poses, cameras, encoding);
+        let time =
+            |frame: FrameEntry| FrameEntry { time: frame.time.filter(|_| !is_counted), ..frame };
+        let frame = frame.map(time);
         recording.add(&depth.name, &depth.path, frame);
     }
     Ok(recording.finish())
@@ -121,14 +229,14 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 
 /// True if all data for the frame of a depth image is written. Poses and photographs are written in
 /// order of time, and later ones may be nearer in time to the frame.
-fn has_all_data(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedImage]) -> bool {
+fn has_all_data(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &Photographs) -> bool {
     let has = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
     // A Kinect needs poses until the last row is read.
     let end = |poses: Poses<'_>| {
         let read = if poses.is_kinect { 0.5 * KINECT_DEPTH } else { 0.0 };
         poses.trajectory.end().map(|end| end - read)
     };
-    poses.is_none_or(|poses| has(end(poses))) && has(colors.last().map(|color| color.time))
+    poses.is_none_or(|poses| has(end(poses))) && has(colors.images.last().map(|color| color.time))
 }
 
 struct TimedImage {
@@ -137,28 +245,83 @@ struct TimedImage {
     path: PathBuf,
 }
 
-fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, DatasetError> {
+fn times(images: &[TimedImage]) -> Vec<f64> {
+    images.iter().map(|image| image.time).collect()
+}
+
+/// Line of a list, and the time and file that it names.
+type ListLine = (usize, String, Option<(f64, String)>);
+
+/// Reads the list of photographs or of depth images. Returns its name and lines.
+fn list_lines(
+    folder: &Folder,
+    lists: &ImageLists,
+    is_depth: bool,
+) -> Result<(String, Vec<ListLine>), DatasetError> {
+    let in_text = |name: &str, parse: &dyn Fn(&str) -> Option<(f64, String)>| {
+        let (_, text) = folder.lines(name)?;
+        let parsed = lines(&text).map(|(line, text)| (line, text.to_owned(), parse(text)));
+        Ok((name.to_owned(), parsed.collect()))
+    };
+    match lists {
+        ImageLists::Two => {
+            let name = if is_depth { DEPTH_LIST } else { COLOR_LIST };
+            in_text(name, &|line| image(line).map(|(time, file)| (time, file.to_owned())))
+        }
+        ImageLists::Pairs(name, is_depth_first) => in_text(name, &|line| {
+            let [first, second] = pair(line)?;
+            let (time, file) = if is_depth == *is_depth_first { first } else { second };
+            Some((time, file.to_owned()))
+        }),
+        ImageLists::Names([color, depth]) => {
+            let name = if is_depth { depth } else { color };
+            let listing = folder.list(Path::new(name)).map_err(|problem| {
+                let path = folder.path.join(name);
+                metadata_error(&path, "a folder of images", problem.to_string(), "restore it")
+            })?;
+            let files =
+                listing.files().filter(|file| is_image(file)).enumerate().map(|(i, file)| {
+                    (
+                        i + 1,
+                        file.to_owned(),
+                        time_in_name(file).map(|t| (t, format!("{name}/{file}"))),
+                    )
+                });
+            Ok((name.clone(), files.collect()))
+        }
+    }
+}
+
+fn images(
+    recording: &mut Recording,
+    lists: &ImageLists,
+    is_depth: bool,
+) -> Result<Vec<TimedImage>, DatasetError> {
     let folder = recording.folder;
-    let (file, text) = folder.lines(list)?;
+    let (list, found_lines) = list_lines(folder, lists, is_depth)?;
+    let file = folder.path.join(&list);
     let mut found: Vec<TimedImage> = Vec::new();
-    for (line, content) in lines(&text) {
-        let Some((time, name)) = image(content) else {
-            recording.skip_line(&file, line, "a time in seconds and an image file", content);
+    for (line, content, image) in found_lines {
+        let Some((time, name)) = image else {
+            // A line of pairs is read for both of its images.
+            if is_depth || !matches!(lists, ImageLists::Pairs(..)) {
+                recording.skip_line(&file, line, "a time in seconds and an image file", &content);
+            }
             continue;
         };
-        match folder.resolve_named(name) {
-            Ok(path) => found.push(TimedImage { time, name: name.to_owned(), path }),
+        match folder.resolve_named(&name) {
+            Ok(path) => found.push(TimedImage { time, name, path }),
             Err(problem) => {
-                let problem = problem.or_missing(|| match list == DEPTH_LIST {
-                    true => FrameProblem::MissingDepth(name.to_owned()),
-                    false => FrameProblem::MissingColor(name.to_owned()),
+                let problem = problem.or_missing(|| match is_depth {
+                    true => FrameProblem::MissingDepth(name.clone()),
+                    false => FrameProblem::MissingColor(name.clone()),
                 });
-                recording.skip(name, file.clone(), problem);
+                recording.skip(&name, file.clone(), problem);
             }
         }
     }
     // A stable sort: of images with one time, the one listed first is used.
-    recording.note_unordered(list, sort_by_time(&mut found, |image| image.time));
+    recording.note_unordered(&list, sort_by_time(&mut found, |image| image.time));
     let mut unique: Vec<TimedImage> = Vec::with_capacity(found.len());
     for image in found {
         match unique.last().is_some_and(|last| last.time == image.time) {
@@ -172,13 +335,25 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
     Ok(unique)
 }
 
-fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
-    if !recording.folder.listing.has_file(POSES) {
-        let expected = "poses, lines of t tx ty tz qx qy qz qw";
-        let file = recording.folder.path.join(POSES);
-        let hint = "add the recording's trajectory with times on the images' clock, or estimate the poses with --poses track";
-        return Err(metadata_error(&file, expected, "no such file".to_owned(), hint));
+/// Reads the poses on the clock of the depth images, whose times and unit are given.
+fn trajectory(recording: &mut Recording, clock: (&[f64], f64)) -> Result<Trajectory, DatasetError> {
+    let (name, mut poses) = match recording.folder.listing.has_file(POSES) {
+        true => (POSES.to_owned(), ground_truth(recording)?),
+        false => other_poses(recording, clock)?,
+    };
+    let times: Vec<f64> = poses.iter().map(|pose| pose.time).collect();
+    let unit = matching_unit(&times, clock).unwrap_or(clock.1);
+    poses.iter_mut().for_each(|pose| pose.time *= unit);
+    let (trajectory, unordered, doubled) = Trajectory::new(poses);
+    recording.note_unordered(&name, unordered);
+    if doubled > 0 {
+        recording
+            .note(format!("{name}: {doubled} poses with the time of another pose are ignored"));
     }
+    Ok(trajectory)
+}
+
+fn ground_truth(recording: &mut Recording) -> Result<Vec<TimedPose>, DatasetError> {
     let (file, text) = recording.folder.lines(POSES)?;
     let mut poses = Vec::new();
     for (line, content) in lines(&text) {
@@ -190,13 +365,64 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
             }
         }
     }
-    let (trajectory, unordered, doubled) = Trajectory::new(poses);
-    recording.note_unordered(POSES, unordered);
-    if doubled > 0 {
-        recording
-            .note(format!("{POSES}: {doubled} poses with the time of another pose are ignored"));
+    Ok(poses)
+}
+
+/// Reads the poses from a list under another name: with times among those of the depth images or, in its
+/// order, as many as depth images.
+fn other_poses(
+    recording: &mut Recording,
+    clock @ (depth_times, _): (&[f64], f64),
+) -> Result<(String, Vec<TimedPose>), DatasetError> {
+    let folder = recording.folder;
+    let is_timed = |list: &PoseList| {
+        let times: Vec<f64> = list.poses.iter().filter_map(|pose| pose.time).collect();
+        matching_unit(&times, clock).is_some()
+    };
+    // The last line of a growing list may lack digits, and its count is not final.
+    let fits = |list: &PoseList| {
+        is_timed(list) || list.poses.len() == depth_times.len() && !folder.is_growing()
+    };
+    let (fitting, others): (Vec<_>, Vec<_>) =
+        pose_lists(folder).into_iter().partition(|(_, list)| fits(list));
+    let Some((name, list)) = fitting.into_iter().next() else {
+        let expected = "poses, lines of t tx ty tz qx qy qz qw";
+        let (file, found) = match others.first() {
+            None => (POSES, "no such file".to_owned()),
+            Some((name, list)) => {
+                let (n, n_depths) = (list.poses.len(), depth_times.len());
+                let form = list.form;
+                (
+                    name.as_str(),
+                    format!("{n} poses ({form}) without times for {n_depths} depth images"),
+                )
+            }
+        };
+        return Err(no_poses(&folder.path.join(file), expected, &found));
+    };
+    let list = match folder.is_growing() {
+        true => PoseList::parse(&folder.lines(&name)?.1).unwrap_or(list),
+        false => list,
+    };
+    let (file, is_timed) = (folder.path.join(&name), is_timed(&list));
+    let paired = if is_timed { "by time" } else { "by their order" };
+    recording.note(format!("poses are those of {name} ({}), paired {paired}", list.form));
+    let mut poses = Vec::new();
+    for (place, listed) in list.poses.into_iter().enumerate() {
+        let time = if is_timed { listed.time } else { depth_times.get(place).copied() };
+        let pose = listed.matrix.and_then(|matrix| Ok(Pose::from_opencv(matrix)?.to_opencv()));
+        match (time, pose) {
+            (Some(time), Ok(matrix)) => poses.push(TimedPose::from_matrix(time, matrix)),
+            (_, Err(problem)) => {
+                recording.skip(&format!("line {}", listed.line), file.clone(), problem);
+            }
+            (None, Ok(_)) => {
+                let found = "a pose without time";
+                recording.skip_line(&file, listed.line, "a time with each pose", found);
+            }
+        }
     }
-    Ok(trajectory)
+    Ok((name, poses))
 }
 
 /// Determines the cameras from an option, a file or the known intrinsics. Also returns whether they are
@@ -210,10 +436,12 @@ fn cameras(
     let sizes = recording.sizes(colors.iter().map(source), depths.iter().map(source));
     let Some((size, depth_size)) = sizes else { return Ok(None) };
     let file = recording.folder.path.join("camera-intrinsics.txt");
-    let (file, k) = match stated::in_text_file(recording.folder, size)? {
-        Some(stated) => stated,
-        None => PRIMESENSE.assume(recording, size, (file, "fx fy cx cy"))?,
-    };
+    let in_text = stated::in_text_file(recording.folder, size)?;
+    let (file, k) =
+        match in_text.map_or_else(|| stated::in_json_file(recording.folder), |k| Ok(Some(k)))? {
+            Some(stated) => stated,
+            None => PRIMESENSE.assume(recording, size, (file, "fx fy cx cy"))?,
+        };
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     Ok(Some((cameras, is_kinect(&cameras.depth))))
 }
@@ -331,7 +559,7 @@ impl Poses<'_> {
 
 fn frame(
     depth: &TimedImage,
-    colors: &[TimedImage],
+    colors: &Photographs,
     poses: Option<Poses<'_>>,
     cameras: Cameras,
     encoding: DepthEncoding,
@@ -342,7 +570,7 @@ fn frame(
         Some(poses) => poses.stated_at(measured)?,
         None => Pose::IDENTITY,
     };
-    let color = nearest(colors, depth.time)?;
+    let color = colors.nearest(depth.time)?;
     let size = [cameras.depth.width, cameras.depth.height];
     let times = [measured, color.time + rig.color_delay];
     let lens = poses.map_or(Distortion::default(), |poses| poses.lens(times));
@@ -354,9 +582,9 @@ fn frame(
     Ok(FrameEntry { time: Some(depth.time), ..frame })
 }
 
-fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<ImagePair> {
+fn shot(depth: &TimedImage, colors: &Photographs, encoding: DepthEncoding) -> Option<ImagePair> {
     // A missing photograph is reported when the frame itself is made.
-    let color = nearest(colors, depth.time).ok()?;
+    let color = colors.nearest(depth.time).ok()?;
     let file = ByteSource::File(depth.path.clone());
     Some(ImagePair {
         name: frame_name(&depth.name).into(),
@@ -370,12 +598,29 @@ fn frame_name(depth: &str) -> &str {
     depth.rsplit('/').next().unwrap_or(depth).trim_end_matches(".png")
 }
 
-fn nearest(colors: &[TimedImage], time: f64) -> Result<&TimedImage, FrameProblem> {
-    // Photographs are sorted by time, so only two are candidates.
-    let after = colors.partition_point(|image| image.time < time);
-    let around = [after.checked_sub(1).and_then(|i| colors.get(i)), colors.get(after)];
-    let distance = |image: &&TimedImage| (image.time - time).abs();
-    let best = around.into_iter().flatten().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-    best.filter(|image| distance(image) <= TOLERANCE)
-        .ok_or_else(|| not_in_time("a colour image", time, best.as_ref().map(distance)))
+/// Photographs in the order of their times.
+struct Photographs {
+    images: Vec<TimedImage>,
+    /// Maximum time between a depth image and its photograph, seconds.
+    tolerance: f64,
+}
+
+impl Photographs {
+    fn new(images: Vec<TimedImage>) -> Self {
+        // Less than a step: a neighbour must not replace a lost photograph.
+        let step = usual_step(&times(&images)).map_or(f64::INFINITY, |step| MOST_OF_STEP * step);
+        Self { images, tolerance: step.min(TOLERANCE) }
+    }
+
+    fn nearest(&self, time: f64) -> Result<&TimedImage, FrameProblem> {
+        // Photographs are sorted by time, so only two are candidates.
+        let after = self.images.partition_point(|image| image.time < time);
+        let before = after.checked_sub(1).and_then(|i| self.images.get(i));
+        let around = [before, self.images.get(after)];
+        let distance = |image: &&TimedImage| (image.time - time).abs();
+        let best = around.into_iter().flatten().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let nearest = best.as_ref().map(distance);
+        best.filter(|image| distance(image) <= self.tolerance)
+            .ok_or_else(|| not_in_time("a colour image", time, self.tolerance, nearest))
+    }
 }
