@@ -96,10 +96,10 @@ pub(super) fn parse(
     };
     // All formats are tried: a folder of two recordings must not open as either.
     let mut found: Vec<_> = FORMATS.iter().filter_map(recognise).collect();
-    // Images alone may be of a layout whose poses are missing. Without tracking, poses of another form
-    // may lie beside them.
-    let is_plain = found.iter().all(|(layout, ..)| options.track && *layout == Layout::ColorDepth);
-    if is_plain {
+    // Images without any list of poses may be of a layout whose poses are missing.
+    let is_plain = found.iter().all(|(layout, ..)| *layout == Layout::ColorDepth);
+    let has_poses = || !found.is_empty() && !trajectory::pose_lists(folder).is_empty();
+    if is_plain && (options.track || !has_poses()) {
         let unposed = UNPOSED.iter().filter_map(|(layout, recognise)| {
             let (_, format) = FORMATS.iter().find(|(other, _)| other == layout)?;
             Some((*layout, format, recognise(folder)?))
@@ -126,9 +126,9 @@ pub(super) fn parse(
         });
     }
     if let Some((layout, format, why)) = found.pop() {
-        let parsed = (format.parse)(folder, options)?;
-        // Parsing peeks at the files again and may meet a new disk error.
-        return folder.take_unread().map_or(Ok((layout, why, parsed)), Err);
+        let parsed = (format.parse)(folder, options);
+        // Parsing peeks at files too, and what it could not read may be what it misses.
+        return folder.take_unread().map_or_else(|| Ok((layout, why, parsed?)), Err);
     }
     let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.identified_by).collect();
     Err(DatasetError::NotRecognised {

@@ -8,7 +8,7 @@
 //! contains `camera`, as in `…_camera_poses.txt` (`--poses_camera`).
 
 use super::recording::{
-    Recording, check_intrinsics, encoding, frame_entry, metadata_error, same_size,
+    Recording, check_intrinsics, encoding, frame_entry, metadata_error, no_poses, same_size,
 };
 use super::stated;
 use super::trajectory::{ListedPose, lines};
@@ -124,8 +124,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         }
         return Ok(recording.finish());
     }
-    // The default is used only if the file was removed since recognition; reading it then fails.
-    let pose_name = pose_file(folder).unwrap_or("poses.txt");
+    let Some(pose_name) = pose_file(folder) else {
+        let expected = "poses of the images in TUM's or KITTI's form";
+        return Err(no_poses(&folder.path.join("poses.txt"), expected, "no such file"));
+    };
     let (file, text) = folder.lines(pose_name)?;
     let on_robot = match pose_name.contains(OF_CAMERA) {
         true => DMat4::IDENTITY,

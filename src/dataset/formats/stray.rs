@@ -219,7 +219,11 @@ fn pictures(
                     colors.len(), frames.len()
                 ));
             }
-            let found = Correspondence::of(colors, &frames).map(|found| {
+            let found = Correspondence::of(colors, &frames);
+            if found == Some(Correspondence::Numbers(0)) {
+                return Ok(None);
+            }
+            let found = found.map(|found| {
                 let pairs = found.pairs(colors, &frames).into_iter();
                 pairs.filter_map(|(color, frame)| Some((frame, color?))).collect()
             });

@@ -106,6 +106,9 @@ fn whole(number: f64) -> Option<u64> {
     (number >= 0.0 && number.fract() == 0.0 && number < 1e15).then_some(number as u64)
 }
 
+/// First characters of JSON.
+const JSON: [char; 2] = ['{', '['];
+
 /// List of poses in one of the known forms.
 pub(super) struct PoseList {
     /// Form, for messages.
@@ -116,7 +119,7 @@ pub(super) struct PoseList {
 impl PoseList {
     /// Parses a text; `None` unless most entries are poses in one known form.
     pub fn parse(text: &str) -> Option<Self> {
-        let (form, poses) = if text.trim_start().starts_with(['{', '[']) {
+        let (form, poses) = if text.trim_start().starts_with(JSON) {
             ("JSON", poses_in_json(&serde_json::from_str(text).ok()?)?)
         } else if let Some(poses) = poses_in_table(text) {
             ("CSV with a header", poses)
@@ -334,9 +337,14 @@ pub(super) fn pose_lists(folder: &Folder) -> Vec<(String, PoseList)> {
         }
         for name in listing.files().filter(|name| is_text(name)).take(MAX_TEXTS) {
             let path = if sub.is_empty() { name.to_owned() } else { format!("{sub}/{name}") };
-            // The start shows whether the file is text, which may be long.
-            let is_binary = folder.peek(&path).contains(['\0', char::REPLACEMENT_CHARACTER]);
-            let list = (!is_binary).then(|| PoseList::parse(&folder.peek_whole(&path))).flatten();
+            // A link to a folder is listed as a file.
+            if folder.has_folder(&path) {
+                continue;
+            }
+            // The start shows whether a text, which may be long, lists poses.
+            let start = folder.peek(&path);
+            let is_list = start.trim_start().starts_with(JSON) || PoseList::parse(&start).is_some();
+            let list = is_list.then(|| PoseList::parse(&folder.peek_whole(&path))).flatten();
             found.extend(list.map(|list| (path, list)));
         }
     }
@@ -386,7 +394,8 @@ pub(super) fn time_unit(times: &[f64]) -> f64 {
 
 /// True if times are whole numbers that are no clock's ticks, but count frames.
 pub(super) fn are_counts(times: &[f64]) -> bool {
-    time_unit(times) == 1.0 && times.iter().all(|time| time.fract() == 0.0)
+    let is_second = time_unit(times) == 1.0 && usual_step(times).is_some();
+    is_second && times.iter().all(|time| time.fract() == 0.0)
 }
 
 /// Returns the median time between frames; `None` for fewer than two different times.

@@ -86,7 +86,9 @@ pub(super) fn has_two_lists(folder: &Folder) -> bool {
 /// Finds a list whose lines name photograph and depth image. Also returns true if depth comes first.
 fn pair_list(folder: &Folder) -> Option<(String, bool)> {
     let is_depth = |name: &str| name.to_lowercase().contains("depth");
-    folder.listing.files().filter(|name| is_text(name)).find_map(|name| {
+    // A link to a folder is listed as a file.
+    let texts = folder.listing.files().filter(|name| is_text(name) && !folder.has_folder(name));
+    texts.into_iter().find_map(|name| {
         let text = folder.peek(name);
         let [(_, first), (_, second)] = pair(lines(&text).next()?.1)?;
         let is_pair = [first, second].iter().all(|name| is_image(name));
