@@ -109,7 +109,7 @@ fn cameras(
     let depths = pairs.values().filter_map(|pair| pair.depth.as_ref().ok());
     let Some((size, depth_size)) = recording.sizes(colors, depths) else { return Ok(None) };
     let folder = recording.folder;
-    let (file, k) = match (stated::in_json_file(folder)?, stated::in_text_file(folder, size)?) {
+    let (file, k) = match (stated::in_json_file(folder)?, stated::in_text_file(folder, "", size)?) {
         (Some(stated), _) | (None, Some(stated)) => stated,
         (None, None) => {
             let expected = "`width`, `height` and the camera's `intrinsic_matrix`";
