@@ -78,6 +78,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
                 continue;
             }
         };
+        if i == 0 {
+            let used = ["intrinsics"].into_iter().chain(DEPTH_LENS_KEYS);
+            stated::name_unused_keys(&mut recording, &file, &json, &used.collect::<Vec<_>>());
+        }
         let line = FrameLine { json: &json, file: &file };
         let name = line.text(&COLOR_KEYS).map_or_else(|| format!("line {}", i + 1), str::to_owned);
         if folder.was_taken(&name) {

@@ -9,7 +9,8 @@
 use super::numbered::PHOTOGRAPHS;
 use super::recording::{ANY_RANGE, Recording, encoding, frame_entry, metadata_error, same_size};
 use super::stated::{
-    FrameCamera, array, check_model, entry_name, first_of, flat_numbers, majority,
+    FrameCamera, LENS_TERMS, array, check_model, entry_name, first_of, flat_numbers, majority,
+    name_unused_keys,
 };
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -72,6 +73,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let encoding = list.encoding(&recording)?;
     let frames = array(&json, "frames");
     let mut seen = BTreeSet::new();
+    // Lens terms are used or refused.
+    let used = [&LENS_TERMS[..], &["distortion_params", "depth_unit_scale_factor"]].concat();
+    for object in std::iter::once(&json).chain(frames.first()) {
+        name_unused_keys(&mut recording, &file, object, &used);
+    }
     let sizes = list.sizes(folder, frames)?;
     for (i, frame) in frames.iter().enumerate() {
         let name = entry_name(frame, i);

@@ -5,7 +5,7 @@ use crate::dataset::calibrated_size::is_plausible_field_of_view;
 use crate::dataset::error::DatasetError;
 use crate::dataset::folder::{Folder, read_small_text};
 use crate::dataset::matrix;
-use crate::dataset::matrix::describe_json;
+use crate::dataset::matrix::{describe_json, shorten};
 use crate::math::camera::Intrinsics;
 use glam::DMat4;
 use serde_json::Value;
@@ -117,6 +117,44 @@ pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
     match numbers[..] {
         [fx, fy, cx, cy] => Some(Intrinsics { width: size.0, height: size.1, fx, fy, cx, cy }),
         _ => from_matrix(numbers.try_into().ok()?, size),
+    }
+}
+
+/// Keys of lens terms.
+pub(super) const LENS_TERMS: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+/// Parts of other keys that state cameras, lenses or units.
+const CAMERA_PARTS: [&str; 9] = [
+    "lens",
+    "distort",
+    "focal",
+    "intrinsic",
+    "extrinsic",
+    "shutter",
+    "skew",
+    "unit",
+    "depth_scale",
+];
+/// Most keys that one defect line lists.
+const MOST_KEYS: usize = 6;
+
+/// Adds a defect line for the keys of a JSON object of `file` that state numbers of a camera, a lens or
+/// a unit and are not among the `used` ones. Zeros state nothing.
+pub(super) fn name_unused_keys(
+    recording: &mut Recording,
+    file: &Path,
+    json: &Value,
+    used: &[&str],
+) {
+    let is_unused = |(key, value): &(&String, &Value)| {
+        let (name, key) = (key.to_lowercase(), key.as_str());
+        let is_camera = LENS_TERMS.contains(&key) || CAMERA_PARTS.iter().any(|p| name.contains(p));
+        let states = |value: &Value| flat_numbers(value)?.iter().any(|n| *n != 0.0).then_some(());
+        is_camera && !used.contains(&key) && states(value).is_some()
+    };
+    let keys = json.as_object().into_iter().flatten().filter(is_unused);
+    let keys: Vec<String> = keys.take(MOST_KEYS).map(|(key, _)| shorten(key)).collect();
+    if !keys.is_empty() {
+        recording.unused(file, format!("the keys {} are not used", keys.join(", ")));
     }
 }
 
@@ -290,7 +328,10 @@ impl SensorInfo {
 ///
 /// # Errors
 /// Two files with different cameras, or one without a camera.
-pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
+pub(super) fn in_json_file(
+    recording: &mut Recording,
+) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
+    let folder = recording.folder;
     let mut found: Option<(PathBuf, Intrinsics)> = None;
     for name in folder.listing.files().filter(|name| name.ends_with(".json")) {
         let (file, text) = folder.text(name)?;
@@ -307,7 +348,10 @@ pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsic
                 return Err(two_cameras(&file, &first.display().to_string()));
             }
             Some(_) => {}
-            None => found = Some((file, k)),
+            None => {
+                name_unused_keys(recording, &file, &json, &["intrinsic_matrix"]);
+                found = Some((file, k));
+            }
         }
     }
     Ok(found)
