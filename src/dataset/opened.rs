@@ -38,6 +38,8 @@ pub struct Dataset {
     pub warnings: Vec<Warning>,
     /// Notices for the user that are not defects.
     pub notes: Vec<String>,
+    /// Statements of the files about cameras, units or times that are not used, each with its file.
+    pub unused: Vec<String>,
     /// Range of positions if the layout defines one; see [`super::range::estimate`].
     pub known_range: Option<PositionRange>,
     /// Options with which the dataset was opened. The local origin is added if the cameras are too far
@@ -102,6 +104,7 @@ pub(super) fn read(
         splits: parsed.splits.into_iter().filter(|s| !s.frames.is_empty()).collect(),
         warnings: parsed.warnings,
         notes: parsed.notes,
+        unused: parsed.unused,
         known_range: parsed.known_range,
         options: *options,
     };
@@ -267,9 +270,11 @@ impl Dataset {
     }
 
     /// Returns the calibration known for the layout: the colour camera of a Kinect if depth has the
-    /// published Kinect intrinsics. `None` for other cameras and layouts.
+    /// published Kinect intrinsics and the files state no colour camera. `None` for other cameras and layouts.
     pub fn known_calibration(&self) -> Option<Calibration> {
-        let depth_camera = self.splits.first()?.frames.first()?.camera.intrinsics;
+        let first = self.splits.first()?.frames.first()?;
+        // A colour camera that the files state takes precedence.
+        let depth_camera = first.color_camera.is_none().then_some(first.camera.intrinsics)?;
         let mut known = self.layout.known_calibration(&depth_camera)?;
         if let Some(color) = &mut known.color_camera {
             color.offset = color.offset.map(|metres| metres * self.units_per_metre());

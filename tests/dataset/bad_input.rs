@@ -320,9 +320,9 @@ fn absurd_field_of_view() {
 fn absurd_intrinsics() {
     let k = "camera-intrinsics.txt";
     for (text, parts) in [
-        ("", [k, "expected 9 numbers", "found 0 numbers", "export"]),
-        ("a b c", [k, "expected 9 numbers", "found `a`", "export"]),
-        ("20 5 16 0 20 12 0 0 1", [k, "expected 9 numbers", "found [20.0, 5.0", "undistort"]),
+        ("", [k, "expected 4 numbers", "found 0 numbers", "export"]),
+        ("a b c", [k, "expected 4 numbers", "found `a`", "export"]),
+        ("20 5 16 0 20 12 0 0 1", [k, "expected a camera matrix", "found [20.0, 5.0", "undistort"]),
         ("nan 0 16 0 20 12 0 0 1", [k, "expected a horizontal field", "found NaN", "correct"]),
         ("0 0 16 0 20 12 0 0 1", [k, "expected a horizontal field", "found 180", "correct"]),
         ("20 0 16 0 1e9 12 0 0 1", [k, "expected a vertical field", "found 0.0000", "correct"]),

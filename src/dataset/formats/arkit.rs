@@ -6,7 +6,7 @@
 //! content. If the last four of the 16 numbers are `0 0 0 1`, a matrix is stored by rows. If every
 //! fourth number forms `0 0 0 1`, it is stored by columns, as in Apple's own arrays.
 
-use super::recording::{LIDAR_RANGE, Recording, encoding, frame_entry, same_size};
+use super::recording::{LIDAR_RANGE, Recording, encoding, frame_entry, own_camera, same_size};
 use super::stated;
 use super::stated::{first_of, flat_numbers, side};
 use crate::dataset::decode;
@@ -78,6 +78,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
                 continue;
             }
         };
+        if i == 0 {
+            let used = ["intrinsics"].into_iter().chain(DEPTH_LENS_KEYS);
+            stated::name_unused_keys(&mut recording, &file, &json, &used.collect::<Vec<_>>());
+        }
         let line = FrameLine { json: &json, file: &file };
         let name = line.text(&COLOR_KEYS).map_or_else(|| format!("line {}", i + 1), str::to_owned);
         if folder.was_taken(&name) {
@@ -136,7 +140,11 @@ impl<'a> FrameLine<'a> {
             let expected = "`intrinsics`, a camera matrix or fx, fy, cx, cy of the photograph";
             return Ok(Err(FrameProblem::Entry { expected, found: describe_json(self.json) }));
         };
-        let cameras = recording.cameras_of_lens(&k, size, depth_size, self.file)?;
+        // Each frame has its own camera, so a bad one costs its frame.
+        let cameras = match recording.cameras_of_lens(&k, size, depth_size, self.file) {
+            Ok(cameras) => cameras,
+            Err(error) => return Ok(Err(own_camera(error))),
+        };
         // Some packages convert depth to images; the content decides.
         let is_image = depth.as_ref().is_some_and(|file| decode::depth_size(file).is_ok());
         let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(MILLIMETRE));

@@ -13,7 +13,9 @@
 
 use super::nerfstudio;
 use super::numbered::{ListedFrame, ListedSplit, PHOTOGRAPHS};
-use super::recording::{ANY_RANGE, check_intrinsics, metadata_error, photograph_size, same_size};
+use super::recording::{
+    ANY_RANGE, Cameras, check_intrinsics, metadata_error, photograph_size, same_size,
+};
 use super::stated::{FrameCamera, check_model, entry_name};
 use crate::dataset::calibrated_size::from_user;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -143,7 +145,8 @@ impl FrameList {
             return Ok(None);
         };
         let encoding = self.depth_encoding(bits, options)?;
-        Ok(Some(listed.into_split(intrinsics, encoding, parsed)))
+        let cameras = Cameras::registered(intrinsics);
+        Ok(Some(listed.into_split(|_| (cameras, encoding), parsed)))
     }
 
     fn listed(

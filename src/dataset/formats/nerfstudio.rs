@@ -1,15 +1,17 @@
 //! nerfstudio: `transforms.json` whose frames name depth files (`depth_file_path`, or `depth_path` in
 //! NeRFCapture) or have cameras of their own; OpenGL axes.
 //!
-//! Every camera parameter (`fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1`, `k2`, `k3`, `p1`, `p2`) is given
-//! in the frame or, for all frames, at the top level. Depth along the optical axis is the stored value
-//! times `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), by default 0.001.
+//! Every camera parameter (`fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1`, `k2`, `k3`, `p1`, `p2`, or
+//! `distortion_params`) is given in the frame or, for all frames, at the top level. Depth along the optical
+//! axis is the stored value times `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), by default
+//! 0.001.
 
 use super::numbered::PHOTOGRAPHS;
-use super::recording::{
-    ANY_RANGE, Cameras, Recording, encoding, frame_entry, metadata_error, same_size,
+use super::recording::{ANY_RANGE, Recording, encoding, frame_entry, metadata_error, same_size};
+use super::stated::{
+    FrameCamera, LENS_TERMS, array, check_model, entry_name, first_of, flat_numbers, majority,
+    name_unused_keys,
 };
-use super::stated::{FrameCamera, array, check_model, entry_name, first_of, majority};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
@@ -17,7 +19,7 @@ use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, is_file};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
-use crate::dataset::matrix::from_json;
+use crate::dataset::matrix::{describe_json, from_json};
 use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
@@ -71,6 +73,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let encoding = list.encoding(&recording)?;
     let frames = array(&json, "frames");
     let mut seen = BTreeSet::new();
+    // Lens terms are used or refused.
+    let used = [&LENS_TERMS[..], &["distortion_params", "depth_unit_scale_factor"]].concat();
+    for object in std::iter::once(&json).chain(frames.first()) {
+        name_unused_keys(&mut recording, &file, object, &used);
+    }
     let sizes = list.sizes(folder, frames)?;
     for (i, frame) in frames.iter().enumerate() {
         let name = entry_name(frame, i);
@@ -178,20 +185,33 @@ impl FrameList<'_> {
         let k = camera.intrinsics(size)?;
         let cameras = recording.cameras_of_lens(&k, size, most_depth.unwrap_or(size), self.file)?;
         let depth = depth.map(|file| DepthSource::new(file, encoding));
-        let term = |key: &str| Ok::<_, DatasetError>(camera.number(key)?.unwrap_or(0.0));
-        let lens = Distortion {
-            radial: [term("k1")?, term("k2")?, term("k3")?],
-            tangential: [term("p1")?, term("p2")?],
-            ..Distortion::default()
-        };
         // Only a time of the frame itself: `number` would fall back to one of the list.
         let time = match frame.get("timestamp") {
             Some(_) => camera.number("timestamp")?,
             None => None,
         };
-        let cameras = Cameras { lens, ..cameras };
+        let cameras = cameras.with_lens(self.lens(&camera)?, self.file)?;
         let frame = frame_entry(name.to_owned(), pose, cameras, color, depth);
         Ok(Ok(FrameEntry { time, ..frame }))
+    }
+
+    /// Returns the lens, stated term by term or as the list `distortion_params` of k1 k2 k3 k4 p1 p2.
+    fn lens(&self, camera: &FrameCamera) -> Result<Distortion, DatasetError> {
+        const LIST: &str = "distortion_params";
+        let term = |key: &str| Ok::<_, DatasetError>(camera.number(key)?.unwrap_or(0.0));
+        let [k1, k2, k3, p1, p2] = match camera.frame.get(LIST).or_else(|| self.json.get(LIST)) {
+            None => [term("k1")?, term("k2")?, term("k3")?, term("p1")?, term("p2")?],
+            Some(listed) => match flat_numbers(listed).as_deref() {
+                Some(&[k1, k2, k3, 0.0, p1, p2]) => [k1, k2, k3, p1, p2],
+                _ => {
+                    let expected = "`distortion_params` of k1, k2, k3, 0, p1, p2";
+                    let hint = "undistort the images to a pinhole first";
+                    return Err(metadata_error(self.file, expected, describe_json(listed), hint));
+                }
+            },
+        };
+        let radial = [k1, k2, k3, 0.0, 0.0, 0.0];
+        Ok(Distortion { radial, tangential: [p1, p2], ..Distortion::default() })
     }
 }
 

@@ -63,6 +63,8 @@ impl Metadata {
         let Some(size) = recording.warn_unreadable(size) else { return Ok(()) };
         let k = self.intrinsics(size)?;
         let depth_size = self.depth_size(frames, codes, size)?;
+        let used = ["perFrameIntrinsicCoeffs"];
+        stated::name_unused_keys(recording, &self.file, &self.json, &used);
         let poses = stated::array(&self.json, "poses");
         // No error: only the frames without a pose are skipped below.
         if poses.len() < frames.len() {

@@ -210,7 +210,7 @@ fn cameras(
     let sizes = recording.sizes(colors.iter().map(source), depths.iter().map(source));
     let Some((size, depth_size)) = sizes else { return Ok(None) };
     let file = recording.folder.path.join("camera-intrinsics.txt");
-    let (file, k) = match stated::in_text_file(recording.folder, size)? {
+    let (file, k) = match stated::in_text_file(recording.folder, "", size)? {
         Some(stated) => stated,
         None => PRIMESENSE.assume(recording, size, (file, "fx fy cx cy"))?,
     };
