@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod bad_input;
+mod cases_lists;
 #[path = "../common/mod.rs"]
 mod common;
 mod fuzz;
