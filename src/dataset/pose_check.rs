@@ -43,7 +43,7 @@ const UNIT_STEP: f64 = 1.05;
 const MIN_GAIN: [f64; 2] = [0.2, 0.5];
 /// Conditions for suggesting another depth unit for the same poses with a smaller gain in agreement:
 /// minimum gain, largest share of the relative error that remains, and minimum change of the unit.
-const MIN_UNIT_GAIN: [f64; 3] = [0.05, 0.5, 0.05];
+const MIN_UNIT_GAIN: [f64; 3] = [0.02, 0.5, 0.05];
 
 /// Result of the pose check.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,8 +105,11 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     let trial = |poses, unit| PoseTrial::of(&pairs, stated, poses, unit);
     let opened = trial(stated, 1.0);
     // Higher agreement leaves no room for a better interpretation.
-    let is_open = opened.agreement < 1.0 - MIN_UNIT_GAIN[0];
-    let conventions: Vec<_> = PoseConvention::iter().filter(|_| is_open).collect();
+    let is_open = |poses: &PoseConvention| {
+        let gain = if *poses == stated { MIN_UNIT_GAIN[0] } else { MIN_GAIN[0] };
+        opened.agreement < 1.0 - gain
+    };
+    let conventions: Vec<_> = PoseConvention::iter().filter(is_open).collect();
     let trials = conventions.into_par_iter().map(|poses| best_unit(|unit| trial(poses, unit)));
     let best = trials.collect::<Vec<_>>().into_iter().max_by(PoseTrial::by_agreement);
     let best = best.filter(|best| best.agreement > MIN_GAIN[1] && best.is_better_than(&opened));
