@@ -33,9 +33,9 @@ const TOLERANCE: f64 = 0.04;
 /// Minimum share of samples that must project into the neighbour's image. If fewer do, the missing
 /// samples are counted as mismatches.
 const MIN_OVERLAP: f64 = 0.25;
-/// Largest depth factor that is searched; the smallest is its reciprocal. It includes metres for
-/// millimetres.
-const MAX_UNIT: f64 = 2000.0;
+/// Largest depth factor that is searched; the smallest is its reciprocal. It includes metres for steps of
+/// a tenth of a millimetre.
+const MAX_UNIT: f64 = 10_000.0;
 /// Ratio of neighbouring depth factors of the search. Depth within [`TOLERANCE`] of one of them agrees.
 const UNIT_STEP: f64 = 1.05;
 /// Conditions for suggesting another interpretation (pose convention with depth unit): minimum gain in
