@@ -22,6 +22,7 @@ use crate::dataset::frame::{DepthKind, Frame};
 use crate::dataset::surface::Sensor;
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
+use crate::math::measured_pixel::MASKED;
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
 use crate::render::{RenderMethod, RenderOptions, Renderer};
@@ -148,9 +149,13 @@ fn no_view(dataset: &Dataset, split: String, skipped: &[SkippedFrame]) -> EvalEr
     }
 }
 
-/// Returns the reference image of a comparison.
+/// Returns the reference image of a comparison. Pixels that a mask leaves out are NaN, and no metric counts
+/// them.
 pub fn ground_truth(frame: &Frame, kind: GroundTruth, background: [f32; 3]) -> RgbImage {
     frame.color.map(|&[r, g, b, a]| {
+        if [r, g, b, a] == MASKED {
+            return [f32::NAN; 3];
+        }
         let rgb = [r, g, b].map(|v| v as f32 / 255.0);
         match kind {
             GroundTruth::Rgb => rgb,

@@ -192,13 +192,18 @@ fn nan_pose() {
         skips_one(folder.path(), &parts);
         skips_one(folder.path(), &["row 2, column 1", "export the pose again"]);
     }
-    for token in ["NaN", "1e999"] {
+    let token = |token| {
         let folder = tiny_blender();
         let path = folder.path().join(LIST);
-        let text = fs::read_to_string(&path).unwrap().replacen("1.0", token, 1);
+        edit_frame(folder.path(), |frame| frame["transform_matrix"][3][3] = "@".into());
+        let text = fs::read_to_string(&path).unwrap().replace("\"@\"", token);
         fs::write(&path, text).unwrap();
-        refuses(folder.path(), &[LIST, "expected JSON", "found", "line", "export the file again"]);
-    }
+        folder
+    };
+    // Python writes and reads such words.
+    skips_one(token("NaN").path(), &["expected 4 rows of 4 finite numbers", "NaN"]);
+    let parts = [LIST, "expected JSON", "found", "line", "export the file again"];
+    refuses(token("1e999").path(), &parts);
     let folder = tiny_seven_scenes();
     edit_pose(folder.path(), |values| values[6] = f64::NAN);
     let parts =

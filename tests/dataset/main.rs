@@ -4,6 +4,7 @@
 
 mod bad_input;
 mod cases_camera;
+mod cases_lists;
 #[path = "../common/mod.rs"]
 mod common;
 mod fuzz;

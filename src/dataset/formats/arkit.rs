@@ -8,7 +8,7 @@
 
 use super::recording::{LIDAR_RANGE, Recording, encoding, frame_entry, own_camera, same_size};
 use super::stated;
-use super::stated::{first_of, flat_numbers, side};
+use super::stated::{first_of, flat_numbers, parse_json, side};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::entry::FrameEntry;
@@ -56,7 +56,7 @@ fn frame_lines(folder: &Folder) -> Option<&str> {
         let text = folder.peek(name);
         // Every line is a frame, so the first one suffices.
         let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
-        let json: Value = serde_json::from_str(first).unwrap_or_default();
+        let json: Value = parse_json(first).unwrap_or_default();
         first_of(&json, &POSE_KEYS).is_some()
     };
     let is_lines = |name: &&str| [".jsonl", ".ndjson"].iter().any(|end| name.ends_with(end));
@@ -70,10 +70,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let encoding = encoding(options, CodeKind::BareFloats, Sensor::Lidar, LIDAR_RANGE);
     let (mut seen, mut times) = (BTreeSet::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
-        let json: Value = match serde_json::from_str(line) {
+        let json: Value = match parse_json(line) {
             Ok(json) => json,
             Err(error) => {
-                let expected = "a JSON object (JSON has neither NaN nor infinity)";
+                let expected = "a JSON object";
                 recording.skip_line(&file, i + 1, expected, &error.to_string());
                 continue;
             }

@@ -169,6 +169,13 @@ pub(super) struct ParsedFolder {
 }
 
 impl ParsedFolder {
+    pub fn append(&mut self, other: Self) {
+        self.splits.extend(other.splits);
+        self.warnings.extend(other.warnings);
+        self.notes.extend(other.notes);
+        self.unused.extend(other.unused);
+    }
+
     pub fn skip(&mut self, split: &str, frame: &str, file: PathBuf, problem: FrameProblem) {
         let error = Arc::new(FrameError { file, frame: frame.to_owned(), problem });
         self.warnings.push(Warning { split: split.to_owned(), error });

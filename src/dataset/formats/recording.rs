@@ -26,7 +26,8 @@ use crate::math::pose::Pose;
 use std::borrow::Borrow;
 use std::path::{Path, PathBuf};
 
-const SPLIT: &str = "all";
+/// Name of the split of a recording without splits.
+pub(super) const SPLIT: &str = "all";
 
 /// Interval of trusted depth of structured-light sensors (Kinect, Structure), metres.
 pub(super) const STRUCTURED_LIGHT_RANGE: [f64; 2] = [0.3, 4.0];
@@ -39,6 +40,7 @@ pub(super) const ANY_RANGE: [f64; 2] = [0.0, f64::INFINITY];
 pub(super) struct Recording<'a> {
     pub folder: &'a Folder,
     pub options: &'a LoadOptions,
+    pub split: String,
     pub parsed: ParsedFolder,
     pub frames: Vec<FrameEntry>,
 }
@@ -80,7 +82,7 @@ pub(super) fn frame_entry(
     depth: Option<DepthSource>,
 ) -> FrameEntry {
     let Cameras { depth: intrinsics, color: color_camera, lens } = cameras;
-    let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens }));
+    let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens, mask: None }));
     FrameEntry { name, camera: Camera { intrinsics, pose }, color_camera, time: None, source }
 }
 
@@ -106,11 +108,12 @@ pub(super) fn encoding(
 
 impl<'a> Recording<'a> {
     pub fn new(folder: &'a Folder, options: &'a LoadOptions) -> Self {
-        Self { folder, options, parsed: ParsedFolder::default(), frames: Vec::new() }
+        let (split, parsed) = (SPLIT.to_owned(), ParsedFolder::default());
+        Self { folder, options, split, parsed, frames: Vec::new() }
     }
 
     pub fn skip(&mut self, frame: &str, file: PathBuf, problem: FrameProblem) {
-        self.parsed.skip(SPLIT, frame, file, problem);
+        self.parsed.skip(&self.split, frame, file, problem);
     }
 
     pub fn skip_line(&mut self, file: &Path, line: usize, expected: &'static str, found: &str) {
@@ -206,7 +209,7 @@ impl<'a> Recording<'a> {
             for frame in without {
                 let file = frame.color_path().unwrap_or(&self.folder.path).to_owned();
                 let problem = FrameProblem::MissingDepth(format!("of frame {}", frame.name));
-                self.parsed.skip(SPLIT, &frame.name, file, problem);
+                self.parsed.skip(&self.split, &frame.name, file, problem);
             }
         }
         // The frames that training holds out, under a name that users can choose.
@@ -214,8 +217,8 @@ impl<'a> Recording<'a> {
         // A recording of one frame has none to hold out; a poll may find one frame of many.
         let is_enough = self.frames.len() > 1 || self.folder.was_any_taken();
         let split = |name: &str, frames| DatasetSplit { name: name.to_owned(), frames, has_depth };
-        self.parsed.splits.push(split(SPLIT, self.frames));
-        if is_enough {
+        self.parsed.splits.push(split(&self.split, self.frames));
+        if is_enough && self.split == SPLIT {
             self.parsed.splits.push(split(HELD_OUT, held_out));
         }
         self.parsed
@@ -299,12 +302,12 @@ pub(super) fn own_camera(error: DatasetError) -> FrameProblem {
     match error {
         DatasetError::Metadata { file, expected, found, .. } => {
             let found = format!("{found} in {}", file.display());
-            FrameProblem::Intrinsics { expected, found, hint }
+            FrameProblem::Intrinsics { expected, found, hint: hint.to_owned() }
         }
         other => FrameProblem::Intrinsics {
             expected: "a camera".to_owned(),
             found: other.to_string(),
-            hint,
+            hint: hint.to_owned(),
         },
     }
 }

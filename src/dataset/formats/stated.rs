@@ -1,6 +1,6 @@
 //! Intrinsics stated in a recording's files, or known for its camera.
 
-use super::recording::{Recording, metadata_error};
+use super::recording::{Recording, SPLIT, metadata_error};
 use crate::dataset::calibrated_size::is_plausible_field_of_view;
 use crate::dataset::error::DatasetError;
 use crate::dataset::folder::{Folder, read_small_text};
@@ -173,6 +173,73 @@ pub(super) fn array<'a>(json: &'a Value, key: &str) -> &'a [Value] {
     json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
+/// Prefix of the names of frame lists. A damaged file with this prefix is reported instead of skipped.
+const LIST_PREFIX: &str = "transforms";
+
+/// Returns the frame lists of a folder: JSON files whose `frames` name files and poses, and files that are
+/// lists by their names. The value of a damaged file is null.
+pub(super) fn frame_lists(folder: &Folder) -> Vec<(&str, Value)> {
+    let is_posed = |f: &Value| f.get("transform_matrix").is_some() && f.get("file_path").is_some();
+    let list = |name| {
+        // Read completely: a list under another name is recognised by its content alone.
+        let json = parse_json(&folder.peek_whole(name)).unwrap_or(Value::Null);
+        let is_list = name.starts_with(LIST_PREFIX) || array(&json, "frames").iter().any(is_posed);
+        is_list.then_some((name, json))
+    };
+    folder.listing.files().filter(|name| name.ends_with(".json")).filter_map(list).collect()
+}
+
+pub(super) fn read_list(folder: &Folder, name: &str) -> Result<(PathBuf, Value), DatasetError> {
+    let (file, text) = folder.text(name)?;
+    match parse_json(&text) {
+        Ok(json) => Ok((file, json)),
+        Err(source) => Err(DatasetError::Json { file, source }),
+    }
+}
+
+/// Returns the split that the file name of a frame list states: `train` for `transforms_train.json` and
+/// `transforms-train.json`, `all` for `transforms.json`.
+pub(super) fn split_name(file_name: &str) -> &str {
+    let stem = file_name.trim_end_matches(".json");
+    match stem.strip_prefix(LIST_PREFIX).unwrap_or(stem).trim_matches(['_', '-', '.']) {
+        "" => SPLIT,
+        split => split,
+    }
+}
+
+/// Parses JSON with the bare words `NaN` and `Infinity`, which Python writes. They become texts, so that
+/// only what needs their number is refused.
+pub(super) fn parse_json(text: &str) -> serde_json::Result<Value> {
+    serde_json::from_str(text).or_else(|_| serde_json::from_str(&with_quoted_words(text)))
+}
+
+fn with_quoted_words(text: &str) -> String {
+    let (mut out, mut rest) = (String::with_capacity(text.len()), text);
+    while let Some(at) = rest.find(['"', '-', 'I', 'N']) {
+        let (before, from) = rest.split_at(at);
+        out.push_str(before);
+        let word = ["NaN", "Infinity", "-Infinity"].into_iter().find(|w| from.starts_with(w));
+        let quote = if word.is_some() { "\"" } else { "" };
+        let n = word.map_or_else(|| quoted_length(from), str::len);
+        let (part, after) = from.split_at(n);
+        out.extend([quote, part, quote]);
+        rest = after;
+    }
+    out + rest
+}
+
+/// Returns the number of bytes of the quoted text at the start; 1 without a quotation mark there.
+fn quoted_length(text: &str) -> usize {
+    let Some(inner) = text.strip_prefix('"') else { return 1 };
+    let mut is_escaped = false;
+    let end = inner.bytes().position(|byte| {
+        let is_end = byte == b'"' && !is_escaped;
+        is_escaped = byte == b'\\' && !is_escaped;
+        is_end
+    });
+    end.map_or(text.len(), |end| end + 2)
+}
+
 /// Returns the name of a frame list's entry: its path or, if it has no path, its position in the list.
 pub(super) fn entry_name(entry: &Value, place: usize) -> String {
     let path = entry.get("file_path").and_then(Value::as_str);
@@ -336,7 +403,7 @@ pub(super) fn in_json_file(
     for name in folder.listing.files().filter(|name| name.ends_with(".json")) {
         let (file, text) = folder.text(name)?;
         // Other JSON files, such as settings, may lie beside the camera's.
-        let Ok(json) = serde_json::from_str::<Value>(&text) else { continue };
+        let Ok(json) = parse_json(&text) else { continue };
         let Some(matrix) = json.get("intrinsic_matrix") else { continue };
         let size = side(&json, &["width"]).zip(side(&json, &["height"]));
         let k = size.and_then(|size| from_json(matrix, size));
@@ -375,6 +442,10 @@ impl FrameCamera<'_> {
             let expected = format!("a number as `{key}`");
             metadata_error(self.file, &expected, describe_json(value), "correct the value")
         })
+    }
+
+    pub fn states_size(&self) -> bool {
+        ["w", "h"].iter().any(|key| first_of(self.frame, &[key]).or(self.list.get(key)).is_some())
     }
 
     /// Returns the stated width and height. A missing value is replaced by that of `unless`.
@@ -489,6 +560,22 @@ pub(super) fn majority<S, T: Copy + PartialEq, E>(
     match most.or_else(|| others.into_iter().find_map(|(_, file)| ask(file).ok())) {
         Some(answer) => Ok(Some(answer)),
         None => error.map_or(Ok(None), Err),
+    }
+}
+
+#[cfg(test)]
+mod json_tests {
+    use super::*;
+
+    #[test]
+    fn bare_words_become_texts_and_texts_stay() {
+        let text = r#"{"a\\\"NaN": [NaN, -Infinity, -1, Infinity], "N": "\\", "ä": "I-NaN"}"#;
+        let json = parse_json(text).unwrap_or_default();
+        assert_eq!(json["a\\\"NaN"], serde_json::json!(["NaN", "-Infinity", -1, "Infinity"]));
+        assert_eq!((&json["N"], &json["ä"]), (&"\\".into(), &"I-NaN".into()));
+        for broken in ["[NaN", "[NaNa]", "[\"NaN]", "[-]", "[Inf]"] {
+            assert!(parse_json(broken).is_err(), "{broken}");
+        }
     }
 }
 
