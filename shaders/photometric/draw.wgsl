@@ -120,7 +120,9 @@ fn compare(drawn: Drawn, measured: Measured, tile: vec2<u32>, lane: u32) -> vec2
     let color = vec3<f32>(measured.red, measured.green, measured.blue);
     let residual = color - drawn.color * fill;
     let squared = dot(residual, residual);
-    let rho = 1.0 / (1.0 + squared * frame.per_tau);
+    // Pixels that are left out have a coverage of -1: they count nothing and weigh nothing.
+    let is_left_out = measured.coverage == 0xbf800000u;
+    let rho = select(1.0 / (1.0 + squared * frame.per_tau), 0.0, is_left_out);
     var pixel: Pixel;
     pixel.behind = drawn.color * (fill + filled);
     pixel.fill = fill;
@@ -140,7 +142,8 @@ fn compare(drawn: Drawn, measured: Measured, tile: vec2<u32>, lane: u32) -> vec2
     pixel.per_tolerance = measured.per_tolerance;
     pixels[(tile.y * frame.columns + tile.x) * LANES + lane] = pixel;
     // Pixels with little coverage carry no information about noise.
-    return select(vec2<f32>(0.0), vec2<f32>(squared, 1.0), covered >= SEEN);
+    let counts = covered >= SEEN && !is_left_out;
+    return select(vec2<f32>(0.0), vec2<f32>(squared, 1.0), counts);
 }
 
 // Sums in a fixed order, for reproducible bits. Every lane must call it.

@@ -67,8 +67,11 @@ pub fn open(
             Ok(view(path, read_splats(path)?, serial))
         }
         Subject::Path(path) => {
-            let dataset = Arc::new(dataset::open(path, &LoadOptions::default())?);
-            let opened = Session::new(dataset, training.request()?, Selection::all_frames())?;
+            let request = training.request()?;
+            let calibrated_photographs = request.has_color_camera();
+            let options = LoadOptions { calibrated_photographs, ..LoadOptions::default() };
+            let dataset = Arc::new(dataset::open(path, &options)?);
+            let opened = Session::new(dataset, request, Selection::all_frames())?;
             Ok(session(opened, serial, Some(path)))
         }
     }
@@ -95,7 +98,8 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
     let color_camera = session.config().method.as_any().color_camera();
     let scaled = color_camera.and_then(|camera| split.camera_scaling(&camera).ok().flatten());
     let scaled = scaled.map(|scaled| (NoticeKind::Info, scaled.to_string()));
-    let notices = notes.chain(warnings).chain(assumed).chain(scaled).collect();
+    let unused = dataset.unused.iter().map(|unused| (NoticeKind::Warning, unused.clone()));
+    let notices = notes.chain(warnings).chain(unused).chain(assumed).chain(scaled).collect();
     let opened = Opened {
         name: path.map_or_else(|| "Demo: synthetic room".to_owned(), |_| dataset.name.clone()),
         path: path.map(Path::to_path_buf),

@@ -8,9 +8,9 @@ use super::train::print_dataset_notes;
 use super::{model, output, quality, tracked};
 use serde::Serialize;
 use vbgs_studio::dataset;
-use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
 use vbgs_studio::dataset::splits::{HOLD_OUT_EVERY, HoldOut, ViewGroup};
+use vbgs_studio::dataset::{Dataset, LoadOptions};
 use vbgs_studio::eval::near::NearRule;
 use vbgs_studio::eval::report::{EvalReport, ViewReport};
 use vbgs_studio::pipeline::settings::method::Method;
@@ -23,7 +23,9 @@ struct EvalOutput {
 
 pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     let model = model::load(&args.model)?;
-    let load = model.load_options(args.reading.load_options())?;
+    let calibrated_photographs = args.calibration.is_some();
+    let asked = LoadOptions { calibrated_photographs, ..args.reading.load_options() };
+    let load = model.load_options(asked)?;
     let dataset = dataset::open(&args.dataset, &load)?;
     print_dataset_notes(&dataset);
     if let Some(found) = &model.trajectory {

@@ -17,7 +17,7 @@ use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind};
 use vbgs_studio::dataset::pose_check::PoseCheck;
 use vbgs_studio::dataset::splits::HELD_OUT;
 use vbgs_studio::dataset::wild_poses::outlier_poses;
-use vbgs_studio::dataset::{Dataset, FrameEntry};
+use vbgs_studio::dataset::{Dataset, FrameEntry, LoadOptions};
 use vbgs_studio::eval::trajectory_error::TrajectoryError;
 use vbgs_studio::export::checkpoint::{StoredModel, is_checkpoint};
 use vbgs_studio::export::{Imported, ModelKind};
@@ -109,7 +109,8 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
 }
 
 fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
-    let mut defects: Vec<String> = dataset.warnings.iter().map(ToString::to_string).collect();
+    let warnings = dataset.warnings.iter().map(ToString::to_string);
+    let mut defects: Vec<String> = warnings.chain(dataset.unused.iter().cloned()).collect();
     let splits =
         (0..dataset.splits.len()).map(|split| split_info(dataset, split, &mut defects)).collect();
     if let Ok(split) = dataset.training_split() {
@@ -500,7 +501,11 @@ fn print_checkpoint(info: &CheckpointInfo) -> Result<(), Failure> {
 pub fn run_calibrate(args: &CalibrateArgs) -> Result<(), Failure> {
     // Read before the recording is opened, so that errors in it are reported at once.
     let start = args.calibration.as_deref().map(Calibration::read).transpose()?;
-    let dataset = dataset::open(&args.dataset, &args.depth.recorded_load_options()?)?;
+    let options = LoadOptions {
+        calibrated_photographs: start.as_ref().is_some_and(|start| start.color_camera.is_some()),
+        ..args.depth.recorded_load_options()?
+    };
+    let dataset = dataset::open(&args.dataset, &options)?;
     print_dataset_notes(&dataset);
     let start = match start {
         Some(start) => start,

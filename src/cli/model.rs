@@ -68,6 +68,8 @@ impl Model {
             )),
             (found, _) => Ok(LoadOptions {
                 track: found.is_some(),
+                calibrated_photographs: asked.calibrated_photographs
+                    || self.method.as_ref().is_some_and(|m| m.as_any().color_camera().is_some()),
                 local_origin: Some(self.local_origin.to_array()),
                 ..asked
             }),

@@ -176,8 +176,9 @@ fn render_view(
         RenderOptions { exposure_mode: args.exposure.unwrap_or(plain.exposure_mode), near, ..plain }
     };
     // As `eval` does: a held-out pose has the error that training corrected in its neighbours.
-    let pose = painter.splats.finishing().corrected_pose(&entry.camera.pose);
-    let camera = entry.photo_camera_at(pose, photographed.as_ref());
+    let scene = painter.splats.finishing();
+    let pose = scene.corrected_pose(&entry.camera.pose);
+    let camera = scene.photograph_camera(entry.photo_camera_at(pose, photographed.as_ref()));
     let names = painter.draw(&camera, &options, &args.output)?;
     out!("wrote {names} ({} of `{}`)", entry.name, split.name);
     Ok(())

@@ -95,7 +95,7 @@ pub fn warning(check: &PoseCheck) -> Option<String> {
         looks.push(format!("the poses match {best}, but {says} specifies {opened}"));
         advice.push(format!("--pose-axes {best}"));
     }
-    // Compared exactly: units come from a fixed list, in which 1 is the unit as read.
+    // Exactly 1 is the unit as read.
     if best.unit != 1.0 {
         looks.push(format!("depth seems to be {} times as long as read", rounded(best.unit)));
         advice.push(format!("a --depth-scale {} times the recording's", rounded(best.unit)));
@@ -104,7 +104,8 @@ pub fn warning(check: &PoseCheck) -> Option<String> {
 }
 
 fn rounded(unit: f64) -> String {
-    let text = format!("{unit:.4}");
+    // Three digits of small factors, too.
+    let text = format!("{unit:.7}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 

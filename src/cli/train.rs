@@ -238,7 +238,10 @@ enum Start {
 impl Start {
     fn load_options(&self, args: &TrainArgs) -> LoadOptions {
         match self {
-            Self::New(_) => args.reading.load_options(),
+            Self::New(request) => LoadOptions {
+                calibrated_photographs: request.has_color_camera(),
+                ..args.reading.load_options()
+            },
             Self::Saved(run, _) => run.load_options(),
         }
     }
@@ -410,6 +413,7 @@ fn warn_about_poses(dataset: &Dataset) {
 pub fn print_dataset_notes(dataset: &Dataset) {
     dataset.notes.iter().for_each(|note| eprintln!("note: {note}"));
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    dataset.unused.iter().for_each(|unused| eprintln!("warning: {unused}"));
 }
 
 /// Gives a session the training devices chosen on the command line.

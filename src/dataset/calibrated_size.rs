@@ -33,7 +33,7 @@ impl fmt::Display for ScaledCamera {
 /// Error: the images of a calibrated colour camera have another aspect ratio than the photographs.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "calibration: `size`: expected {}×{}, the size of the photograph of {frame}, or a size of the same aspect ratio, found {}×{}; give a calibration of these photographs",
+    "calibration: `size`: expected {}×{}, the size of the photograph of {frame}, or a stated size of the same aspect ratio, found {}×{}; give a calibration of these photographs",
     found[0], found[1], calibrated[0], calibrated[1]
 )]
 pub struct AspectRatioMismatch {
@@ -55,12 +55,20 @@ impl DatasetSplit {
         &self,
         camera: &ColorCamera,
     ) -> Result<Option<ScaledCamera>, AspectRatioMismatch> {
-        let Some(calibrated) = camera.size else { return Ok(None) };
         let mut scaled = None;
         for frame in &self.frames {
             let k = frame.photo_camera(None).intrinsics;
             let found = [k.width, k.height];
-            if !have_same_aspect_ratio(calibrated, found) {
+            let [cx, cy] = camera.principal;
+            // Without a size, the principal point shows that images of another size were calibrated.
+            let is_fitting = camera.size.map_or_else(
+                || check_centre(&Intrinsics { cx, cy, ..k }).is_ok(),
+                |size| have_same_aspect_ratio(size, found),
+            );
+            let centred = || camera.principal.map(|c| (2.0 * c).round() as u32);
+            let calibrated =
+                camera.size.unwrap_or_else(|| if is_fitting { found } else { centred() });
+            if !is_fitting {
                 return Err(AspectRatioMismatch { frame: frame.name.clone(), found, calibrated });
             }
             if found != calibrated {
@@ -72,7 +80,7 @@ impl DatasetSplit {
     }
 }
 
-fn have_same_aspect_ratio(one: [u32; 2], other: [u32; 2]) -> bool {
+pub(super) fn have_same_aspect_ratio(one: [u32; 2], other: [u32; 2]) -> bool {
     // Products of two sides may exceed 32 bits.
     let ([w, h], [width, height]) = (one.map(i64::from), other.map(i64::from));
     // Downscaling rounds each side by up to half a pixel.
@@ -129,9 +137,45 @@ pub(super) fn check(k: &Intrinsics) -> Result<(), IntrinsicsDefect> {
     Ok(())
 }
 
+/// Distance of a principal point from the image centre, as a fraction of the side, at which intrinsics
+/// may belong to images of another size. Lenses are centred to within a few hundredths.
+const OFF_CENTRE: f64 = 0.1;
+/// Least distance along one side if the distances along both sides differ; equal ones tell of a scale.
+const FAR_OFF_CENTRE: f64 = 0.2;
+
+/// Refuses intrinsics for images of another size: the principal point is off the centre towards one
+/// corner, by the same fraction of both sides or far.
+pub(super) fn check_centre(k: &Intrinsics) -> Result<(), IntrinsicsDefect> {
+    let [x, y] = [k.cx / f64::from(k.width), k.cy / f64::from(k.height)].map(|at| at - 0.5);
+    let least = if (x - y).abs() < 0.5 * OFF_CENTRE { OFF_CENTRE } else { FAR_OFF_CENTRE };
+    if x * y <= 0.0 || x.abs().min(y.abs()) < least {
+        return Ok(());
+    }
+    Err(IntrinsicsDefect {
+        expected: format!(
+            "a principal point near the centre of the {}x{} image",
+            k.width, k.height
+        ),
+        found: format!("({}, {}), the centre of {:.0}x{:.0}", k.cx, k.cy, 2.0 * k.cx, 2.0 * k.cy),
+        hint: "use the intrinsics that belong to images of this size, or give them with --intrinsics",
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn centres_of_other_sizes_are_told_from_lenses_off_centre() {
+        let at = |cx, cy| {
+            let k = Intrinsics { width: 640, height: 480, fx: 500.0, fy: 500.0, cx, cy };
+            check_centre(&k).is_ok()
+        };
+        assert!(at(320.0, 240.0) && at(350.0, 270.0) && at(330.0, 470.0) && at(630.0, 20.0));
+        for (cx, cy) in [(160.0, 120.0), (640.0, 480.0), (400.0, 300.0), (640.0, 360.0)] {
+            assert!(!at(cx, cy), "({cx}, {cy})");
+        }
+    }
 
     #[test]
     fn sizes_of_one_shape_differ_by_less_than_a_pixel() {

@@ -1,6 +1,7 @@
 //! Decodes image files to colour and depth arrays.
 
 use super::depth::{Depth, DepthCodes, DepthKind};
+use super::entry::MaskSource;
 use super::error::FrameProblem;
 use super::folder::{RetryingFile, open_file};
 use super::lengths;
@@ -9,6 +10,7 @@ use super::surface::sensor::Sensor;
 use crate::math::image::Image;
 use bytemuck::AnyBitPattern;
 use bytemuck::allocation::try_cast_vec;
+use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -47,6 +49,25 @@ pub(super) struct ImageHeader {
     pub width: u32,
     pub height: u32,
     pub bits_per_channel: u16,
+    /// Orientation of the picture by EXIF, which is not applied to the size.
+    pub orientation: Orientation,
+}
+
+impl ImageHeader {
+    /// Returns the size of the picture turned by its EXIF orientation.
+    pub fn upright(&self) -> (u32, u32) {
+        turned_size((self.width, self.height), self.orientation)
+    }
+}
+
+fn turned_size((width, height): (u32, u32), orientation: Orientation) -> (u32, u32) {
+    match orientation {
+        Orientation::NoTransforms
+        | Orientation::Rotate180
+        | Orientation::FlipHorizontal
+        | Orientation::FlipVertical => (width, height),
+        _ => (height, width),
+    }
 }
 
 pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
@@ -60,11 +81,13 @@ pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
 fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
     catch_decoder_panic(|| {
         // The content decides, not the name: a JPEG named `.png` is decoded as JPEG.
-        let decoder = ImageReader::new(bytes).with_guessed_format()?.into_decoder()?;
+        let mut decoder = ImageReader::new(bytes).with_guessed_format()?.into_decoder()?;
         let (width, height) = decoder.dimensions();
+        // A damaged orientation is none.
+        let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
         let color = decoder.color_type();
         let bits_per_channel = color.bits_per_pixel() / u16::from(color.channel_count());
-        Ok(ImageHeader { width, height, bits_per_channel })
+        Ok(ImageHeader { width, height, bits_per_channel, orientation })
     })
 }
 
@@ -140,6 +163,21 @@ pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<
     }
 }
 
+/// Decodes a mask for photographs of `size`; true at pixels that are used.
+pub(super) fn mask(mask: &MaskSource, size: (u32, u32)) -> Result<Image<bool>, FrameProblem> {
+    let bytes = mask.file.read()?;
+    // A JPEG does not keep black exactly; other files may number what they show from 1.
+    let is_jpeg = image::guess_format(&bytes).is_ok_and(|format| format == ImageFormat::Jpeg);
+    let least = if is_jpeg { 128 } else { 1 };
+    let gray = decode(&bytes, size, "a mask")?.into_luma8();
+    let used: Vec<bool> = gray.iter().map(|v| (*v >= least) == mask.hides_black).collect();
+    if !used.contains(&true) {
+        let expected = "a mask with used pixels";
+        return Err(FrameProblem::Entry { expected, found: "none".to_owned() });
+    }
+    Ok(Image::from_vec(size.0 as usize, size.1 as usize, used))
+}
+
 /// Returns the first channel of an image whose channels have the size of `T`. Fails for other images;
 /// the error contains `expected` and `hint`.
 fn first_channel<T: AnyBitPattern>(
@@ -175,10 +213,15 @@ fn decode(
         return Err(FrameProblem::TruncatedJpeg);
     }
     catch_decoder_panic(|| {
-        let decoder = reader.into_decoder()?;
+        let mut decoder = reader.into_decoder()?;
+        let found = decoder.dimensions();
+        // Turned only where the camera's size is that of the upright picture.
+        let orientation = match found == size {
+            true => Orientation::NoTransforms,
+            false => decoder.orientation().unwrap_or(Orientation::NoTransforms),
+        };
         // Checked before decoding: a small file may unpack to a thousand times its bytes.
-        if decoder.dimensions() != size {
-            let found = decoder.dimensions();
+        if turned_size(found, orientation) != size {
             return Err(FrameProblem::Size { what, expected: size, found });
         }
         if format == Some(ImageFormat::Png) {
@@ -187,7 +230,9 @@ fn decode(
             lengths::check_unpacked(bytes, size, decoder.total_bytes())?;
         }
         Limits::default().reserve(decoder.total_bytes())?;
-        Ok(DynamicImage::from_decoder(decoder)?)
+        let mut image = DynamicImage::from_decoder(decoder)?;
+        image.apply_orientation(orientation);
+        Ok(image)
     })
 }
 

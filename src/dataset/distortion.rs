@@ -3,7 +3,7 @@
 //! Everything after loading assumes a pinhole camera. The image is resampled to the pinhole of the same
 //! intrinsics: colours bilinearly, depth by nearest neighbour, since the mean of two surfaces is on
 //! neither. Radial and tangential terms follow Brown and Conrady in OpenCV's form: `r² = x² + y²`,
-//! `x' = x(1 + k₁r² + k₂r⁴ + k₃r⁶) + 2p₁xy + p₂(r² + 2x²)`.
+//! `x' = x(1 + k₁r² + k₂r⁴ + k₃r⁶)/(1 + k₄r² + k₅r⁴ + k₆r⁶) + 2p₁xy + p₂(r² + 2x²)`.
 
 use super::entry::FrameEntry;
 use super::opened::{Dataset, open};
@@ -17,23 +17,48 @@ use std::collections::BTreeMap;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Distortion {
-    /// Radial coefficients `k₁`, `k₂`, `k₃` for normalised image coordinates (pixels over focal length).
-    pub radial: [f64; 3],
+    /// Radial coefficients `k₁` to `k₆` for normalised image coordinates (pixels over focal length).
+    pub radial: [f64; 6],
     pub tangential: [f64; 2],
     pub color: RollingShutter,
     pub depth: RollingShutter,
 }
 
+/// Largest ratio, in either direction, between the distances of a pixel of the image's border from the
+/// optical axis with and without distortion. Perspective lenses stay below 1.5.
+const MOST_BENT: f64 = 2.0;
+
 impl Distortion {
     fn is_pinhole(&self) -> bool {
-        (self.radial, self.tangential) == ([0.0; 3], [0.0; 2])
+        (self.radial, self.tangential) == ([0.0; 6], [0.0; 2])
+    }
+
+    /// True if the lens maps the image of `k` to about itself: distances from the optical axis grow
+    /// towards the corners and sides, and end near their undistorted values.
+    pub fn is_plausible(&self, k: &Intrinsics) -> bool {
+        const STEPS: i32 = 16;
+        let ends =
+            |c: f64, side: u32, focal: f64| [-c, 0.0, f64::from(side) - c].map(|d| d / focal);
+        let (xs, ys) = (ends(k.cx, k.width, k.fx), ends(k.cy, k.height, k.fy));
+        let mut border = xs.into_iter().flat_map(|x| ys.map(|y| DVec2::new(x, y)));
+        self.is_pinhole()
+            || border.all(|end| {
+                let bent = |i: i32| self.distort(end * f64::from(i) / f64::from(STEPS)).dot(end);
+                let (straight, reached) = (end.length_squared(), bent(STEPS));
+                // Comparisons with NaN are false. The optical axis itself has no direction.
+                straight == 0.0
+                    || (0..STEPS).all(|i| bent(i) < bent(i + 1))
+                        && reached < MOST_BENT * straight
+                        && straight < MOST_BENT * reached
+            })
     }
 
     pub fn distort(&self, slope: DVec2) -> DVec2 {
         let DVec2 { x, y } = slope;
-        let ([k1, k2, k3], [p1, p2]) = (self.radial, self.tangential);
+        let ([k1, k2, k3, k4, k5, k6], [p1, p2]) = (self.radial, self.tangential);
         let r2 = slope.length_squared();
-        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let series = |a: f64, b: f64, c: f64| 1.0 + r2 * (a + r2 * (b + r2 * c));
+        let radial = series(k1, k2, k3) / series(k4, k5, k6);
         slope * radial
             + DVec2::new(
                 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
@@ -172,7 +197,7 @@ mod tests {
         let none = Distortion::default();
         assert_eq!(none.undistort_color(&k, &image), None);
         assert_eq!(none.undistort_depth(&k, &image, [0; 4], |v, _| v), None);
-        let hardly = Distortion { radial: [1e-12, 0.0, 0.0], ..none };
+        let hardly = Distortion { radial: [1e-12, 0.0, 0.0, 0.0, 0.0, 0.0], ..none };
         assert_eq!(hardly.undistort_color(&k, &image), Some(image));
     }
 
@@ -180,14 +205,27 @@ mod tests {
     #[test]
     fn terms_are_those_of_opencv() {
         let lens = Distortion {
-            radial: [0.1, -0.02, 0.003],
+            radial: [0.1, -0.02, 0.003, 0.01, 0.2, -0.3],
             tangential: [0.001, -0.002],
             ..Distortion::default()
         };
         let found = lens.distort(DVec2::new(0.2, -0.1));
-        let radial = 1.0 + 0.1 * 0.05 - 0.02 * 0.0025 + 0.003 * 0.000125;
+        let radial = (1.0 + 0.1 * 0.05 - 0.02 * 0.0025 + 0.003 * 0.000125)
+            / (1.0 + 0.01 * 0.05 + 0.2 * 0.0025 - 0.3 * 0.000125);
         let x = 0.2 * radial + 2.0 * 0.001 * -0.02 - 0.002 * (0.05 + 0.08);
         let y = -0.1 * radial + 0.001 * (0.05 + 0.02) + 2.0 * -0.002 * -0.02;
         assert!((found - DVec2::new(x, y)).length() < 1e-15);
+    }
+    #[test]
+    fn only_lenses_that_map_an_image_to_itself_are_plausible() {
+        let k = Intrinsics::from_horizontal_fov(640, 480, 1.3);
+        let bends = |radial| Distortion { radial, ..Distortion::default() }.is_plausible(&k);
+        // An Azure Kinect's photographs, and wide lenses of action cameras.
+        assert!(
+            bends([0.5, -2.7, 1.5, 0.37, -2.5, 1.4]) && bends([-0.28, 0.08, 0.0, 0.0, 0.0, 0.0])
+        );
+        for odd in [5.0, -1.0, f64::NAN, 1e300] {
+            assert!(!bends([odd, 0.0, 0.0, 0.0, 0.0, 0.0]), "{odd}");
+        }
     }
 }

@@ -15,6 +15,7 @@ use super::surface::sensor::Sensor;
 use super::synthetic::scene::SyntheticScene;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
+use crate::math::measured_pixel::MASKED;
 use crate::math::pose::Pose;
 use std::path::Path;
 use std::sync::Arc;
@@ -68,6 +69,15 @@ pub(super) struct FrameFiles {
     pub color: ByteSource,
     pub depth: Option<DepthSource>,
     pub lens: Distortion,
+    pub mask: Option<MaskSource>,
+}
+
+/// Image of the photograph's size whose black (or other) pixels are left out of training and evaluation.
+#[derive(Clone, Debug)]
+pub(super) struct MaskSource {
+    pub file: ByteSource,
+    /// True if black pixels are left out, false if all others are.
+    pub hides_black: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -153,6 +163,17 @@ impl FrameEntry {
         color.map_or(camera, |color| color.camera_at(&camera))
     }
 
+    /// Adds a mask to a frame of files without one. Returns true if the frame got it.
+    pub(super) fn add_mask(&mut self, mask: Option<MaskSource>) -> bool {
+        match &mut self.source {
+            FrameSource::Files(files) if files.mask.is_none() => {
+                files.mask = mask;
+                files.mask.is_some()
+            }
+            _ => false,
+        }
+    }
+
     pub(super) fn has_photograph(&self) -> bool {
         self.frame_files().is_none_or(|files| !matches!(files.color, ByteSource::Grey(_)))
     }
@@ -182,7 +203,8 @@ impl FrameEntry {
                 let map = depth.confidence.as_ref().map(|(map, _)| map);
                 std::iter::once(&depth.file).chain(map)
             });
-            std::iter::once(&files.color).chain(depth).map(ByteSource::disk_path)
+            let mask = files.mask.as_ref().map(|mask| &mask.file);
+            std::iter::once(&files.color).chain(depth).chain(mask).map(ByteSource::disk_path)
         })
     }
 
@@ -225,7 +247,21 @@ impl FrameEntry {
         let size = (k.width, k.height);
         let color =
             decode::color(&files.color, size).map_err(|p| self.frame_error(&files.color, p))?;
-        Ok(files.lens.undistort_color(&k, &color).unwrap_or(color))
+        let mut color = files.lens.undistort_color(&k, &color).unwrap_or(color);
+        if let Some(used) = self.mask(files)? {
+            let used = files.lens.undistort_depth(&k, &used, false, |used, _| used).unwrap_or(used);
+            let pixels = color.data.iter_mut().zip(used.data).filter(|(_, used)| !used);
+            pixels.for_each(|(pixel, _)| *pixel = MASKED);
+        }
+        Ok(color)
+    }
+
+    /// Returns the recorded mask of the photograph, true at used pixels.
+    fn mask(&self, files: &FrameFiles) -> Result<Option<Image<bool>>, FrameError> {
+        let Some(mask) = &files.mask else { return Ok(None) };
+        let k = self.photo_camera(None).intrinsics;
+        let used = decode::mask(mask, (k.width, k.height));
+        used.map(Some).map_err(|p| self.frame_error(&mask.file, p))
     }
 
     fn depth(&self, files: &FrameFiles) -> Result<Option<Depth>, FrameError> {
@@ -243,6 +279,20 @@ impl FrameEntry {
             depth.make_holes(|i| sure.data.get(i).is_none_or(|sure| sure < least));
             // The confidence may have removed every pixel; that is reported as empty depth.
             depth.check(size).map_err(|p| self.frame_error(map, p))?;
+        }
+        // Pixels of another camera with another place are left out when points get their colours.
+        let has_lens = |color: ColorCamera| (color.offset, color.rotation) == ([0.0; 3], [0.0; 3]);
+        if self.color_camera.is_none_or(has_lens)
+            && let Some(used) = self.mask(files)?
+        {
+            let (width, height) = depth.size();
+            let at = |i: usize| [i % width * used.width / width, i / width * used.height / height];
+            depth.make_holes(|i| {
+                let [column, row] = at(i);
+                !used.at(column, row)
+            });
+            let file = files.mask.as_ref().map_or(file, |mask| &mask.file);
+            depth.check(size).map_err(|p| self.frame_error(file, p))?;
         }
         // Last, because the confidence belongs to the pixels of the recorded image.
         depth.undistort(&files.lens, k);

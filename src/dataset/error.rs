@@ -42,7 +42,7 @@ pub enum DatasetError {
     TwoLayouts { path: PathBuf, found: String },
     /// The text of a file is not JSON.
     #[error(
-        "{}: expected JSON, found: {source}; export the file again (JSON has neither NaN nor infinity)", file.display()
+        "{}: expected JSON, found: {source}; export the file again", file.display()
     )]
     Json { file: PathBuf, source: serde_json::Error },
     /// The content of a metadata file has the wrong form.
@@ -85,6 +85,20 @@ pub enum DatasetError {
     /// A depth scale, depth range or other option given by the user is out of range.
     #[error("setting {setting}: expected {expected}, found {found}; correct it or leave it out")]
     Option { setting: &'static str, expected: &'static str, found: String },
+}
+
+impl DatasetError {
+    /// Returns the defect of one frame that this error about its entry in a list describes.
+    pub(super) fn of_frame(&self) -> FrameProblem {
+        match self {
+            Self::Metadata { expected, found, hint, .. } => FrameProblem::Intrinsics {
+                expected: expected.clone(),
+                found: found.clone(),
+                hint: hint.clone(),
+            },
+            other => FrameProblem::Entry { expected: "a usable entry", found: other.to_string() },
+        }
+    }
 }
 
 /// Reason why one frame cannot be used: a [`Warning`] at opening, an error at loading.
@@ -132,6 +146,9 @@ pub enum FrameProblem {
     /// The frame has no confidence map yet, although the recording contains such maps.
     #[error("expected a confidence map {0}, found none yet; record it with the frame's depth")]
     MissingConfidence(String),
+    /// The mask that a frame names does not exist.
+    #[error("expected a mask {0}, found none; restore it or remove its name from the frame")]
+    MissingMask(String),
     /// The frame has no pose.
     #[error(
         "expected a pose file {0}, found none; restore it, remove the frame, or estimate all poses with --poses track"
@@ -215,9 +232,9 @@ pub enum FrameProblem {
         "expected depth values, found only holes (0) in the whole image; the frame is skipped: export its depth again"
     )]
     NoDepthValues,
-    /// Implausible intrinsics of an in-memory frame.
+    /// Implausible camera of one frame.
     #[error("camera: expected {expected}, found {found}; {hint}")]
-    Intrinsics { expected: String, found: String, hint: &'static str },
+    Intrinsics { expected: String, found: String, hint: String },
     /// An in-memory buffer whose size differs from that of the camera's image.
     #[error(
         "expected {expected} {what} for the camera's {}x{} pixels, found {found}; pass whole images without padding between rows", size.0, size.1

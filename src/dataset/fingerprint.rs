@@ -167,8 +167,10 @@ fn add_decoding(crc: &mut Crc, frame: &FrameEntry) {
         crc.intrinsics(&color.camera_at(&frame.camera).intrinsics);
     }
     let FrameSource::Files(files) = &frame.source else { return };
-    let FrameFiles { lens, depth, color: _ } = &**files;
+    let FrameFiles { lens, depth, mask, color: _ } = &**files;
     crc.reals(lens.radial.into_iter().chain(lens.tangential));
+    // Nothing without a mask: fingerprints stay as they were.
+    mask.iter().for_each(|mask| crc.number(u64::from(mask.hides_black)));
     let Some(depth) = depth else { return };
     // The sensor setting is stored with the run.
     let DepthEncoding { codes, kind, trusted, sensor: _, units_per_metre: _ } = depth.encoding;

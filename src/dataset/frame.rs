@@ -28,6 +28,7 @@ pub struct Frame {
     /// if colours are assumed to be registered to depth pixel by pixel.
     pub color_camera: Option<ColorCamera>,
     /// Colour image: sRGB-encoded RGBA bytes, not premultiplied; alpha is 255 if the file has none.
+    /// [`MASKED`](crate::math::measured_pixel::MASKED) marks pixels that are left out.
     /// Shared, because photometric training keeps the image longer than the frame.
     pub color: Arc<Image<[u8; 4]>>,
     /// Depth image; `None` in splits without depth.
@@ -101,7 +102,7 @@ impl Frame {
             // The camera first: the buffers are compared with its size.
             calibrated_size::check(&intrinsics).map_err(|defect| {
                 let IntrinsicsDefect { expected, found, hint } = defect;
-                FrameProblem::Intrinsics { expected, found, hint }
+                FrameProblem::Intrinsics { expected, found, hint: hint.to_owned() }
             })?;
             let pose = Pose::from_opencv(world_from_camera)?;
             let size = (intrinsics.width, intrinsics.height);

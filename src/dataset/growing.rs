@@ -281,9 +281,9 @@ const JPEG: [u8; 2] = [0xFF, 0xD8];
 impl FrameEntry {
     pub(super) fn is_complete(&self) -> bool {
         let FrameSource::Files(files) = &self.source else { return true };
-        let Some(depth) = files.depth.as_ref().filter(|_| is_whole(&files.color)) else {
-            return is_whole(&files.color);
-        };
+        let is_seen =
+            is_whole(&files.color) && files.mask.as_ref().is_none_or(|mask| is_whole(&mask.file));
+        let Some(depth) = files.depth.as_ref().filter(|_| is_seen) else { return is_seen };
         // Files without a header may start with any bytes, also those of an image.
         let is_bare = depth.encoding.codes == CodeKind::BareFloats;
         let depth_ends = if is_bare { None } else { has_image_end(depth.file.path()) };

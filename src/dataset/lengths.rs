@@ -46,15 +46,39 @@ fn lengths(
     values: impl Iterator<Item = f32>,
     unit: f64,
 ) -> DepthCodes {
+    let mut values: Vec<f32> = values.collect();
+    drop_background(&mut values, unit);
     // Scaled in f64, so that the product is rounded once.
-    let lengths = values.map(|value| (f64::from(value) * unit) as f32).collect();
-    DepthCodes::Lengths(Image::from_vec(width, height, lengths))
+    values.iter_mut().for_each(|value| *value = (f64::from(*value) * unit) as f32);
+    DepthCodes::Lengths(Image::from_vec(width, height, values))
+}
+
+/// Length that no depth reaches in any unit of the world.
+const BEYOND: f64 = 1e6;
+/// Largest half-precision number; files of such numbers store it for anything larger.
+const LARGEST_HALF: f32 = 65504.0;
+/// Ratio of a background's value to the largest other value, above which it is no surface.
+const FAR_BEYOND: f32 = 4.0;
+
+/// Replaces values without a surface by 0. Renderers write the background as a large number, the same
+/// in every pixel. `unit` is the number of world units per value.
+fn drop_background(values: &mut [f32], unit: f64) {
+    let is_length =
+        |v: &f32| *v < LARGEST_HALF || *v > LARGEST_HALF && f64::from(*v) * unit < BEYOND;
+    // The comparisons are false for NaN, so NaN becomes a hole as well.
+    values.iter_mut().filter(|v| !is_length(v)).for_each(|v| *v = 0.0);
+    let most = values.iter().fold(0.0, |most: f32, v| v.max(most));
+    let others = values.iter().filter(|v| **v < most).fold(0.0, |most: f32, v| v.max(most));
+    // An image of one value shows a wall rather than a background.
+    if others > 0.0 && most > FAR_BEYOND * others {
+        values.iter_mut().filter(|v| **v == most).for_each(|v| *v = 0.0);
+    }
 }
 
 pub(super) fn bare_floats(bytes: &[u8], size: (u32, u32)) -> Result<DepthCodes, FrameProblem> {
     let bytes = unpacked(bytes, size, size_of::<f32>())?;
-    let lengths = bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
-    Ok(DepthCodes::Lengths(Image::from_vec(size.0 as usize, size.1 as usize, lengths)))
+    let values = bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b));
+    Ok(lengths([size.0 as usize, size.1 as usize], values, 1.0))
 }
 
 pub(super) fn bare_bytes(bytes: &[u8], size: (u32, u32)) -> Result<Image<u8>, FrameProblem> {
@@ -187,34 +211,61 @@ fn shorten(header: &str) -> String {
     header.trim().chars().take(80).collect()
 }
 
-/// Names of depth channels in EXR files, in order of preference. If a file has none of them, its first
-/// channel is used.
+/// Names of depth channels in EXR files, in order of preference, after the names of layer and pass.
 const EXR_CHANNELS: [&str; 5] = ["Z", "Y", "R", "V", "depth"];
+
+/// Returns the rank of an EXR channel as depth, lowest first; `None` if its name is of no depth. `layer`
+/// is the name of a part of the file, and `others` are the names in this part.
+fn exr_rank(layer: &str, name: &str, others: &[String]) -> Option<usize> {
+    let is = |part: &str, other: &str| part.eq_ignore_ascii_case(other);
+    let (pass, last) = name.rsplit_once('.').unwrap_or(("", name));
+    let rank = EXR_CHANNELS.iter().position(|known| is(last, known))?;
+    if layer.split('.').chain(name.split('.')).any(|part| is(part, "depth")) {
+        return Some(rank);
+    }
+    // The Z of a normal or position is no depth, and mist is relative.
+    let is_x = |other: &String| other.rsplit_once('.').unwrap_or(("", other)) == (pass, "X");
+    let is_vector = others.iter().any(is_x);
+    let is_mist = pass.rsplit('.').next().is_some_and(|pass| is(pass, "mist"));
+    (!is_vector && !is_mist).then_some(EXR_CHANNELS.len() + rank)
+}
 
 fn read_exr(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile { expected: "a whole EXR image", found };
     let damaged = |e: exr::error::Error| wrong(e.to_string());
     // Headers first: reading the image allocates the sizes that they state.
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(damaged)?;
+    let mut unpacked = 0u64;
     for header in &meta.headers {
-        let size = header.layer_size;
+        let size = [header.layer_size.width(), header.layer_size.height()];
         // A sample of an EXR has at least two bytes.
-        check_size(bytes, [size.width(), size.height()], 2 * header.channels.list.len())?;
+        let per_pixel = 2 * header.channels.list.len();
+        check_size(bytes, size, per_pixel)?;
+        // All parts are read.
+        unpacked = unpacked.saturating_add((size[0] * size[1] * per_pixel) as u64);
+        check_unpacked(bytes, size, unpacked)?;
     }
     let image = open_exr()
         .no_deep_data()
         .largest_resolution_level()
         .all_channels()
-        .first_valid_layer()
+        .all_layers()
         .all_attributes()
         .non_parallel()
         .from_buffered(Cursor::new(bytes))
         .map_err(damaged)?;
-    let channels = &image.layer_data.channel_data.list;
-    let named = |name: &&str| channels.iter().find(|c| c.name.eq_case_insensitive(name));
-    let channel = EXR_CHANNELS.iter().find_map(named).or_else(|| channels.first());
-    let channel = channel.ok_or_else(|| wrong("no channel".to_owned()))?;
-    let size = image.layer_data.size;
+    let layers = image.layer_data.iter().flat_map(|layer| {
+        let part = layer.attributes.layer_name.as_ref().map(ToString::to_string);
+        let part = part.unwrap_or_default();
+        let names: Vec<String> =
+            layer.channel_data.list.iter().map(|channel| channel.name.to_string()).collect();
+        let rank = |name| exr_rank(&part, name, &names).unwrap_or(usize::MAX);
+        let ranks: Vec<usize> = names.iter().map(|name| rank(name)).collect();
+        ranks.into_iter().zip(&layer.channel_data.list).map(move |(rank, c)| (rank, layer.size, c))
+    });
+    // Without any known name, the first channel: `min_by_key` returns the first of equals.
+    let (_, size, channel) =
+        layers.min_by_key(|(rank, ..)| *rank).ok_or_else(|| wrong("no channel".to_owned()))?;
     Ok(lengths([size.width(), size.height()], channel.sample_data.values_as_f32(), unit))
 }
 

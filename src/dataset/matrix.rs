@@ -65,7 +65,7 @@ pub(super) fn describe_json(value: &Value) -> String {
     }
 }
 
-fn shorten(text: &str) -> String {
+pub(super) fn shorten(text: &str) -> String {
     // A message must not reproduce a damaged file.
     text.chars().take(24).collect()
 }

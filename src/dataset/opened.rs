@@ -2,7 +2,7 @@
 
 use super::archive::Archive;
 use super::calibration::Calibration;
-use super::entry::{DatasetSplit, DepthSource, FrameEntry, HELD_OUT, HOLD_OUT_EVERY};
+use super::entry::{DatasetSplit, DepthSource, FrameEntry, HELD_OUT, HOLD_OUT_EVERY, MaskSource};
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
 use super::folder::{Folder, RecordingState};
 use super::formats;
@@ -11,11 +11,13 @@ use super::frame::Frame;
 use super::options::{FARTHEST_SENSED, LoadOptions};
 use super::pose_check::PoseConvention;
 use super::range::{PositionRange, median};
+use super::splits::is_for_evaluation;
 use super::surface::sensor::Sensor;
 use super::wild_poses::outlier_poses;
 use crate::math::orbit::mean_up;
 use crate::math::pose::Pose;
 use glam::DVec3;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -38,6 +40,8 @@ pub struct Dataset {
     pub warnings: Vec<Warning>,
     /// Notices for the user that are not defects.
     pub notes: Vec<String>,
+    /// Statements of the files about cameras, units or times that are not used, each with its file.
+    pub unused: Vec<String>,
     /// Range of positions if the layout defines one; see [`super::range::estimate`].
     pub known_range: Option<PositionRange>,
     /// Options with which the dataset was opened. The local origin is added if the cameras are too far
@@ -89,6 +93,7 @@ pub(super) fn read(
     } else if let Some(asked) = options.poses {
         reinterpret(&mut parsed.splits, layout.pose_convention(), asked);
     }
+    find_masks(folder, &mut parsed);
     check_options_used(options, &parsed.splits)?;
     // Of the resolved path: `.` has no last component.
     let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_str()?.to_owned()));
@@ -102,13 +107,20 @@ pub(super) fn read(
         splits: parsed.splits.into_iter().filter(|s| !s.frames.is_empty()).collect(),
         warnings: parsed.warnings,
         notes: parsed.notes,
+        unused: parsed.unused,
         known_range: parsed.known_range,
         options: *options,
     };
     let metre = dataset.units_per_metre();
     if metre != 1.0 {
         dataset.notes.push(format!(
-            "depth scale and depth range imply {metre} world units to the metre; sensor properties such as noise are scaled accordingly"
+            "depth scale and depth range, or the files, imply {metre} world units to the metre; sensor properties such as noise are scaled accordingly"
+        ));
+    }
+    let trained = dataset.training_split().ok().and_then(|split| dataset.splits.get(split));
+    if let Some(name) = trained.map(|split| &split.name).filter(|name| is_for_evaluation(name)) {
+        dataset.notes.push(format!(
+            "the split `{name}` is the default for training, since no split `train` has depth: name another for evaluation"
         ));
     }
     // Last: the limit of a far world is in sensor ranges, which the unit scales.
@@ -140,6 +152,47 @@ fn apply_local_origin(dataset: &mut Dataset) {
         frame.camera.pose = frame.camera.pose.with_origin(place);
     }
     dataset.known_range = dataset.known_range.take().map(|range| range.relative_to(place));
+}
+
+/// Finds masks that no file names. They are images of the photograph's name in a folder `masks` or `mask`
+/// beside its folder, whose black pixels are left out, or `dynamic_mask_NAME.png` beside the photograph,
+/// whose other pixels are left out.
+fn find_masks(folder: &Folder, parsed: &mut ParsedFolder) {
+    // Folders that do not exist are asked for once, not once per frame.
+    let mut listings = HashMap::new();
+    let mut n_found = 0;
+    for (is_part, frame) in parsed.splits.iter_mut().flat_map(|split| {
+        let is_part = split.name == HELD_OUT;
+        split.frames.iter_mut().map(move |frame| (is_part, frame))
+    }) {
+        let color = frame.color_path().and_then(|path| path.strip_prefix(&folder.path).ok());
+        let Some((name, parent)) =
+            color.and_then(|path| path.file_name()?.to_str().zip(path.parent()))
+        else {
+            continue;
+        };
+        let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+        let beside = parent.parent().unwrap_or(parent);
+        let same = [format!("{stem}.png"), format!("{name}.png"), name.to_owned()];
+        let dynamic = [format!("dynamic_mask_{stem}.png")];
+        let places: [(PathBuf, &[String], bool); 3] = [
+            (beside.join("masks"), &same, true),
+            (beside.join("mask"), &same, true),
+            (parent.to_owned(), &dynamic, false),
+        ];
+        let mask = places.into_iter().find_map(|(at, names, hides_black)| {
+            let listing = listings.entry(at.clone()).or_insert_with(|| folder.list(&at).ok());
+            let listing = listing.as_ref()?;
+            let name = names.iter().find(|name| listing.has_file(name))?;
+            let file = folder.file(&at, listing, name).ok()?.into();
+            Some(MaskSource { file, hides_black })
+        });
+        n_found += usize::from(frame.add_mask(mask) && !is_part);
+    }
+    if n_found > 0 {
+        let said = format!("masks beside the photographs: pixels of {n_found} frames are left out");
+        parsed.notes.push(said);
+    }
 }
 
 /// Checks that depth scale and confidence affect the dataset's files, if the user set them.
@@ -267,9 +320,11 @@ impl Dataset {
     }
 
     /// Returns the calibration known for the layout: the colour camera of a Kinect if depth has the
-    /// published Kinect intrinsics. `None` for other cameras and layouts.
+    /// published Kinect intrinsics and the files state no colour camera. `None` for other cameras and layouts.
     pub fn known_calibration(&self) -> Option<Calibration> {
-        let depth_camera = self.splits.first()?.frames.first()?.camera.intrinsics;
+        let first = self.splits.first()?.frames.first()?;
+        // A colour camera that the files state takes precedence.
+        let depth_camera = first.color_camera.is_none().then_some(first.camera.intrinsics)?;
         let mut known = self.layout.known_calibration(&depth_camera)?;
         if let Some(color) = &mut known.color_camera {
             color.offset = color.offset.map(|metres| metres * self.units_per_metre());

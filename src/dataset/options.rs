@@ -34,6 +34,10 @@ pub struct LoadOptions {
     /// True to leave the poses to tracking: recorded poses are ignored and may be missing.
     #[serde(default, skip_serializing_if = "is_false")]
     pub track: bool,
+    /// True if a calibration states the photographs' camera, whose images may have another shape than
+    /// depth.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub calibrated_photographs: bool,
     /// Origin of the camera poses in the coordinates of the files, world units. If a model is shown with
     /// the dataset, it is the model's origin. By default it is zero, or near the first camera if cameras
     /// are too distant for 32-bit positions.

@@ -12,7 +12,9 @@ use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::pose::{Pose, PoseError};
 use glam::{DMat4, DVec3, DVec4};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
 use strum::{EnumIter, EnumMessage, EnumString, IntoEnumIterator, IntoStaticStr, VariantNames};
 
 const MAX_PAIRS: usize = 8;
@@ -31,13 +33,17 @@ const TOLERANCE: f64 = 0.04;
 /// Minimum share of samples that must project into the neighbour's image. If fewer do, the missing
 /// samples are counted as mismatches.
 const MIN_OVERLAP: f64 = 0.25;
-/// Depth factors that are tried. Among them are millimetres, centimetres and the depth scales of TUM and
-/// Replica.
-const UNITS: [f64; 11] =
-    [1.0, 0.001, 1000.0, 0.2, 5.0, 0.01, 100.0, 0.1, 10.0, 1.0 / 6.5535, 6.5535];
+/// Largest depth factor that is searched; the smallest is its reciprocal. It includes metres for steps of
+/// a tenth of a millimetre.
+const MAX_UNIT: f64 = 10_000.0;
+/// Ratio of neighbouring depth factors of the search. Depth within [`TOLERANCE`] of one of them agrees.
+const UNIT_STEP: f64 = 1.05;
 /// Conditions for suggesting another interpretation (pose convention with depth unit): minimum gain in
 /// agreement over the interpretation in use, and minimum agreement.
 const MIN_GAIN: [f64; 2] = [0.2, 0.5];
+/// Conditions for suggesting another depth unit for the same poses with a smaller gain in agreement:
+/// minimum gain, largest share of the relative error that remains, and minimum change of the unit.
+const MIN_UNIT_GAIN: [f64; 3] = [0.02, 0.5, 0.05];
 
 /// Result of the pose check.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,17 +104,41 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     }
     let trial = |poses, unit| PoseTrial::of(&pairs, stated, poses, unit);
     let opened = trial(stated, 1.0);
-    let trials = PoseConvention::iter().flat_map(|poses| UNITS.map(|unit| trial(poses, unit)));
-    let best = trials.max_by(|a, b| a.agreement.total_cmp(&b.agreement));
-    let best = best.filter(|best| {
-        best.agreement > opened.agreement + MIN_GAIN[0] && best.agreement > MIN_GAIN[1]
-    });
+    // Higher agreement leaves no room for a better interpretation.
+    let is_open = |poses: &PoseConvention| {
+        let gain = if *poses == stated { MIN_UNIT_GAIN[0] } else { MIN_GAIN[0] };
+        opened.agreement < 1.0 - gain
+    };
+    let conventions: Vec<_> = PoseConvention::iter().filter(is_open).collect();
+    let trials = conventions.into_par_iter().map(|poses| best_unit(|unit| trial(poses, unit)));
+    let best = trials.collect::<Vec<_>>().into_iter().max_by(PoseTrial::by_agreement);
+    let best = best.filter(|best| best.agreement > MIN_GAIN[1] && best.is_better_than(&opened));
     Some(PoseCheck {
         pairs: pairs.len(),
         opened,
         is_user_set: dataset.options.poses.is_some(),
         best: best.unwrap_or(opened),
     })
+}
+
+/// Finds the depth factor of the highest agreement, and then that of the smallest relative error near it,
+/// with three digits. Of factors that agree alike, the one nearest to 1 is taken.
+fn best_unit(trial: impl Fn(f64) -> PoseTrial) -> PoseTrial {
+    let n = (MAX_UNIT.ln() / UNIT_STEP.ln()).ceil() as i32;
+    // `max_by` returns the last of equals, so the nearest to 1 comes last.
+    let near_last = (1..=n).rev().flat_map(|i| [-i, i]).chain([0]);
+    let coarse = near_last.map(|i| trial(UNIT_STEP.powi(i))).max_by(PoseTrial::by_agreement);
+    let mut best = coarse.unwrap_or_else(|| trial(1.0));
+    let mut step = UNIT_STEP.ln();
+    while step > 1e-3 {
+        let units = [-1.0, -0.5, 0.0, 0.5, 1.0].map(|i: f64| best.unit * (i * step).exp());
+        let errors = units.map(&trial);
+        best =
+            errors.into_iter().min_by(|a, b| a.relative().total_cmp(&b.relative())).unwrap_or(best);
+        step *= 0.5;
+    }
+    // Through text: the nearest number, which prints with three digits.
+    trial(format!("{:.2e}", best.unit).parse().unwrap_or(best.unit))
 }
 
 /// Depth samples of one frame in its camera's axes, and the depth of a neighbouring frame with the same
@@ -172,6 +202,23 @@ fn trusted_z(entry: &FrameEntry) -> Option<Image<f64>> {
 }
 
 impl PoseTrial {
+    fn by_agreement(&self, other: &Self) -> Ordering {
+        self.agreement.total_cmp(&other.agreement)
+    }
+
+    /// Returns the error in units of recorded depth, comparable between depth units.
+    fn relative(&self) -> f64 {
+        self.error / self.unit
+    }
+
+    fn is_better_than(&self, other: &Self) -> bool {
+        let gain = self.agreement - other.agreement;
+        let [least, remaining, change] = MIN_UNIT_GAIN;
+        let is_unit = self.poses == other.poses && (self.unit / other.unit).ln().abs() > change;
+        let is_closer = self.relative() < remaining * other.relative();
+        gain > MIN_GAIN[0] || gain > least && is_unit && is_closer
+    }
+
     fn of(pairs: &[FramePair], stated: PoseConvention, poses: PoseConvention, unit: f64) -> Self {
         let (mut n_agreed, mut n_counted, mut errors) = (0.0, 0.0, Vec::new());
         for pair in pairs {

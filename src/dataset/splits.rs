@@ -98,6 +98,10 @@ pub fn without_every_8th(n_frames: usize) -> Vec<usize> {
     (0..n_frames).filter(|i| !i.is_multiple_of(HOLD_OUT_EVERY)).collect()
 }
 
+pub(super) fn is_for_evaluation(split: &str) -> bool {
+    EVALUATION_NAMES.contains(&split)
+}
+
 impl Dataset {
     /// Returns the index of the split with this name.
     ///
@@ -142,9 +146,8 @@ impl Dataset {
         let [training, ..] = TRAINING_NAMES;
         let name = self.splits.get(split).map_or("", |split| split.name.as_str());
         // Training on a split for evaluation would falsify the figures.
-        let is_for_evaluation = EVALUATION_NAMES.contains(&name);
         match self.find(|s| s.name == training) {
-            Some(_) if is_for_evaluation => refuse(training, "colour only".to_owned()),
+            Some(_) if is_for_evaluation(name) => refuse(training, "colour only".to_owned()),
             _ => Ok(split),
         }
     }

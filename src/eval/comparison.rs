@@ -5,7 +5,7 @@
 //! exposure differences. The alignment is fitted per view by least squares, because cameras with
 //! automatic exposure change it per frame.
 
-use super::metrics::{MetricError, decibels, same_size};
+use super::metrics::{MetricError, decibels, is_left_out, same_size};
 use super::ssim::ssim;
 use crate::math::image::{Image, RgbImage};
 use rayon::prelude::*;
@@ -53,11 +53,10 @@ pub(super) fn compare(
 ) -> Result<Comparison, MetricError> {
     same_size(render, truth, "ground truth")?;
     same_size(render, coverage, "coverage")?;
-    let n_pixels = render.data.len();
-    if n_pixels == 0 {
+    let sums = Sums::of(render, coverage, truth);
+    if sums.n_pixels == 0 {
         return Err(MetricError::NoPixels);
     }
-    let sums = Sums::of(render, coverage, truth);
     let covered = match sums.n_covered {
         0 => None,
         _ => {
@@ -67,16 +66,16 @@ pub(super) fn compare(
             Some(Covered {
                 psnr: sums.psnr_covered(),
                 aligned_psnr: after.psnr_covered(),
-                aligned_psnr_frame: after.psnr(n_pixels),
+                aligned_psnr_frame: after.psnr(),
                 aligned_ssim: ssim(&aligned, truth)?,
                 aligned,
             })
         }
     };
     Ok(Comparison {
-        psnr: sums.psnr(n_pixels),
+        psnr: sums.psnr(),
         ssim: ssim(render, truth)?,
-        coverage: sums.n_covered as f64 / n_pixels as f64,
+        coverage: sums.n_covered as f64 / sums.n_pixels as f64,
         covered,
     })
 }
@@ -95,7 +94,7 @@ pub(super) fn aligned_error(
         0 => sums.error,
         _ => Sums::of(&sums.alignment().apply(render, coverage), coverage, truth).error,
     };
-    Ok(error / (3 * render.data.len()) as f64)
+    Ok(error / (3 * sums.n_pixels) as f64)
 }
 
 impl Alignment {
@@ -116,6 +115,8 @@ impl Alignment {
 
 #[derive(Clone, Copy, Default)]
 struct Sums {
+    /// Number of pixels that no mask leaves out.
+    n_pixels: usize,
     n_covered: usize,
     /// Sum of squared errors over all pixels and channels.
     error: f64,
@@ -155,6 +156,10 @@ impl Sums {
             // f32 sums over a million pixels would lose digits.
             let (x, y) = (render.map(f64::from), truth.map(f64::from));
             let error: f64 = x.iter().zip(&y).map(|(x, y)| (x - y) * (x - y)).sum();
+            if is_left_out(truth) {
+                continue;
+            }
+            sums.n_pixels += 1;
             sums.error += error;
             if coverage >= COVERED {
                 sums.n_covered += 1;
@@ -171,6 +176,7 @@ impl Sums {
     }
 
     fn add(&mut self, other: &Self) {
+        self.n_pixels += other.n_pixels;
         self.n_covered += other.n_covered;
         self.error += other.error;
         self.error_covered += other.error_covered;
@@ -182,8 +188,8 @@ impl Sums {
         }
     }
 
-    fn psnr(&self, n_pixels: usize) -> f64 {
-        decibels(self.error / (3 * n_pixels) as f64)
+    fn psnr(&self) -> f64 {
+        decibels(self.error / (3 * self.n_pixels) as f64)
     }
 
     fn psnr_covered(&self) -> f64 {

@@ -50,7 +50,7 @@ fn psnr_of<'a, R: Real>(
     pixels: impl Iterator<Item = (&'a [R; 3], &'a [R; 3])>,
 ) -> Result<f64, MetricError> {
     let (mut sum, mut n_values) = (0.0, 0usize);
-    for (prediction, truth) in pixels {
+    for (prediction, truth) in pixels.filter(|(_, truth)| !is_left_out(truth)) {
         for (p, t) in prediction.iter().zip(truth) {
             // A display clamps too; photographs are in range.
             let error = p.to_f64().clamp(0.0, 1.0) - t.to_f64();
@@ -63,6 +63,11 @@ fn psnr_of<'a, R: Real>(
         return Err(MetricError::NoPixels);
     }
     Ok(decibels(sum / n_values as f64))
+}
+
+/// True if a mask leaves a pixel of the photograph out of comparisons.
+pub(super) fn is_left_out<R: Real>(truth: &[R; 3]) -> bool {
+    truth[0].to_f64().is_nan()
 }
 
 /// Converts a mean squared error at a value range of 1 to PSNR in dB.

@@ -109,7 +109,8 @@ fn gradients(image: &RgbImage) -> Image<[f64; 3]> {
 fn covered_luma(render: &RgbImage, coverage: &Image<f32>, truth: &RgbImage) -> Vec<[f64; 3]> {
     let luma = |pixel: &[f32; 3]| pixel.iter().zip(LUMA).map(|(v, w)| f64::from(*v) * w).sum();
     let pixels = render.data.par_iter().zip(&truth.data).zip(&coverage.data);
-    let values = pixels.map(|((render, truth), &coverage)| match coverage >= COVERED {
+    let is_compared = |truth, coverage| coverage >= COVERED && !metrics::is_left_out(truth);
+    let values = pixels.map(|((render, truth), &coverage)| match is_compared(truth, coverage) {
         true => [1.0, luma(render), luma(truth)],
         false => [0.0; 3],
     });

@@ -24,8 +24,8 @@ const N_MOMENTS: usize = 5;
 const BLOCK: usize = 8;
 
 /// Returns the structural similarity with an 11×11 Gaussian window (σ = 1.5) and biased moments. It is
-/// averaged over channels and the `(W − 10)(H − 10)` positions inside the image. Values are nominally in
-/// `[0, 1]` and not clamped.
+/// averaged over channels and the `(W − 10)(H − 10)` positions inside the image. Positions whose window
+/// touches a NaN do not count. Values are nominally in `[0, 1]` and not clamped.
 ///
 /// # Errors
 /// The images differ in size, have no pixels, or are smaller than the window.
@@ -46,15 +46,17 @@ pub fn ssim<R: Real>(
     let n_rows = height + 1 - SSIM_WINDOW;
     // Collected rather than reduced: the order of a parallel sum would change the last digits.
     // Each row sums its eleven pixel rows anew, so that rows are independent and carry no rounding over.
-    let row_sums: Vec<f64> = (0..n_rows)
+    let row_sums: Vec<(f64, usize)> = (0..n_rows)
         .into_par_iter()
         .map_init(Vec::new, |moments, row| {
             let images = [prediction, truth];
             isa.run(SsimRow { images, row, window: &window, moments })
         })
         .collect();
-    let n_positions = n_rows * (width + 1 - SSIM_WINDOW);
-    Ok(row_sums.iter().sum::<f64>() / (3 * n_positions) as f64)
+    match row_sums.iter().map(|(_, n)| n).sum::<usize>() {
+        0 => Err(MetricError::NoPixels),
+        n => Ok(row_sums.iter().map(|(sum, _)| sum).sum::<f64>() / n as f64),
+    }
 }
 
 fn gaussian_window() -> [f64; SSIM_WINDOW] {
@@ -77,10 +79,11 @@ struct SsimRow<'a, R> {
 }
 
 impl<R: Real> Kernel for SsimRow<'_, R> {
-    type Output = f64;
+    /// Sum of similarities, and their number.
+    type Output = (f64, usize);
 
     #[inline(always)]
-    fn run<V: Vector>(mut self) -> f64 {
+    fn run<V: Vector>(mut self) -> (f64, usize) {
         self.sum_columns();
         self.sum_positions()
     }
@@ -115,10 +118,10 @@ impl<R: Real> SsimRow<'_, R> {
     }
 
     #[inline(always)]
-    fn sum_positions(&self) -> f64 {
+    fn sum_positions(&self) -> (f64, usize) {
         let plane = self.moments.len() / N_MOMENTS;
         let n = plane - 3 * (SSIM_WINDOW - 1);
-        let (mut total, mut at) = (0.0, 0);
+        let (mut total, mut n_known, mut at) = (0.0, 0, 0);
         while at < n {
             let mut sums = [[0.0; BLOCK]; N_MOMENTS];
             for (sums, plane) in sums.iter_mut().zip(self.moments.chunks_exact(plane)) {
@@ -130,11 +133,13 @@ impl<R: Real> SsimRow<'_, R> {
                     }
                 }
             }
-            let similarity = similarity(&sums);
-            total += similarity[..BLOCK.min(n - at)].iter().sum::<f64>();
+            let similarity = &similarity(&sums)[..BLOCK.min(n - at)];
+            let is_known = |value: &&f64| !value.is_nan();
+            total += similarity.iter().filter(is_known).sum::<f64>();
+            n_known += similarity.iter().filter(is_known).count();
             at += BLOCK;
         }
-        total
+        (total, n_known)
     }
 }
 

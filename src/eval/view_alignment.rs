@@ -15,7 +15,7 @@
 
 use super::comparison::{COVERED, Comparison, MIN_VARIANCE, aligned_error, compare};
 use super::detail::Detail;
-use super::metrics::{MetricError, mean};
+use super::metrics::{MetricError, is_left_out, mean};
 use super::scale::area_averaged;
 use super::sharpness;
 use super::sharpness::{N_BANDS, SharpnessBand};
@@ -219,7 +219,7 @@ fn sample_photograph(
         let turn = place.cross(p);
         found.slope[i] = [turn.x, turn.y, turn.z, -place.x, -place.y, -place.z];
     }
-    Some(found)
+    (!is_left_out(&found.seen)).then_some(found)
 }
 
 /// Returns the Gauss-Newton step: rotation (axis times angle) and translation in the camera frame.

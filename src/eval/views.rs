@@ -22,6 +22,7 @@ use crate::dataset::frame::{DepthKind, Frame};
 use crate::dataset::surface::Sensor;
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
+use crate::math::measured_pixel::MASKED;
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
 use crate::render::{RenderMethod, RenderOptions, Renderer};
@@ -55,8 +56,10 @@ impl EvalOptions {
         self.scale.camera(frame.photo_camera(self.color_camera.as_ref()))
     }
 
-    fn is_depth_image(&self, frame: &Frame) -> bool {
-        self.scale.is_full() && frame.photographed_by(self.color_camera.as_ref()).is_none()
+    /// True if `camera`, which took the photograph, is the depth camera at the pose of the depth image.
+    fn is_depth_image(&self, frame: &Frame, camera: &Camera) -> bool {
+        let is_same = frame.photographed_by(self.color_camera.as_ref()).is_none();
+        self.scale.is_full() && is_same && camera.pose == frame.camera.pose
     }
 }
 
@@ -96,16 +99,19 @@ pub fn evaluate<'a>(
     let sensor = dataset.sensor();
     let visit = |renderer: &mut CpuRenderer, index, loaded: Result<Frame, FrameError>| {
         let mut frame = loaded.map_err(|error| SkippedFrame::from(&error))?;
-        if options.poses == ViewPoses::Corrected {
+        let is_corrected = options.poses == ViewPoses::Corrected;
+        if is_corrected {
             frame.camera.pose = splats.finishing().corrected_pose(&frame.camera.pose);
         }
         let camera = options.photo_camera(&frame);
+        let own = is_corrected.then(|| splats.finishing().photograph_camera(camera));
+        let camera = own.unwrap_or(camera);
         let rendered = renderer.render(splats, &camera, &options.render);
-        let surfaces = photographed_surfaces(&frame, sensor, options);
-        let mut score = score(index, &frame, surfaces.as_ref(), &rendered, options);
+        let surfaces = photographed_surfaces(&frame, &camera, sensor, options);
+        let mut score = score(index, &frame, &camera, surfaces.as_ref(), &rendered, options);
         if let (Ok(view), true) = (&mut score, options.align_poses) {
             let draw = |camera: &Camera| renderer.render(splats, camera, &options.render);
-            match aligned_view(&frame, rendered, options, draw) {
+            match aligned_view(&frame, &camera, rendered, options, draw) {
                 Ok(found) => view.pose_aligned = found,
                 Err(error) => score = Err(error),
             }
@@ -143,9 +149,13 @@ fn no_view(dataset: &Dataset, split: String, skipped: &[SkippedFrame]) -> EvalEr
     }
 }
 
-/// Returns the reference image of a comparison.
+/// Returns the reference image of a comparison. Pixels that a mask leaves out are NaN, and no metric counts
+/// them.
 pub fn ground_truth(frame: &Frame, kind: GroundTruth, background: [f32; 3]) -> RgbImage {
     frame.color.map(|&[r, g, b, a]| {
+        if [r, g, b, a] == MASKED {
+            return [f32::NAN; 3];
+        }
         let rgb = [r, g, b].map(|v| v as f32 / 255.0);
         match kind {
             GroundTruth::Rgb => rgb,
@@ -162,6 +172,7 @@ pub fn ground_truth(frame: &Frame, kind: GroundTruth, background: [f32; 3]) -> R
 fn score(
     index: usize,
     frame: &Frame,
+    camera: &Camera,
     surfaces: Option<&Surfaces>,
     rendered: &Rendered,
     options: &EvalOptions,
@@ -175,7 +186,7 @@ fn score(
         None => None,
         Some(surfaces) => SeenQuality::compare(shown, coverage, &truth, surfaces)?,
     };
-    let depth_mae = match measured_depth(frame, surfaces, options) {
+    let depth_mae = match measured_depth(frame, camera, surfaces, options) {
         // Without a covered pixel the error would be a mean over nothing.
         Some(depth) if covered.is_some() => {
             // NaN if no covered pixel has depth; JSON has no NaN.
@@ -205,12 +216,13 @@ fn score(
 
 fn aligned_view(
     frame: &Frame,
+    camera: &Camera,
     rendered: Rendered,
     options: &EvalOptions,
     draw: impl FnMut(&Camera) -> Rendered,
 ) -> Result<Option<AlignedView>, MetricError> {
-    let (camera, truth) = (options.photo_camera(frame), reference_image(frame, options));
-    let found = aligned(&camera, rendered, &truth, options.render.method.renderer(), draw)?;
+    let truth = reference_image(frame, options);
+    let found = aligned(camera, rendered, &truth, options.render.method.renderer(), draw)?;
     let poses = [&camera.pose, &found.pose];
     let view = &found.rendered;
     AlignedView::compare(poses, &view.color, &view.coverage, &truth)
@@ -221,23 +233,27 @@ fn reference_image(frame: &Frame, options: &EvalOptions) -> RgbImage {
     options.scale.photograph(truth, &options.photo_camera(frame).intrinsics)
 }
 
-fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -> Option<Surfaces> {
+fn photographed_surfaces(
+    frame: &Frame,
+    camera: &Camera,
+    sensor: Sensor,
+    options: &EvalOptions,
+) -> Option<Surfaces> {
     let surfaces = Surfaces::of(frame, sensor)?;
-    match options.is_depth_image(frame) {
+    match options.is_depth_image(frame, camera) {
         true => Some(surfaces),
-        false => {
-            Some(surfaces.project_into(&options.photo_camera(frame), options.render.near as f32))
-        }
+        false => Some(surfaces.project_into(camera, options.render.near as f32)),
     }
 }
 
 fn measured_depth(
     frame: &Frame,
+    camera: &Camera,
     surfaces: Option<&Surfaces>,
     options: &EvalOptions,
 ) -> Option<Image<f32>> {
     let kind = depth_kind(options.render.method);
-    match options.is_depth_image(frame) {
+    match options.is_depth_image(frame, camera) {
         // The file's full depth: projection would lose the border.
         true => frame.depth_as(kind),
         false => surfaces.map(|s| s.depth_of_kind(kind)),
@@ -357,8 +373,9 @@ mod tests {
         };
         let error = |method, depth: &Image<f32>, color_camera| {
             let options = EvalOptions { color_camera, ..plain(method) };
-            let surfaces = photographed_surfaces(&frame, Sensor::Kinect, &options);
-            let score = score(0, &frame, surfaces.as_ref(), &rendered(depth), &options);
+            let camera = options.photo_camera(&frame);
+            let surfaces = photographed_surfaces(&frame, &camera, Sensor::Kinect, &options);
+            let score = score(0, &frame, &camera, surfaces.as_ref(), &rendered(depth), &options);
             score.unwrap().depth_mae.unwrap()
         };
         for (method, depth) in &planes {
@@ -388,7 +405,7 @@ mod tests {
         let camera = options.photo_camera(&frame);
         assert_eq!((camera.intrinsics.fx, camera.intrinsics.width), (0.5 * k.fx, k.width));
         assert_eq!(camera.pose.centre().z, 0.5);
-        let surfaces = photographed_surfaces(&frame, Sensor::Kinect, &options).unwrap();
+        let surfaces = photographed_surfaces(&frame, &camera, Sensor::Kinect, &options).unwrap();
         let known = surfaces.z.data.iter().filter(|z| (**z - 1.5).abs() < 1e-5).count();
         // 31 of 32 columns and 23 of 24 rows lie between the outer centres, scaled by two thirds.
         assert_eq!(known, 20 * 16);

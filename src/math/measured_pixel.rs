@@ -3,13 +3,17 @@
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
+/// Red, green, blue and opacity of a photograph's pixel that a mask leaves out. No other pixel is bright
+/// and nearly transparent.
+pub const MASKED: [u8; 4] = [255, 0, 255, 1];
+
 /// Measurements of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct MeasuredPixel {
     /// Red, green and blue in `[0, 1]`, sRGB-encoded and composited over black.
     pub color: [f32; 3],
-    /// Fraction of the pixel covered by surfaces; NaN if unknown.
+    /// Fraction of the pixel covered by surfaces; NaN if unknown, −1 if the pixel is left out.
     pub coverage: f32,
     /// Depth of the surface along the optical axis, world units; undefined if `per_tolerance` is 0.
     pub depth: f32,
@@ -33,6 +37,9 @@ impl MeasuredPixel {
             false => self,
         }
     }
+
+    /// Pixel that is left out of every comparison.
+    pub const LEFT_OUT: Self = Self { coverage: -1.0, ..Self::UNKNOWN };
 
     /// Black pixel with unknown coverage and depth.
     pub const UNKNOWN: Self =

@@ -54,6 +54,7 @@ impl ComponentAttributes {
 
 /// Trained model of one of the two presets, as stored in a checkpoint.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a checkpoint has one model")]
 pub enum StoredModel {
     /// Model of the `paper` preset.
     Mixture {

@@ -2,7 +2,7 @@
 
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
-use crate::math::measured_pixel::MeasuredPixel;
+use crate::math::measured_pixel::{MASKED, MeasuredPixel};
 use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
 use std::ops::Range;
@@ -112,7 +112,7 @@ pub struct Photograph {
     pub offset: DVec3,
     /// Rotation from the colour camera's axes to the depth camera's axes.
     pub rotation: DQuat,
-    /// sRGB-encoded red, green and blue, and opacity, in 255ths.
+    /// sRGB-encoded red, green and blue, and opacity, in 255ths; [`MASKED`] if left out.
     // Shared with the decoded frame instead of copied.
     pub colors: Arc<Image<[u8; 4]>>,
     /// Calibrated gains of red, green and blue.
@@ -145,6 +145,9 @@ impl Photograph {
         let depths = &self.depths.data[first..][..columns.len()];
         let colors = &self.colors.data[first..][..columns.len()];
         colors.iter().zip(depths).map(move |(color, depth)| {
+            if *color == MASKED {
+                return MeasuredPixel::LEFT_OUT;
+            }
             let [red, green, blue, alpha] = color.map(|byte| f32::from(byte) / 255.0);
             let covered = match self.has_coverage {
                 true if color[3] < u8::MAX => alpha,

@@ -192,13 +192,18 @@ fn nan_pose() {
         skips_one(folder.path(), &parts);
         skips_one(folder.path(), &["row 2, column 1", "export the pose again"]);
     }
-    for token in ["NaN", "1e999"] {
+    let token = |token| {
         let folder = tiny_blender();
         let path = folder.path().join(LIST);
-        let text = fs::read_to_string(&path).unwrap().replacen("1.0", token, 1);
+        edit_frame(folder.path(), |frame| frame["transform_matrix"][3][3] = "@".into());
+        let text = fs::read_to_string(&path).unwrap().replace("\"@\"", token);
         fs::write(&path, text).unwrap();
-        refuses(folder.path(), &[LIST, "expected JSON", "found", "line", "export the file again"]);
-    }
+        folder
+    };
+    // Python writes and reads such words.
+    skips_one(token("NaN").path(), &["expected 4 rows of 4 finite numbers", "NaN"]);
+    let parts = [LIST, "expected JSON", "found", "line", "export the file again"];
+    refuses(token("1e999").path(), &parts);
     let folder = tiny_seven_scenes();
     edit_pose(folder.path(), |values| values[6] = f64::NAN);
     let parts =
@@ -320,9 +325,9 @@ fn absurd_field_of_view() {
 fn absurd_intrinsics() {
     let k = "camera-intrinsics.txt";
     for (text, parts) in [
-        ("", [k, "expected 9 numbers", "found 0 numbers", "export"]),
-        ("a b c", [k, "expected 9 numbers", "found `a`", "export"]),
-        ("20 5 16 0 20 12 0 0 1", [k, "expected 9 numbers", "found [20.0, 5.0", "undistort"]),
+        ("", [k, "expected 4 numbers", "found 0 numbers", "export"]),
+        ("a b c", [k, "expected 4 numbers", "found `a`", "export"]),
+        ("20 5 16 0 20 12 0 0 1", [k, "expected a camera matrix", "found [20.0, 5.0", "undistort"]),
         ("nan 0 16 0 20 12 0 0 1", [k, "expected a horizontal field", "found NaN", "correct"]),
         ("0 0 16 0 20 12 0 0 1", [k, "expected a horizontal field", "found 180", "correct"]),
         ("20 0 16 0 1e9 12 0 0 1", [k, "expected a vertical field", "found 0.0000", "correct"]),

@@ -248,7 +248,7 @@ fn forms(poses: &[DMat4]) -> Vec<(&'static str, String)> {
             "CameraTrajectory.txt",
             lines(poses, |i, pose| tum(format!("{:.6}", 100.0 + 0.033 * i as f64), pose)),
         ),
-        ("result/traj.freiburg", lines(poses, |i, pose| tum(i, pose))),
+        ("result/traj.freiburg", lines(poses, tum)),
         ("gt/data.csv", euroc.to_owned() + &csv),
         ("poses.json", serde_json::Value::Object(named).to_string()),
         ("frames.json", serde_json::json!({ "all": listed }).to_string()),

@@ -3,6 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 mod bad_input;
+mod cases_camera;
+mod cases_lists;
 mod cases_poses;
 #[path = "../common/mod.rs"]
 mod common;

@@ -63,6 +63,7 @@ fn every_method_finishes_pixels() {
     let frames = vec![FrameExposure::new(&Pose::IDENTITY, [2.0, 1.0, 0.8])];
     let exposures = Some(Arc::new(ExposureLog::new(frames, 0.1)));
     let set = SplatSet::new(splats, appearance).finished(Finishing {
+        photograph_poses: None,
         full_coverage: 0.4,
         exposures,
         poses: None,

@@ -119,7 +119,8 @@ impl FrameRef {
     /// is given if the depth camera did not take the photographs.
     pub fn photo_camera(&self, color_camera: Option<&ColorCamera>, scene: &Finishing) -> Camera {
         let entry = self.entry();
-        entry.photo_camera_at(scene.corrected_pose(&entry.camera.pose), color_camera)
+        let pose = scene.corrected_pose(&entry.camera.pose);
+        scene.photograph_camera(entry.photo_camera_at(pose, color_camera))
     }
 }
 

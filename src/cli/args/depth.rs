@@ -65,7 +65,8 @@ impl ReadArgs {
             confidence: self.confidence,
             geometry_only: self.geometry_only,
             track: self.poses == PosesName::Track,
-            // Determined by the dataset, or by the model used with it.
+            // Determined by a calibration, and by the dataset or the model used with it.
+            calibrated_photographs: false,
             local_origin: None,
         }
     }

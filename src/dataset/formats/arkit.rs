@@ -6,9 +6,9 @@
 //! content. If the last four of the 16 numbers are `0 0 0 1`, a matrix is stored by rows. If every
 //! fourth number forms `0 0 0 1`, it is stored by columns, as in Apple's own arrays.
 
-use super::recording::{LIDAR_RANGE, Recording, encoding, frame_entry, same_size};
+use super::recording::{LIDAR_RANGE, Recording, encoding, frame_entry, own_camera, same_size};
 use super::stated;
-use super::stated::{first_of, flat_numbers, side};
+use super::stated::{first_of, flat_numbers, parse_json, side};
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::entry::FrameEntry;
@@ -57,7 +57,7 @@ fn frame_lines(folder: &Folder) -> Option<&str> {
         let text = folder.peek(name);
         // Every line is a frame, so the first one suffices.
         let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
-        let json: Value = serde_json::from_str(first).unwrap_or_default();
+        let json: Value = parse_json(first).unwrap_or_default();
         let has = |keys: &[&str]| first_of(&json, keys).is_some();
         has(&POSE_KEYS) || has(&COLOR_KEYS) && has(&DEPTH_KEYS)
     };
@@ -72,14 +72,18 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let encoding = encoding(options, CodeKind::BareFloats, Sensor::Lidar, LIDAR_RANGE);
     let (mut seen, mut times) = (BTreeSet::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
-        let json: Value = match serde_json::from_str(line) {
+        let json: Value = match parse_json(line) {
             Ok(json) => json,
             Err(error) => {
-                let expected = "a JSON object (JSON has neither NaN nor infinity)";
+                let expected = "a JSON object";
                 recording.skip_line(&file, i + 1, expected, &error.to_string());
                 continue;
             }
         };
+        if i == 0 {
+            let used = ["intrinsics"].into_iter().chain(DEPTH_LENS_KEYS);
+            stated::name_unused_keys(&mut recording, &file, &json, &used.collect::<Vec<_>>());
+        }
         let line = FrameLine { json: &json, file: &file };
         let name = line.text(&COLOR_KEYS).map_or_else(|| format!("line {}", i + 1), str::to_owned);
         if folder.was_taken(&name) {
@@ -138,7 +142,11 @@ impl<'a> FrameLine<'a> {
             let expected = "`intrinsics`, a camera matrix or fx, fy, cx, cy of the photograph";
             return Ok(Err(FrameProblem::Entry { expected, found: describe_json(self.json) }));
         };
-        let cameras = recording.cameras_of_lens(&k, size, depth_size, self.file)?;
+        // Each frame has its own camera, so a bad one costs its frame.
+        let cameras = match recording.cameras_of_lens(&k, size, depth_size, self.file) {
+            Ok(cameras) => cameras,
+            Err(error) => return Ok(Err(own_camera(error))),
+        };
         // Some packages convert depth to images; the content decides.
         let is_image = depth.as_ref().is_some_and(|file| decode::depth_size(file).is_ok());
         let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(MILLIMETRE));

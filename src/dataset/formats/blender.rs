@@ -13,8 +13,10 @@
 
 use super::nerfstudio;
 use super::numbered::{ListedFrame, ListedSplit, PHOTOGRAPHS};
-use super::recording::{ANY_RANGE, check_intrinsics, metadata_error, photograph_size, same_size};
-use super::stated::{FrameCamera, check_model, entry_name};
+use super::recording::{
+    ANY_RANGE, Cameras, check_intrinsics, metadata_error, photograph_size, same_size,
+};
+use super::stated::{FrameCamera, check_model, entry_name, frame_lists, read_list, split_name};
 use crate::dataset::calibrated_size::from_user;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
@@ -40,36 +42,24 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     parse,
 };
 
-/// Prefix of the names of frame lists. A damaged file with this prefix is reported instead of skipped.
-const LIST_PREFIX: &str = "transforms";
-
 fn recognise(folder: &Folder) -> Option<String> {
-    let lists = frame_lists(folder);
+    let lists = lists(folder);
     // `None` without lists, so that other layouts are tried without a message.
     (!lists.is_empty()).then(|| format!("{} with `frames` and their poses", lists.join(", ")))
 }
 
-fn frame_lists(folder: &Folder) -> Vec<&str> {
-    let is_list = |name: &&str| name.ends_with(".json") && is_list(folder, name);
-    folder.listing.files().filter(is_list).collect()
-}
-
-fn is_list(folder: &Folder, name: &str) -> bool {
-    // Read completely: a list under another name is recognised by its content alone.
-    let Ok(json) = serde_json::from_str::<Value>(&folder.peek_whole(name)) else {
-        // Without valid JSON, only the name shows that this should be a list.
-        return name.starts_with(LIST_PREFIX);
-    };
-    let posed = |f: &Value| f.get("file_path").is_some() && f.get("transform_matrix").is_some();
-    let frames = json.get("frames").and_then(Value::as_array);
-    let has_frames = frames.is_some_and(|frames| frames.iter().any(posed));
-    // Both layouts name their lists alike, so the content decides.
-    (has_frames || name.starts_with(LIST_PREFIX)) && !nerfstudio::is_list(&json)
+fn lists(folder: &Folder) -> Vec<&str> {
+    let lists = frame_lists(folder);
+    // Both layouts name their lists alike, so the content decides, of all lists at once.
+    match lists.iter().any(|(_, json)| nerfstudio::is_list(json)) {
+        true => Vec::new(),
+        false => lists.into_iter().map(|(name, _)| name).collect(),
+    }
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut parsed = ParsedFolder::default();
-    for name in frame_lists(folder) {
+    for name in lists(folder) {
         let list = FrameList::read(folder, name)?;
         let split = list.split(folder, options, &mut parsed)?;
         parsed.splits.extend(split);
@@ -90,13 +80,8 @@ struct FrameList {
 
 impl FrameList {
     fn read(folder: &Folder, name: &str) -> Result<Self, DatasetError> {
-        let (file, text) = folder.text(name)?;
-        let json = serde_json::from_str(&text)
-            .map_err(|source| DatasetError::Json { file: file.clone(), source })?;
-        let stem = name.trim_end_matches(".json");
-        // `transforms_train.json` or `transforms-train.json` is one split, `transforms.json` contains all.
-        let split = stem.strip_prefix(LIST_PREFIX).unwrap_or(stem).trim_matches(['_', '-', '.']);
-        let split = if split.is_empty() { "all" } else { split }.to_owned();
+        let (file, json) = read_list(folder, name)?;
+        let split = split_name(name).to_owned();
         Ok(Self { file, split, json })
     }
 
@@ -143,7 +128,8 @@ impl FrameList {
             return Ok(None);
         };
         let encoding = self.depth_encoding(bits, options)?;
-        Ok(Some(listed.into_split(intrinsics, encoding, parsed)))
+        let cameras = Cameras::registered(intrinsics);
+        Ok(Some(listed.into_split(|_| (cameras, encoding), parsed)))
     }
 
     fn listed(

@@ -187,10 +187,19 @@ pub(super) struct ParsedFolder {
     pub splits: Vec<DatasetSplit>,
     pub warnings: Vec<Warning>,
     pub notes: Vec<String>,
+    /// Statements of the files that are not used, each with its file and the reason.
+    pub unused: Vec<String>,
     pub known_range: Option<PositionRange>,
 }
 
 impl ParsedFolder {
+    pub fn append(&mut self, other: Self) {
+        self.splits.extend(other.splits);
+        self.warnings.extend(other.warnings);
+        self.notes.extend(other.notes);
+        self.unused.extend(other.unused);
+    }
+
     pub fn skip(&mut self, split: &str, frame: &str, file: PathBuf, problem: FrameProblem) {
         let error = Arc::new(FrameError { file, frame: frame.to_owned(), problem });
         self.warnings.push(Warning { split: split.to_owned(), error });

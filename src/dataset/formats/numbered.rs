@@ -4,13 +4,11 @@ use super::recording::{Cameras, frame_entry};
 use super::stated::majority;
 use crate::dataset::decode;
 use crate::dataset::decode::DepthEncoding;
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::{DatasetSplit, DepthSource};
 use crate::dataset::error::FrameProblem;
 use crate::dataset::folder::{Folder, FolderListing};
 use crate::dataset::formats::ParsedFolder;
 use crate::dataset::options::ByteSource;
-use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
@@ -173,29 +171,31 @@ impl ListedSplit {
         self.frames.iter().map(|frame| &frame.color)
     }
 
+    pub fn depths(&self) -> impl Iterator<Item = &ByteSource> {
+        self.frames.iter().filter_map(|frame| frame.depth.as_ref().ok())
+    }
+
     /// Returns the most frequent number of bits per channel of the depth images; 8 if there are none.
     /// Returns `None` if no depth image can be read.
     pub fn depth_bits(&self) -> Option<u16> {
-        let depths: Vec<_> =
-            self.frames.iter().filter_map(|frame| frame.depth.as_ref().ok()).collect();
+        let depths: Vec<_> = self.depths().collect();
         let bits = majority(&depths, |depth| decode::header(depth).map(|h| h.bits_per_channel));
         // Without depth no encoding is used; 8 bits need no scale from the file.
         bits.map(|bits| bits.unwrap_or(8)).ok()
     }
 
-    /// Creates the split from the listed frames. If any frame has depth, frames without depth are
-    /// skipped.
+    /// Creates the split from the listed frames. `read_as` returns cameras and depth encoding of the frame
+    /// of a name. If any frame has depth, frames without depth are skipped.
     pub fn into_split(
         self,
-        intrinsics: Intrinsics,
-        encoding: DepthEncoding,
+        read_as: impl Fn(&str) -> (Cameras, DepthEncoding),
         parsed: &mut ParsedFolder,
     ) -> DatasetSplit {
         // One frame with depth makes this a split with depth, whose other frames lack a file.
         let has_depth = self.has_depth();
-        let cameras = Cameras { depth: intrinsics, color: None, lens: Distortion::default() };
         let mut frames = Vec::with_capacity(self.frames.len());
         for ListedFrame { name, pose, color, depth } in self.frames {
+            let (cameras, encoding) = read_as(&name);
             let depth = match depth {
                 Ok(file) => Some(DepthSource::new(file, encoding)),
                 Err(problem) if has_depth => {

@@ -126,14 +126,15 @@ fn cameras(
     let depths = pairs.values().filter_map(|pair| pair.depth.as_ref().ok());
     let Some((size, depth_size)) = recording.sizes(colors, depths) else { return Ok(None) };
     let folder = recording.folder;
-    let (file, k) = match (stated::in_json_file(folder)?, stated::in_text_file(folder, size)?) {
-        (Some(stated), _) | (None, Some(stated)) => stated,
-        (None, None) => {
-            let expected = "`width`, `height` and the camera's `intrinsic_matrix`";
-            let file = folder.path.join("camera.json");
-            PRIMESENSE.assume(recording, size, (file, expected))?
-        }
-    };
+    let (file, k) =
+        match (stated::in_json_file(recording)?, stated::in_text_file(folder, "", size)?) {
+            (Some(stated), _) | (None, Some(stated)) => stated,
+            (None, None) => {
+                let expected = "`width`, `height` and the camera's `intrinsic_matrix`";
+                let file = folder.path.join("camera.json");
+                PRIMESENSE.assume(recording, size, (file, expected))?
+            }
+        };
     // The file may state the camera of depth or that of the photographs.
     if (k.width, k.height) != depth_size {
         same_size((k.width, k.height), size, &file)?;

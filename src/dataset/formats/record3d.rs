@@ -70,6 +70,8 @@ impl Metadata {
         let Some(size) = recording.warn_unreadable(size) else { return Ok(()) };
         let k = self.intrinsics(size)?;
         let depth_size = self.depth_size(frames, codes, size)?;
+        let used = ["perFrameIntrinsicCoeffs"];
+        stated::name_unused_keys(recording, &self.file, &self.json, &used);
         let poses = stated::array(&self.json, "poses");
         let is_tracked = recording.options.track;
         if poses.is_empty() && !is_tracked {

@@ -5,7 +5,9 @@
 
 use super::numbered::NumberedFiles;
 use super::stated::majority;
-use crate::dataset::calibrated_size::{IntrinsicsDefect, check, from_user};
+use crate::dataset::calibrated_size::{
+    IntrinsicsDefect, check, check_centre, from_user, have_same_aspect_ratio,
+};
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -24,7 +26,8 @@ use crate::math::pose::Pose;
 use std::borrow::Borrow;
 use std::path::{Path, PathBuf};
 
-const SPLIT: &str = "all";
+/// Name of the split of a recording without splits.
+pub(super) const SPLIT: &str = "all";
 
 /// Interval of trusted depth of structured-light sensors (Kinect, Structure), metres.
 pub(super) const STRUCTURED_LIGHT_RANGE: [f64; 2] = [0.3, 4.0];
@@ -37,6 +40,7 @@ pub(super) const ANY_RANGE: [f64; 2] = [0.0, f64::INFINITY];
 pub(super) struct Recording<'a> {
     pub folder: &'a Folder,
     pub options: &'a LoadOptions,
+    pub split: String,
     pub parsed: ParsedFolder,
     pub frames: Vec<FrameEntry>,
 }
@@ -49,6 +53,26 @@ pub(super) struct Cameras {
     pub lens: Distortion,
 }
 
+impl Cameras {
+    /// Cameras of images that are registered pixel by pixel.
+    pub fn registered(depth: Intrinsics) -> Self {
+        Self { depth, color: None, lens: Distortion::default() }
+    }
+
+    /// Adds the distortion that `file` states.
+    ///
+    /// # Errors
+    /// Fails for terms that no lens has over these images.
+    pub fn with_lens(self, lens: Distortion, file: &Path) -> Result<Self, DatasetError> {
+        if lens.is_plausible(&self.depth) {
+            return Ok(Self { lens, ..self });
+        }
+        let expected = "lens terms that map the image to about itself";
+        let found = format!("k {:?}, p {:?}, which fold or tear it", lens.radial, lens.tangential);
+        Err(metadata_error(file, expected, found, "correct them, or undistort the images first"))
+    }
+}
+
 /// Creates a frame from its files, without a timestamp.
 pub(super) fn frame_entry(
     name: String,
@@ -58,7 +82,7 @@ pub(super) fn frame_entry(
     depth: Option<DepthSource>,
 ) -> FrameEntry {
     let Cameras { depth: intrinsics, color: color_camera, lens } = cameras;
-    let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens }));
+    let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens, mask: None }));
     FrameEntry { name, camera: Camera { intrinsics, pose }, color_camera, time: None, source }
 }
 
@@ -84,11 +108,12 @@ pub(super) fn encoding(
 
 impl<'a> Recording<'a> {
     pub fn new(folder: &'a Folder, options: &'a LoadOptions) -> Self {
-        Self { folder, options, parsed: ParsedFolder::default(), frames: Vec::new() }
+        let (split, parsed) = (SPLIT.to_owned(), ParsedFolder::default());
+        Self { folder, options, split, parsed, frames: Vec::new() }
     }
 
     pub fn skip(&mut self, frame: &str, file: PathBuf, problem: FrameProblem) {
-        self.parsed.skip(SPLIT, frame, file, problem);
+        self.parsed.skip(&self.split, frame, file, problem);
     }
 
     pub fn skip_line(&mut self, file: &Path, line: usize, expected: &'static str, found: &str) {
@@ -168,6 +193,11 @@ impl<'a> Recording<'a> {
         self.parsed.notes.push(note.into());
     }
 
+    /// Adds a defect line about a statement of `file` that is not used.
+    pub fn unused(&mut self, file: &Path, statement: impl std::fmt::Display) {
+        self.parsed.unused.push(format!("{}: {statement}", file.display()));
+    }
+
     /// Creates one split of all frames. If any frame has depth, frames without depth are skipped.
     pub fn finish(mut self) -> ParsedFolder {
         // A recording without any depth is photographs alone, and nothing is missing.
@@ -179,7 +209,7 @@ impl<'a> Recording<'a> {
             for frame in without {
                 let file = frame.color_path().unwrap_or(&self.folder.path).to_owned();
                 let problem = FrameProblem::MissingDepth(format!("of frame {}", frame.name));
-                self.parsed.skip(SPLIT, &frame.name, file, problem);
+                self.parsed.skip(&self.split, &frame.name, file, problem);
             }
         }
         // The frames that training holds out, under a name that users can choose.
@@ -187,8 +217,8 @@ impl<'a> Recording<'a> {
         // A recording of one frame has none to hold out; a poll may find one frame of many.
         let is_enough = self.frames.len() > 1 || self.folder.was_any_taken();
         let split = |name: &str, frames| DatasetSplit { name: name.to_owned(), frames, has_depth };
-        self.parsed.splits.push(split(SPLIT, self.frames));
-        if is_enough {
+        self.parsed.splits.push(split(&self.split, self.frames));
+        if is_enough && self.split == SPLIT {
             self.parsed.splits.push(split(HELD_OUT, held_out));
         }
         self.parsed
@@ -217,20 +247,89 @@ impl<'a> Recording<'a> {
         let of_depth = match self.options.intrinsics {
             Some(numbers) => from_user(numbers, depth)?,
             // One lens: intrinsics of another resolution scale with the image.
-            None => stated.resized(depth.0, depth.1),
+            None => fitted(stated, depth, file)?,
         };
-        check_intrinsics(&of_depth, file)?;
+        if !self.options.calibrated_photographs {
+            same_shape(color, depth, file)?;
+        }
         let resampled = || ColorCamera::from_depth_intrinsics(&of_depth, [color.0, color.1]);
         // Without a colour camera, photographs have the camera of depth.
         let color = (color != depth).then(resampled);
-        Ok(Cameras { depth: of_depth, color, lens: Distortion::default() })
+        Ok(Cameras { color, ..Cameras::registered(of_depth) })
+    }
+
+    /// Returns the cameras of photographs and depth images that have lenses of their own in one place.
+    /// Each has the file of its intrinsics, for any image size. `color` and `depth` are image sizes.
+    pub fn cameras_of_lenses(
+        &self,
+        (color_file, of_color): (&Path, &Intrinsics),
+        (depth_file, of_depth): (&Path, &Intrinsics),
+        color: (u32, u32),
+        depth: (u32, u32),
+    ) -> Result<Cameras, DatasetError> {
+        // The user's numbers describe one lens.
+        if self.options.intrinsics.is_some() {
+            return self.cameras_of_lens(of_depth, color, depth, depth_file);
+        }
+        let of_depth = fitted(of_depth, depth, depth_file)?;
+        let of_color = fitted(of_color, color, color_file)?;
+        let camera = ColorCamera::from_depth_intrinsics(&of_color, [color.0, color.1]);
+        let color = (of_color != of_depth).then_some(camera);
+        Ok(Cameras { color, ..Cameras::registered(of_depth) })
     }
 }
 
+/// Scales intrinsics from the size for which `file` states them to images of `size`.
+fn fitted(stated: &Intrinsics, size: (u32, u32), file: &Path) -> Result<Intrinsics, DatasetError> {
+    same_shape((stated.width, stated.height), size, file)?;
+    let k = stated.resized(size.0, size.1);
+    check_intrinsics(&k, file)?;
+    Ok(k)
+}
+
+/// Checks the intrinsics that `file` states: the camera must be possible, and the principal point must
+/// not be the centre of images of another size.
 pub(super) fn check_intrinsics(k: &Intrinsics, file: &Path) -> Result<(), DatasetError> {
-    check(k).map_err(|IntrinsicsDefect { expected, found, hint }| {
+    check(k).and_then(|()| check_centre(k)).map_err(|defect| {
+        let IntrinsicsDefect { expected, found, hint } = defect;
         metadata_error(file, &expected, found, hint)
     })
+}
+
+/// Converts the error of a camera that one frame states, so that only the frame is skipped.
+pub(super) fn own_camera(error: DatasetError) -> FrameProblem {
+    let hint = "correct the camera of this frame, or remove the frame";
+    match error {
+        DatasetError::Metadata { file, expected, found, .. } => {
+            let found = format!("{found} in {}", file.display());
+            FrameProblem::Intrinsics { expected, found, hint: hint.to_owned() }
+        }
+        other => FrameProblem::Intrinsics {
+            expected: "a camera".to_owned(),
+            found: other.to_string(),
+            hint: hint.to_owned(),
+        },
+    }
+}
+
+/// Largest difference between the aspect ratios of images through one lens, as a fraction. Scaling
+/// rounds the sides, and small images were cropped to whole blocks.
+const SHAPE_TOLERANCE: f64 = 0.02;
+
+/// Checks that one lens can take images of both sizes.
+fn same_shape(one: (u32, u32), other: (u32, u32), file: &Path) -> Result<(), DatasetError> {
+    let [a, b] = [one, other].map(|(width, height)| f64::from(width) / f64::from(height));
+    let is_rounded = have_same_aspect_ratio(one.into(), other.into());
+    match is_rounded || (a / b - 1.0).abs() <= SHAPE_TOLERANCE {
+        true => Ok(()),
+        false => Err(metadata_error(
+            file,
+            "images and intrinsics of one shape, as one lens gives",
+            format!("{}x{} ({a:.2}) and {}x{} ({b:.2})", one.0, one.1, other.0, other.1),
+            "register depth to the photographs, or give the depth camera with --intrinsics and the \
+             photographs' camera with --calibration",
+        )),
+    }
 }
 
 pub(super) fn metadata_error(

@@ -8,7 +8,7 @@ use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
     ANY_RANGE, Recording, encoding, frame_entry, metadata_error, no_poses, same_size,
 };
-use super::stated::{KnownCamera, side};
+use super::stated::{KnownCamera, parse_json, side};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -116,8 +116,8 @@ fn camera(
     };
     let text =
         read_text(&file).map_err(|source| DatasetError::Read { path: file.clone(), source })?;
-    let json: Value = serde_json::from_str(&text)
-        .map_err(|source| DatasetError::Json { file: file.clone(), source })?;
+    let json: Value =
+        parse_json(&text).map_err(|source| DatasetError::Json { file: file.clone(), source })?;
     let camera = json.get("camera").unwrap_or(&json);
     let number = |key: &str| camera.get(key).and_then(Value::as_f64);
     let all = ["fx", "fy", "cx", "cy"].map(number);

@@ -6,13 +6,17 @@
 //! position in the list. If the calibration contains the camera's mount on the robot
 //! (`local_transform`), poses are the robot's (`--poses`). They are the camera's if their file name
 //! contains `camera`, as in `…_camera_poses.txt` (`--poses_camera`).
+//!
+//! `calib/` holds a calibration of each image; an image without one has the first calibration. Versions
+//! until 2024 wrote a shifted `camera_matrix`, for which the left half of `projection_matrix` serves.
 
 use super::recording::{
-    Recording, check_intrinsics, encoding, frame_entry, metadata_error, no_poses, same_size,
+    Cameras, Recording, encoding, frame_entry, metadata_error, no_poses, own_camera, same_size,
 };
 use super::stated;
 use super::trajectory::{ListedPose, lines};
 use crate::dataset::decode::CodeKind;
+use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing};
@@ -25,7 +29,7 @@ use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use glam::DMat4;
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
@@ -40,6 +44,7 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const COLORS: &str = "rgb";
 const DEPTHS: &str = "depth";
 const CALIBRATIONS: &str = "calib";
+const YAML: [&str; 2] = [".yaml", ".yml"];
 /// Part of a file name that marks poses of the camera instead of the robot.
 const OF_CAMERA: &str = "camera";
 /// Interval of trusted depth, metres.
@@ -66,7 +71,7 @@ fn subfolder(folder: &Folder, suffix: &str) -> Option<String> {
 }
 
 fn calibration(folder: &Folder) -> Option<String> {
-    let is_yaml = |name: &&str| [".yaml", ".yml"].iter().any(|end| name.ends_with(end));
+    let is_yaml = |name: &&str| YAML.iter().any(|end| name.ends_with(end));
     let holds = |relative: &str| {
         let text = folder.peek(relative);
         // Other YAML files may lie beside the calibration.
@@ -100,15 +105,14 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         return Ok(recording.finish());
     };
     let name = calibration(folder).unwrap_or("calibration.yaml".to_owned());
-    let (calibration_file, calibration) = folder.text(&name)?;
-    let stated = read_camera(&calibration_file, &calibration)?;
-    // The calibration is that of the photographs.
-    same_size((stated.width, stated.height), size, &calibration_file)?;
-    let cameras = recording.cameras_of_lens(&stated, size, depth_size, &calibration_file)?;
+    let common = Calibration::read(folder, &name)?;
+    let sizes = (size, depth_size);
+    let cameras = common.cameras(&recording, sizes)?;
+    common.name_unused(&mut recording);
     // A phone's lidar has a lower resolution than its photographs; depth cameras do not.
     let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
     let encoding = encoding(options, CodeKind::ByContent(MILLIMETRE), sensor, TRUSTED_DEPTH);
-    let frame = |stem: String, pose| {
+    let frame = |stem: String, pose, cameras| {
         let color = colors.required(&stem, FrameProblem::MissingColor)?;
         let depth = depths.required(&stem, FrameProblem::MissingDepth)?;
         let depth = Some(DepthSource::new(depth, encoding));
@@ -116,7 +120,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     };
     if options.track {
         for (stem, _) in colors.by_stem.iter().filter(|(stem, _)| !folder.was_taken(stem)) {
-            let found = frame(stem.clone(), Pose::IDENTITY);
+            let found = frame(stem.clone(), Pose::IDENTITY, cameras);
             // While the recording grows, the depth image may still be written.
             if found.is_ok() || !folder.is_growing() {
                 recording.add(stem, &folder.path.join(DEPTHS), found);
@@ -129,17 +133,25 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         return Err(no_poses(&folder.path.join("poses.txt"), expected, "no such file"));
     };
     let (file, text) = folder.lines(pose_name)?;
-    let on_robot = match pose_name.contains(OF_CAMERA) {
-        true => DMat4::IDENTITY,
-        false => local_transform(&calibration_file, &calibration)?,
+    let mount = |calibration: &Calibration| match pose_name.contains(OF_CAMERA) {
+        true => Ok(DMat4::IDENTITY),
+        false => calibration.local_transform(),
     };
+    let on_robot = mount(&common)?;
     if on_robot != DMat4::IDENTITY {
         recording.note(format!(
             "{pose_name}: used as poses of the robot, with the camera mounted as {} states; name the \
              file camera_poses.txt if they are the camera's",
-            calibration_file.display()
+            common.file.display()
         ));
     }
+    // One file for all images has another name than theirs.
+    let own = name.rsplit_once('/').map(|(parent, _)| parent);
+    let own = |stem: &str| {
+        let listing = folder.list(Path::new(own?)).ok()?;
+        let name = YAML.iter().map(|end| format!("{stem}{end}")).find(|n| listing.has_file(n))?;
+        Some(format!("{}/{name}", own?))
+    };
     // Places in the list count only if every image has a pose.
     let total = lines(&text).count();
     let mut seen = BTreeSet::new();
@@ -150,8 +162,14 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             if folder.was_taken(&stem) {
                 return Ok(None);
             }
+            let (cameras, on_robot) = match own(&stem).filter(|own| *own != name) {
+                None => (cameras, on_robot),
+                Some(own) => Calibration::read(folder, &own)
+                    .and_then(|own| Ok((own.cameras(&recording, sizes)?, mount(&own)?)))
+                    .map_err(own_camera)?,
+            };
             let pose = Pose::from_opencv(listed.matrix? * on_robot)?;
-            Ok(Some(FrameEntry { time: listed.time, ..frame(stem, pose)? }))
+            Ok(Some(FrameEntry { time: listed.time, ..frame(stem, pose, cameras)? }))
         };
         match read() {
             Ok(None) => {}
@@ -244,40 +262,123 @@ fn value(stem: &str) -> f64 {
     stem.parse().ok().filter(|value: &f64| value.is_finite()).unwrap_or(f64::INFINITY)
 }
 
-/// Reads the camera from OpenCV's YAML. It is not valid YAML, because it begins with `%YAML:1.0` and
-/// tags matrices.
-fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
-    // Only these lines are read, so no YAML parser is needed.
-    let number = |key: &str| {
-        let line = text.lines().find_map(|line| line.trim().strip_prefix(key))?;
-        line.strip_prefix(':')?.trim().parse::<u32>().ok()
-    };
-    let matrix =
-        data(text, "camera_matrix:").and_then(|data| matrix::parse_numbers::<9>(data).ok());
-    let size = number("image_width").zip(number("image_height"));
-    let k = matrix.zip(size).and_then(|(m, size)| stated::from_matrix(m, size));
-    let Some(k) = k else {
-        let expected = "`image_width`, `image_height` and a `camera_matrix` of 3x3";
-        let hint = "export the calibration again";
-        return Err(metadata_error(file, expected, beginning(text), hint));
-    };
-    check_intrinsics(&k, file)?;
-    Ok(k)
+/// OpenCV's YAML. It is not valid YAML, because it begins with `%YAML:1.0` and tags matrices.
+struct Calibration {
+    file: PathBuf,
+    text: String,
 }
 
-/// Reads the transform from camera to robot; identity if the file does not state it.
-fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
-    const KEY: &str = "local_transform:";
-    if !text.contains(KEY) {
-        return Ok(DMat4::IDENTITY);
+impl Calibration {
+    fn read(folder: &Folder, name: &str) -> Result<Self, DatasetError> {
+        let (file, text) = folder.text(name)?;
+        Ok(Self { file, text })
     }
-    let said = data(text, KEY).unwrap_or_default();
-    let motion = matrix::parse_numbers::<12>(said).ok().map(matrix::from_three_rows);
-    let rigid = motion.filter(|motion| Pose::from_opencv(*motion).is_ok());
-    rigid.ok_or_else(|| {
-        let expected = "a rigid `local_transform` of 3x4 numbers";
-        metadata_error(file, expected, beginning(said), "export the calibration again")
-    })
+
+    // Only some lines are read, so no YAML parser is needed.
+    fn value(&self, key: &str) -> Option<&str> {
+        let line = self.text.lines().find_map(|line| line.trim().strip_prefix(key))?;
+        Some(line.strip_prefix(':')?.trim().trim_matches('"'))
+    }
+
+    fn numbers<const N: usize>(&self, key: &str) -> Option<[f64; N]> {
+        matrix::parse_numbers(data(&self.text, key)?).ok()
+    }
+
+    /// Returns the cameras for images of the sizes of photographs and depth.
+    fn cameras(
+        &self,
+        recording: &Recording,
+        (color, depth): ((u32, u32), (u32, u32)),
+    ) -> Result<Cameras, DatasetError> {
+        let stated = self.intrinsics()?;
+        // The calibration is that of the photographs.
+        same_size((stated.width, stated.height), color, &self.file)?;
+        let cameras = recording.cameras_of_lens(&stated, color, depth, &self.file)?;
+        cameras.with_lens(self.lens()?, &self.file)
+    }
+
+    fn intrinsics(&self) -> Result<Intrinsics, DatasetError> {
+        let k = self.size().and_then(|size| self.own(size).or_else(|| self.projection(size)));
+        k.ok_or_else(|| {
+            let expected = "`image_width`, `image_height` and a `camera_matrix` of 3x3";
+            let hint = "export the calibration again";
+            metadata_error(&self.file, expected, beginning(&self.text), hint)
+        })
+    }
+
+    fn size(&self) -> Option<(u32, u32)> {
+        let side = |key: &str| self.value(key)?.parse::<u32>().ok();
+        side("image_width").zip(side("image_height"))
+    }
+
+    fn own(&self, size: (u32, u32)) -> Option<Intrinsics> {
+        stated::from_matrix(self.numbers("camera_matrix:")?, size)
+    }
+
+    fn projection(&self, size: (u32, u32)) -> Option<Intrinsics> {
+        let p = self.numbers::<12>("projection_matrix:")?;
+        stated::from_matrix([p[0], p[1], p[2], p[4], p[5], p[6], p[8], p[9], p[10]], size)
+    }
+
+    /// Returns the lens of OpenCV's terms `k1 k2 p1 p2 k3 k4 k5 k6`; those at the end may be missing.
+    fn lens(&self) -> Result<Distortion, DatasetError> {
+        let said = data(&self.text, "distortion_coefficients:").unwrap_or_default();
+        let terms = said.split(',').map(str::trim).filter(|term| !term.is_empty());
+        let terms: Option<Vec<f64>> =
+            terms.map(|t| t.parse().ok().filter(|t: &f64| t.is_finite())).collect();
+        let model = self.value("distortion_model").unwrap_or("plumb_bob");
+        let is_perspective = ["", "plumb_bob", "rational_polynomial"].contains(&model);
+        let is_zero = terms.as_ref().is_some_and(|terms| terms.iter().all(|term| *term == 0.0));
+        let known = terms.filter(|terms| is_zero || is_perspective && terms.len() <= 8);
+        let Some(known) = known else {
+            let expected = "at most 8 `distortion_coefficients` of a perspective lens";
+            let found = format!("{} of the model {model}", beginning(said));
+            let hint = "undistort the images to a pinhole first";
+            return Err(metadata_error(&self.file, expected, found, hint));
+        };
+        let term = |i: usize| known.get(i).copied().unwrap_or(0.0);
+        let radial = [0, 1, 4, 5, 6, 7].map(term);
+        Ok(Distortion { radial, tangential: [2, 3].map(term), ..Distortion::default() })
+    }
+
+    /// Returns the transform from camera to robot; identity if the file does not state it.
+    fn local_transform(&self) -> Result<DMat4, DatasetError> {
+        const KEY: &str = "local_transform:";
+        if !self.text.contains(KEY) {
+            return Ok(DMat4::IDENTITY);
+        }
+        let motion = self.numbers(KEY).map(matrix::from_three_rows);
+        let rigid = motion.filter(|motion| Pose::from_opencv(*motion).is_ok());
+        rigid.ok_or_else(|| {
+            let expected = "a rigid `local_transform` of 3x4 numbers";
+            let found = beginning(data(&self.text, KEY).unwrap_or_default());
+            metadata_error(&self.file, expected, found, "export the calibration again")
+        })
+    }
+
+    fn name_unused(&self, recording: &mut Recording) {
+        const RECTIFIED: &str = "rectification_matrix:";
+        let turn = self.numbers::<9>(RECTIFIED);
+        if turn.is_some_and(|turn| turn != [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]) {
+            let statement = "`rectification_matrix` is not used: poses are those of the raw camera";
+            recording.unused(&self.file, statement);
+        }
+        let Some(size) = self.size() else { return };
+        match (self.own(size), self.projection(size)) {
+            (None, _) => recording.note(format!(
+                "{}: `camera_matrix` is shifted: `projection_matrix` is used",
+                self.file.display()
+            )),
+            (Some(own), Some(p)) if (own.fx / p.fx - 1.0).abs() > 0.01 => {
+                let statement = format!(
+                    "`projection_matrix` (focal length {}) is not used: the images have `camera_matrix` ({})",
+                    p.fx, own.fx
+                );
+                recording.unused(&self.file, statement);
+            }
+            _ => {}
+        }
+    }
 }
 
 /// Returns the text between the brackets of the `data` of matrix `key`.

@@ -6,13 +6,10 @@
 
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
-    Cameras, Recording, STRUCTURED_LIGHT_RANGE, check_intrinsics, encoding, frame_entry,
-    metadata_error,
+    Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error,
 };
 use super::stated;
-use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::CodeKind;
-use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, is_file, read_small_text};
@@ -105,26 +102,12 @@ fn cameras(
     let of_color = intrinsics(recording.folder, color_name, color)?;
     let of_depth = intrinsics(recording.folder, depth_name, depth)?;
     match (of_color, of_depth) {
-        (Some((color_file, of_color)), Some((_, of_depth)))
-            // The user's numbers describe one lens.
-            if recording.options.intrinsics.is_none() =>
-        {
-            // Only size and lens differ: the exporter aligns poses to both cameras, and its extrinsics are
-            // identities.
-            let camera = ColorCamera {
-                focal: [of_color.fx, of_color.fy],
-                principal: [of_color.cx, of_color.cy],
-                offset: [0.0; 3],
-                rotation: [0.0; 3],
-                size: Some([color.0, color.1]),
-            };
-            check_intrinsics(&of_color, &color_file)?;
-            let is_one = of_color == of_depth;
-            let (color, lens) = ((!is_one).then_some(camera), Distortion::default());
-            Ok(Cameras { depth: of_depth, color, lens })
-        }
+        // Only size and lens differ: the exporter aligns poses to both cameras, and its extrinsics are
+        // identities.
+        (Some((color_file, of_color)), Some((depth_file, of_depth))) => recording
+            .cameras_of_lenses((&color_file, &of_color), (&depth_file, &of_depth), color, depth),
         // Only one lens is known, so both images are taken to be through it.
-        (_, Some((file, stated))) | (Some((file, stated)), None) => {
+        (None, Some((file, stated))) | (Some((file, stated)), None) => {
             recording.cameras_of_lens(&stated, color, depth, &file)
         }
         (None, None) => {
@@ -153,6 +136,5 @@ fn intrinsics(
     }
     let (file, text) = folder.text(&relative)?;
     let k = stated::from_text(&text, size, &file)?;
-    check_intrinsics(&k, &file)?;
     Ok(Some((file, k)))
 }

@@ -2,19 +2,20 @@
 //! 65535 are holes) and `STEM.pose.txt` (camera-to-world, OpenCV axes).
 //!
 //! Frames are in sequence folders listed by `TrainSplit.txt` and `TestSplit.txt`, or in one folder per
-//! split, or in the root. Intrinsics come from `camera-intrinsics.txt` (3×3) or are the dataset's published
-//! default.
+//! split, or in the root. Cameras come from a text in the frames' folder or the root: a camera matrix such
+//! as `camera-intrinsics.txt`, or `info.txt` with both cameras and the unit of depth, as of BundleFusion.
+//! Without one, the dataset's published camera is used.
 //!
 //! The published recordings are not registered: a separate camera took the colour images. The files do not
 //! state this, hence the notice at opening. The known calibration applies only if the depth intrinsics are
-//! the published ones.
+//! the published ones and no file states the colour camera.
 
 use super::numbered::{ListedFrame, ListedSplit};
 use super::recording::{
-    STRUCTURED_LIGHT_RANGE, check_intrinsics, encoding, metadata_error, photograph_size,
+    Cameras, Recording, STRUCTURED_LIGHT_RANGE, depth_size, encoding, photograph_size,
 };
-use super::stated::{KnownCamera, from_matrix};
-use crate::dataset::calibrated_size::from_user;
+use super::stated;
+use super::stated::{KnownCamera, POSE_SUFFIX, SensorInfo};
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -26,6 +27,7 @@ use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
@@ -35,7 +37,6 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     parse,
 };
 
-const POSE_SUFFIX: &str = ".pose.txt";
 const COLOR_SUFFIXES: [&str; 3] = [".color.png", ".color.jpg", ".color.jpeg"];
 const DEPTH_SUFFIX: &str = ".depth.png";
 const SPLIT_SUFFIX: &str = "Split.txt";
@@ -89,28 +90,41 @@ fn split_files(folder: &Folder) -> Vec<&str> {
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
-    let mut parsed = ParsedFolder::default();
-    let mut splits = Vec::new();
-    for (split, folders) in split_folders(folder, &mut parsed)? {
+    let mut recording = Recording::new(folder, options);
+    let parsed = &mut recording.parsed;
+    let (mut splits, mut all_folders) = (Vec::new(), BTreeSet::new());
+    for (split, folders) in split_folders(folder, parsed)? {
         let mut listed = ListedSplit { name: split, frames: Vec::new() };
         for frames_in in &folders {
-            collect((folder, options), frames_in, &mut listed, &mut parsed);
+            collect((folder, options), frames_in, &mut listed, parsed);
         }
         splits.push(listed);
+        all_folders.extend(folders);
     }
     // One camera took all splits, so its size is that of most images of all splits.
     let Ok(Some(size)) = photograph_size(splits.iter().flat_map(ListedSplit::colors)) else {
-        splits.into_iter().for_each(|listed| listed.skip_unreadable(&mut parsed));
-        return Ok(parsed);
+        splits.into_iter().for_each(|listed| listed.skip_unreadable(parsed));
+        return Ok(recording.parsed);
     };
-    let intrinsics = match options.intrinsics {
-        Some(numbers) => from_user(numbers, size)?,
-        None => intrinsics(folder, size, &mut parsed.notes)?,
+    let depths = depth_size(splits.iter().flat_map(ListedSplit::depths));
+    // Unreadable depth is reported with its frames.
+    let sizes = (size, depths.ok().flatten().unwrap_or(size));
+    let by_folder = cameras_by_folder(&mut recording, all_folders, sizes)?;
+    if by_folder.values().any(|(cameras, _)| cameras.color.is_none()) {
+        // A matrix does not show whether colours are registered.
+        recording.note("colour images are not registered to depth (7-Scenes)");
+    }
+    let mut parsed = recording.parsed;
+    // Every frame lies in one of the folders.
+    let Some(first) = by_folder.values().next() else { return Ok(parsed) };
+    let read_as = |name: &str| {
+        let folder = Path::new(name).parent().unwrap_or(Path::new(""));
+        let (cameras, unit) = *by_folder.get(folder).unwrap_or(first);
+        let unit = CodeKind::Linear16(unit);
+        (cameras, encoding(options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE))
     };
-    let unit = CodeKind::Linear16(MILLIMETRE);
-    let encoding = encoding(options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     for listed in splits {
-        let split = listed.into_split(intrinsics, encoding, &mut parsed);
+        let split = listed.into_split(read_as, &mut parsed);
         parsed.splits.push(split);
     }
     Ok(parsed)
@@ -251,27 +265,83 @@ fn read_pose(
     Ok(Pose::from_opencv(matrix::from_text(&text)?)?)
 }
 
-/// Returns the intrinsics of the depth camera, and adds their source to `notes`.
-fn intrinsics(
-    folder: &Folder,
-    size: (u32, u32),
-    notes: &mut Vec<String>,
-) -> Result<Intrinsics, DatasetError> {
-    let file = folder.path.join(INTRINSICS_FILE);
-    let expected = "9 numbers: fx 0 cx, 0 fy cy, 0 0 1";
-    // Added for every recording: the files do not show whether colours are registered.
-    notes.push("colour images are not registered to depth (7-Scenes)".into());
-    if !folder.listing.has_file(INTRINSICS_FILE) {
-        notes.push(PUBLISHED.note(size, (&file, expected))?);
-        return Ok(PUBLISHED.intrinsics);
+/// How files of a folder are read: cameras, and length of a step of depth, metres.
+type ReadAs = (Cameras, f64);
+
+/// Returns the cameras of the frames in each of `folders`: those stated there or in the root, else the
+/// published ones.
+fn cameras_by_folder(
+    recording: &mut Recording,
+    folders: BTreeSet<String>,
+    sizes: ((u32, u32), (u32, u32)),
+) -> Result<BTreeMap<PathBuf, ReadAs>, DatasetError> {
+    let mut found = BTreeMap::new();
+    let mut of_root = None;
+    for folder in folders {
+        let own = match folder.is_empty() {
+            true => None,
+            false => stated_cameras(recording, &folder, sizes)?,
+        };
+        let cameras = match (own, of_root) {
+            (Some(cameras), _) | (None, Some(cameras)) => cameras,
+            (None, None) => {
+                let root = stated_cameras(recording, "", sizes)?;
+                let root = root.map_or_else(|| published_cameras(recording, sizes), Ok)?;
+                *of_root.insert(root)
+            }
+        };
+        found.insert(folder.into(), cameras);
     }
-    let (_, text) = folder.text(INTRINSICS_FILE)?;
-    let m = matrix::parse_numbers::<9>(&text)
-        .map_err(|found| metadata_error(&file, expected, found, "export the intrinsics again"))?;
-    let k = from_matrix(m, size).ok_or_else(|| {
-        let hint = "undistort to a pinhole without skew";
-        metadata_error(&file, expected, format!("{m:?}"), hint)
-    })?;
-    check_intrinsics(&k, &file)?;
-    Ok(k)
+    Ok(found)
+}
+
+/// Returns the cameras that a text in the folder `relative` states.
+fn stated_cameras(
+    recording: &mut Recording,
+    relative: &str,
+    (color, depth): ((u32, u32), (u32, u32)),
+) -> Result<Option<ReadAs>, DatasetError> {
+    let folder = recording.folder;
+    let info = SensorInfo::find(folder, relative)?;
+    if let Some((file, k)) = stated::in_text_file(folder, relative, color)? {
+        if let Some(info) = info {
+            let statement = format!("its cameras are not used, as {} states one", file.display());
+            recording.unused(&info.file, statement);
+        }
+        let cameras = recording.cameras_of_lens(&k, color, depth, &file)?;
+        return Ok(Some((cameras, MILLIMETRE)));
+    }
+    let Some(info) = info else { return Ok(None) };
+    let unit = info.depth_unit()?.unwrap_or(MILLIMETRE);
+    let file = &info.file;
+    let stated = (info.intrinsics("color", color)?, info.intrinsics("depth", depth)?);
+    let mut cameras = match stated {
+        (Some(of_color), Some(of_depth)) => {
+            recording.cameras_of_lenses((file, &of_color), (file, &of_depth), color, depth)?
+        }
+        (Some(one), None) | (None, Some(one)) => {
+            recording.cameras_of_lens(&one, color, depth, file)?
+        }
+        (None, None) => return Ok(None),
+    };
+    // Stated as one camera: the known second one must not replace it.
+    let one = ColorCamera::from_depth_intrinsics(&cameras.depth, [color.0, color.1]);
+    cameras.color = cameras.color.or(Some(one));
+    if info.has_offset() {
+        let statement = "the transform between colour and depth camera is not used: photographs are \
+                         taken as from the depth camera's place; give a --calibration";
+        recording.unused(file, statement);
+    }
+    Ok(Some((cameras, unit)))
+}
+
+/// Returns the cameras for a recording whose files state none.
+fn published_cameras(
+    recording: &mut Recording,
+    (color, depth): ((u32, u32), (u32, u32)),
+) -> Result<ReadAs, DatasetError> {
+    let file = recording.folder.path.join(INTRINSICS_FILE);
+    let expected = "9 numbers: fx 0 cx, 0 fy cy, 0 0 1";
+    let (file, k) = PUBLISHED.assume(recording, color, (file, expected))?;
+    Ok((recording.cameras_of_lens(&k, color, depth, &file)?, MILLIMETRE))
 }

@@ -1,12 +1,13 @@
 //! Intrinsics stated in a recording's files, or known for its camera.
 
-use super::recording::{Recording, metadata_error};
+use super::recording::{Recording, SPLIT, metadata_error};
 use crate::dataset::calibrated_size::is_plausible_field_of_view;
 use crate::dataset::error::DatasetError;
-use crate::dataset::folder::Folder;
+use crate::dataset::folder::{Folder, read_small_text};
 use crate::dataset::matrix;
-use crate::dataset::matrix::describe_json;
+use crate::dataset::matrix::{describe_json, shorten};
 use crate::math::camera::Intrinsics;
+use glam::DMat4;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -61,7 +62,9 @@ impl KnownCamera {
     }
 }
 
-/// Names of text files that may contain a camera matrix or `fx fy cx cy`.
+/// Suffix of the names of texts with the pose of one frame.
+pub(super) const POSE_SUFFIX: &str = ".pose.txt";
+/// Names of text files that may contain `fx fy cx cy` or a camera matrix.
 const NAMES: [&str; 5] =
     ["camera-intrinsics.txt", "intrinsics.txt", "camera.txt", "calibration.txt", "intrinsic.txt"];
 
@@ -77,18 +80,22 @@ pub(super) fn from_text(
     if let Ok([fx, fy, cx, cy]) = matrix::parse_numbers::<4>(text) {
         return Ok(of(fx, fy, cx, cy));
     }
-    let rows = match (matrix::parse_numbers::<16>(text), matrix::parse_numbers::<9>(text)) {
-        (Ok(m), _) => [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]],
-        (_, Ok(m)) => m,
-        (_, Err(found)) => {
-            let expected = "4 numbers fx fy cx cy, or a camera matrix of 3x3 or 4x4";
-            return Err(metadata_error(file, expected, found, "export the intrinsics again"));
-        }
-    };
+    let rows = matrix_rows(text).map_err(|found| {
+        let expected = "4 numbers fx fy cx cy, or a camera matrix of 3x3 or 4x4";
+        metadata_error(file, expected, found, "export the intrinsics again")
+    })?;
     from_matrix(rows, size).ok_or_else(|| {
         let expected = "a camera matrix fx 0 cx, 0 fy cy, 0 0 1";
         metadata_error(file, expected, format!("{rows:?}"), "undistort to a pinhole without skew")
     })
+}
+
+/// Parses the left upper 3×3 of a matrix of 3×3 or 4×4 numbers.
+fn matrix_rows(text: &str) -> Result<[f64; 9], String> {
+    match matrix::parse_numbers::<16>(text) {
+        Ok(m) => Ok([m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]]),
+        Err(_) => matrix::parse_numbers::<9>(text),
+    }
 }
 
 /// Reads a camera matrix. The position of the principal point shows whether the matrix is stored by
@@ -113,6 +120,44 @@ pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
     }
 }
 
+/// Keys of lens terms.
+pub(super) const LENS_TERMS: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+/// Parts of other keys that state cameras, lenses or units.
+const CAMERA_PARTS: [&str; 9] = [
+    "lens",
+    "distort",
+    "focal",
+    "intrinsic",
+    "extrinsic",
+    "shutter",
+    "skew",
+    "unit",
+    "depth_scale",
+];
+/// Most keys that one defect line lists.
+const MOST_KEYS: usize = 6;
+
+/// Adds a defect line for the keys of a JSON object of `file` that state numbers of a camera, a lens or
+/// a unit and are not among the `used` ones. Zeros state nothing.
+pub(super) fn name_unused_keys(
+    recording: &mut Recording,
+    file: &Path,
+    json: &Value,
+    used: &[&str],
+) {
+    let is_unused = |(key, value): &(&String, &Value)| {
+        let (name, key) = (key.to_lowercase(), key.as_str());
+        let is_camera = LENS_TERMS.contains(&key) || CAMERA_PARTS.iter().any(|p| name.contains(p));
+        let states = |value: &Value| flat_numbers(value)?.iter().any(|n| *n != 0.0).then_some(());
+        is_camera && !used.contains(&key) && states(value).is_some()
+    };
+    let keys = json.as_object().into_iter().flatten().filter(is_unused);
+    let keys: Vec<String> = keys.take(MOST_KEYS).map(|(key, _)| shorten(key)).collect();
+    if !keys.is_empty() {
+        recording.unused(file, format!("the keys {} are not used", keys.join(", ")));
+    }
+}
+
 /// Returns the value of the first of the keys that is present.
 pub(super) fn first_of<'a>(json: &'a Value, keys: &[&str]) -> Option<&'a Value> {
     keys.iter().find_map(|key| json.get(key))
@@ -126,6 +171,73 @@ pub(super) fn side(json: &Value, keys: &[&str]) -> Option<u32> {
 /// Returns the items of the array `key`; empty if there is no such array.
 pub(super) fn array<'a>(json: &'a Value, key: &str) -> &'a [Value] {
     json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+}
+
+/// Prefix of the names of frame lists. A damaged file with this prefix is reported instead of skipped.
+const LIST_PREFIX: &str = "transforms";
+
+/// Returns the frame lists of a folder: JSON files whose `frames` name files and poses, and files that are
+/// lists by their names. The value of a damaged file is null.
+pub(super) fn frame_lists(folder: &Folder) -> Vec<(&str, Value)> {
+    let is_posed = |f: &Value| f.get("transform_matrix").is_some() && f.get("file_path").is_some();
+    let list = |name| {
+        // Read completely: a list under another name is recognised by its content alone.
+        let json = parse_json(&folder.peek_whole(name)).unwrap_or(Value::Null);
+        let is_list = name.starts_with(LIST_PREFIX) || array(&json, "frames").iter().any(is_posed);
+        is_list.then_some((name, json))
+    };
+    folder.listing.files().filter(|name| name.ends_with(".json")).filter_map(list).collect()
+}
+
+pub(super) fn read_list(folder: &Folder, name: &str) -> Result<(PathBuf, Value), DatasetError> {
+    let (file, text) = folder.text(name)?;
+    match parse_json(&text) {
+        Ok(json) => Ok((file, json)),
+        Err(source) => Err(DatasetError::Json { file, source }),
+    }
+}
+
+/// Returns the split that the file name of a frame list states: `train` for `transforms_train.json` and
+/// `transforms-train.json`, `all` for `transforms.json`.
+pub(super) fn split_name(file_name: &str) -> &str {
+    let stem = file_name.trim_end_matches(".json");
+    match stem.strip_prefix(LIST_PREFIX).unwrap_or(stem).trim_matches(['_', '-', '.']) {
+        "" => SPLIT,
+        split => split,
+    }
+}
+
+/// Parses JSON with the bare words `NaN` and `Infinity`, which Python writes. They become texts, so that
+/// only what needs their number is refused.
+pub(super) fn parse_json(text: &str) -> serde_json::Result<Value> {
+    serde_json::from_str(text).or_else(|_| serde_json::from_str(&with_quoted_words(text)))
+}
+
+fn with_quoted_words(text: &str) -> String {
+    let (mut out, mut rest) = (String::with_capacity(text.len()), text);
+    while let Some(at) = rest.find(['"', '-', 'I', 'N']) {
+        let (before, from) = rest.split_at(at);
+        out.push_str(before);
+        let word = ["NaN", "Infinity", "-Infinity"].into_iter().find(|w| from.starts_with(w));
+        let quote = if word.is_some() { "\"" } else { "" };
+        let n = word.map_or_else(|| quoted_length(from), str::len);
+        let (part, after) = from.split_at(n);
+        out.extend([quote, part, quote]);
+        rest = after;
+    }
+    out + rest
+}
+
+/// Returns the number of bytes of the quoted text at the start; 1 without a quotation mark there.
+fn quoted_length(text: &str) -> usize {
+    let Some(inner) = text.strip_prefix('"') else { return 1 };
+    let mut is_escaped = false;
+    let end = inner.bytes().position(|byte| {
+        let is_end = byte == b'"' && !is_escaped;
+        is_escaped = byte == b'\\' && !is_escaped;
+        is_end
+    });
+    end.map_or(text.len(), |end| end + 2)
 }
 
 /// Returns the name of a frame list's entry: its path or, if it has no path, its position in the list.
@@ -145,14 +257,31 @@ pub(super) fn flat_numbers(value: &Value) -> Option<Vec<f64>> {
     }
 }
 
+/// Finds the camera that a text file in the folder `relative` states for images of `size`: a file of a
+/// usual name or, without one, any text that is a camera matrix. Also returns the file's path.
+///
+/// # Errors
+/// Two texts with different matrices; a file of a usual name without a camera.
 pub(super) fn in_text_file(
     folder: &Folder,
+    relative: &str,
     size: (u32, u32),
 ) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
-    let Some(name) = NAMES.iter().find(|name| folder.listing.has_file(name)) else {
-        return Ok(None);
+    let texts = small_texts(folder, relative);
+    let named = NAMES.iter().find_map(|name| texts.iter().find(|(found, _)| found == name));
+    let matrices: Vec<_> =
+        texts.iter().filter_map(|(n, text)| Some((n, matrix_of(text)?))).collect();
+    let name = match (named, matrices.first()) {
+        (Some((name, _)), _) => name,
+        (None, Some((name, first))) => {
+            if let Some((other, _)) = matrices.iter().find(|(_, matrix)| matrix != first) {
+                return Err(two_cameras(&folder.path.join(relative).join(other), name));
+            }
+            name
+        }
+        (None, None) => return Ok(None),
     };
-    let (file, text) = folder.text(name)?;
+    let (file, text) = folder.text(&Path::new(relative).join(name).display().to_string())?;
     // The last of four numbers may lack digits; a matrix ends with a 1.
     if folder.is_growing() && !text.ends_with('\n') && matrix::parse_numbers::<4>(&text).is_ok() {
         let found = "a line that may still grow".to_owned();
@@ -163,22 +292,136 @@ pub(super) fn in_text_file(
     Ok(Some((file, k)))
 }
 
+fn two_cameras(file: &Path, other: &str) -> DatasetError {
+    let found = format!("one here and another in {other}");
+    metadata_error(file, "one camera", found, "keep the file that belongs to these images")
+}
+
+/// Returns the camera matrix of which a text consists. Unlike a pose, it has focal lengths of many
+/// pixels.
+fn matrix_of(text: &str) -> Option<[f64; 9]> {
+    let rows = matrix_rows(text).ok()?;
+    from_matrix(rows, (1, 1)).is_some_and(|k| k.fx > 2.0 && k.fy > 2.0).then_some(rows)
+}
+
+/// Most texts of a folder that are searched for a camera. Frames with a text each have more.
+const MOST_TEXTS: usize = 64;
+
+/// Returns name and beginning of the texts in the folder `relative` that are not poses of frames.
+fn small_texts(folder: &Folder, relative: &str) -> Vec<(String, String)> {
+    let relative = Path::new(relative);
+    let Ok(listing) = folder.list(relative) else { return Vec::new() };
+    let is_text = |name: &&str| {
+        [".txt", ".csv"].iter().any(|end| name.ends_with(end)) && !name.ends_with(POSE_SUFFIX)
+    };
+    let read = |name: &str| {
+        let text =
+            folder.file(relative, &listing, name).and_then(|path| Ok(read_small_text(&path)?));
+        text.map_err(|problem| folder.record_unread(name, problem)).ok()
+    };
+    let names = listing.files().filter(is_text).take(MOST_TEXTS);
+    names.filter_map(|name| Some((name.to_owned(), read(name)?))).collect()
+}
+
+/// Cameras in lines `key = numbers`, as in `info.txt` of BundleFusion, 12-Scenes and 3RScan.
+pub(super) struct SensorInfo {
+    pub file: PathBuf,
+    text: String,
+}
+
+impl SensorInfo {
+    /// Finds the first text in the folder `relative` that states intrinsics.
+    pub fn find(folder: &Folder, relative: &str) -> Result<Option<Self>, DatasetError> {
+        let texts = small_texts(folder, relative).into_iter();
+        let mut infos = texts.map(|(name, text)| Self { file: name.into(), text });
+        let Some(info) = infos.find(|info| info.value(&["intrinsic"]).is_some()) else {
+            return Ok(None);
+        };
+        let (file, text) =
+            folder.text(&Path::new(relative).join(info.file).display().to_string())?;
+        Ok(Some(Self { file, text }))
+    }
+
+    /// Returns the value of the first key that contains all parts, in lower case.
+    fn value(&self, parts: &[&str]) -> Option<&str> {
+        self.text.lines().filter_map(|line| line.split_once('=')).find_map(|(key, value)| {
+            let key = key.to_lowercase();
+            parts.iter().all(|part| key.contains(part)).then_some(value.trim())
+        })
+    }
+
+    fn number(&self, parts: &[&str]) -> Option<f64> {
+        self.value(parts)?.parse().ok()
+    }
+
+    /// Returns the intrinsics of `camera` (`color` or `depth`), for the stated size or else for images
+    /// of `size`; `None` if there are none.
+    pub fn intrinsics(
+        &self,
+        camera: &str,
+        size: (u32, u32),
+    ) -> Result<Option<Intrinsics>, DatasetError> {
+        let Some(text) = self.value(&[camera, "intrinsic"]) else { return Ok(None) };
+        // The cast saturates: an absurd size has another shape than the images.
+        let side = |key: &str, unless| self.number(&[camera, key]).map_or(unless, |n| n as u32);
+        from_text(text, (side("width", size.0), side("height", size.1)), &self.file).map(Some)
+    }
+
+    /// Returns the length of a step of depth, metres; `None` if it is not stated.
+    ///
+    /// # Errors
+    /// A number of steps per metre that is not positive.
+    pub fn depth_unit(&self) -> Result<Option<f64>, DatasetError> {
+        let Some(said) = self.value(&["depth", "shift"]) else { return Ok(None) };
+        let steps = said.parse().ok().filter(|steps: &f64| steps.is_finite() && *steps > 0.0);
+        let expected = "a positive depth shift, steps per metre";
+        let wrong = || metadata_error(&self.file, expected, said.to_owned(), "correct it");
+        Ok(Some(1.0 / steps.ok_or_else(wrong)?))
+    }
+
+    /// True if a stated transform between the cameras is not the identity.
+    pub fn has_offset(&self) -> bool {
+        ["color", "depth"].iter().filter_map(|camera| self.value(&[camera, "extrinsic"])).any(
+            |text| {
+                let is_identity = |m: DMat4| m.abs_diff_eq(DMat4::IDENTITY, 1e-6);
+                !matrix::from_text(text).is_ok_and(is_identity)
+            },
+        )
+    }
+}
+
 /// Reads the camera from an Open3D JSON file (`intrinsic_matrix`, `width`, `height`). Also returns the
 /// file's path.
-pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
+///
+/// # Errors
+/// Two files with different cameras, or one without a camera.
+pub(super) fn in_json_file(
+    recording: &mut Recording,
+) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
+    let folder = recording.folder;
+    let mut found: Option<(PathBuf, Intrinsics)> = None;
     for name in folder.listing.files().filter(|name| name.ends_with(".json")) {
         let (file, text) = folder.text(name)?;
         // Other JSON files, such as settings, may lie beside the camera's.
-        let Ok(json) = serde_json::from_str::<Value>(&text) else { continue };
+        let Ok(json) = parse_json(&text) else { continue };
         let Some(matrix) = json.get("intrinsic_matrix") else { continue };
         let size = side(&json, &["width"]).zip(side(&json, &["height"]));
         let k = size.and_then(|size| from_json(matrix, size));
         let expected = "`width`, `height` and an `intrinsic_matrix` of nine numbers";
         let hint = "export the camera again";
         let k = k.ok_or_else(|| metadata_error(&file, expected, describe_json(&json), hint))?;
-        return Ok(Some((file, k)));
+        match &found {
+            Some((first, other)) if *other != k => {
+                return Err(two_cameras(&file, &first.display().to_string()));
+            }
+            Some(_) => {}
+            None => {
+                name_unused_keys(recording, &file, &json, &["intrinsic_matrix"]);
+                found = Some((file, k));
+            }
+        }
     }
-    Ok(None)
+    Ok(found)
 }
 
 /// Camera parameters of a frame. Where the frame has no value, the value of the whole list applies.
@@ -199,6 +442,10 @@ impl FrameCamera<'_> {
             let expected = format!("a number as `{key}`");
             metadata_error(self.file, &expected, describe_json(value), "correct the value")
         })
+    }
+
+    pub fn states_size(&self) -> bool {
+        ["w", "h"].iter().any(|key| first_of(self.frame, &[key]).or(self.list.get(key)).is_some())
     }
 
     /// Returns the stated width and height. A missing value is replaced by that of `unless`.
@@ -313,6 +560,22 @@ pub(super) fn majority<S, T: Copy + PartialEq, E>(
     match most.or_else(|| others.into_iter().find_map(|(_, file)| ask(file).ok())) {
         Some(answer) => Ok(Some(answer)),
         None => error.map_or(Ok(None), Err),
+    }
+}
+
+#[cfg(test)]
+mod json_tests {
+    use super::*;
+
+    #[test]
+    fn bare_words_become_texts_and_texts_stay() {
+        let text = r#"{"a\\\"NaN": [NaN, -Infinity, -1, Infinity], "N": "\\", "ä": "I-NaN"}"#;
+        let json = parse_json(text).unwrap_or_default();
+        assert_eq!(json["a\\\"NaN"], serde_json::json!(["NaN", "-Infinity", -1, "Infinity"]));
+        assert_eq!((&json["N"], &json["ä"]), (&"\\".into(), &"I-NaN".into()));
+        for broken in ["[NaN", "[NaNa]", "[\"NaN]", "[-]", "[Inf]"] {
+            assert!(parse_json(broken).is_err(), "{broken}");
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Stray Scanner, an app for iPhones. `odometry.csv` has timestamp, frame, x, y, z, qx, qy, qz, qw (camera
-//! to world, OpenCV axes), `camera_matrix.csv` the intrinsics for the video's size. Frames are
+//! to world, OpenCV axes) and, in newer versions, fx, fy, cx, cy of the frame, which autofocus changes;
+//! `camera_matrix.csv` has the intrinsics of all other frames. Both are for the video's size. Frames are
 //! `depth/NNNNNN.png` (millimetres), `confidence/NNNNNN.png` (0 to 2), and `rgb.mp4` or images extracted
 //! from it to `rgb/`.
 //!
@@ -10,7 +11,7 @@
 use super::numbered::{Correspondence, NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
     LIDAR_RANGE, Recording, depth_size, encoding, frame_entry, metadata_error, no_poses,
-    photograph_size,
+    own_camera, photograph_size,
 };
 use super::stated;
 use super::trajectory::{TimedPose, sort_by_time, usual_step};
@@ -43,12 +44,13 @@ const CONFIDENCES: &str = "confidence";
 const COLORS: &str = "rgb";
 const VIDEO: &str = "rgb.mp4";
 const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
+const CAMERA_COLUMNS: [&str; 4] = ["fx", "fy", "cx", "cy"];
 // Size of the app's videos, for which it writes the camera matrix.
 const VIDEO_SIZE: (u32, u32) = (1920, 1440);
 
 fn recognise(folder: &Folder) -> Option<String> {
     let text = folder.peek(POSES);
-    let is_ours = text.lines().next().is_some_and(|head| columns(head).is_some())
+    let is_ours = text.lines().next().is_some_and(|head| columns(head, COLUMNS).is_some())
         && folder.listing.has_file(CAMERA);
     is_ours.then(|| format!("{POSES} with poses by frame, and {CAMERA}"))
 }
@@ -59,10 +61,10 @@ pub(super) fn recognise_unposed(folder: &Folder) -> Option<String> {
     is_ours.then(|| format!("{CAMERA} and {DEPTHS}/"))
 }
 
-fn columns(head: &str) -> Option<[usize; 9]> {
+fn columns<const N: usize>(head: &str, wanted: [&str; N]) -> Option<[usize; N]> {
     let names: Vec<&str> = head.split(',').map(str::trim).collect();
-    let mut found = [0; 9];
-    for (place, wanted) in found.iter_mut().zip(COLUMNS) {
+    let mut found = [0; N];
+    for (place, wanted) in found.iter_mut().zip(wanted) {
         *place = names.iter().position(|name| *name == wanted)?;
     }
     Some(found)
@@ -133,6 +135,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     let unit = CodeKind::ByContent(MILLIMETRE);
     let encoding = encoding(options, unit, Sensor::Lidar, LIDAR_RANGE);
+    let poses = folder.path.join(POSES);
     for line in lines {
         let name = format!("{:06}", line.frame);
         if folder.was_taken(&name) {
@@ -146,11 +149,15 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             let file = files.depths.required(folder, frame, missing)?;
             let confidence = files.confidence(folder, frame)?;
             let depth = Some(recording.depth_with_confidence(file, encoding, confidence));
+            let cameras = line.camera.map_or(Ok(cameras), |[fx, fy, cx, cy]| {
+                let own = Intrinsics { fx, fy, cx, cy, ..k };
+                recording.cameras_of_lens(&own, size, depth_size, &poses).map_err(own_camera)
+            })?;
             let recorded = frame_entry(name.clone(), pose, cameras, color, depth);
             Ok(FrameEntry { time: line.time, ..recorded })
         };
         let frame = read(line.frame);
-        recording.add(&name, &folder.path.join(POSES), frame);
+        recording.add(&name, &poses, frame);
     }
     Ok(recording.finish())
 }
@@ -325,14 +332,17 @@ fn camera(recording: &mut Recording, size: (u32, u32)) -> Result<Intrinsics, Dat
         }
         return Ok(of(VIDEO_SIZE));
     }
-    // The video's size is unknown: assume a centred principal point.
-    Ok(if is_grey { of(((2.0 * k.cx).round() as u32, (2.0 * k.cy).round() as u32)) } else { k })
+    // The video's size is unknown: assume a centred principal point, and the shape of depth.
+    let width = 2.0 * k.cx;
+    let height = width * f64::from(size.1) / f64::from(size.0);
+    Ok(if is_grey { of((width.round() as u32, height.round() as u32)) } else { k })
 }
 
 struct OdometryLine {
     frame: u64,
     time: Option<f64>,
     matrix: DMat4,
+    camera: Option<[f64; 4]>,
 }
 
 /// Returns the frames with depth. Of the poses' file only the times are used, if there is one.
@@ -342,7 +352,7 @@ fn untracked(folder: &Folder, depths: &NumberedFiles) -> Result<Vec<OdometryLine
         false => String::new(),
     };
     let mut lines = text.lines();
-    let times: BTreeMap<u64, f64> = match lines.next().and_then(columns) {
+    let times: BTreeMap<u64, f64> = match lines.next().and_then(|head| columns(head, COLUMNS)) {
         Some([at_time, at_frame, ..]) => lines
             .filter_map(|line| {
                 let cells: Vec<&str> = line.split(',').map(str::trim).collect();
@@ -353,8 +363,12 @@ fn untracked(folder: &Folder, depths: &NumberedFiles) -> Result<Vec<OdometryLine
             .collect(),
         None => BTreeMap::new(),
     };
-    let line =
-        |frame| OdometryLine { frame, time: times.get(&frame).copied(), matrix: DMat4::IDENTITY };
+    let line = |frame| OdometryLine {
+        frame,
+        time: times.get(&frame).copied(),
+        matrix: DMat4::IDENTITY,
+        camera: None,
+    };
     Ok(depths.numbers().map(line).collect())
 }
 
@@ -365,7 +379,13 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
     }
     let (file, text) = recording.folder.lines(POSES)?;
     let mut lines = text.lines().enumerate();
-    let places = lines.next().and_then(|(_, head)| columns(head)).unwrap_or_default();
+    let head = lines.next().map_or("", |(_, head)| head);
+    let places = columns(head, COLUMNS).unwrap_or_default();
+    let camera_places = columns(head, CAMERA_COLUMNS);
+    let is_known = |name: &&str| COLUMNS.contains(name) || CAMERA_COLUMNS.contains(name);
+    let other: Vec<_> = head.split(',').map(str::trim).enumerate().collect();
+    let mut other: Vec<_> = other.into_iter().filter(|(_, name)| !is_known(name)).collect();
+    let mut unused = Vec::new();
     let mut found: Vec<OdometryLine> = Vec::new();
     let mut seen = BTreeSet::new();
     for (i, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
@@ -384,15 +404,29 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
             recording.skip_line(&file, i + 1, expected, line);
             continue;
         };
+        // A frame may lack its camera: an empty cell.
+        let camera = camera_places.and_then(|places| {
+            let [fx, fy, cx, cy] = places.map(number);
+            Some([fx?, fy?, cx?, cy?])
+        });
+        unused
+            .extend(other.extract_if(.., |(at, _)| cells.get(*at).is_some_and(|c| !c.is_empty())));
         match seen.insert(frame) {
-            true => {
-                found.push(OdometryLine { frame, time: Some(pose.time), matrix: pose.matrix() });
-            }
+            true => found.push(OdometryLine {
+                frame,
+                time: Some(pose.time),
+                matrix: pose.matrix(),
+                camera,
+            }),
             false => {
                 let problem = FrameProblem::Duplicate(format!("another line of frame {frame}"));
                 recording.skip(&frame.to_string(), file.clone(), problem);
             }
         }
+    }
+    if !unused.is_empty() {
+        let names: Vec<&str> = unused.into_iter().map(|(_, name)| name).collect();
+        recording.unused(&file, format!("the columns {} are not used", names.join(", ")));
     }
     recording.note_unordered(POSES, sort_by_time(&mut found, |line| line.time.unwrap_or_default()));
     Ok(found)

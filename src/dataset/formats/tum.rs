@@ -438,9 +438,9 @@ fn cameras(
     let sizes = recording.sizes(colors.iter().map(source), depths.iter().map(source));
     let Some((size, depth_size)) = sizes else { return Ok(None) };
     let file = recording.folder.path.join("camera-intrinsics.txt");
-    let in_text = stated::in_text_file(recording.folder, size)?;
+    let in_text = stated::in_text_file(recording.folder, "", size)?;
     let (file, k) =
-        match in_text.map_or_else(|| stated::in_json_file(recording.folder), |k| Ok(Some(k)))? {
+        match in_text.map_or_else(|| stated::in_json_file(recording), |k| Ok(Some(k)))? {
             Some(stated) => stated,
             None => PRIMESENSE.assume(recording, size, (file, "fx fy cx cy"))?,
         };

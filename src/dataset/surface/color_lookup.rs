@@ -4,6 +4,7 @@ use super::seen::{Projection, ReprojectedDepths};
 use crate::dataset::calibration::Calibration;
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;
+use crate::math::measured_pixel::MASKED;
 use crate::math::simd::{LANES, Vector};
 use glam::{Vec2, Vec3};
 
@@ -55,11 +56,11 @@ impl<'a> ColorLookup<'a> {
     }
 
     /// Returns the colour of the point in lane `lane` of eight, at `pixel` of the depth image. Returns
-    /// `None` if the point is hidden from the colour camera.
+    /// `None` if the point is hidden from the colour camera, or its colour is left out.
     #[inline(always)]
     pub fn color(&self, pixel: usize, seen: &SeenLanes, lane: usize) -> Option<[f32; 3]> {
         let color = match &self.beside {
-            None => self.texel(pixel),
+            None => self.texel(pixel)?,
             Some(Beside { depths, .. }) => {
                 let (at, depth) = ([seen.at[0][lane], seen.at[1][lane]], seen.depth[lane]);
                 // Behind the camera, the projection is meaningless.
@@ -74,10 +75,10 @@ impl<'a> ColorLookup<'a> {
     }
 
     #[inline(always)]
-    fn texel(&self, pixel: usize) -> Vec3 {
-        let [r, g, b, _] = self.image.data[pixel];
-        let channel = &self.channel;
-        Vec3::new(channel[usize::from(r)], channel[usize::from(g)], channel[usize::from(b)])
+    fn texel(&self, pixel: usize) -> Option<Vec3> {
+        let color = self.image.data[pixel];
+        let [r, g, b] = [0, 1, 2].map(|i| self.channel[usize::from(color[i])]);
+        (color != MASKED).then_some(Vec3::new(r, g, b))
     }
 
     #[inline(always)]
@@ -95,8 +96,8 @@ impl<'a> ColorLookup<'a> {
         let right = usize::from(x + 1 < *width);
         let below = if y + 1 < *height { *width } else { 0 };
         let i = y * width + x;
-        let above = mix(self.texel(i), self.texel(i + right), t.x);
-        let under = mix(self.texel(i + below), self.texel(i + below + right), t.x);
+        let above = mix(self.texel(i)?, self.texel(i + right)?, t.x);
+        let under = mix(self.texel(i + below)?, self.texel(i + below + right)?, t.x);
         Some(mix(above, under, t.y))
     }
 }

@@ -168,8 +168,9 @@ impl ViewPlan {
         if self.phone.is_some() {
             return depth_camera(&k);
         }
-        let side = |n: u32| (n / ROOM_FACTOR).max(MIN_SIDE);
-        k.resized(side(k.width), side(k.height))
+        // Both sides by one factor: one lens gives images of one shape.
+        let factor = ROOM_FACTOR.min(k.width.min(k.height) / MIN_SIDE).max(1);
+        k.resized(k.width / factor, k.height / factor)
     }
 
     pub(super) fn has_phone_camera(&self) -> bool {

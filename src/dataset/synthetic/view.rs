@@ -267,6 +267,7 @@ pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
         splits: splits.into_iter().map(split).collect(),
         warnings: Vec::new(),
         notes: Vec::new(),
+        unused: Vec::new(),
         known_range: position_range(),
         options: LoadOptions::default(),
     })

@@ -24,6 +24,7 @@ const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
 /// Number of stored values of a corrected camera pose, without its rotation.
 // Older files do not store the rotation, so it has a section of its own.
 const N_POSE: usize = 12;
+const N_PHOTO_POSE: usize = size_of::<FramePose>() / size_of::<f64>();
 const N_VIEW: usize = size_of::<PhotographView>() / size_of::<f64>();
 const N_SCALE: usize = size_of::<DepthScale>() / size_of::<f64>();
 /// Depth scale that marks a photograph without depths.
@@ -101,6 +102,10 @@ fn photometric_sections(photometric: &PhotometricState) -> Vec<Section<'_>> {
         Section::new(PHOTO_POINTS, &photometric.points),
         Section::new(PHOTO_SEEN_THROUGH, &photometric.seen_through),
     ];
+    if !photometric.photograph_poses.is_empty() {
+        let numbers = bytemuck::cast_slice(&photometric.photograph_poses);
+        sections.push(Section::new::<f64>(PHOTO_POSES, numbers));
+    }
     // Omitted if no photographs are buffered, so that such files keep their earlier bytes.
     if !photometric.buffered.is_empty() {
         let views: Vec<PhotographView> = photometric.buffered.iter().map(|w| w.view).collect();
@@ -227,6 +232,10 @@ fn photometric(sections: &Container, n: usize) -> Result<PhotometricState, Defec
         noise: sections.read_numbers(PHOTO_NOISE)?,
         points: pair(PHOTO_POINTS)?,
         seen_through: pair(PHOTO_SEEN_THROUGH)?,
+        photograph_poses: bytemuck::cast_vec(
+            sections
+                .optional(PHOTO_POSES, || sections.rows::<f64, N_PHOTO_POSE>(PHOTO_POSES, None))?,
+        ),
         buffered: sections.optional(PHOTO_BUFFER, || read_buffered_photographs(sections))?,
     })
 }

@@ -5,6 +5,7 @@ use super::waiting::BufferedPhotograph;
 use crate::math::cholesky::{Cholesky, at};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::observed_cone::ObservedCone;
+use crate::model::splat::pose_log::FramePose;
 use crate::model::splat::splats::Splat;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -47,6 +48,9 @@ pub struct PhotometricState {
     /// Running mean, and its weight in frames, of a share: that of the components in view behind which
     /// a frame measured a farther surface.
     pub seen_through: [f64; 2],
+    /// Poses of the photographs relative to those of their points, in the order of their photometric steps. The
+    /// recorded pose of an entry is that of the points.
+    pub photograph_poses: Vec<FramePose>,
     /// Buffered photographs for later photometric steps, in no particular order.
     pub buffered: Vec<BufferedPhotograph>,
 }
@@ -91,6 +95,7 @@ impl PhotometricState {
             noise: self.noise,
             points: self.points,
             seen_through: self.seen_through,
+            photograph_poses: self.photograph_poses.clone(),
             // Pixels are shared, so this copies cameras and pointers only.
             buffered: self.buffered.clone(),
         }

@@ -31,6 +31,9 @@ impl PhotometricState {
         textures.par_iter_mut().flatten().for_each(|texture| {
             Arc::make_mut(texture).lattice.move_by(motion);
         });
+        let photographs = self.photograph_poses.iter_mut();
+        // Every entry has a rotation, so all are moved.
+        photographs.for_each(|pose| *pose = pose.transformed_by(motion).unwrap_or(*pose));
         self.buffered
             .iter_mut()
             .for_each(|photograph| photograph.view = photograph.view.moved(motion));

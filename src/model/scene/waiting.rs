@@ -216,7 +216,8 @@ pub struct BufferedPhotograph {
     /// Camera and stored rows.
     pub view: PhotographView,
     /// Red, green and blue (sRGB-encoded, in 255ths) and coverage (in 254ths, or [`UNKNOWN_COVERAGE`])
-    /// of each pixel in the stored rows. Copies of a scene share the pixels, which never change.
+    /// of each pixel in the stored rows; [`MASKED`](crate::math::measured_pixel::MASKED) if left out.
+    /// Copies of a scene share the pixels, which never change.
     pub pixels: Arc<[[u8; 4]]>,
     /// Depths of the pixels in the stored rows, if measured.
     pub depths: Option<BufferedDepths>,

@@ -8,6 +8,7 @@ use super::observed_cone::ObservedCone;
 use super::pose_log::{ExposureLog, PoseLog};
 use super::splats::Splat;
 use super::texture::Textures;
+use crate::math::camera::Camera;
 use crate::math::pose::Pose;
 use std::ops::Deref;
 use std::sync::Arc;
@@ -96,6 +97,8 @@ pub struct Finishing {
     pub exposures: Option<Arc<ExposureLog>>,
     /// Pose corrections of the training frames, if any.
     pub poses: Option<Arc<PoseLog>>,
+    /// Poses of the training frames' photographs relative to those of their points, if they differ.
+    pub photograph_poses: Option<Arc<PoseLog>>,
     /// Textures by splat, if any.
     pub textures: Option<Arc<Textures>>,
 }
@@ -104,6 +107,13 @@ impl Finishing {
     /// Returns the corrected pose of a camera recorded at `pose`, predicted from the training frames.
     pub fn corrected_pose(&self, pose: &Pose) -> Pose {
         self.poses.as_ref().map_or(*pose, |log| log.at(pose))
+    }
+
+    /// Returns the camera of a photograph, at a pose predicted from the training frames. `camera` is the camera at the
+    /// corrected pose of the frame.
+    pub fn photograph_camera(&self, camera: Camera) -> Camera {
+        let pose = self.photograph_poses.as_ref().map(|log| log.at(&camera.pose));
+        Camera { pose: pose.unwrap_or(camera.pose), ..camera }
     }
 
     /// Returns the number of textures, and their memory in bytes.
@@ -119,8 +129,13 @@ impl Finishing {
 }
 
 // Static, so that views of plain splats can borrow it.
-static PLAIN: Finishing =
-    Finishing { full_coverage: 1.0, exposures: None, poses: None, textures: None };
+static PLAIN: Finishing = Finishing {
+    full_coverage: 1.0,
+    exposures: None,
+    poses: None,
+    photograph_poses: None,
+    textures: None,
+};
 
 /// Parameters that leave pixels unchanged, as for plain splats (standard 3DGS splats).
 impl Default for Finishing {

@@ -43,6 +43,13 @@ impl FramePose {
         Some([recorded, recorded.attached_camera(DVec3::from_array(self.shift), turn)])
     }
 
+    /// Returns the correction with both poses moved by a rigid motion of the world, from old to new coordinates.
+    /// `None` if the recorded rotation is unknown.
+    pub fn transformed_by(&self, motion: &Pose) -> Option<Self> {
+        let [recorded, real] = self.poses()?.map(|pose| pose.transformed_by(motion));
+        Some(Self::new(&recorded, &real))
+    }
+
     /// Returns the correction after a rigid motion of the world, which moves the corrected pose; the
     /// recorded pose stays fixed. `motion` maps old to new world coordinates. `None` if the recorded
     /// rotation is unknown.
@@ -188,6 +195,21 @@ mod tests {
         assert!((near - 0.02).abs() < 4e-3 && (far - 0.03).abs() < 1e-9, "{near} {far}");
         let alone = PoseLog::new(Vec::new(), 0.025);
         assert_eq!(alone.at(&recorded(0.3).unwrap()), recorded(0.3).unwrap());
+    }
+
+    #[test]
+    fn a_correction_moves_with_the_world() {
+        let recorded = Pose::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO, DVec3::Z).unwrap();
+        let real = recorded.attached_camera(DVec3::X * 0.1, DQuat::from_rotation_y(0.02));
+        let world = Pose::IDENTITY.attached_camera(DVec3::Y, DQuat::from_rotation_z(0.5));
+        let moved = FramePose::new(&recorded, &real).transformed_by(&world).unwrap();
+        let [from, to] = moved.poses().unwrap();
+        for (found, before) in [(from, recorded), (to, real)] {
+            let expected = before.transformed_by(&world);
+            assert!((found.centre() - expected.centre()).length() < 1e-12);
+            assert!((found.forward() - expected.forward()).length() < 1e-12);
+        }
+        assert!((moved.shift[0] - 0.1).abs() < 1e-12, "the motion is in the camera's frame");
     }
 
     #[test]

@@ -94,8 +94,9 @@ fn depth_conflict(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict>
         confidence,
         geometry_only: _,
         track: _,
-        // Not an option of the command line; taken from the checkpoint.
+        // Not options of the command line; taken from the checkpoint.
         local_origin: _,
+        calibrated_photographs: _,
     } = asked;
     // An absent flag requests nothing.
     let grey = |load: &LoadOptions| load.geometry_only.then_some(true);

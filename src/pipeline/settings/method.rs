@@ -70,6 +70,16 @@ impl MethodRequest {
         }
     }
 
+    /// True if the settings contain a calibration of the photographs' camera.
+    pub fn has_color_camera(&self) -> bool {
+        match self {
+            Self::Paper(_) => false,
+            Self::Scene(SceneOverrides { calibration, .. }) => {
+                calibration.as_ref().is_some_and(|given| given.color_camera.is_some())
+            }
+        }
+    }
+
     /// Fits the settings to a dataset.
     ///
     /// # Errors

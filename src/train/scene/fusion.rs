@@ -75,6 +75,8 @@ fn fuse_at_one_scale(
     start: Option<&SceneState>,
     scenes: &[&SceneState],
 ) -> Option<SceneState> {
+    // Buffered photographs of the start are in the logs of the scenes that continued from it.
+    let n_photographs = start.map_or(0, |start| photograph_poses(start).len());
     let start = start.map(|start| with_settled_photographs(config, start));
     let start = start.as_deref();
     let scenes: Option<Vec<_>> = scenes
@@ -111,8 +113,17 @@ fn fuse_at_one_scale(
         let steps = of_scenes.map(|photometric| photometric.texture_steps).max();
         photometric.texture_steps = steps.unwrap_or(0);
         photometric.coarsen_textures_to(config.texture_bytes());
+        let poses = &mut photometric.photograph_poses;
+        poses.extend(photograph_poses(first).iter().take(n_photographs));
+        scenes
+            .iter()
+            .for_each(|scene| poses.extend(photograph_poses(scene).iter().skip(n_photographs)));
     }
     Some(state)
+}
+
+fn photograph_poses(scene: &SceneState) -> &[FramePose] {
+    scene.photometric.as_ref().map_or(&[], |photometric| &photometric.photograph_poses)
 }
 
 /// Returns the scene as it is after training on all its buffered photographs.

@@ -37,6 +37,20 @@ pub fn common_motion(frames: &[FramePose], [turn, shift]: [f64; 2]) -> Option<Po
     Some(Pose::IDENTITY.attached_camera(middle + shift - turn * middle, turn))
 }
 
+/// Returns the root mean square rotation (radians) and translation (world units) of the frames' pose corrections without
+/// the motion common to all of them. `deviations` are those of [`common_motion`]. `None` if there are too few frames or
+/// a recorded rotation is unknown.
+pub fn own_corrections(frames: &[FramePose], deviations: [f64; 2]) -> Option<[f64; 2]> {
+    let common = common_motion(frames, deviations)?;
+    let own: Vec<FramePose> =
+        frames.iter().map(|frame| frame.moved(&common)).collect::<Option<_>>()?;
+    let rms = |of: fn(&FramePose) -> [f64; 3]| {
+        let squares = own.iter().map(|frame| DVec3::from_array(of(frame)).length_squared());
+        (squares.sum::<f64>() / own.len() as f64).sqrt()
+    };
+    Some([rms(|frame| frame.turn), rms(|frame| frame.shift)])
+}
+
 /// Applies a rigid motion of the whole world to a seed. Seed and result are relative to `origin`, world units.
 pub fn moved_seed(seed: [f32; 3], origin: DVec3, motion: &Pose) -> [f32; 3] {
     let place = origin + DVec3::from_array(seed.map(f64::from));
@@ -95,6 +109,22 @@ mod tests {
         let moved = frames[3].moved(&motion).unwrap();
         assert!(DVec3::from_array(moved.shift).length() < 0.0045);
         assert_eq!(moved.recorded, frames[3].recorded);
+    }
+
+    #[test]
+    fn corrections_without_the_common_motion_are_those_of_each_frame() {
+        let turn = DQuat::from_scaled_axis(DVec3::new(0.01, -0.02, 0.015));
+        let by = Pose::IDENTITY.attached_camera(DVec3::new(0.02, -0.01, 0.03), turn);
+        let frame = |i: usize| {
+            let sign = if i.is_multiple_of(2) { 1.0 } else { -1.0 };
+            let (shift, turn) = (0.004 * sign * DVec3::X, DQuat::from_rotation_z(0.002 * sign));
+            let real = recorded(i / 2).transformed_by(&by).attached_camera(shift, turn);
+            FramePose::new(&recorded(i / 2), &real)
+        };
+        let frames: Vec<FramePose> = (0..32).map(frame).collect();
+        let [turn, shift] = own_corrections(&frames, [0.01, 0.02]).unwrap();
+        assert!((turn - 0.002).abs() < 3e-4 && (shift - 0.004).abs() < 3e-4, "{turn} {shift}");
+        assert_eq!(own_corrections(&[], [0.01, 0.02]), None);
     }
 
     #[test]

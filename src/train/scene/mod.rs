@@ -27,8 +27,6 @@ mod gain;
 mod gauge;
 mod grid;
 pub mod merge;
-#[cfg(test)]
-mod merged_moments_tests;
 mod observe;
 mod point_fits;
 mod rigid_equations;

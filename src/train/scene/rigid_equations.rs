@@ -121,8 +121,13 @@ impl RigidEquations {
     }
 
     pub fn add_equations(&mut self, part: &Self) {
+        self.add_weighted(part, 1.0);
+    }
+
+    /// Adds equations whose residuals have the given weight.
+    pub fn add_weighted(&mut self, part: &Self, weight: f64) {
         for (sums, more) in self.rows.iter_mut().zip(&part.rows) {
-            sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+            sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += weight * more);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
-use crate::math::measured_pixel::MeasuredPixel;
+use crate::math::measured_pixel::{MASKED, MeasuredPixel};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::texels::{
     COLOR_ONE, MAX_COLOR, Observed, PRODUCT_ONE, Products, TextureSums, WEIGHT_ONE,
@@ -250,10 +250,11 @@ fn reduced(photograph: &Photograph, factor: usize) -> Photograph {
     let Image { width, height, .. } = *photograph.colors;
     let (columns, rows) = (width / factor, height / factor);
     let mean = |[x, y]: [usize; 2]| {
-        let (mut sum, mut most) = ([0; 4], [0; 4]);
+        let (mut sum, mut most, mut is_masked) = ([0; 4], [0; 4], false);
         for row in y * factor..(y + 1) * factor {
             let pixels = &photograph.colors.data[row * width + x * factor..][..factor];
             for pixel in pixels {
+                is_masked |= *pixel == MASKED;
                 for channel in 0..4 {
                     sum[channel] += u32::from(pixel[channel]);
                     most[channel] = pixel[channel].max(most[channel]);
@@ -265,7 +266,7 @@ fn reduced(photograph: &Photograph, factor: usize) -> Photograph {
         for channel in (0..3).filter(|&channel| most[channel] >= SATURATED) {
             mean[channel] = u8::MAX;
         }
-        mean
+        if is_masked { MASKED } else { mean }
     };
     let at = |i: usize| [i % columns, i / columns];
     let n = columns * rows;

@@ -576,6 +576,27 @@ fn frames_may_have_corrected_poses() {
 }
 
 #[test]
+fn photographs_may_have_poses_of_their_own() {
+    let mut checkpoint = sample(mixed());
+    let (turn, shift) = ([0.001, 0.0, -0.002], [0.01, 0.02, 0.03]);
+    let pose = FramePose { recorded: VIEWPOINT, rotation: [0.6, 0.0, 0.0, 0.8], turn, shift };
+    photometric(&mut checkpoint).photograph_poses =
+        vec![pose, FramePose { turn: [0.0; 3], ..pose }];
+    let bytes = to_bytes(&checkpoint);
+    assert_eq!(parse(&bytes).unwrap().checkpoint, checkpoint);
+    let with = |at: usize, value: f64| {
+        edited(&bytes, b"PHPS", |s| {
+            s.content[8 * at..8 * at + 8].copy_from_slice(&value.to_le_bytes());
+        })
+    };
+    assert_refused(&with(10, f64::NAN), &["PHPS[component 0, correction]", "a finite number"]);
+    assert_refused(&with(19, 1.0), &["PHPS[component 1, direction]", "a unit vector"]);
+    assert_refused(&with(22, 0.9), &["PHPS[component 1, rotation]", "a unit quaternion"]);
+    let part = edited(&bytes, b"PHPS", |s| s.content.truncate(8 * 17));
+    assert_refused(&part, &["PHPS", "whole rows of 16 elements"]);
+}
+
+#[test]
 fn frames_may_have_gains() {
     let mut checkpoint = sample(mixed());
     let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };

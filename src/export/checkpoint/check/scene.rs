@@ -10,6 +10,7 @@ use crate::model::scene::sums::{
     MAX_TERM, N_SUMS, RELATIVE_SLACK, SLACK_PER_POINT, SQUARES, first_violated_moment,
 };
 use crate::model::scene::waiting::{BufferedPhotograph, DepthScale, NumberDefect, PhotographView};
+use crate::model::splat::pose_log::FramePose;
 use crate::model::splat::viewpoint::Viewpoint;
 
 #[rustfmt::skip]
@@ -39,10 +40,7 @@ pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
         }
     }
     for (at, frame) in state.poses.iter().enumerate() {
-        check_viewpoint(POSES, at, &frame.recorded)?;
-        if let Some(&found) = frame.turn.iter().chain(&frame.shift).find(|x| !x.is_finite()) {
-            return Err(value_defect(POSES, at, "correction", "a finite number", found));
-        }
+        check_correction(POSES, at, frame)?;
         // Older files lack rotations, which are read as zeros.
         if frame.rotation != [0.0; 4] && frame.poses().is_none() {
             let [x, ..] = frame.rotation;
@@ -75,6 +73,14 @@ pub(in super::super) fn check_scene(state: &SceneState) -> Result<(), Defect> {
         }
         check_sums(SUMS, k, &row)
     })
+}
+
+fn check_correction(tag: [u8; 4], at: usize, frame: &FramePose) -> Result<(), Defect> {
+    check_viewpoint(tag, at, &frame.recorded)?;
+    match frame.turn.iter().chain(&frame.shift).find(|x| !x.is_finite()) {
+        Some(&found) => Err(value_defect(tag, at, "correction", "a finite number", found)),
+        None => Ok(()),
+    }
 }
 
 fn check_viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defect> {
@@ -113,6 +119,13 @@ fn no_defects(
 }
 
 fn check_photometric(state: &PhotometricState) -> Result<(), Defect> {
+    for (at, frame) in state.photograph_poses.iter().enumerate() {
+        check_correction(PHOTO_POSES, at, frame)?;
+        if frame.poses().is_none() {
+            let [x, ..] = frame.rotation;
+            return Err(value_defect(PHOTO_POSES, at, "rotation", "a unit quaternion", x));
+        }
+    }
     // Views first: `n_pixels` below needs valid sizes.
     check_buffered_views(state.buffered.iter().map(|waiting| &waiting.view))?;
     let mut all = state.buffered.iter().enumerate();

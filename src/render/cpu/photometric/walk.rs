@@ -119,13 +119,17 @@ impl SecondWalk {
             squared = squared + *residual * *residual;
             (color * (fill + filled)).store(&mut self.behind[k][group]);
         }
-        self.count_error(squared.to_array(), covered.to_array());
+        let coverage = V::load(&target.coverage[group]);
+        // Pixels that are left out have a negative coverage: they count nothing and weigh nothing.
+        let is_left_out = coverage.mask_at_most(V::splat(-0.5));
+        let counted = V::select(is_left_out, zero, covered);
+        self.count_error(squared.to_array(), counted.to_array());
         let rho = one / (one + squared / V::splat(rule.tau * rule.tau));
+        let rho = V::select(is_left_out, zero, rho);
         for (plane, residual) in self.residual.iter_mut().zip(residual) {
             (rho * residual).store(&mut plane[group]);
         }
         // Without a known coverage, a mostly covered pixel is assumed to lie inside a surface.
-        let coverage = V::load(&target.coverage[group]);
         // Unknown coverage is NaN, which fails every comparison, also with itself.
         let (is_number, is_seen) =
             (coverage.mask_at_most(coverage), V::splat(MIN_COUNTED_COVERAGE).mask_at_most(covered));

@@ -3,24 +3,29 @@
 #![doc = include_str!("../../../../docs/design/photographs.md")]
 
 pub(in crate::train::scene) mod agreement;
+mod camera_motion;
 mod comparers;
 pub mod rule;
 mod step;
 pub(in crate::train::scene) mod waiting;
 
+use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::math::rng::Rng;
 use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
-use crate::model::splat::appearance::{Appearance, SplatView};
+use crate::model::splat::appearance::{Appearance, Finishing, SplatView};
 use crate::model::splat::observed_cone::ObservedCone;
+use crate::model::splat::pose_log::FramePose;
 use crate::model::splat::splats::Splat;
+use crate::render::cpu::CpuRenderer;
 use crate::render::cpu::photometric::{PhotometricSums, PixelRule, VisibleSplat};
 use crate::train::learner::Changed;
 use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
 use crate::train::scene::textures::TextureLearner;
 use crate::train::timing::Stopwatch;
+use camera_motion::aligned_pose;
 use comparers::Comparers;
 use rayon::prelude::*;
 use rule::PhotometricRule;
@@ -40,11 +45,14 @@ const LEARNT_BY_TASK: usize = 256;
 /// Parameters of the photometric steps of a scene's splats.
 #[derive(Clone, Copy)]
 pub(in crate::train::scene) struct SplatStep<'a> {
-    rule: &'a PhotometricRule,
+    pub rule: &'a PhotometricRule,
     pixels: PixelRule,
     /// Function that returns mean and extent of a component's points, which limit the position and size
     /// of the component's splat.
     extents: &'a PointExtents<'a>,
+    /// Prior standard deviations of a photograph's rotation (radians) and position (world units) about the pose of its
+    /// points; `None` for exact poses.
+    pose_deviations: Option<[f64; 2]>,
 }
 
 impl<'a> SplatStep<'a> {
@@ -54,10 +62,12 @@ impl<'a> SplatStep<'a> {
         full_coverage: f64,
         rule: &'a PhotometricRule,
         extents: &'a PointExtents<'a>,
+        pose_deviations: Option<[f64; 2]>,
     ) -> Self {
         let values = [full_coverage, rule.tau, rule.coverage, rule.depth];
         let [full_coverage, tau, coverage, depth] = values.map(|value| value as f32);
-        Self { rule, pixels: PixelRule { full_coverage, tau, coverage, depth }, extents }
+        let pixels = PixelRule { full_coverage, tau, coverage, depth };
+        Self { rule, pixels, extents, pose_deviations }
     }
 }
 
@@ -68,6 +78,8 @@ pub(in crate::train::scene) struct PhotometricLearner {
     pub textures: TextureLearner,
     /// Time spent on textures since the frame began, milliseconds.
     pub texture_ms: f64,
+    /// Renderer of the pictures with which photographs are aligned.
+    renderer: CpuRenderer,
     /// Latest photograph unpacked from the shuffle buffer; its memory is reused.
     image: Image<MeasuredPixel>,
     /// Number of times that a splat's precision was reset to the prior since training began or resumed.
@@ -85,7 +97,8 @@ impl PhotometricLearner {
     pub fn restore(state: PhotometricState) -> Self {
         let image = Image::filled(0, 0, MeasuredPixel::UNKNOWN);
         let (textures, comparers) = (TextureLearner::default(), Comparers::default());
-        Self { state, comparers, textures, texture_ms: 0.0, image, repaired: 0 }
+        let renderer = CpuRenderer::new();
+        Self { state, comparers, textures, texture_ms: 0.0, renderer, image, repaired: 0 }
     }
 
     /// Initialises the splats of the components in `touched` from their points. A splat is kept if its
@@ -216,6 +229,9 @@ impl PhotometricLearner {
         photograph: &Image<MeasuredPixel>,
         step: &SplatStep<'_>,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
+        let of_points = view.camera.pose;
+        let own = self.own_view(view, photograph, step);
+        let view = own.as_ref().unwrap_or(view);
         if !self.state.textures.is_empty() {
             let clock = Stopwatch::start();
             self.textures.judge(&mut self.state, view, photograph);
@@ -236,6 +252,8 @@ impl PhotometricLearner {
         let mut seen = compared.visible_splats(MIN_SEEN / every as f32);
         if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {
             seen.clear();
+        } else if own.is_some() {
+            self.state.photograph_poses.push(FramePose::new(&of_points, &view.camera.pose));
         }
         // A row represents those left out. The pixels of one depth pixel count as one, since their residuals
         // share surface point, pose and exposure.
@@ -244,6 +262,23 @@ impl PhotometricLearner {
         comparers.count_step(clock.elapsed_ms());
         self.comparers = comparers;
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
+    }
+
+    /// Returns the view from the photograph's own pose; `None` if it is that of the points.
+    fn own_view(
+        &mut self,
+        view: &TrainingView,
+        photograph: &Image<MeasuredPixel>,
+        step: &SplatStep<'_>,
+    ) -> Option<TrainingView> {
+        let deviations = step.pose_deviations?;
+        // Without textures the picture would lack fine detail, and motions would follow its blur.
+        let textures = self.textures.drawn(&self.state);
+        let finishing = Finishing { textures, ..Finishing::default() };
+        let PhotometricState { splats, appearance, .. } = &self.state;
+        let splats = SplatView::new(splats, appearance)?.with_finishing(&finishing);
+        let pose = aligned_pose(&mut self.renderer, splats, view, photograph, deviations)?;
+        Some(TrainingView { camera: Camera { pose, ..view.camera }, ..*view })
     }
 
     /// Takes the photometric step of all visible splats. Returns the number of splats whose precision

@@ -3,7 +3,7 @@
 use super::agreement::FrameAgreement;
 use super::comparers::TrainingView;
 use crate::math::image::{Image, unit_to_byte};
-use crate::math::measured_pixel::MeasuredPixel;
+use crate::math::measured_pixel::{MASKED, MeasuredPixel};
 use crate::math::rng::{Purpose, Rng};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::waiting::{
@@ -43,7 +43,9 @@ pub fn packed(
         let pixels = photograph.measured_row(row, 0..photograph.colors.width, margin);
         for ((color, depth), pixel) in colors.iter_mut().zip(depths).zip(pixels) {
             let [r, g, b] = pixel.color.map(unit_to_byte);
-            (*color, *depth) = ([r, g, b, level(&pixel)], steps(&pixel));
+            let is_left_out = pixel.coverage < 0.0;
+            let stored = if is_left_out { MASKED } else { [r, g, b, level(&pixel)] };
+            (*color, *depth) = (stored, steps(&pixel));
         }
     });
     // A margin of 0 gives no step to store depths in.
@@ -64,7 +66,11 @@ pub fn unpacked(
         *image = Image::filled(width, height, MeasuredPixel::UNKNOWN);
     }
     let gain = photograph.view.gain.map(|gain| gain as f32);
-    let pixel = |&[r, g, b, covered]: &[u8; 4]| {
+    let pixel = |stored: &[u8; 4]| {
+        if *stored == MASKED {
+            return MeasuredPixel::LEFT_OUT;
+        }
+        let [r, g, b, covered] = *stored;
         let exposed = |x: u8, gain: f32| f32::from(x) / COLOR_LEVELS * gain;
         let known = f32::from(covered) / COVERAGE_LEVELS;
         let covered = if covered == UNKNOWN_COVERAGE { f32::NAN } else { known };

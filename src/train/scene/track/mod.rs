@@ -29,9 +29,11 @@ use crate::observation::surface::Observation;
 use crate::render::cpu::CpuRenderer;
 use fit::{PoseFit, fit};
 use rayon::prelude::*;
-use reference::Reference;
 use samples::{FrameSamples, LEVELS};
 use search::search;
+
+pub(in crate::train::scene) use reference::{Reference, ReferenceLevel};
+pub(in crate::train::scene) use samples::brightness;
 
 /// Minimum number of samples of a frame.
 const MIN_SAMPLES: usize = 100;

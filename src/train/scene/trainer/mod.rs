@@ -16,6 +16,7 @@ use super::config::SceneConfig;
 use super::merge;
 use super::observe::observe;
 use super::track::TrackingLoss;
+use crate::math::camera::Camera;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::SceneState;
 use crate::model::splat::appearance::{Finishing, SplatSet};
@@ -106,8 +107,19 @@ impl SceneTrainer {
 
     /// Takes the photometric steps for all buffered photographs and returns the resulting state.
     pub(in crate::train::scene) fn into_settled_state(mut self) -> SceneState {
-        self.photographs.settle(&self.scene);
+        self.settle_photographs();
         self.state_with(self.photographs.drawn())
+    }
+
+    fn settle_photographs(&mut self) -> bool {
+        let deviations = self.poses.photograph_deviations(&self.scene);
+        self.photographs.settle(&self.scene, deviations)
+    }
+
+    fn learn_photograph(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
+        let Self { scene, poses, photographs, changes, .. } = self;
+        let deviations = poses.photograph_deviations(scene);
+        photographs.learn(scene, frame, camera, gain, deviations, changes);
     }
 
     fn state_with(&self, photometric: &PhotometricState) -> SceneState {
@@ -173,7 +185,7 @@ impl SceneTrainer {
         let Scene { config, seeds, sums, .. } = &mut self.scene;
         observe(sums, seeds, frame, &placed.camera, config.h);
         clock.lap(SceneStage::Visibility);
-        self.photographs.learn(&self.scene, frame, &placed.camera, gain, &mut self.changes);
+        self.learn_photograph(frame, &placed.camera, gain);
         clock.lap_photographs(&mut self.photographs);
         self.poses.log(&self.scene, frame, placed, gain);
         self.move_to_recorded(frame);
@@ -260,10 +272,12 @@ impl SceneTrainer {
     fn set_of(&self, ids: impl IndexedParallelIterator<Item = usize>) -> SplatSet {
         let (splats, appearance): (Vec<_>, Vec<_>) =
             ids.with_min_len(256).map(|id| self.splat(id)).unzip();
-        let (exposures, poses) = self.poses.logs(self.scene.config.h);
+        let h = self.scene.config.h;
+        let (exposures, poses) = self.poses.logs(h);
+        let photograph_poses = self.photographs.drawn_poses(h);
         let textures = self.photographs.drawn_textures();
         let full_coverage = self.scene.config.splat_rule.full_coverage as f32;
-        let finishing = Finishing { full_coverage, exposures, poses, textures };
+        let finishing = Finishing { full_coverage, exposures, poses, photograph_poses, textures };
         SplatSet::new(splats, appearance).finished(finishing)
     }
 }

@@ -8,6 +8,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::waiting::PhotographView;
+use crate::model::splat::pose_log::PoseLog;
 use crate::model::splat::texture::Textures;
 use crate::observation::surface::{Observation, Photograph, SurfacePoint};
 use crate::render::cpu::photometric::RowSubset;
@@ -15,7 +16,6 @@ use crate::render::near_plane_for;
 use crate::train::learner::Changed;
 use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
 use crate::train::scene::photometric::agreement::FrameBesideScene;
-use crate::train::scene::photometric::rule::PhotometricRule;
 use crate::train::scene::photometric::waiting::{CONTRADICTION, packed, update_point_residuals};
 use crate::train::scene::photometric::{PhotometricLearner, SplatStep, TrainingView};
 use crate::train::scene::textures::Taken;
@@ -119,6 +119,7 @@ impl Photographs {
         frame: &Observation,
         camera: &Camera,
         gain: [f32; 3],
+        pose_deviations: Option<[f64; 2]>,
         changes: &mut Changes,
     ) {
         let Some(rule) = scene.config.photometric_rule() else { return };
@@ -145,7 +146,10 @@ impl Photographs {
             textures.learn(state, changes.listed(), scene.config.h, budget, &taken);
             *texture_ms += clock.elapsed_ms();
         }
-        let (changed, compared) = self.step(scene, &rule, frame, photograph, camera, gain);
+        let extents = |id| scene.extent(id);
+        let full_coverage = scene.config.splat_rule.full_coverage;
+        let step = SplatStep::new(full_coverage, &rule, &extents, pose_deviations);
+        let (changed, compared) = self.step(scene, &step, frame, photograph, camera, gain);
         self.compared.extend(compared);
         changes.add(&changed);
     }
@@ -168,7 +172,7 @@ impl Photographs {
     fn step(
         &mut self,
         scene: &Scene,
-        rule: &PhotometricRule,
+        step: &SplatStep<'_>,
         frame: &Observation,
         photograph: &Photograph,
         camera: &Camera,
@@ -178,15 +182,14 @@ impl Photographs {
         let near = near_plane_for(nearest(&frame.points));
         let pixels = photograph.colors.data.len();
         let per_depth_pixel = pixels_for_each(&frame.camera.intrinsics, photograph);
+        let rule = step.rule;
         let rows = RowSubset::new(rule.row_stride(pixels, per_depth_pixel), scene.frames);
         let margin = frame.tolerance.margin;
-        let extents = |id| scene.extent(id);
-        let step = SplatStep::new(scene.config.splat_rule.full_coverage, rule, &extents);
         if rule.shuffle_buffer == 0 {
             let pixels = photograph.measured_pixels(gain, margin);
             let (outlier_factor, frame) = (CONTRADICTION, scene.frames);
             let view = TrainingView { camera, near, rows, outlier_factor, per_depth_pixel, frame };
-            let (changed, outcome) = self.learner.learn(&view, &pixels, &step);
+            let (changed, outcome) = self.learner.learn(&view, &pixels, step);
             return (changed, outcome.map(|outcome| compared_now(scene, outcome)));
         }
         let rows = [rows.stride(), rows.first()];
@@ -194,18 +197,19 @@ impl Photographs {
         let buffered = packed(PhotographView { per_depth_pixel, ..view }, photograph, margin);
         let most = rule.most_waiting(buffered.bytes());
         self.learner.state.buffered.push(buffered);
-        self.learner.train_on_buffered_beyond(most, &step)
+        self.learner.train_on_buffered_beyond(most, step)
     }
 
     /// Computes the state for drawing, after the photometric steps for all buffered photographs. Returns
     /// true if a new state was computed.
-    pub fn settle(&mut self, scene: &Scene) -> bool {
+    pub fn settle(&mut self, scene: &Scene, pose_deviations: Option<[f64; 2]>) -> bool {
         let Some(rule) = scene.config.photometric_rule() else { return false };
         if self.settled.is_some() || self.learner.state.buffered.is_empty() {
             return false;
         }
         let extents = |id| scene.extent(id);
-        let step = SplatStep::new(scene.config.splat_rule.full_coverage, &rule, &extents);
+        let step =
+            SplatStep::new(scene.config.splat_rule.full_coverage, &rule, &extents, pose_deviations);
         let (settled, compared) = self.learner.settled_state(&step);
         (self.settled, self.compared) = (Some(settled), compared);
         // Judged by more photographs than those that training has learned from.
@@ -216,6 +220,13 @@ impl Photographs {
     /// Returns the textures to draw; `None` if there are none.
     pub fn drawn_textures(&self) -> Option<Arc<Textures>> {
         self.learner.textures.drawn(self.drawn())
+    }
+
+    /// Returns the poses of the photographs for drawing a scene of structural scale `h`; `None` if they are those of
+    /// the points.
+    pub fn drawn_poses(&self, h: f64) -> Option<Arc<PoseLog>> {
+        let poses = &self.drawn().photograph_poses;
+        (!poses.is_empty()).then(|| Arc::new(PoseLog::new(poses.clone(), h)))
     }
 
     /// Returns the photometric state from which splats are drawn.

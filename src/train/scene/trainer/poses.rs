@@ -13,7 +13,7 @@ use crate::train::scene::align::{
     alignment_subset, first_groups,
 };
 use crate::train::scene::gain::{Brightness, fewest_matches};
-use crate::train::scene::gauge::common_motion;
+use crate::train::scene::gauge::{common_motion, own_corrections};
 use crate::train::scene::rigid_equations::Motion;
 use crate::train::scene::seed_groups::NearSeeds;
 use crate::train::scene::track;
@@ -22,6 +22,10 @@ use std::sync::Arc;
 
 /// Number of recent frames used to predict the pose correction of the next frame.
 const RECENT: usize = 1000;
+/// Approximate number of pose corrections whose size is that of all.
+const SAMPLED_CORRECTIONS: usize = 256;
+/// Prior deviation of a photograph's pose from that of its points, relative to the correction of a recorded pose.
+const PHOTOGRAPH_SHARE: f64 = 0.1;
 /// Minimum number of frames before the whole scene is moved to fit the recorded poses.
 const FEWEST_FRAMES: usize = 4;
 /// Number of compared points in known components that suffices to determine the gain of a large frame.
@@ -179,6 +183,18 @@ impl Poses {
             scene.config.align && !scene.config.track && n >= FEWEST_FRAMES && n.is_power_of_two();
         let deviations = [TURN_DEVIATION, f64::from(frame.tolerance.place)];
         is_due.then(|| common_motion(&self.corrections, deviations)).flatten()
+    }
+
+    /// Returns the prior standard deviations of the rotation (radians) and position (world units) of a photograph about
+    /// the pose of its points; `None` if poses are exact or hardly known.
+    pub fn photograph_deviations(&self, scene: &Scene) -> Option<[f64; 2]> {
+        if !scene.config.align || scene.config.track || self.corrections.len() < FEWEST_FRAMES {
+            return None;
+        }
+        let every = self.corrections.len().div_ceil(SAMPLED_CORRECTIONS);
+        let some: Vec<FramePose> = self.corrections.iter().step_by(every).copied().collect();
+        let [turn, shift] = own_corrections(&some, [TURN_DEVIATION, scene.config.h])?;
+        (turn > 0.0 && shift > 0.0).then(|| [turn, shift].map(|own| PHOTOGRAPH_SHARE * own))
     }
 
     pub fn move_by(&mut self, motion: &Pose) {

@@ -40,7 +40,7 @@ impl Learns<Observation> for SceneTrainer {
         let is_outlier = self.is_outlier(frame, &placed, gain);
         clock.lap(SceneStage::Assign);
         if !is_outlier {
-            self.photographs.learn(&self.scene, frame, &placed.camera, gain, &mut self.changes);
+            self.learn_photograph(frame, &placed.camera, gain);
         }
         self.poses.recycle(placed);
         self.end_frame();
@@ -106,7 +106,7 @@ impl Learner for SceneTrainer {
     }
 
     fn settle(&mut self) -> bool {
-        let is_new = self.photographs.settle(&self.scene);
+        let is_new = self.settle_photographs();
         if is_new {
             self.changes.add_all();
         }
