@@ -56,10 +56,8 @@ impl EvalOptions {
         self.scale.camera(frame.photo_camera(self.color_camera.as_ref()))
     }
 
-    /// True if `camera`, which took the photograph, is the depth camera at the pose of the depth image.
-    fn is_depth_image(&self, frame: &Frame, camera: &Camera) -> bool {
-        let is_same = frame.photographed_by(self.color_camera.as_ref()).is_none();
-        self.scale.is_full() && is_same && camera.pose == frame.camera.pose
+    fn is_depth_image(&self, frame: &Frame) -> bool {
+        self.scale.is_full() && frame.photographed_by(self.color_camera.as_ref()).is_none()
     }
 }
 
@@ -108,7 +106,12 @@ pub fn evaluate<'a>(
         let camera = own.unwrap_or(camera);
         let rendered = renderer.render(splats, &camera, &options.render);
         let surfaces = photographed_surfaces(&frame, &camera, sensor, options);
-        let mut score = score(index, &frame, &camera, surfaces.as_ref(), &rendered, options);
+        // The photograph has a pose of its own, but the depth image that of the points.
+        let has_own_pose = options.is_depth_image(&frame) && camera.pose != frame.camera.pose;
+        let of_points =
+            has_own_pose.then(|| renderer.render(splats, &frame.camera, &options.render));
+        let drawn = Drawn { photograph: &rendered, depth: of_points.as_ref().unwrap_or(&rendered) };
+        let mut score = score(index, &frame, surfaces.as_ref(), drawn, options);
         if let (Ok(view), true) = (&mut score, options.align_poses) {
             let draw = |camera: &Camera| renderer.render(splats, camera, &options.render);
             match aligned_view(&frame, &camera, rendered, options, draw) {
@@ -169,28 +172,33 @@ pub fn ground_truth(frame: &Frame, kind: GroundTruth, background: [f32; 3]) -> R
     })
 }
 
+/// A scene drawn from the pose of a photograph, and from that of its depth image.
+#[derive(Clone, Copy)]
+struct Drawn<'a> {
+    photograph: &'a Rendered,
+    depth: &'a Rendered,
+}
+
 fn score(
     index: usize,
     frame: &Frame,
-    camera: &Camera,
     surfaces: Option<&Surfaces>,
-    rendered: &Rendered,
+    drawn: Drawn<'_>,
     options: &EvalOptions,
 ) -> Result<ViewReport, MetricError> {
     let truth = reference_image(frame, options);
-    let Rendered { coverage, .. } = rendered;
-    let shown = &rendered.color;
+    let Rendered { color: shown, coverage, .. } = drawn.photograph;
     let Comparison { psnr, ssim, coverage: covered_share, covered } =
         compare(shown, coverage, &truth)?;
     let seen = match surfaces {
         None => None,
         Some(surfaces) => SeenQuality::compare(shown, coverage, &truth, surfaces)?,
     };
-    let depth_mae = match measured_depth(frame, camera, surfaces, options) {
+    let depth_mae = match measured_depth(frame, surfaces, options) {
         // Without a covered pixel the error would be a mean over nothing.
         Some(depth) if covered.is_some() => {
             // NaN if no covered pixel has depth; JSON has no NaN.
-            Some(metrics::depth_error(&rendered.depth, coverage, &depth)?)
+            Some(metrics::depth_error(&drawn.depth.depth, &drawn.depth.coverage, &depth)?)
                 .filter(|mae| mae.is_finite())
         }
         _ => None,
@@ -240,7 +248,7 @@ fn photographed_surfaces(
     options: &EvalOptions,
 ) -> Option<Surfaces> {
     let surfaces = Surfaces::of(frame, sensor)?;
-    match options.is_depth_image(frame, camera) {
+    match options.is_depth_image(frame) {
         true => Some(surfaces),
         false => Some(surfaces.project_into(camera, options.render.near as f32)),
     }
@@ -248,12 +256,11 @@ fn photographed_surfaces(
 
 fn measured_depth(
     frame: &Frame,
-    camera: &Camera,
     surfaces: Option<&Surfaces>,
     options: &EvalOptions,
 ) -> Option<Image<f32>> {
     let kind = depth_kind(options.render.method);
-    match options.is_depth_image(frame, camera) {
+    match options.is_depth_image(frame) {
         // The file's full depth: projection would lose the border.
         true => frame.depth_as(kind),
         false => surfaces.map(|s| s.depth_of_kind(kind)),
@@ -375,7 +382,9 @@ mod tests {
             let options = EvalOptions { color_camera, ..plain(method) };
             let camera = options.photo_camera(&frame);
             let surfaces = photographed_surfaces(&frame, &camera, Sensor::Kinect, &options);
-            let score = score(0, &frame, &camera, surfaces.as_ref(), &rendered(depth), &options);
+            let rendered = rendered(depth);
+            let drawn = Drawn { photograph: &rendered, depth: &rendered };
+            let score = score(0, &frame, surfaces.as_ref(), drawn, &options);
             score.unwrap().depth_mae.unwrap()
         };
         for (method, depth) in &planes {
