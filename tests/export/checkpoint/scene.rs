@@ -577,7 +577,7 @@ fn frames_may_have_corrected_poses() {
 
 #[test]
 fn photographs_may_have_poses_of_their_own() {
-    let mut checkpoint = sample(mixed());
+    let mut checkpoint = textured();
     let (turn, shift) = ([0.001, 0.0, -0.002], [0.01, 0.02, 0.03]);
     let pose = FramePose { recorded: VIEWPOINT, rotation: [0.6, 0.0, 0.0, 0.8], turn, shift };
     photometric(&mut checkpoint).photograph_poses =
