@@ -1,6 +1,6 @@
 //! Frame lists of several cameras, splits, masks and defects, and codes of depth.
 
-use crate::common::layouts::TestLayout::{Nerfstudio, Tum};
+use crate::common::layouts::TestLayout::Nerfstudio;
 use crate::common::scratch::{Files, edit_json, open_plain, tiny};
 use crate::common::shared;
 use exr::prelude::{
@@ -381,23 +381,4 @@ fn any_unit_of_depth_is_found() {
     }
     let right = LoadOptions { depth_scale: Some(0.25e-3), ..LoadOptions::default() };
     agrees(&open(&path, &right).unwrap());
-}
-
-#[test]
-fn slanted_surfaces_of_small_depth_images_are_kept() {
-    let Some(dataset) = case("35-small-depth-of-a-kinect-layout") else { return };
-    assert_eq!(dataset.sensor(), Sensor::Kinect);
-    let all = frames(&dataset, 0);
-    let share = |sensor| all.iter().map(|f| observe(f, sensor).1).sum::<f64>() / all.len() as f64;
-    let [kinect, lidar] = [Sensor::Kinect, Sensor::Lidar].map(share);
-    assert!(kinect > 0.95 * lidar, "{kinect} {lidar}");
-    // Depth of the usual size is judged as ever.
-    let folder = tiny(Tum);
-    let frame = open_plain(folder.path()).unwrap().load(0, 0).unwrap();
-    let depth = frame.depth.as_ref().unwrap();
-    let steepness = |fx| {
-        let camera = vbgs_studio::math::camera::Intrinsics { fx, ..frame.camera.intrinsics };
-        Sensor::Kinect.profile(depth, &camera).steepness
-    };
-    assert!(steepness(525.0) == 0.0 && steepness(262.5) == 0.0 && steepness(131.0) > 0.005);
 }
