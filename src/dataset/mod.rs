@@ -52,7 +52,6 @@ mod lengths;
 mod matrix;
 mod opened;
 mod options;
-pub mod pace;
 mod sector;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 mod tile_points;

@@ -6,7 +6,7 @@
 //! difference within image pairs that it was not fitted to.
 
 use super::clock::Clock;
-use super::images::{DepthPair, total_distance};
+use super::{DepthPair, total_distance};
 use crate::math::camera::Intrinsics;
 use crate::math::least_squares::NormalEquations;
 use crate::math::pose::Pose;

@@ -1,6 +1,6 @@
 //! Replay of a written recording: its files appear in another folder, one frame at a time.
 
-use super::files::{WriteError, create_folder, write_file};
+use super::{WriteError, create_folder, write_file};
 use crate::dataset::growing::END_MARKER;
 use crate::dataset::synthetic::write::SyntheticLayout;
 use std::collections::BTreeSet;

@@ -1,19 +1,22 @@
 //! Writes the synthetic scene as a dataset folder, in the layouts that the loaders read.
 
-mod blender;
-mod files;
+mod layouts;
 mod live;
-mod sequences;
 
 use super::params::{ParamsError, SyntheticCamera, SyntheticParams};
 use super::plan::ViewPlan;
-use files::create_empty_folder;
-use std::path::Path;
+use crate::math::image::Image;
+use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use layouts::{write_blender, write_record3d, write_seven_scenes, write_tum};
+use std::path::{Path, PathBuf};
 use strum::{EnumMessage, EnumString, IntoStaticStr, VariantNames};
 
-pub use blender::DepthBits;
-pub use files::WriteError;
+pub use layouts::DepthBits;
 pub use live::LiveFiles;
+
+const JPEG_QUALITY: u8 = 95;
 
 /// Subfolder for splits that layouts without splits cannot contain. It has the Blender layout with
 /// 16-bit depth, and true poses in the world frame of the recording.
@@ -46,10 +49,10 @@ pub fn write(
         on_frame(done, total);
     };
     match layout {
-        SyntheticLayout::Blender(bits) => blender::write(&plan, |_| true, out, bits, &mut count),
-        SyntheticLayout::SevenScenes => sequences::write_seven_scenes(&plan, out, &mut count),
-        SyntheticLayout::Tum => sequences::write_tum(&plan, out, &mut count),
-        SyntheticLayout::Record3d => sequences::write_record3d(&plan, out, &mut count),
+        SyntheticLayout::Blender(bits) => write_blender(&plan, |_| true, out, bits, &mut count),
+        SyntheticLayout::SevenScenes => write_seven_scenes(&plan, out, &mut count),
+        SyntheticLayout::Tum => write_tum(&plan, out, &mut count),
+        SyntheticLayout::Record3d => write_record3d(&plan, out, &mut count),
     }?;
     let has_splits = matches!(layout, SyntheticLayout::Blender(_) | SyntheticLayout::SevenScenes);
     if has_splits || !plan.has_unrecorded_splits() {
@@ -57,7 +60,7 @@ pub fn write(
     }
     // 16 bits, because these views serve as ground truth.
     let (beside, bits) = (out.join(FREE_FOLDER), DepthBits::Sixteen);
-    blender::write(&plan, |split| !split.is_recorded, &beside, bits, &mut count)
+    write_blender(&plan, |split| !split.is_recorded, &beside, bits, &mut count)
 }
 
 /// Writes the dataset of [`write()`] as a growing recording. Images are written in two parts, list lines
@@ -99,4 +102,76 @@ pub enum SyntheticLayout {
     Tum,
     /// Record3D's exported folder: JPEG, depth as half-float EXR at a quarter of the resolution, metres.
     Record3d,
+}
+
+/// Error while writing a dataset.
+#[allow(missing_docs, reason = "every message names its fields")]
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// A parameter is outside its range.
+    #[error("{0}")]
+    Params(#[from] ParamsError),
+    /// The folder is not empty. Existing files are never overwritten.
+    #[error(
+        "{}: expected a new or empty folder, found one with files; choose another", .0.display()
+    )]
+    NotEmpty(PathBuf),
+    /// The layout cannot be written frame by frame.
+    #[error(
+        "layout {layout}: expected one that can be recorded frame by frame ({expected}), found one whose frames are in one file that is written at the end; choose another layout"
+    )]
+    NotLive { layout: String, expected: &'static str },
+    /// A folder or file cannot be written.
+    #[error("{}: expected to write here, found: {source}; check free space and permissions", path.display())]
+    Io { path: PathBuf, source: std::io::Error },
+    /// An image cannot be encoded.
+    #[error("{}: expected to write an image, found: {source}; check free space", path.display())]
+    Image { path: PathBuf, source: image::ImageError },
+}
+
+fn create_folder(path: &Path) -> Result<(), WriteError> {
+    std::fs::create_dir_all(path).map_err(|source| WriteError::Io { path: path.to_owned(), source })
+}
+
+fn create_empty_folder(path: &Path) -> Result<(), WriteError> {
+    create_folder(path)?;
+    let io = |source| WriteError::Io { path: path.to_owned(), source };
+    match std::fs::read_dir(path).map_err(io)?.next() {
+        Some(_) => Err(WriteError::NotEmpty(path.to_owned())),
+        None => Ok(()),
+    }
+}
+
+fn write_jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
+    // JPEG has no alpha.
+    let rgb: Vec<u8> = image.data.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
+    let mut encoded = Vec::new();
+    JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
+        .write_image(&rgb, image.width as u32, image.height as u32, ExtendedColorType::Rgb8)
+        .map_err(|source| WriteError::Image { path: path.to_owned(), source })?;
+    write_file(path, &encoded)
+}
+
+fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), WriteError> {
+    std::fs::write(path, bytes).map_err(|source| WriteError::Io { path: path.to_owned(), source })
+}
+
+/// Writes an image to a PNG file. The memory layout of its pixels must be that of `color`.
+fn write_png<P: bytemuck::Pod>(
+    path: &Path,
+    image: &Image<P>,
+    color: ExtendedColorType,
+) -> Result<(), WriteError> {
+    // Encoded in memory first: the encoder writes its last chunk on drop, which would swallow the error of
+    // a full disk.
+    let mut encoded = Vec::new();
+    PngEncoder::new(&mut encoded)
+        .write_image(
+            bytemuck::cast_slice(&image.data),
+            image.width as u32,
+            image.height as u32,
+            color,
+        )
+        .map_err(|source| WriteError::Image { path: path.to_owned(), source })?;
+    write_file(path, &encoded)
 }
