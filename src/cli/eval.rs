@@ -97,7 +97,7 @@ fn choose_views(
         None => {
             // A dataset without depth has no training split, but photographs to compare with.
             let default = || dataset.training_split().unwrap_or(0);
-            let trained = trained.filter(|_| hold_out == HoldOut::Sector).unwrap_or_else(default);
+            let trained = trained.unwrap_or_else(default);
             let evaluation = dataset.evaluation_by(hold_out, trained)?;
             let is_held_out = evaluation.training.is_some() && hold_out == HoldOut::Every8th;
             // Without the reason given there: trained views are counted later from the model's own list.

@@ -54,7 +54,6 @@ struct PosesInfo {
     #[serde(skip)]
     // For text output; JSON contains its numbers.
     summary: Option<String>,
-    warning: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -116,6 +115,7 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
     if let Ok(split) = dataset.training_split() {
         defects.extend(outlier_poses(&dataset.splits[split]).iter().map(ToString::to_string));
     }
+    let poses = poses_info(dataset, &mut defects);
     let evaluation =
         // Without a training split, its error explains why nothing is evaluated.
         dataset.training_split().map_or_else(|e| e.to_string(), |t| dataset.evaluation(t).why);
@@ -127,18 +127,19 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
         evaluation,
         skipped_frames: dataset.warnings.len(),
         frame_rate: dataset.splits.first().and_then(|split| frame_rate(&split.frames)),
-        poses: poses_info(dataset),
+        poses,
         notes: dataset.notes.clone(),
         defects,
     }
 }
 
-fn poses_info(dataset: &Dataset) -> PosesInfo {
+fn poses_info(dataset: &Dataset, defects: &mut Vec<String>) -> PosesInfo {
     // Without depth there is no training split, and the check finds no pairs.
     let split = dataset.training_split().unwrap_or(0);
     let is_tracked = dataset.options.track;
     let check: Option<PoseCheck> = dataset::pose_check::check(dataset, split);
     let opened = check.as_ref().map(|check| check.opened);
+    defects.extend(check.iter().flat_map(PoseCheck::warnings));
     let stated = dataset.options.poses.unwrap_or(dataset.layout.pose_convention());
     PosesInfo {
         convention: if is_tracked { "tracked" } else { stated.name() },
@@ -151,7 +152,6 @@ fn poses_info(dataset: &Dataset) -> PosesInfo {
             true => Some("found by tracking".to_owned()),
             false => check.as_ref().map(tracked::pose_summary),
         },
-        warning: check.as_ref().and_then(tracked::warning),
     }
 }
 
@@ -229,9 +229,6 @@ fn print_dataset(info: &DatasetInfo) -> Result<(), Failure> {
     out!("  evaluation: {}", info.evaluation);
     let summary = info.poses.summary.as_deref();
     out!("  poses: {}", summary.unwrap_or("too few frames with depth to check"));
-    if let Some(warning) = &info.poses.warning {
-        out!("  warning: {warning}");
-    }
     info.notes.iter().for_each(|note| out!("  note: {note}"));
     info.defects.iter().for_each(|defect| out!("  defect: {defect}"));
     if info.skipped_frames > 0 {

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use vbgs_studio::dataset;
 use vbgs_studio::dataset::growing::END_MARKER;
-use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
+use vbgs_studio::dataset::pose_check::{ENOUGH_FRAMES, PoseCheck};
 use vbgs_studio::dataset::wild_poses::outlier_poses;
 use vbgs_studio::dataset::{Dataset, LoadOptions};
 use vbgs_studio::eval::choices::SEEN_AFTER;
@@ -30,6 +30,7 @@ use vbgs_studio::pipeline::checkpoint::{ResumeRequest, RunError, SavedRun};
 use vbgs_studio::pipeline::error::SessionError;
 use vbgs_studio::pipeline::follow::Follow;
 use vbgs_studio::pipeline::memory;
+use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::pipeline::tracked::Trajectory;
@@ -144,7 +145,7 @@ fn open_session(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
     }
     print_dataset_notes(&dataset);
     warn_about_poses(&dataset);
-    Ok(start.session(dataset, args)?)
+    Ok(start.session(dataset, selection(args), args)?)
 }
 
 /// Creates a session on the first complete frames of a recording in progress. Waits for these frames as
@@ -168,7 +169,8 @@ fn follow_session(
     while !interrupt.is_requested() {
         if let Some(dataset) = follow.poll_dataset()? {
             let (start, args) = (start.clone(), args.clone());
-            let session = move || start.session(dataset, &args);
+            let selection = follow.selection().clone();
+            let session = move || start.session(dataset, selection, &args);
             // Reading the first frames may block on the drive.
             match interrupt.run_interruptibly(session)? {
                 Ok(mut session) => {
@@ -246,9 +248,14 @@ impl Start {
         }
     }
 
-    fn session(self, dataset: Arc<Dataset>, args: &TrainArgs) -> Result<Session, RunError> {
+    fn session(
+        self,
+        dataset: Arc<Dataset>,
+        selection: Selection,
+        args: &TrainArgs,
+    ) -> Result<Session, RunError> {
         match self {
-            Self::New(config) => Ok(Session::new(dataset, *config, selection(args))?),
+            Self::New(config) => Ok(Session::new(dataset, *config, selection)?),
             Self::Saved(run, asked) => run.resume(dataset, &asked, args.force),
         }
     }
@@ -405,7 +412,7 @@ fn warn_about_poses(dataset: &Dataset) {
         eprintln!("warning: {wild}");
     }
     let check = split.and_then(|split| dataset::pose_check::check(dataset, split));
-    if let Some(warning) = check.as_ref().and_then(tracked::warning) {
+    for warning in check.iter().flat_map(PoseCheck::warnings) {
         eprintln!("warning: {warning}");
     }
 }

@@ -190,20 +190,33 @@ struct PhotoQuality {
 impl PhotoQuality {
     /// Measures a photograph. For sharpness, transparent pixels are treated as black.
     fn of(photograph: &Image<[u8; 4]>) -> Self {
-        let luma = photograph.map(|&[r, g, b, a]| {
-            // Weights of Rec. 601 luma.
-            let luma = 0.299 * f32::from(r) + 0.587 * f32::from(g) + 0.114 * f32::from(b);
-            luma / 255.0 * f32::from(a) / 255.0
-        });
+        let luma = luma(photograph);
         let opaque: f64 = photograph.data.iter().map(|pixel| f64::from(pixel[3]) / 255.0).sum();
         let total: f64 = luma.data.iter().map(|&v| f64::from(v)).sum();
-        let fine = blocks(&luma, photograph.width.div_ceil(MAX_COLUMNS).max(1));
+        let fine = reduced(&luma, MAX_COLUMNS);
         let [energy, coarse] = [energy(&fine), energy(&blocks(&fine, COARSE))];
         // A step of a hundredth of a code: anything below is rounding, not detail.
         let has_detail = coarse > 1e-9;
         // A fully transparent photograph has brightness 0, not NaN.
         Self { sharpness: has_detail.then(|| energy / coarse), brightness: total / opaque.max(1.0) }
     }
+}
+
+/// Returns the luma of a photograph, averaged down to at most `columns` columns.
+pub(super) fn reduced_luma(photograph: &Image<[u8; 4]>, columns: usize) -> Image<f32> {
+    reduced(&luma(photograph), columns)
+}
+
+fn luma(photograph: &Image<[u8; 4]>) -> Image<f32> {
+    photograph.map(|&[r, g, b, a]| {
+        // Weights of Rec. 601 luma.
+        let luma = 0.299 * f32::from(r) + 0.587 * f32::from(g) + 0.114 * f32::from(b);
+        luma / 255.0 * f32::from(a) / 255.0
+    })
+}
+
+fn reduced(picture: &Image<f32>, columns: usize) -> Image<f32> {
+    blocks(picture, picture.width.div_ceil(columns).max(1))
 }
 
 fn blocks(picture: &Image<f32>, side: usize) -> Image<f32> {

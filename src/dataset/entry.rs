@@ -208,6 +208,24 @@ impl FrameEntry {
         })
     }
 
+    /// True if the photographs and depth images of both frames are files of the same bytes.
+    pub(super) fn is_copy_of(&self, other: &Self) -> bool {
+        let Some((one, other)) = self.frame_files().zip(other.frame_files()) else { return false };
+        let Some((depth, other_depth)) = one.depth.as_ref().zip(other.depth.as_ref()) else {
+            return false;
+        };
+        let files = [(&one.color, &other.color), (&depth.file, &other_depth.file)];
+        files.into_iter().all(|files| match files {
+            (one @ ByteSource::File(path), other @ ByteSource::File(other_path)) => {
+                let bytes = |path: &Path| path.metadata().ok().map(|file| file.len());
+                // Lengths first: noise gives every image of a camera at rest another one.
+                bytes(path) == bytes(other_path)
+                    && one.read().is_ok_and(|one| other.read().is_ok_and(|other| one == other))
+            }
+            _ => false,
+        })
+    }
+
     pub(super) fn sensor(&self) -> Option<Sensor> {
         match &self.source {
             FrameSource::Synthetic { scene, .. } => {

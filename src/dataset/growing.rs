@@ -14,6 +14,7 @@ use super::folder::{Folder, RecordingState, open_file};
 use super::formats::Layout;
 use super::opened::{no_usable_frame, read};
 use super::options::{ByteSource, LoadOptions};
+use super::splits::is_for_training;
 use super::{Dataset, decode};
 use std::collections::{HashMap, HashSet};
 use std::io::{Read, Seek, SeekFrom};
@@ -143,6 +144,16 @@ impl GrowingRecording {
         if is_growing && matches!(split, Err(DatasetError::TrainingSplit { .. })) {
             dataset.splits.clear();
         }
+        // The split for training may appear after one for evaluation.
+        let chosen = split.as_ref().ok().and_then(|at| dataset.splits.get(*at));
+        let other = chosen.filter(|split| self.split.is_none() && !is_for_training(split));
+        if let Some(other) = other.filter(|_| is_growing) {
+            return Err(DatasetError::TrainingSplit {
+                path: self.path.clone(),
+                split: "train".to_owned(),
+                found: format!("frames of `{}` alone", other.name),
+            });
+        }
         if let Ok(at) = split.as_ref().copied() {
             // Frames are held out of those taken, not of those found.
             let held_out = dataset.splits.iter_mut().filter(|split| split.name == HELD_OUT);
@@ -193,6 +204,11 @@ impl GrowingRecording {
     /// Returns true if any frame has been handed out for training.
     pub fn has_begun(&self) -> bool {
         !self.taken.is_empty()
+    }
+
+    /// Returns the name of the followed split; `None` until it is chosen.
+    pub fn split(&self) -> Option<&str> {
+        self.split.as_deref()
     }
 
     /// Returns the index of the followed split in a dataset.

@@ -98,6 +98,10 @@ pub fn without_every_8th(n_frames: usize) -> Vec<usize> {
     (0..n_frames).filter(|i| !i.is_multiple_of(HOLD_OUT_EVERY)).collect()
 }
 
+pub(super) fn is_for_training(split: &DatasetSplit) -> bool {
+    !(is_for_evaluation(&split.name) || [FREE, HELD_OUT].contains(&split.name.as_str()))
+}
+
 pub(super) fn is_for_evaluation(split: &str) -> bool {
     EVALUATION_NAMES.contains(&split)
 }

@@ -71,7 +71,7 @@ impl Follow {
             let expected = "the recorded split, with follow";
             return Err(follow_error("split", expected, HELD_OUT));
         }
-        let recording = GrowingRecording::new(path, load, selection.split.as_deref())?;
+        let recording = GrowingRecording::new(path, load, selection.split_name())?;
         Ok(Self::with(recording, selection))
     }
 
@@ -124,6 +124,9 @@ impl Follow {
                 known
             }
         };
+        if self.selection.split.is_none() {
+            self.selection.followed_split = recording.split().map(str::to_owned);
+        }
         drop(recording);
         let dataset = self.dataset.insert(dataset);
         let has_frames = !Plan::new(dataset, &self.selection, 0)?.frames.is_empty();
@@ -142,7 +145,7 @@ impl Follow {
         is_of_frames && !self.is_over
     }
 
-    /// Selection of the session's frames.
+    /// Selection of the session's frames. Names the followed split once the recording has frames.
     pub fn selection(&self) -> &Selection {
         &self.selection
     }

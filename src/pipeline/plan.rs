@@ -77,6 +77,10 @@ pub struct Selection {
     /// further passes only on photographs.
     #[serde(default = "once", skip_serializing_if = "is_once")]
     pub passes: usize,
+    /// Split of a followed recording if `split` is `None`: that of its first frames, since splits that appear
+    /// later must not take its place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub followed_split: Option<String>,
     /// True if the recording was followed while it grew.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub follow: bool,
@@ -97,10 +101,15 @@ fn is_once(passes: &usize) -> bool {
 impl Selection {
     /// Selects all frames of the training split, in sequential order.
     pub fn all_frames() -> Self {
-        let (split, shard, max_frames) = (None, None, None);
+        let (split, followed_split, shard, max_frames) = (None, None, None, None);
         let (order, stride, passes, follow) = (Order::Sequential, 1, 1, false);
         let hold_out = HoldOut::default();
-        Self { split, order, stride, shard, max_frames, passes, follow, hold_out }
+        Self { split, order, stride, shard, max_frames, passes, followed_split, follow, hold_out }
+    }
+
+    /// Returns the name of the split to train on; `None` for the dataset's default.
+    pub fn split_name(&self) -> Option<&str> {
+        self.split.as_deref().or(self.followed_split.as_deref())
     }
 
     /// Returns the order of the frames in pass `pass`, where 0 is the first pass.
@@ -160,7 +169,7 @@ impl Plan {
     /// Plans the frames of a selection. The hold-out `every-8th` has no effect if the user named the
     /// split; a sector is always held out.
     pub fn new(dataset: &Dataset, selection: &Selection, seed: u64) -> Result<Self, DatasetError> {
-        let split = match &selection.split {
+        let split = match selection.split_name() {
             Some(name) => dataset.split_named(name)?,
             None => dataset.training_split()?,
         };

@@ -128,11 +128,15 @@ impl Session {
     /// Follows a recording while it grows. `follow` is the [`Follow`] that found the present frames, or
     /// `None` if the dataset was opened normally. Returns false if there is nothing to follow.
     pub fn follow(&mut self, follow: Option<Follow>) -> bool {
-        let (split, selection) = (self.plan.split, &self.config.selection);
-        let follow = follow.or_else(|| Follow::of(&self.dataset, split, selection));
+        let split = self.plan.split;
+        let follow = follow.or_else(|| Follow::of(&self.dataset, split, &self.config.selection));
         self.follow = follow.map(Follow::without_dataset);
         self.is_followed |= self.follow.is_some();
         self.config.selection.follow |= self.is_followed;
+        if self.follow.is_some() && self.config.selection.split.is_none() {
+            let name = self.dataset.splits.get(split).map(|split| split.name.clone());
+            self.config.selection.followed_split = name;
+        }
         self.follow.is_some()
     }
 

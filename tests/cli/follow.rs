@@ -130,6 +130,37 @@ fn ctrl_c_ends_what_waits_for_a_drive_that_does_not_answer() {
     }
 }
 
+/// The split of the first frames stays the one to train on, also where the dataset's default is another
+/// one that appears later.
+#[test]
+#[cfg(unix)]
+fn splits_that_appear_later_do_not_replace_the_followed_one() {
+    let scratch = Scratch::empty();
+    let size = "--size 48x36 --frames 12 --eval-frames 2";
+    scratch.run(&format!("synth room --layout seven-scenes {size}")).succeeds();
+    let (train, walk) = (scratch.path("room/train"), scratch.path("room/walk"));
+    let (eval, later) = (scratch.path("room/eval"), scratch.path("later"));
+    fs::rename(&train, &walk).unwrap();
+    fs::rename(&eval, &later).unwrap();
+    move_frames(&walk, &scratch.path("rest"), 8);
+    let followed = scratch.start(&format!("{TRAIN} --follow --set autosave=4"));
+    scratch.wait_for("out/checkpoint.vbgs");
+    fs::rename(scratch.path("rest"), &train).unwrap();
+    fs::rename(&later, &eval).unwrap();
+    fs::write(scratch.path("room/recording.done"), "").unwrap();
+    end(followed).succeeds();
+    let report = scratch.json("out/report.json");
+    let learned = names(&report);
+    assert!(learned.iter().all(|name| name.starts_with("walk/")), "{learned:?}");
+    // Every eighth frame was held out before a split for evaluation appeared.
+    assert_eq!(learned.len(), 7, "{learned:?}");
+    scratch.run("train room --resume out/checkpoint.vbgs --out again").succeeds();
+    let again = scratch.json("again/report.json");
+    let again = names(&again);
+    assert!(again.starts_with(&learned), "{again:?}");
+    assert!(again.iter().all(|name| name.starts_with("walk/")), "{again:?}");
+}
+
 #[test]
 fn a_limit_of_frames_ends_it() {
     let scratch = Scratch::empty();

@@ -330,6 +330,26 @@ fn a_followed_dataset_holds_out_what_an_opened_one_does() {
     assert_eq!(grown.warnings.len(), 0);
 }
 
+#[test]
+fn frames_for_evaluation_are_never_followed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("room");
+    write(&SyntheticParams { n_eval: 2, ..ROOM }, &path, TestLayout::SevenScenes, &mut |_, _| ())
+        .unwrap();
+    let (train, later) = (path.join("train"), folder.path().join("later"));
+    fs::rename(&train, &later).unwrap();
+    let mut recording = follow(&path);
+    let waiting = recording.poll(true, 0.0).map(|_| ()).unwrap_err().to_string();
+    assert!(waiting.contains("found frames of `eval` alone"), "{waiting}");
+    fs::rename(&later, &train).unwrap();
+    let found = taken(&mut recording, true, LATER);
+    assert_eq!((found.len(), recording.split()), (11, Some("train")));
+    // The user may name any split.
+    let options = LoadOptions::default();
+    let mut named = GrowingRecording::new(&path, &options, Some("eval")).unwrap();
+    assert_eq!(taken(&mut named, true, 0.0).len(), 2);
+}
+
 /// The first frames determine the local origin of a far world, also for later frames.
 #[test]
 fn a_far_recording_keeps_the_origin_of_its_first_frames() {

@@ -16,6 +16,7 @@ mod layouts;
 mod memory;
 mod odd_ones;
 mod phone;
+mod pose_faults;
 mod real;
 mod rolling_shutter;
 mod sequences;

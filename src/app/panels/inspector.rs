@@ -221,7 +221,7 @@ pub fn scene_section(snapshot: &Snapshot, ui: &mut Ui) {
 fn poses(check: &PoseCheck, ui: &mut Ui) {
     section("Poses", ui);
     ui.label(wording::pose_agreement(check));
-    if let Some(warning) = wording::pose_warning(check) {
+    for warning in check.warnings() {
         ui.label(SignalColor::Yellow.text(warning, ui));
     }
 }

@@ -55,9 +55,10 @@ fn dataset_facts(snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) {
         ui.add(Label::new(line).wrap().selectable(false));
     }
     if let Some(check) = &snapshot.sampling.poses {
-        let text = match wording::pose_warning(check) {
-            Some(warning) => SignalColor::Yellow.text(warning, ui),
-            None => RichText::new(wording::pose_agreement(check)).weak(),
+        let warnings = check.warnings();
+        let text = match warnings.is_empty() {
+            false => SignalColor::Yellow.text(warnings.join("\n"), ui),
+            true => RichText::new(wording::pose_agreement(check)).weak(),
         };
         ui.add(Label::new(text).wrap().selectable(false));
     }

@@ -3,7 +3,6 @@
 use super::following::is_read_from;
 use super::thread::WorkerThread;
 use crate::app::state::{NoticeKind, NoticeTopic, RunState};
-use crate::app::wording;
 use crate::dataset::pose_check::ENOUGH_FRAMES;
 use crate::eval::report::Summary;
 use crate::pipeline::error::SessionError;
@@ -133,7 +132,7 @@ impl WorkerThread {
         self.outbox.is_changed = true;
         match sampling {
             Ok(mut sampling) => {
-                if let Some(warning) = sampling.poses.as_deref().and_then(wording::pose_warning) {
+                for warning in sampling.poses.iter().flat_map(|check| check.warnings()) {
                     self.outbox.notify(NoticeKind::Warning, warning);
                 }
                 // Frames that cannot be checked do not withdraw an earlier check.

@@ -195,6 +195,7 @@ pub fn selection(args: &TrainArgs) -> Selection {
         order: run.order.unwrap_or(everything.order),
         stride: run.stride.unwrap_or(everything.stride),
         shard: args.shard,
+        followed_split: None,
         max_frames: args.max_frames,
         passes: run.passes.unwrap_or(everything.passes),
         follow: args.follow,

@@ -47,12 +47,14 @@ const TIME_KEYS: [&str; 3] = ["timestamp", "time", "t"];
 const WIDTH_KEYS: [&str; 3] = ["width", "image_width", "w"];
 const HEIGHT_KEYS: [&str; 3] = ["height", "image_height", "h"];
 
+const LINES: [&str; 2] = [".jsonl", ".ndjson"];
+
 fn recognise(folder: &Folder) -> Option<String> {
-    let name = frame_lines(folder)?;
-    Some(format!("{name} with one frame per line"))
+    let names: Vec<&str> = frame_lines(folder).collect();
+    (!names.is_empty()).then(|| format!("{} with one frame per line", names.join(", ")))
 }
 
-fn frame_lines(folder: &Folder) -> Option<&str> {
+fn frame_lines(folder: &Folder) -> impl Iterator<Item = &str> {
     let is_ours = |name: &&str| {
         let text = folder.peek(name);
         // Every line is a frame, so the first one suffices.
@@ -61,14 +63,32 @@ fn frame_lines(folder: &Folder) -> Option<&str> {
         let has = |keys: &[&str]| first_of(&json, keys).is_some();
         has(&POSE_KEYS) || has(&COLOR_KEYS) && has(&DEPTH_KEYS)
     };
-    let is_lines = |name: &&str| [".jsonl", ".ndjson"].iter().any(|end| name.ends_with(end));
-    folder.listing.files().filter(is_lines).find(is_ours)
+    let is_lines = |name: &&str| LINES.iter().any(|end| name.ends_with(end));
+    folder.listing.files().filter(is_lines).filter(is_ours)
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
-    let mut recording = Recording::new(folder, options);
+    let mut parsed = ParsedFolder::default();
+    let names: Vec<&str> = frame_lines(folder).collect();
     // The default is used only if the file was removed since recognition; reading it then fails.
-    let (file, text) = folder.lines(frame_lines(folder).unwrap_or("frames.jsonl"))?;
+    let names = if names.is_empty() { vec!["frames.jsonl"] } else { names };
+    for name in &names {
+        let mut recording = Recording::new(folder, options);
+        if names.len() > 1 {
+            let stem = LINES.iter().find_map(|end| name.strip_suffix(end));
+            recording.split = stem.unwrap_or(name).to_owned();
+        }
+        add_lines(&mut recording, name)?;
+        parsed.append(recording.finish());
+    }
+    // Lists of one app name its unused keys again.
+    parsed.unused.dedup();
+    Ok(parsed)
+}
+
+fn add_lines(recording: &mut Recording, name: &str) -> Result<(), DatasetError> {
+    let (folder, options) = (recording.folder, recording.options);
+    let (file, text) = folder.lines(name)?;
     let encoding = encoding(options, CodeKind::BareFloats, Sensor::Lidar, LIDAR_RANGE);
     let (mut seen, mut times) = (BTreeSet::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
@@ -82,7 +102,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         };
         if i == 0 {
             let used = ["intrinsics"].into_iter().chain(DEPTH_LENS_KEYS);
-            stated::name_unused_keys(&mut recording, &file, &json, &used.collect::<Vec<_>>());
+            stated::name_unused_keys(recording, &file, &json, &used.collect::<Vec<_>>());
         }
         let line = FrameLine { json: &json, file: &file };
         let name = line.text(&COLOR_KEYS).map_or_else(|| format!("line {}", i + 1), str::to_owned);
@@ -94,7 +114,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             recording.skip(&name, file.clone(), problem);
             continue;
         }
-        let frame = line.recorded(&name, &recording, encoding)?;
+        let frame = line.recorded(&name, recording, encoding)?;
         times.extend(frame.as_ref().ok().and_then(|frame| frame.time));
         recording.add(&name, &file, frame);
     }
@@ -104,7 +124,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             "{unordered} frames are older than the frame before; the listed order is used"
         ));
     }
-    Ok(recording.finish())
+    Ok(())
 }
 
 struct FrameLine<'a> {

@@ -207,10 +207,8 @@ fn pose_list(
         _ => "paired with the images by number",
     };
     recording.note(format!("poses are those of {name} ({}), {paired}", list.form));
-    let unused: Vec<_> = fitting.into_iter().chain(others).map(|(name, _)| name).collect();
-    if !unused.is_empty() {
-        recording.note(format!("other lists of poses are not used: {}", unused.join(", ")));
-    }
+    let unused = fitting.into_iter().chain(others).map(|(name, _)| name);
+    recording.name_unused_files("lists of poses", unused);
     Ok((name, list))
 }
 
@@ -223,11 +221,12 @@ pub(super) const OPEN3D: DatasetFormat = DatasetFormat {
 
 fn recognise_open3d(folder: &Folder) -> Option<String> {
     let images = recognise(folder)?;
-    trajectory_log(folder).map(|log| format!("{log}, with {images}"))
+    trajectory_logs(folder).first().map(|log| format!("{log}, with {images}"))
 }
 
-/// Finds a log file whose first block is a pose, in the folder or one below.
-fn trajectory_log(folder: &Folder) -> Option<String> {
+/// Finds the log files whose first block is a pose, in the folder or in the first one below that has any. The
+/// first log is the one to use.
+fn trajectory_logs(folder: &Folder) -> Vec<String> {
     let is_trajectory = |name: &String| {
         let text = folder.peek(name);
         let mut lines = text.lines();
@@ -242,12 +241,12 @@ fn trajectory_log(folder: &Folder) -> Option<String> {
     });
     let here: Vec<String> = folder.listing.files().map(str::to_owned).collect();
     // Odometry may be logged as a trajectory too, with another origin: a log named after one is preferred.
-    std::iter::once(here).chain(below).find_map(|mut logs| {
-        logs.retain(|name| name.ends_with(".log"));
-        let named =
-            logs.iter().filter(|name| name.contains("traj")).find(|name| is_trajectory(name));
-        named.or_else(|| logs.iter().find(|name| is_trajectory(name))).cloned()
-    })
+    let logs = std::iter::once(here).chain(below).map(|mut logs| {
+        logs.retain(|name| name.ends_with(".log") && is_trajectory(name));
+        logs.sort_by_key(|name| !name.contains("traj"));
+        logs
+    });
+    logs.into_iter().find(|logs| !logs.is_empty()).unwrap_or_default()
 }
 
 fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
@@ -257,8 +256,9 @@ fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
         unposed(&mut recording, &images);
         return Ok(recording.finish());
     }
-    let (file, text) =
-        folder.lines(&trajectory_log(folder).unwrap_or("trajectory.log".to_owned()))?;
+    let mut logs = trajectory_logs(folder).into_iter();
+    let (file, text) = folder.lines(&logs.next().unwrap_or("trajectory.log".to_owned()))?;
+    recording.name_unused_files("lists of poses", logs);
     let list = PoseList { form: "Open3D's log", poses: log_blocks(&text) };
     posed(&mut recording, &images, &file, list)?;
     Ok(recording.finish())

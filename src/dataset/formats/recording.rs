@@ -24,6 +24,7 @@ use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
 use std::borrow::Borrow;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Name of the split of a recording without splits.
@@ -114,6 +115,14 @@ impl<'a> Recording<'a> {
 
     pub fn skip(&mut self, frame: &str, file: PathBuf, problem: FrameProblem) {
         self.parsed.skip(&self.split, frame, file, problem);
+    }
+
+    /// Notes files that describe the recording too and are not used.
+    pub fn name_unused_files(&mut self, kind: &str, files: impl Iterator<Item = String>) {
+        let files: Vec<String> = files.collect();
+        if !files.is_empty() {
+            self.note(format!("other {kind} are not used: {}", files.join(", ")));
+        }
     }
 
     pub fn skip_line(&mut self, file: &Path, line: usize, expected: &'static str, found: &str) {
@@ -212,6 +221,7 @@ impl<'a> Recording<'a> {
                 self.parsed.skip(&self.split, &frame.name, file, problem);
             }
         }
+        self.drop_copies();
         // The frames that training holds out, under a name that users can choose.
         let held_out: Vec<_> = self.frames.iter().step_by(HOLD_OUT_EVERY).cloned().collect();
         // A recording of one frame has none to hold out; a poll may find one frame of many.
@@ -222,6 +232,31 @@ impl<'a> Recording<'a> {
             self.parsed.splits.push(split(HELD_OUT, held_out));
         }
         self.parsed
+    }
+
+    /// Drops frames with the pose and the images of an earlier one: copies of trained frames would be held
+    /// out as new views.
+    fn drop_copies(&mut self) {
+        // Tracked frames have no pose yet; of a growing recording, most frames are not in the list.
+        if self.options.track || self.folder.is_growing() {
+            return;
+        }
+        let mut first_at: HashMap<[u64; 16], usize> = HashMap::new();
+        let mut copies = Vec::new();
+        for (i, frame) in self.frames.iter().enumerate() {
+            let pose = frame.camera.pose.to_opencv().to_cols_array().map(f64::to_bits);
+            let first = *first_at.entry(pose).or_insert(i);
+            if first != i && self.frames.get(first).is_some_and(|first| frame.is_copy_of(first)) {
+                copies.push((i, first));
+            }
+        }
+        for (i, first) in copies.into_iter().rev() {
+            let copied = self.frames.get(first).map(|first| first.name.clone()).unwrap_or_default();
+            let copy = self.frames.remove(i);
+            let file = copy.color_path().unwrap_or(&self.folder.path).to_owned();
+            let problem = FrameProblem::Duplicate(format!("a copy of frame {copied}"));
+            self.parsed.skip(&self.split, &copy.name, file, problem);
+        }
     }
 
     pub fn depth_with_confidence(

@@ -53,13 +53,13 @@ const TRUSTED_DEPTH: [f64; 2] = [0.3, 5.0];
 const TIME_ROUNDING: f64 = 2e-3;
 
 fn recognise(folder: &Folder) -> Option<String> {
-    let poses = pose_file(folder)?;
+    let poses = pose_files(folder).next()?;
     recognise_unposed(folder).map(|images| format!("{poses} and {images}"))
 }
 
 pub(super) fn recognise_unposed(folder: &Folder) -> Option<String> {
     let (colors, depths) = (subfolder(folder, COLORS)?, subfolder(folder, DEPTHS)?);
-    let calibration = calibration(folder)?;
+    let calibration = calibrations(folder).into_iter().next()?;
     Some(format!("{calibration}, with images in {colors}/ and {depths}/"))
 }
 
@@ -70,22 +70,25 @@ fn subfolder(folder: &Folder, suffix: &str) -> Option<String> {
     folder.subfolders().into_iter().find(is_one)
 }
 
-fn calibration(folder: &Folder) -> Option<String> {
+/// Finds the calibrations common to all frames; the first is the one to use.
+fn calibrations(folder: &Folder) -> Vec<String> {
     let is_yaml = |name: &&str| YAML.iter().any(|end| name.ends_with(end));
-    let holds = |relative: &str| {
+    let holds = |relative: &String| {
         let text = folder.peek(relative);
         // Other YAML files may lie beside the calibration.
         text.contains("camera_matrix:")
     };
     if let Some(name) = subfolder(folder, CALIBRATIONS) {
-        let listing = folder.list(Path::new(&name)).ok()?;
+        let Ok(listing) = folder.list(Path::new(&name)) else { return Vec::new() };
         let mut files = listing.files().filter(is_yaml).map(|file| format!("{name}/{file}"));
-        return files.find(|file| holds(file));
+        // One for each frame, so a look at one suffices.
+        return files.find(holds).into_iter().collect();
     }
-    folder.listing.files().filter(is_yaml).find(|name| holds(name)).map(str::to_owned)
+    folder.listing.files().filter(is_yaml).map(str::to_owned).filter(holds).collect()
 }
 
-fn pose_file(folder: &Folder) -> Option<&str> {
+/// Finds the lists of poses; the first is the one to use.
+fn pose_files(folder: &Folder) -> impl Iterator<Item = &str> {
     let is_ours = |name: &&str| {
         let text = folder.peek(name);
         // Other texts may begin with numbers too.
@@ -95,7 +98,7 @@ fn pose_file(folder: &Folder) -> Option<&str> {
                 .next()
                 .is_some_and(|(i, line)| ListedPose::from_line(i, line).matrix.is_ok())
     };
-    folder.listing.files().filter(|name| name.ends_with(".txt")).find(is_ours)
+    folder.listing.files().filter(|name| name.ends_with(".txt")).filter(is_ours)
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
@@ -104,7 +107,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let Some((size, depth_size)) = recording.sizes(colors.sources(), depths.sources()) else {
         return Ok(recording.finish());
     };
-    let name = calibration(folder).unwrap_or("calibration.yaml".to_owned());
+    let mut found = calibrations(folder).into_iter();
+    let name = found.next().unwrap_or("calibration.yaml".to_owned());
+    recording.name_unused_files("calibrations", found);
     let common = Calibration::read(folder, &name)?;
     let sizes = (size, depth_size);
     let cameras = common.cameras(&recording, sizes)?;
@@ -128,10 +133,12 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         }
         return Ok(recording.finish());
     }
-    let Some(pose_name) = pose_file(folder) else {
+    let mut pose_names = pose_files(folder);
+    let Some(pose_name) = pose_names.next() else {
         let expected = "poses of the images in TUM's or KITTI's form";
         return Err(no_poses(&folder.path.join("poses.txt"), expected, "no such file"));
     };
+    recording.name_unused_files("lists of poses", pose_names.map(str::to_owned));
     let (file, text) = folder.lines(pose_name)?;
     let mount = |calibration: &Calibration| match pose_name.contains(OF_CAMERA) {
         true => Ok(DMat4::IDENTITY),
