@@ -49,9 +49,9 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
 
 pub fn spz(version: &mut SpzVersion, ui: &mut Ui) {
     ui.horizontal(|ui| {
-        ui.label("Version of SPZ");
+        ui.label("Version");
         let versions = [SpzVersion::V2, SpzVersion::V3, SpzVersion::V4]
-            .map(|version| (version, version.to_string()));
+            .map(|version| (version, format!("SPZ {version}")));
         let hint = |version: &SpzVersion| version.get_documentation().unwrap_or_default();
         let shown: Vec<_> = versions.iter().map(|(v, name)| (*v, name.as_str(), hint(v))).collect();
         choices(version, &shown, ui);
