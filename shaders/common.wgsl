@@ -55,6 +55,7 @@ struct View {
     depth_range: vec2<f32>,     // range of the depth paint, world units
     antialias: u32,             // one of ANTIALIAS_*
     lens: u32,                  // one of LENS_*
+    is_antialiased: u32,        // 1 lowers opacities by the area that antialiasing adds
 }
 
 struct Composite {

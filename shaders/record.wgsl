@@ -155,8 +155,12 @@ fn draw_projected(out: ptr<function, Drawn>) {
     let det = dot(minors, minors) + low_pass * (xx + yy - low_pass);
 
     let centre = view.focal * tangent + view.principal;
-    (*out).record.opacity = placed.opacity;
-    (*out).record.reach = reach_of(placed.opacity);
+    var opacity = placed.opacity;
+    if view.is_antialiased == 1u {
+        opacity *= length(minors) / sqrt(det);
+    }
+    (*out).record.opacity = opacity;
+    (*out).record.reach = reach_of(opacity);
     (*out).record.conic.anchor = vec3<f32>(centre, 0.0);
     (*out).record.conic.factor =
         unit * vec3<f32>(sqrt(yy / det), -xy / sqrt(yy * det), 1.0 / sqrt(yy));
@@ -194,12 +198,24 @@ fn widened(placed: Placed) -> Placed {
         let d = placed.distance;
         let variance = FOOTPRINT * d * d / (view.focal.x * view.focal.y);
         out.scale = sqrt(placed.scale * placed.scale + variance);
+        if view.is_antialiased == 1u {
+            // In units of the largest scale, all products fit f32.
+            let unit = 1.0 / largest(out.scale);
+            let toward = placed.axes * (placed.mean / d);
+            out.opacity *= sqrt(shadow(unit * placed.scale, toward) / shadow(unit * out.scale, toward));
+        }
     } else if view.antialias == ANTIALIAS_REFERENCE {
         out.scale = sqrt(placed.scale * placed.scale + REFERENCE_VARIANCE);
         let gain = placed.scale / out.scale;
         out.opacity *= gain.x * gain.y * gain.z;
     }
     return out;
+}
+
+// Squared area of a splat's shadow along a direction in its own axes, up to a constant factor.
+fn shadow(scale: vec3<f32>, toward: vec3<f32>) -> f32 {
+    let side = scale.yzx * scale.zxy * toward;
+    return dot(side, side);
 }
 
 // Conic in the frame of the ray `ahead` to the mean, which is `span` long, and two directions across it.

@@ -7,7 +7,7 @@ use crate::common::layouts::TestLayout;
 use std::path::Path;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::to_bytes;
-use vbgs_studio::export::{ModelFormat, WriteOptions, write};
+use vbgs_studio::export::{ModelFormat, SpzVersion, WriteOptions, write};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
@@ -132,7 +132,7 @@ pub fn compressed_ply() -> Vec<Vec<u8>> {
     vec![plain, more]
 }
 
-/// A written file, and files of older versions without their gzip.
+/// A written file, plain and with the record of mirrored axes, and files of older versions without their gzip.
 pub fn spz() -> Vec<Vec<u8>> {
     let legacy = |version: u8, row: usize| {
         let mut bytes = b"NGSP".to_vec();
@@ -141,7 +141,12 @@ pub fn spz() -> Vec<Vec<u8>> {
         bytes
     };
     let older = [legacy(1, 6 + 10 + 9), legacy(2, 9 + 10 + 9), legacy(3, 9 + 11 + 9)];
-    older.into_iter().chain([written(&WriteOptions::new(ModelFormat::Spz))]).collect()
+    let spz_version = SpzVersion::V4;
+    let plain = written(&WriteOptions { spz_version, ..WriteOptions::new(ModelFormat::Spz) });
+    let record = [3, 0, 0xBE, 0xAD, 4, 0, 0, 0, 7, 0, 0, 0];
+    let mut mirrored = [&plain[..32], &record, &plain[32..]].concat();
+    (mirrored[14], mirrored[16]) = (3, 44);
+    older.into_iter().chain([plain, mirrored]).collect()
 }
 
 /// Two splats.

@@ -1,11 +1,12 @@
 //! Options of the export dialog: conversion to standard 3DGS splats, and the preview with its report.
 
 use super::panels::card::choices;
-use super::viewer::export_preview::PreviewReport;
-use crate::export::ModelFormat;
+use super::viewer::export_preview::{ExportChoice, PreviewReport};
 use crate::export::mapping::{self, GradientSplit, Mapping, OpacityMapping, is_plain};
+use crate::export::{ModelFormat, SpzVersion};
 use crate::model::splat::appearance::SplatView;
 use eframe::egui::{Grid, Ui};
+use strum::EnumMessage;
 
 pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
     ui.add_space(4.0);
@@ -46,6 +47,17 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
     ui.add_space(4.0);
 }
 
+pub fn spz(version: &mut SpzVersion, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        ui.label("Version");
+        let versions = [SpzVersion::V2, SpzVersion::V3, SpzVersion::V4]
+            .map(|version| (version, format!("SPZ {version}")));
+        let hint = |version: &SpzVersion| version.get_documentation().unwrap_or_default();
+        let shown: Vec<_> = versions.iter().map(|(v, name)| (*v, name.as_str(), hint(v))).collect();
+        choices(version, &shown, ui);
+    });
+}
+
 pub fn preview(is_on: &mut bool, ui: &mut Ui) {
     let hint = "Compares the scene with the exported file; drag the divider in the viewport";
     ui.checkbox(is_on, "Preview the file").on_hover_text(hint);
@@ -81,8 +93,9 @@ pub fn report(report: Option<&PreviewReport>, ui: &mut Ui) {
     }
 }
 
-/// Returns one sentence for each property of the splats that an export to `format` loses.
-pub fn losses(scene: SplatView<'_>, format: ModelFormat, mapping: Mapping) -> Vec<String> {
+/// Returns one sentence for each property of the splats that an export loses.
+pub fn losses(scene: SplatView<'_>, choice: &ExportChoice) -> Vec<String> {
+    let ExportChoice { format, mapping, .. } = *choice;
     let mut losses = Vec::new();
     if !is_plain(scene) {
         describe_plain_losses(scene, mapping, &mut losses);
@@ -99,6 +112,7 @@ pub fn losses(scene: SplatView<'_>, format: ModelFormat, mapping: Mapping) -> Ve
             "SPZ quantises: positions to an eighth of a small splat, sizes and colours to 8 bits"
                 .to_owned(),
         );
+        losses.extend(choice.spz_version.loss().map(str::to_owned));
     }
     losses.push(
         "Evidence and uncertainty are not stored; a checkpoint (Save) stores them".to_owned(),
@@ -139,6 +153,7 @@ fn describe_plain_losses(scene: SplatView<'_>, mapping: Mapping, losses: &mut Ve
 #[cfg(test)]
 mod export_losses_tests {
     use super::*;
+    use crate::app::edit::marks::LeftOut;
     use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
     use crate::model::splat::splats::Splat;
     use crate::model::splat::texture::{Lattice, TEXELS, Texel, Texture};
@@ -147,10 +162,15 @@ mod export_losses_tests {
     #[test]
     fn only_what_is_lost_is_told() {
         let splat = Splat { opacity: 0.5, scale: [0.1; 3], ..Splat::default() };
-        let told = |set: &SplatSet, format| losses(set.view(), format, Mapping::default());
+        let told = |set: &SplatSet, format| {
+            let (mapping, left_out) = (Mapping::default(), LeftOut::default());
+            let spz_version = SpzVersion::V2;
+            losses(set.view(), &ExportChoice { format, mapping, spz_version, left_out })
+        };
         let plain = SplatSet::from(vec![splat]);
         assert_eq!(told(&plain, ModelFormat::Ply).len(), 1, "evidence and uncertainty only");
         assert!(told(&plain, ModelFormat::Spz)[0].starts_with("SPZ quantises"));
+        assert!(told(&plain, ModelFormat::Spz)[1].starts_with("SPZ version 2 rounds rotations"));
 
         let mut native = SplatSet::from(vec![splat]);
         let gradient = [[1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]];

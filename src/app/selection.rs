@@ -74,7 +74,7 @@ impl SplatSelection {
             (options_at(request, pixel), splats.clone(), request.camera);
         // The job owns its reference to the splats and drops it before the result arrives, so that their
         // next change need not copy them.
-        let find = move || pick(&splats, &camera, pixel, &options).map(|p| p.index as u32);
+        let find = move || pick(splats.view(), &camera, pixel, &options).map(|p| p.index as u32);
         let job = Job::start_waking("picking", waker.clone(), find)?;
         self.0 = Some((PickedSplat { purpose, camera, pixel, splat: None }, job));
         Ok(())

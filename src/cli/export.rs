@@ -11,8 +11,8 @@ use vbgs_studio::export::atomic::remove_leftovers;
 use vbgs_studio::export::local_origin::OriginCarrier;
 use vbgs_studio::export::mesh::{MeshFormat, Surfel, write_mesh};
 use vbgs_studio::export::{
-    Axes, ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSelection, checkpoint,
-    local_origin, mapping, write,
+    Axes, ExportError, Fault, ModelFormat, SpzVersion, WriteOptions, WriteProgress, WriteSelection,
+    checkpoint, local_origin, mapping, write,
 };
 use vbgs_studio::pipeline::checkpoint::{SavedRun, merge, merge_onto};
 
@@ -50,6 +50,7 @@ fn splats(args: &ExportArgs) -> Result<(), Failure> {
 
 fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     let asked = args.format.map(|_| "--format").or(args.mapping.first_given_option());
+    let asked = asked.or(args.spz_version.map(|_| "--spz-version"));
     if let Some(option) = asked.or(args.sh3_padding.then_some("--sh3-padding")) {
         return Err(usage!("{option}: a setting of splats, found with --as mesh; leave it out"));
     }
@@ -126,6 +127,7 @@ fn options<'a>(
     WriteOptions {
         axes: args.axes,
         sh3_padding: args.sh3_padding,
+        spz_version: args.spz_version.unwrap_or_default(),
         mapping: args.mapping.mapping(),
         comments: &model.comments,
         // A note states this assumption.
@@ -172,6 +174,9 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
         _ if args.sh3_padding && format != ModelFormat::Ply => Err(usage!(
             "--sh3-padding: a setting of splat PLY, found with the format {format}; leave it out"
         )),
+        _ if args.spz_version.is_some() && format != ModelFormat::Spz => Err(usage!(
+            "--spz-version: a setting of SPZ, found with the format {format}; leave it out"
+        )),
         (_, ModelFormat::Glb | ModelFormat::Spz) => y_up_axes(args, &format).map(|()| format),
         _ => Ok(format),
     }
@@ -204,6 +209,12 @@ fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
             eprintln!("note: {path}: no splat has a texture: --export-detail has no effect");
         }
         _ => {}
+    }
+    if let Some(loss) = args.spz_version.and_then(SpzVersion::loss) {
+        eprintln!(
+            "note: {}: {loss}; use --spz-version 3 where readers accept it",
+            args.output.display()
+        );
     }
     let is_turned = is_turned || !matches!(args.axes, Axes::AsIs);
     if is_turned && args.up.is_none() && model.up.is_none() {

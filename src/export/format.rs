@@ -43,7 +43,7 @@ pub enum ModelFormat {
     PointCloudPly,
     /// Splats as GLB with `KHR_gaussian_splatting` (`files.md`, GLB).
     Glb,
-    /// Splats as SPZ version 4 (`files.md`, SPZ), quantised to a fifth of the size of PLY.
+    /// Splats as SPZ (`files.md`, SPZ), quantised to a fifth of the size of PLY.
     Spz,
 }
 
@@ -98,6 +98,40 @@ pub struct UnknownFormat(pub String);
 
 fn unknown_format(name: &str) -> UnknownFormat {
     UnknownFormat(name.to_owned())
+}
+
+/// Version of a written SPZ file.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumMessage,
+    EnumString,
+    VariantNames,
+    strum::Display,
+)]
+pub enum SpzVersion {
+    /// Gzip, for the oldest readers (spz-js, GaussianSplats3D). Rotations err by up to 7 degrees.
+    #[strum(serialize = "2")]
+    V2 = 2,
+    /// Gzip. Most readers accept it.
+    #[default]
+    #[strum(serialize = "3")]
+    V3 = 3,
+    /// Zstandard, the smallest. Many readers, such as Spark 2.2, refuse it.
+    #[strum(serialize = "4")]
+    V4 = 4,
+}
+
+impl SpzVersion {
+    /// Returns a sentence about what is lost besides the rounding of all versions.
+    pub fn loss(self) -> Option<&'static str> {
+        let loss = "SPZ version 2 rounds rotations to 24 bits: they err by up to 7 degrees";
+        (self == Self::V2).then_some(loss)
+    }
 }
 
 /// Axes of a written PLY. GLB and SPZ prescribe y-up and ignore this option.
@@ -172,6 +206,8 @@ pub struct WriteOptions<'a> {
     /// degree 3. Coefficients above degree 1 are zero. Each splat takes 248 bytes instead of 68 or 104.
     /// 3DGS PLY only.
     pub sh3_padding: bool,
+    /// Version of an SPZ file; other formats ignore it.
+    pub spz_version: SpzVersion,
     /// Conversion of native splats (with flat tops or colour gradients) to plain ones, which other
     /// programs can draw. Plain splats and point clouds ignore it.
     pub mapping: Mapping,
@@ -207,6 +243,7 @@ impl WriteOptions<'_> {
             format,
             axes: Axes::AsIs,
             sh3_padding: false,
+            spz_version: SpzVersion::default(),
             mapping: Mapping::default(),
             comments: &[],
             camera_centres: &[],

@@ -223,8 +223,8 @@ pub(super) fn harmonics_to_directional([y, z, x]: [DVec3; 3]) -> DMat3 {
     DMat3::from_cols(-x, -y, z) * C1
 }
 
-/// Rotation between coordinate systems. Between world axes it only permutes and negates coordinates, so
-/// positions stay exact.
+/// Rotation between coordinate systems, or a mirroring. Between world axes it only permutes and negates
+/// coordinates, so positions stay exact.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AxisRotation {
     matrix: DMat3,
@@ -251,6 +251,14 @@ impl AxisRotation {
         matrix: DMat3::from_cols(DVec3::NEG_X, DVec3::NEG_Z, DVec3::NEG_Y),
         quaternion: DQuat::from_xyzw(0.0, FRAC_1_SQRT_2, -FRAC_1_SQRT_2, 0.0),
     };
+
+    /// Maps x, y and z to the given directions, which are perpendicular unit vectors and may be left-handed.
+    pub fn from_axes([x, y, z]: [DVec3; 3]) -> AxisRotation {
+        let matrix = DMat3::from_cols(x, y, z);
+        // A Gaussian equals its point reflection, so a mirroring turns it like the rotation `−matrix`.
+        let quaternion = DQuat::from_mat3(&(matrix.determinant() * matrix));
+        AxisRotation { matrix, quaternion }
+    }
 
     pub fn to_z_up(up: DVec3) -> AxisRotation {
         let quaternion = DQuat::from_rotation_arc(up, DVec3::Z);

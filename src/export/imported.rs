@@ -3,10 +3,10 @@
 //! Non-finite rows are skipped and counted, so one broken splat does not lose a model of a million. Anything
 //! else that was ignored, guessed or converted is reported as a [`Note`].
 
-use super::error::{Fault, try_with_capacity};
+use super::error::{Fault, shorten, shorten_to, try_with_capacity};
 use super::gaussian::{Gaussian, unit_quaternion};
 use super::local_origin;
-use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::appearance::{Finishing, SplatSet};
 use crate::model::splat::splats::{Splat, bounds};
 use glam::{DQuat, DVec3};
 
@@ -41,10 +41,82 @@ impl Imported {
         if self.is_z_up {
             return Some(DVec3::Z);
         }
-        let text = self.comments.iter().find_map(|line| line.strip_prefix(VERTICAL_AXIS))?;
-        let numbers: Vec<f64> = text.split_whitespace().filter_map(|n| n.parse().ok()).collect();
-        DVec3::from_array(numbers.try_into().ok()?).try_normalize()
+        // The last line applies, as in brush.
+        let text = self.comments.iter().rev().find_map(|line| value_of(line, VERTICAL_AXIS))?;
+        parse_up(text, &self.comments)
     }
+
+    /// Marks the splats as trained with antialiasing.
+    pub(super) fn antialiased(mut self) -> Self {
+        self.notes.push(Note::Antialiased);
+        self.splats =
+            self.splats.finished(Finishing { is_antialiased: true, ..Finishing::default() });
+        self
+    }
+}
+
+/// Comment of brush, gsplat and nerfstudio about the opacities of splats; `mip` means antialiased.
+const RENDER_MODE: &str = "SplatRenderMode:";
+/// Comment of Postshot with the same meaning, followed by 0 or 1.
+const ANTIALIASED: &str = "antialiased";
+/// Comments of an antialiased model, one for each convention.
+pub(super) const ANTIALIASED_COMMENTS: [&str; 2] = ["SplatRenderMode: mip", "antialiased 1"];
+/// Words that mark a comment about the meaning of a file's numbers.
+const TELLING_WORDS: &str = "axis axes coordinate coordinates crs epsg feet filter frame gamma handed handedness \
+    kernel linear meters metres offset origin scale shift transform unit units up";
+
+/// Returns the text after `name`, whose case is irrelevant.
+fn value_of<'a>(line: &'a str, name: &str) -> Option<&'a str> {
+    let start = line.get(..name.len())?;
+    start.eq_ignore_ascii_case(name).then(|| line.get(name.len()..).unwrap_or_default().trim())
+}
+
+/// Parses an axis such as `z`, `-y` or `0 0 1`.
+fn parse_up(text: &str, comments: &[String]) -> Option<DVec3> {
+    let first = text.split_whitespace().next()?;
+    let axis = match first.trim_start_matches(['+', '-']).to_ascii_lowercase().as_str() {
+        "x" => DVec3::X,
+        "y" => DVec3::Y,
+        "z" => DVec3::Z,
+        _ => {
+            let numbers = text.split([' ', '\t', ',', '[', ']']).filter_map(|n| n.parse().ok());
+            let numbers: Vec<f64> = numbers.collect();
+            return DVec3::from_array(numbers.try_into().ok()?).try_normalize();
+        }
+    };
+    // Brush names the axis of its worlds, in which y and z point down.
+    let is_of_brush = axis != DVec3::X && comments.iter().any(|line| line.contains("Brush"));
+    // Adding zero turns −0 into 0.
+    Some(if first.starts_with('-') != is_of_brush { -axis + DVec3::ZERO } else { axis })
+}
+
+/// Returns true if comments state that the splats are antialiased. Adds notes about comments that are not
+/// understood.
+fn read_statements(comments: &[String], notes: &mut Vec<Note>) -> bool {
+    let mut is_antialiased = false;
+    let mut others = Vec::new();
+    for line in comments {
+        let mode = value_of(line, RENDER_MODE).or(value_of(line, ANTIALIASED));
+        let known = match mode.map(str::to_ascii_lowercase).as_deref() {
+            Some("mip" | "1") => Some(true),
+            Some("default" | "2dgs" | "0") => Some(false),
+            _ => None,
+        };
+        // The last line applies, as in other readers.
+        is_antialiased = known.unwrap_or(is_antialiased);
+        let up = value_of(line, VERTICAL_AXIS).and_then(|text| parse_up(text, comments));
+        if let Some(up) = up.filter(|_| !line.contains(char::is_numeric)) {
+            notes.push(Note::Up { line: shorten(line), up });
+        }
+        let is_telling = |word| TELLING_WORDS.split(' ').any(|w| w.eq_ignore_ascii_case(word));
+        let mut words = line.split(|c: char| !c.is_ascii_alphabetic());
+        let is_relevant = mode.is_some() || !line.starts_with("vbgs ") && words.any(is_telling);
+        if is_relevant && known.is_none() && up.is_none() {
+            others.push(line.as_str());
+        }
+    }
+    notes.extend(Note::not_used("comment", others.into_iter()));
+    is_antialiased
 }
 
 /// Kind of the rows in a model file.
@@ -58,7 +130,7 @@ pub enum ModelKind {
 
 /// Notice about a successful import.
 #[allow(missing_docs, reason = "every message names its fields")]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
+#[derive(Clone, Debug, PartialEq, strum::Display)]
 pub enum Note {
     /// Spherical harmonics above degree 1 were ignored; those of degree 1 were ignored if incomplete or in
     /// linear colour.
@@ -82,18 +154,39 @@ pub enum Note {
     /// Scales were logarithms, as in drafts of the glTF extension before 2026.
     #[strum(to_string = "scales read as logarithms: the file follows a draft of the extension")]
     LogarithmicScales,
-    /// A glTF uses a kernel or colour space of another extension.
-    #[strum(to_string = "a kernel or colour space of another extension: read as ellipses in sRGB")]
-    UnknownKernel,
+    /// A value of another extension or program was replaced.
+    #[strum(to_string = "{name} {value} is not supported: {used} is used")]
+    Unsupported { name: &'static str, value: String, used: &'static str },
+    /// A comment names the up axis by a letter, whose sign depends on the program.
+    #[strum(to_string = "\"{line}\" is read as up = {up}")]
+    Up { line: String, up: DVec3 },
+    /// Splats are drawn with opacity compensation.
+    #[strum(
+        to_string = "trained with antialiasing (Mip-Splatting): opacities are drawn lowered by the area that antialiasing adds"
+    )]
+    Antialiased,
+    /// The 3D filter of Mip-Splatting was applied to scales and opacities.
+    #[strum(to_string = "filter_3D of Mip-Splatting was applied to scales and opacities")]
+    FilterApplied,
+    /// Content without a meaning to this program.
+    #[strum(to_string = "not used: {what}")]
+    NotUsed { what: String },
     /// Splats of a glTF without harmonics got the colours of `COLOR_0`.
     #[strum(to_string = "no harmonics: splats use the colours of COLOR_0")]
     FallbackColor,
-    /// Extension records of an SPZ were ignored.
-    #[strum(to_string = "extension records of the file were ignored")]
-    ExtensionsIgnored,
     /// Primitives of a glTF were skipped, such as meshes.
     #[strum(to_string = "{n_primitives} other primitives of the file (meshes, points) skipped")]
     PrimitivesSkipped { n_primitives: usize },
+}
+
+impl Note {
+    /// Note about named content without a meaning to this program; `None` if there is none.
+    pub(super) fn not_used<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Option<Self> {
+        // A file may hold any number of names.
+        let names: Vec<&str> = names.take(20).collect();
+        let what = || format!("{kind} {}", shorten_to(&names.join(", "), 200));
+        (!names.is_empty()).then(|| Note::NotUsed { what: what() })
+    }
 }
 
 pub(super) struct Rows {
@@ -149,8 +242,9 @@ impl Rows {
         if self.n_wild_colors > 0 {
             notes.push(Note::ColorClamped { n_splats: self.n_wild_colors });
         }
+        let is_antialiased = read_statements(&comments, &mut notes);
         let Self { splats, skipped, .. } = self;
-        Ok(Imported {
+        let imported = Imported {
             splats,
             kind,
             local_origin: local_origin::from_comments(&comments),
@@ -161,7 +255,8 @@ impl Rows {
             comments,
             // `read_up_to` sets the size.
             bytes: 0,
-        })
+        };
+        Ok(if is_antialiased { imported.antialiased() } else { imported })
     }
 }
 

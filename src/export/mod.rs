@@ -54,7 +54,7 @@ pub mod stream;
 mod write;
 
 pub use error::{ExportError, Fault};
-pub use format::{Axes, ModelFormat, WriteOptions, WriteSelection};
+pub use format::{Axes, ModelFormat, SpzVersion, WriteOptions, WriteSelection};
 pub use imported::{Imported, ModelKind, Note};
 pub use read::{DEFAULT_MAX_SPLATS, read, read_up_to};
 pub use read_back::{ReadBack, read_back};

@@ -97,6 +97,10 @@ impl<'a> ExportRows<'a> {
         plain(self.view, row, self.mapping).unwrap_or(Gaussian::INVISIBLE)
     }
 
+    pub fn is_antialiased(&self) -> bool {
+        self.view.finishing().is_antialiased
+    }
+
     pub fn direction(&self, v: DVec3) -> DVec3 {
         self.turn.rotate_vector(v)
     }

@@ -2,6 +2,7 @@
 
 use super::error::{ExportError, Fault, shorten};
 use super::format::{ModelFormat, WriteOptions};
+use super::imported::ANTIALIASED_COMMENTS;
 use super::source::ExportRows;
 use super::stream::{ProgressCounter, SplatRows};
 use super::{atomic, glb, ply, spz};
@@ -40,6 +41,8 @@ pub fn write<'a>(
     options: &WriteOptions,
 ) -> Result<WriteSummary, ExportError> {
     let view: SplatView = splats.into();
+    let comments = stated_comments(view, options);
+    let options = &WriteOptions { comments: &comments, ..options.clone() };
     let source = select_rows(view, options).map_err(|fault| fault.with_path(path))?;
     // Prepared before any file is created, because layouts refuse what their format cannot hold.
     let content = prepare_content(&source, options).map_err(|fault| fault.with_path(path))?;
@@ -50,11 +53,20 @@ pub fn write<'a>(
 }
 
 pub(super) fn encode(view: SplatView, options: &WriteOptions) -> Result<Vec<u8>, Fault> {
+    let comments = stated_comments(view, options);
+    let options = &WriteOptions { comments: &comments, ..options.clone() };
     let source = select_rows(view, options)?;
     let content = prepare_content(&source, options)?;
     let mut bytes = Vec::new();
     content(&mut bytes).map_err(atomic::to_fault("convert", 0))?;
     Ok(bytes)
+}
+
+/// Returns the comments of a file: those given, and how other programs are to draw the splats.
+fn stated_comments(view: SplatView, options: &WriteOptions) -> Vec<String> {
+    let is_stated = view.finishing().is_antialiased && options.format != ModelFormat::PointCloudPly;
+    let stated = ANTIALIASED_COMMENTS.iter().filter(|_| is_stated).map(|line| (*line).to_owned());
+    options.comments.iter().cloned().chain(stated).collect()
 }
 
 fn select_rows<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<ExportRows<'a>, Fault> {
@@ -89,7 +101,8 @@ fn prepare_content<'a>(
             Box::new(move |out| layout.write(out, source, &mut steps(layout.n_columns())))
         }
         ModelFormat::Spz => {
-            let layout = spz::write::SpzLayout::new(source)?;
+            let layout =
+                spz::write::SpzLayout::new(source, options.spz_version, source.is_antialiased())?;
             Box::new(move |out| layout.write(out, source, &mut steps(layout.n_columns())))
         }
     })

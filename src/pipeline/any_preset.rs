@@ -107,6 +107,8 @@ pub fn file_comments(method: &Method, n_frames: u64) -> Vec<String> {
         format!("vbgs made by {program}, preset {preset}, from {n_frames} frames"),
         // Renderers disagree about the opacity: some reduce it by as much as the area grows.
         format!("vbgs antialias {}: 0.3 px2 added, opacity kept", Antialias::Footprint),
+        // The same for brush, gsplat and nerfstudio.
+        "SplatRenderMode: default".to_owned(),
     ];
     if method.as_any().covariance_form() == CovarianceForm::LegacyCholesky {
         comments.push("vbgs legacy-cov".to_owned());

@@ -11,6 +11,7 @@ use super::options::{
     ALPHA_CAP, ALPHA_CUT, DisplayStyle, RenderMethod, RenderOptions, Response, TRANSMITTANCE_STOP,
 };
 use crate::math::camera::Camera;
+use crate::model::splat::appearance::SplatView;
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
@@ -27,16 +28,19 @@ pub struct Pick {
 
 /// Returns the splat with the largest blending weight at a continuous image position in pixels. `None`
 /// if no splat is visible there.
-pub fn pick(
-    splats: &[Splat],
+pub fn pick<'a>(
+    splats: impl Into<SplatView<'a>>,
     camera: &Camera,
     position: DVec2,
     options: &RenderOptions,
 ) -> Option<Pick> {
     // `None` outside the lens's field of view.
     let ray = options.method.lens().ray(&camera.intrinsics, position)?;
-    let view = CpuView::new(camera, options);
+    let splats: SplatView = splats.into();
+    let is_antialiased = splats.finishing().is_antialiased;
+    let view = CpuView { is_antialiased, ..CpuView::new(camera, options) };
     let mut layers: Vec<(usize, f64, f64)> = splats
+        .splats()
         .par_iter()
         .enumerate()
         .filter_map(|(index, splat)| {

@@ -19,6 +19,7 @@ use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
 use vbgs_studio::app::{Exit, ExitReason, Painting, Studio, WindowError, run_guarded};
 use vbgs_studio::export;
+use vbgs_studio::export::SpzVersion;
 use vbgs_studio::export::mapping::Mapping;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 
@@ -276,8 +277,15 @@ fn a_panic_while_a_file_is_written_keeps_the_older_file_and_the_run() {
     std::fs::write(&file, "older").unwrap();
     until("a frame", || worker.snapshot().frames_done == 1);
     known.set(Arc::downgrade(&worker)).unwrap();
-    let order =
-        |number| WorkerOrder::Export(number, file.clone(), Mapping::default(), LeftOut::default());
+    let order = |number| {
+        WorkerOrder::Export(
+            number,
+            file.clone(),
+            Mapping::default(),
+            SpzVersion::default(),
+            LeftOut::default(),
+        )
+    };
     worker.send(order(1));
     until("the crash", || worker.crash().is_some());
     let crash = worker.crash().unwrap();

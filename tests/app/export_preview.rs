@@ -64,6 +64,13 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     assert!(spz_bytes < ply_bytes, "{spz_bytes} after {ply_bytes}");
     assert!(losses.iter().any(|loss| loss.starts_with("SPZ quantises")), "{losses:?}");
 
+    click(&mut window, "SPZ 2");
+    wait(&mut window, "the other version", |s| {
+        let report = s.view().comparison.export_preview_report();
+        let rounds = |loss: &String| loss.starts_with("SPZ version 2 rounds rotations");
+        matches!(report, Some(PreviewReport::Shown { losses, .. }) if losses.iter().any(rounds))
+    });
+
     // Switching the preview off restores the previous view mode.
     click(&mut window, "Preview the file");
     wait(&mut window, "no preview", |s| s.view().comparison.export_preview_report().is_none());

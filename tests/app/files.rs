@@ -11,6 +11,7 @@ use vbgs_studio::app::edit::marks::LeftOut;
 use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Source, Subject};
 use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
 use vbgs_studio::export;
+use vbgs_studio::export::SpzVersion;
 use vbgs_studio::export::mapping::Mapping;
 
 #[test]
@@ -102,7 +103,13 @@ fn an_export_is_given_up_when_the_user_says_so() {
     until("the end", || started.snapshot().state == RunState::Finished);
     let file = folder.path().join("scene.ply");
     std::fs::write(&file, "older").unwrap();
-    started.send(WorkerOrder::Export(1, file.clone(), Mapping::default(), LeftOut::default()));
+    started.send(WorkerOrder::Export(
+        1,
+        file.clone(),
+        Mapping::default(),
+        SpzVersion::default(),
+        LeftOut::default(),
+    ));
     let is_told = |n: &Notice| n.kind == NoticeKind::Info && n.text.contains("cancelled");
     until("the message", || started.snapshot().notices.iter().any(is_told));
     assert!(seen.load(Ordering::SeqCst));

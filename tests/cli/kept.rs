@@ -255,6 +255,11 @@ fn absurd_and_contradicting_options_are_wrong_usage() {
         ("export out/scene.ply -o a.glb --axes viewer", &["--axes", "glb", "leave"]),
         ("export out/scene.ply -o a.spz --sh3-padding", &["--sh3-padding", "spz", "leave it out"]),
         (
+            "export out/scene.ply -o a.glb --spz-version 3",
+            &["--spz-version", "glb", "leave it out"],
+        ),
+        ("export out/scene.ply -o a.spz --spz-version 1", &["--spz-version", "invalid value '1'"]),
+        (
             "export out/scene.ply -o a.ply --unit-scale 1e300",
             &["--unit-scale", "a factor from 1e-9"],
         ),

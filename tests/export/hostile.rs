@@ -8,7 +8,7 @@ use super::spz::{gzip, legacy, version_4, zeros};
 use super::{assert_fails, random_splats, set, written, written_as};
 use crate::common::scenes::random_appearance;
 use std::path::Path;
-use vbgs_studio::export::{ExportError, Imported, ModelFormat, WriteOptions, read};
+use vbgs_studio::export::{ExportError, Imported, ModelFormat, SpzVersion, WriteOptions, read};
 use vbgs_studio::math::rng::{Purpose, Rng};
 
 /// Small files of every readable format.
@@ -16,6 +16,8 @@ fn files() -> Vec<(&'static str, Vec<u8>)> {
     let splats = random_splats(2, 41);
     let native = set(&splats, &random_appearance(&splats, 41));
     let padded = WriteOptions { sh3_padding: true, ..WriteOptions::new(ModelFormat::Ply) };
+    let spz_version = SpzVersion::V4;
+    let spz_4 = WriteOptions { spz_version, ..WriteOptions::new(ModelFormat::Spz) };
     let glb = written_as(ModelFormat::Glb, &splats);
     let mut gltf = Glb::parse(&glb);
     gltf.json["buffers"][0]["uri"] = format!("data:;base64,{}", "AAAA".repeat(43)).into();
@@ -39,7 +41,8 @@ fn files() -> Vec<(&'static str, Vec<u8>)> {
         ("spz 2", gzip(&legacy(2, 2, 1))),
         ("spz raw", legacy(3, 2, 3)),
         ("spz 4", version_4(2, 0, &zeros(2))),
-        ("spz 4 sh1", written_as(ModelFormat::Spz, &native)),
+        ("spz 3 sh1", written_as(ModelFormat::Spz, &native)),
+        ("spz 4 sh1", written(&native, &spz_4)),
     ]
 }
 

@@ -3,6 +3,7 @@
 
 mod allocations;
 mod atomic;
+mod cases;
 mod checkpoint;
 #[path = "../common/mod.rs"]
 mod common;

@@ -3,7 +3,7 @@
 use super::{distance, random_splats, read_bytes, set, written, written_as};
 use crate::common::scenes::random_appearance;
 use glam::{DQuat, DVec3};
-use vbgs_studio::export::{ModelFormat, Note, WriteOptions, write};
+use vbgs_studio::export::{ModelFormat, Note, SpzVersion, WriteOptions, write};
 use vbgs_studio::model::splat::splats::Splat;
 
 fn splats(n: usize, seed: u64) -> Vec<Splat> {
@@ -48,7 +48,9 @@ fn splats_come_back_as_near_as_their_bytes_allow() {
 #[test]
 fn the_container_is_that_of_version_4() {
     let splats = splats(700, 73);
-    let bytes = written_as(ModelFormat::Spz, &splats);
+    let v4 = SpzVersion::V4;
+    let options = WriteOptions { spz_version: v4, ..WriteOptions::new(ModelFormat::Spz) };
+    let bytes = written(&splats, &options);
     assert_eq!(&bytes[..12], b"NGSP\x04\0\0\0\xBC\x02\0\0");
     assert_eq!((bytes[12], bytes[14], bytes[15]), (0, 0, 5));
     assert_eq!(&bytes[16..32], b"\x20\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0");

@@ -7,10 +7,12 @@ use crate::common::scenes::{
 };
 use glam::{DMat3, DQuat, DVec3};
 use std::sync::Arc;
+use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::{Finishing, SplatSet, SplatView};
 use vbgs_studio::model::splat::pose_log::{ExposureLog, FrameExposure};
 use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::finish::MARKER_COLOR;
 use vbgs_studio::render::{
     Antialias, DisplayStyle, Exposing, Lens, Paint, RenderMethod, RenderOptions, Response,
@@ -65,6 +67,7 @@ fn every_method_finishes_pixels() {
     let set = SplatSet::new(splats, appearance).finished(Finishing {
         photograph_poses: None,
         full_coverage: 0.4,
+        is_antialiased: false,
         exposures,
         poses: None,
         textures: None,
@@ -74,6 +77,31 @@ fn every_method_finishes_pixels() {
         let view = camera_of(method);
         let image = gpu.image(&set, &view, &options);
         assert_close(&image, &oracle(&set, &view, &options), &format!("finished {method:?}"));
+    }
+    gpu.assert_no_faults();
+}
+
+/// Splats around a pixel wide lose most of their opacity, on the GPU as on the CPU.
+#[test]
+fn every_method_lowers_opacities_of_antialiased_scenes() {
+    let Some(gpu) = Gpu::new() else { return };
+    let finishing = Finishing { is_antialiased: true, ..Finishing::default() };
+    let plain = SplatSet::from(random_scene(12, 400, 0.06));
+    let set = plain.clone().finished(finishing);
+    for method in METHODS {
+        let options = RenderOptions { method, ..PLAIN };
+        let view = outside(96, 64);
+        let coverage = |set: &SplatSet| CpuRenderer::new().render(set, &view, &options).coverage;
+        let (expected, whole) = (coverage(&set), coverage(&plain));
+        let found = gpu.image(&set, &view, &options);
+        let far = |(a, b): (&[f32; 4], &f32)| (a[3] - b).abs() > 0.006;
+        let n_far = found.data.iter().zip(&expected.data).filter(|pair| far(*pair)).count();
+        // At the threshold of alpha f32 may decide otherwise.
+        assert!(n_far <= found.data.len() / 200, "{method:?}: {n_far} pixels differ");
+        let sum = |image: &Image<f32>| image.data.iter().sum::<f32>();
+        let lowers =
+            !matches!(method, RenderMethod::Exact(e) if e.antialias != Antialias::Footprint);
+        assert_eq!(sum(&expected) < 0.8 * sum(&whole), lowers, "{method:?}");
     }
     gpu.assert_no_faults();
 }

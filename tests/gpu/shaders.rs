@@ -170,7 +170,8 @@ fn shared_structs_agree_with_rust() {
             tangent_max,
             depth_range,
             antialias,
-            lens
+            lens,
+            is_antialiased
         ),
         rust_layout!("Appearance", GpuAppearance, gradient, directional, observed, cone),
         rust_layout!("SparseAppearance", SparseAppearance, appearance, index),

@@ -271,11 +271,15 @@ impl Studio {
         let (editor, palette) = (&mut self.view.editor, &self.view.palette);
         let counts = self.dialogs.export.is_open().then(|| editor.counts(palette));
         let report = self.view.comparison.export_preview_report();
-        let Dialogs { mapping, export, .. } = &mut self.dialogs;
+        let Dialogs { mapping, spz_version, export, .. } = &mut self.dialogs;
+        let format = ModelFormat::from_path(&export.entered()).ok();
         let previews = &mut self.view.settings.panels.previews_export;
         let choices = |ui: &mut Ui| {
             if is_native {
                 export_options::ui(mapping, ui);
+            }
+            if format == Some(ModelFormat::Spz) {
+                export_options::spz(spz_version, ui);
             }
             if let Some(EditCounts { all, left_out: n @ 1.., .. }) = counts {
                 ui.label(format!("{n} of {all} splats are excluded by edits (Edit tab)."));
@@ -289,7 +293,8 @@ impl Studio {
             Some(PathAnswer::Path(path)) => {
                 let number = self.unsaved.begin_write(&self.worker);
                 let left_out = self.view.editor().left_out();
-                let order = WorkerOrder::Export(number, path, self.dialogs.mapping, left_out);
+                let Dialogs { mapping, spz_version, .. } = self.dialogs;
+                let order = WorkerOrder::Export(number, path, mapping, spz_version, left_out);
                 self.worker.send(order);
             }
         }
@@ -297,12 +302,13 @@ impl Studio {
 
     fn preview_export(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
-        let Dialogs { mapping, export, .. } = &self.dialogs;
+        let Dialogs { mapping, spz_version, export, .. } = &self.dialogs;
         let is_wanted = export.is_open() && self.view.settings.panels.previews_export;
         let format = is_wanted.then(|| ModelFormat::from_path(&export.entered()).ok());
         let choice = format.flatten().map(|format| ExportChoice {
             format,
             mapping: *mapping,
+            spz_version: *spz_version,
             left_out: self.view.editor().left_out(),
         });
         let started = self.view.preview_export(choice, opened, snapshot.state);

@@ -5,6 +5,7 @@ use crate::app::command::UiCommand;
 use crate::app::path_dialog::{PathDialog, Purpose};
 use crate::app::state::{Opened, Snapshot};
 use crate::app::worker::{Worker, WorkerOrder};
+use crate::export::SpzVersion;
 use crate::export::mapping::Mapping;
 use eframe::egui::{
     Context, Grid, Id, Modal, ProgressBar, RichText, ScrollArea, Ui, ViewportCommand, Window,
@@ -17,6 +18,7 @@ pub(super) struct Dialogs {
     pub export: PathDialog,
     pub film: PathDialog,
     pub mapping: Mapping,
+    pub spz_version: SpzVersion,
     pub finder: ActionFinder,
     pub help_is_open: bool,
 }
@@ -30,6 +32,7 @@ impl Default for Dialogs {
             export: PathDialog::new(Purpose::Export),
             film: PathDialog::new(Purpose::Film),
             mapping: Mapping::default(),
+            spz_version: SpzVersion::default(),
             finder: ActionFinder::default(),
             help_is_open: false,
         }

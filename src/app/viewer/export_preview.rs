@@ -13,7 +13,7 @@ use crate::app::view_thread::{one_thread, run_in, take_finished};
 use crate::app::worker::Waker;
 use crate::eval::metrics::psnr;
 use crate::export::mapping::Mapping;
-use crate::export::{Fault, ModelFormat, WriteOptions, WriteProgress, read_back};
+use crate::export::{Fault, ModelFormat, SpzVersion, WriteOptions, WriteProgress, read_back};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::framing;
@@ -35,6 +35,7 @@ const INTERVAL: Duration = Duration::from_secs(3);
 pub struct ExportChoice {
     pub format: ModelFormat,
     pub mapping: Mapping,
+    pub spz_version: SpzVersion,
     pub left_out: LeftOut,
 }
 
@@ -204,6 +205,7 @@ fn convert(
         up,
         local_origin,
         mapping: choice.mapping,
+        spz_version: choice.spz_version,
         progress: WriteProgress::new(&is_wanted),
         ..WriteOptions::new(choice.format)
     };
@@ -216,6 +218,6 @@ fn convert(
         splats: file.splats,
         local_origin,
     };
-    let losses = losses(scene.view(), choice.format, choice.mapping);
+    let losses = losses(scene.view(), choice);
     Ok(Converted { scene, model: Arc::new(model), bytes: file.bytes, losses })
 }

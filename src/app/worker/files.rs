@@ -10,7 +10,9 @@ use crate::export;
 use crate::export::atomic::write_atomic;
 use crate::export::local_origin::warning;
 use crate::export::mapping::Mapping;
-use crate::export::{ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSummary};
+use crate::export::{
+    ExportError, Fault, ModelFormat, SpzVersion, WriteOptions, WriteProgress, WriteSummary,
+};
 use crate::pipeline::any_preset::file_comments;
 use crate::pipeline::job::Progress;
 use glam::DVec3;
@@ -21,6 +23,7 @@ pub struct Export<'a> {
     pub number: u64,
     pub path: &'a Path,
     pub mapping: Mapping,
+    pub spz_version: SpzVersion,
     pub left_out: &'a LeftOut,
 }
 
@@ -111,6 +114,7 @@ impl Export<'_> {
             up: out.snapshot.opened.as_ref().map_or(DVec3::Z, |opened| opened.home.up),
             local_origin: local_origin(out),
             mapping: self.mapping,
+            spz_version: self.spz_version,
             progress: WriteProgress::new(&report),
             ..WriteOptions::new(format)
         };

@@ -12,6 +12,7 @@ use crate::app::edit::marks::LeftOut;
 use crate::app::rescue::{Crash, CrashedThread, Rescue};
 use crate::app::state::{NoticeKind, NoticeTopic, RunState, Subject};
 use crate::app::training::TrainSettings;
+use crate::export::SpzVersion;
 use crate::export::mapping::Mapping;
 use crate::pipeline::job::Waker;
 use crate::pipeline::panic_report::PanicReport;
@@ -168,11 +169,12 @@ impl WorkerThread {
                 begin_write(&mut self.outbox, number);
                 self.files.save(number, &path, &self.run, &mut self.outbox);
             }
-            WorkerOrder::Export(number, path, mapping, left_out) => {
+            WorkerOrder::Export(number, path, mapping, spz_version, left_out) => {
                 begin_write(&mut self.outbox, number);
                 // Files include photographs that are still pending.
                 self.settle();
-                let export = Export { number, path: &path, mapping, left_out: &left_out };
+                let left_out = &left_out;
+                let export = Export { number, path: &path, mapping, spz_version, left_out };
                 export.write(&self.run, &mut self.outbox, &self.shared.file);
             }
             WorkerOrder::WriteText(path, text) => write_text(&path, &text, &mut self.outbox),
@@ -284,7 +286,7 @@ pub enum WorkerOrder {
     Save(u64, PathBuf),
     /// Exports the newest scene. [`Mapping`] determines the conversion to standard 3DGS splats; [`LeftOut`]
     /// excludes splats. The snapshot reports the outcome with the given number.
-    Export(u64, PathBuf, Mapping, LeftOut),
+    Export(u64, PathBuf, Mapping, SpzVersion, LeftOut),
     /// Writes a text to a file; under an unused name if the path exists.
     WriteText(PathBuf, String),
     /// Stops training and stores frames that no checkpoint contains, because the program ends

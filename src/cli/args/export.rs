@@ -6,8 +6,8 @@ use crate::cli::args::{
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use std::path::PathBuf;
-use vbgs_studio::export::Axes;
 use vbgs_studio::export::mapping::{GradientSplit, Mapping, OpacityMapping};
+use vbgs_studio::export::{Axes, SpzVersion};
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum FormatName {
@@ -17,7 +17,7 @@ pub enum FormatName {
     PointCloud,
     /// Splats with KHR_gaussian_splatting, y up
     Glb,
-    /// Splats as SPZ 4, y up; small, quantised
+    /// Splats as SPZ, y up; small, quantised
     Spz,
 }
 
@@ -67,6 +67,9 @@ pub struct ExportArgs {
     /// Pad the harmonics of a splat PLY to 45 coefficients, for readers that require them
     #[arg(long)]
     pub sh3_padding: bool,
+    /// Version of SPZ [default: 3]
+    #[arg(long, value_parser = documented_choice::<SpzVersion>())]
+    pub spz_version: Option<SpzVersion>,
     #[command(flatten)]
     pub mapping: MappingArgs,
 }

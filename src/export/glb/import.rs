@@ -317,13 +317,11 @@ fn check_splatting(part: &Part, notes: &mut Vec<Note>) -> Result<bool, Fault> {
             advice: "export it again with a program that writes the ratified extension",
         });
     }
-    let Some(GaussianSplatting { kernel, color_space, extensions, .. }) =
-        &primitive.extensions.splatting
-    else {
-        return Ok(false);
-    };
-    let nested = extensions.keys().chain(primitive.extensions.other.keys());
-    if let Some(name) = nested.into_iter().find(|name| name.contains("compression")) {
+    let Some(splatting) = &primitive.extensions.splatting else { return Ok(false) };
+    let GaussianSplatting { kernel, color_space, projection, sorting_method, extensions } =
+        splatting;
+    let nested = || extensions.keys().chain(primitive.extensions.other.keys());
+    if let Some(name) = nested().find(|name| name.contains("compression")) {
         let feature = format!("{} is compressed ({})", part.place, shorten(name));
         return Err(unsupported(feature));
     }
@@ -333,8 +331,20 @@ fn check_splatting(part: &Part, notes: &mut Vec<Note>) -> Result<bool, Fault> {
         return Err(Fault::malformed(&part.place, format!("mode {POINTS} (POINTS)"), found));
     }
     // Further extensions may add kernels and colour spaces; readers fall back to ellipses in sRGB.
-    if kernel != KERNEL || ![SRGB, LINEAR].contains(&color_space.as_str()) {
-        note_once(notes, Note::UnknownKernel);
+    let stated = [
+        ("kernel", kernel, [KERNEL, KERNEL], "an ellipse"),
+        ("color space", color_space, [SRGB, LINEAR], "sRGB"),
+        ("projection", projection, ["perspective", ""], "perspective"),
+        ("sorting method", sorting_method, ["cameraDistance", ""], "the renderer's order"),
+    ];
+    for (name, value, known, used) in stated {
+        if !known.contains(&value.as_str()) {
+            let value = format!("\"{}\"", shorten(value));
+            note_once(notes, Note::Unsupported { name, value, used });
+        }
+    }
+    if let Some(note) = Note::not_used("extension", nested().map(String::as_str)) {
+        note_once(notes, note);
     }
     Ok(color_space == LINEAR)
 }

@@ -49,6 +49,9 @@ pub(super) fn read(
         let expected = format!("{n} rows, as many as element vertex");
         return Err(Fault::malformed("element sh", expected, sh.n_rows.to_string()));
     }
+    let names = header.elements.iter().map(|element| element.name.as_str());
+    let others = names.filter(|name| ![CHUNK, "vertex", "sh"].contains(name));
+    let mut notes: Vec<Note> = Note::not_used("element", others).into_iter().collect();
     let mut rows = Rows::with_capacity(n)?;
     let extremes = chunks.iter().flat_map(|chunk| std::iter::repeat_n(chunk, CHUNK_SPLATS));
     for (i, extremes) in (0..n).zip(extremes) {
@@ -73,10 +76,9 @@ pub(super) fn read(
         });
     }
     let n_coefficients = sh.map_or(0, |sh| sh.values.len() - N_DEGREE_1);
-    let notes = match n_coefficients {
-        0 => vec![],
-        _ => vec![Note::ViewDependentColorIgnored { n_coefficients }],
-    };
+    if n_coefficients > 0 {
+        notes.push(Note::ViewDependentColorIgnored { n_coefficients });
+    }
     rows.finish(ModelKind::Splats, notes, header.comments)
 }
 

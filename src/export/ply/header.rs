@@ -5,6 +5,7 @@
 
 use crate::export::error::{Fault, shorten};
 use std::borrow::Cow;
+use std::collections::HashSet;
 
 /// Maximum header size in bytes.
 // The limit of SuperSplat (`files.md`, PLY of splats); 62 properties take 1.5 KB.
@@ -33,6 +34,19 @@ pub(super) struct PlyElement {
 }
 
 impl PlyElement {
+    /// Removes the prefixes of CloudCompare, such as `scalar_` in `scalar_scale_0`, unless another property has
+    /// the name without it.
+    fn strip_prefixes(&mut self) {
+        let names: HashSet<String> = self.properties.iter().map(|p| p.name.clone()).collect();
+        for property in &mut self.properties {
+            let name = property.name.strip_prefix("scalar_").unwrap_or(&property.name);
+            let name = name.strip_prefix("scal_").unwrap_or(name);
+            if !names.contains(name) {
+                property.name = name.to_owned();
+            }
+        }
+    }
+
     /// Returns the index of the property with this name.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|property| property.name == name)
@@ -114,7 +128,10 @@ impl PlyHeader {
             let mut words = line.text.split_ascii_whitespace();
             match words.next() {
                 Some("ply") if number == 1 => {}
-                Some("end_header") if has_format => return Ok(header),
+                Some("end_header") if has_format => {
+                    header.elements.iter_mut().for_each(PlyElement::strip_prefixes);
+                    return Ok(header);
+                }
                 Some("format") => {
                     header.encoding = line.encoding()?;
                     has_format = true;

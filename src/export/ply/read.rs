@@ -17,6 +17,12 @@ const FLATNESS: f64 = 1e-6;
 const MAX_NAMED_PROPERTIES: usize = 20;
 const MAX_NAMED_CHARS: usize = 300;
 
+/// Properties of points that are used, or add nothing: normals, and what this program writes.
+const POINT_PROPERTIES: [&str; 12] =
+    ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha", "confidence", "uncertainty"];
+/// Beginnings of the properties that only splats use.
+const SPLAT_PROPERTIES: [&str; 6] = ["f_dc_", "f_rest_", "opacity", "scale_", "rot_", "filter_3D"];
+
 /// Highest degree of harmonics that trainers write.
 const MAX_DEGREE: usize = 4;
 
@@ -28,7 +34,10 @@ pub(in crate::export) fn ply(bytes: &[u8], max_splats: usize) -> Result<Imported
     }
     for element in &header.elements {
         if element.name == "vertex" {
-            return vertices(&mut body, element, header.comments, max_splats);
+            let others = header.elements.iter().filter(|other| other.name != element.name);
+            let others = others.filter(|other| other.count > 0).map(|other| other.name.as_str());
+            let notes = Note::not_used("element", others).into_iter().collect();
+            return vertices(&mut body, element, notes, header.comments, max_splats);
         }
         body.skip(element)?;
     }
@@ -38,11 +47,11 @@ pub(in crate::export) fn ply(bytes: &[u8], max_splats: usize) -> Result<Imported
 fn vertices(
     body: &mut Body,
     element: &PlyElement,
+    mut notes: Vec<Note>,
     comments: Vec<String>,
     max_splats: usize,
 ) -> Result<Imported, Fault> {
     let n_rows = body.n_rows(element)?;
-    let mut notes = Vec::new();
     let layout = Layout::find(element, &mut notes)?;
     // Checked after the layout, because a wrong kind of file gives the more useful message.
     if n_rows > max_splats {
@@ -111,6 +120,8 @@ struct Shape {
     scale: [usize; 2],
     /// Column of the third scale; `None` for flat splats.
     scale_2: Option<usize>,
+    /// Column of the standard deviation of Mip-Splatting's 3D filter, world units.
+    filter: Option<usize>,
     /// Columns of the quaternion w x y z.
     rotation: [usize; 4],
     degree_1: Option<[[usize; 3]; N_REST_DEGREE_1]>,
@@ -133,6 +144,12 @@ impl Layout {
             }
             notes.push(Note::NoColor);
         }
+        let is_used = |name: &&str| {
+            POINT_PROPERTIES.contains(name)
+                || is_splat && SPLAT_PROPERTIES.iter().any(|start| name.starts_with(start))
+        };
+        let names = element.properties.iter().map(|property| property.name.as_str());
+        notes.extend(Note::not_used("property", names.filter(|name| !is_used(name))));
         if !is_splat {
             return Ok(Self { mean, color, shape: None });
         }
@@ -144,7 +161,9 @@ impl Layout {
             notes.push(Note::FlatSplats);
         }
         let rotation = element.require(["rot_0", "rot_1", "rot_2", "rot_3"])?;
-        let shape = Shape { opacity, scale, scale_2, rotation, degree_1 };
+        let filter = element.column("filter_3D");
+        notes.extend(filter.map(|_| Note::FilterApplied));
+        let shape = Shape { opacity, scale, scale_2, filter, rotation, degree_1 };
         Ok(Self { mean, color, shape: Some(shape) })
     }
 
@@ -164,21 +183,33 @@ impl Layout {
         };
         match &self.shape {
             None => point,
-            Some(shape) => Gaussian {
-                // Stored as a logit.
-                opacity: sigmoid(pick(values, [shape.opacity])[0]),
-                scale: shape.scale(values),
-                rotation: rows.rotation(pick(values, shape.rotation)),
-                directional: shape.degree_1.map_or(DMat3::ZERO, |coefficients| {
-                    harmonics_to_directional(coefficients.map(vector))
-                }),
-                ..point
-            },
+            Some(shape) => {
+                let (scale, share) = shape.filtered_scale(values);
+                Gaussian {
+                    // Stored as a logit.
+                    opacity: sigmoid(pick(values, [shape.opacity])[0]) * share,
+                    scale,
+                    rotation: rows.rotation(pick(values, shape.rotation)),
+                    directional: shape.degree_1.map_or(DMat3::ZERO, |coefficients| {
+                        harmonics_to_directional(coefficients.map(vector))
+                    }),
+                    ..point
+                }
+            }
         }
     }
 }
 
 impl Shape {
+    /// Returns the scales after the 3D filter, and the factor by which it lowers the opacity.
+    fn filtered_scale(&self, values: &[f64]) -> (DVec3, f64) {
+        let own = self.scale(values);
+        let Some(filter) = self.filter else { return (own, 1.0) };
+        let [filter] = pick(values, [filter]);
+        let scale = own.map(|s| s.hypot(filter));
+        (scale, (own / scale).element_product())
+    }
+
     fn scale(&self, values: &[f64]) -> DVec3 {
         let [s0, s1] = pick(values, self.scale).map(f64::exp);
         let s2 = self.scale_2.map(|column| pick(values, [column])[0].exp());

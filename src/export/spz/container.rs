@@ -20,6 +20,25 @@ pub(super) struct Unpacked {
     pub header: SpzHeader,
     /// Bytes of all splats for each column, in the order of [`SpzHeader::widths`].
     pub columns: [Vec<u8>; 6],
+    /// Type and content of every extension record, in file order.
+    pub records: Vec<(u32, Vec<u8>)>,
+}
+
+/// Maximum size in bytes of the extension records of a gzip file.
+const MAX_RECORD_BYTES: u64 = 1 << 20;
+
+/// Splits extension records, each with its type, length and content; `None` if a length is wrong.
+fn parse_records(mut bytes: &[u8]) -> Option<Vec<(u32, Vec<u8>)>> {
+    let mut records = Vec::new();
+    // Type 0 is reserved: zeros are padding.
+    while bytes.iter().take(8).any(|byte| *byte != 0) {
+        let (kind, rest) = bytes.split_first_chunk()?;
+        let (length, rest) = rest.split_first_chunk()?;
+        let (content, rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+        records.push((u32::from_le_bytes(*kind), content.to_vec()));
+        bytes = rest;
+    }
+    Some(records)
 }
 
 pub(super) fn gzip(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
@@ -49,20 +68,24 @@ fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Faul
         let found = format!("version {}", header.version);
         return Err(Fault::malformed(HEADER, "version 1 to 3 inside gzip", found));
     }
-    // The position of the records differs between writers, and with it all that follows.
-    if header.has_extensions() {
-        return Err(Fault::Unsupported {
-            feature: format!("extensions in SPZ version {}", header.version),
-            advice: "save the file as SPZ version 4 or as PLY",
-        });
-    }
     let mut columns: [Vec<u8>; 6] = Default::default();
     for ((column, width), name) in columns.iter_mut().zip(header.widths()).zip(COLUMN_NAMES) {
         *column = read_exactly(&mut source, header.n_splats as usize * width, name)?;
     }
+    let mut records = Vec::new();
+    if header.has_extensions() {
+        let mut bytes = Vec::new();
+        let rest = source.by_ref().take(MAX_RECORD_BYTES).read_to_end(&mut bytes);
+        let found = rest.ok().filter(|n| *n > 0).and_then(|_| parse_records(&bytes));
+        // Some writers place the records elsewhere, and with them all that follows.
+        records = found.ok_or_else(|| Fault::Unsupported {
+            feature: format!("extensions in SPZ version {}", header.version),
+            advice: "save the file as SPZ version 4 or as PLY",
+        })?;
+    }
     // This read also verifies the checksum after the last column.
     match source.read(&mut [0]) {
-        Ok(0) => Ok(Unpacked { header, columns }),
+        Ok(0) => Ok(Unpacked { header, columns, records }),
         Ok(_) => Err(Fault::malformed("SPZ", "an end after the last column", "more bytes")),
         Err(e) => Err(Fault::malformed("SPZ", "an end after the last column", decoder_message(&e))),
     }
@@ -72,7 +95,10 @@ fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Faul
 fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
     check_count(&header, max_splats)?;
-    let (table, mut rest) = split_table(bytes, &header)?;
+    let [records, table, mut rest] = split_table(bytes, &header)?;
+    let fault = || Fault::malformed("SPZ extensions", "records inside the header", "a longer one");
+    let records = if header.has_extensions() { records } else { &[] };
+    let records = parse_records(records).ok_or_else(fault)?;
     let entries = table.as_chunks::<8>().0.as_chunks::<2>().0.iter();
     let lengths = entries.map(|entry| entry.map(u64::from_le_bytes));
     let mut columns: [Vec<u8>; 6] = Default::default();
@@ -92,11 +118,12 @@ fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
         rest = behind;
         *column = zstandard(stream, needed, name)?;
     }
-    Ok(Unpacked { header, columns })
+    Ok(Unpacked { header, columns, records })
 }
 
-/// Returns the table of stream lengths, two for each stream, and the bytes of the streams.
-fn split_table<'a>(bytes: &'a [u8], header: &SpzHeader) -> Result<(&'a [u8], &'a [u8]), Fault> {
+/// Returns the extension records, the table of stream lengths, two for each stream, and the bytes of the
+/// streams.
+fn split_table<'a>(bytes: &'a [u8], header: &SpzHeader) -> Result<[&'a [u8]; 3], Fault> {
     // Degree 0 has no stream of harmonics.
     let n = if header.degree == 0 { 5 } else { 6 };
     if usize::from(header.n_streams) != n {
@@ -108,8 +135,10 @@ fn split_table<'a>(bytes: &'a [u8], header: &SpzHeader) -> Result<(&'a [u8], &'a
         Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]) as usize,
         _ => return Err(Fault::malformed(HEADER, "32 bytes", format!("{}", bytes.len()))),
     };
-    let behind = bytes.get(start..).filter(|_| start >= NGSP_BYTES);
-    behind.and_then(|behind| behind.split_at_checked(n * ENTRY_BYTES)).ok_or_else(|| {
+    let records = bytes.get(NGSP_BYTES..start);
+    let split = bytes.get(start..).and_then(|behind| behind.split_at_checked(n * ENTRY_BYTES));
+    let parts = records.zip(split).map(|(records, (table, streams))| [records, table, streams]);
+    parts.ok_or_else(|| {
         let expected = format!("a table of {} bytes after byte {NGSP_BYTES}", n * ENTRY_BYTES);
         Fault::malformed(HEADER, expected, format!("byte {start} of {}", bytes.len()))
     })
@@ -163,6 +192,7 @@ pub(super) const MAGIC: &[u8] = b"NGSP";
 const MAX_DEGREE: u8 = 4;
 // A coordinate has 24 bits.
 const MAX_FRACTION_BITS: u8 = 24;
+pub(super) const IS_ANTIALIASED: u8 = 1;
 const HAS_EXTENSIONS: u8 = 2;
 
 #[derive(Clone, Copy, Debug)]
@@ -204,6 +234,15 @@ impl SpzHeader {
             return fault(expected, fraction_bits.to_string());
         }
         Ok(header)
+    }
+
+    pub fn is_antialiased(&self) -> bool {
+        self.flags & IS_ANTIALIASED != 0
+    }
+
+    /// Returns the flags without a known meaning.
+    pub fn unknown_flags(&self) -> u8 {
+        self.flags & !(IS_ANTIALIASED | HAS_EXTENSIONS)
     }
 
     pub fn has_extensions(&self) -> bool {

@@ -112,6 +112,21 @@ pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
     (0..4).map(candidate).fold(candidate(first), better).0
 }
 
+/// Inverse of [`first_three`]: encodes a rotation by 3 bytes. Of the 8 roundings up and down, the one with the
+/// most accurate rotation is chosen.
+pub(super) fn to_first_three(rotation: DQuat) -> [u8; 3] {
+    let [x, y, z, w] = rotation.to_array();
+    let exact = [x, y, z].map(|v| 127.5 * (if w < 0.0 { -v } else { v } + 1.0));
+    // Near w = 0 rotations err by up to 12 degrees after plain rounding, because w follows from the others.
+    let candidates = (0..8u8).map(|up| {
+        let rounded = [0, 1, 2].map(|i| nearest(exact[i].floor() + f64::from(up >> i & 1)));
+        let [w, x, y, z] = first_three(rounded);
+        (rounded, DQuat::from_xyzw(x, y, z, w).normalize().dot(rotation).abs())
+    });
+    let nearer = |a: ([u8; 3], f64), b: ([u8; 3], f64)| if b.1 > a.1 { b } else { a };
+    candidates.reduce(nearer).map_or([0; 3], |(bytes, _)| bytes)
+}
+
 /// Returns the largest difference of quaternion components of two rotations, where `q` and `−q` are
 /// equal.
 fn difference(a: DQuat, b: DQuat) -> f64 {

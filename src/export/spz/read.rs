@@ -28,17 +28,63 @@ pub(in crate::export) fn spz(bytes: &[u8], max_splats: usize) -> Result<Imported
     if n_coefficients > 0 {
         notes.push(Note::ViewDependentColorIgnored { n_coefficients });
     }
-    if header.has_extensions() {
-        notes.push(Note::ExtensionsIgnored);
+    if header.unknown_flags() != 0 {
+        notes.push(Note::NotUsed { what: format!("flags {:#04x}", header.unknown_flags()) });
     }
+    let turn = axes(&file.records, &mut notes).then(AxisRotation::Y_UP_TO_Z_UP);
     let mut rows = Rows::with_capacity(header.n_splats as usize)?;
     for i in 0..header.n_splats as usize {
         let splat = splat(&file, i, &mut rows);
-        rows.push(splat.rotated(&AxisRotation::Y_UP_TO_Z_UP));
+        rows.push(splat.rotated(&turn));
     }
     let imported = rows.finish(ModelKind::Splats, notes, Vec::new())?;
+    let imported = if header.is_antialiased() { imported.antialiased() } else { imported };
     Ok(Imported { is_z_up: true, ..imported })
 }
+
+/// Type of the record `SPZ_ADOBE_coordinate_system`, which holds a number of a system of axes.
+const AXES_RECORD: u32 = 0xADBE_0003;
+/// Systems of axes by their numbers, 1 and up: the directions of x, y and z, left or right, down or up, back or
+/// front.
+const SYSTEMS: [&[u8; 3]; 16] = [
+    b"LDB", b"RDB", b"LUB", b"RUB", b"LDF", b"RDF", b"LUF", b"RUF", b"LFD", b"RFD", b"LFU", b"RFU",
+    b"LBD", b"RBD", b"LBU", b"RBU",
+];
+
+/// Returns the rotation or mirroring of the axes stated by the file to x right, y up and z back. Adds notes about
+/// records that are not used.
+fn axes(records: &[(u32, Vec<u8>)], notes: &mut Vec<Note>) -> AxisRotation {
+    let number = |(kind, content): &(u32, Vec<u8>)| {
+        let number = content.as_slice().try_into().ok().map(u32::from_le_bytes);
+        number.filter(|_| *kind == AXES_RECORD)
+    };
+    // The last record applies, as in the reference reader.
+    let used = records.iter().rposition(|record| number(record).is_some());
+    let others = records.iter().enumerate().filter(|(i, _)| Some(*i) != used);
+    let names =
+        others.map(|(_, (kind, content))| format!("{kind:#010x} ({} bytes)", content.len()));
+    let names: Vec<String> = names.take(MAX_NAMED_RECORDS).collect();
+    notes.extend(Note::not_used("extension record", names.iter().map(String::as_str)));
+    let Some(number) = used.and_then(|i| number(records.get(i)?)) else {
+        return AxisRotation::IDENTITY;
+    };
+    let system = (number as usize).checked_sub(1).and_then(|i| SYSTEMS.get(i));
+    let Some(system) = system else {
+        let (name, used) = ("axis system", "right, up, back");
+        notes.push(Note::Unsupported { name, value: number.to_string(), used });
+        return AxisRotation::IDENTITY;
+    };
+    AxisRotation::from_axes(system.map(|letter| match letter {
+        b'L' => DVec3::NEG_X,
+        b'R' => DVec3::X,
+        b'D' => DVec3::NEG_Y,
+        b'U' => DVec3::Y,
+        b'F' => DVec3::NEG_Z,
+        _ => DVec3::Z,
+    }))
+}
+
+const MAX_NAMED_RECORDS: usize = 8;
 
 const N_DEGREE_1: usize = 3;
 

@@ -1,16 +1,20 @@
-//! Splats as SPZ version 4.
+//! Splats as SPZ version 2, 3 or 4.
 //!
 //! Splats are written along a space-filling curve, so that neighbours are similar and compress well.
 //! Coordinates are rounded to an eighth of a small splat's size. The rounding is invisible, and further
 //! bits would be incompressible noise.
 
-use super::container::{COLUMN_NAMES, MAGIC, NGSP_BYTES};
+use super::container::{COLUMN_NAMES, IS_ANTIALIASED, MAGIC, NGSP_BYTES};
 use super::quantise::{
-    fixed, scale, to_coefficient, to_color, to_fixed, to_opacity, to_scale, to_smallest_three,
+    fixed, scale, to_coefficient, to_color, to_first_three, to_fixed, to_opacity, to_scale,
+    to_smallest_three,
 };
 use crate::export::error::Fault;
+use crate::export::format::SpzVersion;
 use crate::export::gaussian::{Gaussian, directional_to_harmonics};
 use crate::export::stream::{ProgressCounter, SplatRows, write_rows};
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::io;
@@ -38,19 +42,26 @@ pub(in crate::export) struct SpzLayout {
     order: Vec<u32>,
     fraction_bits: u8,
     degree: u8,
+    version: SpzVersion,
+    is_antialiased: bool,
 }
 
 impl SpzLayout {
     /// Prepares the layout of a file for the given splats. Fails if coordinates are too large for 24
     /// bits.
-    pub fn new(rows: &impl SplatRows) -> Result<Self, Fault> {
+    pub fn new(
+        rows: &impl SplatRows,
+        version: SpzVersion,
+        is_antialiased: bool,
+    ) -> Result<Self, Fault> {
         let largest = (0..rows.n_rows())
             .into_par_iter()
             .map(|i| rows.row(i).mean.abs().max_element())
             .reduce(|| 0.0, f64::max);
         let fraction_bits = fraction_bits(rows, largest)?;
         let order = morton_order(rows, fraction_bits);
-        Ok(Self { order, fraction_bits, degree: u8::from(rows.has_directions()) })
+        let degree = u8::from(rows.has_directions());
+        Ok(Self { order, fraction_bits, degree, version, is_antialiased })
     }
 
     pub fn n_columns(&self) -> usize {
@@ -63,13 +74,21 @@ impl SpzLayout {
         rows: &impl SplatRows,
         steps: &mut ProgressCounter,
     ) -> io::Result<()> {
+        let row = |i: usize| rows.row(self.order[i] as usize);
+        if self.version != SpzVersion::V4 {
+            let mut gzip = GzEncoder::new(out, Compression::default());
+            gzip.write_all(&self.header(0))?;
+            for (encode, _) in self.encoders() {
+                write_rows(&mut gzip, self.order.len(), steps, |i, bytes| encode(&row(i), bytes))?;
+            }
+            return gzip.finish().map(drop);
+        }
         // All columns are compressed in memory first, because their lengths precede them.
         let mut columns = Vec::new();
         for (encode, width) in self.encoders() {
             let unpacked = (self.order.len() * width) as u64;
             let mut encoder = zstd::Encoder::new(Vec::new(), LEVEL)?;
             encoder.set_pledged_src_size(Some(unpacked))?;
-            let row = |i: usize| rows.row(self.order[i] as usize);
             write_rows(&mut encoder, self.order.len(), steps, |i, bytes| encode(&row(i), bytes))?;
             columns.push((encoder.finish()?, unpacked));
         }
@@ -83,13 +102,15 @@ impl SpzLayout {
 
     fn header(&self, n_streams: usize) -> Vec<u8> {
         let mut header = MAGIC.to_vec();
-        header.extend(4u32.to_le_bytes());
+        header.extend((self.version as u32).to_le_bytes());
         header.extend((self.order.len() as u32).to_le_bytes());
-        // No flags. The antialiasing flag would make viewers compensate opacities, for which these splats
-        // were not made.
-        header.extend([self.degree, self.fraction_bits, 0, n_streams as u8]);
-        header.extend((NGSP_BYTES as u32).to_le_bytes());
-        header.resize(NGSP_BYTES, 0);
+        // This program's own splats have no flag: they were not made for viewers that lower opacities.
+        let flags = if self.is_antialiased { IS_ANTIALIASED } else { 0 };
+        header.extend([self.degree, self.fraction_bits, flags, n_streams as u8]);
+        if self.version == SpzVersion::V4 {
+            header.extend((NGSP_BYTES as u32).to_le_bytes());
+            header.resize(NGSP_BYTES, 0);
+        }
         header
     }
 
@@ -105,8 +126,11 @@ impl SpzLayout {
             (Box::new(|g, row| row.push(to_opacity(g.opacity))), 1),
             (Box::new(|g, row| row.extend(to_color(g.color))), 3),
             (Box::new(|g, row| row.extend(to_scale(g.scale))), 3),
-            (Box::new(|g, row| row.extend(to_smallest_three(g.rotation))), 4),
         ];
+        encoders.push(match self.version {
+            SpzVersion::V2 => (Box::new(|g, row| row.extend(to_first_three(g.rotation))), 3),
+            _ => (Box::new(|g, row| row.extend(to_smallest_three(g.rotation))), 4),
+        });
         if self.degree > 0 {
             let harmonics = |g: &Gaussian, row: &mut Vec<u8>| {
                 let coefficients = directional_to_harmonics(g.directional);

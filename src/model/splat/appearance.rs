@@ -93,6 +93,9 @@ pub struct Finishing {
     /// Opacity of the composited splats from which a pixel is treated as fully covered, in `(0, 1]`; 1
     /// for plain splats (standard 3DGS splats).
     pub full_coverage: f32,
+    /// True if antialiasing lowers opacities by the area that it adds to a splat in the image, as for splats
+    /// trained with the filter of Mip-Splatting (`rendering.md`, Opacity compensation).
+    pub is_antialiased: bool,
     /// Exposures of the training frames, if known.
     pub exposures: Option<Arc<ExposureLog>>,
     /// Pose corrections of the training frames, if any.
@@ -131,6 +134,7 @@ impl Finishing {
 // Static, so that views of plain splats can borrow it.
 static PLAIN: Finishing = Finishing {
     full_coverage: 1.0,
+    is_antialiased: false,
     exposures: None,
     poses: None,
     photograph_poses: None,

@@ -73,6 +73,13 @@ impl ImageAxes {
     }
 }
 
+/// Returns a splat's area in the image without the low-pass, as a fraction of the area with it.
+pub(super) fn area_share(view: &CpuView, placed: &CameraSplat) -> f64 {
+    let axes = ImageAxes::new(view, placed);
+    let [w_x, w_y] = axes.0;
+    w_x.cross(w_y).length() / Covariance2::new(&axes).det.sqrt()
+}
+
 /// Returns the squared Mahalanobis distance of an image position from the projected splat. The position
 /// is in pixels.
 pub(in crate::render) fn distance_squared(

@@ -110,7 +110,8 @@ impl CpuRenderer {
         options: &RenderOptions,
         mut observer: impl FnMut(CpuStage),
     ) -> Rendered {
-        let view = CpuView::new(camera, options);
+        let is_antialiased = splats.finishing().is_antialiased;
+        let view = CpuView { is_antialiased, ..CpuView::new(camera, options) };
         let (width, height) = (view.width, view.height);
         let mut image = Rendered {
             color: Image::filled(width, height, [0.0; 3]),

@@ -1,5 +1,6 @@
 //! Camera and options in the form used for preparation, and the steps common to all renderers.
 
+use super::projected;
 use super::record::Rect;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splat::splats::Splat;
@@ -7,7 +8,7 @@ use crate::render::options::{
     ALPHA_CUT, Antialias, DisplayStyle, ExactOptions, FOOTPRINT_PX2, Lens, REFERENCE_VARIANCE,
     RenderMethod, RenderOptions, tangent_range,
 };
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3, Vec3Swizzles};
 
 /// Camera and options of a view.
 #[derive(Clone)]
@@ -25,6 +26,8 @@ pub(in crate::render) struct CpuView {
     pub near: f32,
     pub method: RenderMethod,
     pub style: DisplayStyle,
+    /// See [`crate::model::splat::appearance::Finishing::is_antialiased`].
+    pub is_antialiased: bool,
 }
 
 /// Splat in camera axes.
@@ -56,6 +59,7 @@ impl CpuView {
             near: options.near.max(0.0) as f32,
             method: options.method,
             style: options.style,
+            is_antialiased: false,
         }
     }
 
@@ -78,7 +82,8 @@ impl CpuView {
             return None;
         }
         let axes = self.camera_from_world * rotation_matrix(splat.rotation);
-        Some(CameraSplat { m, axes, scale: self.style.display_scales(splat), opacity })
+        let placed = CameraSplat { m, axes, scale: self.style.display_scales(splat), opacity };
+        if self.is_antialiased { placed.compensate_opacity(self) } else { Some(placed) }
     }
 
     /// Clips a pixel rectangle to the image; `None` if nothing remains. Infinite bounds give the whole
@@ -127,6 +132,30 @@ impl CameraSplat {
         2.0 * (self.opacity / ALPHA_CUT).ln()
     }
 
+    /// Variance that the exact renderer's footprint adds along every axis, world units².
+    fn footprint_variance(&self, k: &Intrinsics) -> f64 {
+        FOOTPRINT_PX2 * self.m.length_squared() / (k.fx * k.fy)
+    }
+
+    /// Multiplies the opacity by the splat's area in the image without antialiasing, as a fraction of the area
+    /// with it (`rendering.md`, Opacity compensation). `None` if the opacity falls below the alpha cut.
+    fn compensate_opacity(mut self, view: &CpuView) -> Option<Self> {
+        self.opacity *= match view.method {
+            RenderMethod::Projected => projected::area_share(view, &self),
+            RenderMethod::Exact(ExactOptions { antialias: Antialias::Footprint, .. }) => {
+                let direction = self.axes.transpose_mul_vec3(self.m);
+                // Squared area of the shadow along the line of sight, up to a constant factor.
+                let shadow = |s: DVec3| (s.yzx() * s.zxy()).dot(direction * direction);
+                let variances = self.scale * self.scale;
+                let widened = variances + self.footprint_variance(&view.intrinsics);
+                (shadow(variances) / shadow(widened)).sqrt()
+            }
+            // Nothing is added, or the opacity is lowered anyway.
+            RenderMethod::Exact(_) => 1.0,
+        };
+        (self.opacity >= ALPHA_CUT).then_some(self)
+    }
+
     /// Widens the splat by the exact renderer's antialiasing (`rendering.md`, Antialiasing). `None` if
     /// the opacity falls below the alpha cut.
     pub(in crate::render) fn apply_antialiasing(
@@ -136,7 +165,7 @@ impl CameraSplat {
     ) -> Option<Self> {
         let variance = match exact.antialias {
             Antialias::None => return Some(self),
-            Antialias::Footprint => FOOTPRINT_PX2 * self.m.length_squared() / (k.fx * k.fy),
+            Antialias::Footprint => self.footprint_variance(k),
             Antialias::Reference => REFERENCE_VARIANCE,
         };
         let widened = (self.scale * self.scale + variance).map(f64::sqrt);

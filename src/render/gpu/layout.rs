@@ -160,8 +160,10 @@ pub struct GpuView {
     pub antialias: u32,
     /// Discriminant of [`crate::render::Lens`].
     pub lens: u32,
+    /// 1 for [`crate::model::splat::appearance::Finishing::is_antialiased`].
+    pub is_antialiased: u32,
     /// Padding to the size in WGSL, 144 bytes.
-    pub padding: [u32; 2],
+    pub padding: u32,
 }
 
 impl GpuView {
@@ -208,7 +210,8 @@ impl GpuView {
             depth_range,
             antialias,
             lens: options.method.lens() as u32,
-            padding: [0; 2],
+            is_antialiased: 0,
+            padding: 0,
         })
     }
 }

@@ -52,7 +52,8 @@ impl SplatRenderer {
         options: &RenderOptions,
     ) -> Result<(), GpuError> {
         let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
-        let view = GpuView::new(camera, options)?;
+        let is_antialiased = scene.finishing.is_antialiased.into();
+        let view = GpuView { is_antialiased, ..GpuView::new(camera, options)? };
         // Called every frame, but the texture is recreated only after a resize.
         if self.target.size() != (width, height) {
             self.target = SplatTarget::new(device, width, height)?;

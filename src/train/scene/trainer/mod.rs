@@ -277,7 +277,14 @@ impl SceneTrainer {
         let photograph_poses = self.photographs.drawn_poses(h);
         let textures = self.photographs.drawn_textures();
         let full_coverage = self.scene.config.splat_rule.full_coverage as f32;
-        let finishing = Finishing { full_coverage, exposures, poses, photograph_poses, textures };
+        let finishing = Finishing {
+            full_coverage,
+            is_antialiased: false,
+            exposures,
+            poses,
+            photograph_poses,
+            textures,
+        };
         SplatSet::new(splats, appearance).finished(finishing)
     }
 }
