@@ -12,7 +12,7 @@ use super::error::{DatasetError, FrameProblem};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs::File;
-use std::io::{Error, ErrorKind, Read, Result as IoResult, Seek, SeekFrom};
+use std::io::{BufReader, Error, ErrorKind, Read, Result as IoResult, Seek, SeekFrom};
 use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
@@ -221,13 +221,26 @@ impl Folder {
     }
 
     pub fn text(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
+        self.opened(name, read_text)
+    }
+
+    /// Opens a file in the dataset folder that is read in pieces; returns its path as well.
+    pub fn reader(&self, name: &str) -> Result<(PathBuf, BufReader<RetryingFile>), DatasetError> {
+        self.opened(name, |path| RetryingFile::open(path).map(BufReader::new))
+    }
+
+    fn opened<T>(
+        &self,
+        name: &str,
+        open: impl FnOnce(&Path) -> IoResult<T>,
+    ) -> Result<(PathBuf, T), DatasetError> {
         let file = self.path.join(name);
         self.texts.borrow_mut().insert(file.clone());
         let checked = self
             .resolve_inside(Path::new(name))
             .map_err(|problem| metadata_error(file.clone(), problem))?;
-        match read_text(&checked) {
-            Ok(text) => Ok((file, text)),
+        match open(&checked) {
+            Ok(content) => Ok((file, content)),
             Err(source) => Err(DatasetError::Read { path: file, source }),
         }
     }

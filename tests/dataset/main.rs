@@ -4,6 +4,7 @@
 
 mod bad_input;
 mod cases_camera;
+mod cases_colmap;
 mod cases_lists;
 mod cases_poses;
 #[path = "../common/mod.rs"]
