@@ -332,6 +332,18 @@ fn names_with_folders_and_depth_in_floats() {
         let near = |(a, b): (&f32, &f32)| (a - b).abs() < 1e-6;
         assert!(found.data.iter().zip(&expected.data).all(near), "floats are metres");
     }
+    // Depth of one name in no folder belongs to neither of two images of that name.
+    model.images[2].name = "cam 2/frame_00002.png".to_owned();
+    let folder = model.replacing("bin");
+    for cam in ["cam 1", "cam 2"] {
+        fs::create_dir_all(folder.path().join(cam)).unwrap();
+        for i in 1..=4 {
+            let [from, to] = ["images", cam].map(|at| folder.path().join(at));
+            let name = format!("frame_{i:05}.png");
+            fs::copy(from.join(&name), to.join(&name)).unwrap();
+        }
+    }
+    skips(folder.path(), 2, &["cam 2/frame_00002.png", "expected a depth image"]);
 }
 
 #[test]
@@ -447,7 +459,8 @@ fn tracking_reads_no_pose() {
 
 #[test]
 fn a_bad_image_costs_itself() {
-    let edits: [(fn(&mut Model), &[&str]); 6] = [
+    type Edit = fn(&mut Model);
+    let edits: [(Edit, &[&str]); 6] = [
         (|m| m.images[1].pose[2] = f64::NAN, &["images.", "frame_00002.png", "NaN"]),
         (|m| m.images[1].pose[..4].fill(0.0), &["images.", "unit quaternion", "0.0"]),
         (|m| m.images[1].camera = 77, &["expected a camera of the model", "camera 77"]),

@@ -137,24 +137,18 @@ impl Camera {
         depth: Size,
         file: &Path,
     ) -> Result<Cameras, DatasetError> {
-        let none = Distortion::default();
-        let bent = |radial: &[f64], tangential| {
-            let mut all = [0.0; 6];
-            all.iter_mut().zip(radial).for_each(|(term, stated)| *term = *stated);
-            Distortion { radial: all, tangential, ..none }
-        };
-        let ([fx, fy, cx, cy], lens) = match (self.model.as_str(), &self.parameters[..]) {
-            ("SIMPLE_PINHOLE", &[f, cx, cy]) => ([f, f, cx, cy], none),
-            ("PINHOLE", &[fx, fy, cx, cy]) => ([fx, fy, cx, cy], none),
-            ("SIMPLE_RADIAL", &[f, cx, cy, k]) => ([f, f, cx, cy], bent(&[k], [0.0; 2])),
-            ("RADIAL", &[f, cx, cy, k1, k2]) => ([f, f, cx, cy], bent(&[k1, k2], [0.0; 2])),
-            ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
-                ([fx, fy, cx, cy], bent(&[k1, k2], [p1, p2]))
+        let parameters = &self.parameters[..];
+        let is_whole = MODELS.contains(&(self.model.as_str(), parameters.len()));
+        let ([fx, fy, cx, cy], terms) = match (self.model.as_str(), parameters) {
+            ("SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL", [f, cx, cy, terms @ ..])
+                if is_whole =>
+            {
+                ([f, f, cx, cy], terms)
             }
-            ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
-                ([fx, fy, cx, cy], bent(&[k1, k2, k3, k4, k5, k6], [p1, p2]))
+            ("PINHOLE" | "OPENCV" | "FULL_OPENCV", [fx, fy, cx, cy, terms @ ..]) if is_whole => {
+                ([fx, fy, cx, cy], terms)
             }
-            (model, parameters) => {
+            (model, _) => {
                 let expected = "a perspective camera (SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, \
                                 RADIAL, OPENCV, FULL_OPENCV)";
                 let found = format!("{} with {} parameters", shorten(model), parameters.len());
@@ -167,8 +161,10 @@ impl Camera {
             let found = format!("{width}x{height}");
             return Err(metadata_error(file, "a camera with width and height", found, HINT));
         }
+        let [fx, fy, cx, cy] = [*fx, *fy, *cx, *cy];
         let k = Intrinsics { width, height, fx, fy, cx, cy };
-        recording.cameras_of_lens(&k, color, depth, file)?.with_lens(lens, file)
+        let cameras = recording.cameras_of_lens(&k, color, depth, file)?;
+        cameras.with_lens(Distortion::of_opencv(terms), file)
     }
 }
 
@@ -190,6 +186,11 @@ impl Image {
         let [_, qw, qx, qy, qz, x, y, z, camera] = numbers;
         // The cast saturates: an absurd number is no camera's.
         Some(Self { name: rest.to_owned(), camera: camera as u32, pose: [qw, qx, qy, qz, x, y, z] })
+    }
+
+    /// Name without folders.
+    fn file(&self) -> &str {
+        self.name.rsplit('/').next().unwrap_or(&self.name)
     }
 
     fn pose(&self) -> Result<Pose, FrameProblem> {
@@ -370,7 +371,8 @@ struct Listed<'a> {
 }
 
 impl<'a> Listed<'a> {
-    fn find(folder: &Folder, image: &'a Image, stated: Option<Size>) -> Self {
+    /// Finds the files. `is_unique` states that no other image has the name in another folder.
+    fn find(folder: &Folder, image: &'a Image, stated: Option<Size>, is_unique: bool) -> Self {
         let name = relative_path(&image.name);
         let found = |names: &[PathBuf], places: &[&str]| {
             let places = places.iter().filter(|at| at.is_empty() || folder.has_folder(at));
@@ -387,9 +389,9 @@ impl<'a> Listed<'a> {
             let upright = Some(header.upright()).filter(|upright| Some(*upright) == stated);
             Ok((color, upright.unwrap_or((header.width, header.height))))
         };
-        // Names may begin with the folder of the photographs.
+        // Names may begin with a folder that depth lacks.
         let names = name.iter().flat_map(|name| {
-            let file = name.file_name().map(PathBuf::from);
+            let file = name.file_name().map(PathBuf::from).filter(|_| is_unique);
             [Some(name.clone()), file].into_iter().flatten()
         });
         let depths: Vec<_> =
@@ -414,8 +416,13 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     model.images.sort_by(|a, b| a.name.cmp(&b.name));
     model.images.retain(|image| !folder.was_taken(&image.name));
     let camera = |image: &Image| model.cameras.get(&image.camera);
-    let listed = |image| Listed::find(folder, image, camera(image).map(|camera| camera.size));
-    let listed: Vec<_> = model.images.iter().map(listed).collect();
+    let mut counts: HashMap<&str, u32> = HashMap::new();
+    model.images.iter().for_each(|image| *counts.entry(image.file()).or_default() += 1);
+    let listed = model.images.iter().map(|image| {
+        let is_unique = counts.get(image.file()) == Some(&1);
+        Listed::find(folder, image, camera(image).map(|camera| camera.size), is_unique)
+    });
+    let listed: Vec<_> = listed.collect();
     check_depth(folder, &model, &listed)?;
     let depths: Vec<_> = listed.iter().filter_map(Listed::depth).collect();
     // A file that cannot be read is reported with its frame.
