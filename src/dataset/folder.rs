@@ -8,6 +8,7 @@
 //! So polling a long recording costs little more than listing its folder.
 
 use super::archive::Archive;
+use super::bag::is_bag;
 use super::error::{DatasetError, FrameProblem};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
@@ -69,7 +70,8 @@ impl Folder {
         };
         // A disk error here is returned: it does not mean that the path is not a folder.
         let kind = std::fs::metadata(&canonical).map_err(read)?;
-        if kind.is_file() && Archive::is_zip_archive(&canonical).map_err(read)? {
+        let is_packed = |path: &Path| Ok(Archive::is_zip_archive(path)? || is_bag(path)?);
+        if kind.is_file() && is_packed(&canonical).map_err(read)? {
             return Self::of_file(path, &canonical);
         }
         if !kind.is_dir() {
@@ -387,6 +389,16 @@ pub(super) fn open_file(path: &Path) -> IoResult<File> {
     match std::fs::metadata(path)?.is_file() {
         true => File::open(path),
         false => Err(Error::other("a folder, FIFO or device where a file was expected")),
+    }
+}
+
+/// True if the file starts with these bytes. Only disk errors are returned; a short file starts otherwise.
+pub(super) fn starts_with<const N: usize>(path: &Path, magic: [u8; N]) -> IoResult<bool> {
+    let mut found = [0; N];
+    match open_file(path).and_then(|mut file| file.read_exact(&mut found)) {
+        Ok(()) => Ok(found == magic),
+        Err(e) if e.raw_os_error().is_some() => Err(e),
+        Err(_) => Ok(false),
     }
 }
 

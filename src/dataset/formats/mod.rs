@@ -5,6 +5,7 @@
 mod arkit;
 mod blender;
 mod colmap;
+mod mcap;
 mod nerfstudio;
 mod numbered;
 mod paired;
@@ -76,6 +77,8 @@ layouts! {
     RtabMap: rtabmap::FORMAT,
     /// `cameras` and `images`, binary or text, beside photographs and depth (COLMAP).
     Colmap: colmap::FORMAT,
+    /// `*.mcap` with images, cameras and transforms (ROS 2).
+    Ros2Bag: mcap::FORMAT,
     /// `color/` and `depth/`, with poses of any form or, for tracking, without poses.
     ColorDepth: paired::FORMAT,
 }
@@ -221,7 +224,7 @@ mod tests {
     #[test]
     fn names_are_those_of_files() {
         let names = "blender seven-scenes tum open3d replica scannet nerfstudio record3d \
-                     record3d-archive stray-scanner arkit rtab-map colmap color-depth synthetic";
+                     record3d-archive stray-scanner arkit rtab-map colmap ros2-bag color-depth synthetic";
         let layouts = FORMATS.iter().map(|(layout, _)| *layout).chain([Layout::Synthetic]);
         let found = layouts.map(|layout| {
             assert_eq!(serde_json::to_value(layout).unwrap(), layout.name());
