@@ -165,7 +165,8 @@ pub(super) fn scan(
                 file.seek_relative(n as i64 - scan.buffer.len() as i64)?;
                 // Records of a chunk that is not compressed are like others.
                 let Some(packing) = packing else { continue };
-                if unpacked / MAX_FACTOR > length {
+                // Images of one value are packed well.
+                if unpacked > MAX_IMAGE_BYTES && unpacked / MAX_FACTOR > length {
                     return Err(wrong("a chunk that unpacks implausibly"));
                 }
                 let chunk = Chunk { at, length, packing };

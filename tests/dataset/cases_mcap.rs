@@ -484,7 +484,8 @@ fn photographs_have_their_own_camera_place_and_time() {
             small.get_ref(),
         );
     }
-    let dataset = open_plain(bag.write().path()).unwrap();
+    let folder = bag.write();
+    let dataset = open_plain(folder.path()).unwrap();
     assert_eq!(all(&dataset).len(), 3);
     let said = dataset.warnings[0].to_string();
     assert_says(
@@ -499,7 +500,7 @@ fn photographs_have_their_own_camera_place_and_time() {
     frame.load().unwrap();
     // Tracking knows the cameras' places on the rig alone.
     let track = LoadOptions { track: true, ..LoadOptions::default() };
-    let tracked = open(bag.write().path(), &track).unwrap();
+    let tracked = open(folder.path(), &track).unwrap();
     let camera = all(&tracked)[0].color_camera.unwrap();
     assert!((DVec3::from(camera.offset) - DVec3::new(0.05, 0.0, 0.01)).length() < 1e-9);
 }
