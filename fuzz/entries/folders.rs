@@ -19,7 +19,7 @@ const MAX_FILES: usize = 24;
 const MAX_FRAMES: usize = 3;
 
 /// Text files with poses, lists and intrinsics, with the layout that has them.
-pub const POSE_FILES: [(TestLayout, &str); 18] = [
+pub const POSE_FILES: [(TestLayout, &str); 20] = [
     (TestLayout::Tum, "groundtruth.txt"),
     (TestLayout::Tum, "rgb.txt"),
     (TestLayout::Tum, "camera-intrinsics.txt"),
@@ -38,6 +38,8 @@ pub const POSE_FILES: [(TestLayout, &str); 18] = [
     (TestLayout::Arkit, "frames.jsonl"),
     (TestLayout::RtabMap, "poses.txt"),
     (TestLayout::RtabMap, "calib/1.yaml"),
+    (TestLayout::Colmap, "sparse/0/cameras.bin"),
+    (TestLayout::Colmap, "sparse/0/images.bin"),
 ];
 
 /// Image files of photographs, depth and confidence, with the layout that has them.

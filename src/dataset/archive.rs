@@ -2,7 +2,7 @@
 //! kilobyte may unpack to a terabyte.
 
 use super::error::FrameProblem;
-use super::folder::{MAX_IMAGE_BYTES, RetryingFile, open_file};
+use super::folder::{MAX_IMAGE_BYTES, RetryingFile, starts_with};
 use super::lengths::MAX_FACTOR;
 use std::borrow::Cow;
 use std::io::{BufReader, Read};
@@ -26,13 +26,7 @@ impl Archive {
     /// # Errors
     /// Disk errors, so that an unreadable file is not mistaken for another kind of file.
     pub fn is_zip_archive(path: &Path) -> std::io::Result<bool> {
-        let mut magic = [0; 4];
-        match open_file(path).and_then(|mut file| file.read_exact(&mut magic)) {
-            Ok(()) => Ok(magic == MAGIC),
-            Err(e) if e.raw_os_error().is_some() => Err(e),
-            // The file is too short or missing.
-            Err(_) => Ok(false),
-        }
+        starts_with(path, MAGIC)
     }
 
     pub fn open(path: &Path) -> Result<Self, FrameProblem> {

@@ -108,6 +108,16 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
     Ok((width as u32, height as u32))
 }
 
+/// True if a depth file stores floats, false if it stores whole numbers.
+pub(super) fn stores_floats(source: &ByteSource) -> Result<bool, FrameProblem> {
+    let mut magic = [0; 4];
+    if open_file(source.path())?.read_exact(&mut magic).is_err() || !lengths::is_known(&magic) {
+        return Ok(false);
+    }
+    let codes = catch_decoder_panic(|| lengths::decode(&source.read()?, 1.0))?;
+    Ok(matches!(codes, DepthCodes::Lengths(_)))
+}
+
 pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
     // Grey and RGB become opaque RGBA, so that later stages handle one format.
     let image = decode(&source.read()?, size, "an image")?;

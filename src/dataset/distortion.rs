@@ -29,6 +29,13 @@ pub(super) struct Distortion {
 const MOST_BENT: f64 = 2.0;
 
 impl Distortion {
+    /// Creates a lens from OpenCV's terms `k1 k2 p1 p2 k3 k4 k5 k6`; those at the end may be missing.
+    pub fn of_opencv(terms: &[f64]) -> Self {
+        let term = |i: usize| terms.get(i).copied().unwrap_or(0.0);
+        let radial = [0, 1, 4, 5, 6, 7].map(term);
+        Self { radial, tangential: [2, 3].map(term), ..Self::default() }
+    }
+
     fn is_pinhole(&self) -> bool {
         (self.radial, self.tangential) == ([0.0; 6], [0.0; 2])
     }

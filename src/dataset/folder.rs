@@ -8,11 +8,12 @@
 //! So polling a long recording costs little more than listing its folder.
 
 use super::archive::Archive;
+use super::bag::is_bag;
 use super::error::{DatasetError, FrameProblem};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs::File;
-use std::io::{Error, ErrorKind, Read, Result as IoResult, Seek, SeekFrom};
+use std::io::{BufReader, Error, ErrorKind, Read, Result as IoResult, Seek, SeekFrom};
 use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
@@ -69,7 +70,8 @@ impl Folder {
         };
         // A disk error here is returned: it does not mean that the path is not a folder.
         let kind = std::fs::metadata(&canonical).map_err(read)?;
-        if kind.is_file() && Archive::is_zip_archive(&canonical).map_err(read)? {
+        let is_packed = |path: &Path| Ok(Archive::is_zip_archive(path)? || is_bag(path)?);
+        if kind.is_file() && is_packed(&canonical).map_err(read)? {
             return Self::of_file(path, &canonical);
         }
         if !kind.is_dir() {
@@ -221,13 +223,26 @@ impl Folder {
     }
 
     pub fn text(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
+        self.opened(name, read_text)
+    }
+
+    /// Opens a file in the dataset folder that is read in pieces; returns its path as well.
+    pub fn reader(&self, name: &str) -> Result<(PathBuf, BufReader<RetryingFile>), DatasetError> {
+        self.opened(name, |path| RetryingFile::open(path).map(BufReader::new))
+    }
+
+    fn opened<T>(
+        &self,
+        name: &str,
+        open: impl FnOnce(&Path) -> IoResult<T>,
+    ) -> Result<(PathBuf, T), DatasetError> {
         let file = self.path.join(name);
         self.texts.borrow_mut().insert(file.clone());
         let checked = self
             .resolve_inside(Path::new(name))
             .map_err(|problem| metadata_error(file.clone(), problem))?;
-        match read_text(&checked) {
-            Ok(text) => Ok((file, text)),
+        match open(&checked) {
+            Ok(content) => Ok((file, content)),
             Err(source) => Err(DatasetError::Read { path: file, source }),
         }
     }
@@ -374,6 +389,16 @@ pub(super) fn open_file(path: &Path) -> IoResult<File> {
     match std::fs::metadata(path)?.is_file() {
         true => File::open(path),
         false => Err(Error::other("a folder, FIFO or device where a file was expected")),
+    }
+}
+
+/// True if the file starts with these bytes. Only disk errors are returned; a short file starts otherwise.
+pub(super) fn starts_with<const N: usize>(path: &Path, magic: [u8; N]) -> IoResult<bool> {
+    let mut found = [0; N];
+    match open_file(path).and_then(|mut file| file.read_exact(&mut found)) {
+        Ok(()) => Ok(found == magic),
+        Err(e) if e.raw_os_error().is_some() => Err(e),
+        Err(_) => Ok(false),
     }
 }
 

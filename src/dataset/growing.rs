@@ -352,8 +352,8 @@ fn is_whole(color: &ByteSource) -> bool {
         ByteSource::File(path) => has_image_end(path).unwrap_or(false),
         // The placeholder of a missing photograph needs no file.
         ByteSource::Grey(_) => true,
-        // Videos and archives are read only once the recording has ended.
-        ByteSource::VideoFrame { .. } | ByteSource::Member { .. } => false,
+        // Videos, archives and bags are read only once the recording has ended.
+        ByteSource::VideoFrame { .. } | ByteSource::Member { .. } | ByteSource::Message(_) => false,
     }
 }
 

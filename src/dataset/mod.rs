@@ -43,6 +43,7 @@ pub mod unproject;
 pub mod wild_poses;
 
 mod archive;
+mod bag;
 mod decode;
 mod distortion;
 mod entry;

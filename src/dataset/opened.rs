@@ -1,6 +1,7 @@
 //! An opened dataset: splits, skipped frames, options, and properties of its cameras.
 
 use super::archive::Archive;
+use super::bag::is_bag;
 use super::calibration::Calibration;
 use super::entry::{DatasetSplit, DepthSource, FrameEntry, HELD_OUT, HOLD_OUT_EVERY, MaskSource};
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
@@ -219,10 +220,10 @@ fn check_options_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<
     Ok(())
 }
 
-/// True if a file is a zip archive, which [`open`] accepts in place of a folder.
+/// True if a file is a zip archive or a bag (MCAP), which [`open`] accepts in place of a folder.
 pub fn is_archive(path: &Path) -> bool {
     // The next reader of the file reports a disk error.
-    Archive::is_zip_archive(path).unwrap_or(false)
+    Archive::is_zip_archive(path).unwrap_or(false) || is_bag(path).unwrap_or(false)
 }
 
 fn reinterpret(splits: &mut [DatasetSplit], stated: PoseConvention, asked: PoseConvention) {

@@ -1,6 +1,7 @@
 //! Options for opening a dataset.
 
 use super::archive::Archive;
+use super::bag::Message;
 use super::error::{DatasetError, FrameProblem};
 use super::folder::{MAX_IMAGE_BYTES, read_bytes};
 use super::pose_check::PoseConvention;
@@ -146,6 +147,8 @@ pub(super) enum ByteSource {
         video: Arc<Video>,
         index: usize,
     },
+    /// Image in a message of a ROS bag.
+    Message(Arc<Message>),
     /// Grey placeholder for a photograph that was not recorded; the path is that of the depth file.
     Grey(PathBuf),
 }
@@ -161,12 +164,14 @@ impl ByteSource {
             Self::File(path) | Self::Grey(path) => path,
             Self::Member { shown, .. } => shown,
             Self::VideoFrame { video, .. } => &video.path,
+            Self::Message(message) => &message.shown,
         }
     }
 
     pub fn disk_path(&self) -> &Path {
         match self {
             Self::Member { archive, .. } => &archive.path,
+            Self::Message(message) => &message.bag,
             Self::File(_) | Self::Grey(_) | Self::VideoFrame { .. } => self.path(),
         }
     }
@@ -175,6 +180,7 @@ impl ByteSource {
         match self {
             Self::File(path) | Self::Grey(path) => Ok(read_bytes(path, MAX_IMAGE_BYTES)?),
             Self::Member { archive, name, .. } => archive.read(name),
+            Self::Message(message) => message.read(),
             Self::VideoFrame { video, index } => {
                 Ok(read_bytes(&video.frame(*index)?, MAX_IMAGE_BYTES)?)
             }

@@ -43,11 +43,13 @@ pub enum TestLayout {
     Arkit,
     /// Depth in millimetres.
     RtabMap,
+    /// A binary model, depth in millimetres.
+    Colmap,
 }
 
 impl TestLayout {
     /// All layouts, Blender with both depth encodings.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Blender(DepthBits::Eight),
         Self::Blender(DepthBits::Sixteen),
         Self::SevenScenes,
@@ -61,6 +63,7 @@ impl TestLayout {
         Self::StrayScanner,
         Self::Arkit,
         Self::RtabMap,
+        Self::Colmap,
     ];
 
     /// The layout with this name in reports; Blender with 16-bit depth.
@@ -132,6 +135,7 @@ pub fn write(
         TestLayout::StrayScanner => write_stray(&plan, &frames, out),
         TestLayout::Arkit => write_arkit(&plan, &frames, out),
         TestLayout::RtabMap => write_rtabmap(&plan, &frames, out),
+        TestLayout::Colmap => write_colmap(&plan, &frames, out),
         _ => unreachable!("the library writes {layout:?}"),
     }
     on_frame(frames.len(), frames.len());
@@ -327,6 +331,35 @@ fn write_rtabmap(plan: &ViewPlan, frames: &[RecordedFrame], out: &Path) {
         poses += &format!("{:.6} {numbers} {number}\n", frame.time);
     }
     put(out, "poses.txt", poses.as_bytes());
+}
+
+/// Writes the model as COLMAP's documentation describes it, with two observations in each image.
+fn write_colmap(plan: &ViewPlan, frames: &[RecordedFrame], out: &Path) {
+    const PINHOLE: u32 = 1;
+    let k = plan.photo_camera();
+    let number = |n: u64| n.to_le_bytes().to_vec();
+    let reals = |all: &[f64]| all.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+    let head = [7u32.to_le_bytes(), PINHOLE.to_le_bytes()].concat();
+    let size = [number(k.width.into()), number(k.height.into())].concat();
+    let camera = [number(1), head, size, reals(&[k.fx, k.fy, k.cx, k.cy])].concat();
+    put(out, "sparse/0/cameras.bin", &camera);
+    let mut images = number(frames.len() as u64);
+    // Models list images in any order.
+    for frame in frames.iter().rev() {
+        let SyntheticView { color, depth_z } = frame.view();
+        let name = format!("frame_{:05}.png", frame.index + 1);
+        put(out, &format!("images/{name}"), &rgba(&color));
+        put(out, &format!("depth/{name}"), &gray16(&depth_z, 0.001));
+        let inverse = frame.pose.to_opencv().inverse();
+        let (q, t) = (DQuat::from_mat4(&inverse), inverse.w_axis);
+        images.extend((frame.index as u32 + 1).to_le_bytes());
+        images.extend(reals(&[q.w, q.x, q.y, q.z, t.x, t.y, t.z]));
+        images.extend(7u32.to_le_bytes());
+        images.extend([name.as_bytes(), &[0]].concat());
+        images.extend([number(2), reals(&[1.5, 2.5]), number(9), reals(&[3.5, 4.5])].concat());
+        images.extend(number(u64::MAX));
+    }
+    put(out, "sparse/0/images.bin", &images);
 }
 
 fn put(root: &Path, name: &str, bytes: &[u8]) {

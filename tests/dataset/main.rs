@@ -4,7 +4,9 @@
 
 mod bad_input;
 mod cases_camera;
+mod cases_colmap;
 mod cases_lists;
+mod cases_mcap;
 mod cases_poses;
 #[path = "../common/mod.rs"]
 mod common;

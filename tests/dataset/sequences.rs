@@ -27,7 +27,7 @@ const ROOM: SyntheticParams = SyntheticParams {
 
 /// Layout, recognised layout, largest depth error (metres, and a share of depth), and whether
 /// colours are stored without loss.
-const SEQUENCES: [(TestLayout, Layout, [f64; 2], bool); 10] = [
+const SEQUENCES: [(TestLayout, Layout, [f64; 2], bool); 11] = [
     (TestLayout::Tum, Layout::Tum, [0.5 / 5000.0, 0.0], true),
     (TestLayout::Open3d, Layout::Open3d, [0.5e-3, 0.0], true),
     (TestLayout::Replica, Layout::Replica, [0.5 / 6553.5, 0.0], false),
@@ -38,6 +38,7 @@ const SEQUENCES: [(TestLayout, Layout, [f64; 2], bool); 10] = [
     (TestLayout::StrayScanner, Layout::StrayScanner, [0.5e-3, 0.0], true),
     (TestLayout::Arkit, Layout::Arkit, [0.0, 1e-7], true),
     (TestLayout::RtabMap, Layout::RtabMap, [0.5e-3, 0.0], true),
+    (TestLayout::Colmap, Layout::Colmap, [0.5e-3, 0.0], true),
 ];
 
 fn written(layout: TestLayout) -> TempDir {

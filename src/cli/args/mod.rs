@@ -148,7 +148,7 @@ pub struct MergeArgs {
 
 #[derive(Args)]
 pub struct InfoArgs {
-    /// Dataset folder, .r3d, checkpoint or splat file
+    /// Dataset folder, .r3d, .mcap, checkpoint or splat file
     pub path: PathBuf,
     /// Print JSON on stdout
     #[arg(long)]
@@ -159,7 +159,7 @@ pub struct InfoArgs {
 
 #[derive(Args)]
 pub struct CalibrateArgs {
-    /// Dataset folder, or a Record3D .r3d
+    /// Dataset folder, a Record3D .r3d or a ROS 2 .mcap
     pub dataset: PathBuf,
     /// Calibration file to write (RON), for the option `--calibration` and the window
     #[arg(short, long, value_name = "FILE.ron", default_value = "calibration.ron")]

@@ -24,7 +24,7 @@ pub enum DeviceName {
 
 #[derive(Args)]
 pub struct TrainArgs {
-    /// Dataset folder, or a Record3D .r3d
+    /// Dataset folder, a Record3D .r3d or a ROS 2 .mcap
     pub dataset: PathBuf,
     /// Output folder for scene.ply, checkpoint.vbgs and report.json
     #[arg(long, value_name = "DIR")]
@@ -107,7 +107,7 @@ pub struct ComparisonArgs {
 pub struct EvalArgs {
     /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
     pub model: PathBuf,
-    /// Dataset folder, or a Record3D .r3d
+    /// Dataset folder, a Record3D .r3d or a ROS 2 .mcap
     pub dataset: PathBuf,
     /// Split to evaluate [default: val or eval, or every 8th frame]
     #[arg(long)]

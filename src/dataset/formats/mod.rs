@@ -4,6 +4,8 @@
 
 mod arkit;
 mod blender;
+mod colmap;
+mod mcap;
 mod nerfstudio;
 mod numbered;
 mod paired;
@@ -73,6 +75,10 @@ layouts! {
     Arkit: arkit::FORMAT,
     /// `rgb/`, `depth/`, `calib/` and poses (RTAB-Map's export).
     RtabMap: rtabmap::FORMAT,
+    /// `cameras` and `images`, binary or text, beside photographs and depth (COLMAP).
+    Colmap: colmap::FORMAT,
+    /// `*.mcap` with images, cameras and transforms (ROS 2).
+    Ros2Bag: mcap::FORMAT,
     /// `color/` and `depth/`, with poses of any form or, for tracking, without poses.
     ColorDepth: paired::FORMAT,
 }
@@ -114,6 +120,10 @@ pub(super) fn parse(
         // A layout with poses takes precedence over images alone.
         found.retain(|(layout, ..)| *layout != Layout::ColorDepth);
     }
+    if found.len() > 1 {
+        // Exports of other layouts include the model that they were made from.
+        found.retain(|(layout, ..)| *layout != Layout::Colmap);
+    }
     if found.len() > 1 && !tum::has_two_lists(folder) {
         // Recordings of other layouts may have a list of pairs too.
         found.retain(|(layout, ..)| *layout != Layout::Tum);
@@ -153,7 +163,7 @@ impl Layout {
     /// True if the layout's files state lengths in metres. Lengths of other layouts have arbitrary
     /// units.
     pub fn is_metric(self) -> bool {
-        !matches!(self, Self::Blender | Self::Nerfstudio)
+        !matches!(self, Self::Blender | Self::Nerfstudio | Self::Colmap)
     }
 
     /// Returns the convention of the layout's pose matrices. Returns OpenCV for procedural frames,
@@ -214,7 +224,7 @@ mod tests {
     #[test]
     fn names_are_those_of_files() {
         let names = "blender seven-scenes tum open3d replica scannet nerfstudio record3d \
-                     record3d-archive stray-scanner arkit rtab-map color-depth synthetic";
+                     record3d-archive stray-scanner arkit rtab-map colmap ros2-bag color-depth synthetic";
         let layouts = FORMATS.iter().map(|(layout, _)| *layout).chain([Layout::Synthetic]);
         let found = layouts.map(|layout| {
             assert_eq!(serde_json::to_value(layout).unwrap(), layout.name());

@@ -371,7 +371,8 @@ fn depth_of(frame: &Value, folder: &Folder) -> Result<Option<ByteSource>, FrameP
     file_of(folder, names.into_iter())?.ok_or_else(missing).map(Some)
 }
 
-fn file_of(
+/// Finds the first of the names that is a file.
+pub(super) fn file_of(
     folder: &Folder,
     names: impl Iterator<Item = String>,
 ) -> Result<Option<ByteSource>, FrameProblem> {

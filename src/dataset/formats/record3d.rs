@@ -13,6 +13,7 @@ use super::recording::{
 use super::trajectory::TimedPose;
 use super::{recording, stated};
 use crate::dataset::archive::Archive;
+use crate::dataset::bag::is_bag;
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::FrameEntry;
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -203,7 +204,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 /// in the dataset folder. Several archives yield `None`.
 fn archive_name(folder: &Folder) -> Option<&str> {
     if let Some(name) = folder.opened_archive() {
-        return Some(name);
+        return (!is_bag(&folder.path.join(name)).unwrap_or(false)).then_some(name);
     }
     let is_ours = |name: &&str| {
         is_recording(folder, name).unwrap_or_else(|problem| {

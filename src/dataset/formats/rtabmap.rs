@@ -343,9 +343,7 @@ impl Calibration {
             let hint = "undistort the images to a pinhole first";
             return Err(metadata_error(&self.file, expected, found, hint));
         };
-        let term = |i: usize| known.get(i).copied().unwrap_or(0.0);
-        let radial = [0, 1, 4, 5, 6, 7].map(term);
-        Ok(Distortion { radial, tangential: [2, 3].map(term), ..Distortion::default() })
+        Ok(Distortion::of_opencv(&known))
     }
 
     /// Returns the transform from camera to robot; identity if the file does not state it.

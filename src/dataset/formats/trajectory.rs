@@ -312,9 +312,9 @@ fn pose_in_json(line: usize, key: Option<&str>, item: &Value) -> ListedPose {
 }
 
 /// Extensions of files that hold no poses.
-const NO_TEXT: [&str; 20] = [
+const NO_TEXT: [&str; 21] = [
     "png", "jpg", "jpeg", "exr", "tif", "tiff", "npy", "npz", "pgm", "ppm", "bin", "depth", "conf",
-    "mp4", "ply", "pcd", "obj", "md", "r3d", "zip",
+    "mp4", "ply", "pcd", "obj", "md", "r3d", "zip", "mcap",
 ];
 /// Largest number of texts of one folder that are searched for poses.
 const MAX_TEXTS: usize = 64;
@@ -474,15 +474,20 @@ impl Trajectory {
     /// # Errors
     /// Fails if no pose is within [`TOLERANCE`].
     pub fn at(&self, time: f64) -> Result<DMat4, FrameProblem> {
+        self.within(TOLERANCE, time)
+    }
+
+    /// Returns the pose as [`Self::at`] does, with another tolerance in seconds.
+    pub fn within(&self, tolerance: f64, time: f64) -> Result<DMat4, FrameProblem> {
         let after = self.poses.partition_point(|pose| pose.time < time);
         let (before, after) =
             (after.checked_sub(1).and_then(|i| self.poses.get(i)), self.poses.get(after));
         let distance =
             |pose: Option<&TimedPose>| pose.map_or(f64::INFINITY, |p| (p.time - time).abs());
         let nearest = distance(before).min(distance(after));
-        if nearest > TOLERANCE {
+        if nearest > tolerance {
             let nearest = nearest.is_finite().then_some(nearest);
-            return Err(not_in_time("a pose", time, TOLERANCE, nearest));
+            return Err(not_in_time("a pose", time, tolerance, nearest));
         }
         Ok(match (before, after) {
             (Some(a), Some(b)) => {
