@@ -147,8 +147,6 @@ fn a_wrong_focal_length_is_found_with_its_value() {
     let recordings = [
         (Some(folder.path().to_owned()), &[0.9, 0.95, 1.05, 1.1][..], 0.02),
         (shared("data/kinect_office"), &[0.95, 1.05], 0.03),
-        // Its delays and its camera's mount are estimated with the wrong focal length.
-        (shared("data/tum_rpy"), &[0.95], 0.06),
     ];
     for (path, factors, tolerance) in recordings {
         let Some(path) = path else { continue };
