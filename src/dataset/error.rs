@@ -6,7 +6,7 @@
 //! [`DatasetError`] aborts opening.
 
 use crate::math::pose::PoseError;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Shell command that extracts a recording's video, run inside its folder.
@@ -35,6 +35,9 @@ pub enum DatasetError {
         "{}: expected a dataset in one of the known layouts ({expected}), found {found}; give the folder that directly holds these files", path.display()
     )]
     NotRecognised { path: PathBuf, expected: String, found: String },
+    /// A recording or model of another program, from which images can be made.
+    #[error("{}: found {kind}, expected images that are read; {hint}", path.display())]
+    OtherFormat { path: PathBuf, kind: &'static str, hint: &'static str },
     /// More than one layout matches the folder.
     #[error(
         "{}: expected one recording, found two layouts at once ({found}); give each a folder of its own", path.display()
@@ -87,7 +90,63 @@ pub enum DatasetError {
     Option { setting: &'static str, expected: &'static str, found: String },
 }
 
+/// Recordings of other programs that are not read: extension, kind and remedy.
+const OTHER_RECORDINGS: [(&str, &str, &str); 6] = [
+    (
+        "mkv",
+        "a Matroska video, as of an Azure Kinect",
+        "unpack it with Open3D's azure_kinect_mkv_reader.py and open its output with --poses track",
+    ),
+    ("bag", ROS_BAG, MCAP_BY_HAND),
+    ("db3", ROS_BAG, MCAP_BY_HAND),
+    ("svo", ZED, ZED_BY_HAND),
+    ("svo2", ZED, ZED_BY_HAND),
+    (
+        "sens",
+        "a stream of ScanNet",
+        "unpack it with ScanNet's SensReader (reader.py): color/, depth/, pose/ and intrinsic/",
+    ),
+];
+const ROS_BAG: &str = "a bag of ROS or RealSense";
+const MCAP_BY_HAND: &str = "convert it with `mcap convert FILE OUT.mcap`, or unpack its images to color/ and depth/ with a list of poses";
+const ZED: &str = "a video of a ZED camera";
+const ZED_BY_HAND: &str = "export left images to color/, 16-bit depth to depth/ and the poses with the SVO export of the ZED SDK";
+/// Extensions of models and of what lies beside them.
+const MODELS: [&str; 8] = ["usdz", "usd", "ply", "glb", "gltf", "obj", "mtl", "stl"];
+
+fn extension(name: &str) -> Option<String> {
+    name.rsplit_once('.').map(|(_, end)| end.to_lowercase())
+}
+
 impl DatasetError {
+    /// Returns the error for a file in place of a folder: with advice if it is another program's recording.
+    pub(super) fn not_a_folder(path: &Path) -> Self {
+        let name = path.file_name().and_then(|name| name.to_str());
+        let other = name.and_then(|name| Self::of_other_recording(path.to_owned(), name));
+        other.unwrap_or_else(|| Self::NotAFolder { path: path.to_owned() })
+    }
+
+    /// Returns the error for a folder whose files are known but not read: another program's recording, or
+    /// models alone. `None` for other files.
+    pub(super) fn of_other_format(folder: &Path, names: &[&str]) -> Option<Self> {
+        let recording = |name: &&str| Self::of_other_recording(folder.join(name), name);
+        let is_model = |name: &&str| extension(name).is_some_and(|end| MODELS.contains(&&*end));
+        let model = || names.first().filter(|_| names.iter().all(is_model));
+        names.iter().find_map(recording).or_else(|| {
+            Some(Self::OtherFormat {
+                path: folder.join(model()?),
+                kind: "a finished model",
+                hint: "export photographs, depth and poses (raw data) from the scanning app; open the file itself to view splats",
+            })
+        })
+    }
+
+    fn of_other_recording(path: PathBuf, name: &str) -> Option<Self> {
+        let end = extension(name)?;
+        let (_, kind, hint) = OTHER_RECORDINGS.into_iter().find(|(other, ..)| *other == end)?;
+        Some(Self::OtherFormat { path, kind, hint })
+    }
+
     /// Returns the defect of one frame that this error about its entry in a list describes.
     pub(super) fn of_frame(&self) -> FrameProblem {
         match self {

@@ -72,7 +72,7 @@ fn mutated_images() {
 #[test]
 fn mutated_recordings() {
     use TestLayout::*;
-    let recordings: [(TestLayout, &[&str]); 10] = [
+    let recordings: [(TestLayout, &[&str]); 13] = [
         (Tum, &["groundtruth.txt", "rgb.txt", "depth.txt", "camera-intrinsics.txt"]),
         (Open3d, &["trajectory.log", "camera.json"]),
         (Replica, &["traj.txt", "cam_params.json"]),
@@ -83,6 +83,9 @@ fn mutated_recordings() {
         (StrayScanner, &["odometry.csv", "camera_matrix.csv", "confidence/000001.png"]),
         (Arkit, &["frames.jsonl", "depth/000001.bin"]),
         (RtabMap, &["poses.txt", "calib/1.yaml"]),
+        (Scanner3d, &["frame_00001.json", "conf_00001.png"]),
+        (ArkitScenes, &["lowres_wide.traj", "lowres_wide_intrinsics/41048190_6845.100.pincam"]),
+        (ScannetPp, &["iphone/pose_intrinsic_imu.json"]),
     ];
     for (i, (layout, files)) in recordings.into_iter().enumerate() {
         let folder = tiny(layout);
