@@ -90,61 +90,54 @@ pub enum DatasetError {
     Option { setting: &'static str, expected: &'static str, found: String },
 }
 
-/// Recordings of other programs that are not read: extension, kind and remedy.
-const OTHER_RECORDINGS: [(&str, &str, &str); 6] = [
+/// Recordings of other programs that are not read: extensions, kind and remedy.
+const OTHER_RECORDINGS: [(&[&str], &str, &str); 4] = [
     (
-        "mkv",
+        &["mkv"],
         "a Matroska video, as of an Azure Kinect",
         "unpack it with Open3D's azure_kinect_mkv_reader.py and open its output with --poses track",
     ),
-    ("bag", ROS_BAG, MCAP_BY_HAND),
-    ("db3", ROS_BAG, MCAP_BY_HAND),
-    ("svo", ZED, ZED_BY_HAND),
-    ("svo2", ZED, ZED_BY_HAND),
     (
-        "sens",
+        &["bag", "db3"],
+        "a bag of ROS or RealSense",
+        "convert it with `mcap convert FILE OUT.mcap`, or unpack its images to color/ and depth/ with a list of poses",
+    ),
+    (
+        &["svo", "svo2"],
+        "a video of a ZED camera",
+        "export left images to color/, 16-bit depth to depth/ and the poses with the SVO export of the ZED SDK",
+    ),
+    (
+        &["sens"],
         "a stream of ScanNet",
         "unpack it with ScanNet's SensReader (reader.py): color/, depth/, pose/ and intrinsic/",
     ),
 ];
-const ROS_BAG: &str = "a bag of ROS or RealSense";
-const MCAP_BY_HAND: &str = "convert it with `mcap convert FILE OUT.mcap`, or unpack its images to color/ and depth/ with a list of poses";
-const ZED: &str = "a video of a ZED camera";
-const ZED_BY_HAND: &str = "export left images to color/, 16-bit depth to depth/ and the poses with the SVO export of the ZED SDK";
 /// Extensions of models and of what lies beside them.
 const MODELS: [&str; 8] = ["usdz", "usd", "ply", "glb", "gltf", "obj", "mtl", "stl"];
 
-fn extension(name: &str) -> Option<String> {
-    name.rsplit_once('.').map(|(_, end)| end.to_lowercase())
-}
-
 impl DatasetError {
-    /// Returns the error for a file in place of a folder: with advice if it is another program's recording.
+    /// Returns the error for a file in place of a folder, with advice if it is another program's recording.
     pub(super) fn not_a_folder(path: &Path) -> Self {
-        let name = path.file_name().and_then(|name| name.to_str());
-        let other = name.and_then(|name| Self::of_other_recording(path.to_owned(), name));
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        let other = Self::of_other_recording(path.parent().unwrap_or(path), &[name]);
         other.unwrap_or_else(|| Self::NotAFolder { path: path.to_owned() })
     }
 
-    /// Returns the error for a folder whose files are known but not read: another program's recording, or
-    /// models alone. `None` for other files.
-    pub(super) fn of_other_format(folder: &Path, names: &[&str]) -> Option<Self> {
-        let recording = |name: &&str| Self::of_other_recording(folder.join(name), name);
-        let is_model = |name: &&str| extension(name).is_some_and(|end| MODELS.contains(&&*end));
-        let model = || names.first().filter(|_| names.iter().all(is_model));
-        names.iter().find_map(recording).or_else(|| {
-            Some(Self::OtherFormat {
-                path: folder.join(model()?),
-                kind: "a finished model",
-                hint: "export photographs, depth and poses (raw data) from the scanning app; open the file itself to view splats",
-            })
+    /// Returns the error for the files of a folder if one is another program's recording.
+    pub(super) fn of_other_recording(folder: &Path, names: &[&str]) -> Option<Self> {
+        OTHER_RECORDINGS.into_iter().find_map(|(ends, kind, hint)| {
+            let name = names.iter().find(|name| has_extension(name, ends))?;
+            Some(Self::OtherFormat { path: folder.join(name), kind, hint })
         })
     }
 
-    fn of_other_recording(path: PathBuf, name: &str) -> Option<Self> {
-        let end = extension(name)?;
-        let (_, kind, hint) = OTHER_RECORDINGS.into_iter().find(|(other, ..)| *other == end)?;
-        Some(Self::OtherFormat { path, kind, hint })
+    /// Returns the error for the files of a folder if all are models.
+    pub(super) fn of_models(folder: &Path, names: &[&str]) -> Option<Self> {
+        let path = folder.join(names.first()?);
+        let hint = "export photographs, depth and poses (raw data) from the scanning app; open the file itself to view splats";
+        let is_model = names.iter().all(|name| has_extension(name, &MODELS));
+        is_model.then_some(Self::OtherFormat { path, kind: "a finished model", hint })
     }
 
     /// Returns the defect of one frame that this error about its entry in a list describes.
@@ -321,6 +314,11 @@ impl FrameProblem {
             other => other,
         }
     }
+}
+
+fn has_extension(name: &str, ends: &[&str]) -> bool {
+    let end = name.rsplit_once('.').map(|(_, end)| end);
+    end.is_some_and(|end| ends.iter().any(|other| other.eq_ignore_ascii_case(end)))
 }
 
 /// Shortens text from files for a message: escapes control characters, and keeps only the start and end

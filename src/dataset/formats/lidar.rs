@@ -9,9 +9,8 @@ use super::recording::{
     Cameras, LIDAR_RANGE, Recording, check_intrinsics, depth_size, encoding, frame_entry,
     own_camera, photograph_size,
 };
-use super::stated::flat_numbers;
+use super::stated;
 use super::trajectory::time_unit;
-use super::{arkit, stated};
 use crate::dataset::decode;
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::FrameEntry;
@@ -22,7 +21,6 @@ use crate::dataset::options::{ByteSource, MILLIMETRE};
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
-use glam::DMat4;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -132,7 +130,7 @@ pub(super) fn add_frames<T>(
     for (name, LidarImages { color, depth, confidence }, camera) in frames {
         let cameras = cameras(recording, &color, &camera, [size, depth_size]);
         let frame = cameras.map(|(cameras, sizes)| {
-            rescaled = rescaled.or(sizes);
+            rescaled = rescaled.or(Some(sizes).filter(|[stated, found]| stated != found));
             let depth = depth.map(|d| recording.depth_with_confidence(d, encoding, confidence));
             let time = camera.time.map(|time| time * unit);
             FrameEntry { time, ..frame_entry(name.clone(), camera.pose, cameras, color, depth) }
@@ -147,15 +145,14 @@ pub(super) fn add_frames<T>(
     }
 }
 
-/// Returns the cameras of a frame and, if the intrinsics are for another size than the photograph's, both
-/// sizes. `usual` holds the sizes of most photographs and depth images.
-#[expect(clippy::type_complexity, reason = "taken apart at once by its only caller")]
+/// Returns the cameras of a frame, and the sizes of its intrinsics and of its photograph. `usual` is the size
+/// of most photographs, `depth` that of most depth images.
 fn cameras(
     recording: &Recording,
     color: &ByteSource,
     camera: &StatedCamera,
     [usual, depth]: [(u32, u32); 2],
-) -> Result<(Cameras, Option<[(u32, u32); 2]>), FrameProblem> {
+) -> Result<(Cameras, [(u32, u32); 2]), FrameProblem> {
     let [fx, fy, cx, cy] = camera.intrinsics;
     let of = |(width, height)| Intrinsics { width, height, fx, fy, cx, cy };
     let photograph = match camera.size.is_some_and(|stated| stated != usual) {
@@ -167,8 +164,7 @@ fn cameras(
     let likely = || [photograph, ARKIT_VIDEO].into_iter().find(fits);
     let stated = camera.size.or_else(likely).unwrap_or(photograph);
     let cameras = recording.cameras_of_lens(&of(stated), photograph, depth, &camera.file);
-    let rescaled = (stated != photograph).then_some([stated, photograph]);
-    Ok((cameras.map_err(own_camera)?, rescaled))
+    Ok((cameras.map_err(own_camera)?, [stated, photograph]))
 }
 
 /// Returns the values of the keys; `None` unless all are numbers.
@@ -181,21 +177,13 @@ pub(super) fn numbers<const N: usize>(json: &Value, keys: [&str; N]) -> Option<[
 }
 
 /// Returns `fx`, `fy`, `cx` and `cy` of the camera matrix under a key.
-pub(super) fn camera_matrix(json: &Value, key: &str) -> Result<[f64; 4], FrameProblem> {
+pub(super) fn camera_matrix(json: &Value, key: &str) -> Option<[f64; 4]> {
     // The size has no effect on the numbers.
-    let k = json.get(key).and_then(|value| stated::from_json(value, (0, 0)));
-    let k = k.ok_or_else(|| FrameProblem::Entry {
-        expected: "nine numbers of a camera matrix",
-        found: describe_json(json.get(key).unwrap_or(json)),
-    })?;
-    Ok([k.fx, k.fy, k.cx, k.cy])
+    let k = stated::from_json(json.get(key)?, (0, 0))?;
+    Some([k.fx, k.fy, k.cx, k.cy])
 }
 
-/// Returns the matrix of 16 numbers under a key.
-pub(super) fn pose_matrix(json: &Value, key: &str) -> Result<DMat4, FrameProblem> {
-    match json.get(key) {
-        Some(value) if flat_numbers(value).is_some() => arkit::matrix(Some(value)),
-        Some(value) => Err(FrameProblem::PoseShape(format!("{} as `{key}`", describe_json(value)))),
-        None => Err(FrameProblem::PoseShape(format!("no `{key}`"))),
-    }
+/// Returns the problem of a frame whose JSON lacks usable numbers under its keys.
+pub(super) fn wrong_entry(expected: &'static str, json: &Value) -> FrameProblem {
+    FrameProblem::Entry { expected, found: describe_json(json) }
 }

@@ -9,13 +9,13 @@
 //! `intrinsic`, `timestamp`, and `aligned_pose` (camera to world, OpenCV axes). `pose` is ARKit's own, in OpenGL
 //! axes and in another world, so it is used only if no frame has an `aligned_pose`.
 
+use super::arkit;
 use super::lidar::{
-    LidarImages, NumberedImages, StatedCamera, add_frames, camera_matrix, pose_matrix,
+    LidarImages, NumberedImages, StatedCamera, add_frames, camera_matrix, wrong_entry,
 };
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{Recording, metadata_error, no_poses};
-use super::stated;
-use super::stated::{Entries, parse_json};
+use super::stated::{Entries, name_unused_keys, parse_json};
 use super::trajectory::{TimedPose, Trajectory, lines, number_in_name, usual_step};
 use super::tum::{TimedFile, TimedFiles, sorted_trajectory, without_twins};
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -251,7 +251,8 @@ fn parse_scannet_pp(folder: &Folder, options: &LoadOptions) -> Result<ParsedFold
     let (file, text) = folder.text(&format!("{root}{SCANNET_PP_LIST}"))?;
     let Entries(entries) =
         parse_json(&text).map_err(|source| DatasetError::Json { file: file.clone(), source })?;
-    let is_aligned = entries.iter().any(|(_, entry)| entry.get("aligned_pose").is_some());
+    let is_aligned =
+        entries.iter().any(|(_, e)| e.get("aligned_pose").is_some_and(|pose| !pose.is_null()));
     if !is_aligned && !options.track {
         recording.note("no frame has an `aligned_pose`: ARKit's own `pose` is used");
     }
@@ -261,30 +262,31 @@ fn parse_scannet_pp(folder: &Folder, options: &LoadOptions) -> Result<ParsedFold
     for (name, entry) in &entries {
         let Some(number) = number_in_name(name) else { continue };
         n_bare += usize::from(!numbers.contains(&number));
-        if listed.contains_key(&number) {
-            let problem = FrameProblem::Duplicate(format!("another entry of `{name}`"));
-            recording.skip(name, file.clone(), problem);
-        } else {
-            listed.insert(number, entry);
+        match listed.contains_key(&number) {
+            true => {
+                let problem = FrameProblem::Duplicate(format!("another entry of `{name}`"));
+                recording.skip(name, file.clone(), problem);
+            }
+            false => drop(listed.insert(number, entry)),
         }
     }
     if n_bare > 0 {
         recording.note(format!("{n_bare} of {} listed frames have no images", entries.len()));
     }
     if let Some(entry) = listed.values().next() {
-        stated::name_unused_keys(&mut recording, &file, entry, &["intrinsic"]);
+        name_unused_keys(&mut recording, &file, entry, &["intrinsic"]);
     }
     let named = numbers.into_iter().map(|number| (images.name(number), number));
     add_frames(&mut recording, named, &file, |_, number| {
         let images = images.of(folder, number)?;
-        let expected = "an entry for this frame";
-        let missing = || FrameProblem::Entry { expected, found: "none".to_owned() };
+        let missing = || wrong_entry("an entry for this frame", &Value::Null);
         let entry: &Value = listed.get(&number).copied().ok_or_else(missing)?;
         let pose = options.pose(|| match is_aligned {
-            true => Ok(Pose::from_opencv(pose_matrix(entry, "aligned_pose")?)?),
-            false => Ok(Pose::from_opengl(pose_matrix(entry, "pose")?)?),
+            true => Ok(Pose::from_opencv(arkit::matrix(entry.get("aligned_pose"))?)?),
+            false => Ok(Pose::from_opengl(arkit::matrix(entry.get("pose"))?)?),
         })?;
-        let intrinsics = camera_matrix(entry, "intrinsic")?;
+        let wrong = || wrong_entry("`intrinsic`, nine numbers of a camera matrix", entry);
+        let intrinsics = camera_matrix(entry, "intrinsic").ok_or_else(wrong)?;
         let time = entry.get("timestamp").and_then(Value::as_f64);
         Ok((images, StatedCamera { file: file.clone(), intrinsics, size: None, pose, time }))
     });

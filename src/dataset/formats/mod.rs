@@ -142,8 +142,11 @@ pub(super) fn parse(
         return folder.take_unread().map_or_else(|| Ok((layout, why, parsed?)), Err);
     }
     let names: Vec<&str> = folder.listing.files().collect();
-    if let Some(other) = DatasetError::of_other_format(&folder.path, &names) {
-        return Err(other);
+    let other = DatasetError::of_other_recording(&folder.path, &names);
+    // Beside models, subfolders may hold recordings.
+    let models = || DatasetError::of_models(&folder.path, &names);
+    if let Some(error) = other.or_else(|| folder.subfolders().is_empty().then(models).flatten()) {
+        return Err(error);
     }
     let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.identified_by).collect();
     Err(DatasetError::NotRecognised {

@@ -8,16 +8,15 @@
 //! **3D Scanner App**, all data: `frame_00000.jpg` and `.json`, `depth_00000.png`, `conf_00000.png`; keys are
 //! `intrinsics`, `cameraPoseARFrame` and `time`. It stores depth more often than photographs.
 
-use super::lidar::{NumberedImages, StatedCamera, add_frames, camera_matrix, numbers, pose_matrix};
+use super::arkit;
+use super::lidar::{NumberedImages, StatedCamera, add_frames, camera_matrix, numbers, wrong_entry};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::Recording;
-use super::stated;
-use super::stated::parse_json;
+use super::stated::{first_of, name_unused_keys, parse_json};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, read_small_text};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::matrix::describe_json;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_check::PoseConvention;
 use crate::math::pose::Pose;
@@ -38,31 +37,53 @@ pub(super) const SCANNER_3D: DatasetFormat = DatasetFormat {
     parse: parse_scanner_3d,
 };
 
-/// Reads the JSON of a frame, which is that of the file.
-type ReadCamera = fn(PathBuf, &Value, &LoadOptions) -> Result<StatedCamera, FrameProblem>;
-
 /// Most JSON files that recognition reads, since the first may be damaged.
 const MOST_READ: usize = 4;
 
-fn has_camera(
-    folder: &Folder,
-    relative: &str,
-    prefix: &str,
-    is_camera: fn(&Value) -> bool,
-) -> bool {
+/// True if a folder, whose path ends with `/`, has JSON files with intrinsics.
+fn has_cameras(folder: &Folder, relative: &str, prefix: &str) -> bool {
     let is_json = |name: &&str| name.starts_with(prefix) && name.ends_with(".json");
-    let path = |name: &str| match relative {
-        "" => name.to_owned(),
-        _ => format!("{relative}/{name}"),
+    let is_camera = |name: &str| {
+        let json = parse_json(&folder.peek(&format!("{relative}{name}"))).unwrap_or(Value::Null);
+        intrinsics(&json).is_some()
     };
-    folder.list_if_any(relative).is_some_and(|listing| {
-        let mut files = listing.files().filter(is_json).take(MOST_READ);
-        files.any(|name| is_camera(&parse_json(&folder.peek(&path(name))).unwrap_or(Value::Null)))
+    folder
+        .list_if_any(relative)
+        .is_some_and(|listing| listing.files().filter(is_json).take(MOST_READ).any(is_camera))
+}
+
+fn intrinsics(json: &Value) -> Option<[f64; 4]> {
+    numbers(json, ["fx", "fy", "cx", "cy"]).or_else(|| camera_matrix(json, "intrinsics"))
+}
+
+/// Reads the camera of a frame from the JSON of `file`.
+fn camera(
+    file: PathBuf,
+    json: &Value,
+    options: &LoadOptions,
+) -> Result<StatedCamera, FrameProblem> {
+    let wrong = || wrong_entry("numbers `fx`, `fy`, `cx` and `cy`, or nine in `intrinsics`", json);
+    let pose = options.pose(|| {
+        let no_rows =
+            || wrong_entry("numbers `t_00` to `t_23`, or 16 in `cameraPoseARFrame`", json);
+        let matrix = match json.get("cameraPoseARFrame") {
+            Some(value) => arkit::matrix(Some(value))?,
+            None => matrix::from_three_rows(numbers(json, POLYCAM_POSE).ok_or_else(no_rows)?),
+        };
+        Ok(Pose::from_opengl(matrix)?)
+    })?;
+    Ok(StatedCamera {
+        file,
+        intrinsics: intrinsics(json).ok_or_else(wrong)?,
+        // The cast saturates: an absurd size has another shape than the images.
+        size: numbers(json, ["width", "height"]).map(|[w, h]| (w as u32, h as u32)),
+        pose,
+        time: first_of(json, &["timestamp", "time"]).and_then(Value::as_f64),
     })
 }
 
 const POLYCAM_ROOTS: [&str; 2] = ["keyframes/", ""];
-const POLYCAM_INTRINSICS: [&str; 4] = ["fx", "fy", "cx", "cy"];
+const MESH: &str = "mesh_info.json";
 const POLYCAM_POSE: [&str; 12] = [
     "t_00", "t_01", "t_02", "t_03", "t_10", "t_11", "t_12", "t_13", "t_20", "t_21", "t_22", "t_23",
 ];
@@ -70,11 +91,10 @@ const POLYCAM_POSE: [&str; 12] = [
 /// Returns what precedes `images` and `cameras` in the folder's paths: the root, and the prefix of
 /// corrected ones.
 fn keyframes(folder: &Folder) -> Option<[&'static str; 2]> {
-    let is_camera = |json: &Value| numbers(json, POLYCAM_INTRINSICS).is_some();
     let parts = POLYCAM_ROOTS.into_iter().flat_map(|root| [[root, "corrected_"], [root, ""]]);
     parts.into_iter().find(|[root, kind]| {
         NumberedFiles::any(folder, &format!("{root}{kind}images"), "", &PHOTOGRAPHS)
-            && has_camera(folder, &format!("{root}{kind}cameras"), "", is_camera)
+            && has_cameras(folder, &format!("{root}{kind}cameras/"), "")
     })
 }
 
@@ -100,50 +120,17 @@ fn parse_polycam(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder,
         // The app could not place these frames, whose own poses are of another world.
         _ => recording.note(format!("{} frames without corrected camera are left out", bare.len())),
     }
-    name_mesh_transform(&mut recording);
-    add(&mut recording, &images, (&cameras, polycam_camera), frames);
+    if folder.listing.has_file(MESH) && folder.peek(MESH).to_lowercase().contains("transform") {
+        recording.unused(&folder.path.join(MESH), "the transform of the mesh is not used");
+    }
+    add(&mut recording, &images, &cameras, frames);
     Ok(recording.finish())
 }
 
-/// Names the transform of the app's mesh, in whose coordinates the frames are not.
-fn name_mesh_transform(recording: &mut Recording) {
-    const MESH: &str = "mesh_info.json";
-    if !recording.folder.listing.has_file(MESH) {
-        return;
-    }
-    let json = parse_json(&recording.folder.peek(MESH)).unwrap_or(Value::Null);
-    let is_transform = |key: &&String| key.to_lowercase().contains("transform");
-    if let Some(key) = json.as_object().into_iter().flat_map(|mesh| mesh.keys()).find(is_transform)
-    {
-        let file = recording.folder.path.join(MESH);
-        recording.unused(&file, format!("`{}` of the mesh is not used", matrix::shorten(key)));
-    }
-}
-
-fn polycam_camera(
-    file: PathBuf,
-    json: &Value,
-    options: &LoadOptions,
-) -> Result<StatedCamera, FrameProblem> {
-    let wrong = |expected| FrameProblem::Entry { expected, found: describe_json(json) };
-    let intrinsics = numbers(json, POLYCAM_INTRINSICS)
-        .ok_or_else(|| wrong("numbers `fx`, `fy`, `cx` and `cy`"))?;
-    let pose = options.pose(|| {
-        let rows = numbers(json, POLYCAM_POSE);
-        let rows = rows.ok_or_else(|| wrong("numbers `t_00` to `t_23`, three rows of a pose"))?;
-        Ok(Pose::from_opengl(matrix::from_three_rows(rows))?)
-    })?;
-    // The cast saturates: an absurd size has another shape than the images.
-    let size = numbers(json, ["width", "height"]).map(|[w, h]| (w as u32, h as u32));
-    let time = json.get("timestamp").and_then(Value::as_f64);
-    Ok(StatedCamera { file, intrinsics, size, pose, time })
-}
-
 fn recognise_scanner_3d(folder: &Folder) -> Option<String> {
-    let is_camera = |json: &Value| camera_matrix(json, "intrinsics").is_ok();
     let is_ours = NumberedFiles::any(folder, "", "depth_", &["png"])
         && NumberedFiles::any(folder, "", "frame_", &PHOTOGRAPHS)
-        && has_camera(folder, "", "frame_", is_camera);
+        && has_cameras(folder, "", "frame_");
     is_ours.then(|| "frame_N.json with `intrinsics`, and depth_N.png".to_owned())
 }
 
@@ -157,30 +144,15 @@ fn parse_scanner_3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFold
         recording.note(format!("{n_bare} depth images have no photograph and are left out"));
     }
     let numbers: Vec<u64> = images.colors.numbers().collect();
-    add(&mut recording, &images, (&cameras, scanner_3d_camera), numbers);
+    add(&mut recording, &images, &cameras, numbers);
     Ok(recording.finish())
-}
-
-fn scanner_3d_camera(
-    file: PathBuf,
-    json: &Value,
-    options: &LoadOptions,
-) -> Result<StatedCamera, FrameProblem> {
-    let pose = || Ok(Pose::from_opengl(pose_matrix(json, "cameraPoseARFrame")?)?);
-    Ok(StatedCamera {
-        file,
-        intrinsics: camera_matrix(json, "intrinsics")?,
-        size: None,
-        pose: options.pose(pose)?,
-        time: json.get("time").and_then(Value::as_f64),
-    })
 }
 
 /// Adds the frames of the numbers. A frame that lacks a file or has a damaged one is skipped.
 fn add(
     recording: &mut Recording,
     images: &NumberedImages,
-    (cameras, read): (&NumberedFiles, ReadCamera),
+    cameras: &NumberedFiles,
     numbers: impl IntoIterator<Item = u64>,
 ) {
     let (folder, options) = (recording.folder, recording.options);
@@ -192,7 +164,7 @@ fn add(
     // All files have the same keys.
     let first = cameras.sources(folder).next();
     if let Some((file, Ok(json))) = first.as_ref().map(|file| (file.path(), json(file.path()))) {
-        stated::name_unused_keys(recording, file, &json, &["intrinsics"]);
+        name_unused_keys(recording, file, &json, &["intrinsics"]);
     }
     let named = numbers.into_iter().map(|number| (images.name(number), number));
     add_frames(recording, named, &folder.path, |name, number| {
@@ -200,6 +172,6 @@ fn add(
         let missing = FrameProblem::MissingPose(format!("{name}.json"));
         let file = cameras.required(folder, number, missing)?.path().to_owned();
         let json = json(&file)?;
-        Ok((images, read(file, &json, options)?))
+        Ok((images, camera(file, &json, options)?))
     });
 }
