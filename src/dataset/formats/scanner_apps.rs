@@ -167,7 +167,8 @@ fn add(
         name_unused_keys(recording, file, &json, &["intrinsics"]);
     }
     let named = numbers.into_iter().map(|number| (images.name(number), number));
-    add_frames(recording, named, &folder.path, |name, number| {
+    let place = first.as_ref().and_then(|file| file.path().parent()).unwrap_or(&folder.path);
+    add_frames(recording, named, place, |name, number| {
         let images = images.of(folder, number)?;
         let missing = FrameProblem::MissingPose(format!("{name}.json"));
         let file = cameras.required(folder, number, missing)?.path().to_owned();
