@@ -19,7 +19,7 @@ const MAX_FILES: usize = 24;
 const MAX_FRAMES: usize = 3;
 
 /// Text files with poses, lists and intrinsics, with the layout that has them.
-pub const POSE_FILES: [(TestLayout, &str); 20] = [
+pub const POSE_FILES: [(TestLayout, &str); 25] = [
     (TestLayout::Tum, "groundtruth.txt"),
     (TestLayout::Tum, "rgb.txt"),
     (TestLayout::Tum, "camera-intrinsics.txt"),
@@ -40,6 +40,11 @@ pub const POSE_FILES: [(TestLayout, &str); 20] = [
     (TestLayout::RtabMap, "calib/1.yaml"),
     (TestLayout::Colmap, "sparse/0/cameras.bin"),
     (TestLayout::Colmap, "sparse/0/images.bin"),
+    (TestLayout::Polycam, "keyframes/corrected_cameras/109085000000.json"),
+    (TestLayout::Scanner3d, "frame_00001.json"),
+    (TestLayout::ArkitScenes, "lowres_wide.traj"),
+    (TestLayout::ArkitScenes, "lowres_wide_intrinsics/41048190_6845.100.pincam"),
+    (TestLayout::ScannetPp, "iphone/pose_intrinsic_imu.json"),
 ];
 
 /// Image files of photographs, depth and confidence, with the layout that has them.

@@ -2,5 +2,7 @@
 
 #[path = "../../tests/common/layouts.rs"]
 pub mod layouts;
+#[path = "../../tests/common/lidar.rs"]
+pub mod lidar;
 #[path = "../../tests/common/scratch.rs"]
 pub mod scratch;

@@ -21,7 +21,6 @@ mod panels;
 mod pass_times;
 mod path_dialog;
 mod path_editor;
-mod persistence;
 pub mod quality;
 pub mod rescue;
 pub mod retention;

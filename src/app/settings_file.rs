@@ -1,12 +1,15 @@
 //! Settings file in the user's configuration folder: RON with a version, and recovery if it cannot be read.
 //!
-//! eframe reads and writes the file as named parts ([`persistence`](super::persistence)). It empties the
+//! eframe reads and writes the file as named parts ([`StoredSettings`]). It empties the
 //! file before writing, so that a full disk or a power cut leaves a partial file. It ignores an unreadable
 //! file without a message and overwrites it. Therefore a file that this version cannot read is renamed
 //! before the first window opens. A copy of the last valid file replaces it, and the user is warned.
 
-use super::persistence::{ADAPTER, FILE_VERSION, StoredSettings, VERSION};
+use super::layout::WindowLayout;
+use super::training::TrainSettings;
 use super::user_folders;
+use super::user_folders::RecentPaths;
+use super::viewer::settings::ViewSettings;
 use crate::export::ExportError;
 use crate::export::atomic::write_atomic;
 use crate::render::gpu::adapters::AdapterChoice;
@@ -16,6 +19,16 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 const FILE: &str = "settings.ron";
+const VIEWPORT: &str = "viewport";
+const TRAINING: &str = "training";
+const RECENT: &str = "recent";
+const LAYOUT: &str = "layout";
+/// Name of the settings part that stores the last displayed warning about the adapter.
+pub const CAVEAT: &str = "caveat";
+/// Name of the settings part that stores the adapter chosen for further windows.
+const ADAPTER: &str = "adapter";
+const VERSION: &str = "version";
+const FILE_VERSION: u32 = 2;
 /// Maximum size of the settings file, bytes. Usual files have some kilobytes.
 const MAX_BYTES: u64 = 1 << 26;
 
@@ -208,6 +221,61 @@ pub fn from_text<T: DeserializeOwned + Default>(what: &str, text: &str) -> (T, O
             );
             (T::default(), Some(notice))
         }
+    }
+}
+
+/// Settings stored between sessions: the parts of the file, each a RON text under its name.
+#[derive(Default)]
+pub struct StoredSettings {
+    pub view: ViewSettings,
+    pub training: TrainSettings,
+    pub recent: RecentPaths,
+    pub layout: WindowLayout,
+    pub problems: Vec<String>,
+}
+
+impl StoredSettings {
+    /// Reads the settings of the previous session. `text` returns the stored text of a part by its name.
+    pub fn read(text: impl Fn(&str) -> Option<String>) -> Self {
+        fn parsed<T: Default>(
+            text: Option<String>,
+            parse: impl Fn(&str) -> (T, Option<String>),
+            problems: &mut Vec<String>,
+        ) -> T {
+            // At the first startup no part exists, which is not a problem.
+            let (read, problem) = text.map(|text| parse(&text)).unwrap_or_default();
+            problems.extend(problem);
+            read
+        }
+        // Each part is read alone, so that an unreadable one leaves the others.
+        let mut problems = Vec::new();
+        let recent = |text: &str| from_text("recent paths", text);
+        Self {
+            view: parsed(text(VIEWPORT), ViewSettings::from_text, &mut problems),
+            recent: parsed(text(RECENT), recent, &mut problems),
+            layout: parsed(text(LAYOUT), WindowLayout::from_text, &mut problems),
+            training: parsed(text(TRAINING), TrainSettings::from_text, &mut problems),
+            problems,
+        }
+    }
+
+    /// Stores the settings. If `adapter` is `None`, the previously stored adapter is kept.
+    pub fn write(
+        storage: &mut dyn eframe::Storage,
+        view: &ViewSettings,
+        training: &TrainSettings,
+        recent: &RecentPaths,
+        layout: &WindowLayout,
+        adapter: Option<&AdapterChoice>,
+    ) {
+        storage.set_string(VERSION, FILE_VERSION.to_string());
+        if let Some(adapter) = adapter {
+            storage.set_string(ADAPTER, adapter.to_string());
+        }
+        eframe::set_value(storage, VIEWPORT, view);
+        eframe::set_value(storage, TRAINING, training);
+        eframe::set_value(storage, RECENT, recent);
+        eframe::set_value(storage, LAYOUT, layout);
     }
 }
 

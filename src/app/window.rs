@@ -10,7 +10,7 @@ use super::state::{NoticeKind, Subject};
 use super::studio::Studio;
 use super::viewer::KeptView;
 use super::worker::{Worker, WorkerOrder};
-use super::{persistence, viewport};
+use super::{settings_file, viewport};
 use crate::pipeline::panic_report::PanicReport;
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Vec2, ViewportBuilder};
@@ -219,7 +219,7 @@ fn report_caveat(
 ) {
     let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
     // An earlier session has shown it.
-    let known = creation.storage.and_then(|storage| storage.get_string(persistence::CAVEAT));
+    let known = creation.storage.and_then(|storage| storage.get_string(settings_file::CAVEAT));
     // After a lost device the same adapter is used, and its caveat was already reported.
     if let Some(text) = caveat.clone().filter(|_| shown.get() != caveat && known != caveat) {
         worker.send(WorkerOrder::Report(NoticeKind::Info, text));

@@ -161,16 +161,21 @@ pub(super) fn depth(
 }
 
 /// Decodes a sensor's confidence map, 0 to 2 per pixel. The file is a grey image, or bytes without
-/// header for an image of `size`.
+/// header for an image of `size`. Maps in shades of grey have 0 for 0, white for 2 and others for 1.
 pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<u8>, FrameProblem> {
     let bytes = source.read()?;
-    match image::guess_format(&bytes) {
+    let mut map = match image::guess_format(&bytes) {
         Ok(_) => {
             let gray = decode(&bytes, size, "depth")?.into_luma8();
-            Ok(Image::from_vec(gray.width() as usize, gray.height() as usize, gray.into_raw()))
+            Image::from_vec(gray.width() as usize, gray.height() as usize, gray.into_raw())
         }
-        Err(_) => lengths::bare_bytes(&bytes, size),
+        Err(_) => lengths::bare_bytes(&bytes, size)?,
+    };
+    if map.data.iter().any(|sure| *sure > 2) {
+        let level = |sure: u8| (sure > 0) as u8 + (sure == u8::MAX) as u8;
+        map.data.iter_mut().for_each(|sure| *sure = level(*sure));
     }
+    Ok(map)
 }
 
 /// Decodes a mask for photographs of `size`; true at pixels that are used.

@@ -6,7 +6,7 @@
 //! [`DatasetError`] aborts opening.
 
 use crate::math::pose::PoseError;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Shell command that extracts a recording's video, run inside its folder.
@@ -35,6 +35,9 @@ pub enum DatasetError {
         "{}: expected a dataset in one of the known layouts ({expected}), found {found}; give the folder that directly holds these files", path.display()
     )]
     NotRecognised { path: PathBuf, expected: String, found: String },
+    /// A recording or model of another program, from which images can be made.
+    #[error("{}: found {kind}, expected images that are read; {hint}", path.display())]
+    OtherFormat { path: PathBuf, kind: &'static str, hint: &'static str },
     /// More than one layout matches the folder.
     #[error(
         "{}: expected one recording, found two layouts at once ({found}); give each a folder of its own", path.display()
@@ -87,7 +90,56 @@ pub enum DatasetError {
     Option { setting: &'static str, expected: &'static str, found: String },
 }
 
+/// Recordings of other programs that are not read: extensions, kind and remedy.
+const OTHER_RECORDINGS: [(&[&str], &str, &str); 4] = [
+    (
+        &["mkv"],
+        "a Matroska video, as of an Azure Kinect",
+        "unpack it with Open3D's azure_kinect_mkv_reader.py and open its output with --poses track",
+    ),
+    (
+        &["bag", "db3"],
+        "a bag of ROS or RealSense",
+        "convert it with `mcap convert FILE OUT.mcap`, or unpack its images to color/ and depth/ with a list of poses",
+    ),
+    (
+        &["svo", "svo2"],
+        "a video of a ZED camera",
+        "export left images to color/, 16-bit depth to depth/ and the poses with the SVO export of the ZED SDK",
+    ),
+    (
+        &["sens"],
+        "a stream of ScanNet",
+        "unpack it with ScanNet's SensReader (reader.py): color/, depth/, pose/ and intrinsic/",
+    ),
+];
+/// Extensions of models and of what lies beside them.
+const MODELS: [&str; 8] = ["usdz", "usd", "ply", "glb", "gltf", "obj", "mtl", "stl"];
+
 impl DatasetError {
+    /// Returns the error for a file in place of a folder, with advice if it is another program's recording.
+    pub(super) fn not_a_folder(path: &Path) -> Self {
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        let other = Self::of_other_recording(path.parent().unwrap_or(path), &[name]);
+        other.unwrap_or_else(|| Self::NotAFolder { path: path.to_owned() })
+    }
+
+    /// Returns the error for the files of a folder if one is another program's recording.
+    pub(super) fn of_other_recording(folder: &Path, names: &[&str]) -> Option<Self> {
+        OTHER_RECORDINGS.into_iter().find_map(|(ends, kind, hint)| {
+            let name = names.iter().find(|name| has_extension(name, ends))?;
+            Some(Self::OtherFormat { path: folder.join(name), kind, hint })
+        })
+    }
+
+    /// Returns the error for the files of a folder if all are models.
+    pub(super) fn of_models(folder: &Path, names: &[&str]) -> Option<Self> {
+        let path = folder.join(names.first()?);
+        let hint = "export photographs, depth and poses (raw data) from the scanning app; open the file itself to view splats";
+        let is_model = names.iter().all(|name| has_extension(name, &MODELS));
+        is_model.then_some(Self::OtherFormat { path, kind: "a finished model", hint })
+    }
+
     /// Returns the defect of one frame that this error about its entry in a list describes.
     pub(super) fn of_frame(&self) -> FrameProblem {
         match self {
@@ -262,6 +314,11 @@ impl FrameProblem {
             other => other,
         }
     }
+}
+
+fn has_extension(name: &str, ends: &[&str]) -> bool {
+    let end = name.rsplit_once('.').map(|(_, end)| end);
+    end.is_some_and(|end| ends.iter().any(|other| other.eq_ignore_ascii_case(end)))
 }
 
 /// Shortens text from files for a message: escapes control characters, and keeps only the start and end

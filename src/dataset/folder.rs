@@ -75,7 +75,7 @@ impl Folder {
             return Self::of_file(path, &canonical);
         }
         if !kind.is_dir() {
-            return Err(DatasetError::NotAFolder { path: path.to_owned() });
+            return Err(DatasetError::not_a_folder(path));
         }
         let listing = FolderListing::read(&canonical).map_err(read)?;
         Ok(Self::new(path, canonical, listing, None, recorded))
@@ -144,6 +144,12 @@ impl Folder {
         let listing = Rc::new(FolderListing::read(&self.resolve_inside(relative)?)?);
         self.listed.borrow_mut().insert(relative.to_owned(), Rc::clone(&listing));
         Ok(listing)
+    }
+
+    /// Lists a folder that may identify a layout. Returns `None` if it does not exist or cannot be read.
+    pub fn list_if_any(&self, relative: &str) -> Option<Rc<FolderListing>> {
+        let listing = self.list(Path::new(relative));
+        listing.map_err(|problem| self.record_unread(relative, problem)).ok()
     }
 
     /// Returns the path of a listed file; checks that a link does not lead outside the dataset folder.
@@ -266,7 +272,13 @@ impl Folder {
     }
 
     pub fn has_folder(&self, name: &str) -> bool {
-        match self.listing.entries.get(name) {
+        let kind = match name.rsplit_once('/') {
+            None => self.listing.entries.get(name).copied(),
+            Some((parent, below)) => {
+                self.list_if_any(parent).and_then(|listing| listing.entries.get(below).copied())
+            }
+        };
+        match kind {
             Some(EntryKind::Folder) => true,
             Some(EntryKind::Link) => self.path.join(name).is_dir(),
             _ => false,

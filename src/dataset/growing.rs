@@ -63,7 +63,7 @@ impl GrowingRecording {
         options.check()?;
         // A missing folder is allowed: following may start before the recorder.
         if path.is_file() {
-            return Err(DatasetError::NotAFolder { path: path.to_owned() });
+            return Err(DatasetError::not_a_folder(path));
         }
         Ok(Self::begin(path, *options, split))
     }

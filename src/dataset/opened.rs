@@ -220,10 +220,13 @@ fn check_options_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<
     Ok(())
 }
 
-/// True if a file is a zip archive or a bag (MCAP), which [`open`] accepts in place of a folder.
+/// True for a file that holds a recording: a zip archive or a bag (MCAP), which [`open`] accepts in place of a folder, or
+/// another program's recording, which it refuses with advice.
 pub fn is_archive(path: &Path) -> bool {
     // The next reader of the file reports a disk error.
-    Archive::is_zip_archive(path).unwrap_or(false) || is_bag(path).unwrap_or(false)
+    Archive::is_zip_archive(path).unwrap_or(false)
+        || is_bag(path).unwrap_or(false)
+        || matches!(DatasetError::not_a_folder(path), DatasetError::OtherFormat { .. })
 }
 
 fn reinterpret(splits: &mut [DatasetSplit], stated: PoseConvention, asked: PoseConvention) {

@@ -10,7 +10,7 @@ use std::process::Command;
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
-const LAYOUTS: [&str; 12] = [
+const LAYOUTS: [&str; 16] = [
     "blender",
     "seven-scenes",
     "tum",
@@ -23,6 +23,10 @@ const LAYOUTS: [&str; 12] = [
     "stray-scanner",
     "arkit",
     "rtab-map",
+    "polycam",
+    "scanner3d",
+    "arkit-scenes",
+    "scannet-pp",
 ];
 /// One thread, so that the calls come in the same order every time.
 const TRAIN: &str = "train room --out out --threads 1";

@@ -1,5 +1,6 @@
 //! Writers of every layout that is read: those of the library, and those that only tests need.
 
+use super::lidar;
 use glam::{DMat4, DQuat, DVec4};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
@@ -45,11 +46,16 @@ pub enum TestLayout {
     RtabMap,
     /// A binary model, depth in millimetres.
     Colmap,
+    /// With corrected cameras.
+    Polycam,
+    Scanner3d,
+    ArkitScenes,
+    ScannetPp,
 }
 
 impl TestLayout {
     /// All layouts, Blender with both depth encodings.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 18] = [
         Self::Blender(DepthBits::Eight),
         Self::Blender(DepthBits::Sixteen),
         Self::SevenScenes,
@@ -64,6 +70,10 @@ impl TestLayout {
         Self::Arkit,
         Self::RtabMap,
         Self::Colmap,
+        Self::Polycam,
+        Self::Scanner3d,
+        Self::ArkitScenes,
+        Self::ScannetPp,
     ];
 
     /// The layout with this name in reports; Blender with 16-bit depth.
@@ -136,6 +146,10 @@ pub fn write(
         TestLayout::Arkit => write_arkit(&plan, &frames, out),
         TestLayout::RtabMap => write_rtabmap(&plan, &frames, out),
         TestLayout::Colmap => write_colmap(&plan, &frames, out),
+        TestLayout::Polycam => lidar::write_polycam(&plan, &frames, out),
+        TestLayout::Scanner3d => lidar::write_scanner_3d(&plan, &frames, out),
+        TestLayout::ArkitScenes => lidar::write_arkit_scenes(&plan, &frames, out),
+        TestLayout::ScannetPp => lidar::write_scannet_pp(&plan, &frames, out),
         _ => unreachable!("the library writes {layout:?}"),
     }
     on_frame(frames.len(), frames.len());
@@ -362,7 +376,7 @@ fn write_colmap(plan: &ViewPlan, frames: &[RecordedFrame], out: &Path) {
     put(out, "sparse/0/images.bin", &images);
 }
 
-fn put(root: &Path, name: &str, bytes: &[u8]) {
+pub fn put(root: &Path, name: &str, bytes: &[u8]) {
     let path = root.join(name);
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     fs::write(path, bytes).unwrap();
@@ -373,14 +387,14 @@ fn rgba(image: &Image<[u8; 4]>) -> Vec<u8> {
 }
 
 /// Depth in 16-bit codes of `unit` metres, 0 out of range.
-fn gray16(depth: &Image<f64>, unit: f64) -> Vec<u8> {
+pub fn gray16(depth: &Image<f64>, unit: f64) -> Vec<u8> {
     let codes = depth.data.iter().map(|z| (z / unit).round());
     let codes = codes.map(|code| if (1.0..65535.0).contains(&code) { code as u16 } else { 0 });
     let bytes: Vec<u8> = codes.flat_map(u16::to_ne_bytes).collect();
     png(&bytes, depth, ExtendedColorType::L16)
 }
 
-fn png<T>(bytes: &[u8], image: &Image<T>, color: ExtendedColorType) -> Vec<u8> {
+pub fn png<T>(bytes: &[u8], image: &Image<T>, color: ExtendedColorType) -> Vec<u8> {
     let mut encoded = Vec::new();
     PngEncoder::new(&mut encoded)
         .write_image(bytes, image.width as u32, image.height as u32, color)
@@ -388,7 +402,7 @@ fn png<T>(bytes: &[u8], image: &Image<T>, color: ExtendedColorType) -> Vec<u8> {
     encoded
 }
 
-fn jpeg(image: &Image<[u8; 4]>) -> Vec<u8> {
+pub fn jpeg(image: &Image<[u8; 4]>) -> Vec<u8> {
     let rgb: Vec<u8> = image.data.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
     let mut encoded = Vec::new();
     JpegEncoder::new_with_quality(&mut encoded, 95)

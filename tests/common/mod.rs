@@ -7,6 +7,7 @@ pub mod agreement;
 pub mod exactness;
 pub mod golden;
 pub mod layouts;
+pub mod lidar;
 pub mod live;
 pub mod mutation;
 pub mod oracle;

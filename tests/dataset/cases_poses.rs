@@ -528,13 +528,14 @@ fn names_that_are_times_pair_the_images() {
 #[test]
 fn every_layout_opens_without_poses_for_tracking() {
     use TestLayout::*;
-    let files: [(TestLayout, &str); 6] = [
+    let files: [(TestLayout, &str); 7] = [
         (Tum, "groundtruth.txt"),
         (Open3d, "trajectory.log"),
         (Replica, "traj.txt"),
         (Scannet, "pose"),
         (StrayScanner, "odometry.csv"),
         (RtabMap, "poses.txt"),
+        (ArkitScenes, "lowres_wide.traj"),
     ];
     for (layout, file) in files {
         let folder = tiny(layout);
@@ -582,6 +583,14 @@ fn damaged_poses_do_not_matter_for_tracking() {
             let text = fs::read_to_string(&path).unwrap();
             fs::write(path, text.replace("\"camera_to_world\"", "\"lost\"")).unwrap();
         }
+        Scanner3d => edit_json(&folder.join("frame_00001.json"), |json| {
+            json.as_object_mut().unwrap().remove("cameraPoseARFrame").unwrap();
+        }),
+        ArkitScenes => fs::write(folder.join("lowres_wide.traj"), "nan ".repeat(7)).unwrap(),
+        ScannetPp => edit_json(&folder.join("iphone/pose_intrinsic_imu.json"), |json| {
+            json["frame_000010"]["aligned_pose"] = serde_json::Value::Null;
+            json["frame_000020"].as_object_mut().unwrap().remove("aligned_pose").unwrap();
+        }),
         other => panic!("{other:?}"),
     };
     for layout in [
@@ -595,6 +604,9 @@ fn damaged_poses_do_not_matter_for_tracking() {
         Record3d,
         Nerfstudio,
         Arkit,
+        Scanner3d,
+        ArkitScenes,
+        ScannetPp,
     ] {
         let folder = tiny(layout);
         nonsense(folder.path(), layout);

@@ -10,7 +10,7 @@ use std::path::Path;
 use vbgs_studio::dataset::Dataset;
 
 /// Layouts of single files, with colour and depth file of their second frame.
-const FILES: [(TestLayout, &str, &str); 10] = [
+const FILES: [(TestLayout, &str, &str); 12] = [
     (Tum, "rgb/1000.033333.png", "depth/1000.033333.png"),
     (Open3d, "color/00001.png", "depth/00001.png"),
     (Replica, "results/frame000001.jpg", "results/depth000001.png"),
@@ -21,6 +21,8 @@ const FILES: [(TestLayout, &str, &str); 10] = [
     (Arkit, "images/000001.png", "depth/000001.bin"),
     (RtabMap, "rgb/2.png", "depth/2.png"),
     (Colmap, "images/frame_00002.png", "depth/frame_00002.png"),
+    (ArkitScenes, "lowres_wide/41048190_6845.100.png", "lowres_depth/41048190_6845.100.png"),
+    (ScannetPp, "iphone/rgb/frame_000010.jpg", "iphone/depth/frame_000010.png"),
 ];
 
 #[track_caller]

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod bad_input;
+mod cases_apps;
 mod cases_camera;
 mod cases_colmap;
 mod cases_lists;

@@ -10,7 +10,7 @@ use vbgs_studio::dataset::synthetic::write::DepthBits;
 use vbgs_studio::dataset::{Dataset, LoadOptions, capture_check, open};
 
 /// Layouts and the photograph of their first frame.
-const FIRST: [(TestLayout, &str); 9] = [
+const FIRST: [(TestLayout, &str); 12] = [
     (Blender(DepthBits::Sixteen), "train/r_0.png"),
     (SevenScenes, "train/frame-000000.color.png"),
     (Tum, "rgb/1000.000000.png"),
@@ -20,6 +20,9 @@ const FIRST: [(TestLayout, &str); 9] = [
     (Nerfstudio, "images/frame_00001.png"),
     (Record3d, "rgb/0.jpg"),
     (RtabMap, "rgb/1.png"),
+    (Scanner3d, "frame_00000.jpg"),
+    (ArkitScenes, "lowres_wide/41048190_6845.000.png"),
+    (ScannetPp, "iphone/rgb/frame_000000.jpg"),
 ];
 
 /// Number of training frames that load, and the messages about the others.

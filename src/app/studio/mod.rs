@@ -16,8 +16,8 @@ use super::panels::notices::NoticeBoard;
 use super::panels::quality::QualityPlot;
 use super::panels::{ready, status, transport};
 use super::pass_times::PassTimes;
-use super::persistence::StoredSettings;
 use super::quality::QualityMonitor;
+use super::settings_file::StoredSettings;
 use super::state::{NoticeKind, Opened, RunState, Snapshot};
 use super::training::TrainSettings;
 use super::user_folders::RecentPaths;
@@ -26,7 +26,7 @@ use super::viewer::painter::ViewPainter;
 use super::viewport::WindowDevice;
 use super::window::{Exit, ExitReason, Handover};
 use super::worker::{Worker, WorkerOrder};
-use super::{persistence, viewport};
+use super::{settings_file, viewport};
 use crate::render::Lens;
 use crate::render::attributes::Attribute;
 use dialogs::{Dialogs, UnsavedWork};
@@ -319,7 +319,7 @@ impl eframe::App for Studio {
         );
         let caveat = self.shell.device.as_ref().and_then(|device| viewport::caveat(&device.state));
         // Also without a caveat: the stored one may be of an earlier adapter.
-        storage.set_string(persistence::CAVEAT, caveat.unwrap_or_default());
+        storage.set_string(settings_file::CAVEAT, caveat.unwrap_or_default());
     }
 
     /// Runs before every pass of [`ui`](eframe::App::ui). While the window is hidden or minimised, it

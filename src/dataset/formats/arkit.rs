@@ -253,7 +253,7 @@ impl<'a> FrameLine<'a> {
 /// Parses a matrix of 16 numbers, stored by rows or by columns, as a nested or flat array.
 pub(super) fn matrix(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     let shape = |found: String| FrameProblem::PoseShape(found);
-    let value = value.ok_or_else(|| shape("no `camera_to_world`".to_owned()))?;
+    let value = value.ok_or_else(|| shape("no matrix".to_owned()))?;
     let numbers = flat_numbers(value).ok_or_else(|| shape(describe_json(value)))?;
     let n = numbers.len();
     let m: [f64; 16] = numbers.try_into().map_err(|_| shape(format!("{n} numbers")))?;

@@ -5,6 +5,8 @@
 mod arkit;
 mod blender;
 mod colmap;
+mod lidar;
+mod lidar_sets;
 mod mcap;
 mod nerfstudio;
 mod numbered;
@@ -14,6 +16,7 @@ mod recording;
 mod replica;
 mod rig;
 mod rtabmap;
+mod scanner_apps;
 mod scannet;
 mod seven_scenes;
 mod stated;
@@ -79,6 +82,14 @@ layouts! {
     Colmap: colmap::FORMAT,
     /// `*.mcap` with images, cameras and transforms (ROS 2).
     Ros2Bag: mcap::FORMAT,
+    /// `keyframes/` with `images/`, `cameras/` and `depth/` (Polycam's raw data).
+    Polycam: scanner_apps::POLYCAM,
+    /// `frame_N.jpg`, `frame_N.json` and `depth_N.png` (3D Scanner App).
+    Scanner3d: scanner_apps::SCANNER_3D,
+    /// `lowres_wide/`, `lowres_depth/` and `lowres_wide.traj` (ARKitScenes).
+    ArkitScenes: lidar_sets::ARKIT_SCENES,
+    /// `rgb/`, `depth/` and `pose_intrinsic_imu.json` (iPhone frames of ScanNet++).
+    ScannetPp: lidar_sets::SCANNET_PP,
     /// `color/` and `depth/`, with poses of any form or, for tracking, without poses.
     ColorDepth: paired::FORMAT,
 }
@@ -139,6 +150,13 @@ pub(super) fn parse(
         let parsed = (format.parse)(folder, options);
         // Parsing peeks at files too, and what it could not read may be what it misses.
         return folder.take_unread().map_or_else(|| Ok((layout, why, parsed?)), Err);
+    }
+    let names: Vec<&str> = folder.listing.files().collect();
+    let other = DatasetError::of_other_recording(&folder.path, &names);
+    // Beside models, subfolders may hold recordings.
+    let models = || DatasetError::of_models(&folder.path, &names);
+    if let Some(error) = other.or_else(|| folder.subfolders().is_empty().then(models).flatten()) {
+        return Err(error);
     }
     let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.identified_by).collect();
     Err(DatasetError::NotRecognised {
@@ -224,7 +242,8 @@ mod tests {
     #[test]
     fn names_are_those_of_files() {
         let names = "blender seven-scenes tum open3d replica scannet nerfstudio record3d \
-                     record3d-archive stray-scanner arkit rtab-map colmap ros2-bag color-depth synthetic";
+                     record3d-archive stray-scanner arkit rtab-map colmap ros2-bag polycam \
+                     scanner3d arkit-scenes scannet-pp color-depth synthetic";
         let layouts = FORMATS.iter().map(|(layout, _)| *layout).chain([Layout::Synthetic]);
         let found = layouts.map(|layout| {
             assert_eq!(serde_json::to_value(layout).unwrap(), layout.name());

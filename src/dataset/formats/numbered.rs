@@ -11,7 +11,7 @@ use crate::dataset::formats::ParsedFolder;
 use crate::dataset::options::ByteSource;
 use crate::math::pose::Pose;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::rc::Rc;
 
 /// File name extensions of photographs, in the order in which they are tried if a list omits the
@@ -50,8 +50,8 @@ impl NumberedFiles {
 
     pub fn any(folder: &Folder, relative: &str, prefix: &str, extensions: &[&str]) -> bool {
         folder
-            .list(Path::new(relative))
-            .is_ok_and(|listing| listing.files().any(|n| number(n, prefix, extensions).is_some()))
+            .list_if_any(relative)
+            .is_some_and(|listing| listing.files().any(|n| number(n, prefix, extensions).is_some()))
     }
 
     pub fn numbers(&self) -> impl Iterator<Item = u64> {

@@ -8,7 +8,10 @@ use crate::dataset::matrix;
 use crate::dataset::matrix::{describe_json, shorten};
 use crate::math::camera::Intrinsics;
 use glam::DMat4;
+use serde::Deserialize;
+use serde::de::{DeserializeOwned, Deserializer, MapAccess, Visitor};
 use serde_json::Value;
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// Manufacturer's intrinsics of PrimeSense cameras (Kinect, Xtion).
@@ -209,8 +212,32 @@ pub(super) fn split_name(file_name: &str) -> &str {
 
 /// Parses JSON with the bare words `NaN` and `Infinity`, which Python writes. They become texts, so that
 /// only what needs their number is refused.
-pub(super) fn parse_json(text: &str) -> serde_json::Result<Value> {
+pub(super) fn parse_json<T: DeserializeOwned>(text: &str) -> serde_json::Result<T> {
     serde_json::from_str(text).or_else(|_| serde_json::from_str(&with_quoted_words(text)))
+}
+
+/// Fields of a JSON object in the order of the text, with doubled ones.
+pub(super) struct Entries(pub Vec<(String, Value)>);
+
+impl<'de> Deserialize<'de> for Entries {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(Self(Vec::new()))
+    }
+}
+
+impl<'de> Visitor<'de> for Entries {
+    type Value = Self;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an object")
+    }
+
+    fn visit_map<M: MapAccess<'de>>(mut self, mut map: M) -> Result<Self, M::Error> {
+        while let Some(entry) = map.next_entry()? {
+            self.0.push(entry);
+        }
+        Ok(self)
+    }
 }
 
 fn with_quoted_words(text: &str) -> String {
@@ -403,7 +430,7 @@ pub(super) fn in_json_file(
     for name in folder.listing.files().filter(|name| name.ends_with(".json")) {
         let (file, text) = folder.text(name)?;
         // Other JSON files, such as settings, may lie beside the camera's.
-        let Ok(json) = parse_json(&text) else { continue };
+        let Ok(json) = parse_json::<Value>(&text) else { continue };
         let Some(matrix) = json.get("intrinsic_matrix") else { continue };
         let size = side(&json, &["width"]).zip(side(&json, &["height"]));
         let k = size.and_then(|size| from_json(matrix, size));
@@ -570,11 +597,11 @@ mod json_tests {
     #[test]
     fn bare_words_become_texts_and_texts_stay() {
         let text = r#"{"a\\\"NaN": [NaN, -Infinity, -1, Infinity], "N": "\\", "ä": "I-NaN"}"#;
-        let json = parse_json(text).unwrap_or_default();
+        let json: Value = parse_json(text).unwrap_or_default();
         assert_eq!(json["a\\\"NaN"], serde_json::json!(["NaN", "-Infinity", -1, "Infinity"]));
         assert_eq!((&json["N"], &json["ä"]), (&"\\".into(), &"I-NaN".into()));
         for broken in ["[NaN", "[NaNa]", "[\"NaN]", "[-]", "[Inf]"] {
-            assert!(parse_json(broken).is_err(), "{broken}");
+            assert!(parse_json::<Value>(broken).is_err(), "{broken}");
         }
     }
 }

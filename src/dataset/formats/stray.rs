@@ -8,6 +8,7 @@
 //! opened with its geometry only. Videos may lack frames, so pictures belong to frames by their times:
 //! the app shows each picture at its frame number times a constant step.
 
+use super::lidar::ARKIT_VIDEO;
 use super::numbered::{Correspondence, NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
     LIDAR_RANGE, Recording, depth_size, encoding, frame_entry, metadata_error, no_poses,
@@ -45,8 +46,6 @@ const COLORS: &str = "rgb";
 const VIDEO: &str = "rgb.mp4";
 const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
 const CAMERA_COLUMNS: [&str; 4] = ["fx", "fy", "cx", "cy"];
-// Size of the app's videos, for which it writes the camera matrix.
-const VIDEO_SIZE: (u32, u32) = (1920, 1440);
 
 fn recognise(folder: &Folder) -> Option<String> {
     let text = folder.peek(POSES);
@@ -325,12 +324,12 @@ fn camera(recording: &mut Recording, size: (u32, u32)) -> Result<Intrinsics, Dat
     let is_grey = recording.options.geometry_only;
     let of = |(width, height): (u32, u32)| Intrinsics { width, height, ..k };
     // Aspect ratios are compared without division, hence without rounding.
-    if is_centred(VIDEO_SIZE) && (is_grey || size.0 * VIDEO_SIZE.1 == size.1 * VIDEO_SIZE.0) {
+    if is_centred(ARKIT_VIDEO) && (is_grey || size.0 * ARKIT_VIDEO.1 == size.1 * ARKIT_VIDEO.0) {
         if !is_grey {
-            let (width, height) = VIDEO_SIZE;
+            let (width, height) = ARKIT_VIDEO;
             recording.note(format!("{CAMERA} is for {width}x{height}: scaled to the images"));
         }
-        return Ok(of(VIDEO_SIZE));
+        return Ok(of(ARKIT_VIDEO));
     }
     // The video's size is unknown: assume a centred principal point, and the shape of depth.
     let width = 2.0 * k.cx;

@@ -447,9 +447,14 @@ pub(super) fn not_in_time(
     FrameProblem::NotInTime { what, time, tolerance_ms: (1e4 * tolerance).round() / 10.0, found }
 }
 
+/// Largest time to the nearer of two sparse poses, in halves of their usual step.
+const MOST_OFF_HALF_STEP: f64 = 1.5;
+
 pub(super) struct Trajectory {
     // Ascending by time, without duplicates.
     poses: Vec<TimedPose>,
+    /// Maximum time from a frame between two poses to the nearer of them, seconds.
+    reach: f64,
 }
 
 impl Trajectory {
@@ -461,7 +466,14 @@ impl Trajectory {
         // Interpolation divides by the time between two poses.
         poses.dedup_by(|later, first| later.time == first.time);
         let doubled = n - poses.len();
-        (Self { poses }, unordered, doubled)
+        (Self { poses, reach: TOLERANCE }, unordered, doubled)
+    }
+
+    /// Allows for poses that are usually sparser than frames. Between poses farther apart, some are lost.
+    pub fn between_sparse_poses(self) -> Self {
+        let times: Vec<f64> = self.poses.iter().map(|pose| pose.time).collect();
+        let half_step = 0.5 * usual_step(&times).unwrap_or(0.0);
+        Self { reach: TOLERANCE.max(MOST_OFF_HALF_STEP * half_step), ..self }
     }
 
     pub fn end(&self) -> Option<f64> {
@@ -472,7 +484,7 @@ impl Trajectory {
     /// trajectory, returns the nearest pose.
     ///
     /// # Errors
-    /// Fails if no pose is within [`TOLERANCE`].
+    /// Fails if no pose is within [`TOLERANCE`], or within the reach of sparse poses on both sides.
     pub fn at(&self, time: f64) -> Result<DMat4, FrameProblem> {
         self.within(TOLERANCE, time)
     }
@@ -485,6 +497,8 @@ impl Trajectory {
         let distance =
             |pose: Option<&TimedPose>| pose.map_or(f64::INFINITY, |p| (p.time - time).abs());
         let nearest = distance(before).min(distance(after));
+        let is_between = before.is_some() && after.is_some();
+        let tolerance = if is_between { tolerance.max(self.reach) } else { tolerance };
         if nearest > tolerance {
             let nearest = nearest.is_finite().then_some(nearest);
             return Err(not_in_time("a pose", time, tolerance, nearest));

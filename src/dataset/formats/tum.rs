@@ -179,9 +179,9 @@ pub(super) fn parse_lists(
     }
     depths.iter_mut().for_each(|image| image.time *= unit);
     colors.iter_mut().for_each(|image| image.time *= color_unit);
-    let colors = Photographs::new(colors);
+    let colors = TimedFiles::new(colors);
     let is_counted = are_counts(&depth_times);
-    let Some((cameras, is_kinect)) = cameras(&mut recording, &colors.images, &depths)? else {
+    let Some((cameras, is_kinect)) = cameras(&mut recording, &colors.files, &depths)? else {
         return Ok(recording.finish());
     };
     let is_kinect = is_kinect && !is_counted;
@@ -199,7 +199,7 @@ pub(super) fn parse_lists(
         is_kinect,
         rig: Rig::EXPECTED,
     });
-    let taken: Vec<&TimedImage> = depths
+    let taken: Vec<&TimedFile> = depths
         .iter()
         // Filtered before anything is read for a frame, so that a poll of a long recording costs little.
         .filter(|depth| !folder.was_taken(frame_name(&depth.name)))
@@ -231,23 +231,23 @@ pub(super) fn parse_lists(
 
 /// True if all data for the frame of a depth image is written. Poses and photographs are written in
 /// order of time, and later ones may be nearer in time to the frame.
-fn has_all_data(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &Photographs) -> bool {
+fn has_all_data(depth: &TimedFile, poses: Option<Poses<'_>>, colors: &TimedFiles) -> bool {
     let has = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
     // A Kinect needs poses until the last row is read.
     let end = |poses: Poses<'_>| {
         let read = if poses.is_kinect { 0.5 * KINECT_DEPTH } else { 0.0 };
         poses.trajectory.end().map(|end| end - read)
     };
-    poses.is_none_or(|poses| has(end(poses))) && has(colors.images.last().map(|color| color.time))
+    poses.is_none_or(|poses| has(end(poses))) && has(colors.files.last().map(|color| color.time))
 }
 
-struct TimedImage {
-    time: f64,
-    name: String,
-    path: PathBuf,
+pub(super) struct TimedFile {
+    pub time: f64,
+    pub name: String,
+    pub path: PathBuf,
 }
 
-fn times(images: &[TimedImage]) -> Vec<f64> {
+fn times(images: &[TimedFile]) -> Vec<f64> {
     images.iter().map(|image| image.time).collect()
 }
 
@@ -298,11 +298,11 @@ fn images(
     recording: &mut Recording,
     lists: &ImageLists,
     is_depth: bool,
-) -> Result<Vec<TimedImage>, DatasetError> {
+) -> Result<Vec<TimedFile>, DatasetError> {
     let folder = recording.folder;
     let (list, found_lines) = list_lines(folder, lists, is_depth)?;
     let file = folder.path.join(&list);
-    let mut found: Vec<TimedImage> = Vec::new();
+    let mut found: Vec<TimedFile> = Vec::new();
     for (line, content, image) in found_lines {
         let Some((time, name)) = image else {
             // A line of pairs is read for both of its images.
@@ -312,7 +312,7 @@ fn images(
             continue;
         };
         match folder.resolve_named(&name) {
-            Ok(path) => found.push(TimedImage { time, name, path }),
+            Ok(path) => found.push(TimedFile { time, name, path }),
             Err(problem) => {
                 let problem = problem.or_missing(|| match is_depth {
                     true => FrameProblem::MissingDepth(name.clone()),
@@ -324,17 +324,26 @@ fn images(
     }
     // A stable sort: of images with one time, the one listed first is used.
     recording.note_unordered(&list, sort_by_time(&mut found, |image| image.time));
-    let mut unique: Vec<TimedImage> = Vec::with_capacity(found.len());
-    for image in found {
+    Ok(without_twins(recording, found, &file))
+}
+
+/// Keeps the first of sorted files with one time. The others become warnings about `list`.
+pub(super) fn without_twins(
+    recording: &mut Recording,
+    sorted: Vec<TimedFile>,
+    list: &Path,
+) -> Vec<TimedFile> {
+    let mut unique: Vec<TimedFile> = Vec::with_capacity(sorted.len());
+    for image in sorted {
         match unique.last().is_some_and(|last| last.time == image.time) {
             true => {
                 let problem = FrameProblem::Duplicate(format!("`{}` at that time", image.name));
-                recording.skip(&image.name, file.clone(), problem);
+                recording.skip(&image.name, list.to_owned(), problem);
             }
             false => unique.push(image),
         }
     }
-    Ok(unique)
+    unique
 }
 
 /// Reads the poses on the clock of the depth images, whose times and unit are given.
@@ -346,13 +355,22 @@ fn trajectory(recording: &mut Recording, clock: (&[f64], f64)) -> Result<Traject
     let times: Vec<f64> = poses.iter().map(|pose| pose.time).collect();
     let unit = matching_unit(&times, clock).unwrap_or(clock.1);
     poses.iter_mut().for_each(|pose| pose.time *= unit);
+    Ok(sorted_trajectory(recording, &name, poses))
+}
+
+/// Sorts the poses of the list `name`. Poses out of order and doubled ones are told in notes.
+pub(super) fn sorted_trajectory(
+    recording: &mut Recording,
+    name: &str,
+    poses: Vec<TimedPose>,
+) -> Trajectory {
     let (trajectory, unordered, doubled) = Trajectory::new(poses);
-    recording.note_unordered(&name, unordered);
+    recording.note_unordered(name, unordered);
     if doubled > 0 {
         recording
             .note(format!("{name}: {doubled} poses with the time of another pose are ignored"));
     }
-    Ok(trajectory)
+    trajectory
 }
 
 fn ground_truth(recording: &mut Recording) -> Result<Vec<TimedPose>, DatasetError> {
@@ -431,10 +449,10 @@ fn other_poses(
 /// a Kinect's. Returns `None` if no image can be read.
 fn cameras(
     recording: &mut Recording,
-    colors: &[TimedImage],
-    depths: &[TimedImage],
+    colors: &[TimedFile],
+    depths: &[TimedFile],
 ) -> Result<Option<(Cameras, bool)>, DatasetError> {
-    let source = |image: &TimedImage| ByteSource::File(image.path.clone());
+    let source = |image: &TimedFile| ByteSource::File(image.path.clone());
     let sizes = recording.sizes(colors.iter().map(source), depths.iter().map(source));
     let Some((size, depth_size)) = sizes else { return Ok(None) };
     let file = recording.folder.path.join("camera-intrinsics.txt");
@@ -560,8 +578,8 @@ impl Poses<'_> {
 }
 
 fn frame(
-    depth: &TimedImage,
-    colors: &Photographs,
+    depth: &TimedFile,
+    colors: &TimedFiles,
     poses: Option<Poses<'_>>,
     cameras: Cameras,
     encoding: DepthEncoding,
@@ -584,7 +602,7 @@ fn frame(
     Ok(FrameEntry { time: Some(depth.time), ..frame })
 }
 
-fn shot(depth: &TimedImage, colors: &Photographs, encoding: DepthEncoding) -> Option<ImagePair> {
+fn shot(depth: &TimedFile, colors: &TimedFiles, encoding: DepthEncoding) -> Option<ImagePair> {
     // A missing photograph is reported when the frame itself is made.
     let color = colors.nearest(depth.time).ok()?;
     let file = ByteSource::File(depth.path.clone());
@@ -600,29 +618,29 @@ fn frame_name(depth: &str) -> &str {
     depth.rsplit('/').next().unwrap_or(depth).trim_end_matches(".png")
 }
 
-/// Photographs in the order of their times.
-struct Photographs {
-    images: Vec<TimedImage>,
-    /// Maximum time between a depth image and its photograph, seconds.
+/// Files in the order of their times.
+pub(super) struct TimedFiles {
+    pub files: Vec<TimedFile>,
+    /// Maximum time between a file and what belongs to it, seconds.
     tolerance: f64,
 }
 
-impl Photographs {
-    fn new(images: Vec<TimedImage>) -> Self {
+impl TimedFiles {
+    pub fn new(files: Vec<TimedFile>) -> Self {
         // Less than a step: a neighbour must not replace a lost photograph.
-        let step = usual_step(&times(&images)).map_or(f64::INFINITY, |step| MOST_OF_STEP * step);
-        Self { images, tolerance: step.min(TOLERANCE) }
+        let step = usual_step(&times(&files)).map_or(f64::INFINITY, |step| MOST_OF_STEP * step);
+        Self { files, tolerance: step.min(TOLERANCE) }
     }
 
-    fn nearest(&self, time: f64) -> Result<&TimedImage, FrameProblem> {
-        // Photographs are sorted by time, so only two are candidates.
-        let after = self.images.partition_point(|image| image.time < time);
-        let before = after.checked_sub(1).and_then(|i| self.images.get(i));
-        let around = [before, self.images.get(after)];
-        let distance = |image: &&TimedImage| (image.time - time).abs();
+    pub fn nearest(&self, time: f64) -> Result<&TimedFile, FrameProblem> {
+        // Files are sorted by time, so only two are candidates.
+        let after = self.files.partition_point(|file| file.time < time);
+        let before = after.checked_sub(1).and_then(|i| self.files.get(i));
+        let around = [before, self.files.get(after)];
+        let distance = |file: &&TimedFile| (file.time - time).abs();
         let best = around.into_iter().flatten().min_by(|a, b| distance(a).total_cmp(&distance(b)));
         let nearest = best.as_ref().map(distance);
-        best.filter(|image| distance(image) <= self.tolerance)
+        best.filter(|file| distance(file) <= self.tolerance)
             .ok_or_else(|| not_in_time("a colour image", time, self.tolerance, nearest))
     }
 }
