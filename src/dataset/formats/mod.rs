@@ -215,7 +215,8 @@ pub(super) struct ParsedFolder {
     pub splits: Vec<DatasetSplit>,
     pub warnings: Vec<Warning>,
     pub notes: Vec<String>,
-    /// Statements of the files that are not used, each with its file and the reason.
+    /// Statements of the files that are not used, each with its file and the reason, and other defects that
+    /// cost no frame.
     pub unused: Vec<String>,
     pub known_range: Option<PositionRange>,
 }

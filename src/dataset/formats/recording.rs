@@ -38,6 +38,9 @@ pub(super) const LIDAR_RANGE: [f64; 2] = [0.1, 5.0];
 /// Interval of trusted depth of renderings, which are exact at any length.
 pub(super) const ANY_RANGE: [f64; 2] = [0.0, f64::INFINITY];
 
+/// Largest number of frames that are compared with an earlier one of the same pose.
+const MOST_COMPARED: usize = 16;
+
 pub(super) struct Recording<'a> {
     pub folder: &'a Folder,
     pub options: &'a LoadOptions,
@@ -221,7 +224,7 @@ impl<'a> Recording<'a> {
                 self.parsed.skip(&self.split, &frame.name, file, problem);
             }
         }
-        self.drop_copies();
+        self.name_copies();
         // The frames that training holds out, under a name that users can choose.
         let held_out: Vec<_> = self.frames.iter().step_by(HOLD_OUT_EVERY).cloned().collect();
         // A recording of one frame has none to hold out; a poll may find one frame of many.
@@ -234,28 +237,32 @@ impl<'a> Recording<'a> {
         self.parsed
     }
 
-    /// Drops frames with the pose and the images of an earlier one: copies of trained frames would be held
-    /// out as new views.
-    fn drop_copies(&mut self) {
+    /// Names frames with the pose and the images of an earlier one: a copy of a trained frame that is held out
+    /// is no new view.
+    fn name_copies(&mut self) {
         // Tracked frames have no pose yet; of a growing recording, most frames are not in the list.
         if self.options.track || self.folder.is_growing() {
             return;
         }
         let mut first_at: HashMap<[u64; 16], usize> = HashMap::new();
-        let mut copies = Vec::new();
+        let mut pairs = Vec::new();
         for (i, frame) in self.frames.iter().enumerate() {
             let pose = frame.camera.pose.to_opencv().to_cols_array().map(f64::to_bits);
             let first = *first_at.entry(pose).or_insert(i);
-            if first != i && self.frames.get(first).is_some_and(|first| frame.is_copy_of(first)) {
-                copies.push((i, first));
-            }
+            pairs.extend((first != i).then_some((first, i)));
         }
-        for (i, first) in copies.into_iter().rev() {
-            let copied = self.frames.get(first).map(|first| first.name.clone()).unwrap_or_default();
-            let copy = self.frames.remove(i);
-            let file = copy.color_path().unwrap_or(&self.folder.path).to_owned();
-            let problem = FrameProblem::Duplicate(format!("a copy of frame {copied}"));
-            self.parsed.skip(&self.split, &copy.name, file, problem);
+        // A camera at rest has the same pose in all frames.
+        let step = pairs.len().div_ceil(MOST_COMPARED).max(1);
+        let frames = |&(first, i): &(usize, usize)| self.frames.get(first).zip(self.frames.get(i));
+        let compared: Vec<_> = pairs.iter().step_by(step).filter_map(frames).collect();
+        let copies = || compared.iter().filter(|(first, frame)| frame.is_copy_of(first));
+        if let Some((first, copy)) = copies().next() {
+            let (n, total) = (copies().count(), compared.len());
+            self.parsed.unused.push(format!(
+                "frame {} is a copy of frame {}, as are {n} of {total} compared frames of equal pose: held-out \
+                 copies of trained frames are no new views; remove the copies",
+                copy.name, first.name
+            ));
         }
     }
 
