@@ -32,7 +32,7 @@ pub enum DatasetError {
     Read { path: PathBuf, source: std::io::Error },
     /// No layout matches the folder.
     #[error(
-        "{}: expected a dataset in one of the known layouts ({expected}), found {found}; give the folder that directly holds these files", path.display()
+        "{}: found {found}, expected a known layout ({expected}); give the folder that directly holds its files", path.display()
     )]
     NotRecognised { path: PathBuf, expected: String, found: String },
     /// A recording or model of another program, from which images can be made.

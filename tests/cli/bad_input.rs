@@ -171,7 +171,7 @@ fn empty_and_broken_json() {
 #[test]
 fn no_frames() {
     let data = tempfile::tempdir().unwrap();
-    refuses(&data, &["expected a dataset", "found an empty folder", "give the folder"]);
+    refuses(&data, &["expected a known layout", "found an empty folder", "give the folder"]);
     let data = tiny_seven_scenes();
     fs::write(data.path().join("TrainSplit.txt"), "sequence1").unwrap();
     fs::remove_dir_all(data.path().join("train")).unwrap();
@@ -231,7 +231,7 @@ fn paths_that_are_no_dataset() {
     for (path, parts) in [
         ("nowhere", &["expected a dataset folder", "found nothing", "check the spelling"][..]),
         ("list.txt", &["expected a dataset folder", "found a file", "give the folder"]),
-        ("holiday", &["expected a dataset", "found 1 files", "beach.txt", "give the folder"]),
+        ("holiday", &["expected a known layout", "found 1 files", "beach.txt", "give the folder"]),
     ] {
         let parts = [&[path][..], parts].concat();
         scratch.run(&format!("train {path} --out out")).fails(1, &parts);

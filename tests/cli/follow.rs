@@ -208,7 +208,7 @@ fn what_cannot_be_followed_is_refused() {
     // An end marker without a recording.
     fs::create_dir(scratch.path("empty")).unwrap();
     fs::write(scratch.path("empty/recording.done"), "").unwrap();
-    scratch.run("train empty --out out --follow").fails(1, &["expected a dataset in one of"]);
+    scratch.run("train empty --out out --follow").fails(1, &["expected a known layout"]);
     let live = "synth live --layout blender --live 30";
     scratch.run(live).fails(1, &["expected one that can be recorded frame by frame", "tum"]);
     assert!(!scratch.path("live").exists());

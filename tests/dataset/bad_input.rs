@@ -393,7 +393,7 @@ fn lists_that_a_link_keeps_outside() {
     refuses(folder.path(), &["recording.r3d", "a link that leads outside", "copy the file"]);
     fs::remove_file(folder.path().join("recording.r3d")).unwrap();
     symlink("nowhere", folder.path().join("recording.r3d")).unwrap();
-    refuses(folder.path(), &["expected a dataset", "1 files"]);
+    refuses(folder.path(), &["expected a known layout", "1 files"]);
 }
 
 #[test]
@@ -416,7 +416,7 @@ fn a_folder_that_is_no_dataset() {
     let folder = tempfile::tempdir().unwrap();
     let name = folder.path().display().to_string();
     let parts =
-        [&name, "expected a dataset", "NeRF-synthetic", "7-Scenes", "an empty folder", "give"];
+        [&name, "an empty folder", "expected a known layout", "blender", "seven-scenes", "give"];
     refuses(folder.path(), &parts);
     fs::write(folder.path().join("holiday.txt"), "sun").unwrap();
     fs::create_dir(folder.path().join("beach")).unwrap();

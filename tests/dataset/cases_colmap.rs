@@ -403,7 +403,7 @@ fn other_layouts_open_as_themselves_beside_a_model() {
     let folder = without_model();
     fs::write(folder.path().join("cameras.txt"), "left 1\nright 2\n").unwrap();
     fs::write(folder.path().join("images.txt"), "a.png\nb.png\n").unwrap();
-    refuses(folder.path(), &["expected a dataset in one of the known layouts"]);
+    refuses(folder.path(), &["expected a known layout"]);
 }
 
 #[test]

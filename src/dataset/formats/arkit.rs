@@ -27,12 +27,8 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "ARKit package: a `*.jsonl` file of frames with `camera_to_world` and `intrinsics`",
-    poses: PoseConvention::Opengl,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opengl, recognise, parse };
 
 const POSE_KEYS: [&str; 4] =
     ["camera_to_world", "cameraToWorld", "camera_transform", "cameraTransform"];

@@ -35,12 +35,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 use std::rc::Rc;
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "NeRF-synthetic: a JSON file with `camera_angle_x` and `frames`",
-    poses: PoseConvention::Opengl,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opengl, recognise, parse };
 
 fn recognise(folder: &Folder) -> Option<String> {
     let lists = lists(folder);

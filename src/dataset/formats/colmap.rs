@@ -30,12 +30,8 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "COLMAP: `cameras` and `images` (`.bin` or `.txt`) here, in `sparse/0/` or `colmap/`, and `depth/`",
-    poses: PoseConvention::Opencv,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opencv, recognise, parse };
 
 /// Folders of photographs; the folder of the dataset is the last.
 const COLORS: [&str; 6] = ["images", "rgb", "color", "image", "input", ""];

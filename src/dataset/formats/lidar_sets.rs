@@ -31,14 +31,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 pub(super) const ARKIT_SCENES: DatasetFormat = DatasetFormat {
-    identified_by: "ARKitScenes: `lowres_wide/`, `lowres_depth/`, `lowres_wide_intrinsics/` and `*.traj`",
     poses: PoseConvention::Opencv,
     recognise: recognise_arkit_scenes,
     parse: parse_arkit_scenes,
 };
 
 pub(super) const SCANNET_PP: DatasetFormat = DatasetFormat {
-    identified_by: "ScanNet++: `iphone/` with `rgb/`, `depth/` and `pose_intrinsic_imu.json`",
     poses: PoseConvention::Opencv,
     recognise: recognise_scannet_pp,
     parse: parse_scannet_pp,

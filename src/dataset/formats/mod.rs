@@ -158,10 +158,10 @@ pub(super) fn parse(
     if let Some(error) = other.or_else(|| folder.subfolders().is_empty().then(models).flatten()) {
         return Err(error);
     }
-    let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.identified_by).collect();
+    let expected: Vec<&str> = FORMATS.iter().map(|(layout, _)| layout.name()).collect();
     Err(DatasetError::NotRecognised {
         path: folder.path.clone(),
-        expected: expected.join("; "),
+        expected: expected.join(", "),
         found: folder.listing.summary(),
     })
 }
@@ -201,7 +201,6 @@ impl Layout {
 }
 
 pub(in crate::dataset) struct DatasetFormat {
-    pub identified_by: &'static str,
     pub poses: PoseConvention,
     /// Returns a description of the identifying files if the folder has this layout, else `None`.
     /// Unknown content must not cause an error.

@@ -31,12 +31,8 @@ use serde_json::Value;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "nerfstudio: a JSON file whose `frames` have a `depth_file_path`, or cameras of their own",
-    poses: PoseConvention::Opengl,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opengl, recognise, parse };
 
 /// Names of splits that file names and keys of lists may state.
 const SPLIT_NAMES: [&str; 4] = ["train", "val", "eval", "test"];

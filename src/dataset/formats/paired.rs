@@ -142,12 +142,8 @@ fn cameras(
     recording.cameras_of_lens(&k, size, depth_size, &file).map(Some)
 }
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "photographs and depth: `color/` and `depth/`, with poses in any list or without",
-    poses: PoseConvention::Opencv,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opencv, recognise, parse };
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     if let Some(lists) = color_folder(folder).and_then(|color| tum::timed_names(folder, color)) {
@@ -213,7 +209,6 @@ fn pose_list(
 }
 
 pub(super) const OPEN3D: DatasetFormat = DatasetFormat {
-    identified_by: "Open3D: `color/`, `depth/` and a trajectory `*.log`",
     poses: PoseConvention::Opencv,
     recognise: recognise_open3d,
     parse: parse_open3d,

@@ -185,12 +185,8 @@ fn pose(value: Option<&Value>, index: usize) -> Result<Pose, FrameProblem> {
     Ok(Pose::from_opengl(timed.matrix())?)
 }
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "Record3D's archive: one zip archive with `metadata` and `rgbd/`",
-    poses: PoseConvention::Opengl,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opengl, recognise, parse };
 
 const METADATA: [&str; 2] = ["metadata", "metadata.json"];
 const FRAMES: &str = "rgbd/";
@@ -289,7 +285,6 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 }
 
 pub(super) const FOLDER: DatasetFormat = DatasetFormat {
-    identified_by: "Record3D's export: `metadata.json` with `K` and `poses`, `rgb/` and `depth/`",
     poses: PoseConvention::Opengl,
     recognise: recognise_folder,
     parse: parse_folder,

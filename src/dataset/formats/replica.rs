@@ -24,12 +24,8 @@ use crate::math::pose::Pose;
 use serde_json::Value;
 use std::path::PathBuf;
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "Replica: `traj.txt` and `results/` with frames and depth",
-    poses: PoseConvention::Opencv,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opencv, recognise, parse };
 
 const POSES: &str = "traj.txt";
 const IMAGES: &str = "results";

@@ -32,12 +32,8 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "RTAB-Map: `rgb/`, `depth/`, a calibration `*.yaml` and poses `*.txt`",
-    poses: PoseConvention::Opencv,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opencv, recognise, parse };
 
 /// Suffix of the name of the photographs' folder. The exporter adds the map's name as prefix, as it
 /// does for depth and calibration.

@@ -24,14 +24,12 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 pub(super) const POLYCAM: DatasetFormat = DatasetFormat {
-    identified_by: "Polycam's raw data: `keyframes/` with `images/`, `cameras/` and `depth/`",
     poses: PoseConvention::Opengl,
     recognise: recognise_polycam,
     parse: parse_polycam,
 };
 
 pub(super) const SCANNER_3D: DatasetFormat = DatasetFormat {
-    identified_by: "3D Scanner App's data: `frame_N.jpg`, `frame_N.json` and `depth_N.png`",
     poses: PoseConvention::Opengl,
     recognise: recognise_scanner_3d,
     parse: parse_scanner_3d,

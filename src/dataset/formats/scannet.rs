@@ -22,12 +22,8 @@ use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use std::path::{Path, PathBuf};
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "ScanNet: `color/`, `depth/`, `pose/N.txt` and `intrinsic/`",
-    poses: PoseConvention::Opencv,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opencv, recognise, parse };
 
 const COLORS: &str = "color";
 const DEPTHS: &str = "depth";

@@ -30,12 +30,8 @@ use crate::math::pose::Pose;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "7-Scenes: `*.color.*`, `*.depth.png` and `*.pose.txt` files in the folder or one below",
-    poses: PoseConvention::Opencv,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opencv, recognise, parse };
 
 const COLOR_SUFFIXES: [&str; 3] = [".color.png", ".color.jpg", ".color.jpeg"];
 const DEPTH_SUFFIX: &str = ".depth.png";

@@ -31,12 +31,8 @@ use glam::DMat4;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "Stray Scanner: `odometry.csv`, `camera_matrix.csv` and `depth/`",
-    poses: PoseConvention::Opencv,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opencv, recognise, parse };
 
 const POSES: &str = "odometry.csv";
 const CAMERA: &str = "camera_matrix.csv";

@@ -46,12 +46,8 @@ use crate::math::pose::{Pose, PoseError};
 use glam::{DMat4, DVec3};
 use std::path::{Path, PathBuf};
 
-pub(super) const FORMAT: DatasetFormat = DatasetFormat {
-    identified_by: "TUM RGB-D: `rgb.txt` and `depth.txt`, or `associations.txt`, and `groundtruth.txt`",
-    poses: PoseConvention::Opencv,
-    recognise,
-    parse,
-};
+pub(super) const FORMAT: DatasetFormat =
+    DatasetFormat { poses: PoseConvention::Opencv, recognise, parse };
 
 const COLOR_LIST: &str = "rgb.txt";
 const DEPTH_LIST: &str = "depth.txt";
