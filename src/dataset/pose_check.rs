@@ -133,7 +133,7 @@ impl PoseCheck {
                 percent(best.agreement),
                 percent(opened.agreement)
             ));
-        } else if opened.agreement < UNUSUAL[0] && opened.in_front > UNUSUAL[1] {
+        } else if self.is_unusual() {
             warnings.push(format!(
                 "only {} of depth agrees with neighbouring frames, expected {} or more; check poses, \
                  focal length, lens terms and depth unit",
@@ -149,6 +149,15 @@ impl PoseCheck {
             ));
         }
         warnings
+    }
+
+    /// True if depth contradicts the frames as opened, whatever the cause.
+    fn is_unusual(&self) -> bool {
+        let [agreement, in_front] = UNUSUAL;
+        // Few pairs may by chance show what noise, edges and moving objects do.
+        self.pairs >= MAX_PAIRS / 2
+            && self.opened.agreement < agreement
+            && self.opened.in_front > in_front
     }
 
     /// Describes the best interpretation, and what to do about it.
