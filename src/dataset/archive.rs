@@ -5,7 +5,7 @@ use super::error::FrameProblem;
 use super::folder::{MAX_IMAGE_BYTES, RetryingFile, starts_with};
 use super::lengths::MAX_FACTOR;
 use std::borrow::Cow;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use zip::ZipArchive;
@@ -41,20 +41,7 @@ impl Archive {
     }
 
     pub fn read(&self, name: &str) -> Result<Vec<u8>, FrameProblem> {
-        let mut zip = self.lock();
-        let mut member = zip.by_name(name).map_err(archive_error)?;
-        let (packed, stated) = (member.compressed_size(), member.size());
-        if stated > MAX_IMAGE_BYTES || stated / MAX_FACTOR > packed {
-            return Err(FrameProblem::ZipBomb { packed, unpacked: stated });
-        }
-        // Grows with the data instead of being reserved: the stated size may still be wrong.
-        let mut bytes = Vec::new();
-        // One byte more than the stated size detects a longer member.
-        member.by_ref().take(stated + 1).read_to_end(&mut bytes)?;
-        if bytes.len() as u64 != stated {
-            return Err(FrameProblem::ZipBomb { packed, unpacked: bytes.len() as u64 });
-        }
-        Ok(bytes)
+        read_member(&mut self.lock(), name)
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, ZipArchive<BufReader<RetryingFile>>> {
@@ -63,7 +50,26 @@ impl Archive {
     }
 }
 
-fn archive_error(error: ZipError) -> FrameProblem {
+pub(super) fn read_member(
+    zip: &mut ZipArchive<impl Read + Seek>,
+    name: &str,
+) -> Result<Vec<u8>, FrameProblem> {
+    let mut member = zip.by_name(name).map_err(archive_error)?;
+    let (packed, stated) = (member.compressed_size(), member.size());
+    if stated > MAX_IMAGE_BYTES || stated / MAX_FACTOR > packed {
+        return Err(FrameProblem::ZipBomb { packed, unpacked: stated });
+    }
+    // Grows with the data instead of being reserved: the stated size may still be wrong.
+    let mut bytes = Vec::new();
+    // One byte more than the stated size detects a longer member.
+    member.by_ref().take(stated + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 != stated {
+        return Err(FrameProblem::ZipBomb { packed, unpacked: bytes.len() as u64 });
+    }
+    Ok(bytes)
+}
+
+pub(super) fn archive_error(error: ZipError) -> FrameProblem {
     match error {
         // A disk error: exporting the recording again would not help.
         ZipError::Io(e) if e.raw_os_error().is_some() => FrameProblem::Read(e),

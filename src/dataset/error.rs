@@ -6,6 +6,7 @@
 //! [`DatasetError`] aborts opening.
 
 use crate::math::pose::PoseError;
+use image::error::ImageFormatHint;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -216,7 +217,12 @@ pub enum FrameProblem {
     Read(#[from] std::io::Error),
     /// The file is not an image, or is damaged.
     #[error("expected a whole PNG or JPEG image, found: {0}; copy or export the file again")]
-    Decode(#[from] image::ImageError),
+    Decode(image::ImageError),
+    /// An image of a kind that is not read.
+    #[error(
+        "found {0:?}, expected PNG or JPEG, or depth as EXR, TIFF, NPY or NPZ; convert it to PNG"
+    )]
+    ImageKind(image::ImageFormat),
     /// A damaged depth file, or one of an unknown format.
     #[error("expected {expected}, found {found}; copy or export the file again")]
     DepthFile { expected: &'static str, found: String },
@@ -303,6 +309,20 @@ pub enum FrameProblem {
     /// The frame number is out of range.
     #[error("expected a frame number below {available}, found {asked}; choose another frame")]
     NoSuchFrame { available: usize, asked: usize },
+}
+
+impl From<image::ImageError> for FrameProblem {
+    fn from(error: image::ImageError) -> Self {
+        match &error {
+            image::ImageError::Unsupported(kind) => match kind.format_hint() {
+                ImageFormatHint::Exact(format) if !format.reading_enabled() => {
+                    Self::ImageKind(format)
+                }
+                _ => Self::Decode(error),
+            },
+            _ => Self::Decode(error),
+        }
+    }
 }
 
 impl FrameProblem {

@@ -1,7 +1,8 @@
-//! Depth files other than PNG: floats and codes as EXR, TIFF, NPY or without a header.
+//! Depth files other than PNG: floats and codes as EXR, TIFF, NPY, NPZ or without a header.
 //!
 //! Every reader compares the size stated in a file with its number of bytes before it allocates memory.
 
+use super::archive::{archive_error, read_member};
 use super::depth::DepthCodes;
 use super::error::FrameProblem;
 use crate::math::image::Image;
@@ -10,16 +11,21 @@ use exr::prelude::{ReadChannels, ReadLayers, f16, read as open_exr};
 use std::borrow::Cow;
 use std::io::{Cursor, Read};
 use tiff::decoder::{Decoder, DecodingResult};
+use zip::ZipArchive;
 
 /// Function that decodes the bytes of a depth file to codes or lengths. Its second argument is the
 /// number of world units per stored unit.
 type Reader = fn(&[u8], f64) -> Result<DepthCodes, FrameProblem>;
 
-const KINDS: [(&[u8], Reader); 4] = [
+const KINDS: [(&[u8], Reader); 7] = [
     (b"\x93NUM", read_npy),
+    (b"PK\x03\x04", read_npz),
     (b"\x76\x2f\x31\x01", read_exr),
     (b"II*\0", read_tiff),
     (b"MM\0*", read_tiff),
+    // Files with 64-bit offsets.
+    (b"II+\0", read_tiff),
+    (b"MM\0+", read_tiff),
 ];
 
 fn reader(bytes: &[u8]) -> Option<Reader> {
@@ -30,12 +36,12 @@ pub(super) fn is_known(bytes: &[u8]) -> bool {
     reader(bytes).is_some()
 }
 
-/// Decodes a depth file (EXR, TIFF or NPY) to codes or lengths, with `unit` world units per stored unit.
+/// Decodes a depth file (EXR, TIFF, NPY or NPZ) to codes or lengths, with `unit` world units per stored unit.
 pub(super) fn decode(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     match reader(bytes) {
         Some(read) => read(bytes, unit),
         None => Err(FrameProblem::DepthFile {
-            expected: "depth as EXR, TIFF or NPY",
+            expected: "depth as EXR, TIFF, NPY or NPZ",
             found: "another kind of file".to_owned(),
         }),
     }
@@ -138,17 +144,32 @@ pub(super) fn size_of_floats(bytes: u64, (width, height): (u32, u32)) -> Option<
     is_exact.then_some((columns as u32, rows as u32))
 }
 
+/// Decodes the array of depth in an NPZ archive: the only one, or the one whose name contains "depth".
+fn read_npz(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
+    let mut zip = ZipArchive::new(Cursor::new(bytes)).map_err(archive_error)?;
+    let names: Vec<String> = zip.file_names().filter_map(Result::ok).map(Cow::into_owned).collect();
+    let name = match &names[..] {
+        [name] => name,
+        _ => names.iter().find(|name| name.contains("depth")).ok_or_else(|| {
+            FrameProblem::DepthFile {
+                expected: "an NPZ of one array, or with an array named depth",
+                found: shorten(&names.join(", ")),
+            }
+        })?,
+    };
+    read_npy(&read_member(&mut zip, name)?, unit)
+}
+
 /// Decodes an NPY array of depth. The array has two axes, or three of which the first or last has length
 /// one.
 fn read_npy(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
-        expected: "a little-endian NPY array of rows and columns in C order (f2, f4, f8, u2, u4)",
+        expected: "a little-endian NPY array of rows and columns (f2, f4, f8, u2, u4, u8, i2, i4, i8)",
         found,
     };
     let (header, data) = split(bytes).ok_or_else(|| wrong("a damaged header".to_owned()))?;
     let kind = text_of(header, "descr").ok_or_else(|| wrong(shorten(header)))?;
-    let in_order = header.contains("'fortran_order': False");
-    let shape = shape(header).filter(|_| in_order).ok_or_else(|| wrong(shorten(header)))?;
+    let shape = shape(header).ok_or_else(|| wrong(shorten(header)))?;
     let [height, width] = shape;
     let n = width.checked_mul(height).ok_or_else(|| wrong(shorten(header)))?;
     let width_of = kind.get(2..).and_then(|digits| digits.parse::<usize>().ok()).unwrap_or(0);
@@ -156,27 +177,37 @@ fn read_npy(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     if n.checked_mul(width_of) != Some(data.len()) || n == 0 {
         return Err(wrong(format!("{} bytes of data for {}", data.len(), shorten(header))));
     }
-    let size = [width, height];
-    Ok(match kind {
+    let is_by_columns = header.contains("'fortran_order': True");
+    let values = match kind {
         "<u2" => {
-            let codes = data.as_chunks().0.iter().map(|b| u16::from_le_bytes(*b)).collect();
-            DepthCodes::Linear16 { codes: Image::from_vec(width, height, codes), unit }
+            let codes = numbers(data, u16::from_le_bytes);
+            let codes = Image::from_vec(width, height, by_rows(codes, shape, is_by_columns));
+            return Ok(DepthCodes::Linear16 { codes, unit });
         }
-        "<f2" => {
-            let values = data.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32());
-            lengths(size, values, unit)
-        }
-        "<f4" => lengths(size, data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)), unit),
-        "<f8" => {
-            let values = data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b) as f32);
-            lengths(size, values, unit)
-        }
-        "<u4" => {
-            let values = data.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b) as f32);
-            lengths(size, values, unit)
-        }
+        "<f2" => numbers(data, |b| f16::from_le_bytes(b).to_f32()),
+        "<f4" => numbers(data, f32::from_le_bytes),
+        "<f8" => numbers(data, |b| f64::from_le_bytes(b) as f32),
+        "<u4" => numbers(data, |b| u32::from_le_bytes(b) as f32),
+        "<u8" => numbers(data, |b| u64::from_le_bytes(b) as f32),
+        "<i2" => numbers(data, |b| f32::from(i16::from_le_bytes(b))),
+        "<i4" => numbers(data, |b| i32::from_le_bytes(b) as f32),
+        "<i8" => numbers(data, |b| i64::from_le_bytes(b) as f32),
         _ => return Err(wrong(format!("values of type {kind}"))),
-    })
+    };
+    Ok(lengths([width, height], by_rows(values, shape, is_by_columns).into_iter(), unit))
+}
+
+fn numbers<const N: usize, T>(data: &[u8], number: impl Fn([u8; N]) -> T) -> Vec<T> {
+    data.as_chunks().0.iter().map(|bytes| number(*bytes)).collect()
+}
+
+/// Returns the values of an array row by row.
+fn by_rows<T: Copy>(values: Vec<T>, [height, width]: [usize; 2], is_by_columns: bool) -> Vec<T> {
+    if !is_by_columns {
+        return values;
+    }
+    let column = |i: usize| values.iter().skip(i).step_by(height).take(width).copied();
+    (0..height).flat_map(column).collect()
 }
 
 fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
@@ -271,7 +302,7 @@ fn read_exr(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
 
 fn read_tiff(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
-        expected: "a TIFF with one 16-bit or float sample per pixel",
+        expected: "a TIFF with one sample of 16 bits or more per pixel",
         found,
     };
     let damaged = |e: tiff::TiffError| wrong(e.to_string());
@@ -281,18 +312,22 @@ fn read_tiff(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     // Accepted samples have at least two bytes.
     check_size(bytes, [width, height], 2)?;
     let size = [width, height];
-    match decoder.read_image().map_err(damaged)? {
+    let values: Vec<f32> = match decoder.read_image().map_err(damaged)? {
         DecodingResult::U16(codes) if codes.len() == width * height => {
-            Ok(DepthCodes::Linear16 { codes: Image::from_vec(width, height, codes), unit })
+            return Ok(DepthCodes::Linear16 { codes: Image::from_vec(width, height, codes), unit });
         }
-        DecodingResult::F32(values) if values.len() == width * height => {
-            Ok(lengths(size, values.into_iter(), unit))
-        }
-        DecodingResult::F64(values) if values.len() == width * height => {
-            Ok(lengths(size, values.into_iter().map(|v| v as f32), unit))
-        }
-        // Several samples per pixel are refused too: a colour image is not depth.
-        _ => Err(wrong("other samples".to_owned())),
+        DecodingResult::F16(values) => values.into_iter().map(f16::to_f32).collect(),
+        DecodingResult::F32(values) => values,
+        DecodingResult::F64(values) => values.into_iter().map(|v| v as f32).collect(),
+        DecodingResult::U32(values) => values.into_iter().map(|v| v as f32).collect(),
+        DecodingResult::I16(values) => values.into_iter().map(f32::from).collect(),
+        DecodingResult::I32(values) => values.into_iter().map(|v| v as f32).collect(),
+        _ => return Err(wrong("other samples".to_owned())),
+    };
+    match values.len() == width * height {
+        true => Ok(lengths(size, values.into_iter(), unit)),
+        // A colour image is not depth.
+        false => Err(wrong("several samples per pixel".to_owned())),
     }
 }
 

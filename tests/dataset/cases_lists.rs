@@ -453,3 +453,67 @@ fn slanted_surfaces_of_small_depth_images_are_kept() {
     };
     assert!(steepness(525.0) == 0.0 && steepness(262.5) == 0.0 && steepness(131.0) > 0.005);
 }
+
+fn npy(kind: &str, is_by_columns: bool, values: impl Iterator<Item = Vec<u8>>) -> Vec<u8> {
+    let order = if is_by_columns { "True" } else { "False" };
+    let header = format!("{{'descr': '{kind}', 'fortran_order': {order}, 'shape': (24, 32), }}\n");
+    let mut npy = b"\x93NUMPY\x01\x00".to_vec();
+    npy.extend((header.len() as u16).to_le_bytes());
+    npy.extend(header.bytes().chain(values.flatten()));
+    npy
+}
+
+/// Every code of one depth image gives the same lengths.
+#[test]
+fn codes_of_depth_are_read_or_named() {
+    let folder = tiny(Nerfstudio);
+    edit(&folder, |json| json["depth_unit_scale_factor"] = json!(0.001));
+    let load = |name: &str, bytes: &[u8]| {
+        fs::write(folder.path().join(name), bytes).unwrap();
+        edit(&folder, |json| json["frames"][0]["depth_file_path"] = json!(name));
+        let frame = open_plain(folder.path()).unwrap().load(0, 0);
+        frame.map(|frame| frame.depth_z().unwrap().data).map_err(|error| error.to_string())
+    };
+    let value = |row: usize, column: usize| 1000 + 40 * row + column;
+    let rows = || (0..24 * 32).map(|i| value(i / 32, i % 32));
+    let columns = || (0..24 * 32).map(|i| value(i % 24, i / 24));
+    let right: Vec<f32> = rows().map(|v| (v as f64 * 1e-3) as f32).collect();
+    let f4 = |v: usize| (v as f32).to_le_bytes().to_vec();
+    let by_rows = npy("<f4", false, rows().map(f4));
+    let npz = |names: &[&str]| {
+        let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        let options = zip::write::SimpleFileOptions::default();
+        for name in names {
+            zip.start_file(*name, options).unwrap();
+            std::io::Write::write_all(&mut zip, &by_rows).unwrap();
+        }
+        zip.finish().unwrap().into_inner()
+    };
+    let mut tiff = std::io::Cursor::new(Vec::new());
+    let floats: Vec<f32> = rows().map(|v| v as f32).collect();
+    let mut encoder = tiff::encoder::TiffEncoder::new_big(&mut tiff).unwrap();
+    encoder.write_image::<tiff::encoder::colortype::Gray32Float>(32, 24, &floats).unwrap();
+    for (name, bytes) in [
+        ("rows.npy", by_rows.clone()),
+        ("columns.npy", npy("<f4", true, columns().map(f4))),
+        ("codes.npy", npy("<u2", true, columns().map(|v| (v as u16).to_le_bytes().to_vec()))),
+        ("whole.npy", npy("<i8", false, rows().map(|v| (v as i64).to_le_bytes().to_vec()))),
+        ("short.npy", npy("<i2", false, rows().map(|v| (v as i16).to_le_bytes().to_vec()))),
+        ("one.npz", npz(&["arr_0.npy"])),
+        ("named.npz", npz(&["confidence.npy", "depth.npy"])),
+        ("big.tif", tiff.into_inner()),
+    ] {
+        assert_eq!(load(name, &bytes).as_ref(), Ok(&right), "{name}");
+    }
+    let error = load("two.npz", &npz(&["a.npy", "b.npy"])).unwrap_err();
+    assert!(error.contains("array named depth") && error.contains("a.npy, b.npy"), "{error}");
+    let error = load("gray.pgm", b"P5\n32 24\n65535\n").unwrap_err();
+    assert!(
+        error.contains("found Pnm, expected PNG or JPEG") && error.contains("convert"),
+        "{error}"
+    );
+    let whole = npz(&["arr_0.npy"]);
+    for length in (0..whole.len()).step_by(97) {
+        assert!(load("cut.npz", &whole[..length]).is_err(), "{length}");
+    }
+}

@@ -36,7 +36,7 @@ pub(super) const FORMAT: DatasetFormat =
 /// Folders of photographs; the folder of the dataset is the last.
 const COLORS: [&str; 6] = ["images", "rgb", "color", "image", "input", ""];
 const DEPTHS: [&str; 3] = ["depth", "depths", "depth_images"];
-const DEPTH_FILES: [&str; 5] = ["png", "exr", "npy", "tif", "tiff"];
+const DEPTH_FILES: [&str; 6] = ["png", "exr", "npy", "npz", "tif", "tiff"];
 /// Folders of models and of numbered models.
 const PARENTS: [&str; 4] = ["", "sparse", "colmap", "colmap/sparse"];
 /// Numbered models of one folder that are searched for.
