@@ -517,3 +517,22 @@ fn codes_of_depth_are_read_or_named() {
         assert!(load("cut.npz", &whole[..length]).is_err(), "{length}");
     }
 }
+
+#[test]
+fn depth_folders_hold_any_code_of_depth() {
+    let folder = tiny(TestLayout::Open3d);
+    let right = open_plain(folder.path()).unwrap().load(0, 0).unwrap().depth_z().unwrap();
+    let n = fs::read_dir(folder.path().join("depth")).unwrap().count();
+    for i in 0..n {
+        let png = folder.path().join(format!("depth/{i:05}.png"));
+        let codes = image::ImageReader::open(&png).unwrap().decode().unwrap().into_luma16();
+        let metres = codes.iter().map(|v| (f32::from(*v) * 1e-3).to_le_bytes().to_vec());
+        fs::write(png.with_extension("npy"), npy("<f4", false, metres)).unwrap();
+        fs::remove_file(png).unwrap();
+    }
+    let dataset = open_plain(folder.path()).unwrap();
+    assert_eq!(dataset.splits[0].frames.len(), n);
+    let found = dataset.load(0, 0).unwrap().depth_z().unwrap();
+    let far = found.data.iter().zip(&right.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(far < 1e-5, "{far}");
+}

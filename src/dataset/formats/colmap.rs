@@ -7,20 +7,20 @@
 //! skipped, and points are not read.
 
 use super::nerfstudio::file_of;
+use super::numbered::DEPTHS as DEPTH_FILES;
 use super::recording::{
-    ANY_RANGE, Cameras, Recording, SPLIT, encoding, frame_entry, metadata_error,
+    ANY_RANGE, Cameras, Recording, SPLIT, codes_by_content, encoding, frame_entry, metadata_error,
 };
 use super::stated::{array, majority, parse_json};
 use super::trajectory::{TimedPose, lines};
 use crate::dataset::decode;
-use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, RetryingFile, relative_path};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix::shorten;
-use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
+use crate::dataset::options::{ByteSource, LoadOptions};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -36,7 +36,6 @@ pub(super) const FORMAT: DatasetFormat =
 /// Folders of photographs; the folder of the dataset is the last.
 const COLORS: [&str; 6] = ["images", "rgb", "color", "image", "input", ""];
 const DEPTHS: [&str; 3] = ["depth", "depths", "depth_images"];
-const DEPTH_FILES: [&str; 6] = ["png", "exr", "npy", "npz", "tif", "tiff"];
 /// Folders of models and of numbered models.
 const PARENTS: [&str; 4] = ["", "sparse", "colmap", "colmap/sparse"];
 /// Numbered models of one folder that are searched for.
@@ -421,9 +420,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let listed: Vec<_> = listed.collect();
     check_depth(folder, &model, &listed)?;
     let depths: Vec<_> = listed.iter().filter_map(Listed::depth).collect();
-    // A file that cannot be read is reported with its frame.
-    let is_floats = majority(&depths, |source| decode::stores_floats(source)).ok().flatten();
-    let unit = CodeKind::ByContent(if is_floats == Some(true) { 1.0 } else { MILLIMETRE });
+    let unit = codes_by_content(&depths);
     // World units are arbitrary, so no length is beyond the sensor.
     let encoding = encoding(options, unit, Sensor::Lidar, ANY_RANGE);
     let sizes = depth_sizes(&model, &listed);

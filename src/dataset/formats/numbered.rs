@@ -18,6 +18,9 @@ use std::rc::Rc;
 /// extension.
 pub(super) const PHOTOGRAPHS: [&str; 3] = ["png", "jpg", "jpeg"];
 
+/// Extensions of depth files of a layout that prescribes none.
+pub(super) const DEPTHS: [&str; 6] = ["png", "exr", "npy", "npz", "tif", "tiff"];
+
 pub(super) struct NumberedFiles {
     relative: PathBuf,
     listing: Rc<FolderListing>,

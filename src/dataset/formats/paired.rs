@@ -2,21 +2,21 @@
 //! millimetres. Shared by the Open3D layout, whose poses are in a log, and by folders of images whose
 //! poses are in a list of any form, in the folder or one below, or missing.
 
-use super::numbered::{Correspondence, NumberedFiles, PHOTOGRAPHS};
+use super::numbered::{Correspondence, DEPTHS, NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
-    Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error, no_poses,
-    same_size,
+    Cameras, Recording, STRUCTURED_LIGHT_RANGE, codes_by_content, encoding, frame_entry,
+    metadata_error, no_poses, same_size,
 };
 use super::stated::PRIMESENSE;
 use super::trajectory::{PoseList, are_counts, log_blocks, log_head, pose_lists, time_unit};
 use super::{stated, tum};
-use crate::dataset::decode::{CodeKind, DepthEncoding};
+use crate::dataset::decode::DepthEncoding;
 use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::matrix;
-use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
+use crate::dataset::options::{ByteSource, LoadOptions};
 use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::pose::Pose;
@@ -42,11 +42,12 @@ fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError>
     // The default is used only if the folder was removed since recognition; listing it then fails.
     let color_name = color_folder(folder).unwrap_or("color");
     let colors = recording.list(color_name, "", &PHOTOGRAPHS)?;
-    let depths = recording.list(DEPTH_FOLDER, "", &["png"])?;
+    let depths = recording.list(DEPTH_FOLDER, "", &DEPTHS)?;
     let pairs = pairs(recording, &colors, &depths, color_name)?;
     let cameras = cameras(recording, &pairs)?;
-    let unit = CodeKind::Linear16(MILLIMETRE);
-    let encoding = encoding(recording.options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
+    let depths: Vec<_> = pairs.values().filter_map(|pair| pair.depth.as_ref().ok()).collect();
+    let codes = codes_by_content(&depths);
+    let encoding = encoding(recording.options, codes, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     Ok(cameras.map(|cameras| (pairs, cameras, encoding)))
 }
 

@@ -19,7 +19,7 @@ use crate::dataset::entry::{
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::formats::ParsedFolder;
-use crate::dataset::options::{ByteSource, LoadOptions};
+use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
@@ -88,6 +88,14 @@ pub(super) fn frame_entry(
     let Cameras { depth: intrinsics, color: color_camera, lens } = cameras;
     let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens, mask: None }));
     FrameEntry { name, camera: Camera { intrinsics, pose }, color_camera, time: None, source }
+}
+
+/// Returns the codes of depth without a stated unit: floats in metres, or whole numbers in millimetres.
+pub(super) fn codes_by_content(depths: &[impl Borrow<ByteSource>]) -> CodeKind {
+    // A file that cannot be read is reported with its frame.
+    let is_floats =
+        majority(depths, |source| decode::stores_floats(source.borrow())).ok().flatten();
+    CodeKind::ByContent(if is_floats == Some(true) { 1.0 } else { MILLIMETRE })
 }
 
 /// Returns an encoding of depth along the optical axis. The user's depth scale overrides the unit in
