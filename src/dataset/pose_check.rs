@@ -48,11 +48,12 @@ const MIN_GAIN: [f64; 2] = [0.2, 0.5];
 /// minimum gain, largest share of the relative error that remains, and minimum change of the unit.
 const MIN_UNIT_GAIN: [f64; 3] = [0.02, 0.5, 0.05];
 
-/// Ratio of neighbouring focal lengths of the search, and number of steps to either side.
-const FOCAL_SEARCH: (f64, i32) = (1.02, 15);
-/// Conditions for suggesting another focal length: largest share of the error that remains, and minimum
-/// change. At most a quarter of the pairs may contradict it.
-const MIN_FOCAL_GAIN: [f64; 2] = [0.9, 0.03];
+/// Ratio of neighbouring factors of the search near 1, on the focal length or the depth, and number of steps
+/// to either side.
+const NEAR_SEARCH: (f64, i32) = (1.02, 15);
+/// Conditions for suggesting a factor near 1: largest share of the error that remains, and minimum change. At
+/// most a quarter of the pairs may contradict it.
+const MIN_NEAR_GAIN: [f64; 2] = [0.9, 0.03];
 /// Conditions for a warning without a known cause: largest agreement, and minimum share of samples in front
 /// of measured surfaces. Distant views of a good recording agree less, because surfaces hide others; at most
 /// 0.06 were in front.
@@ -294,12 +295,16 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     let trials: Vec<_> = conventions.into_par_iter().flat_map_iter(of_convention).collect();
     let better =
         trials.into_iter().filter(|t| t.agreement > MIN_GAIN[1] && t.is_better_than(&opened));
-    let mut best = better.max_by(PoseTrial::by_agreement).unwrap_or(opened);
-    if let Some(found) = focal_length(&pairs, stated, &opened)
-        && found.relative() < best.relative()
-    {
-        best = found;
-    }
+    let far = better.max_by(PoseTrial::by_agreement).unwrap_or(opened);
+    let of_focal = |pairs: &[FramePair], factor| {
+        PoseTrial::of(pairs, stated, stated, 1.0, Some(Fault::FocalLength(factor)))
+    };
+    let of_unit = |pairs: &[FramePair], unit| PoseTrial::of(pairs, stated, stated, unit, None);
+    let near = [best_near(&pairs, &opened, of_focal), best_near(&pairs, &opened, of_unit)];
+    let best = near
+        .into_iter()
+        .flatten()
+        .fold(far, |best, found| if found.relative() < best.relative() { found } else { best });
     Some(PoseCheck {
         pairs: pairs.len(),
         opened,
@@ -310,32 +315,30 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     })
 }
 
-/// Finds the focal length of the smallest error, if it is far smaller than as opened and most pairs of
-/// frames agree.
-fn focal_length(
+/// Finds the factor near 1 of the smallest error, if it is far smaller than as opened and most pairs of
+/// frames agree. Such factors change agreement by little.
+fn best_near(
     pairs: &[FramePair],
-    poses: PoseConvention,
     opened: &PoseTrial,
+    trial: impl Fn(&[FramePair], f64) -> PoseTrial + Sync,
 ) -> Option<PoseTrial> {
-    let of = |pairs: &[FramePair], factor: f64| {
-        PoseTrial::of(pairs, poses, poses, 1.0, Some(Fault::FocalLength(factor)))
-    };
-    let (step, n) = FOCAL_SEARCH;
+    let error = |pairs: &[FramePair], factor| trial(pairs, factor).relative();
+    let (step, n) = NEAR_SEARCH;
     let factors: Vec<f64> = (-n..=n).map(|i| step.powi(i)).collect();
-    let trials: Vec<_> = factors.into_par_iter().map(|f| (f, of(pairs, f))).collect();
-    let coarse = trials.into_iter().min_by(|(_, a), (_, b)| a.error.total_cmp(&b.error))?;
-    let factor = refined(coarse.0, step.ln(), |factor| of(pairs, factor).error);
-    let found = of(pairs, factor);
-    let [remains, change] = MIN_FOCAL_GAIN;
+    let errors: Vec<_> = factors.into_par_iter().map(|f| (f, error(pairs, f))).collect();
+    let (coarse, _) = errors.into_iter().min_by(|(_, a), (_, b)| a.total_cmp(b))?;
+    let factor = refined(coarse, step.ln(), |factor| error(pairs, factor));
+    let found = trial(pairs, factor);
+    let [remains, change] = MIN_NEAR_GAIN;
     // Beyond the search, the error may have another cause.
     let is_inside = factor.ln().abs() < f64::from(n) * step.ln();
     let improves = |pair: &&FramePair| {
         let pair = std::slice::from_ref(*pair);
-        of(pair, factor).error < of(pair, 1.0).error
+        error(pair, factor) < error(pair, 1.0)
     };
     let is_far_better = is_inside
         && factor.ln().abs() > change
-        && found.error < remains * opened.error
+        && found.relative() < remains * opened.relative()
         && found.agreement > MIN_GAIN[1]
         && 4 * pairs.iter().filter(improves).count() >= 3 * pairs.len();
     is_far_better.then_some(found)

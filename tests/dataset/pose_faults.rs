@@ -165,6 +165,18 @@ fn a_wrong_focal_length_is_found_with_its_value() {
 }
 
 #[test]
+fn a_unit_that_is_slightly_off_is_found_with_its_value() {
+    let Some(path) = shared("data/kinect_office") else { return };
+    for factor in [0.8, 0.9, 1.1, 1.25] {
+        let options = LoadOptions { depth_scale: Some(1e-3 * factor), ..LoadOptions::default() };
+        let check = checked(&open(&path, &options).unwrap());
+        assert_eq!(check.best.fault, None, "{factor}: {check:?}");
+        assert!((check.best.unit * factor - 1.0).abs() < 0.03, "{factor}: {check:?}");
+        warns(&check, "times as long as read");
+    }
+}
+
+#[test]
 fn real_recordings_have_no_fault() {
     for name in ["kinect_office", "tum_rpy", "lego400", "open3d_sample", "arkit_lidar", "chair800"]
     {
