@@ -33,6 +33,8 @@ fn an_opened_dataset_is_never_blank_and_one_button_trains_it() {
     window.get_by_label("train: 3 frames of 64×48, all for training");
     // Before training the viewport shows the cameras and their photographs.
     wait_for_picture(&mut window);
+    // Its result adds lines to the card, which move the button.
+    wait(&mut window, "the check of poses", |s| s.snapshot().sampling.poses.is_some());
     click(&mut window, "Train 3 frames");
     wait(&mut window, "the end", is(RunState::Finished));
     assert!(window.query_by_label_contains("Recognised as").is_none(), "the card is gone");
