@@ -34,10 +34,13 @@ fn poses_are_checked_beside_training_and_doubts_are_told() {
         let snapshot = window.state().snapshot();
         let told = snapshot.notices.iter().filter(|n| n.kind == NoticeKind::Warning);
         let told: Vec<&str> = told.map(|n| n.text.as_str()).collect();
-        let doubted = told.iter().any(|text| text.contains("poses match opencv, but the layout has opengl"));
+        let doubted =
+            told.iter().any(|text| text.contains("poses match opencv, but the layout has opengl"));
         assert_eq!(doubted, is_wrong, "{told:?}");
         // Shown in the panel, and over the viewport until dismissed.
-        let shown = window.query_all_by_label_contains("poses match opencv, but the layout has opengl").count();
+        let shown = window
+            .query_all_by_label_contains("poses match opencv, but the layout has opengl")
+            .count();
         assert!(if is_wrong { shown >= 2 } else { shown == 0 }, "{shown}");
     }
 }
