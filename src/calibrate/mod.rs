@@ -297,7 +297,6 @@ impl CalibrationInput {
             calibration: Some(calibration),
             // Pixels are subsampled by `step` instead.
             sampling: PixelSampling::Every,
-            omits_slants: true,
             ..self.surface.clone()
         };
         let depth = MatchedDepth { values: depth, along_z: self.along_z };
