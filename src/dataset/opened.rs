@@ -41,7 +41,8 @@ pub struct Dataset {
     pub warnings: Vec<Warning>,
     /// Notices for the user that are not defects.
     pub notes: Vec<String>,
-    /// Statements of the files about cameras, units or times that are not used, each with its file.
+    /// Statements of the files about cameras, units or times that are not used, each with its file, and other
+    /// defects that cost no frame.
     pub unused: Vec<String>,
     /// Range of positions if the layout defines one; see [`super::range::estimate`].
     pub known_range: Option<PositionRange>,

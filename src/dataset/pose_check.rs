@@ -296,11 +296,10 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     let better =
         trials.into_iter().filter(|t| t.agreement > MIN_GAIN[1] && t.is_better_than(&opened));
     let far = better.max_by(PoseTrial::by_agreement).unwrap_or(opened);
-    let of_focal = |pairs: &[FramePair], factor| {
-        PoseTrial::of(pairs, stated, stated, 1.0, Some(Fault::FocalLength(factor)))
-    };
-    let of_unit = |pairs: &[FramePair], unit| PoseTrial::of(pairs, stated, stated, unit, None);
-    let near = [best_near(&pairs, &opened, of_focal), best_near(&pairs, &opened, of_unit)];
+    let near = [
+        best_near(&pairs, &opened, |factor| (1.0, Some(Fault::FocalLength(factor)))),
+        best_near(&pairs, &opened, |unit| (unit, None)),
+    ];
     let best = near
         .into_iter()
         .flatten()
@@ -316,12 +315,16 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
 }
 
 /// Finds the factor near 1 of the smallest error, if it is far smaller than as opened and most pairs of
-/// frames agree. Such factors change agreement by little.
+/// frames agree. Such factors change agreement by little. `reading` returns depth unit and fault for a factor.
 fn best_near(
     pairs: &[FramePair],
     opened: &PoseTrial,
-    trial: impl Fn(&[FramePair], f64) -> PoseTrial + Sync,
+    reading: fn(f64) -> (f64, Option<Fault>),
 ) -> Option<PoseTrial> {
+    let trial = |pairs: &[FramePair], factor| {
+        let (unit, fault) = reading(factor);
+        PoseTrial::of(pairs, opened.poses, opened.poses, unit, fault)
+    };
     let error = |pairs: &[FramePair], factor| trial(pairs, factor).relative();
     let (step, n) = NEAR_SEARCH;
     let factors: Vec<f64> = (-n..=n).map(|i| step.powi(i)).collect();
@@ -397,7 +400,7 @@ fn pairs(split: &DatasetSplit) -> Vec<FramePair> {
 fn pair(frames: &[FrameEntry], index: usize) -> Option<FramePair> {
     let first = frames.get(index)?;
     let depth = trusted_z(first)?;
-    let usual = median(depth.data.iter().copied().filter(|z| *z > 0.0).collect())?;
+    let usual = usual_depth(&depth)?;
     let from = first.camera.pose;
     let has_moved = |(_, other): &(usize, &FrameEntry)| {
         let to = other.camera.pose;
@@ -440,6 +443,10 @@ fn rotation_angle(from: &Pose, to: &Pose) -> f64 {
 
 fn stride(side: usize) -> usize {
     (side / SAMPLES).max(1)
+}
+
+fn usual_depth(depth: &Image<f64>) -> Option<f64> {
+    median(depth.data.iter().copied().filter(|z| *z > 0.0).collect())
 }
 
 fn trusted_z(entry: &FrameEntry) -> Option<Image<f64>> {
@@ -557,7 +564,7 @@ fn color_errors(
     let first = three(index)?;
     let [_, from, _] = first;
     let depth = trusted_z(from)?;
-    let usual = median(depth.data.iter().copied().filter(|z| *z > 0.0).collect())?;
+    let usual = usual_depth(&depth)?;
     let (shift, turn) = motion(first);
     let difference = |other: &&[FrameEntry; 3]| {
         let (other_shift, other_turn) = motion(other);

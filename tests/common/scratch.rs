@@ -14,6 +14,23 @@ pub fn open_plain(path: &Path) -> Result<Dataset, DatasetError> {
     open(path, &LoadOptions::default())
 }
 
+/// Asserts that a message contains all parts.
+#[track_caller]
+pub fn assert_says(message: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(message.contains(part), "`{part}` is missing from: {message}");
+    }
+}
+
+/// Asserts that the dataset does not open, with an error that contains all parts.
+#[track_caller]
+pub fn refuses(path: &Path, parts: &[&str]) {
+    match open_plain(path) {
+        Ok(dataset) => panic!("opened with {:?}, {:?}", dataset.notes, dataset.warnings),
+        Err(error) => assert_says(&error.to_string(), parts),
+    }
+}
+
 /// Three training frames and one evaluation frame of 32×24 pixels.
 pub const TINY: SyntheticParams = SyntheticParams {
     width: 32,

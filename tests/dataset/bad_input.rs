@@ -3,7 +3,7 @@
 
 use crate::common::layouts::TestLayout;
 use crate::common::scratch::{
-    edit_json, edit_pose, open_plain, tiny, tiny_blender, tiny_seven_scenes,
+    assert_says, edit_json, edit_pose, open_plain, refuses, tiny, tiny_blender, tiny_seven_scenes,
 };
 use serde_json::{Value, json};
 use std::fs;
@@ -17,22 +17,6 @@ use vbgs_studio::observation::points::Points;
 const LIST: &str = "transforms_train.json";
 /// Frames of the tiny Blender dataset.
 const FRAMES: [&str; 4] = ["train/r_0", "train/r_1", "train/r_2", "eval/r_0"];
-
-#[track_caller]
-fn assert_says(message: &str, parts: &[&str]) {
-    for part in parts {
-        assert!(message.contains(part), "`{part}` is missing from: {message}");
-    }
-}
-
-/// Asserts that the dataset does not open.
-#[track_caller]
-fn refuses(path: &Path, parts: &[&str]) {
-    match open_plain(path) {
-        Ok(dataset) => panic!("opened with {:?}", dataset.warnings),
-        Err(error) => assert_says(&error.to_string(), parts),
-    }
-}
 
 /// Asserts that one frame of `train` is skipped with a warning and the other two load.
 #[track_caller]

@@ -2,7 +2,7 @@
 
 use crate::common::layouts::{TestLayout, write};
 use crate::common::mutation::mutate;
-use crate::common::scratch::{TINY, edit_json, open_plain, tiny};
+use crate::common::scratch::{TINY, assert_says, edit_json, open_plain, refuses, tiny};
 use glam::{DMat4, DQuat};
 use serde_json::json;
 use std::fs;
@@ -123,21 +123,6 @@ fn without_model() -> TempDir {
 
 fn all(dataset: &Dataset) -> &[FrameEntry] {
     &dataset.splits[dataset.split_named("all").unwrap()].frames
-}
-
-#[track_caller]
-fn assert_says(message: &str, parts: &[&str]) {
-    for part in parts {
-        assert!(message.contains(part), "`{part}` is missing from: {message}");
-    }
-}
-
-#[track_caller]
-fn refuses(path: &Path, parts: &[&str]) {
-    match open_plain(path) {
-        Ok(dataset) => panic!("opened with {:?}, {:?}", dataset.notes, dataset.warnings),
-        Err(error) => assert_says(&error.to_string(), parts),
-    }
 }
 
 /// Asserts that `left` frames open, and that one warning contains all parts.

@@ -2,7 +2,7 @@
 
 use crate::common::layouts::TestLayout;
 use crate::common::mutation::mutate;
-use crate::common::scratch::{edit_json, open_plain, tiny};
+use crate::common::scratch::{self, assert_says, edit_json, open_plain, tiny};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use serde_json::json;
 use std::collections::HashMap;
@@ -296,18 +296,8 @@ fn all(dataset: &Dataset) -> &[FrameEntry] {
 }
 
 #[track_caller]
-fn assert_says(message: &str, parts: &[&str]) {
-    for part in parts {
-        assert!(message.contains(part), "`{part}` is missing from: {message}");
-    }
-}
-
-#[track_caller]
 fn refuses(bag: &Bag, parts: &[&str]) {
-    match open_plain(bag.write().path()) {
-        Ok(dataset) => panic!("opened with {:?}, {:?}", dataset.notes, dataset.warnings),
-        Err(error) => assert_says(&error.to_string(), parts),
-    }
+    scratch::refuses(bag.write().path(), parts);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::common::layouts::{TestLayout, write};
 use crate::common::mutation::mutate;
-use crate::common::scratch::{TINY, edit_json, open_plain, tiny};
+use crate::common::scratch::{TINY, assert_says, edit_json, open_plain, tiny};
 use crate::common::shared;
 use glam::{DMat4, DQuat, DVec3};
 use std::fmt::Write;
@@ -30,13 +30,6 @@ fn pairs(dataset: &Dataset) -> Vec<[String; 2]> {
     let stem = |path: &Path| path.file_stem().unwrap().to_str().unwrap().to_owned();
     let pair = |f: &FrameEntry| [f.color_path(), f.depth_path()].map(|path| stem(path.unwrap()));
     all(dataset).iter().map(pair).collect()
-}
-
-#[track_caller]
-fn assert_says(message: &str, parts: &[&str]) {
-    for part in parts {
-        assert!(message.contains(part), "`{part}` is missing from: {message}");
-    }
 }
 
 #[track_caller]

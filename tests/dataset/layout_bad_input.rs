@@ -2,7 +2,7 @@
 //! found and what to do; the other frames stay usable.
 
 use crate::common::layouts::TestLayout::{self, *};
-use crate::common::scratch::{edit_json, open_plain, tiny};
+use crate::common::scratch::{assert_says, edit_json, open_plain, refuses, tiny};
 use serde_json::{Value, json};
 use std::fs;
 use std::io::Write;
@@ -25,13 +25,6 @@ const FILES: [(TestLayout, &str, &str); 12] = [
     (ScannetPp, "iphone/rgb/frame_000010.jpg", "iphone/depth/frame_000010.png"),
 ];
 
-#[track_caller]
-fn assert_says(message: &str, parts: &[&str]) {
-    for part in parts {
-        assert!(message.contains(part), "`{part}` is missing from: {message}");
-    }
-}
-
 /// Number of usable frames of the whole recording.
 fn n_frames(dataset: &Dataset) -> usize {
     dataset.splits[dataset.split_named("all").unwrap()].frames.len()
@@ -46,14 +39,6 @@ fn skips(path: &Path, left: usize, parts: &[&str]) {
     let is_said = said.iter().any(|text| parts.iter().all(|part| text.contains(part)));
     assert!(is_said, "{parts:?} are missing from {said:?}");
     assert!((0..left).all(|i| dataset.load(0, i).is_ok()));
-}
-
-#[track_caller]
-fn refuses(path: &Path, parts: &[&str]) {
-    match open_plain(path) {
-        Ok(dataset) => panic!("opened with {:?}", dataset.warnings),
-        Err(error) => assert_says(&error.to_string(), parts),
-    }
 }
 
 #[track_caller]

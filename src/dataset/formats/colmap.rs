@@ -7,7 +7,7 @@
 //! skipped, and points are not read.
 
 use super::nerfstudio::file_of;
-use super::numbered::DEPTHS as DEPTH_FILES;
+use super::numbered::DEPTH_FILES;
 use super::recording::{
     ANY_RANGE, Cameras, Recording, SPLIT, codes_by_content, encoding, frame_entry, metadata_error,
 };
@@ -83,7 +83,9 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 fn places(folder: &Folder) -> Vec<Place> {
     let numbered = |parent: &str| (0..MOST_MODELS).map(|n| format!("{parent}/{n}")).collect();
-    let all = PARENTS.iter().flat_map(|at| {
+    // Checked first: other recordings lack them, and every poll of a growing one comes here.
+    let parents = PARENTS.iter().filter(|at| at.is_empty() || folder.has_folder(at));
+    let all = parents.flat_map(|at| {
         let below: Vec<String> = if at.is_empty() { Vec::new() } else { numbered(at) };
         std::iter::once((*at).to_owned()).chain(below)
     });

@@ -19,7 +19,7 @@ use std::rc::Rc;
 pub(super) const PHOTOGRAPHS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// Extensions of depth files of a layout that prescribes none.
-pub(super) const DEPTHS: [&str; 6] = ["png", "exr", "npy", "npz", "tif", "tiff"];
+pub(super) const DEPTH_FILES: [&str; 6] = ["png", "exr", "npy", "npz", "tif", "tiff"];
 
 pub(super) struct NumberedFiles {
     relative: PathBuf,

@@ -2,7 +2,7 @@
 //! millimetres. Shared by the Open3D layout, whose poses are in a log, and by folders of images whose
 //! poses are in a list of any form, in the folder or one below, or missing.
 
-use super::numbered::{Correspondence, DEPTHS, NumberedFiles, PHOTOGRAPHS};
+use super::numbered::{Correspondence, DEPTH_FILES, NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
     Cameras, Recording, STRUCTURED_LIGHT_RANGE, codes_by_content, encoding, frame_entry,
     metadata_error, no_poses, same_size,
@@ -42,7 +42,7 @@ fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError>
     // The default is used only if the folder was removed since recognition; listing it then fails.
     let color_name = color_folder(folder).unwrap_or("color");
     let colors = recording.list(color_name, "", &PHOTOGRAPHS)?;
-    let depths = recording.list(DEPTH_FOLDER, "", &DEPTHS)?;
+    let depths = recording.list(DEPTH_FOLDER, "", &DEPTH_FILES)?;
     let pairs = pairs(recording, &colors, &depths, color_name)?;
     let cameras = cameras(recording, &pairs)?;
     let depths: Vec<_> = pairs.values().filter_map(|pair| pair.depth.as_ref().ok()).collect();
