@@ -217,7 +217,10 @@ fn survey(
         ray_search: Some(false),
         ..SceneOverrides::default()
     };
-    let run = SceneRun::new(dataset, all, &overrides)?;
+    let mut run = SceneRun::new(dataset, all, &overrides)?;
+    // Slants of coarse pixels err within a pixel, which would bias the camera; so would their patches.
+    run.surface.omits_slants = true;
+    let h = run.scale_of_samples(dataset, all)?;
     // Bounds the time: large frames are subsampled, small ones are not.
     let pixels: usize = frames.iter().map(|f| f.color.width * f.color.height).sum();
     let size = [frames[0].color.width, frames[0].color.height].map(|n| n as u32);
@@ -233,7 +236,7 @@ fn survey(
             }),
             ..plan.start.clone()
         },
-        h: run.engine.h,
+        h,
         // A root, because the stride applies to columns and rows.
         step: (pixels as f64 / PIXELS).sqrt().ceil() as usize,
         frames,

@@ -435,6 +435,25 @@ fn several_lists_of_one_folder_are_splits_or_named() {
     }
 }
 
+#[test]
+fn slanted_surfaces_of_small_depth_images_are_kept() {
+    let Some(dataset) = case("35-small-depth-of-a-kinect-layout") else { return };
+    assert_eq!(dataset.sensor(), Sensor::Kinect);
+    let all = frames(&dataset, 0);
+    let share = |sensor| all.iter().map(|f| observe(f, sensor).1).sum::<f64>() / all.len() as f64;
+    let [kinect, lidar] = [Sensor::Kinect, Sensor::Lidar].map(share);
+    assert!(kinect > 0.95 * lidar, "{kinect} {lidar}");
+    // Depth of the usual size keeps its gate.
+    let folder = tiny(TestLayout::Tum);
+    let frame = open_plain(folder.path()).unwrap().load(0, 0).unwrap();
+    let depth = frame.depth.as_ref().unwrap();
+    let steepness = |fx| {
+        let camera = vbgs_studio::math::camera::Intrinsics { fx, ..frame.camera.intrinsics };
+        Sensor::Kinect.profile(depth, &camera).steepness
+    };
+    assert!(steepness(525.0) == 0.0 && steepness(262.5) == 0.0 && steepness(131.0) > 0.005);
+}
+
 fn npy(kind: &str, is_by_columns: bool, values: impl Iterator<Item = Vec<u8>>) -> Vec<u8> {
     let order = if is_by_columns { "True" } else { "False" };
     let header = format!("{{'descr': '{kind}', 'fortran_order': {order}, 'shape': (24, 32), }}\n");

@@ -19,6 +19,9 @@ const DEVIATIONS: f64 = 3.0;
 /// Depth step, in pixel widths, between neighbouring pixels on the steepest surface that low-noise
 /// sensors can measure. It is the tangent of the angle whose cosine is 0.4.
 const STEEPEST: f64 = 2.3;
+/// Pixel widths per unit of z up to which a Kinect's noise covers the slant of surfaces: a focal length of
+/// 260 pixels, as at 320 columns. Coarser pixels allow [`STEEPEST`] for what is beyond.
+const FINE_PIXEL: f64 = 1.0 / 260.0;
 /// Noise half-width of exact depth, in pixel widths. It allows for curved surfaces and edges, which
 /// deviate from a plane within the window of the fit. For other sensors, it is 2 to 4. In the synthetic
 /// room, 0.25 would drop 12 % of the pixels, all at edges; 1 drops 3 %.
@@ -136,7 +139,7 @@ impl Sensor {
             Self::Kinect => metric(Profile {
                 noise: NoiseLaw { floor: SENSOR_NOISE, quadratic: SENSOR_NOISE, ..NoiseLaw::ZERO },
                 offset: 0.0,
-                steepness: 0.0,
+                steepness: STEEPEST * (1.0 / camera.fx - FINE_PIXEL).max(0.0),
                 thresholds: METRIC_THRESHOLDS,
                 tolerance: METRIC_TOLERANCE,
             }),

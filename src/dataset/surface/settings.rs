@@ -25,6 +25,10 @@ pub struct SurfaceSettings {
     pub flying_pixels: bool,
     /// Drops pixels on surfaces seen at a slant.
     pub cosine: bool,
+    /// Drops slanted surfaces that a Kinect's coarse pixels cannot tell from edges. Calibration sets this
+    /// value, since their error within a pixel would bias it; files do not contain it.
+    #[serde(skip)]
+    pub omits_slants: bool,
     /// Selection of the pixels that become points.
     // The default is not written, so that files of such scenes stay unchanged.
     #[serde(default, skip_serializing_if = "PixelSampling::is_every")]
@@ -55,6 +59,7 @@ impl SurfaceSettings {
             plane_fit: true,
             flying_pixels: true,
             cosine: true,
+            omits_slants: false,
             sampling: PixelSampling::Every,
             calibration: None,
             origin,
@@ -70,6 +75,9 @@ impl SurfaceSettings {
     pub(super) fn profile(&self, depth: &Depth, camera: &Intrinsics) -> Profile {
         let mut profile = self.sensor.profile(depth, camera);
         profile.thresholds = self.thresholds.unwrap_or(profile.thresholds);
+        if self.omits_slants && self.sensor == Sensor::Kinect {
+            profile.steepness = 0.0;
+        }
         profile
     }
 }

@@ -49,10 +49,19 @@ impl SceneRun {
         {
             dataset.splits[plan.split].camera_scaling(&camera)?;
         }
-        // Further passes have the same frames.
-        let sample = FrameSample::of(dataset, plan.split, &plan.first_pass(), &run.surface)?;
-        run.engine.h = scale_in_world_units(&run, &sample)?;
+        run.engine.h = run.scale_of_samples(dataset, plan)?;
         Ok(Self { engine: run.engine.check()?, ..run })
+    }
+
+    /// Returns the structural scale, world units, from sampled frames prepared by the run's surface
+    /// settings.
+    ///
+    /// # Errors
+    /// [`SceneError`] for a scale out of range, or unusable depth.
+    pub fn scale_of_samples(&self, dataset: &Dataset, plan: &Plan) -> Result<f64, SceneError> {
+        // Further passes have the same frames.
+        let sample = FrameSample::of(dataset, plan.split, &plan.first_pass(), &self.surface)?;
+        scale_in_world_units(self, &sample)
     }
 
     /// Returns the default settings for the requested sensor, without the structural scale `h`.
