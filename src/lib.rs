@@ -8,7 +8,7 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`math`] | numbers and geometry: cameras, images, random streams, fixed point |
+//! | [`math`] | numbers and geometry: cameras, images, random streams, fixed point; foreign text |
 //! | [`observation`] | observations of a frame: points, or surfaces |
 //! | [`model`] | conjugate distributions and posterior, the mixtures of both presets, splats |
 //! | [`dataset`] | dataset layouts, frames, unprojection, surface points, the synthetic scene |

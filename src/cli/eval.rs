@@ -29,12 +29,12 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     let dataset = dataset::open(&args.dataset, &load)?;
     print_dataset_notes(&dataset);
     if let Some(found) = &model.trajectory {
-        eprintln!("note: {}", tracked::summary(found, found.error(&dataset).as_ref()));
+        note!("note: {}", tracked::summary(found, found.error(&dataset).as_ref()));
     }
     let learnt = model.trained_frames.as_ref().and_then(|run| run.of(&dataset));
     if learnt.is_none() {
         let path = args.model.display();
-        eprintln!("note: {path}: does not state which of these views it was trained on");
+        note!("note: {path}: does not state which of these views it was trained on");
     }
     // The hold-out rule of a run on another dataset does not apply here.
     let run = model.trained_frames.as_ref().filter(|_| learnt.is_some());
@@ -81,7 +81,7 @@ fn color_camera(
             let file = args.calibration.as_deref().unwrap_or(&args.model);
             Failure::failed(error).with_calibration_file(Some(file))
         })?;
-        scaling.iter().for_each(|scaled| eprintln!("note: {scaled}"));
+        scaling.iter().for_each(|scaled| note!("note: {scaled}"));
     }
     Ok(camera)
 }
@@ -102,8 +102,8 @@ fn choose_views(
             let is_held_out = evaluation.training.is_some() && hold_out == HoldOut::Every8th;
             // Without the reason given there: trained views are counted later from the model's own list.
             match is_held_out {
-                true => eprintln!("note: evaluating on every {HOLD_OUT_EVERY}th frame"),
-                false => eprintln!("note: evaluating on {}", evaluation.why),
+                true => note!("note: evaluating on every {HOLD_OUT_EVERY}th frame"),
+                false => note!("note: evaluating on {}", evaluation.why),
             }
             evaluation.into_groups()
         }

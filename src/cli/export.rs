@@ -72,7 +72,7 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     if let Some(loss) =
         mapping::lost_textures(model.splats.view()).filter(|_| !format.has_textures())
     {
-        eprintln!("note: {path}: {loss}; meshes as GLB and OBJ show them");
+        note!("note: {path}: {loss}; meshes as GLB and OBJ show them");
     }
     let summary = write_with_progress(&args.output, "mesh", |progress| {
         // A mesh ignores the format of splats.
@@ -152,7 +152,7 @@ fn options<'a>(
 /// Warns if other programs will misplace the model because it is far from the world's origin.
 pub fn warn_of_origin(path: &Path, origin: DVec3, carrier: OriginCarrier) {
     if let Some(warning) = local_origin::warning(origin, carrier) {
-        eprintln!("warning: {}: {warning}", path.display());
+        note!("warning: {}: {warning}", path.display());
     }
 }
 
@@ -197,30 +197,28 @@ fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
     if let Some(option) =
         args.mapping.first_for_natives().filter(|_| mapping::is_plain(model.splats.view()))
     {
-        eprintln!(
+        note!(
             "note: {path}: no splat has an opacity above 1 or a colour gradient: {option} has no effect"
         );
     }
     match (mapping::lost_textures(model.splats.view()), args.mapping.export_detail) {
         (Some(loss), None) => {
-            eprintln!("note: {path}: {loss}; --export-detail writes them as small splats");
+            note!("note: {path}: {loss}; --export-detail writes them as small splats");
         }
         (None, Some(_)) => {
-            eprintln!("note: {path}: no splat has a texture: --export-detail has no effect");
+            note!("note: {path}: no splat has a texture: --export-detail has no effect");
         }
         _ => {}
     }
     if let Some(loss) = args.spz_version.and_then(SpzVersion::loss) {
-        eprintln!(
+        note!(
             "note: {}: {loss}; use --spz-version 3 where readers accept it",
             args.output.display()
         );
     }
     let is_turned = is_turned || !matches!(args.axes, Axes::AsIs);
     if is_turned && args.up.is_none() && model.up.is_none() {
-        eprintln!(
-            "note: {path}: the file has no up direction; z is assumed, use --up to change it"
-        );
+        note!("note: {path}: the file has no up direction; z is assumed, use --up to change it");
     }
 }
 
@@ -247,7 +245,7 @@ pub fn run_merge(args: &MergeArgs) -> Result<(), Failure> {
 /// Warns that fusing scenes without a common start blurs surfaces. Returns the runs unchanged.
 fn warn_about_fusing(runs: Vec<SavedRun>) -> Vec<SavedRun> {
     if runs.first().is_some_and(|run| run.config.method.scene().is_some()) {
-        eprintln!(
+        note!(
             "warning: expected runs with a common start, found none: surfaces seen by several runs will be blurred; resume all of them from one short run (train --resume START --shard K/N) and merge with --start START"
         );
     }

@@ -3,7 +3,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::process::ExitCode;
-use vbgs_studio::dataset::calibrated_size::AspectRatioMismatch;
+use vbgs_studio::dataset::calibration::AspectRatioMismatch;
 use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::synthetic::ParamsError;
 use vbgs_studio::pipeline::checkpoint::RunError;
@@ -41,16 +41,28 @@ impl Failure {
         }
     }
 
+    /// Returns one failure for all; `None` without any.
+    pub fn joined(failures: Vec<Self>) -> Option<Self> {
+        let mut failures = failures.into_iter();
+        let first = failures.next()?;
+        Some(failures.fold(first, |all, next| match (all, next) {
+            (Self::Failed(all), Self::Failed(next)) => {
+                Self::Failed(anyhow::anyhow!("{}\nerror: {}", message(&all), message(&next)))
+            }
+            (all, _) => all,
+        }))
+    }
+
     /// Prints the error and returns the exit status.
     pub fn report(self) -> ExitCode {
         match self {
             Self::Failed(error) => {
-                eprintln!("error: {}", message(&error));
+                note!("error: {}", message(&error));
                 ExitCode::FAILURE
             }
             Self::Usage(message) => {
                 // In the form of clap's own usage errors.
-                eprintln!("error: {message}\n\nFor more information, try '--help'.");
+                note!("error: {message}\n\nFor more information, try '--help'.");
                 ExitCode::from(2)
             }
             Self::Interrupted => ExitCode::from(INTERRUPTED),

@@ -513,7 +513,7 @@ pub fn run_calibrate(args: &CalibrateArgs) -> Result<(), Failure> {
     // Checked before minutes of work whose result is written there.
     output::check_files(std::slice::from_ref(&args.output))?;
     let found = output::steps("calibrate", |progress| calibrate::run(&dataset, &plan, progress))?;
-    found.skipped.iter().for_each(|message| eprintln!("warning: {message}"));
+    found.skipped.iter().for_each(|message| note!("warning: {message}"));
     output::write_text(&args.output, &found.calibration.to_text()?)?;
     if args.json {
         return output::print_json(&found);

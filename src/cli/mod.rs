@@ -6,6 +6,11 @@ macro_rules! out {
     ($($text:tt)*) => { $crate::cli::output::print_line(format_args!($($text)*)) };
 }
 
+/// Prints a formatted line on stderr. Names and texts from files cannot control the terminal.
+macro_rules! note {
+    ($($text:tt)*) => { $crate::cli::output::print_note(format_args!($($text)*)) };
+}
+
 /// Creates the failure for wrong usage of the command line, with a formatted message.
 macro_rules! usage {
     ($($text:tt)*) => { $crate::cli::failure::Failure::Usage(format!($($text)*)) };

@@ -165,10 +165,10 @@ fn of_run(run: SavedRun, splats: SplatSet) -> Result<Model, Failure> {
 fn of_file(path: &Path) -> Result<Model, Failure> {
     let model = export::read(path)?;
     for note in &model.notes {
-        eprintln!("note: {}: {note}", path.display());
+        note!("note: {}: {note}", path.display());
     }
     if model.skipped > 0 {
-        eprintln!(
+        note!(
             "warning: {}: {} rows that are not finite were left out",
             path.display(),
             model.skipped

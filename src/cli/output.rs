@@ -16,14 +16,22 @@ use vbgs_studio::eval::report::{
 };
 use vbgs_studio::eval::seen::SeenQuality;
 use vbgs_studio::export::atomic::write_atomic;
+use vbgs_studio::math::foreign::displayable;
 
 /// First error of writing to stdout. Printing continues after the error, and the command fails once it
 /// has finished.
 static STDOUT: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
 pub fn print_line(text: impl std::fmt::Display) {
+    let text = text.to_string();
     // `println!` would panic on an error.
-    note(writeln!(std::io::stdout(), "{text}"));
+    note(writeln!(std::io::stdout(), "{}", displayable(&text)));
+}
+
+pub fn print_note(text: std::fmt::Arguments) {
+    let text = text.to_string();
+    // A closed stderr must not stop a training.
+    let _ = writeln!(std::io::stderr(), "{}", displayable(&text));
 }
 
 fn note(written: std::io::Result<()>) {
@@ -93,12 +101,25 @@ pub fn check_files(paths: &[PathBuf]) -> Result<(), Failure> {
     }
 }
 
+/// Rejects links and devices at names that the program chose in a folder. What a link refers to would be
+/// replaced unasked.
+pub fn check_no_links(paths: &[PathBuf]) -> Result<(), Failure> {
+    let is_other = |path: &&PathBuf| path.symlink_metadata().is_ok_and(|found| !found.is_file());
+    match paths.iter().find(is_other) {
+        None => Ok(()),
+        Some(path) => Err(failed!(
+            "{}: expected a file to replace or nothing, found a link or device; remove it or choose another folder",
+            path.display()
+        )),
+    }
+}
+
 /// Warns about views that could not be measured, unless they were already reported when the dataset was
 /// opened.
 pub fn warn_skipped_views(dataset: &Dataset, eval: &EvalReport) {
     let told: Vec<String> = dataset.warnings.iter().map(|w| w.error.to_string()).collect();
     let untold = eval.skipped.iter().filter(|view| !told.contains(&view.message));
-    untold.for_each(|view| eprintln!("warning: {}", view.message));
+    untold.for_each(|view| note!("warning: {}", view.message));
 }
 
 fn detail(detail: Option<Detail>) -> String {
@@ -258,5 +279,5 @@ pub fn share<T>(what: &'static str, work: impl FnOnce(&dyn Fn(f64)) -> T) -> T {
 
 /// Prints a warning above a progress bar.
 pub fn warn(bar: &ProgressBar, message: &str) {
-    bar.suspend(|| eprintln!("warning: {message}"));
+    bar.suspend(|| note!("warning: {message}"));
 }

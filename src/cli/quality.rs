@@ -52,7 +52,7 @@ pub fn measure(
     };
     let (splats, renderers) = (splats.view(), request.renderers);
     if request.color_camera.is_some() {
-        eprintln!(
+        note!(
             "note: views are rendered with the colour camera of the photographs, not the depth camera"
         );
     }

@@ -29,11 +29,11 @@ pub fn place(
     let placed = PlacedViews::find(dataset, (run, splats.view()), trajectory, views, tell);
     bar.finish_and_clear();
     if placed.is_straightened {
-        eprintln!(
+        note!(
             "note: photographs are corrected for rolling shutter and timestamps using the recorded poses, as without --poses track"
         );
     }
-    placed.lost.iter().for_each(|lost| eprintln!("warning: {}", lost.message));
+    placed.lost.iter().for_each(|lost| note!("warning: {}", lost.message));
     match placed.lost.first() {
         Some(first) if placed.frames.is_empty() => Err(failed!(
             "{}: expected the scene to place at least one of {} views, found none; the first: {}",

@@ -12,6 +12,7 @@ use super::interrupt::Interrupt;
 use super::quality::{RunQuality, is_measured, measure_run, photo_pixels};
 use super::{failure, output, tracked};
 use indicatif::ProgressBar;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use vbgs_studio::dataset;
@@ -69,7 +70,7 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
         })
     };
     let end = failure::save_on_panic(&mut session, &args.out, train)?;
-    autosave.wait().and_then(Result::err).iter().for_each(|error| eprintln!("warning: {error}"));
+    autosave.wait().and_then(Result::err).iter().for_each(|error| note!("warning: {error}"));
     match &end {
         // Files of an earlier run are worth more than a report of an empty run.
         Ok(false) if trained_frames(&session) == 0 => return Err(Failure::Interrupted),
@@ -77,12 +78,15 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
         _ => {}
     }
     let warnings = session.learner().status().warnings;
-    warnings.iter().for_each(|found| eprintln!("warning: {found}"));
+    warnings.iter().for_each(|found| note!("warning: {found}"));
+    let mut unsaved = Vec::new();
     // Saved first, so that the model is safe whatever happens next.
-    let files = save_model(&mut session, args)?;
+    let files = save_model(&mut session, args, &mut unsaved);
     let measured = match &end {
         Ok(true) if is_measured(&session, args) => {
-            output::write_json(&args.out.join(REPORT), &session.report(None, Vec::new()))?;
+            // An error is reported when the report is written again, below.
+            let report = session.report(None, Vec::new());
+            let _ = output::write_json(&args.out.join(REPORT), &report);
             measure_run(&session, &early, args)
         }
         _ => Ok(RunQuality::default()),
@@ -91,7 +95,12 @@ pub fn run(args: &Arc<TrainArgs>) -> Result<(), Failure> {
         Ok(measured) => (measured, None),
         Err(failure) => (RunQuality::default(), Some(failure)),
     };
-    save_report(&session, args, files, measured)?;
+    if let Err(failure) = save_report(&session, args, &files, measured) {
+        unsaved.push(failure);
+    }
+    if let Some(failure) = Failure::joined(unsaved) {
+        return Err(failure);
+    }
     // An interrupt during the evaluation counts too.
     let finished = end? && !interrupt.is_requested();
     match failure {
@@ -107,14 +116,15 @@ fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
     output::create_folder(&args.out)?;
     let files = [SCENE, CHECKPOINT, REPORT].map(|name| args.out.join(name));
     files.iter().for_each(|file| remove_leftovers(file));
-    // Only autosaves keep the previous checkpoint.
-    let previous = (interval(args) != AutosaveInterval::default())
-        .then(|| args.out.join(format!("{CHECKPOINT}.bak")));
-    output::check_files(&files.into_iter().chain(previous).collect::<Vec<_>>())
+    let previous = args.out.join(format!("{CHECKPOINT}.bak"));
+    let files: Vec<PathBuf> = files.into_iter().chain([previous]).collect();
+    output::check_files(&files)?;
+    output::check_no_links(&files)
 }
 
 fn interval(args: &TrainArgs) -> AutosaveInterval {
-    args.settings.run.autosave
+    let usual = AutosaveInterval { frames: None, time: Some(AUTOSAVE) };
+    args.settings.run.autosave.unwrap_or(usual)
 }
 
 /// Opens the dataset and creates a session that has not trained a frame yet. Opening is interruptible,
@@ -129,7 +139,7 @@ fn create_session(
         print_dataset_notes(session.dataset());
         let has_no_split = |name: &&String| session.dataset().split_named(name).is_err();
         if let Some(split) = args.eval.as_ref().filter(has_no_split) {
-            eprintln!("note: the split {split} does not exist yet; it is measured after training");
+            note!("note: the split {split} does not exist yet; it is measured after training");
         }
         return Ok(session);
     }
@@ -164,7 +174,7 @@ fn follow_session(
     let follow = move || Follow::new(&path, &load, &selection);
     let mut follow = interrupt.run_interruptibly(follow)??;
     let path = args.dataset.display();
-    eprintln!("note: following {path}, until {END_MARKER} is in it or Ctrl-C");
+    note!("note: following {path}, until {END_MARKER} is in it or Ctrl-C");
     let mut reported = ReportedProblem::default();
     while !interrupt.is_requested() {
         if let Some(dataset) = follow.poll_dataset()? {
@@ -198,15 +208,15 @@ fn start(args: &TrainArgs) -> Result<Start, Failure> {
 
 fn print_notes(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     if let Some(why) = &session.plan().held_out {
-        eprintln!("note: held out for evaluation: {why}");
+        note!("note: held out for evaluation: {why}");
     }
     if session.config().method.assumes_calibration(session.dataset()) {
-        eprintln!("note: {KNOWN_CALIBRATION}");
+        note!("note: {KNOWN_CALIBRATION}");
     }
     let split = &session.dataset().splits[session.plan().split];
     let color_camera = session.config().method.as_any().color_camera();
     if let Some(Ok(Some(scaled))) = color_camera.map(|camera| split.camera_scaling(&camera)) {
-        eprintln!("note: {scaled}");
+        note!("note: {scaled}");
     }
     let preset = session.config().method.as_any();
     let limit = preset.component_limit();
@@ -216,7 +226,7 @@ fn print_notes(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
         false => session.memory(),
     };
     let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
-    eprintln!(
+    note!(
         "note: needs up to {} MB of memory for the model at its maximum number of components, and {} MB for frames",
         megabytes(memory.model),
         megabytes(memory.frames)
@@ -265,14 +275,12 @@ impl Start {
 fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
     run.check(asked)?;
     if let Some(warning) = run.numerics_differ() {
-        eprintln!("warning: {warning}");
+        note!("warning: {warning}");
     }
     let trained = run.content.cursor.visited.len();
     let most = asked.max_frames.or(run.config.selection.max_frames);
     if most.is_some_and(|most| most <= trained) {
-        eprintln!(
-            "note: {trained} frames are trained already; --max-frames N trains up to N in total"
-        );
+        note!("note: {trained} frames are trained already; --max-frames N trains up to N in total");
     }
     Ok(())
 }
@@ -332,20 +340,70 @@ const SCENE: &str = "scene.ply";
 const CHECKPOINT: &str = "checkpoint.vbgs";
 const REPORT: &str = "report.json";
 
-/// Writes `checkpoint.vbgs` and `scene.ply`. Returns their names for a message. Writes nothing if no
-/// component is used.
-fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, Failure> {
+/// Interval of autosaves unless another one is given, as in the window.
+const AUTOSAVE: Duration = Duration::from_secs(30);
+
+/// Writes `checkpoint.vbgs` and `scene.ply`, each whatever happens to the other, and adds errors to
+/// `unsaved`. Returns the names of the written files for a message. Writes nothing if no component is used.
+fn save_model(session: &mut Session, args: &TrainArgs, unsaved: &mut Vec<Failure>) -> String {
     if session.learner().status().used == 0 {
-        return Ok("");
+        return String::new();
     }
+    let mut written = Vec::new();
     let checkpoint = args.out.join(CHECKPOINT);
-    match interval(args) == AutosaveInterval::default() {
-        true => session.save(&checkpoint)?,
+    let saved = match args.settings.run.autosave.unwrap_or_default() == AutosaveInterval::default()
+    {
+        true => session.save(&checkpoint),
         // As for autosaves, the previous checkpoint is retained.
-        false => session.save_keeping_old(&checkpoint)?,
+        false => session.save_keeping_old(&checkpoint),
     };
+    match saved {
+        Ok(_) => written.push(CHECKPOINT),
+        Err(error) => unsaved.push(save_elsewhere(session, error)),
+    }
+    match save_scene(session, args) {
+        Ok(()) => written.insert(0, SCENE),
+        Err(failure) => unsaved.push(failure),
+    }
+    match written.is_empty() {
+        true => String::new(),
+        false => format!("{} and ", written.join(", ")),
+    }
+}
+
+/// Saves a checkpoint that its folder cannot hold to the user's state folder, else to the system's temporary
+/// folder. Returns the error of its folder, with the place of the checkpoint.
+fn save_elsewhere(session: &Session, error: RunError) -> Failure {
+    let mut problems = vec![error.to_string()];
+    for folder in spare_folders() {
+        let path = folder.join(format!("unsaved-{}.vbgs", std::process::id()));
+        let saved = std::fs::create_dir_all(&folder).map_err(|e| e.to_string());
+        match saved.and_then(|()| session.save(&path).map_err(|e| e.to_string())) {
+            Ok(_) => {
+                let path = path.display();
+                let place =
+                    format!("the checkpoint is in {path}: continue with --resume, or export it");
+                return failed!("{}; {place}", problems.join("; "));
+            }
+            Err(problem) => problems.push(problem),
+        }
+    }
+    failed!("{}", problems.join("; "))
+}
+
+#[cfg(feature = "gui")]
+fn spare_folders() -> Vec<PathBuf> {
+    vbgs_studio::app::rescue::default_folders()
+}
+
+#[cfg(not(feature = "gui"))]
+fn spare_folders() -> Vec<PathBuf> {
+    vec![std::env::temp_dir()]
+}
+
+fn save_scene(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
     session.settle();
-    session.take_outlier_warnings().iter().for_each(|doubt| eprintln!("warning: {doubt}"));
+    session.take_outlier_warnings().iter().for_each(|doubt| note!("warning: {doubt}"));
     let comments = file_comments(&session.config().method, session.learner().status().frames);
     let options = WriteOptions {
         comments: &comments,
@@ -355,7 +413,7 @@ fn save_model(session: &mut Session, args: &TrainArgs) -> Result<&'static str, F
     };
     write(&args.out.join(SCENE), &session.splats(), &options)?;
     warn_of_origin(&args.out.join(SCENE), options.local_origin, ModelFormat::Ply.origin_carrier());
-    Ok("scene.ply, checkpoint.vbgs and ")
+    Ok(())
 }
 
 fn save_report(
@@ -400,7 +458,7 @@ fn save_report(
     }
     report.seen.iter().for_each(|s| output::print_line(output::format_early(s)));
     report.eval.iter().for_each(|e| output::print_line(output::quality(e)));
-    out!("wrote {models}report.json to {}", args.out.display());
+    out!("wrote {models}{REPORT} to {}", args.out.display());
     Ok(())
 }
 
@@ -409,18 +467,18 @@ fn save_report(
 fn warn_about_poses(dataset: &Dataset) {
     let split = dataset.training_split().ok();
     for wild in split.map_or_else(Vec::new, |split| outlier_poses(&dataset.splits[split])) {
-        eprintln!("warning: {wild}");
+        note!("warning: {wild}");
     }
     let check = split.and_then(|split| dataset::pose_check::check(dataset, split));
     for warning in check.iter().flat_map(PoseCheck::warnings) {
-        eprintln!("warning: {warning}");
+        note!("warning: {warning}");
     }
 }
 
 pub fn print_dataset_notes(dataset: &Dataset) {
-    dataset.notes.iter().for_each(|note| eprintln!("note: {note}"));
-    dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
-    dataset.unused.iter().for_each(|unused| eprintln!("warning: {unused}"));
+    dataset.notes.iter().for_each(|note| note!("note: {note}"));
+    dataset.warnings.iter().for_each(|warning| note!("warning: {warning}"));
+    dataset.unused.iter().for_each(|unused| note!("warning: {unused}"));
 }
 
 /// Gives a session the training devices chosen on the command line.
@@ -483,7 +541,7 @@ fn attach_gpu(session: &mut Session, must: bool) -> Result<(), Failure> {
         if must {
             return Err(failed!("--device gpu: {error}; --device cpu needs none"));
         }
-        eprintln!("note: {error}: the CPU {what}");
+        note!("note: {error}: the CPU {what}");
     }
     Ok(())
 }
@@ -515,7 +573,7 @@ impl ReportedProblem {
             (None, latest) => *latest = None,
             (Some(problem), Some((known, since, is_reported))) if *known == problem => {
                 if !*is_reported && since.elapsed() > LASTING {
-                    eprintln!("note: waiting: {problem}");
+                    note!("note: waiting: {problem}");
                     *is_reported = true;
                 }
             }

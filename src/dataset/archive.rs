@@ -12,6 +12,8 @@ use zip::ZipArchive;
 use zip::result::ZipError;
 
 const MAGIC: [u8; 4] = *b"PK\x03\x04";
+/// Size limit for an unpacked text, bytes.
+const MAX_TEXT_BYTES: u64 = 64 << 20;
 
 #[derive(Debug)]
 pub(super) struct Archive {
@@ -41,7 +43,13 @@ impl Archive {
     }
 
     pub fn read(&self, name: &str) -> Result<Vec<u8>, FrameProblem> {
-        read_member(&mut self.lock(), name)
+        read_member(&mut self.lock(), name, MAX_IMAGE_BYTES)
+    }
+
+    pub fn read_text(&self, name: &str) -> Result<String, FrameProblem> {
+        let bytes = read_member(&mut self.lock(), name, MAX_TEXT_BYTES)?;
+        Ok(String::from_utf8(bytes)
+            .unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into()))
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, ZipArchive<BufReader<RetryingFile>>> {
@@ -53,10 +61,11 @@ impl Archive {
 pub(super) fn read_member(
     zip: &mut ZipArchive<impl Read + Seek>,
     name: &str,
+    most: u64,
 ) -> Result<Vec<u8>, FrameProblem> {
     let mut member = zip.by_name(name).map_err(archive_error)?;
     let (packed, stated) = (member.compressed_size(), member.size());
-    if stated > MAX_IMAGE_BYTES || stated / MAX_FACTOR > packed {
+    if stated > most || stated / MAX_FACTOR > packed {
         return Err(FrameProblem::ZipBomb { packed, unpacked: stated });
     }
     // Grows with the data instead of being reserved: the stated size may still be wrong.

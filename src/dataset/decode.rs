@@ -81,7 +81,9 @@ pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
 fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
     catch_decoder_panic(|| {
         // The content decides, not the name: a JPEG named `.png` is decoded as JPEG.
-        let mut decoder = ImageReader::new(bytes).with_guessed_format()?.into_decoder()?;
+        let mut reader = ImageReader::new(bytes).with_guessed_format()?;
+        reader.limits(chunk_limits());
+        let mut decoder = reader.into_decoder()?;
         let (width, height) = decoder.dimensions();
         // A damaged orientation is none.
         let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
@@ -104,7 +106,7 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
         return header_of(Cursor::new(bytes)).map(|header| (header.width, header.height));
     }
     // Any unit will do: only the size is used.
-    let (width, height) = catch_decoder_panic(|| lengths::decode(&bytes, 1.0))?.size();
+    let (width, height) = catch_decoder_panic(|| lengths::decode(&bytes, 1.0, None))?.size();
     Ok((width as u32, height as u32))
 }
 
@@ -114,7 +116,7 @@ pub(super) fn stores_floats(source: &ByteSource) -> Result<bool, FrameProblem> {
     if open_file(source.path())?.read_exact(&mut magic).is_err() || !lengths::is_known(&magic) {
         return Ok(false);
     }
-    let codes = catch_decoder_panic(|| lengths::decode(&source.read()?, 1.0))?;
+    let codes = catch_decoder_panic(|| lengths::decode(&source.read()?, 1.0, None))?;
     Ok(matches!(codes, DepthCodes::Lengths(_)))
 }
 
@@ -145,7 +147,7 @@ pub(super) fn depth(
     let codes = match encoding.codes {
         CodeKind::BareFloats => lengths::bare_floats(&bytes, size)?,
         CodeKind::ByContent(unit) if lengths::is_known(&bytes) => {
-            catch_decoder_panic(|| lengths::decode(&bytes, unit))?
+            catch_decoder_panic(|| lengths::decode(&bytes, unit, Some(size)))?
         }
         CodeKind::ByContent(unit) | CodeKind::Linear16(unit) => {
             let hint = "export depth as 16-bit gray PNG";
@@ -220,7 +222,8 @@ fn decode(
     size: (u32, u32),
     what: &'static str,
 ) -> Result<DynamicImage, FrameProblem> {
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
+    reader.limits(chunk_limits());
     // Decoders silently fill the rest of a truncated JPEG with grey. A truncated PNG is an error of its
     // decoder, but only after the memory is allocated.
     let format = reader.format();
@@ -249,6 +252,14 @@ fn decode(
         image.apply_orientation(orientation);
         Ok(image)
     })
+}
+
+/// Returns limits for what a decoder unpacks besides pixels: a profile of colours in a PNG may be of any
+/// length.
+fn chunk_limits() -> Limits {
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(32 << 20);
+    limits
 }
 
 /// Runs `read` and turns a panic of a third-party image decoder into an error.

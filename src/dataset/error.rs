@@ -5,6 +5,7 @@
 //! [`FrameError`] adds file and frame. A bad frame never makes the whole dataset unusable: only
 //! [`DatasetError`] aborts opening.
 
+use crate::math::foreign::displayable;
 use crate::math::pose::PoseError;
 use image::error::ImageFormatHint;
 use std::path::{Path, PathBuf};
@@ -345,15 +346,11 @@ fn has_extension(name: &str, ends: &[&str]) -> bool {
 /// of long text.
 fn abridged(text: &str) -> String {
     const MOST: usize = 400;
-    let mut plain = Vec::new();
-    for c in text.chars() {
-        match c.is_control() {
-            true => plain.extend(c.escape_default()),
-            false => plain.push(c),
-        }
-    }
+    // Messages have one line.
+    let text = displayable(text).replace('\n', "\\n").replace('\t', "\\t");
+    let plain: Vec<char> = text.chars().collect();
     if plain.len() <= MOST {
-        return plain.into_iter().collect();
+        return text;
     }
     // More of the start: it holds the folder and what was expected.
     let (start, end) = (plain.iter().take(2 * MOST / 3), plain.iter().skip(plain.len() - MOST / 3));

@@ -3,9 +3,9 @@
 //! Frames are checked on creation, by [`FrameEntry::load`](super::FrameEntry::load) for files and by
 //! [`Frame::from_memory`] for buffers. Code that reads a frame relies on these checks and handles only holes.
 
-use super::calibrated_size;
-use super::calibrated_size::IntrinsicsDefect;
+use super::calibration;
 use super::calibration::ColorCamera;
+use super::calibration::IntrinsicsDefect;
 use super::error::{FrameError, FrameProblem};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
@@ -100,7 +100,7 @@ impl Frame {
     ) -> Result<Self, FrameError> {
         let checked = || -> Result<Self, FrameProblem> {
             // The camera first: the buffers are compared with its size.
-            calibrated_size::check(&intrinsics).map_err(|defect| {
+            calibration::check(&intrinsics).map_err(|defect| {
                 let IntrinsicsDefect { expected, found, hint } = defect;
                 FrameProblem::Intrinsics { expected, found, hint: hint.to_owned() }
             })?;

@@ -6,16 +6,22 @@ use super::archive::{archive_error, read_member};
 use super::depth::DepthCodes;
 use super::error::FrameProblem;
 use crate::math::image::Image;
-use exr::meta::MetaData;
-use exr::prelude::{ReadChannels, ReadLayers, f16, read as open_exr};
+use exr::block::lines::LineRef;
+use exr::block::reader::ChunksReader;
+use exr::math::Vec2;
+use exr::meta::attribute::SampleType;
+use exr::prelude::f16;
 use std::borrow::Cow;
 use std::io::{Cursor, Read};
 use tiff::decoder::{Decoder, DecodingResult};
 use zip::ZipArchive;
 
-/// Function that decodes the bytes of a depth file to codes or lengths. Its second argument is the
-/// number of world units per stored unit.
-type Reader = fn(&[u8], f64) -> Result<DepthCodes, FrameProblem>;
+/// Columns and rows that a depth image must have; `None` accepts any size.
+type Size = Option<(u32, u32)>;
+
+/// Function that decodes the bytes of a depth file to codes or lengths, with the number of world units per
+/// stored unit. It compares the size before it decodes pixels.
+type Reader = fn(&[u8], f64, Size) -> Result<DepthCodes, FrameProblem>;
 
 const KINDS: [(&[u8], Reader); 7] = [
     (b"\x93NUM", read_npy),
@@ -37,9 +43,9 @@ pub(super) fn is_known(bytes: &[u8]) -> bool {
 }
 
 /// Decodes a depth file (EXR, TIFF, NPY or NPZ) to codes or lengths, with `unit` world units per stored unit.
-pub(super) fn decode(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
+pub(super) fn decode(bytes: &[u8], unit: f64, size: Size) -> Result<DepthCodes, FrameProblem> {
     match reader(bytes) {
-        Some(read) => read(bytes, unit),
+        Some(read) => read(bytes, unit, size),
         None => Err(FrameProblem::DepthFile {
             expected: "depth as EXR, TIFF, NPY or NPZ",
             found: "another kind of file".to_owned(),
@@ -99,12 +105,14 @@ fn unpacked(
     (width, height): (u32, u32),
     per_pixel: usize,
 ) -> Result<Cow<'_, [u8]>, FrameProblem> {
-    let expected = width as usize * height as usize * per_pixel;
+    // At most 33 million times a few bytes, which cannot overflow.
+    let expected = n_pixels([width as usize, height as usize]).map(|n| n * per_pixel);
     let wrong = |found: String| FrameProblem::DepthFile {
         expected: "values without a header, of the size stated in the metadata, plain or LZFSE-compressed",
         found,
     };
     let short = |n: usize| wrong(format!("{n} bytes for {width}x{height} pixels of {per_pixel}"));
+    let Some(expected) = expected else { return Err(short(bytes.len())) };
     if bytes.len() == expected {
         return Ok(Cow::Borrowed(bytes));
     }
@@ -145,7 +153,7 @@ pub(super) fn size_of_floats(bytes: u64, (width, height): (u32, u32)) -> Option<
 }
 
 /// Decodes the array of depth in an NPZ archive: the only one, or the one whose name contains "depth".
-fn read_npz(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
+fn read_npz(bytes: &[u8], unit: f64, size: Size) -> Result<DepthCodes, FrameProblem> {
     let mut zip = ZipArchive::new(Cursor::new(bytes)).map_err(archive_error)?;
     let names: Vec<String> = zip.file_names().filter_map(Result::ok).map(Cow::into_owned).collect();
     let name = match &names[..] {
@@ -157,12 +165,12 @@ fn read_npz(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
             }
         })?,
     };
-    read_npy(&read_member(&mut zip, name)?, unit)
+    read_npy(&read_member(&mut zip, name, MAX_ARRAY_BYTES)?, unit, size)
 }
 
 /// Decodes an NPY array of depth. The array has two axes, or three of which the first or last has length
 /// one.
-fn read_npy(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
+fn read_npy(bytes: &[u8], unit: f64, size: Size) -> Result<DepthCodes, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
         expected: "a little-endian NPY array of rows and columns (f2, f4, f8, u2, u4, u8, i2, i4, i8)",
         found,
@@ -172,6 +180,7 @@ fn read_npy(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     let shape = shape(header).ok_or_else(|| wrong(shorten(header)))?;
     let [height, width] = shape;
     let n = width.checked_mul(height).ok_or_else(|| wrong(shorten(header)))?;
+    check_same([width, height], size)?;
     let width_of = kind.get(2..).and_then(|digits| digits.parse::<usize>().ok()).unwrap_or(0);
     // Exact: a file longer or shorter than its header states is damaged.
     if n.checked_mul(width_of) != Some(data.len()) || n == 0 {
@@ -261,46 +270,80 @@ fn exr_rank(layer: &str, name: &str, others: &[String]) -> Option<usize> {
     (!is_vector && !is_mist).then_some(EXR_CHANNELS.len() + rank)
 }
 
-fn read_exr(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
+fn read_exr(bytes: &[u8], unit: f64, size: Size) -> Result<DepthCodes, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile { expected: "a whole EXR image", found };
     let damaged = |e: exr::error::Error| wrong(e.to_string());
-    // Headers first: reading the image allocates the sizes that they state.
-    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(damaged)?;
-    let mut unpacked = 0u64;
-    for header in &meta.headers {
-        let size = [header.layer_size.width(), header.layer_size.height()];
-        // A sample of an EXR has at least two bytes.
-        let per_pixel = 2 * header.channels.list.len();
-        check_size(bytes, size, per_pixel)?;
-        // All parts are read.
-        unpacked = unpacked.saturating_add((size[0] * size[1] * per_pixel) as u64);
-        check_unpacked(bytes, size, unpacked)?;
-    }
-    let image = open_exr()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .all_layers()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(damaged)?;
-    let layers = image.layer_data.iter().flat_map(|layer| {
-        let part = layer.attributes.layer_name.as_ref().map(ToString::to_string);
+    let reader = exr::block::read(Cursor::new(bytes), false).map_err(damaged)?;
+    let channels = reader.headers().iter().enumerate().flat_map(|(layer, header)| {
+        let part = header.own_attributes.layer_name.as_ref().map(ToString::to_string);
         let part = part.unwrap_or_default();
-        let names: Vec<String> =
-            layer.channel_data.list.iter().map(|channel| channel.name.to_string()).collect();
+        let channels = &header.channels.list;
+        let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
         let rank = |name| exr_rank(&part, name, &names).unwrap_or(usize::MAX);
         let ranks: Vec<usize> = names.iter().map(|name| rank(name)).collect();
-        ranks.into_iter().zip(&layer.channel_data.list).map(move |(rank, c)| (rank, layer.size, c))
+        let channels = ranks.into_iter().zip(channels).enumerate();
+        channels.map(move |(channel, (rank, kind))| (rank, (layer, header), (channel, kind)))
     });
     // Without any known name, the first channel: `min_by_key` returns the first of equals.
-    let (_, size, channel) =
-        layers.min_by_key(|(rank, ..)| *rank).ok_or_else(|| wrong("no channel".to_owned()))?;
-    Ok(lengths([size.width(), size.height()], channel.sample_data.values_as_f32(), unit))
+    let best = channels.min_by_key(|(rank, ..)| *rank);
+    let (_, (layer, header), (channel, kind)) =
+        best.ok_or_else(|| wrong("no channel".to_owned()))?;
+    let (header, kind) = (header.clone(), kind.clone());
+    let mut unpacked = 0u64;
+    for header in reader.headers() {
+        let size = [header.layer_size.width(), header.layer_size.height()];
+        check_size(bytes, size, header.channels.bytes_per_pixel)?;
+        // The crate lists the blocks of all parts.
+        unpacked += (size[0] * size[1] * header.channels.bytes_per_pixel) as u64;
+        check_unpacked(bytes, size, unpacked)?;
+    }
+    let (width, height) = (header.layer_size.width(), header.layer_size.height());
+    check_same([width, height], size)?;
+    if header.deep || kind.sampling != Vec2(1, 1) || header.max_block_byte_size() > MAX_BLOCK_BYTES
+    {
+        return Err(wrong("deep, subsampled or far too many channels".to_owned()));
+    }
+    let mut blocks = reader
+        .filter_chunks(false, |_, tile, block| {
+            block.layer == layer && tile.is_largest_resolution_level()
+        })
+        .map_err(damaged)?
+        .sequential_decompressor(false);
+    let mut values = vec![0.0; width * height];
+    // Block by block: a file may hold hundreds of channels.
+    while let Some(block) = blocks.decompress_next_block() {
+        let block = block.map_err(damaged)?;
+        for line in block.lines(&header.channels).filter(|l| l.location.channel == channel) {
+            let Vec2(x, y) = line.location.position;
+            let n = line.location.sample_count;
+            let row = values.get_mut(y * width + x..).and_then(|rest| rest.get_mut(..n));
+            let row = row.ok_or_else(|| wrong("a block outside the image".to_owned()))?;
+            read_line(&line, kind.sample_type, row).map_err(damaged)?;
+        }
+    }
+    Ok(lengths([width, height], values.into_iter(), unit))
 }
 
-fn read_tiff(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
+fn read_line(line: &LineRef, kind: SampleType, row: &mut [f32]) -> exr::error::UnitResult {
+    match kind {
+        SampleType::F16 => row.iter_mut().zip(line.read_samples()).try_for_each(|(out, sample)| {
+            *out = f16::to_f32(sample?);
+            Ok(())
+        }),
+        SampleType::F32 => row.iter_mut().zip(line.read_samples()).try_for_each(|(out, sample)| {
+            *out = sample?;
+            Ok(())
+        }),
+        SampleType::U32 => {
+            row.iter_mut().zip(line.read_samples::<u32>()).try_for_each(|(out, sample)| {
+                *out = sample? as f32;
+                Ok(())
+            })
+        }
+    }
+}
+
+fn read_tiff(bytes: &[u8], unit: f64, expected: Size) -> Result<DepthCodes, FrameProblem> {
     let wrong = |found: String| FrameProblem::DepthFile {
         expected: "a TIFF with one sample of 16 bits or more per pixel",
         found,
@@ -312,6 +355,7 @@ fn read_tiff(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     // Accepted samples have at least two bytes.
     check_size(bytes, [width, height], 2)?;
     let size = [width, height];
+    check_same(size, expected)?;
     let values: Vec<f32> = match decoder.read_image().map_err(damaged)? {
         DecodingResult::U16(codes) if codes.len() == width * height => {
             return Ok(DepthCodes::Linear16 { codes: Image::from_vec(width, height, codes), unit });
@@ -331,11 +375,20 @@ fn read_tiff(bytes: &[u8], unit: f64) -> Result<DepthCodes, FrameProblem> {
     }
 }
 
-/// Largest number of pixels of a depth image, 67 million.
-const MAX_PIXELS: usize = 1 << 26;
+/// Largest number of pixels of a depth image, 33 million.
+const MAX_PIXELS: usize = 1 << 25;
+/// Size limit for an unpacked array of an NPZ, bytes.
+const MAX_ARRAY_BYTES: u64 = 128 << 20;
+/// Size limit for the pixels that an EXR compresses together, bytes.
+const MAX_BLOCK_BYTES: usize = 64 << 20;
 /// Upper limit for the compression factor of EXR, TIFF, PNG and zip files. Deflate compresses by a
 /// factor of at most 1032.
 pub(super) const MAX_FACTOR: u64 = 1040;
+
+/// Returns the number of pixels of an image; `None` without pixels or with more than [`MAX_PIXELS`].
+fn n_pixels([width, height]: [usize; 2]) -> Option<usize> {
+    width.checked_mul(height).filter(|n| (1..=MAX_PIXELS).contains(n))
+}
 
 /// Checks, before allocation, that a file can contain an image of this size with `per_pixel` bytes per
 /// pixel.
@@ -344,9 +397,19 @@ fn check_size(
     [width, height]: [usize; 2],
     per_pixel: usize,
 ) -> Result<(), FrameProblem> {
-    let n = width.checked_mul(height).filter(|n| (1..=MAX_PIXELS).contains(n));
-    let unpacked = n.map_or(u64::MAX, |n| (n as u64).saturating_mul(per_pixel as u64));
+    let unpacked =
+        n_pixels([width, height]).map_or(u64::MAX, |n| (n as u64).saturating_mul(per_pixel as u64));
     check_unpacked(bytes, [width, height], unpacked)
+}
+
+fn check_same(found: [usize; 2], expected: Size) -> Result<(), FrameProblem> {
+    let found = found.map(|n| u32::try_from(n).unwrap_or(u32::MAX)).into();
+    match expected {
+        Some(expected) if expected != found => {
+            Err(FrameProblem::Size { what: "depth", expected, found })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Checks, before allocation, that the bytes of a compressed file can contain an image of `unpacked`

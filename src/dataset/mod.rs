@@ -22,7 +22,6 @@
 // size was checked when they were decoded.
 #![warn(clippy::indexing_slicing, clippy::string_slice)]
 
-pub mod calibrated_size;
 pub mod calibration;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 pub mod capture_check;

@@ -42,6 +42,9 @@ impl Video {
     }
 }
 
+/// Largest number of pictures that are unpacked; that of 70 minutes at 60 Hz is smaller.
+const MAX_UNPACKED: usize = 1 << 18;
+
 /// Names of the ffmpeg option that extracts every frame once: since ffmpeg 5.1, and in older versions.
 const EVERY_FRAME: [&str; 2] = ["-fps_mode", "-vsync"];
 
@@ -64,7 +67,10 @@ fn extract_frames(path: &Path) -> Result<TempDir, String> {
 fn run(video: &Path, folder: &Path, every_frame: &str) -> Result<Output, String> {
     let mut ffmpeg = Command::new("ffmpeg");
     // Without rotation metadata: the camera matrix refers to the sensor's orientation.
-    ffmpeg.args(["-nostdin", "-v", "error", "-noautorotate", "-i"]).arg(video);
+    // The file alone: a crafted one could name others, or addresses, as its parts.
+    ffmpeg.args(["-nostdin", "-v", "error", "-protocol_whitelist", "file"]);
+    ffmpeg.args(["-f", "mov", "-noautorotate", "-i"]).arg(video);
+    ffmpeg.args(["-frames:v", &MAX_UNPACKED.to_string()]);
     // `-q:v 2` is the best JPEG quality within ffmpeg's default limits; numbers start at 0, as frames do.
     ffmpeg.args([every_frame, "passthrough", "-q:v", "2", "-start_number", "0"]);
     let output = ffmpeg.arg(folder.join("%06d.jpg")).output();

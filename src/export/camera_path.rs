@@ -90,9 +90,14 @@ impl PacedPath {
     pub fn read(path: &Path, up: DVec3) -> Result<Self, CameraPathError> {
         let failed = |error| CameraPathError::Io { path: path.to_owned(), error };
         // Checked before reading, so that a wrong file cannot exhaust the memory.
-        let length = std::fs::metadata(path).map_err(failed)?.len();
-        if length > MAX_BYTES {
-            return Err(value_error(path, "file", "at most 16 MiB", format!("{length} bytes")));
+        let found = std::fs::metadata(path).map_err(failed)?;
+        if !found.is_file() || found.len() > MAX_BYTES {
+            let found = match found.is_file() {
+                true => format!("{} bytes", found.len()),
+                // Opening a FIFO would block, and a device may never end.
+                false => "a folder, FIFO or device".to_owned(),
+            };
+            return Err(value_error(path, "file", "a file of at most 16 MiB", found));
         }
         let bytes = std::fs::read(path).map_err(failed)?;
         let text: FileText = serde_json::from_slice(&bytes)

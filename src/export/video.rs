@@ -105,7 +105,10 @@ impl VideoWriter {
             return Err(failed(said.lines().next().unwrap_or("a failure of ffmpeg").to_owned()));
         }
         let part = folder.path().join(part_name(&path));
-        std::fs::rename(part, &path).map_err(|error| failed(error.to_string()))
+        let mut video = std::fs::File::open(part).map_err(|error| failed(error.to_string()))?;
+        // As all other files: links are followed, and devices are written to.
+        write_atomic(&path, |out| io::copy(&mut video, out).map(drop))?;
+        Ok(())
     }
 }
 

@@ -36,7 +36,8 @@ pub struct RunSettings {
     pub order: Option<Order>,
     pub passes: Option<usize>,
     pub stride: Option<usize>,
-    pub autosave: AutosaveInterval,
+    /// `None` is the default interval.
+    pub autosave: Option<AutosaveInterval>,
 }
 
 type SetRun = fn(&mut RunSettings, &str) -> Result<(), String>;
@@ -57,10 +58,15 @@ const RUN_SETTINGS: [(&str, &str, SetRun); 4] = [
     ("stride", "use every N-th frame", |run, text| parse_count(text).map(|n| run.stride = Some(n))),
     (
         "autosave",
-        "save the checkpoint every N frames, or every Ns seconds such as 30s, keeping the previous one as checkpoint.vbgs.bak",
-        |run, text| match text.strip_suffix('s') {
-            Some(seconds) => parse_seconds(seconds).map(|time| run.autosave.time = Some(time)),
-            None => parse_count(text).map(|n| run.autosave.frames = Some(n)),
+        "save the checkpoint every N frames, or every Ns seconds (default 30s), or off; the previous one is kept as checkpoint.vbgs.bak",
+        |run, text| {
+            let interval = run.autosave.get_or_insert_default();
+            match (text, text.strip_suffix('s')) {
+                ("off", _) => *interval = AutosaveInterval::default(),
+                (_, Some(seconds)) => interval.time = Some(parse_seconds(seconds)?),
+                (_, None) => interval.frames = Some(parse_count(text)?),
+            }
+            Ok(())
         },
     ),
 ];

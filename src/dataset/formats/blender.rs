@@ -17,7 +17,7 @@ use super::recording::{
     ANY_RANGE, Cameras, check_intrinsics, metadata_error, photograph_size, same_size,
 };
 use super::stated::{FrameCamera, check_model, entry_name, frame_lists, read_list, split_name};
-use crate::dataset::calibrated_size::from_user;
+use crate::dataset::calibration::from_user;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::entry::DatasetSplit;

@@ -10,6 +10,7 @@ use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
     Cameras, LIDAR_RANGE, Recording, encoding, frame_entry, metadata_error, no_poses, same_size,
 };
+use super::stated::parse_json;
 use super::trajectory::TimedPose;
 use super::{recording, stated};
 use crate::dataset::archive::Archive;
@@ -46,16 +47,16 @@ struct FrameSources {
 }
 
 impl Metadata {
-    fn is_one(text: &[u8]) -> bool {
+    fn is_one(text: &str) -> bool {
         // The front camera has no poses.
         let is_ours = |json: Value| {
             json.get("K").is_some() && ["poses", "fps"].iter().any(|key| json.get(key).is_some())
         };
-        serde_json::from_slice(text).is_ok_and(is_ours)
+        parse_json(text).is_ok_and(is_ours)
     }
 
-    fn new(file: PathBuf, text: &[u8]) -> Result<Self, DatasetError> {
-        match serde_json::from_slice(text) {
+    fn new(file: PathBuf, text: &str) -> Result<Self, DatasetError> {
+        match parse_json(text) {
             Ok(json) => Ok(Self { file, json }),
             Err(source) => Err(DatasetError::Json { file, source }),
         }
@@ -222,7 +223,7 @@ fn is_recording(folder: &Folder, name: &str) -> Result<bool, FrameProblem> {
     let archive = Archive::open(&path)?;
     let names = archive.names();
     for name in METADATA.into_iter().filter(|name| names.iter().any(|n| n == name)) {
-        if Metadata::is_one(&archive.read(name)?) {
+        if Metadata::is_one(&archive.read_text(name)?) {
             return Ok(true);
         }
     }
@@ -251,7 +252,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         let hint = "share the recording again";
         return Err(metadata_error(&path, "a member `metadata`", found, hint));
     };
-    let text = archive.read(name).map_err(damaged)?;
+    let text = archive.read_text(name).map_err(damaged)?;
     let metadata = Metadata::new(path.join(name), &text)?;
     let member = |name: String| names.contains(&name).then(|| ByteSource::member(&archive, &name));
     let mut frames = BTreeMap::new();
@@ -302,15 +303,15 @@ fn recognise_folder(folder: &Folder) -> Option<String> {
 }
 
 fn metadata(folder: &Folder) -> Option<&'static str> {
-    FOLDER_METADATA.into_iter().find(|name| {
-        folder.listing.has_file(name) && Metadata::is_one(folder.peek_whole(name).as_bytes())
-    })
+    FOLDER_METADATA
+        .into_iter()
+        .find(|name| folder.listing.has_file(name) && Metadata::is_one(&folder.peek_whole(name)))
 }
 
 fn parse_folder(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
     let (file, text) = folder.text(metadata(folder).unwrap_or(FOLDER_METADATA[0]))?;
-    let metadata = Metadata::new(file, text.as_bytes())?;
+    let metadata = Metadata::new(file, &text)?;
     let colors = recording.list(COLORS, "", &PHOTOGRAPHS)?;
     let depths = recording.list_optional(DEPTHS, &["exr", "png", "tiff", "tif", "npy"])?;
     let name = CONFIDENCES.into_iter().find(|name| folder.has_folder(name));

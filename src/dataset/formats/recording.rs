@@ -5,10 +5,10 @@
 
 use super::numbered::NumberedFiles;
 use super::stated::majority;
-use crate::dataset::calibrated_size::{
+use crate::dataset::calibration::ColorCamera;
+use crate::dataset::calibration::{
     IntrinsicsDefect, check, check_centre, from_user, have_same_aspect_ratio,
 };
-use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;

@@ -1,15 +1,16 @@
 //! Intrinsics stated in a recording's files, or known for its camera.
 
 use super::recording::{Recording, SPLIT, metadata_error};
-use crate::dataset::calibrated_size::is_plausible_field_of_view;
+use crate::dataset::calibration::is_plausible_field_of_view;
 use crate::dataset::error::DatasetError;
 use crate::dataset::folder::{Folder, read_small_text};
 use crate::dataset::matrix;
 use crate::dataset::matrix::{describe_json, shorten};
 use crate::math::camera::Intrinsics;
+use crate::math::foreign::{JsonOutline, MAX_JSON_MEMORY};
 use glam::DMat4;
 use serde::Deserialize;
-use serde::de::{DeserializeOwned, Deserializer, MapAccess, Visitor};
+use serde::de::{DeserializeOwned, Deserializer, Error as _, MapAccess, Visitor};
 use serde_json::Value;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -213,6 +214,12 @@ pub(super) fn split_name(file_name: &str) -> &str {
 /// Parses JSON with the bare words `NaN` and `Infinity`, which Python writes. They become texts, so that
 /// only what needs their number is refused.
 pub(super) fn parse_json<T: DeserializeOwned>(text: &str) -> serde_json::Result<T> {
+    let memory = JsonOutline::of(text.as_bytes()).memory;
+    if memory > MAX_JSON_MEMORY {
+        let limit = format_args!("at most {} MiB of values", MAX_JSON_MEMORY >> 20);
+        let found = format_args!("about {} MiB of values; {limit} are read", memory >> 20);
+        return Err(serde_json::Error::custom(found));
+    }
     serde_json::from_str(text).or_else(|_| serde_json::from_str(&with_quoted_words(text)))
 }
 

@@ -12,7 +12,7 @@
 
 use super::arkit;
 use super::numbered::{Correspondence, NumberedFiles};
-use super::stated::flat_numbers;
+use super::stated::{flat_numbers, parse_json};
 use crate::dataset::error::FrameProblem;
 use crate::dataset::folder::{Folder, read_small_text};
 use crate::dataset::matrix;
@@ -120,7 +120,7 @@ impl PoseList {
     /// Parses a text; `None` unless most entries are poses in one known form.
     pub fn parse(text: &str) -> Option<Self> {
         let (form, poses) = if text.trim_start().starts_with(JSON) {
-            ("JSON", poses_in_json(&serde_json::from_str(text).ok()?)?)
+            ("JSON", poses_in_json(&parse_json(text).ok()?)?)
         } else if let Some(poses) = poses_in_table(text) {
             ("CSV with a header", poses)
         } else {

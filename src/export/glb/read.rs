@@ -4,7 +4,9 @@ use super::schema::{Buffer, Root};
 use super::{EXTENSION, container, import};
 use crate::export::error::{Fault, shorten};
 use crate::export::imported::Imported;
+use crate::math::foreign::{JsonOutline, MAX_JSON_MEMORY};
 use std::borrow::Cow;
+use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 /// Maximum size in bytes of the JSON in a GLB (`files.md`, Limits).
@@ -48,7 +50,7 @@ fn import_document(
     max_splats: usize,
 ) -> Result<Imported, Fault> {
     // Checked before parsing: the parser's own limit reports neither file nor cause.
-    check_nesting(json)?;
+    check_outline(json)?;
     let root: Root = serde_json::from_slice(json)
         .map_err(|e| Fault::malformed("JSON", "glTF 2.0", shorten_error(&e)))?;
     // Later minor versions are compatible.
@@ -94,21 +96,15 @@ fn buffer<'a>(
     Ok(bytes)
 }
 
-fn check_nesting(json: &[u8]) -> Result<(), Fault> {
-    let (mut depth, mut in_string, mut escaped) = (0usize, false, false);
-    for &byte in json {
-        match byte {
-            _ if escaped => escaped = false,
-            b'\\' if in_string => escaped = true,
-            b'"' => in_string = !in_string,
-            b'{' | b'[' if !in_string => depth += 1,
-            b'}' | b']' if !in_string => depth = depth.saturating_sub(1),
-            _ => {}
-        }
-        if depth > MAX_JSON_DEPTH {
-            let expected = format!("at most {MAX_JSON_DEPTH} nested levels");
-            return Err(Fault::malformed("JSON", expected, "more"));
-        }
+fn check_outline(json: &[u8]) -> Result<(), Fault> {
+    let JsonOutline { depth, memory } = JsonOutline::of(json);
+    if depth > MAX_JSON_DEPTH {
+        let expected = format!("at most {MAX_JSON_DEPTH} nested levels");
+        return Err(Fault::malformed("JSON", expected, "more"));
+    }
+    if memory > MAX_JSON_MEMORY {
+        let expected = format!("at most {MAX_JSON_MEMORY} bytes of values");
+        return Err(Fault::malformed("JSON", expected, format!("about {memory}")));
     }
     Ok(())
 }
@@ -131,9 +127,14 @@ pub(super) fn load(uri: &str, length: usize, folder: &Path, place: &str) -> Resu
             Fault::malformed(place, "a data: URI with base64", format!("\"{}\"", shorten(uri)))
         });
     }
-    let path = folder.join(sibling(uri).ok_or_else(|| {
-        Fault::malformed(place, "a file beside the glTF", format!("\"{}\"", shorten(uri)))
-    })?);
+    let elsewhere =
+        || Fault::malformed(place, "a file beside the glTF", format!("\"{}\"", shorten(uri)));
+    let path = folder.join(sibling(uri).ok_or_else(elsewhere)?);
+    // A link could hand out any file of the user. A missing file is reported below.
+    let is_inside = |file: PathBuf| folder.canonicalize().is_ok_and(|real| file.starts_with(real));
+    if !path.canonicalize().map_or(true, is_inside) {
+        return Err(elsewhere());
+    }
     read_sibling(&path, length, place)
 }
 
@@ -148,7 +149,11 @@ fn read_sibling(path: &Path, length: usize, place: &str) -> Result<Vec<u8>, Faul
     if size < length as u64 {
         return Err(Fault::malformed(place, expected(), format!("{size} bytes")));
     }
-    std::fs::read(path).map_err(|source| Fault::Io { action: "read the buffer file", source })
+    let mut bytes = Vec::new();
+    std::fs::File::open(path)
+        .and_then(|file| file.take(length as u64).read_to_end(&mut bytes))
+        .map_err(|source| Fault::Io { action: "read the buffer file", source })?;
+    Ok(bytes)
 }
 
 /// Decodes a URI into a relative path; `None` if it is invalid or leaves the folder of the glTF.

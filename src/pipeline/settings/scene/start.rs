@@ -5,7 +5,7 @@
 
 use super::table::SceneOverrides;
 use crate::dataset::Dataset;
-use crate::dataset::calibrated_size::AspectRatioMismatch;
+use crate::dataset::calibration::AspectRatioMismatch;
 use crate::dataset::surface::sample::{FrameSample, NoUsableDepth};
 use crate::dataset::surface::{PixelSampling, Sensor, SurfaceSettings};
 use crate::dataset::wild_poses::outlier_poses;

@@ -1,0 +1,99 @@
+//! Text from outside the program, checked before it is printed or parsed.
+
+use std::borrow::Cow;
+
+/// Largest [`JsonOutline::memory`] of a text that is parsed, bytes. A list of 100,000 frames with a matrix
+/// each takes as much.
+pub const MAX_JSON_MEMORY: usize = 224 << 20;
+
+/// Size of a JSON text, found without parsing it. A few kilobytes of compressed text may hold millions of
+/// empty objects.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct JsonOutline {
+    /// Largest number of nested arrays and objects.
+    pub depth: usize,
+    /// Estimate of the memory of the parsed values in bytes, without the texts in them.
+    pub memory: usize,
+}
+
+impl JsonOutline {
+    /// Measures a text, which may be damaged.
+    pub fn of(json: &[u8]) -> Self {
+        // Sizes of `serde_json::Value`: a value, the first growth of an array, a node of a map.
+        const VALUE: usize = 32;
+        const ARRAY: usize = 128;
+        const ENTRY: usize = 64;
+        const OBJECT: usize = 640;
+        let (mut outline, mut depth) = (Self::default(), 0usize);
+        let (mut is_string, mut is_escaped) = (false, false);
+        for &byte in json {
+            if is_string {
+                is_string = is_escaped || byte != b'"';
+                is_escaped = !is_escaped && byte == b'\\';
+                continue;
+            }
+            outline.memory += match byte {
+                b',' => VALUE,
+                b':' => ENTRY,
+                b'[' => ARRAY,
+                b'{' => OBJECT,
+                _ => 0,
+            };
+            match byte {
+                b'"' => is_string = true,
+                b'[' | b'{' => depth += 1,
+                b']' | b'}' => depth = depth.saturating_sub(1),
+                _ => {}
+            }
+            outline.depth = outline.depth.max(depth);
+        }
+        outline
+    }
+}
+
+/// Returns a text in which characters that control a terminal or the direction of text are escaped. Line
+/// feeds and tabs stay.
+pub fn displayable(text: &str) -> Cow<'_, str> {
+    let is_control = |c: char| match c {
+        '\n' | '\t' => false,
+        // Marks, embeddings, overrides and isolates of text direction.
+        '\u{200E}' | '\u{200F}' | '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}' => true,
+        c => c.is_control(),
+    };
+    if !text.contains(is_control) {
+        return Cow::Borrowed(text);
+    }
+    let mut plain = String::with_capacity(text.len());
+    for c in text.chars() {
+        match is_control(c) {
+            true => plain.extend(c.escape_default()),
+            false => plain.push(c),
+        }
+    }
+    Cow::Owned(plain)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn terminals_get_no_controls_from_files() {
+        assert_eq!(displayable("ä\tb\nc"), "ä\tb\nc");
+        let text = displayable("a\u{1b}]0;title\u{7}\u{9b}2J\r\u{202e}b");
+        assert_eq!(text, "a\\u{1b}]0;title\\u{7}\\u{9b}2J\\r\\u{202e}b");
+    }
+
+    #[test]
+    fn outlines_bound_what_parsers_allocate() {
+        let outline = |json: &str| JsonOutline::of(json.as_bytes());
+        // Braces and commas in texts do not count, and quotes in them do not end them.
+        assert_eq!(outline(r#""{[,\"{\\""#), JsonOutline::default());
+        assert_eq!(outline(r#"{"a": [1, 2, {}]}"#).depth, 3);
+        assert_eq!(outline("]]]]").depth, 0);
+        let frame =
+            r#"{"file_path": "a", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]},"#;
+        assert!(100_000 * outline(frame).memory < MAX_JSON_MEMORY, "{:?}", outline(frame));
+        assert!(outline(&"{},".repeat(1 << 20)).memory > MAX_JSON_MEMORY);
+    }
+}
