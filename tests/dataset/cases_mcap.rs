@@ -1,9 +1,9 @@
 //! ROS 2 bags.
 
-use crate::common::bag::{Bag, Cdr, DepthForm, OPTICAL, Packing, QUANTISATION, START, STEP};
+use crate::common::bag::{self, Bag, Cdr, DepthForm, OPTICAL, Packing, QUANTISATION, START, STEP};
 use crate::common::layouts::{TestLayout, gray16};
 use crate::common::mutation::mutate;
-use crate::common::scratch::{self, assert_says, edit_json, open_plain, tiny};
+use crate::common::scratch::{self, TINY, assert_says, edit_json, open_plain, tiny};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use serde_json::json;
 use std::fs;
@@ -144,6 +144,19 @@ fn bags_open_whatever_packs_them() {
     assert_says(&error, &["expected one bag, found 2 without a metadata.yaml", "open one"]);
     fs::write(folder.path().join("metadata.yaml"), "rosbag2_bagfile_information:\n").unwrap();
     room.check(folder.path());
+}
+
+/// Fuzzing starts from these bags.
+#[test]
+fn bags_of_all_forms_open() {
+    for bytes in bag::of_all_forms(&TINY) {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join(bag::FILE), bytes).unwrap();
+        let dataset = open_plain(folder.path()).unwrap();
+        assert!(dataset.warnings.is_empty() && dataset.unused.is_empty(), "{:?}", dataset.unused);
+        assert_eq!(all(&dataset).len(), 4);
+        (0..4).for_each(|i| drop(dataset.load(0, i).unwrap()));
+    }
 }
 
 #[test]
