@@ -146,6 +146,7 @@ pub(super) fn scan(
     let mut at = file.seek(SeekFrom::Start(MAGIC.len() as u64))?;
     let (schemas, channels) = (HashMap::new(), HashMap::new());
     let mut scan = Scan { schemas, channels, wanted, visit, buffer: Vec::new() };
+    let (mut all_packed, mut all_unpacked) = (0u64, 0u64);
     while at < end {
         let (opcode, length) = record_head(&mut file)?;
         at += RECORD_HEAD;
@@ -167,8 +168,11 @@ pub(super) fn scan(
                 file.seek_relative(n as i64 - scan.buffer.len() as i64)?;
                 // Records of a chunk that is not compressed are like others.
                 let Some(packing) = packing else { continue };
+                // All chunks together: many small ones may take as long as a large one.
+                all_packed += length;
+                all_unpacked = all_unpacked.saturating_add(unpacked);
                 // Images of one value are packed well.
-                if unpacked > MAX_IMAGE_BYTES && unpacked / MAX_FACTOR > length {
+                if all_unpacked > MAX_IMAGE_BYTES && all_unpacked / MAX_FACTOR > all_packed {
                     return Err(wrong("a chunk that unpacks implausibly"));
                 }
                 let chunk = Chunk { at, length, packing };

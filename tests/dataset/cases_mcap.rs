@@ -628,6 +628,41 @@ fn damaged_bags_never_panic() {
     }
 }
 
+/// Chunks of a few bytes that unpack to gigabytes end the reading of a bag.
+#[test]
+fn chunks_that_unpack_implausibly_are_refused() {
+    const UNPACKED: usize = 200 << 20;
+    let room = Room::new();
+    let mut bag = room.bag();
+    room.transforms(&mut bag);
+    let mut bytes = bag.bytes();
+    // A record of another kind, of zeros.
+    let mut record = vec![0; UNPACKED];
+    record[0] = 0x80;
+    record[1..9].copy_from_slice(&(UNPACKED as u64 - 9).to_le_bytes());
+    let packed = zstd::encode_all(&record[..], 3).unwrap();
+    let content = [
+        &[0; 16][..],
+        &(UNPACKED as u64).to_le_bytes(),
+        &[0, 0, 0, 0, 4, 0, 0, 0],
+        b"zstd",
+        &(packed.len() as u64).to_le_bytes(),
+        &packed,
+    ]
+    .concat();
+    let chunk = [&[6][..], &(content.len() as u64).to_le_bytes(), &content].concat();
+    // Before the mark of the end.
+    let end = bytes.windows(9).rposition(|window| window == [15, 4, 0, 0, 0, 0, 0, 0, 0]).unwrap();
+    bytes.splice(end..end, chunk.repeat(200));
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join(bag::FILE), bytes).unwrap();
+    let start = Instant::now();
+    let dataset = open_plain(folder.path()).unwrap();
+    let seconds = start.elapsed().as_secs_f64();
+    assert_says(&dataset.unused.join("\n"), &["a chunk that unpacks implausibly"]);
+    assert!(all(&dataset).len() == 4 && seconds < 10.0, "{seconds} s, also on a busy machine");
+}
+
 #[test]
 fn long_bags_open_at_once() {
     const N: u64 = 20_000;
