@@ -1,5 +1,6 @@
 //! Recordings: whole folders, and single files of otherwise valid folders.
 
+use crate::common::bag;
 use crate::common::layouts::{TestLayout, write};
 use crate::common::scratch::Files;
 use std::path::{Component, Path};
@@ -71,7 +72,7 @@ pub fn layout(data: &[u8]) {
         let Ok(name) = std::str::from_utf8(&file[..line]) else { continue };
         put(folder.path(), Path::new(name), &file[line + 1..]);
     }
-    exercise(folder.path());
+    exercise(folder.path(), examine);
 }
 
 /// Writes a file below a folder, if its name permits.
@@ -101,34 +102,51 @@ pub fn images(data: &[u8]) {
 
 /// Reads a depth file of Record3D.
 pub fn exr(data: &[u8]) {
-    in_place(TestLayout::Record3d, "depth/0.exr", data);
+    in_place(TestLayout::Record3d, "depth/0.exr", data, examine);
 }
 
 /// Reads a depth file of nerfstudio: NumPy array or TIFF, detected from the content.
 pub fn npy(data: &[u8]) {
-    in_place(TestLayout::Nerfstudio, "depths/frame_00001.png", data);
+    in_place(TestLayout::Nerfstudio, "depths/frame_00001.png", data, examine);
 }
 
 /// Reads an archive of Record3D.
 pub fn r3d(data: &[u8]) {
-    in_place(TestLayout::Record3dArchive, "recording.r3d", data);
+    in_place(TestLayout::Record3dArchive, "recording.r3d", data, examine);
+}
+
+/// Reads a ROS 2 bag. Most mutated bags open, and training on each would leave no time for the others; `layout`
+/// trains on bags.
+pub fn mcap(data: &[u8]) {
+    in_place(TestLayout::Ros2Bag, bag::FILE, data, |dataset| read(&dataset));
 }
 
 fn chosen(files: &[(TestLayout, &str)], data: &[u8]) {
     let Some((first, rest)) = data.split_first() else { return };
     let (layout, file) = files[usize::from(*first) % files.len()];
-    in_place(layout, file, rest);
+    in_place(layout, file, rest, examine);
 }
 
 /// Reads a valid folder in which one file has other content.
-fn in_place(layout: TestLayout, file: &str, data: &[u8]) {
+fn in_place(layout: TestLayout, file: &str, data: &[u8], examine: fn(Arc<Dataset>)) {
     let folder = tempfile::tempdir().expect("a folder");
     sound(layout).write(folder.path());
     let path = folder.path().join(file);
     assert!(path.exists(), "{layout:?} has no {file}");
     std::fs::write(path, data).expect("a file");
-    exercise(folder.path());
+    exercise(folder.path(), examine);
 }
+
+/// Views of the smallest recording.
+pub const SMALLEST: SyntheticParams = SyntheticParams {
+    width: 16,
+    height: 12,
+    n_train: 2,
+    n_eval: 1,
+    seed: 4,
+    depth_noise: 0.0,
+    ..SyntheticParams::demo()
+};
 
 /// Returns the smallest recording of a layout.
 pub fn sound(layout: TestLayout) -> &'static Files {
@@ -137,22 +155,13 @@ pub fn sound(layout: TestLayout) -> &'static Files {
     let slot = TestLayout::ALL.iter().position(|other| *other == layout).expect("a known layout");
     KEPT[slot].get_or_init(|| {
         let folder = tempfile::tempdir().expect("a folder");
-        let params = SyntheticParams {
-            width: 16,
-            height: 12,
-            n_train: 2,
-            n_eval: 1,
-            seed: 4,
-            depth_noise: 0.0,
-            ..SyntheticParams::demo()
-        };
-        write(&params, folder.path(), layout, &mut |_, _| ()).expect("a recording");
+        write(&SMALLEST, folder.path(), layout, &mut |_, _| ()).expect("a recording");
         Files::read(folder.path())
     })
 }
 
-/// Opens a folder with and without its poses, runs all checks before training, and trains on some frames.
-fn exercise(folder: &Path) {
+/// Opens a folder with and without its poses.
+fn exercise(folder: &Path, examine: fn(Arc<Dataset>)) {
     let blind = LoadOptions { track: true, geometry_only: true, ..LoadOptions::default() };
     for options in [LoadOptions::default(), blind] {
         match open(folder, &options) {
@@ -162,23 +171,30 @@ fn exercise(folder: &Path) {
     }
 }
 
-fn examine(dataset: Arc<Dataset>) {
+fn read(dataset: &Dataset) {
     for warning in &dataset.warnings {
         short(&warning.to_string());
     }
-    for (s, split) in dataset.splits.iter().enumerate() {
+    for split in &dataset.splits {
         assert!(split.frames.iter().all(|frame| frame.camera.pose.to_opencv().is_finite()));
+        for frame in split.frames.iter().take(MAX_FRAMES) {
+            if let Err(error) = frame.load() {
+                short(&error.to_string());
+            }
+        }
+    }
+}
+
+/// Runs all checks before training, and trains on some frames.
+fn examine(dataset: Arc<Dataset>) {
+    read(&dataset);
+    for (s, split) in dataset.splits.iter().enumerate() {
         let _ = outlier_poses(split);
         let _ = capture_check::check(split);
         let _ = pose_check::check(&dataset, s);
         let _ = range::estimate(&dataset, s);
         let _ = Fingerprint::of(&dataset, s);
         assert!(dataset.up(s).is_finite());
-        for frame in split.frames.iter().take(MAX_FRAMES) {
-            if let Err(error) = frame.load() {
-                short(&error.to_string());
-            }
-        }
     }
     let selection = Selection { max_frames: Some(MAX_FRAMES), ..Selection::all_frames() };
     let Ok(mut session) = Session::new(dataset, SceneOverrides::default(), selection) else {

@@ -20,13 +20,14 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 14] = [
+pub const TARGETS: [Target; 15] = [
     Target { name: "layouts", run: folders::layout, seeds: seeds::layouts },
     Target { name: "poses", run: folders::poses, seeds: seeds::poses },
     Target { name: "images", run: folders::images, seeds: seeds::images },
     Target { name: "exr", run: folders::exr, seeds: seeds::exr },
     Target { name: "npy", run: folders::npy, seeds: seeds::npy },
     Target { name: "r3d", run: folders::r3d, seeds: seeds::r3d },
+    Target { name: "mcap", run: folders::mcap, seeds: seeds::mcap },
     Target { name: "ply", run: models::ply, seeds: seeds::ply },
     Target { name: "compressed_ply", run: models::ply, seeds: seeds::compressed_ply },
     Target { name: "spz", run: models::spz, seeds: seeds::spz },

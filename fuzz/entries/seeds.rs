@@ -1,8 +1,9 @@
 //! Valid inputs from which fuzzing starts. Tests replay them, because an entry that refuses all of them would
 //! find nothing.
 
-use super::folders::{IMAGE_FILES, MARK, POSE_FILES, sound};
+use super::folders::{IMAGE_FILES, MARK, POSE_FILES, SMALLEST, sound};
 use super::training::{FIRST_OF_PAPER, steps_wider};
+use crate::common::bag;
 use crate::common::layouts::TestLayout;
 use std::path::Path;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
@@ -81,6 +82,11 @@ pub fn npy() -> Vec<Vec<u8>> {
 /// Archives of a recording.
 pub fn r3d() -> Vec<Vec<u8>> {
     vec![file_of(TestLayout::Record3dArchive, "recording.r3d")]
+}
+
+/// Bags of every packing, order of bytes and form of depth.
+pub fn mcap() -> Vec<Vec<u8>> {
+    bag::of_all_forms(&SMALLEST)
 }
 
 fn splats() -> [Splat; 2] {

@@ -1,5 +1,7 @@
 //! Helpers of the tests that the targets need as well.
 
+#[path = "../../tests/common/bag.rs"]
+pub mod bag;
 #[path = "../../tests/common/layouts.rs"]
 pub mod layouts;
 #[path = "../../tests/common/lidar.rs"]

@@ -4,9 +4,11 @@
 //! The pass reads the beginnings of messages and seeks over the rest, so memory stays flat and files
 //! without an index are read too. Compressed chunks are unpacked as streams.
 
+use super::decode::codes16;
 use super::error::FrameProblem;
 use super::folder::{MAX_IMAGE_BYTES, RetryingFile, starts_with};
-use super::lengths::MAX_FACTOR;
+use super::lengths::{MAX_FACTOR, check_size};
+use crate::math::image::Image;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use lz4_flex::frame::FrameDecoder;
@@ -144,6 +146,7 @@ pub(super) fn scan(
     let mut at = file.seek(SeekFrom::Start(MAGIC.len() as u64))?;
     let (schemas, channels) = (HashMap::new(), HashMap::new());
     let mut scan = Scan { schemas, channels, wanted, visit, buffer: Vec::new() };
+    let (mut all_packed, mut all_unpacked) = (0u64, 0u64);
     while at < end {
         let (opcode, length) = record_head(&mut file)?;
         at += RECORD_HEAD;
@@ -165,8 +168,11 @@ pub(super) fn scan(
                 file.seek_relative(n as i64 - scan.buffer.len() as i64)?;
                 // Records of a chunk that is not compressed are like others.
                 let Some(packing) = packing else { continue };
+                // All chunks together: many small ones may take as long as a large one.
+                all_packed += length;
+                all_unpacked = all_unpacked.saturating_add(unpacked);
                 // Images of one value are packed well.
-                if unpacked > MAX_IMAGE_BYTES && unpacked / MAX_FACTOR > length {
+                if all_unpacked > MAX_IMAGE_BYTES && all_unpacked / MAX_FACTOR > all_packed {
                     return Err(wrong("a chunk that unpacks implausibly"));
                 }
                 let chunk = Chunk { at, length, packing };
@@ -278,12 +284,16 @@ impl<'a> Fields<'a> {
         Some(u16::from_le_bytes(*self.take(2)?.first_chunk()?))
     }
 
+    fn u32(&mut self) -> Option<u32> {
+        Some(u32::from_le_bytes(*self.take(4)?.first_chunk()?))
+    }
+
     fn u64_at(&self, at: usize) -> Option<u64> {
         Some(u64::from_le_bytes(*self.0.get(at..)?.first_chunk()?))
     }
 
     fn text(&mut self) -> Option<&'a str> {
-        let length = u32::from_le_bytes(*self.take(4)?.first_chunk()?);
+        let length = self.u32()?;
         std::str::from_utf8(self.take(length as usize)?).ok()
     }
 }
@@ -378,19 +388,78 @@ fn damaged(found: &str) -> FrameProblem {
 }
 
 pub(super) fn packed_image(message: &[u8]) -> Result<Vec<u8>, FrameProblem> {
-    /// Bytes of settings before the image of the transport `compressedDepth`.
-    const SETTINGS: usize = 12;
-    let parts = |cdr: &mut Cdr| {
+    let parts = || {
+        let mut cdr = Cdr::new(message)?;
         cdr.header()?;
-        let format = cdr.text()?.to_owned();
-        Some((format, cdr.bytes()?.to_vec()))
+        Some((cdr.text()?, cdr.bytes()?))
     };
-    let (format, mut bytes) =
-        Cdr::new(message).as_mut().and_then(parts).ok_or_else(|| damaged("its beginning"))?;
-    if format.contains("compressedDepth") {
-        bytes.drain(..SETTINGS.min(bytes.len()));
+    let (format, bytes) = parts().ok_or_else(|| damaged("its beginning"))?;
+    match format.contains("compressedDepth") {
+        true => packed_depth(format, bytes),
+        false => Ok(bytes.to_vec()),
     }
-    Ok(bytes)
+}
+
+/// Returns the file of an image of ROS's transport `compressedDepth`: settings, then a PNG or run lengths.
+/// Settings are a number, `a` and `b`: of floats, a code `c` states `a / (c - b)` metres, and 0 a hole.
+fn packed_depth(format: &str, bytes: &[u8]) -> Result<Vec<u8>, FrameProblem> {
+    let mut fields = Fields(bytes);
+    let mut settings = || Some([fields.u32()?, fields.u32()?, fields.u32()?]);
+    let [_, a, b] = settings().ok_or_else(|| damaged("its settings"))?;
+    let (is_inverse, [a, b]) = (format.starts_with("32FC1"), [a, b].map(f32::from_bits));
+    let codes = match format.contains("rvl") {
+        true => run_lengths(fields)?,
+        false if is_inverse => codes16(fields.0)?,
+        false => return Ok(fields.0.to_vec()),
+    };
+    let size = (codes.width as u32, codes.height as u32);
+    if !is_inverse {
+        return Ok(npy("<u2", size, codes.data.into_iter().flat_map(u16::to_le_bytes)));
+    }
+    if !(a.is_finite() && a > 0.0 && b.is_finite()) {
+        let expected = "settings of inverse depth: a positive number and a finite one";
+        return Err(FrameProblem::Entry { expected, found: format!("{a} and {b}") });
+    }
+    // Lengths that are not finite and positive are holes.
+    let length = |code| if code == 0 { 0.0 } else { a / (f32::from(code) - b) };
+    Ok(npy("<f4", size, codes.data.into_iter().flat_map(|code| length(code).to_le_bytes())))
+}
+
+/// Unpacks 16-bit depth of the compression RVL (A. Wilson, Fast Lossless Depth Image Compression, 2017),
+/// after width and height. Groups of three bits, the lowest first, with a fourth for another to come, make
+/// numbers; they fill words from the top. Runs are numbers of holes and of codes, and the codes' steps.
+fn run_lengths(mut fields: Fields) -> Result<Image<u16>, FrameProblem> {
+    let size = fields.u32().zip(fields.u32()).ok_or_else(|| damaged("no size"))?;
+    let size = [size.0, size.1].map(|side| side as usize);
+    check_size(fields.0, size, size_of::<u16>())?;
+    let words = fields.0.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word));
+    let mut groups = words.flat_map(|word| (0..8).rev().map(move |i| (word >> (4 * i)) & 15));
+    let mut number = || {
+        let mut number = 0;
+        for shift in (0..u32::BITS).step_by(3) {
+            let group = groups.next()?;
+            number |= (group & 7) << shift;
+            if group < 8 {
+                return Some(number);
+            }
+        }
+        None
+    };
+    let n = size[0] * size[1];
+    let (mut codes, mut code) = (Vec::with_capacity(n), 0u16);
+    let mut run = || {
+        let end = codes.len().checked_add(number()? as usize)?;
+        (end <= n).then(|| codes.resize(end, 0))?;
+        for _ in 0..number()? {
+            let step = number()?;
+            // The lowest bit is the sign.
+            code = code.wrapping_add(((step >> 1) ^ (step & 1).wrapping_neg()) as u16);
+            (codes.len() < n).then(|| codes.push(code))?;
+        }
+        Some(codes.len() < n)
+    };
+    while run().ok_or_else(|| damaged("run lengths that do not fill it"))? {}
+    Ok(Image::from_vec(size[0], size[1], codes))
 }
 
 /// Pixels of an uncompressed image.
@@ -466,17 +535,22 @@ pub(super) fn raw_color(message: &[u8]) -> Result<Vec<u8>, FrameProblem> {
 pub(super) fn raw_depth(message: &[u8]) -> Result<Vec<u8>, FrameProblem> {
     let raw = Raw::read(message)?;
     let (kind, n) = if raw.encoding == "32FC1" { ("<f4", 4) } else { ("<u2", 2) };
-    let (width, height) = raw.size;
-    let pixels = raw.pixels(n)?;
+    let mut bytes = Vec::new();
+    for pixel in raw.pixels(n)? {
+        match raw.is_big {
+            true => bytes.extend(pixel.iter().rev()),
+            false => bytes.extend(pixel),
+        }
+    }
+    Ok(npy(kind, raw.size, bytes))
+}
+
+/// Returns the file of a NumPy array.
+fn npy(kind: &str, (width, height): (u32, u32), bytes: impl IntoIterator<Item = u8>) -> Vec<u8> {
     let head =
         format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({height}, {width}), }}\n");
     let length = (head.len() as u16).to_le_bytes();
     let mut file = [&b"\x93NUMPY\x01\x00"[..], &length, head.as_bytes()].concat();
-    for pixel in pixels {
-        match raw.is_big {
-            true => file.extend(pixel.iter().rev()),
-            false => file.extend(pixel),
-        }
-    }
-    Ok(file)
+    file.extend(bytes);
+    file
 }

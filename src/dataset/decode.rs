@@ -137,6 +137,8 @@ pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 
     Ok(Image::from_vec(width, height, data))
 }
 
+const GRAY16_HINT: &str = "export depth as 16-bit gray PNG";
+
 pub(super) fn depth(
     source: &ByteSource,
     encoding: &DepthEncoding,
@@ -150,8 +152,8 @@ pub(super) fn depth(
             catch_decoder_panic(|| lengths::decode(&bytes, unit, Some(size)))?
         }
         CodeKind::ByContent(unit) | CodeKind::Linear16(unit) => {
-            let hint = "export depth as 16-bit gray PNG";
-            DepthCodes::Linear16 { codes: first_channel(&image()?, "16-bit gray", hint)?, unit }
+            let codes = first_channel(&image()?, "16-bit gray", GRAY16_HINT)?;
+            DepthCodes::Linear16 { codes, unit }
         }
         CodeKind::Inverse8 => {
             let hint = "export all depth of a split in one format";
@@ -193,6 +195,13 @@ pub(super) fn mask(mask: &MaskSource, size: (u32, u32)) -> Result<Image<bool>, F
         return Err(FrameProblem::Entry { expected, found: "none".to_owned() });
     }
     Ok(Image::from_vec(size.0 as usize, size.1 as usize, used))
+}
+
+/// Decodes the 16-bit codes of an image in memory.
+pub(super) fn codes16(bytes: &[u8]) -> Result<Image<u16>, FrameProblem> {
+    let ImageHeader { width, height, .. } = header_of(Cursor::new(bytes))?;
+    let image = decode(bytes, (width, height), "depth")?;
+    first_channel(&image, "16-bit gray", GRAY16_HINT)
 }
 
 /// Returns the first channel of an image whose channels have the size of `T`. Fails for other images;

@@ -184,8 +184,8 @@ impl Dataset {
 
 impl FrameEntry {
     fn replace_images(&mut self, other: &Self) -> bool {
-        let lens = |entry: &Self| entry.frame_files().map(|files| files.lens);
-        let changes = (lens(self), &self.color_camera) != (lens(other), &other.color_camera);
+        let lenses = |entry: &Self| entry.frame_files().map(|files| (files.lens, files.photo_lens));
+        let changes = (lenses(self), &self.color_camera) != (lenses(other), &other.color_camera);
         self.source = other.source.clone();
         self.color_camera.clone_from(&other.color_camera);
         changes

@@ -69,7 +69,15 @@ pub(super) struct FrameFiles {
     pub color: ByteSource,
     pub depth: Option<DepthSource>,
     pub lens: Distortion,
+    /// The photograph's lens, if it is another.
+    pub photo_lens: Option<Distortion>,
     pub mask: Option<MaskSource>,
+}
+
+impl FrameFiles {
+    fn photo_lens(&self) -> &Distortion {
+        self.photo_lens.as_ref().unwrap_or(&self.lens)
+    }
 }
 
 /// Image of the photograph's size whose black (or other) pixels are left out of training and evaluation.
@@ -265,9 +273,10 @@ impl FrameEntry {
         let size = (k.width, k.height);
         let color =
             decode::color(&files.color, size).map_err(|p| self.frame_error(&files.color, p))?;
-        let mut color = files.lens.undistort_color(&k, &color).unwrap_or(color);
+        let lens = files.photo_lens();
+        let mut color = lens.undistort_color(&k, &color).unwrap_or(color);
         if let Some(used) = self.mask(files)? {
-            let used = files.lens.undistort_depth(&k, &used, false, |used, _| used).unwrap_or(used);
+            let used = lens.undistort_depth(&k, &used, false, |used, _| used).unwrap_or(used);
             let pixels = color.data.iter_mut().zip(used.data).filter(|(_, used)| !used);
             pixels.for_each(|(pixel, _)| *pixel = MASKED);
         }

@@ -167,9 +167,11 @@ fn add_decoding(crc: &mut Crc, frame: &FrameEntry) {
         crc.intrinsics(&color.camera_at(&frame.camera).intrinsics);
     }
     let FrameSource::Files(files) = &frame.source else { return };
-    let FrameFiles { lens, depth, mask, color: _ } = &**files;
-    crc.reals(lens.radial.into_iter().chain(lens.tangential));
-    // Nothing without a mask: fingerprints stay as they were.
+    let FrameFiles { lens, photo_lens, depth, mask, color: _ } = &**files;
+    // Nothing without another lens or a mask: fingerprints stay as they were.
+    for lens in std::iter::once(lens).chain(photo_lens) {
+        crc.reals(lens.radial.into_iter().chain(lens.tangential));
+    }
     mask.iter().for_each(|mask| crc.number(u64::from(mask.hides_black)));
     let Some(depth) = depth else { return };
     // The sensor setting is stored with the run.

@@ -392,7 +392,7 @@ fn n_pixels([width, height]: [usize; 2]) -> Option<usize> {
 
 /// Checks, before allocation, that a file can contain an image of this size with `per_pixel` bytes per
 /// pixel.
-fn check_size(
+pub(super) fn check_size(
     bytes: &[u8],
     [width, height]: [usize; 2],
     per_pixel: usize,

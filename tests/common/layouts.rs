@@ -1,6 +1,6 @@
 //! Writers of every layout that is read: those of the library, and those that only tests need.
 
-use super::lidar;
+use super::{bag, lidar};
 use glam::{DMat4, DQuat, DVec4};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
@@ -46,6 +46,8 @@ pub enum TestLayout {
     RtabMap,
     /// A binary model, depth in millimetres.
     Colmap,
+    /// PNG, depth in millimetres, transforms.
+    Ros2Bag,
     /// With corrected cameras.
     Polycam,
     Scanner3d,
@@ -55,7 +57,7 @@ pub enum TestLayout {
 
 impl TestLayout {
     /// All layouts, Blender with both depth encodings.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::Blender(DepthBits::Eight),
         Self::Blender(DepthBits::Sixteen),
         Self::SevenScenes,
@@ -70,6 +72,7 @@ impl TestLayout {
         Self::Arkit,
         Self::RtabMap,
         Self::Colmap,
+        Self::Ros2Bag,
         Self::Polycam,
         Self::Scanner3d,
         Self::ArkitScenes,
@@ -146,6 +149,7 @@ pub fn write(
         TestLayout::Arkit => write_arkit(&plan, &frames, out),
         TestLayout::RtabMap => write_rtabmap(&plan, &frames, out),
         TestLayout::Colmap => write_colmap(&plan, &frames, out),
+        TestLayout::Ros2Bag => bag::write(params, out),
         TestLayout::Polycam => lidar::write_polycam(&plan, &frames, out),
         TestLayout::Scanner3d => lidar::write_scanner_3d(&plan, &frames, out),
         TestLayout::ArkitScenes => lidar::write_arkit_scenes(&plan, &frames, out),
@@ -382,7 +386,7 @@ pub fn put(root: &Path, name: &str, bytes: &[u8]) {
     fs::write(path, bytes).unwrap();
 }
 
-fn rgba(image: &Image<[u8; 4]>) -> Vec<u8> {
+pub fn rgba(image: &Image<[u8; 4]>) -> Vec<u8> {
     png(image.data.as_flattened(), image, ExtendedColorType::Rgba8)
 }
 

@@ -4,6 +4,7 @@
 #[cfg(feature = "gui")]
 pub mod adapter;
 pub mod agreement;
+pub mod bag;
 pub mod exactness;
 pub mod golden;
 pub mod layouts;

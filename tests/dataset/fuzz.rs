@@ -72,7 +72,7 @@ fn mutated_images() {
 #[test]
 fn mutated_recordings() {
     use TestLayout::*;
-    let recordings: [(TestLayout, &[&str]); 14] = [
+    let recordings: [(TestLayout, &[&str]); 15] = [
         (Tum, &["groundtruth.txt", "rgb.txt", "depth.txt", "camera-intrinsics.txt"]),
         (Open3d, &["trajectory.log", "camera.json"]),
         (Replica, &["traj.txt", "cam_params.json"]),
@@ -84,6 +84,7 @@ fn mutated_recordings() {
         (Arkit, &["frames.jsonl", "depth/000001.bin"]),
         (RtabMap, &["poses.txt", "calib/1.yaml"]),
         (Colmap, &["sparse/0/images.bin", "sparse/0/cameras.bin"]),
+        (Ros2Bag, &["room_0.mcap"]),
         (Scanner3d, &["frame_00001.json", "conf_00001.png"]),
         (ArkitScenes, &["lowres_wide.traj", "lowres_wide_intrinsics/41048190_6845.100.pincam"]),
         (ScannetPp, &["iphone/pose_intrinsic_imu.json"]),

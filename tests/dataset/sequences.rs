@@ -27,7 +27,7 @@ const ROOM: SyntheticParams = SyntheticParams {
 
 /// Layout, recognised layout, largest depth error (metres, and a share of depth), and whether
 /// colours are stored without loss.
-const SEQUENCES: [(TestLayout, Layout, [f64; 2], bool); 15] = [
+const SEQUENCES: [(TestLayout, Layout, [f64; 2], bool); 16] = [
     (TestLayout::Tum, Layout::Tum, [0.5 / 5000.0, 0.0], true),
     (TestLayout::Open3d, Layout::Open3d, [0.5e-3, 0.0], true),
     (TestLayout::Replica, Layout::Replica, [0.5 / 6553.5, 0.0], false),
@@ -39,6 +39,7 @@ const SEQUENCES: [(TestLayout, Layout, [f64; 2], bool); 15] = [
     (TestLayout::Arkit, Layout::Arkit, [0.0, 1e-7], true),
     (TestLayout::RtabMap, Layout::RtabMap, [0.5e-3, 0.0], true),
     (TestLayout::Colmap, Layout::Colmap, [0.5e-3, 0.0], true),
+    (TestLayout::Ros2Bag, Layout::Ros2Bag, [0.5e-3, 0.0], true),
     (TestLayout::Polycam, Layout::Polycam, [0.5e-3, 0.0], false),
     (TestLayout::Scanner3d, Layout::Scanner3d, [0.5e-3, 0.0], false),
     (TestLayout::ArkitScenes, Layout::ArkitScenes, [0.5e-3, 0.0], true),

@@ -3,7 +3,7 @@
 //! Messages are in CDR. The pose of the depth camera's optical frame (x right, y down, z forward) is found
 //! by climbing the tree of `/tf` and `/tf_static` to its root, interpolated in time; without moving
 //! transforms, `Odometry` or `PoseStamped` moves the top of the static ones. The photograph is the nearest
-//! in time. Both cameras have intrinsics of their own, and the photograph's its place.
+//! in time. Both cameras have intrinsics and a lens of their own, and the photograph's its place.
 
 use super::recording::{
     Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error, no_poses,
@@ -286,8 +286,8 @@ impl Images {
                 "32FC1" => (raw_depth, Some(1.0)),
                 _ => n_channels(encoding).map(|_| (raw_color as AsFile, None))?,
             },
-            // Inverse depth in steps, and run lengths.
-            false if is("compressedDepth") && (is("32FC1") || is("rvl")) => return None,
+            // Unpacked to metres.
+            false if is("compressedDepth") && is("32FC1") => (packed_image, Some(1.0)),
             false
                 if is("16UC1") || is("compressedDepth") || is("png") && topic.contains("depth") =>
             {
@@ -447,7 +447,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let mut tree = Tree::new(std::mem::take(&mut content.edges));
     let tracks = std::mem::take(&mut content.tracks);
     let Some([depth, color]) = content.choose() else {
-        let expected = "topics of photographs and of depth (16UC1 or 32FC1, raw or PNG)";
+        let expected = "topics of photographs and of depth (16UC1 or 32FC1; raw, PNG or RVL)";
         return Err(metadata_error(&bag, expected, content.shown(), "record both as sensor_msgs"));
     };
     recording.note(format!("depth is of {}, photographs of {}", depth.0, color.0));
@@ -476,6 +476,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
                 return Err(no_poses(&bag, expected, &content.shown()));
             }
         }
+    }
+    let [depth_frame, color_frame] = [depth, color].map(|(_, images)| images.frame.as_str());
+    if tree.way(depth_frame).last() != tree.way(color_frame).last() {
+        let missing = format!("no transform between `{depth_frame}` and `{color_frame}`");
+        recording.note(format!("{missing}, assumed to be in one place"));
     }
     let times: Vec<f64> = color.1.shots.iter().map(|shot| shot.time).collect();
     let unit = CodeKind::ByContent(depth.1.unit.unwrap_or(MILLIMETRE));
@@ -527,13 +532,9 @@ fn cameras(
     }
     let (k, lens) = of_depth.of_topic(depth.0, bag)?;
     let (color_k, color_lens) = of_color.of_topic(color.0, bag)?;
-    let cameras = recording.cameras_of_lenses((bag, &color_k), (bag, &k), size, depth_size)?;
-    if lens != color_lens {
-        let said = "photographs and depth have different lens terms, which are not used";
-        recording.unused(bag, format!("{said}: record rectified images"));
-        return Ok(cameras);
-    }
-    cameras.with_lens(lens, bag)
+    recording
+        .cameras_of_lenses((bag, &color_k), (bag, &k), size, depth_size)?
+        .with_lenses([lens, color_lens], bag)
 }
 
 /// What all frames have in common.

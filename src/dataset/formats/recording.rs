@@ -55,12 +55,14 @@ pub(super) struct Cameras {
     pub depth: Intrinsics,
     pub color: Option<ColorCamera>,
     pub lens: Distortion,
+    /// The photograph's lens, if it is another.
+    pub photo_lens: Option<Distortion>,
 }
 
 impl Cameras {
     /// Cameras of images that are registered pixel by pixel.
     pub fn registered(depth: Intrinsics) -> Self {
-        Self { depth, color: None, lens: Distortion::default() }
+        Self { depth, color: None, lens: Distortion::default(), photo_lens: None }
     }
 
     /// Adds the distortion that `file` states.
@@ -68,13 +70,30 @@ impl Cameras {
     /// # Errors
     /// Fails for terms that no lens has over these images.
     pub fn with_lens(self, lens: Distortion, file: &Path) -> Result<Self, DatasetError> {
-        if lens.is_plausible(&self.depth) {
-            return Ok(Self { lens, ..self });
-        }
-        let expected = "lens terms that map the image to about itself";
-        let found = format!("k {:?}, p {:?}, which fold or tear it", lens.radial, lens.tangential);
-        Err(metadata_error(file, expected, found, "correct them, or undistort the images first"))
+        check_lens(&lens, &self.depth, file)?;
+        Ok(Self { lens, ..self })
     }
+
+    /// Adds the distortions that `file` states for depth and for photographs, as [`Self::with_lens`] does.
+    pub fn with_lenses(
+        self,
+        [depth, photo]: [Distortion; 2],
+        file: &Path,
+    ) -> Result<Self, DatasetError> {
+        let of_photo = self.color.map_or(self.depth, |color| color.intrinsics(self.depth));
+        check_lens(&photo, &of_photo, file)?;
+        let photo_lens = (photo != depth).then_some(photo);
+        Self { photo_lens, ..self }.with_lens(depth, file)
+    }
+}
+
+fn check_lens(lens: &Distortion, k: &Intrinsics, file: &Path) -> Result<(), DatasetError> {
+    if lens.is_plausible(k) {
+        return Ok(());
+    }
+    let expected = "lens terms that map the image to about itself";
+    let found = format!("k {:?}, p {:?}, which fold or tear it", lens.radial, lens.tangential);
+    Err(metadata_error(file, expected, found, "correct them, or undistort the images first"))
 }
 
 /// Creates a frame from its files, without a timestamp.
@@ -85,8 +104,9 @@ pub(super) fn frame_entry(
     color: ByteSource,
     depth: Option<DepthSource>,
 ) -> FrameEntry {
-    let Cameras { depth: intrinsics, color: color_camera, lens } = cameras;
-    let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens, mask: None }));
+    let Cameras { depth: intrinsics, color: color_camera, lens, photo_lens } = cameras;
+    let files = FrameFiles { color, depth, lens, photo_lens, mask: None };
+    let source = FrameSource::Files(Box::new(files));
     FrameEntry { name, camera: Camera { intrinsics, pose }, color_camera, time: None, source }
 }
 
