@@ -286,10 +286,11 @@ fn texel_at(at: u32, side: u32, texel: vec2<u32>) -> u32 {
     return textures[at + first + within.y * PATCH + within.x];
 }
 
-// Nine bits for each colour channel, in steps of 1/256, and five bits for the share.
+// From the lowest bit three colour channels, then the share.
 fn add_texel(sample: ptr<function, Sample>, bits: u32, part: f32) {
-    let color = vec3<f32>(vec3<u32>(bits, bits >> 9u, bits >> 18u) & vec3<u32>(511u)) / 256.0;
-    let share = part * f32(bits >> 27u) / 31.0;
+    let channels = vec3<u32>(bits, bits >> CHANNEL_BITS, bits >> (2u * CHANNEL_BITS));
+    let color = vec3<f32>(channels & vec3<u32>(CHANNEL_MAX)) / f32(COLOR_ONE);
+    let share = part * f32(bits >> (3u * CHANNEL_BITS)) / f32(SHARE_ONE);
     (*sample).color += share * color;
     (*sample).share += share;
 }

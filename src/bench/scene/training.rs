@@ -9,7 +9,7 @@ use crate::bench::findings::BenchError;
 use crate::bench::frames::{each_frame, spaced};
 use crate::dataset::Dataset;
 use crate::dataset::surface::SurfaceSettings;
-use crate::eval::choices::GroundTruth;
+use crate::eval::choices::{GroundTruth, ViewPoses};
 use crate::eval::views::EvalOptions;
 use crate::math::rng::{Purpose, Rng};
 use crate::model::splat::appearance::SplatSet;
@@ -51,8 +51,10 @@ pub fn prepare(
     let base = base.map_err(SessionError::from)?;
     let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let plain = EvalOptions::plain(GroundTruth::Composited, render);
-    // One camera for all rows, including those trained without calibration.
-    let options = EvalOptions { color_camera: base.color_camera(), ..plain };
+    // One camera for all rows, including those trained without calibration. Poses are predicted, as in `train` and
+    // `eval`: errors of recorded poses would hide what rows differ in.
+    let (color_camera, poses) = (base.color_camera(), ViewPoses::Corrected);
+    let options = EvalOptions { color_camera, poses, ..plain };
     Ok((plan, base, options))
 }
 

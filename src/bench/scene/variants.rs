@@ -40,7 +40,7 @@ type PresetChange = (&'static str, fn(&mut SceneRun));
 
 /// Parts of the preset with the changes that disable them, in table order (`scene.md`, Effect of each
 /// part).
-const PARTS: [PresetChange; 13] = [
+const PARTS: [PresetChange; 14] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
         run.surface.flying_pixels = false;
@@ -62,10 +62,13 @@ const PARTS: [PresetChange; 13] = [
         run.engine.texture_mb = 0;
     }),
     ("textures", |run| run.engine.texture_mb = 0),
+    ("poses of photographs", |run| {
+        run.engine.photographs_at_points = run.engine.align && run.engine.photometric.is_some();
+    }),
 ];
 
 /// Further changes of the preset, other than leaving out one part.
-const CHANGES: [PresetChange; 7] = [
+const CHANGES: [PresetChange; 8] = [
     ("one colour per component", |run| {
         run.engine.splat_rule.gradient = false;
         run.engine.splat_rule.directional = false;
@@ -84,6 +87,9 @@ const CHANGES: [PresetChange; 7] = [
     ("photographs without coverage", |run| {
         // Without photographs there is no rule to change.
         run.engine.photometric.iter_mut().for_each(|rule| rule.coverage = 0.0);
+    }),
+    ("textures of twice the pitch", |run| {
+        run.engine.texture_steps = u32::from(run.engine.texture_mb > 0);
     }),
 ];
 

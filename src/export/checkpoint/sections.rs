@@ -182,6 +182,8 @@ tags! { OF_SCENES {
     TEXTURE_PREDICTED: b"TXPR",
     TEXTURE_INDICES: b"TXIX",
     TEXTURE_TEXELS: b"TXEL",
+    TEXTURE_FORMER: b"TXFO",
+    TEXTURE_FORMER_LATTICES: b"TXFL",
 } }
 
 pub fn is_known(tag: [u8; 4]) -> bool {

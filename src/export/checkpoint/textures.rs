@@ -6,7 +6,9 @@ use super::error::{Defect, tag_text};
 use super::sections::*;
 use crate::export::error::try_with_capacity;
 use crate::model::scene::photometric::PhotometricState;
-use crate::model::scene::texels::{MAX_TEXEL_WEIGHT, MOST_PER_WEIGHT, TexelSums, TextureSums};
+use crate::model::scene::texels::{
+    MAX_TEXEL_WEIGHT, MOST_FORMER, MOST_PER_WEIGHT, TexelSums, TextureSums,
+};
 use crate::model::splat::texture::{ABSENT, Lattice, MAX_LEVEL, PATCH, TEXELS};
 use std::sync::Arc;
 
@@ -37,8 +39,8 @@ pub(super) fn sections(state: &PhotometricState) -> Vec<Section<'_>> {
     if textures().next().is_none() {
         return sections;
     }
-    let all = state.textures.iter().enumerate();
-    let ids = all.filter(|(_, texture)| texture.is_some()).map(|(id, _)| id as u32);
+    let all = || state.textures.iter().enumerate();
+    let ids = all().filter(|(_, texture)| texture.is_some()).map(|(id, _)| id as u32);
     let lattices: Vec<[f32; N_LATTICE]> = textures().map(|t| lattice_row(&t.lattice)).collect();
     let size = |t: &Arc<TextureSums>| [t.lattice.level.into(), t.patches.len() as u32];
     let sizes: Vec<[u32; N_SIZE]> = textures().map(size).collect();
@@ -54,6 +56,15 @@ pub(super) fn sections(state: &PhotometricState) -> Vec<Section<'_>> {
         Section::from_runs::<u16>(TEXTURE_INDICES, indices),
         Section::from_runs::<i32>(TEXTURE_TEXELS, texels),
     ]);
+    let former = all().flat_map(|(id, texture)| {
+        let former = texture.iter().flat_map(|texture| &texture.former);
+        former.map(move |lattice| ([id as u32, lattice.level.into()], lattice_row(lattice)))
+    });
+    let (of, former): (Vec<_>, Vec<_>) = former.unzip();
+    if !of.is_empty() {
+        sections.push(Section::owned::<u32>(TEXTURE_FORMER, of.into_flattened()));
+        sections.push(Section::owned::<f32>(TEXTURE_FORMER_LATTICES, former.into_flattened()));
+    }
     sections
 }
 
@@ -97,19 +108,45 @@ pub(super) fn read(sections: &Container, n: usize) -> Result<Textures, Defect> {
         let index = rows::<u16, 1>(taken(&mut indices, places * size_of::<u16>()))?;
         let patches =
             rows::<i32, N_PATCH>(taken(&mut texels, patches * size_of::<[i32; N_PATCH]>()))?;
-        let [x, y, z, a, b, c, d, e, f, half] = row;
         // A lattice of `4·2^level` texels a side has `4^level` patches.
         let level = (places.trailing_zeros() / 2) as u8;
-        let lattice = Lattice { anchor: [x, y, z], axes: [[a, b, c], [d, e, f]], half, level };
         textures.resize(id as usize, None);
         textures.push(Some(Arc::new(TextureSums {
-            lattice,
+            lattice: lattice_of(row, level),
+            former: Vec::new(),
             predicted: bytemuck::cast(predicted),
             index: index.into_flattened(),
             patches: bytemuck::cast_vec::<_, [TexelSums; TEXELS]>(patches),
         })));
     }
+    read_former(sections, &mut textures)?;
     Ok(textures)
+}
+
+/// Reads the former lattices of textures: component and level of each, ascending, and the lattices.
+fn read_former(sections: &Container, textures: &mut Textures) -> Result<(), Defect> {
+    if !sections.has(TEXTURE_FORMER) {
+        return Ok(());
+    }
+    let of = sections.rows::<u32, 2>(TEXTURE_FORMER, None)?;
+    let rows = sections.rows::<f32, N_LATTICE>(TEXTURE_FORMER_LATTICES, Some(of.len()))?;
+    for ([id, level], row) in of.into_iter().zip(rows) {
+        let id = id as usize;
+        // Shared by nothing yet, so nothing is copied.
+        let texture = textures.get_mut(id).and_then(Option::as_mut).and_then(Arc::get_mut);
+        let Some(texture) = texture.filter(|texture| texture.former.len() < MOST_FORMER) else {
+            let expected = format!("components with textures, each at most {MOST_FORMER} times");
+            return Err(Defect::malformed(tag_text(TEXTURE_FORMER), expected, id.to_string()));
+        };
+        // A level that no lattice can have is refused by the check.
+        texture.former.push(lattice_of(row, level.try_into().unwrap_or(u8::MAX)));
+    }
+    Ok(())
+}
+
+fn lattice_of(row: [f32; N_LATTICE], level: u8) -> Lattice {
+    let [x, y, z, a, b, c, d, e, f, half] = row;
+    Lattice { anchor: [x, y, z], axes: [[a, b, c], [d, e, f]], half, level }
 }
 
 /// Returns the numbers of places for patches and of patches for each texture, from levels and numbers of
@@ -155,8 +192,10 @@ pub(super) fn check(state: &PhotometricState) -> Result<(), Defect> {
 }
 
 fn check_one(id: usize, texture: &TextureSums) -> Result<(), Defect> {
-    let TextureSums { lattice, predicted, index, patches } = texture;
-    check_lattice(id, lattice)?;
+    let TextureSums { lattice, former, predicted, index, patches } = texture;
+    check_lattice(id, lattice, [TEXTURE_LATTICES, TEXTURE_SIZES])?;
+    let of_former = [TEXTURE_FORMER_LATTICES, TEXTURE_FORMER];
+    former.iter().try_for_each(|lattice| check_lattice(id, lattice, of_former))?;
     let is_odd = |sum: &&i64| sum.unsigned_abs() > MAX_PREDICTED;
     if let Some(&sum) = predicted.as_flattened().iter().find(is_odd) {
         let expected = "at most 2^62";
@@ -189,12 +228,12 @@ fn check_one(id: usize, texture: &TextureSums) -> Result<(), Defect> {
     patches.as_flattened().iter().try_for_each(|texel| check_texel(id, texel))
 }
 
-fn check_lattice(id: usize, lattice: &Lattice) -> Result<(), Defect> {
-    let refuse =
-        |name, expected, found: f64| Err(value_defect(TEXTURE_LATTICES, id, name, expected, found));
+/// Checks a lattice of a component. `tags` name the sections of its place and of its level.
+fn check_lattice(id: usize, lattice: &Lattice, tags: [[u8; 4]; 2]) -> Result<(), Defect> {
+    let refuse = |name, expected, found: f64| Err(value_defect(tags[0], id, name, expected, found));
     if lattice.level > MAX_LEVEL {
         let (expected, found) = (format!("at most {MAX_LEVEL}"), lattice.level);
-        return Err(value_defect(TEXTURE_SIZES, id, "level", &expected, found.into()));
+        return Err(value_defect(tags[1], id, "level", &expected, found.into()));
     }
     if let Some(&found) = lattice.anchor.iter().find(|x| !x.is_finite()) {
         return refuse("anchor", "a finite number", found.into());

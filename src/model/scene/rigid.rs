@@ -1,6 +1,7 @@
 //! Rigid motion of the photometric state together with the world.
 
 use super::photometric::{N_COLOR, N_FORM, PhotometricState};
+use super::texels::TextureSums;
 use crate::math::cholesky::at;
 use crate::math::pose::Pose;
 use crate::model::splat::appearance::Appearance;
@@ -29,7 +30,8 @@ impl PhotometricState {
             .par_iter_mut()
             .for_each(|lower| rotate_precision::<N_COLOR>(lower, &COLOR_VECTORS, turn));
         textures.par_iter_mut().flatten().for_each(|texture| {
-            Arc::make_mut(texture).lattice.move_by(motion);
+            let TextureSums { lattice, former, .. } = Arc::make_mut(texture);
+            former.iter_mut().chain([lattice]).for_each(|lattice| lattice.move_by(motion));
         });
         let photographs = self.photograph_poses.iter_mut();
         // Every entry has a rotation, so all are moved.

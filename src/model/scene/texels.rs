@@ -30,6 +30,9 @@ const BELIEF: f64 = 0.05 * PRODUCT_ONE as f64;
 // A photograph takes this part of the weight of earlier ones.
 const FADING: i64 = 8;
 
+/// Largest number of former lattices that a texture remembers.
+pub const MOST_FORMER: usize = 64;
+
 // Least cosine between the normals of a lattice and of its splat, and largest distance of the splat's mean
 // from the lattice's anchor, in half sides; beyond, the lattice is laid anew.
 const MIN_COSINE: f64 = 0.8;
@@ -69,6 +72,9 @@ pub type Products = [[i32; 2]; 2];
 pub struct TextureSums {
     /// Lattice of the texels.
     pub lattice: Lattice,
+    /// Earlier lattices, oldest first, each with the level at which the next one was laid; the latest
+    /// [`MOST_FORMER`].
+    pub former: Vec<Lattice>,
     /// For each of [`DOUBTS`]: sums of [`Products`] over pixels, in which later photographs count more.
     pub predicted: [[i64; 2]; 2],
     /// Index into `patches` of each patch of the lattice, row-major; [`ABSENT`] for patches without texels.
@@ -86,12 +92,16 @@ impl TextureSums {
         let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (turn * axis).as_vec3().to_array());
         let axes = [axes[(thin + 1) % 3], axes[(thin + 2) % 3]];
         let lattice = Lattice { anchor: splat.mean, axes, half, level: 0 };
-        Self { lattice, predicted: [[0; 2]; 2], index: vec![ABSENT], patches: Vec::new() }
+        let (former, predicted) = (Vec::new(), [[0; 2]; 2]);
+        Self { lattice, former, predicted, index: vec![ABSENT], patches: Vec::new() }
     }
 
     /// Returns the memory used, in bytes.
     pub fn bytes(&self) -> usize {
-        size_of::<Self>() + size_of_val(&self.index[..]) + size_of_val(&self.patches[..])
+        size_of::<Self>()
+            + size_of_val(&self.former[..])
+            + size_of_val(&self.index[..])
+            + size_of_val(&self.patches[..])
     }
 
     /// True if the lattice still lies about in the plane of the splat.
@@ -129,6 +139,13 @@ impl TextureSums {
         }
     }
 
+    fn relevel_to(&mut self, level: u8) {
+        self.refine(level);
+        while self.lattice.level > level {
+            self.coarsen();
+        }
+    }
+
     /// Divides the sums of every texel by `parts` and adds them to the texels that `into` lists.
     fn relevel<I: Iterator<Item = [usize; 2]>>(
         &mut self,
@@ -149,8 +166,16 @@ impl TextureSums {
     /// Lays the lattice in the plane of a splat that has moved. Texels keep their place in the world as far
     /// as the new lattice covers it.
     pub fn lay_anew(&mut self, splat: &Splat, half: f32) {
-        let fresh = Self::new(splat, half);
-        let lattice = Lattice { level: self.lattice.level, ..fresh.lattice };
+        if self.former.len() == MOST_FORMER {
+            self.former.remove(0);
+        }
+        self.former.push(self.lattice);
+        self.lay_on(&Self::new(splat, half).lattice);
+    }
+
+    /// Moves the texels to another lattice of the same level, as far as it covers them.
+    fn lay_on(&mut self, place: &Lattice) {
+        let lattice = Lattice { level: self.lattice.level, ..*place };
         let old = std::mem::replace(self, self.emptied(lattice));
         self.join_texels(&old);
     }
@@ -166,10 +191,11 @@ impl TextureSums {
         });
     }
 
-    /// Returns a texture without texels and with the same predictions.
+    /// Returns a texture without texels and with the same predictions and former lattices.
     fn emptied(&self, lattice: Lattice) -> Self {
         let index = vec![ABSENT; (lattice.side() / PATCH).pow(2)];
-        Self { lattice, predicted: self.predicted, index, patches: Vec::new() }
+        let (former, predicted) = (self.former.clone(), self.predicted);
+        Self { lattice, former, predicted, index, patches: Vec::new() }
     }
 
     /// Calls `f` for all observed texels in row-major order of patches.
@@ -238,17 +264,27 @@ impl TextureSums {
         self.join_texels(&other);
     }
 
-    /// Returns what a texture has gained since an earlier version of it. `None` if its lattice was laid anew
-    /// since: it then holds the earlier sums at other places.
-    pub fn gained_since(&self, earlier: &Self) -> Option<Self> {
-        if !is_same_place(&self.lattice, &earlier.lattice) {
-            return None;
-        }
+    /// True if the lattice was laid anew since an earlier version of the texture.
+    pub fn is_laid_anew_since(&self, earlier: &Self) -> bool {
+        self.former.iter().any(|former| is_same_place(former, &earlier.lattice))
+    }
+
+    /// Returns what a texture has gained since an earlier version of it. All, if that was dropped since, and this
+    /// one begun instead.
+    pub fn gained_since(&self, earlier: &Self) -> Self {
+        let is_its = |lattice: &Lattice| is_same_place(lattice, &earlier.lattice);
+        // The earlier texels take the way that they took in this texture.
+        let way = match self.former.iter().position(is_its) {
+            Some(first) => &self.former[first..],
+            None if is_its(&self.lattice) => &[],
+            None => return self.clone(),
+        };
         let (mut gained, mut earlier) = (self.clone(), earlier.clone());
-        earlier.refine(gained.lattice.level);
-        while earlier.lattice.level > gained.lattice.level {
-            earlier.coarsen();
+        for (former, next) in way.iter().zip(way.iter().skip(1).chain([&self.lattice])) {
+            earlier.relevel_to(former.level);
+            earlier.lay_on(next);
         }
+        earlier.relevel_to(self.lattice.level);
         let sums = gained.predicted.as_flattened_mut().iter_mut();
         for (sum, before) in sums.zip(earlier.predicted.as_flattened()) {
             *sum -= before;
@@ -260,7 +296,7 @@ impl TextureSums {
                 gained.texel_mut(at).subtract(before);
             }
         });
-        Some(gained)
+        gained
     }
 
     /// Returns the posterior mean at a place for each of [`DOUBTS`], as it would be without the pixel `own`.
@@ -500,19 +536,46 @@ mod tests {
         let mut later = start.clone();
         later.refine(2);
         after.iter().for_each(|observed| later.add(observed));
-        let gained = later.gained_since(&start).unwrap();
+        let gained = later.gained_since(&start);
         assert_equal(&gained, &of(2, &after));
         start.merge(&gained);
         assert_eq!(sums(&start), sums(&later));
         // Coarser by the budget: sums of four texels.
         later.coarsen();
         later.coarsen();
-        let gained = later.gained_since(&start).unwrap();
+        let gained = later.gained_since(&start);
         assert_eq!(gained.lattice.level, 0);
         let weight = sums(&gained).iter().map(|texel| texel.weight).sum::<u32>();
         assert!(weight < 16, "{weight}");
-        later.lay_anew(&Splat { mean: [0.8, -1.0, 0.25], ..splat() }, 0.5);
-        assert!(later.gained_since(&start).is_none());
+    }
+
+    #[test]
+    fn gains_do_not_hold_what_a_lattice_laid_anew_took_over() {
+        let start = of(1, &observations(800, 8, 10));
+        let mut later = start.clone();
+        // Twice, at levels that the start does not have. The plane turns, too.
+        for (turn, level) in [(0.3, 2), (-0.9, 3)] {
+            later.refine(level);
+            let [x, y, z] = later.lattice.anchor;
+            let rotation = DQuat::from_rotation_z(turn) * DQuat::from_rotation_x(0.5 * turn);
+            let rotation = [rotation.w, rotation.x, rotation.y, rotation.z].map(|v| v as f32);
+            later.lay_anew(&Splat { mean: [x + 0.11, y - 0.07, z], rotation, ..splat() }, 0.5);
+        }
+        assert!(later.is_laid_anew_since(&start) && !start.is_laid_anew_since(&later));
+        let (mut expected, more) = (later.emptied(later.lattice), observations(900, 32, 11));
+        for observed in &more {
+            later.add(observed);
+            expected.add(observed);
+        }
+        let gained = later.gained_since(&start);
+        assert_eq!(sums(&gained), sums(&expected));
+        // The taken-over part is that of the latest lattice, too.
+        assert!(sums(&later).iter().zip(sums(&gained)).any(|(all, own)| all.weight > own.weight));
+        // A texture that began elsewhere holds nothing of the start.
+        let other = TextureSums::new(&Splat { mean: [0.8, -1.0, 0.25], ..splat() }, 0.5);
+        assert_eq!(later.gained_since(&other), later);
+        (0..2 * MOST_FORMER).for_each(|_| later.lay_anew(&splat(), 0.5));
+        assert_eq!(later.former.len(), MOST_FORMER);
     }
 
     #[test]

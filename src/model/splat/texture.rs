@@ -84,23 +84,49 @@ impl Lattice {
     }
 }
 
-/// Texel as it is drawn: nine bits for each colour channel, in steps of 1/256, and five bits for its share.
+/// Texel as it is drawn: from the lowest bit nine for each colour channel, in steps of 1/256, then five for its
+/// share, in steps of 1/31.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(transparent)]
 pub struct Texel(pub u32);
 
 impl Texel {
+    /// Bits of a colour channel.
+    pub const CHANNEL_BITS: u32 = 9;
+    /// Largest value of a colour channel, and the mask of its bits.
+    pub const CHANNEL_MAX: u32 = (1 << Self::CHANNEL_BITS) - 1;
+    /// Value of a colour channel for colour 1.
+    pub const COLOR_ONE: u32 = 256;
+    /// Value of the share for share 1, its largest.
+    pub const SHARE_ONE: u32 = (1 << (u32::BITS - 3 * Self::CHANNEL_BITS)) - 1;
+
     /// Rounds a texel. `color` is limited to 0 to 511/256, `share` to 0 to 1.
     pub fn new(color: [f32; 3], share: f32) -> Self {
-        let [r, g, b] = color.map(|c| (c * 256.0).round().clamp(0.0, 511.0) as u32);
-        let share = (share * 31.0).round().clamp(0.0, 31.0) as u32;
-        Self(r | g << 9 | b << 18 | share << 27)
+        let rounded = |value: f32, one: u32, most: u32| {
+            (value * one as f32).round().clamp(0.0, most as f32) as u32
+        };
+        let [r, g, b] = color.map(|c| rounded(c, Self::COLOR_ONE, Self::CHANNEL_MAX));
+        let share = rounded(share, Self::SHARE_ONE, Self::SHARE_ONE);
+        Self([share, b, g, r].into_iter().fold(0, |bits, value| bits << Self::CHANNEL_BITS | value))
     }
 
     /// Returns the colour and the share.
     pub fn unpack(self) -> ([f32; 3], f32) {
-        let color = [0, 9, 18].map(|at| ((self.0 >> at) & 511) as f32 / 256.0);
-        (color, (self.0 >> 27) as f32 / 31.0)
+        let channel = |i: u32| (self.0 >> (i * Self::CHANNEL_BITS)) & Self::CHANNEL_MAX;
+        let color = [0, 1, 2].map(|i| channel(i) as f32 / Self::COLOR_ONE as f32);
+        (color, self.share_steps() as f32 / Self::SHARE_ONE as f32)
+    }
+
+    /// Returns the bits of red and green, and those of blue and the share. Of both, the second value begins
+    /// [`Self::CHANNEL_BITS`] bits above the first.
+    #[inline(always)]
+    pub fn halves(self) -> [u32; 2] {
+        let bits = 2 * Self::CHANNEL_BITS;
+        [self.0 & ((1 << bits) - 1), self.0 >> bits]
+    }
+
+    fn share_steps(self) -> u32 {
+        self.0 >> (3 * Self::CHANNEL_BITS)
     }
 }
 
@@ -218,10 +244,11 @@ pub fn painted_by_share(
     [old, painted]: [&Textures; 2],
     color: impl Fn(f32) -> [f32; 3],
 ) -> Textures {
-    // A share has five bits, and there are millions of texels.
-    let texels: [Texel; 32] =
-        std::array::from_fn(|share| Texel::new(color(share as f32 / 31.0), 1.0));
-    let paint = |patch: &[Texel; TEXELS]| patch.map(|texel| texels[(texel.0 >> 27) as usize]);
+    // A share has few values, and there are millions of texels.
+    let texels: Vec<Texel> = (0..=Texel::SHARE_ONE)
+        .map(|share| Texel::new(color(share as f32 / Texel::SHARE_ONE as f32), 1.0))
+        .collect();
+    let paint = |patch: &[Texel; TEXELS]| patch.map(|texel| texels[texel.share_steps() as usize]);
     let painted_of = |(splat, texture): (usize, &Option<Arc<Texture>>)| {
         let texture = texture.as_ref()?;
         match (old.get(splat), painted.get(splat)) {
@@ -260,6 +287,9 @@ mod tests {
             assert!((found - expected).abs() <= 0.5 / 256.0, "{found} for {expected}");
         }
         assert!((share - 0.5).abs() <= 0.5 / 31.0);
+        let texel = Texel::new([1.0, 0.5, 2.0], 1.0);
+        assert_eq!(texel.0, 256 | 128 << 9 | 511 << 18 | 31 << 27);
+        assert_eq!(texel.halves(), [256 | 128 << 9, 511 | 31 << 9]);
     }
 
     #[test]

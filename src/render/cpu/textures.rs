@@ -10,7 +10,7 @@ use super::view::{CameraSplat, CpuView};
 use crate::math::simd::{LANES, Vector, dot, gather_rows};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::model::splat::texture::{Lattice, Texture, Textures};
+use crate::model::splat::texture::{Lattice, Texel, Texture, Textures};
 use crate::render::options::TILE;
 use glam::DVec3;
 use wide::bytemuck::{Pod, Zeroable, cast_ref};
@@ -264,8 +264,8 @@ fn sample<V: Vector>(
         }
         let four = texture.four([column[lane] as usize, row[lane] as usize]);
         for i in 0..4 {
-            texels[i][0][lane] = f32::from_bits(four[i].0 & 0x3_FFFF);
-            texels[i][1][lane] = f32::from_bits(four[i].0 >> 18);
+            let [low, high] = four[i].halves();
+            (texels[i][0][lane], texels[i][1][lane]) = (f32::from_bits(low), f32::from_bits(high));
         }
     }
     let (right, below) = (x - V::load(&x0), y - V::load(&y0));
@@ -273,21 +273,26 @@ fn sample<V: Vector>(
     let parts = [left * above, right * above, left * below, right * below];
     let (mut share, mut color) = (zero, [zero; 3]);
     let integer = V::splat(f32::from_bits(INTEGER));
+    let first = Texel::CHANNEL_MAX;
+    let second = first << Texel::CHANNEL_BITS;
     for i in 0..4 {
         let [low, high] = [V::load(&texels[i][0]), V::load(&texels[i][1])];
-        let [r, g] = [low.replace_low_bits(511, INTEGER), low.replace_low_bits(511 << 9, INTEGER)];
-        let [b, s] = [high.replace_low_bits(511, INTEGER), high.replace_low_bits(31 << 9, INTEGER)];
+        let [r, g] = [low.replace_low_bits(first, INTEGER), low.replace_low_bits(second, INTEGER)];
+        let [b, s] =
+            [high.replace_low_bits(first, INTEGER), high.replace_low_bits(second, INTEGER)];
         let weight = parts[i] * (s - integer);
         share = share + weight;
         color[0] = color[0] + weight * (r - integer);
         color[1] = color[1] + weight * (g - integer);
         color[2] = color[2] + weight * (b - integer);
     }
-    // Shares are in steps of 1/31, colours of 1/256. Both and green are 9 bits further left.
-    let unit = 1.0 / (31.0 * 512.0);
+    // The share, in each product once, and green were read as second values of their halves.
+    let shift = (1 << Texel::CHANNEL_BITS) as f32;
+    let unit = 1.0 / (Texel::SHARE_ONE as f32 * shift);
+    let of_color = unit / Texel::COLOR_ONE as f32;
     share = share * V::splat(unit);
-    color[0] = color[0] * V::splat(unit / 256.0);
-    color[1] = color[1] * V::splat(unit / (256.0 * 512.0));
-    color[2] = color[2] * V::splat(unit / 256.0);
+    color[0] = color[0] * V::splat(of_color);
+    color[1] = color[1] * V::splat(of_color / shift);
+    color[2] = color[2] * V::splat(of_color);
     Some(Samples { share, color })
 }

@@ -9,7 +9,7 @@ use crate::model::scene::points_device::{LEFT_TO_PROCESSOR, NO_SEED};
 use crate::model::scene::state::QUANTUM;
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, TERM_FACTORS};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
-use crate::model::splat::texture::PATCH;
+use crate::model::splat::texture::{PATCH, Texel};
 use crate::render::compare::OUTSIDE_BRIGHTNESS;
 use crate::render::cpu::photometric::{MIN_COUNTED_COVERAGE, MIN_WEIGHT, N_IMAGE_SUMS};
 use crate::render::cpu::textures::MIN_COSINE;
@@ -82,7 +82,7 @@ pub(super) mod slot {
 }
 
 /// WGSL names and values of the integer constants.
-const WORDS: [(&str, u32); 35] = [
+const WORDS: [(&str, u32); 39] = [
     ("FLAG_LIVE", FLAG_LIVE),
     ("RENDERER_PROJECTED", RENDERER_PROJECTED),
     ("RENDERER_EXACT", RENDERER_EXACT),
@@ -118,6 +118,10 @@ const WORDS: [(&str, u32); 35] = [
     ("SUM_GROUP", SUM_GROUP),
     ("PATCH", PATCH as u32),
     ("LATTICE_WORDS", LATTICE_WORDS as u32),
+    ("CHANNEL_BITS", Texel::CHANNEL_BITS),
+    ("CHANNEL_MAX", Texel::CHANNEL_MAX),
+    ("COLOR_ONE", Texel::COLOR_ONE),
+    ("SHARE_ONE", Texel::SHARE_ONE),
 ];
 
 /// WGSL names and values of the floating-point constants.

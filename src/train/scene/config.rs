@@ -61,6 +61,12 @@ pub struct SceneConfig {
     /// Memory for textures, in megabytes; 0 if textures are off. They need photographs.
     #[serde(default, skip_serializing_if = "is_none")]
     pub texture_mb: u32,
+    /// Number of doublings of the pitch of textures at the beginning. Only benchmarks change it.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub texture_steps: u32,
+    /// True if photographs have the poses of their points. Only benchmarks change it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub photographs_at_points: bool,
     /// True if camera poses are found by tracking against the scene. Recorded poses are then ignored.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub track: bool,
@@ -108,6 +114,8 @@ impl SceneConfig {
             },
             photometric: None,
             texture_mb: 0,
+            texture_steps: 0,
+            photographs_at_points: false,
             track: false,
         }
     }

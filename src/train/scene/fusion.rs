@@ -2,8 +2,7 @@
 //!
 //! Components of the start (the common initial scene) have the same seeds in all scenes. So the sums
 //! accumulated since then can be added exactly, and photometric estimates refer to the same parameters.
-//! Textures too are sums: those of the start count once. Where a lattice was laid anew since, they cannot be
-//! told from later ones and may count more than once.
+//! Textures too are sums: those of the start count once, also where a lattice was laid anew since.
 //!
 //! Components created since then have no counterpart. They are matched against existing seeds, as points
 //! are, so that no surface is covered twice.
@@ -224,24 +223,21 @@ impl Component {
         Self { seed: self.seed, share: self.share, sums, visibility, estimate, texture }
     }
 
-    /// Returns the texture with all that its `later` versions have gained. If a lattice was laid anew since,
-    /// the result has the first such lattice.
+    /// Returns the texture with all that its `later` versions have gained. If lattices were laid anew since, the
+    /// result has the first of them.
     fn texture_with_gains_of(&self, later: &[&Self]) -> Option<Arc<TextureSums>> {
-        let Some(start) = &self.texture else {
-            let mut all = None;
-            let later = later.iter().filter_map(|now| now.texture.clone());
-            later.for_each(|texture| merge_textures(&mut all, texture));
-            return all;
-        };
-        let (mut anew, mut gains) = (None, Vec::new());
-        for now in later.iter().filter_map(|now| now.texture.as_ref()) {
-            match now.gained_since(start) {
-                Some(gained) => gains.push(Arc::new(gained)),
-                None => merge_textures(&mut anew, now.clone()),
-            }
+        let mut later: Vec<_> = later.iter().filter_map(|now| now.texture.clone()).collect();
+        let start = self.texture.as_deref();
+        let is_anew =
+            |now: &Arc<TextureSums>| start.is_some_and(|start| now.is_laid_anew_since(start));
+        // A texture that was laid anew holds the sums of the start as far as its lattice covers them.
+        let anew = later.iter().position(is_anew).map(|first| later.remove(first));
+        let mut all = anew.or_else(|| self.texture.clone());
+        for now in later {
+            let gained =
+                start.map_or_else(|| now.clone(), |start| Arc::new(now.gained_since(start)));
+            merge_textures(&mut all, gained);
         }
-        let mut all = anew.or_else(|| Some(start.clone()));
-        gains.into_iter().for_each(|gained| merge_textures(&mut all, gained));
         all
     }
 

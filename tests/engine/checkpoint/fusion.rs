@@ -1,9 +1,12 @@
 //! Fusion of scenes with seeds that resumed one start scene with different frames.
 
 use super::*;
+use glam::DQuat;
 use vbgs_studio::export::checkpoint::StoredModel;
 use vbgs_studio::model::scene::photometric::PhotometricDeviations;
 use vbgs_studio::model::scene::state::{QUANTUM, SceneState, StoredSums};
+use vbgs_studio::model::scene::texels::{Observed, TextureSums};
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::checkpoint::{RunError, merge, merge_onto};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
@@ -119,6 +122,65 @@ fn textures_of_shards_add_up() {
     });
     let (same, n) = (same.count(), textures(&shards[1]).len());
     assert!(same * 10 > n * 9, "{same} of {n}");
+}
+
+/// Returns a run whose every texture is replaced by what `texture` returns for its number and splat.
+fn retextured(run: &SavedRun, texture: impl Fn(usize, &Splat) -> Option<TextureSums>) -> SavedRun {
+    let mut run = run.clone();
+    let StoredModel::Scene(state) = &mut run.content.model else { unreachable!() };
+    let photometric = state.photometric.as_mut().unwrap();
+    let splats = photometric.splats.iter().enumerate();
+    for ((id, splat), old) in splats.zip(&mut photometric.textures) {
+        *old = old.as_ref().and_then(|_| Some(Arc::new(texture(id, splat)?)));
+    }
+    run
+}
+
+#[test]
+fn textures_of_the_start_count_once_where_shards_laid_them_anew() {
+    let asked = SceneOverrides { textures: Some(50), ..asked(PhotometricMode::Light) };
+    let (start, shards) = shards(&asked, 3);
+    // Pixels in the middle of a lattice of 16 × 16 texels, which lattices turned about it cover, too.
+    let add = |texture: &mut TextureSums, n: u16| {
+        for i in 0..n {
+            let at = [5 + i % 6, 5 + i / 6 % 6].map(usize::from);
+            let color = [200 + 9 * i as i16, 400, 100];
+            texture.add(&Observed { texel: texture.lattice.number_of(at), weight: 256, color });
+        }
+    };
+    let begun = |splat: &Splat| {
+        let mut texture = TextureSums::new(splat, 0.1);
+        texture.refine(2);
+        add(&mut texture, 50);
+        texture
+    };
+    let start = retextured(&start, |_, splat| Some(begun(splat)));
+    // Two shards lay lattices anew, one of them twice, and one does not. All learn more.
+    let continued = |k: usize, turns: &[f64]| {
+        let of_start = scene(&start).photometric.as_ref().unwrap();
+        retextured(&shards[k], |id, _| {
+            let mut texture = of_start.textures.get(id)?.as_deref()?.clone();
+            let splat = of_start.splats[id];
+            for turn in turns {
+                let [w, x, y, z] = splat.rotation.map(f64::from);
+                let turned =
+                    DQuat::from_xyzw(x, y, z, w) * DQuat::from_scaled_axis([*turn; 3].into());
+                let rotation = [turned.w, turned.x, turned.y, turned.z].map(|v| v as f32);
+                texture.lay_anew(&Splat { rotation, ..splat }, 0.1);
+            }
+            add(&mut texture, 20);
+            Some(texture)
+        })
+    };
+    let shards = [continued(0, &[0.3]), continued(1, &[]), continued(2, &[-0.2, 0.25])];
+    let fused = reread(&merge_onto(&start, shards.to_vec()).unwrap().unwrap());
+    let added: f64 = shards.iter().map(|run| texels(run) - texels(&start)).sum();
+    assert!(added >= 60.0 * 20.0, "{added}");
+    assert_eq!(texels(&fused), texels(&start) + added);
+    let mut others = shards;
+    others.rotate_left(1);
+    let again = reread(&merge_onto(&start, others.to_vec()).unwrap().unwrap());
+    assert!(again.content.model == fused.content.model);
 }
 
 #[test]

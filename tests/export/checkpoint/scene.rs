@@ -182,7 +182,7 @@ fn depths_of_photographs_that_wait_are_refused_where_they_are_none() {
     assert!(waiting.len() == 3 && waiting.iter().all(|waiting| waiting.depths.is_none()));
 }
 
-/// Checkpoint with textures of levels 0, 2 and 1 for components 2, 7 and 19.
+/// Checkpoint with textures of levels 0, 2 and 1 for components 2, 7 and 19. The second has two former lattices.
 fn textured() -> Checkpoint {
     let mut sample = sample(mixed());
     let StoredModel::Scene(state) = &mut sample.model else { unreachable!() };
@@ -203,6 +203,8 @@ fn textured() -> Checkpoint {
                 color: [0; 3].map(|_| rng.below(4097) as i16 - 2048),
             });
         }
+        let former = [0, 1].map(|level| Lattice { level, half: 0.5, ..texture.lattice });
+        texture.former.extend(former.iter().filter(|_| id == 7));
         photometric.textures[id] = Some(Arc::new(texture));
     }
     state.photometric = Some(photometric);
@@ -229,6 +231,7 @@ fn textures_come_back_and_scenes_without_have_no_section() {
     assert!(n_patches > 6 && textures().any(|t| t.index.contains(&ABSENT)));
     let sizes = [(b"TXID", 12), (b"TXLA", 120), (b"TXSI", 24), (b"TXPR", 96), (b"TXST", 4)];
     sizes.iter().for_each(|(tag, size)| assert_eq!(length(tag), *size));
+    assert_eq!([length(b"TXFO"), length(b"TXFL")], [16, 80]);
     assert_eq!([length(b"TXIX"), length(b"TXEL")], [2 * 21, 256 * n_patches]);
     state.textures.clear();
     state.texture_steps = 0;
@@ -264,6 +267,12 @@ fn textures_that_no_scene_has_are_refused() {
     // Lengths that the other sections do not have, refused before memory is taken.
     with(b"TXSI", 8, &word(5), &["TXIX", "expected 1029 elements", "found 21"]);
     with(b"TXSI", 12, &word(0), &["TXEL", "elements"]);
+    with(b"TXFO", 8, &word(3), &["TXFO", "components with textures", "found 3"]);
+    with(b"TXFO", 12, &word(1 << 8), &["TXFO[component 7, level]", "at most 5", "found 255"]);
+    with(b"TXFL", 44, &float(f32::NAN), &["TXFL[component 7, anchor]", "finite"]);
+    let many = edited(&bytes, b"TXFO", |s| s.content = s.content.repeat(40));
+    let many = edited(&many, b"TXFL", |s| s.content = s.content.repeat(40));
+    assert_refused(&many, &["TXFO", "each at most 64 times", "found 7"]);
     let long = |value: i64| value.to_le_bytes();
     with(b"TXPR", 16, &long(i64::MIN), &["TXPR[component 2, prediction]", "at most 2^62"]);
     with(b"TXPR", 40, &long(-1), &["TXPR[component 7, square]", "0 or more", "found -1"]);
@@ -280,7 +289,7 @@ fn textures_that_no_scene_has_are_refused() {
         let parts = ["TXEL[component 2, colour]", "at most 2048 per weight"];
         with(b"TXEL", 12, &color.to_le_bytes(), &parts);
     }
-    for tag in [b"TXLA", b"TXSI", b"TXPR", b"TXIX", b"TXEL"] {
+    for tag in [b"TXLA", b"TXSI", b"TXPR", b"TXIX", b"TXEL", b"TXFL"] {
         let mut sections = raw::sections(&bytes);
         sections.retain(|section| section.tag != *tag);
         let name = std::str::from_utf8(tag).unwrap();
@@ -304,7 +313,7 @@ fn textures_that_no_scene_has_are_refused() {
 #[test]
 fn arbitrary_textures_take_no_memory() {
     let bytes = to_bytes(&textured());
-    let tags = [b"TXID", b"TXLA", b"TXSI", b"TXPR", b"TXIX", b"TXEL", b"TXST"];
+    let tags = [b"TXID", b"TXLA", b"TXSI", b"TXPR", b"TXIX", b"TXEL", b"TXST", b"TXFO", b"TXFL"];
     let mut rng = Rng::new(13, Purpose::Synthetic, 0);
     for _ in 0..3000 {
         let damaged = edited(&bytes, tags[rng.below(tags.len())], |s| {
@@ -328,6 +337,7 @@ fn textures_are_written_without_a_copy_and_only_if_they_can_be_read() {
     let lattice = photometric(&mut large).textures[2].as_ref().unwrap().lattice;
     let mut texture = TextureSums {
         lattice: Lattice { level: 5, ..lattice },
+        former: Vec::new(),
         predicted: [[0; 2]; 2],
         index: (0..1024).collect(),
         patches: vec![[TexelSums { weight: 1, color: [9; 3] }; 16]; 1024],

@@ -70,12 +70,14 @@ impl SceneTrainer {
     /// ```
     pub fn new(config: &SceneConfig, origin: DVec3) -> Self {
         let scene = Scene::new(config, origin);
+        let mut photographs = Photographs::default();
+        photographs.learner.state.texture_steps = config.texture_steps;
         Self {
             component_elbo: ComponentElbo::new(scene.scoring),
             scene,
             points: FramePoints::default(),
             poses: Poses::default(),
-            photographs: Photographs::default(),
+            photographs,
             changes: Changes::default(),
             unassigned: UnassignedPoints::default(),
         }

@@ -186,12 +186,12 @@ impl Poses {
     }
 
     /// Returns the prior standard deviations of the rotation (radians) and position (world units) of a photograph about
-    /// the pose of its points; `None` if poses are exact or hardly known.
+    /// the pose of its points; `None` if the two are the same: poses are exact or hardly known.
     pub fn photograph_deviations(&self, scene: &Scene) -> Option<[f64; 2]> {
         let Scene { config, .. } = scene;
         // Points alone use no photograph, so nothing is computed for them.
         let is_used = config.photometric.is_some() && config.align && !config.track;
-        if !is_used || self.corrections.len() < FEWEST_FRAMES {
+        if !is_used || config.photographs_at_points || self.corrections.len() < FEWEST_FRAMES {
             return None;
         }
         let every = self.corrections.len().div_ceil(SAMPLED_CORRECTIONS);
