@@ -8,6 +8,7 @@ use crate::dataset::synthetic::ParamsError;
 use crate::eval::report;
 use crate::eval::report::MachineReport;
 use crate::eval::views::EvalError;
+use crate::export::error::ExportError;
 use crate::math::image::RgbImage;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::prefetch::SpawnError;
@@ -50,6 +51,8 @@ pub enum BenchError {
     Csv(#[from] csv::Error),
     #[error("writing the result as JSON failed: {0}")]
     Json(#[from] serde_json::Error),
+    #[error("{0}")]
+    Write(#[from] ExportError),
     #[error("starting {threads} threads failed: {reason}; close other programs and retry")]
     Threads { threads: usize, reason: String },
     #[cfg(feature = "gui")]

@@ -13,6 +13,7 @@ use crate::dataset::{self, Dataset, LoadOptions};
 use crate::eval::choices::GroundTruth;
 use crate::eval::metrics::Spread;
 use crate::eval::views::{EvalOptions, evaluate};
+use crate::export::atomic::write_atomic;
 use crate::pipeline::plan::Selection;
 use crate::pipeline::session::{Session, Step};
 use crate::pipeline::settings::method::MethodRequest;
@@ -148,7 +149,8 @@ fn stored_or_new<R: Serialize + for<'a> Deserialize<'a>>(
         Some(StoredRun { rows, .. }) => Ok(rows),
         None => {
             let run = StoredRun { program, of, rows: measure()? };
-            std::fs::write(file, serde_json::to_vec_pretty(&run)?).map_err(file_error(file))?;
+            let text = serde_json::to_vec_pretty(&run)?;
+            write_atomic(file, |out| out.write_all(&text))?;
             Ok(run.rows)
         }
     }

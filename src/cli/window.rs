@@ -23,6 +23,12 @@ pub fn run(
         let unknown = |e: adapters::UnknownAdapter| usage!("--{e}");
         adapters::choose(choice, &adapters::list()).map_err(unknown)?;
     }
+    if let Some(missing) = path.as_ref().filter(|path| !path.exists()) {
+        return Err(failed!(
+            "{}: expected a dataset, checkpoint or splat file, found nothing there; check the name",
+            missing.display()
+        ));
+    }
     let subject = path.clone().map_or(Subject::Demo, Subject::Path);
     let interrupt = Interrupt::listen()?;
     let is_ended = move |longest| interrupt.wait_for_request(longest);

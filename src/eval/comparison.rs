@@ -267,6 +267,26 @@ mod tests {
         }
     }
 
+    /// Whatever the scene shows where a mask leaves pixels out, no score changes.
+    #[test]
+    fn masked_pixels_count_in_no_score() {
+        let (render, mut truth) = (noise(48, 36, 6), noise(48, 36, 7));
+        let coverage = Image::filled(48, 36, 1.0);
+        let is_masked = |i: &usize| i % 48 < 12;
+        let masked: Vec<usize> = (0..48 * 36).filter(is_masked).collect();
+        masked.iter().for_each(|&i| truth.data[i] = [f32::NAN; 3]);
+        let mut other = render.clone();
+        masked.iter().for_each(|&i| other.data[i] = [1.0, 0.0, 1.0]);
+        let [a, b] = [&render, &other].map(|shown| compare(shown, &coverage, &truth).unwrap());
+        assert!(a.psnr.is_finite() && a.ssim.is_finite(), "{} {}", a.psnr, a.ssim);
+        assert_eq!((a.psnr, a.ssim), (b.psnr, b.ssim));
+        let [a, b] = [a, b].map(|found| found.covered.unwrap());
+        assert_eq!(
+            (a.psnr, a.aligned_psnr, a.aligned_ssim),
+            (b.psnr, b.aligned_psnr, b.aligned_ssim)
+        );
+    }
+
     #[test]
     fn uncovered_pixels_keep_the_background() {
         let mut coverage = Image::filled(16, 12, 1.0);

@@ -47,16 +47,34 @@ pub fn rss_bytes() -> Option<u64> {
 }
 
 /// Returns the memory available to this process without swapping, in bytes, or `None` if unavailable.
-/// Limits of the process's container are respected.
+/// Limits of the process and of its container are respected.
 pub fn available_bytes() -> Option<u64> {
     let free = file_bytes("/proc/meminfo", "MemAvailable:");
     let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
     let left = available_in_groups(&groups, Path::new("/sys/fs/cgroup"));
-    free.into_iter().chain(left).min()
+    let limits = fs::read_to_string("/proc/self/limits").unwrap_or_default();
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    free.into_iter().chain(left).chain(available_in_limits(&limits, &status)).min()
+}
+
+/// Returns the bytes left under the limits of address space and of data (`ulimit -v` and `-d`), `None`
+/// without a limit. The texts are those of `/proc/self/limits` and `/proc/self/status`.
+fn available_in_limits(limits: &str, status: &str) -> Option<u64> {
+    let kinds = [("Max address space", "VmSize:"), ("Max data size", "VmData:")];
+    let left = |(limit, used): (&str, &str)| {
+        let soft = limits.lines().find_map(|line| line.strip_prefix(limit))?;
+        // `unlimited` does not parse.
+        let soft: u64 = soft.split_whitespace().next()?.parse().ok()?;
+        Some(soft.saturating_sub(bytes_in(status, used)?))
+    };
+    kinds.into_iter().filter_map(left).min()
 }
 
 fn file_bytes(path: &str, field: &str) -> Option<u64> {
-    let text = fs::read_to_string(path).ok()?;
+    bytes_in(&fs::read_to_string(path).ok()?, field)
+}
+
+fn bytes_in(text: &str, field: &str) -> Option<u64> {
     // A number and its unit, which the kernel always writes as `kB` and means as KiB.
     let value = text.lines().find_map(|line| line.strip_prefix(field))?;
     let kilobytes: u64 = value.trim().strip_suffix("kB")?.trim().parse().ok()?;
@@ -112,6 +130,21 @@ mod tests {
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, text).unwrap();
         }
+    }
+
+    #[test]
+    fn limits_of_the_process_count() {
+        let status = "VmPeak:\t  9 kB\nVmSize:\t  1000 kB\nVmData:\t   100 kB\n";
+        let limits = |space: &str, data: &str| {
+            let text = format!(
+                "Max data size             {data}            unlimited            bytes     \nMax address space         {space}            unlimited            bytes     \n"
+            );
+            available_in_limits(&text, status)
+        };
+        assert_eq!(limits("unlimited", "unlimited"), None);
+        assert_eq!(limits("2048000", "unlimited"), Some(1_024_000));
+        assert_eq!(limits("2048000", "204800"), Some(102_400));
+        assert_eq!(limits("1000", "unlimited"), Some(0), "a limit set below what is in use");
     }
 
     #[test]

@@ -175,7 +175,9 @@ impl Plan {
         };
         let trains_whole = selection.split.is_some() && selection.hold_out == HoldOut::Every8th;
         let evaluation = dataset.evaluation_by(selection.hold_out, split)?;
-        let training = evaluation.training.filter(|_| !trains_whole);
+        // A single frame trains, unless more will come.
+        let is_single = dataset.splits[split].frames.len() == 1 && !selection.follow;
+        let training = evaluation.training.filter(|_| !trains_whole && !is_single);
         let held_out = training.is_some().then_some(evaluation.why);
         let all = || (0..dataset.splits[split].frames.len()).collect();
         let frames = selection.of(training.unwrap_or_else(all), seed);

@@ -13,10 +13,13 @@ fn run_without_display(scratch: &Scratch, arguments: &[&str]) -> Run {
 /// A path on the command line opens a window; without a display the error names the commands to use.
 #[test]
 fn a_path_needs_a_display() {
-    let scratch = Scratch::empty();
+    let scratch = Scratch::with_scene();
     let code = if cfg!(feature = "gui") { 1 } else { 2 };
+    if cfg!(feature = "gui") {
+        run_without_display(&scratch, &["no.ply"]).fails(1, &["no.ply", "nothing there"]);
+    }
     let parts = ["scene.ply", "no ", "`train`", "`eval`", "`render`", "`export`", "`info`"];
-    run_without_display(&scratch, &["scene.ply"]).fails(code, &parts);
+    run_without_display(&scratch, &["out/scene.ply"]).fails(code, &parts);
     assert!(!scratch.path("vbgs-demo").exists());
 }
 

@@ -18,6 +18,7 @@ mod eval_scale;
 mod failing_disk;
 mod follow;
 mod headless;
+mod hostile;
 mod images;
 #[cfg(unix)]
 mod interrupt;

@@ -399,6 +399,11 @@ fn gltf_with_data_uris_and_sibling_files() {
     std::fs::create_dir_all(path.parent().unwrap().join("sub")).unwrap();
     std::fs::write(path.with_file_name("sub/the data.bin"), &glb.bin).unwrap();
     std::fs::write(folder.path().join("outside.bin"), &glb.bin).unwrap();
+    #[cfg(unix)]
+    {
+        let link = path.with_file_name("link.bin");
+        std::os::unix::fs::symlink(folder.path().join("outside.bin"), link).unwrap();
+    }
     let mut import = |uri: &str| {
         glb.json["buffers"][0]["uri"] = uri.into();
         std::fs::write(&path, format!("\u{feff}\n{}", glb.json)).unwrap();
@@ -418,6 +423,7 @@ fn gltf_with_data_uris_and_sibling_files() {
         "/etc/hostname",
         "sub/../../outside.bin",
         "https://example.org/a.bin",
+        if cfg!(unix) { "link.bin" } else { "../link.bin" },
     ] {
         let error = import(uri).unwrap_err().to_string();
         assert!(error.contains("scene.txt: buffer 0: expected a file beside the glTF"), "{error}");

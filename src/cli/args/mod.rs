@@ -263,8 +263,9 @@ pub fn parse_color(text: &str) -> Result<[f32; 3], String> {
         "white" => return Ok([1.0; 3]),
         _ => {}
     }
-    // ASCII only: otherwise a two-byte slice could split a character and panic.
-    let hex = text.strip_prefix('#').filter(|h| h.len() == 6 && h.is_ascii());
+    // Digits only: numbers also parse with a sign, and a slice could split another character.
+    let is_hex = |h: &&str| h.len() == 6 && h.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let hex = text.strip_prefix('#').filter(is_hex);
     let byte = |i: usize| hex.and_then(|h| u8::from_str_radix(&h[2 * i..2 * i + 2], 16).ok());
     match (byte(0), byte(1), byte(2)) {
         (Some(r), Some(g), Some(b)) => Ok([r, g, b].map(|v| v as f32 / 255.0)),

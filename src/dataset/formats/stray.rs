@@ -29,6 +29,7 @@ use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use glam::DMat4;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::sync::Arc;
 
 pub(super) const FORMAT: DatasetFormat =
@@ -179,7 +180,11 @@ fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
             );
             return Err(metadata_error(&path, expected, "neither".to_owned(), &hint));
         }
-        video = Some(Arc::new(Video::new(path)));
+        let inside = folder.file(Path::new(""), &folder.listing, VIDEO).map_err(|problem| {
+            let expected = "the recording's video in its folder";
+            metadata_error(&path, expected, problem.to_string(), "copy the video into the folder")
+        })?;
+        video = Some(Arc::new(Video::new(inside)));
     }
     if colors.is_none() && video.is_none() {
         recording.note("geometry only: all photographs are grey");

@@ -37,7 +37,7 @@ impl FrameSample {
         let mut observation = Observation::empty();
         let (mut footprints, mut depths, mut seen) = (Vec::new(), Vec::new(), Vec::new());
         let mut trusted = [0.0; 2];
-        let (mut n, mut unreadable) = (0, None);
+        let (mut n, mut looked_at, mut unreadable) = (0, 0, None);
         for index in sampled(frames) {
             // Further frames only replace unreadable ones.
             if n == SAMPLED_FRAMES {
@@ -55,6 +55,7 @@ impl FrameSample {
             trusted = depth.trusted;
             let (width, height) = depth.size();
             let pixels = (0..width * height).step_by(SAMPLED_POINTS);
+            looked_at += pixels.len();
             seen.extend(pixels.filter_map(|i| depth.value_at(i % width, i / width)));
             if preparer.prepare(&frame, surface, &mut observation).is_ok() {
                 let points = observation.points.iter().step_by(SAMPLED_POINTS);
@@ -70,7 +71,7 @@ impl FrameSample {
                 Ok(Self { footprint, tolerance, depths: [near, far] })
             }
             _ => {
-                let error = no_points(dataset, trusted, &mut seen, n);
+                let error = no_points(dataset, trusted, (&mut seen, looked_at), n);
                 // If any frame was read, its depth is the problem, not the file error.
                 match unreadable.filter(|_| n == 0) {
                     Some(found) => Err(NoUsableDepth { found, ..error }),
@@ -128,10 +129,13 @@ fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by((last as f64 * share) as usize, f64::total_cmp).1)
 }
 
+/// Share of pixels with depth below which a plane finds too few neighbours.
+const SPARSE: f64 = 0.3;
+
 fn no_points(
     dataset: &Dataset,
     trusted: [f64; 2],
-    seen: &mut [f64],
+    (seen, looked_at): (&mut [f64], usize),
     frames: usize,
 ) -> NoUsableDepth {
     let interval = |[a, b]: [f64; 2]| match b.is_finite() {
@@ -143,8 +147,13 @@ fn no_points(
         (Some(near), Some(far)) => interval([near, far]),
         _ => "no depth".to_owned(),
     };
+    let share = seen.len() as f64 / looked_at.max(1) as f64;
     let advice = match quantile(seen, 0.5) {
         None => "check that the depth images belong to this dataset".to_owned(),
+        Some(_) if share < SPARSE => format!(
+            "only {:.0} % of the pixels have depth: give depth in which neighbouring pixels have values, since surfaces are fitted to them",
+            100.0 * share
+        ),
         Some(middle) => unit_advice(trusted, middle),
     };
     let (dataset, trusted) = (dataset.name.clone(), interval(trusted));

@@ -12,7 +12,7 @@ const ALONG_RAYS: f64 = 0.8;
 /// Structural scale: maximum distance of a point from its component's seed, the point at which that
 /// component was created.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(into = "String", try_from = "String")]
+#[serde(into = "String", try_from = "Spelling")]
 pub enum StructuralScale {
     /// Length in pixels at the 95th percentile of depth. On nearer surfaces the same length covers more
     /// pixels.
@@ -57,11 +57,11 @@ impl std::str::FromStr for StructuralScale {
     }
 }
 
-impl TryFrom<String> for StructuralScale {
+impl TryFrom<Spelling> for StructuralScale {
     type Error = String;
 
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
+    fn try_from(spelling: Spelling) -> Result<Self, String> {
+        spelling.text().parse()
     }
 }
 
@@ -85,7 +85,7 @@ impl From<StructuralScale> for String {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(into = "String", try_from = "String")]
+#[serde(into = "String", try_from = "Spelling")]
 pub enum Budget {
     /// Number of components.
     Components(usize),
@@ -120,11 +120,28 @@ impl std::str::FromStr for Budget {
     }
 }
 
-impl TryFrom<String> for Budget {
+impl TryFrom<Spelling> for Budget {
     type Error = String;
 
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
+    fn try_from(spelling: Spelling) -> Result<Self, String> {
+        spelling.text().parse()
+    }
+}
+
+/// Number with or without a unit in a settings file: `"5MB"`, `"25000"` or `25000`.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Spelling {
+    Text(String),
+    Number(f64),
+}
+
+impl Spelling {
+    fn text(self) -> String {
+        match self {
+            Self::Text(text) => text,
+            Self::Number(number) => number.to_string(),
+        }
     }
 }
 
@@ -150,6 +167,15 @@ mod tests {
         }
         let back: StructuralScale = String::from(StructuralScale::Pixels(3.0)).parse().unwrap();
         assert_eq!(back, StructuralScale::Pixels(3.0));
+    }
+
+    #[test]
+    fn files_may_state_plain_numbers() {
+        assert_eq!(ron::from_str("100"), Ok(Budget::Components(100)));
+        assert_eq!(ron::from_str("\"5MB\""), Ok(Budget::Bytes(5_000_000)));
+        assert_eq!(serde_json::from_str::<Budget>("25000").ok(), Some(Budget::Components(25_000)));
+        assert_eq!(ron::from_str("0.02"), Ok(StructuralScale::World(0.02)));
+        assert!(ron::from_str::<Budget>("1.5").is_err());
     }
 
     #[test]
