@@ -2,6 +2,7 @@
 //! opened or reset; the autosave interval applies at once.
 
 use super::settings_file;
+use crate::pipeline::autosave;
 use crate::pipeline::settings::GivenSettings;
 use crate::pipeline::settings::method::MethodRequest;
 use crate::pipeline::settings::scene::SceneOverrides;
@@ -19,17 +20,13 @@ pub struct TrainSettings {
     pub autosave_s: Option<u32>,
 }
 
-/// Default autosave interval, seconds. It bounds the training lost by a crash. Saving a large scene
-/// takes one or two seconds of disk time.
-pub const AUTOSAVE_S: u32 = 30;
-
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
             preset: Preset::Scene,
             scene: SceneOverrides::default(),
             paper: PaperOverrides::default(),
-            autosave_s: Some(AUTOSAVE_S),
+            autosave_s: Some(autosave::DEFAULT_S),
         }
     }
 }

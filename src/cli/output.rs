@@ -16,7 +16,7 @@ use vbgs_studio::eval::report::{
 };
 use vbgs_studio::eval::seen::SeenQuality;
 use vbgs_studio::export::atomic::write_atomic;
-use vbgs_studio::math::foreign::displayable;
+use vbgs_studio::math::foreign::{displayable, displayable_json};
 
 /// First error of writing to stdout. Printing continues after the error, and the command fails once it
 /// has finished.
@@ -56,7 +56,7 @@ pub fn check_stdout() -> Result<(), Failure> {
 }
 
 pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
-    print_line(serde_json::to_string_pretty(value)?);
+    print_line(displayable_json(&serde_json::to_string_pretty(value)?));
     Ok(())
 }
 

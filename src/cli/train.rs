@@ -26,6 +26,7 @@ use vbgs_studio::export::atomic::remove_leftovers;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::any_preset::file_comments;
+use vbgs_studio::pipeline::autosave;
 use vbgs_studio::pipeline::autosave::{Autosave, AutosaveInterval};
 use vbgs_studio::pipeline::checkpoint::{ResumeRequest, RunError, SavedRun};
 use vbgs_studio::pipeline::error::SessionError;
@@ -123,8 +124,8 @@ fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
 }
 
 fn interval(args: &TrainArgs) -> AutosaveInterval {
-    let usual = AutosaveInterval { frames: None, time: Some(AUTOSAVE) };
-    args.settings.run.autosave.unwrap_or(usual)
+    let time = Some(Duration::from_secs(autosave::DEFAULT_S.into()));
+    args.settings.run.autosave.unwrap_or(AutosaveInterval { frames: None, time })
 }
 
 /// Opens the dataset and creates a session that has not trained a frame yet. Opening is interruptible,
@@ -340,9 +341,6 @@ const SCENE: &str = "scene.ply";
 const CHECKPOINT: &str = "checkpoint.vbgs";
 const REPORT: &str = "report.json";
 
-/// Interval of autosaves unless another one is given, as in the window.
-const AUTOSAVE: Duration = Duration::from_secs(30);
-
 /// Writes `checkpoint.vbgs` and `scene.ply`, each whatever happens to the other, and adds errors to
 /// `unsaved`. Returns the names of the written files for a message. Writes nothing if no component is used.
 fn save_model(session: &mut Session, args: &TrainArgs, unsaved: &mut Vec<Failure>) -> String {
@@ -351,8 +349,8 @@ fn save_model(session: &mut Session, args: &TrainArgs, unsaved: &mut Vec<Failure
     }
     let mut written = Vec::new();
     let checkpoint = args.out.join(CHECKPOINT);
-    let saved = match args.settings.run.autosave.unwrap_or_default() == AutosaveInterval::default()
-    {
+    let given = args.settings.run.autosave.unwrap_or_default();
+    let saved = match given == AutosaveInterval::default() {
         true => session.save(&checkpoint),
         // As for autosaves, the previous checkpoint is retained.
         false => session.save_keeping_old(&checkpoint),

@@ -48,8 +48,7 @@ impl Archive {
 
     pub fn read_text(&self, name: &str) -> Result<String, FrameProblem> {
         let bytes = read_member(&mut self.lock(), name, MAX_TEXT_BYTES)?;
-        Ok(String::from_utf8(bytes)
-            .unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into()))
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, ZipArchive<BufReader<RetryingFile>>> {

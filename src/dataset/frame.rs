@@ -4,8 +4,7 @@
 //! [`Frame::from_memory`] for buffers. Code that reads a frame relies on these checks and handles only holes.
 
 use super::calibration;
-use super::calibration::ColorCamera;
-use super::calibration::IntrinsicsDefect;
+use super::calibration::{ColorCamera, IntrinsicsDefect};
 use super::error::{FrameError, FrameProblem};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;

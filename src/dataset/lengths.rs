@@ -8,6 +8,8 @@ use super::error::FrameProblem;
 use crate::math::image::Image;
 use exr::block::lines::LineRef;
 use exr::block::reader::ChunksReader;
+use exr::error::UnitResult;
+use exr::io::Data;
 use exr::math::Vec2;
 use exr::meta::attribute::SampleType;
 use exr::prelude::f16;
@@ -324,23 +326,20 @@ fn read_exr(bytes: &[u8], unit: f64, size: Size) -> Result<DepthCodes, FrameProb
     Ok(lengths([width, height], values.into_iter(), unit))
 }
 
-fn read_line(line: &LineRef, kind: SampleType, row: &mut [f32]) -> exr::error::UnitResult {
+/// Reads the samples of a line, of the given kind, into a row of the image.
+fn read_line(line: &LineRef, kind: SampleType, row: &mut [f32]) -> UnitResult {
     match kind {
-        SampleType::F16 => row.iter_mut().zip(line.read_samples()).try_for_each(|(out, sample)| {
-            *out = f16::to_f32(sample?);
-            Ok(())
-        }),
-        SampleType::F32 => row.iter_mut().zip(line.read_samples()).try_for_each(|(out, sample)| {
-            *out = sample?;
-            Ok(())
-        }),
-        SampleType::U32 => {
-            row.iter_mut().zip(line.read_samples::<u32>()).try_for_each(|(out, sample)| {
-                *out = sample? as f32;
-                Ok(())
-            })
-        }
+        SampleType::F16 => read_samples(line, row, f16::to_f32),
+        SampleType::F32 => read_samples(line, row, |sample: f32| sample),
+        SampleType::U32 => read_samples(line, row, |sample: u32| sample as f32),
     }
+}
+
+fn read_samples<T: Data>(line: &LineRef, row: &mut [f32], to_f32: fn(T) -> f32) -> UnitResult {
+    for (out, sample) in row.iter_mut().zip(line.read_samples()) {
+        *out = to_f32(sample?);
+    }
+    Ok(())
 }
 
 fn read_tiff(bytes: &[u8], unit: f64, expected: Size) -> Result<DepthCodes, FrameProblem> {

@@ -54,6 +54,16 @@ impl JsonOutline {
 /// Returns a text in which characters that control a terminal or the direction of text are escaped. Line
 /// feeds and tabs stay.
 pub fn displayable(text: &str) -> Cow<'_, str> {
+    escaped(text, |plain, c| plain.extend(c.escape_default()))
+}
+
+/// Returns a JSON text with the same characters escaped as [`displayable`] escapes, in the form of JSON.
+pub fn displayable_json(json: &str) -> Cow<'_, str> {
+    // All of them are below 2^16.
+    escaped(json, |plain, c| plain.push_str(&format!("\\u{:04x}", u32::from(c))))
+}
+
+fn escaped(text: &str, escape: fn(&mut String, char)) -> Cow<'_, str> {
     let is_control = |c: char| match c {
         '\n' | '\t' => false,
         // Marks, embeddings, overrides and isolates of text direction.
@@ -66,7 +76,7 @@ pub fn displayable(text: &str) -> Cow<'_, str> {
     let mut plain = String::with_capacity(text.len());
     for c in text.chars() {
         match is_control(c) {
-            true => plain.extend(c.escape_default()),
+            true => escape(&mut plain, c),
             false => plain.push(c),
         }
     }
@@ -82,6 +92,15 @@ mod tests {
         assert_eq!(displayable("ä\tb\nc"), "ä\tb\nc");
         let text = displayable("a\u{1b}]0;title\u{7}\u{9b}2J\r\u{202e}b");
         assert_eq!(text, "a\\u{1b}]0;title\\u{7}\\u{9b}2J\\r\\u{202e}b");
+    }
+
+    #[test]
+    fn escaped_json_means_the_same() {
+        let name = "a\u{9b}2J\u{202e}\u{7f}\"\n";
+        let json = serde_json::to_string(name).unwrap();
+        let shown = displayable_json(&json);
+        assert!(shown.is_ascii() && displayable(&shown) == shown, "{shown}");
+        assert_eq!(serde_json::from_str::<String>(&shown).ok().as_deref(), Some(name));
     }
 
     #[test]

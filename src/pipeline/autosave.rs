@@ -12,6 +12,10 @@ use crate::export::{atomic, checkpoint};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+/// Default time between saves, seconds. It bounds the training lost by a crash. Saving a large scene takes
+/// one or two seconds of disk time.
+pub const DEFAULT_S: u32 = 30;
+
 /// Autosave interval, in trained frames, in time, or both. If both are given, the earlier one applies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AutosaveInterval {

@@ -39,7 +39,12 @@ fn names_and_texts_of_files_do_not_control_the_terminal() {
     assert!(run.stdout.contains("\\u{1b}]0;owned\\u{7}.ply"), "{}", run.stdout);
     let missing = scratch.run_args(&["info", "no\u{9b}2J.ply"]);
     assert_eq!(missing.code, 1);
-    for text in [&run.stdout, &run.stderr, &missing.stderr] {
+    let other = "b\u{9b}2J\u{202e}.ply";
+    fs::rename(scratch.path(name), scratch.path(other)).unwrap();
+    let json = scratch.run_args(&["info", other, "--json"]).succeeds();
+    // Escaped as JSON escapes, so that the name comes back.
+    assert!(json.json().to_string().contains(other), "{}", json.stdout);
+    for text in [&run.stdout, &run.stderr, &missing.stderr, &json.stdout] {
         assert!(!text.contains(|c: char| c.is_control() && !"\n\t".contains(c)), "{text:?}");
     }
 }

@@ -3,7 +3,8 @@
 use super::card;
 use super::card::{choices, optional_number};
 use super::signal_color::SignalColor;
-use crate::app::training::{AUTOSAVE_S, TrainSettings};
+use crate::app::training::TrainSettings;
+use crate::pipeline::autosave;
 use crate::train::paper::config::{PaperConfig, PaperOverrides};
 use crate::train::setting::Preset;
 use crate::train::setting::table::{Setting, SettingLayer};
@@ -32,7 +33,7 @@ pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
     ui.label(RichText::new("Applies to the next opened dataset, and after Reset").weak());
     let help = "Saves during training; after a crash, the next start offers to resume";
     let texts = ["Autosave every", help, "Autosave every", " s"];
-    optional_number(&mut settings.autosave_s, AUTOSAVE_S, AUTOSAVES_S, texts, ui);
+    optional_number(&mut settings.autosave_s, autosave::DEFAULT_S, AUTOSAVES_S, texts, ui);
 }
 
 /// Draws the settings of a preset. `check` validates them and returns a message for the user if they are

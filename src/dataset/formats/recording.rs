@@ -5,9 +5,8 @@
 
 use super::numbered::NumberedFiles;
 use super::stated::majority;
-use crate::dataset::calibration::ColorCamera;
 use crate::dataset::calibration::{
-    IntrinsicsDefect, check, check_centre, from_user, have_same_aspect_ratio,
+    ColorCamera, IntrinsicsDefect, check, check_centre, from_user, have_same_aspect_ratio,
 };
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
