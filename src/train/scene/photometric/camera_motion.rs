@@ -164,18 +164,18 @@ fn step(
     equations.solution()
 }
 
+/// A wall of splats and cameras before it.
 #[cfg(test)]
-mod tests {
-    use super::*;
+pub(in crate::train::scene) mod fixtures {
     use crate::math::camera::{Camera, Intrinsics};
+    use crate::math::pose::Pose;
     use crate::model::splat::splats::Splat;
-    use crate::render::cpu::photometric::RowSubset;
-    use crate::render::{RenderMethod, RenderOptions};
+    use glam::{DQuat, DVec3};
 
-    const DEVIATIONS: [f64; 2] = [0.01, 0.02];
+    pub const DEVIATIONS: [f64; 2] = [0.01, 0.02];
 
     /// A wall of overlapping splats at depth 2, bright and dark without a period.
-    fn wall() -> Vec<Splat> {
+    pub fn wall() -> Vec<Splat> {
         let splat = |i: usize| {
             let (x, y) = ((i % 40) as f32 * 0.1 - 2.0, (i / 40) as f32 * 0.1 - 1.5);
             let shade = 0.5 + 0.2 * (3.0 * x + 2.0 * y * y).sin() + 0.2 * (4.0 * y - x * x).cos();
@@ -186,10 +186,33 @@ mod tests {
         (0..1200).map(splat).collect()
     }
 
+    pub fn camera(pose: Pose) -> Camera {
+        Camera { intrinsics: Intrinsics::from_horizontal_fov(160, 120, 1.0), pose }
+    }
+
+    /// Pose that differs from the identity by some milliradians.
+    pub fn moved() -> Pose {
+        let turn = DQuat::from_scaled_axis(DVec3::new(0.003, -0.004, 0.005));
+        Pose::IDENTITY.attached_camera(DVec3::new(0.004, -0.003, 0.002), turn)
+    }
+
+    /// Returns by how much a point of the wall seems to move between two poses, radians.
+    pub fn apart(pose: &Pose, other: &Pose) -> f64 {
+        let (shift, turn) = pose.offset_to(other);
+        (turn * (DVec3::Z * 2.0) + shift - DVec3::Z * 2.0).truncate().length() / 2.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fixtures::{DEVIATIONS, apart, camera, moved, wall};
+    use super::*;
+    use crate::render::cpu::photometric::RowSubset;
+    use crate::render::{RenderMethod, RenderOptions};
+
     fn view(pose: Pose) -> TrainingView {
-        let intrinsics = Intrinsics::from_horizontal_fov(160, 120, 1.0);
         TrainingView {
-            camera: Camera { intrinsics, pose },
+            camera: camera(pose),
             near: 0.2,
             rows: RowSubset::new(2, 1),
             outlier_factor: 6.0,
@@ -218,16 +241,9 @@ mod tests {
         aligned_pose(&mut renderer, splats, &view(Pose::IDENTITY), image, deviations)
     }
 
-    /// Returns by how much a point of the wall seems to move between two poses, radians.
-    fn apart(pose: &Pose, other: &Pose) -> f64 {
-        let (shift, turn) = pose.offset_to(other);
-        (turn * (DVec3::Z * 2.0) + shift - DVec3::Z * 2.0).truncate().length() / 2.0
-    }
-
     #[test]
     fn a_moved_photograph_is_found_whatever_its_exposure() {
-        let turn = DQuat::from_scaled_axis(DVec3::new(0.003, -0.004, 0.005));
-        let real = Pose::IDENTITY.attached_camera(DVec3::new(0.004, -0.003, 0.002), turn);
+        let real = moved();
         let splats = wall();
         let image = photograph(SplatView::new(&splats, &[]).unwrap(), real);
         let found = aligned(&image, DEVIATIONS).unwrap();

@@ -12,9 +12,11 @@ pub(in crate::train::scene) mod waiting;
 use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::math::measured_pixel::MeasuredPixel;
+use crate::math::pose::Pose;
 use crate::math::rng::Rng;
 use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
+use crate::model::scene::waiting::BufferedPhotograph;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatView};
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::pose_log::FramePose;
@@ -31,6 +33,8 @@ use rayon::prelude::*;
 use rule::PhotometricRule;
 use step::{LearnRun, SplatRun};
 
+#[cfg(test)]
+pub(in crate::train::scene) use camera_motion::fixtures;
 pub(in crate::train::scene) use comparers::TrainingView;
 pub(in crate::train::scene) use step::{LEAST_OPACITY, PointExtents, is_trained, prior_precision};
 
@@ -84,6 +88,15 @@ pub(in crate::train::scene) struct PhotometricLearner {
     image: Image<MeasuredPixel>,
     /// Number of times that a splat's precision was reset to the prior since training began or resumed.
     pub repaired: u64,
+}
+
+/// A photograph to take the photometric step for.
+pub(in crate::train::scene) struct AlignedPhotograph {
+    /// View from the photograph's own pose.
+    pub view: TrainingView,
+    /// Pose of the frame's points; `None` if it is that of the view.
+    of_points: Option<Pose>,
+    pixels: Image<MeasuredPixel>,
 }
 
 impl Default for PhotometricLearner {
@@ -149,20 +162,14 @@ impl PhotometricLearner {
         });
     }
 
-    /// If the buffer holds more than `most` photographs, removes one at random and takes its
-    /// photometric step. Returns the changed splats, and the comparison of that photograph with the
-    /// scene.
-    pub fn train_on_buffered_beyond(
-        &mut self,
-        most: usize,
-        step: &SplatStep<'_>,
-    ) -> (Vec<u32>, Option<ComparedPhotograph>) {
+    /// If the buffer holds more than `most` photographs, removes and aligns one at random.
+    pub fn draw_beyond(&mut self, most: usize, step: &SplatStep<'_>) -> Option<AlignedPhotograph> {
         // Filled first: a draw among few photographs would be one of the latest.
         if self.state.buffered.len() <= most {
-            return (Vec::new(), None);
+            return None;
         }
         let mut draws = waiting::buffer_rng(&self.state.buffered);
-        self.train_on_drawn(&mut draws, step)
+        self.draw(&mut draws, step)
     }
 
     /// Returns the state after the photometric steps for all buffered photographs, and the comparisons
@@ -176,30 +183,19 @@ impl PhotometricLearner {
         let mut draws = waiting::buffer_rng(&self.state.buffered);
         let mut compared = Vec::new();
         while !self.state.buffered.is_empty() {
-            compared.extend(self.train_on_drawn(&mut draws, step).1);
+            let drawn = self.draw(&mut draws, step);
+            compared.extend(drawn.and_then(|drawn| self.learn(drawn, step).1));
         }
         // These steps are taken back, so their repairs do not count.
         self.repaired = repaired;
         (std::mem::replace(&mut self.state, before), compared)
     }
 
-    fn train_on_drawn(
-        &mut self,
-        draws: &mut Rng,
-        step: &SplatStep<'_>,
-    ) -> (Vec<u32>, Option<ComparedPhotograph>) {
+    fn draw(&mut self, draws: &mut Rng, step: &SplatStep<'_>) -> Option<AlignedPhotograph> {
         self.estimate_usual_residual(step.pixels);
         let drawn = draws.below(self.state.buffered.len());
         let drawn = self.state.buffered.swap_remove(drawn);
-        // Taken out of `self`, since `learn` borrows it mutably.
-        let mut image =
-            std::mem::replace(&mut self.image, Image::filled(0, 0, MeasuredPixel::UNKNOWN));
-        let unpacked = waiting::unpacked(&drawn, &mut image);
-        let learnt = unpacked.map(|view| self.learn(&view, &image, step));
-        self.image = image;
-        let (changed, outcome) = learnt.unwrap_or_default();
-        let frame = drawn.view.frame as u64;
-        (changed, outcome.map(|outcome| ComparedPhotograph { frame, outcome }))
+        self.aligned_from_buffer(&drawn, step)
     }
 
     /// Estimates the usual residual from a few buffered photographs before the first step, so that even
@@ -225,16 +221,23 @@ impl PhotometricLearner {
     /// changed splats, and the comparison of the photograph with the scene.
     pub fn learn(
         &mut self,
-        view: &TrainingView,
-        photograph: &Image<MeasuredPixel>,
+        photograph: AlignedPhotograph,
+        step: &SplatStep<'_>,
+    ) -> (Vec<u32>, Option<ComparedPhotograph>) {
+        let (changed, outcome) = self.step_of(&photograph, step);
+        let frame = photograph.view.frame;
+        self.image = photograph.pixels;
+        (changed, outcome.map(|outcome| ComparedPhotograph { frame, outcome }))
+    }
+
+    fn step_of(
+        &mut self,
+        AlignedPhotograph { view, of_points, pixels }: &AlignedPhotograph,
         step: &SplatStep<'_>,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
-        let of_points = view.camera.pose;
-        let own = self.own_view(view, photograph, step);
-        let view = own.as_ref().unwrap_or(view);
         if !self.state.textures.is_empty() {
             let clock = Stopwatch::start();
-            self.textures.judge(&mut self.state, view, photograph);
+            self.textures.judge(&mut self.state, view, pixels);
             self.texture_ms += clock.elapsed_ms();
         }
         let PhotometricState { splats, appearance, .. } = &self.state;
@@ -242,7 +245,7 @@ impl PhotometricLearner {
         let every = view.rows.stride();
         // Taken out of `self`: the sums borrow it while the splats are changed.
         let mut comparers = std::mem::take(&mut self.comparers);
-        let compared = comparers.compare(splats, view, photograph, step.pixels);
+        let compared = comparers.compare(splats, view, pixels, step.pixels);
         let clock = Stopwatch::start();
         let noise = &mut self.state.noise;
         let outcome =
@@ -252,8 +255,8 @@ impl PhotometricLearner {
         let mut seen = compared.visible_splats(MIN_SEEN / every as f32);
         if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {
             seen.clear();
-        } else if own.is_some() {
-            self.state.photograph_poses.push(FramePose::new(&of_points, &view.camera.pose));
+        } else if let Some(of_points) = of_points {
+            self.state.photograph_poses.push(FramePose::new(of_points, &view.camera.pose));
         }
         // A row represents those left out. The pixels of one depth pixel count as one, since their residuals
         // share surface point, pose and exposure.
@@ -264,21 +267,59 @@ impl PhotometricLearner {
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
     }
 
-    /// Returns the view from the photograph's own pose; `None` if it is that of the points.
-    fn own_view(
+    /// Aligns a photograph with the scene, from the pose of the points in `view`.
+    pub fn aligned(
+        &mut self,
+        view: TrainingView,
+        pixels: Image<MeasuredPixel>,
+        step: &SplatStep<'_>,
+    ) -> AlignedPhotograph {
+        match self.own_pose(&view, &pixels, step) {
+            None => AlignedPhotograph { view, of_points: None, pixels },
+            Some(pose) => {
+                let of_points = Some(view.camera.pose);
+                let view = TrainingView { camera: Camera { pose, ..view.camera }, ..view };
+                AlignedPhotograph { view, of_points, pixels }
+            }
+        }
+    }
+
+    fn aligned_from_buffer(
+        &mut self,
+        photograph: &BufferedPhotograph,
+        step: &SplatStep<'_>,
+    ) -> Option<AlignedPhotograph> {
+        // Taken out of `self`, which alignment borrows mutably; `learn` puts it back.
+        let mut pixels =
+            std::mem::replace(&mut self.image, Image::filled(0, 0, MeasuredPixel::UNKNOWN));
+        let view = waiting::unpacked(photograph, &mut pixels)?;
+        Some(self.aligned(view, pixels, step))
+    }
+
+    /// Returns the pose from which a photograph fits the scene best; `None` if that of the points is used.
+    pub fn own_pose_of(
+        &mut self,
+        photograph: &BufferedPhotograph,
+        step: &SplatStep<'_>,
+    ) -> Option<Pose> {
+        let AlignedPhotograph { view, pixels, .. } = self.aligned_from_buffer(photograph, step)?;
+        self.image = pixels;
+        Some(view.camera.pose)
+    }
+
+    fn own_pose(
         &mut self,
         view: &TrainingView,
         photograph: &Image<MeasuredPixel>,
         step: &SplatStep<'_>,
-    ) -> Option<TrainingView> {
+    ) -> Option<Pose> {
         let deviations = step.pose_deviations?;
         // Without textures the picture would lack fine detail, and motions would follow its blur.
         let textures = self.textures.drawn(&self.state);
         let finishing = Finishing { textures, ..Finishing::default() };
         let PhotometricState { splats, appearance, .. } = &self.state;
         let splats = SplatView::new(splats, appearance)?.with_finishing(&finishing);
-        let pose = aligned_pose(&mut self.renderer, splats, view, photograph, deviations)?;
-        Some(TrainingView { camera: Camera { pose, ..view.camera }, ..*view })
+        aligned_pose(&mut self.renderer, splats, view, photograph, deviations)
     }
 
     /// Takes the photometric step of all visible splats. Returns the number of splats whose precision

@@ -17,7 +17,9 @@ use crate::train::learner::Changed;
 use crate::train::outcome::{ComparedPhotograph, PhotographOutcome};
 use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::photometric::waiting::{CONTRADICTION, packed, update_point_residuals};
-use crate::train::scene::photometric::{PhotometricLearner, SplatStep, TrainingView};
+use crate::train::scene::photometric::{
+    AlignedPhotograph, PhotometricLearner, SplatStep, TrainingView,
+};
 use crate::train::scene::textures::Taken;
 use crate::train::timing::Stopwatch;
 use std::sync::Arc;
@@ -131,27 +133,61 @@ impl Photographs {
         }
         self.observe(scene, changes.get());
         let Some(photograph) = &frame.photograph else { return };
+        let extents = |id| scene.extent(id);
+        let full_coverage = scene.config.splat_rule.full_coverage;
+        let step = SplatStep::new(full_coverage, &rule, &extents, pose_deviations);
+        let taken = Taken {
+            photograph,
+            camera: photograph.camera(&camera.pose),
+            near: near_plane_for(nearest(&frame.points)),
+            gain,
+            margin: frame.tolerance.margin,
+            per_depth_pixel: pixels_for_each(&frame.camera.intrinsics, photograph),
+            frame: scene.frames,
+        };
+        // Both alignments precede the changes of textures, so that textures are composed once for both.
+        let (pose, due) = self.align(taken, scene.config.texture_mb > 0, &step);
         if scene.config.texture_mb > 0 {
-            let taken = Taken {
-                photograph,
-                camera: photograph.camera(&camera.pose),
-                near: near_plane_for(nearest(&frame.points)),
-                gain,
-                margin: frame.tolerance.margin,
-                per_depth_pixel: pixels_for_each(&frame.camera.intrinsics, photograph),
-                frame: scene.frames,
-            };
+            let taken = Taken { camera: Camera { pose, ..taken.camera }, ..taken };
             let PhotometricLearner { state, textures, texture_ms, .. } = &mut self.learner;
             let (budget, clock) = (scene.config.texture_bytes(), Stopwatch::start());
             textures.learn(state, changes.listed(), scene.config.h, budget, &taken);
             *texture_ms += clock.elapsed_ms();
         }
-        let extents = |id| scene.extent(id);
-        let full_coverage = scene.config.splat_rule.full_coverage;
-        let step = SplatStep::new(full_coverage, &rule, &extents, pose_deviations);
-        let (changed, compared) = self.step(scene, &step, frame, photograph, camera, gain);
-        self.compared.extend(compared);
-        changes.add(&changed);
+        if let Some(due) = due {
+            let (changed, compared) = self.learner.learn(due, &step);
+            self.compared.extend(compared);
+            changes.add(&changed);
+        }
+    }
+
+    /// Returns the pose of a photograph for its textures, and the photograph whose photometric step is due: with
+    /// a shuffle buffer a random one, else the same.
+    fn align(
+        &mut self,
+        taken: Taken<'_>,
+        has_textures: bool,
+        step: &SplatStep<'_>,
+    ) -> (Pose, Option<AlignedPhotograph>) {
+        let Taken { photograph, camera, near, gain, margin, per_depth_pixel, frame } = taken;
+        let rule = step.rule;
+        let stride = rule.row_stride(photograph.colors.data.len(), per_depth_pixel);
+        let rows = RowSubset::new(stride, frame);
+        if rule.shuffle_buffer == 0 {
+            let pixels = photograph.measured_pixels(gain, margin);
+            let outlier_factor = CONTRADICTION;
+            let view = TrainingView { camera, near, rows, outlier_factor, per_depth_pixel, frame };
+            let aligned = self.learner.aligned(view, pixels, step);
+            return (aligned.view.camera.pose, Some(aligned));
+        }
+        let rows = [rows.stride(), rows.first()];
+        let view = PhotographView::new(frame, &camera, gain, near, rows);
+        let packed = packed(PhotographView { per_depth_pixel, ..view }, photograph, margin);
+        // The textures lack this photograph, so they do not hold it at the pose of the points.
+        let own = has_textures.then(|| self.learner.own_pose_of(&packed, step)).flatten();
+        let most = rule.most_waiting(packed.bytes());
+        self.learner.state.buffered.push(packed);
+        (own.unwrap_or(camera.pose), self.learner.draw_beyond(most, step))
     }
 
     /// Updates the range of view directions from which changed components were observed.
@@ -165,39 +201,6 @@ impl Photographs {
         self.learner.state.move_by(motion);
         self.learner.textures.forget_drawn();
         self.observe(scene, Changed::All);
-    }
-
-    /// Takes the photometric step of a photograph, or adds it to the buffer and takes the step of a
-    /// buffered one. Returns the changed splats and the comparison.
-    fn step(
-        &mut self,
-        scene: &Scene,
-        step: &SplatStep<'_>,
-        frame: &Observation,
-        photograph: &Photograph,
-        camera: &Camera,
-        gain: [f32; 3],
-    ) -> (Vec<u32>, Option<ComparedPhotograph>) {
-        let camera = photograph.camera(&camera.pose);
-        let near = near_plane_for(nearest(&frame.points));
-        let pixels = photograph.colors.data.len();
-        let per_depth_pixel = pixels_for_each(&frame.camera.intrinsics, photograph);
-        let rule = step.rule;
-        let rows = RowSubset::new(rule.row_stride(pixels, per_depth_pixel), scene.frames);
-        let margin = frame.tolerance.margin;
-        if rule.shuffle_buffer == 0 {
-            let pixels = photograph.measured_pixels(gain, margin);
-            let (outlier_factor, frame) = (CONTRADICTION, scene.frames);
-            let view = TrainingView { camera, near, rows, outlier_factor, per_depth_pixel, frame };
-            let (changed, outcome) = self.learner.learn(&view, &pixels, step);
-            return (changed, outcome.map(|outcome| compared_now(scene, outcome)));
-        }
-        let rows = [rows.stride(), rows.first()];
-        let view = PhotographView::new(scene.frames, &camera, gain, near, rows);
-        let buffered = packed(PhotographView { per_depth_pixel, ..view }, photograph, margin);
-        let most = rule.most_waiting(buffered.bytes());
-        self.learner.state.buffered.push(buffered);
-        self.learner.train_on_buffered_beyond(most, step)
     }
 
     /// Computes the state for drawing, after the photometric steps for all buffered photographs. Returns
@@ -237,4 +240,66 @@ impl Photographs {
 
 fn compared_now(scene: &Scene, outcome: PhotographOutcome) -> ComparedPhotograph {
     ComparedPhotograph { frame: scene.frames, outcome }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::image::Image;
+    use crate::model::splat::appearance::SplatView;
+    use crate::render::cpu::CpuRenderer;
+    use crate::render::{RenderMethod, RenderOptions};
+    use crate::train::scene::photometric::fixtures::{DEVIATIONS, apart, camera, moved, wall};
+    use crate::train::scene::photometric::rule::PhotometricRule;
+    use glam::{DQuat, DVec3};
+
+    /// Returns a photograph of the wall, taken from a pose.
+    fn photograph(pose: Pose) -> Photograph {
+        let (camera, splats) = (camera(pose), wall());
+        let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
+        let splats = SplatView::new(&splats, &[]).unwrap();
+        let drawn = CpuRenderer::new().render(splats, &camera, &options);
+        let byte = |[r, g, b]: &[f32; 3]| [*r, *g, *b, 1.0].map(|x| (x * 255.0 + 0.5) as u8);
+        Photograph {
+            intrinsics: camera.intrinsics,
+            offset: DVec3::ZERO,
+            rotation: DQuat::IDENTITY,
+            colors: drawn.color.map(byte).into(),
+            gain: [1.0; 3],
+            depths: Image::from_vec(160, 120, drawn.depth.data),
+            has_coverage: false,
+        }
+    }
+
+    #[test]
+    fn textures_learn_from_the_photographs_own_pose() {
+        let photograph = photograph(moved());
+        let taken = Taken {
+            photograph: &photograph,
+            camera: photograph.camera(&Pose::IDENTITY),
+            near: 0.2,
+            gain: [1.0; 3],
+            margin: [0.02, 0.0],
+            per_depth_pixel: 1.0,
+            frame: 0,
+        };
+        for shuffle_buffer in [0, 1] {
+            let rule = PhotometricRule { shuffle_buffer, ..PhotometricRule::DEFAULT };
+            let step = SplatStep::new(1.0, &rule, &|_| None, Some(DEVIATIONS));
+            let mut photographs = Photographs::default();
+            let state = &mut photographs.learner.state;
+            state.grow(wall().len());
+            state.splats = wall();
+            let (pose, due) = photographs.align(taken, true, &step);
+            let (before, after) = (apart(&Pose::IDENTITY, &moved()), apart(&pose, &moved()));
+            assert!(before > 4e-3 && after < 0.1 * before, "{before} {after}");
+            assert_eq!(due.is_some(), shuffle_buffer == 0, "the buffer is filled first");
+            // The second one has no textures: its pose is not wanted.
+            let (pose, due) = photographs.align(taken, false, &step);
+            let due = due.expect("a photograph beyond the buffer").view.camera.pose;
+            assert!(apart(&due, &moved()) < 0.1 * before, "{due:?}");
+            assert_eq!(pose == Pose::IDENTITY, shuffle_buffer > 0);
+            assert_eq!(photographs.learner.state.buffered.len(), shuffle_buffer);
+        }
+    }
 }
