@@ -65,11 +65,15 @@ impl Kernel for LearnRun<'_> {
             }
             let sums = compared.parameter_sums::<V>(&group);
             repaired += run.step_rows(&rows, &sums, variance, rule);
-            for &row in &rows {
+            for (&row, &(_, splat, look)) in rows.iter().zip(&group) {
                 if let Some(extent) = extents(run.first + row) {
                     // Clamped after the step, since its trust region does not bound the sum of many
                     // steps.
                     clamp_to_points(&mut run.splats[row], &extent);
+                }
+                // Malformed files hold sums whose points have no extent.
+                if !(run.splats[row].is_valid() && run.appearance[row].is_valid()) {
+                    (run.splats[row], run.appearance[row]) = (splat, look);
                 }
             }
         }
