@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Fuzzes all targets at once, two processes each, from the archive that fuzz/pack.sh wrote beside this file:
-# parallel.sh SECONDS RESULTS [TARGET...]
+# Fuzzes all targets at once from the archive that fuzz/pack.sh wrote beside this file, each by two processes or
+# by as many as are given: parallel.sh SECONDS RESULTS [TARGET[:PROCESSES]...]
 # In RESULTS: stats.txt, crashes.tar.gz (artifacts and logs), corpus.tar.gz (minimised).
 set -euo pipefail
-[ $# -ge 2 ] || { echo "usage: parallel.sh SECONDS RESULTS [TARGET...]" >&2; exit 2; }
+[ $# -ge 2 ] || { echo "usage: parallel.sh SECONDS RESULTS [TARGET[:PROCESSES]...]" >&2; exit 2; }
 seconds="$1"
 mkdir -p "$2"
 results="$(realpath "$2")"
@@ -22,8 +22,9 @@ export TMPDIR="$work/temporary"
 # One thread per process, so that runs of an input are alike.
 export RAYON_NUM_THREADS=1 ASAN_OPTIONS=detect_odr_violation=0:detect_leaks=0
 
-targets=("$@")
-[ ${#targets[@]} -gt 0 ] || mapfile -t targets < <(ls corpus)
+wanted=("$@")
+[ ${#wanted[@]} -gt 0 ] || mapfile -t wanted < <(ls corpus)
+targets=("${wanted[@]%%:*}")
 limits=(-max_len=16384 -timeout=20 -rss_limit_mb=4096 -malloc_limit_mb=1024)
 end=$(($(date +%s) + seconds))
 
@@ -39,8 +40,10 @@ fuzz() {
         run=$((run + 1))
     done
 }
-for target in "${targets[@]}"; do
-    for process in 1 2; do fuzz "$target" "$process" & done
+for one in "${wanted[@]}"; do
+    n=2
+    case "$one" in *:*) n="${one##*:}" ;; esac
+    for ((process = 1; process <= n; process++)); do fuzz "${one%%:*}" "$process" & done
 done
 wait
 
@@ -54,11 +57,11 @@ wait
 
 for target in "${targets[@]}"; do
     # For a process that ended without final statistics, the last reported number of executions.
-    executed="$(for log in logs/"$target"-[12]-*; do
+    executed="$(for log in logs/"$target"-[0-9]*-*; do
         sed -n 's/^stat::number_of_executed_units: *//p' "$log" | grep . ||
             sed -n 's/^#\([0-9]*\)\t.*/\1/p' "$log" | tail -1
     done | awk '{ sum += $1 } END { print sum + 0 }')"
-    covered="$(grep -aho 'cov: [0-9]* ft: [0-9]*' logs/"$target"-[12]-* | sort -k2n | tail -1 || true)"
+    covered="$(grep -aho 'cov: [0-9]* ft: [0-9]*' logs/"$target"-[0-9]*-* | sort -k2n | tail -1 || true)"
     crashes="$(ls "artifacts/$target" 2>/dev/null | wc -l)"
     echo "$target: $executed executions, $covered, $(ls "corpus/$target" | wc -l) inputs," \
         "$(ls "minimised/$target" | wc -l) minimised, $crashes artifacts"
