@@ -121,11 +121,15 @@ impl Gaussian {
     /// Clamps opacities, and colours without view dependence, to `[0, 1]`.
     pub fn to_splat(self) -> Option<(Splat, Appearance)> {
         let narrow = |v: DVec3| v.as_vec3().to_array();
+        let most = DVec3::splat(f32::MAX.into());
+        // Files hold logarithms, and the rounding of the largest ones leads beyond f32.
+        let is_rounded = self.scale.cmple(most * 1.001).all();
+        let scale = if is_rounded { self.scale.min(most) } else { self.scale };
         let splat = Splat {
             mean: narrow(self.mean),
             opacity: self.opacity.clamp(0.0, 1.0) as f32,
             color: narrow(self.bounded_color()),
-            scale: narrow(self.scale),
+            scale: narrow(scale),
             rotation: wxyz(self.rotation).map(|v| v as f32),
         };
         let directional = self.directional.transpose().to_cols_array_2d();

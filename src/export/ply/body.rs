@@ -60,7 +60,7 @@ impl<'a> Body<'a> {
     /// for that many rows.
     pub fn n_rows(&self, element: &PlyElement) -> Result<usize, Fault> {
         let row = row_size(element).ok_or_else(|| Fault::Unsupported {
-            feature: format!("a list among the properties of element {}", element.name),
+            feature: format!("a list among the properties of {}", element.place()),
             advice: "export the vertices without list properties",
         })?;
         // In ASCII a value takes at least one character and one white space.
@@ -78,7 +78,7 @@ impl<'a> Body<'a> {
         match size.and_then(|size| usize::try_from(size).ok()) {
             Some(size) if size <= self.rest.len() + slack => Ok(size),
             _ => Err(Fault::malformed(
-                format!("element {}", element.name),
+                element.place(),
                 format!("{} rows of at least {row} bytes", element.count),
                 format!("{} bytes", self.rest.len()),
             )),
@@ -164,5 +164,5 @@ fn end_of_file() -> Found {
 }
 
 fn number_fault(element: &PlyElement, row: u64, found: Found) -> Fault {
-    Fault::malformed(format!("element {}, row {row}", element.name), "a number", found)
+    Fault::malformed(format!("{}, row {row}", element.place()), "a number", found)
 }

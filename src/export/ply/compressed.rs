@@ -200,8 +200,7 @@ fn columns<const N: usize>(
     for (column, name) in columns.iter_mut().zip(&names) {
         let name = name.as_ref();
         *column = element.column(name).ok_or_else(|| {
-            let place = format!("element {}", element.name);
-            Fault::malformed(place, format!("property {name}"), "none of that name")
+            Fault::malformed(element.place(), format!("property {name}"), "none of that name")
         })?;
     }
     Ok(columns)

@@ -47,6 +47,11 @@ impl PlyElement {
         }
     }
 
+    /// Returns the element as messages name it.
+    pub fn place(&self) -> String {
+        format!("element {}", shorten(&self.name))
+    }
+
     /// Returns the index of the property with this name.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|property| property.name == name)
