@@ -54,7 +54,7 @@ pub fn write_scanner_3d(plan: &ViewPlan, frames: &[RecordedFrame], out: &Path) {
         let camera = json!({
             "intrinsics": [k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0],
             "cameraPoseARFrame": frame.pose.to_opengl().transpose().to_cols_array(),
-            "time": frame.time, "frame_index": frame.index, "exposureDuration": 0.01,
+            "time": frame.time, "frame_index": frame.index, "motionQuality": 0.9,
         });
         put(out, &file("frame", "jpg"), &jpeg(&color));
         put(out, &file("frame", "json"), camera.to_string().as_bytes());

@@ -141,7 +141,7 @@ fn calibrations_of_photographs_of_another_size_are_refused() {
 }
 
 /// Calibration files of RTAB-Map with other lens terms.
-fn with_lens(model: &str, terms: &str) -> tempfile::TempDir {
+pub fn with_lens(model: &str, terms: &str) -> tempfile::TempDir {
     let folder = tiny(RtabMap);
     for i in 1..=3 {
         let file = folder.path().join(format!("calib/{i}.yaml"));
@@ -291,32 +291,7 @@ fn one_of_two_different_camera_files_is_not_picked() {
     refused(folder.path(), &["other.json", "camera.json", "keep"]);
 }
 
-#[test]
-fn keys_of_cameras_that_are_not_used_are_named() {
-    for (layout, file) in
-        [(Nerfstudio, "transforms.json"), (Record3d, "metadata.json"), (Open3d, "camera.json")]
-    {
-        let folder = tiny(layout);
-        assert!(open_plain(folder.path()).unwrap().unused.is_empty(), "{layout:?}");
-        edit_json(&folder.path().join(file), |json| {
-            json["lensPosition"] = json!(0.7);
-            json["rolling_shutter_time"] = json!(0.0);
-            json["color_extrinsics"] = json!([[1.0, 0.0], [0.0, 1.0]]);
-        });
-        let unused = open_plain(folder.path()).unwrap().unused;
-        assert_eq!(unused.len(), 1, "{layout:?}: {unused:?}");
-        let names = ["lensPosition", "color_extrinsics", file];
-        assert!(names.iter().all(|name| unused[0].contains(name)), "{unused:?}");
-        assert!(!unused[0].contains("shutter"), "zeros state nothing: {unused:?}");
-    }
-    let folder = tiny(Arkit);
-    let list = folder.path().join("frames.jsonl");
-    edit(&list, "{", "{\"k1\": 0.1,");
-    let unused = open_plain(folder.path()).unwrap().unused;
-    assert!(unused.len() == 1 && unused[0].contains("k1"), "{unused:?}");
-}
-
-const INFO: &str = "m_sensorName = Phone\nm_colorWidth = 64\nm_colorHeight = 48\nm_depthWidth = 32\n\
+pub const INFO: &str = "m_sensorName = Phone\nm_colorWidth = 64\nm_colorHeight = 48\nm_depthWidth = 32\n\
     m_depthHeight = 24\nm_depthShift = 500\n\
     m_calibrationColorIntrinsic = 50 0 16.5 0 0 51 12.5 0 0 0 1 0 0 0 0 1\n\
     m_calibrationColorExtrinsic = 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n\

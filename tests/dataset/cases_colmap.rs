@@ -14,24 +14,24 @@ use vbgs_studio::dataset::{Dataset, FrameEntry, Layout, LoadOptions, open, pose_
 use vbgs_studio::math::rng::{Purpose, Rng};
 
 /// Identifier, model with its number, size and parameters.
-type Camera = (u32, (&'static str, u32), [u64; 2], Vec<f64>);
+pub type Camera = (u32, (&'static str, u32), [u64; 2], Vec<f64>);
 const PINHOLE: (&str, u32) = ("PINHOLE", 1);
 
-struct Image {
+pub struct Image {
     name: String,
-    camera: u32,
+    pub camera: u32,
     /// Quaternion w x y z and translation, world to camera.
     pose: [f64; 7],
 }
 
-struct Model {
-    cameras: Vec<Camera>,
-    images: Vec<Image>,
+pub struct Model {
+    pub cameras: Vec<Camera>,
+    pub images: Vec<Image>,
 }
 
 impl Model {
     /// The camera and poses of the tiny recording in another layout.
-    fn of_tiny() -> Self {
+    pub fn of_tiny() -> Self {
         Self::of(&open_plain(tiny(TestLayout::Open3d).path()).unwrap())
     }
 
@@ -90,7 +90,7 @@ impl Model {
         [cameras, images]
     }
 
-    fn write(&self, place: &Path, extension: &str) {
+    pub fn write(&self, place: &Path, extension: &str) {
         fs::create_dir_all(place).unwrap();
         let files = match extension {
             "bin" => self.bytes(),

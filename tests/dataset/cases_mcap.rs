@@ -17,16 +17,16 @@ use vbgs_studio::math::image::Image;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
 /// The tiny recording: PNGs of colour and depth, camera and poses.
-struct Room {
-    images: Vec<[Vec<u8>; 2]>,
-    k: Intrinsics,
-    poses: Vec<DMat4>,
+pub struct Room {
+    pub images: Vec<[Vec<u8>; 2]>,
+    pub k: Intrinsics,
+    pub poses: Vec<DMat4>,
     dataset: Dataset,
     _folder: TempDir,
 }
 
 impl Room {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let folder = tiny(TestLayout::Open3d);
         let dataset = open_plain(folder.path()).unwrap();
         let frames = all(&dataset);
@@ -43,7 +43,7 @@ impl Room {
     }
 
     /// A bag of compressed images and cameras, without poses.
-    fn bag(&self) -> Bag {
+    pub fn bag(&self) -> Bag {
         let mut bag = Bag { has_chunks: true, ..Bag::default() };
         self.fill(&mut bag);
         bag
@@ -64,7 +64,7 @@ impl Room {
     }
 
     /// Adds transforms from the map over the robot's base to the camera.
-    fn transforms(&self, bag: &mut Bag) {
+    pub fn transforms(&self, bag: &mut Bag) {
         bag.transform("/tf_static", START, ["base_link", OPTICAL], mount());
         bag.transform("/tf", START, ["map", "odom"], DMat4::IDENTITY);
         for (i, pose) in self.poses.iter().enumerate() {
@@ -386,7 +386,7 @@ fn each_camera_has_its_lens() {
 }
 
 /// Lengths of a PNG in millimetres.
-fn lengths(png: &[u8]) -> Image<f64> {
+pub fn lengths(png: &[u8]) -> Image<f64> {
     let codes = image::load_from_memory(png).unwrap().into_luma16();
     let (width, height) = (codes.width() as usize, codes.height() as usize);
     Image::from_vec(width, height, codes.iter().map(|code| f64::from(*code) / 1000.0).collect())

@@ -14,6 +14,7 @@ mod common;
 mod fuzz;
 mod golden;
 mod growing;
+mod keys;
 mod layout_bad_input;
 mod layouts;
 mod memory;

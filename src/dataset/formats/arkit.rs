@@ -43,6 +43,25 @@ const TIME_KEYS: [&str; 3] = ["timestamp", "time", "t"];
 const WIDTH_KEYS: [&str; 3] = ["width", "image_width", "w"];
 const HEIGHT_KEYS: [&str; 3] = ["height", "image_height", "h"];
 
+/// Keys of the camera's numbers and of sizes.
+const CAMERA_KEYS: [&str; 14] = [
+    "intrinsics",
+    "K",
+    "fx",
+    "fl_x",
+    "fy",
+    "fl_y",
+    "cx",
+    "ox",
+    "cy",
+    "oy",
+    "depth_width",
+    "depthWidth",
+    "depth_height",
+    "depthHeight",
+];
+const DEPTH_SIZE_KEYS: [&str; 2] = ["depth_size", "depth_resolution"];
+
 const LINES: [&str; 2] = [".jsonl", ".ndjson"];
 
 fn recognise(folder: &Folder) -> Option<String> {
@@ -86,7 +105,16 @@ fn add_lines(recording: &mut Recording, name: &str) -> Result<(), DatasetError> 
     let (folder, options) = (recording.folder, recording.options);
     let (file, text) = folder.lines(name)?;
     let encoding = encoding(options, CodeKind::BareFloats, Sensor::Lidar, LIDAR_RANGE);
-    let (mut seen, mut times) = (BTreeSet::new(), Vec::new());
+    let (mut seen, mut times, mut unused) = (BTreeSet::new(), Vec::new(), BTreeSet::new());
+    let used = [
+        &CAMERA_KEYS[..],
+        &DEPTH_LENS_KEYS,
+        &DEPTH_SIZE_KEYS,
+        &TIME_KEYS,
+        &WIDTH_KEYS,
+        &HEIGHT_KEYS,
+    ];
+    let used = used.concat();
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
         let json: Value = match parse_json(line) {
             Ok(json) => json,
@@ -96,10 +124,7 @@ fn add_lines(recording: &mut Recording, name: &str) -> Result<(), DatasetError> 
                 continue;
             }
         };
-        if i == 0 {
-            let used = ["intrinsics"].into_iter().chain(DEPTH_LENS_KEYS);
-            stated::name_unused_keys(recording, &file, &json, &used.collect::<Vec<_>>());
-        }
+        stated::unused_keys(&json, &used, &mut unused);
         let line = FrameLine { json: &json, file: &file };
         let name = line.text(&COLOR_KEYS).map_or_else(|| format!("line {}", i + 1), str::to_owned);
         if folder.was_taken(&name) {
@@ -114,6 +139,7 @@ fn add_lines(recording: &mut Recording, name: &str) -> Result<(), DatasetError> 
         times.extend(frame.as_ref().ok().and_then(|frame| frame.time));
         recording.add(&name, &file, frame);
     }
+    stated::name_keys(&mut recording.parsed, &file, &unused);
     let unordered = times.array_windows().filter(|[before, here]| here < before).count();
     if unordered > 0 {
         recording.note(format!(
@@ -153,13 +179,21 @@ impl<'a> FrameLine<'a> {
             Some(Ok(size)) => size,
             Some(Err(problem)) => return Ok(Err(problem)),
         };
-        let Some(k) = self.intrinsics(size).or_else(|| self.depth_intrinsics(depth_size, size))
-        else {
-            let expected = "`intrinsics`, a camera matrix or fx, fy, cx, cy of the photograph";
-            return Ok(Err(FrameProblem::Entry { expected, found: describe_json(self.json) }));
+        let cameras = match (self.intrinsics(size), self.depth_intrinsics(depth_size)) {
+            (Some(k), Some(of_depth)) => {
+                let [photograph, depth] = [(self.file, &k), (self.file, &of_depth)];
+                recording.cameras_of_lenses(photograph, depth, size, depth_size)
+            }
+            (Some(k), None) | (None, Some(k)) => {
+                recording.cameras_of_lens(&k, size, depth_size, self.file)
+            }
+            (None, None) => {
+                let expected = "`intrinsics`, a camera matrix or fx, fy, cx, cy of the photograph";
+                return Ok(Err(FrameProblem::Entry { expected, found: describe_json(self.json) }));
+            }
         };
         // Each frame has its own camera, so a bad one costs its frame.
-        let cameras = match recording.cameras_of_lens(&k, size, depth_size, self.file) {
+        let cameras = match cameras {
             Ok(cameras) => cameras,
             Err(error) => return Ok(Err(own_camera(error))),
         };
@@ -214,10 +248,8 @@ impl<'a> FrameLine<'a> {
         Some(Intrinsics { width: size.0, height: size.1, fx, fy, cx, cy })
     }
 
-    /// Returns the intrinsics of the photograph from those stated for depth, which has the same view.
-    fn depth_intrinsics(&self, depth: (u32, u32), photograph: (u32, u32)) -> Option<Intrinsics> {
-        let k = stated::from_json(first_of(self.json, &DEPTH_LENS_KEYS)?, depth)?;
-        Some(k.resized(photograph.0, photograph.1))
+    fn depth_intrinsics(&self, size: (u32, u32)) -> Option<Intrinsics> {
+        stated::from_json(first_of(self.json, &DEPTH_LENS_KEYS)?, size)
     }
 
     /// Returns the size of a depth image as stated by the line or the image file. For floats without
@@ -229,9 +261,7 @@ impl<'a> FrameLine<'a> {
         };
         let stated = side(self.json, &["depth_width", "depthWidth"]);
         let stated = stated.zip(side(self.json, &["depth_height", "depthHeight"]));
-        if let Some(stated) =
-            stated.or_else(|| pair("depth_size")).or_else(|| pair("depth_resolution"))
-        {
+        if let Some(stated) = stated.or_else(|| DEPTH_SIZE_KEYS.into_iter().find_map(pair)) {
             return Ok(stated);
         }
         // An image states its size itself; bare floats do not.

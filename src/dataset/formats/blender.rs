@@ -16,11 +16,14 @@ use super::numbered::{ListedFrame, ListedSplit, PHOTOGRAPHS};
 use super::recording::{
     ANY_RANGE, Cameras, check_intrinsics, metadata_error, photograph_size, same_size,
 };
-use super::stated::{FrameCamera, check_model, entry_name, frame_lists, read_list, split_name};
+use super::stated::{
+    FrameCamera, array, camera_keys, check_model, entry_name, frame_lists, name_keys, read_list,
+    split_name, unused_keys,
+};
 use crate::dataset::calibration::from_user;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
-use crate::dataset::entry::DatasetSplit;
+use crate::dataset::entry::{DatasetSplit, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing, relative_path};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -31,12 +34,15 @@ use crate::dataset::range::PositionRange;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::pose::Pose;
 use serde_json::Value;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 use std::rc::Rc;
 
 pub(super) const FORMAT: DatasetFormat =
     DatasetFormat { poses: PoseConvention::Opengl, recognise, parse };
+
+/// Keys of the length of a step of 16-bit depth.
+const SCALES: [&str; 2] = ["integer_depth_scale", "depth_scale"];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let lists = lists(folder);
@@ -58,6 +64,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     for name in lists(folder) {
         let list = FrameList::read(folder, name)?;
         let split = list.split(folder, options, &mut parsed)?;
+        list.name_unused_keys(split.as_ref(), &mut parsed);
         parsed.splits.extend(split);
         if let Some(range) = list.range()? {
             parsed.known_range = Some(range);
@@ -99,6 +106,20 @@ impl FrameList {
             }
             Some(frames) => Ok(frames),
         }
+    }
+
+    fn name_unused_keys(&self, split: Option<&DatasetSplit>, parsed: &mut ParsedFolder) {
+        let mut found = BTreeSet::new();
+        let depth = split.and_then(|split| split.frames.iter().find_map(FrameEntry::depth_source));
+        // 8-bit depth has a fixed scale.
+        let is_scaled = depth.is_some_and(|d| matches!(d.encoding.codes, CodeKind::Linear16(_)));
+        let scales: &[&str] = if is_scaled { &SCALES } else { &[] };
+        unused_keys(&self.json, &[&camera_keys()[..], scales].concat(), &mut found);
+        // Frames have no camera of their own.
+        for frame in array(&self.json, "frames") {
+            unused_keys(frame, &[], &mut found);
+        }
+        name_keys(parsed, &self.file, &found);
     }
 
     fn split(
@@ -155,10 +176,8 @@ impl FrameList {
         options: &LoadOptions,
     ) -> Result<DepthEncoding, DatasetError> {
         let (codes, sensor) = if bits == 16 {
-            let stated = match self.camera().number("integer_depth_scale")? {
-                Some(scale) => Some(scale),
-                None => self.camera().number("depth_scale")?,
-            };
+            let [first, other] = SCALES.map(|key| self.camera().number(key));
+            let stated = first?.map_or(other, |scale| Ok(Some(scale)))?;
             // The user's scale replaces a wrong one in the file.
             match options.depth_scale.or(stated).filter(|s| s.is_finite() && *s > 0.0) {
                 // Scenes of this layout are rendered: 16-bit codes are computed depth.

@@ -15,7 +15,7 @@ use super::lidar::{
 };
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{Recording, metadata_error, no_poses};
-use super::stated::{Entries, name_unused_keys, parse_json};
+use super::stated::{Entries, name_keys, parse_json, unused_keys};
 use super::trajectory::{TimedPose, Trajectory, lines, number_in_name, usual_step};
 use super::tum::{TimedFile, TimedFiles, sorted_trajectory, without_twins};
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -27,7 +27,7 @@ use crate::dataset::pose_check::PoseConvention;
 use crate::math::pose::Pose;
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 pub(super) const ARKIT_SCENES: DatasetFormat = DatasetFormat {
@@ -271,9 +271,11 @@ fn parse_scannet_pp(folder: &Folder, options: &LoadOptions) -> Result<ParsedFold
     if n_bare > 0 {
         recording.note(format!("{n_bare} of {} listed frames have no images", entries.len()));
     }
-    if let Some(entry) = listed.values().next() {
-        name_unused_keys(&mut recording, &file, entry, &["intrinsic"]);
+    let mut unused = BTreeSet::new();
+    for entry in listed.values() {
+        unused_keys(entry, &["intrinsic", "timestamp"], &mut unused);
     }
+    name_keys(&mut recording.parsed, &file, &unused);
     let named = numbers.into_iter().map(|number| (images.name(number), number));
     add_frames(&mut recording, named, &file, |_, number| {
         let images = images.of(folder, number)?;

@@ -8,6 +8,7 @@
 use super::recording::{
     Cameras, Recording, STRUCTURED_LIGHT_RANGE, encoding, frame_entry, metadata_error, no_poses,
 };
+use super::stated::is_stating;
 use super::trajectory::{TOLERANCE, TimedPose, Trajectory, not_in_time, usual_step};
 use crate::dataset::bag::{
     AsFile, Cdr, Channel, Found, Message, Place, is_bag, n_channels, packed_image, raw_color,
@@ -48,6 +49,8 @@ const MAX_CLIMB: usize = 64;
 const SIMULTANEOUS: f64 = 1e-3;
 /// Most topics that a message lists.
 const MOST_TOPICS: usize = 5;
+/// Rotation of a camera that is not rectified.
+const UNTURNED: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 /// Parts of names of a robot's body, whose axes are x forward, y left, z up.
 const BODIES: [&str; 5] = ["base", "body", "footprint", "imu", "link"];
 
@@ -90,6 +93,7 @@ fn pose(cdr: &mut Cdr, time: f64) -> Option<TimedPose> {
     TimedPose::new([time, x, y, z, qx, qy, qz, qw])
 }
 
+#[derive(PartialEq)]
 struct CameraInfo {
     frame: String,
     size: (u32, u32),
@@ -97,7 +101,8 @@ struct CameraInfo {
     terms: Vec<f64>,
     k: [f64; 9],
     rectified: [f64; 12],
-    is_cut: bool,
+    /// Fields that state something and have no effect.
+    unused: Vec<&'static str>,
 }
 
 impl CameraInfo {
@@ -107,10 +112,19 @@ impl CameraInfo {
         let model = cdr.text()?.to_owned();
         let n = cdr.u32()?;
         let terms = (0..n).map(|_| Some(cdr.reals::<1>()?[0])).collect::<Option<_>>()?;
-        let (k, _, rectified) = (cdr.reals()?, cdr.reals::<9>()?, cdr.reals()?);
-        let mut binning_and_offset = [cdr.u32()?, cdr.u32()?, cdr.u32()?, cdr.u32()?].into_iter();
-        let is_cut = binning_and_offset.any(|n| n > 1);
-        Some(Self { frame, size: (width, height), model, terms, k, rectified, is_cut })
+        let (k, turn, rectified) = (cdr.reals::<9>()?, cdr.reals::<9>()?, cdr.reals::<12>()?);
+        let binning = [cdr.u32()?, cdr.u32()?];
+        let roi = [cdr.u32()?, cdr.u32()?, cdr.u32()?, cdr.u32()?];
+        let unused = [
+            (k[1] != 0.0, "k (skew)"),
+            (turn != [0.0; 9] && turn != UNTURNED, "r"),
+            (rectified[3] != 0.0 || rectified[7] != 0.0, "p (baseline)"),
+            (binning[0] > 1, "binning_x"),
+            (binning[1] > 1, "binning_y"),
+            (roi.iter().any(|n| *n > 0) && roi != [0, 0, height, width], "roi"),
+        ];
+        let unused = unused.into_iter().filter_map(|(is_so, name)| is_so.then_some(name)).collect();
+        Some(Self { frame, size: (width, height), model, terms, k, rectified, unused })
     }
 
     /// Intrinsics and lens of the images of a topic.
@@ -156,6 +170,8 @@ struct Content {
     cameras: BTreeMap<String, CameraInfo>,
     edges: BTreeMap<String, Edge>,
     tracks: BTreeMap<String, Track>,
+    /// Topics whose camera differs from the first.
+    other_cameras: BTreeSet<String>,
     /// Transforms of frames that have another parent.
     second_parents: BTreeSet<String>,
     /// Schema of every topic, and number of messages that could not be read or are of no use.
@@ -197,8 +213,11 @@ impl Content {
                 images.shots.push(Shot { time, bag: Arc::clone(bag), place: found.place });
             }
             CAMERA => {
-                if !self.cameras.contains_key(topic) {
-                    self.cameras.insert(topic.to_owned(), CameraInfo::read(cdr)?);
+                let camera = CameraInfo::read(cdr)?;
+                match self.cameras.get(topic) {
+                    None => drop(self.cameras.insert(topic.to_owned(), camera)),
+                    Some(first) if *first == camera => {}
+                    Some(_) => drop(self.other_cameras.insert(topic.to_owned())),
                 }
             }
             TRANSFORMS => {
@@ -436,9 +455,13 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         }
     }
     for (topic, (schema, n)) in &content.topics {
-        if *n > 0 && Content::wanted(schema) > 0 {
+        let kind = schema.rsplit('/').next().unwrap_or(schema);
+        if *n > 0 && (Content::wanted(schema) > 0 || is_stating(kind)) {
             recording.unused(&bag, format!("{n} messages of {topic} ({schema}) cannot be read"));
         }
+    }
+    for topic in &content.other_cameras {
+        recording.unused(&bag, format!("later cameras of {topic} that differ from the first"));
     }
     for transform in &content.second_parents {
         recording.unused(&bag, format!("transforms of {transform} beside those in another parent"));
@@ -527,8 +550,10 @@ fn cameras(
         let hint = "record camera_info beside the images, or set --intrinsics";
         return Err(metadata_error(bag, &expected, content.shown(), hint));
     };
-    if of_depth.is_cut || of_color.is_cut {
-        recording.unused(bag, "binning and region of camera_info are not used");
+    let unused: BTreeSet<_> = of_depth.unused.iter().chain(&of_color.unused).copied().collect();
+    if !unused.is_empty() {
+        let names = unused.into_iter().collect::<Vec<_>>().join(", ");
+        recording.unused(bag, format!("{names} of camera_info are not used"));
     }
     let (k, lens) = of_depth.of_topic(depth.0, bag)?;
     let (color_k, color_lens) = of_color.of_topic(color.0, bag)?;

@@ -12,8 +12,8 @@ use super::recording::{
     ANY_RANGE, Recording, SPLIT, encoding, frame_entry, metadata_error, same_size,
 };
 use super::stated::{
-    FrameCamera, LENS_TERMS, array, check_model, entry_name, first_of, flat_numbers, frame_lists,
-    majority, name_unused_keys, read_list, split_name,
+    FrameCamera, LENS_TERMS, array, camera_keys, check_model, entry_name, first_of, flat_numbers,
+    frame_lists, majority, name_keys, read_list, split_name, unused_keys,
 };
 use crate::dataset::decode;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -28,7 +28,7 @@ use crate::dataset::pose_check::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::pose::Pose;
 use serde_json::Value;
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::Path;
 
 pub(super) const FORMAT: DatasetFormat =
@@ -39,6 +39,11 @@ const SPLIT_NAMES: [&str; 4] = ["train", "val", "eval", "test"];
 const DEPTH_KEYS: [&str; 2] = ["depth_file_path", "depth_path"];
 // `k4` is refused on opening, but marks a list of this layout.
 const LENS_KEYS: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
+
+/// Key of a list of all lens terms.
+const TERM_LIST: &str = "distortion_params";
+/// Keys of the unit of depth.
+const UNITS: [&str; 2] = ["depth_unit_scale_factor", "integer_depth_scale"];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let names = lists(folder).join(", ");
@@ -157,11 +162,20 @@ impl<'a> FrameList<'a> {
     }
 
     fn name_unused_keys(&self, entries: &[Entry<'_>], recording: &mut Recording) {
-        // Lens terms are used or refused.
-        let used = [&LENS_TERMS[..], &["distortion_params", "depth_unit_scale_factor"]].concat();
-        for object in std::iter::once(self.json).chain(entries.first().map(|(_, frame)| *frame)) {
-            name_unused_keys(recording, self.file, object, &used);
-        }
+        let frames = || entries.iter().map(|(_, frame)| *frame);
+        let is_stated = |key: &str| frames().chain([self.json]).any(|o| o.get(key).is_some());
+        // A list of terms replaces single ones, as the first of two units the other.
+        let terms = if is_stated(TERM_LIST) { &[TERM_LIST][..] } else { &LENS_TERMS };
+        let unit = UNITS.into_iter().find(|key| is_stated(key));
+        let mut used = camera_keys();
+        used.extend(terms);
+        used.extend(unit);
+        used.push("applied_scale");
+        let mut found = BTreeSet::new();
+        unused_keys(self.json, &used, &mut found);
+        used.push("timestamp");
+        frames().for_each(|frame| unused_keys(frame, &used, &mut found));
+        name_keys(&mut recording.parsed, self.file, &found);
     }
 
     fn record(&self, entries: &[Entry<'a>], recording: &mut Recording) -> Result<(), DatasetError> {
@@ -288,8 +302,8 @@ impl<'a> FrameList<'a> {
             }
             stated => Ok(stated),
         };
-        let stated = positive("depth_unit_scale_factor")?;
-        let unit = stated.map_or_else(|| positive("integer_depth_scale"), |unit| Ok(Some(unit)))?;
+        let [first, other] = UNITS.map(positive);
+        let unit = first?.map_or(other, |unit| Ok(Some(unit)))?;
         // Poses were multiplied by it, depth files were not.
         let scale = positive("applied_scale")?.unwrap_or(1.0);
         let codes = CodeKind::ByContent(unit.unwrap_or(MILLIMETRE) * scale);
@@ -335,9 +349,9 @@ impl<'a> FrameList<'a> {
 
     /// Returns the lens, stated term by term or as the list `distortion_params` of k1 k2 k3 k4 p1 p2.
     fn lens(&self, camera: &FrameCamera) -> Result<Distortion, DatasetError> {
-        const LIST: &str = "distortion_params";
         let term = |key: &str| Ok::<_, DatasetError>(camera.number(key)?.unwrap_or(0.0));
-        let [k1, k2, k3, p1, p2] = match camera.frame.get(LIST).or_else(|| self.json.get(LIST)) {
+        let listed = camera.frame.get(TERM_LIST).or_else(|| self.json.get(TERM_LIST));
+        let [k1, k2, k3, p1, p2] = match listed {
             None => [term("k1")?, term("k2")?, term("k3")?, term("p1")?, term("p2")?],
             Some(listed) => match flat_numbers(listed).as_deref() {
                 Some(&[k1, k2, k3, 0.0, p1, p2]) => [k1, k2, k3, p1, p2],

@@ -126,16 +126,14 @@ fn cameras(
     let colors = pairs.values().filter_map(|pair| pair.color.as_ref());
     let depths = pairs.values().filter_map(|pair| pair.depth.as_ref().ok());
     let Some((size, depth_size)) = recording.sizes(colors, depths) else { return Ok(None) };
-    let folder = recording.folder;
-    let (file, k) =
-        match (stated::in_json_file(recording)?, stated::in_text_file(folder, "", size)?) {
-            (Some(stated), _) | (None, Some(stated)) => stated,
-            (None, None) => {
-                let expected = "`width`, `height` and the camera's `intrinsic_matrix`";
-                let file = folder.path.join("camera.json");
-                PRIMESENSE.assume(recording, size, (file, expected))?
-            }
-        };
+    let (file, k) = match stated::in_any_file(recording, size)? {
+        Some(stated) => stated,
+        None => {
+            let expected = "`width`, `height` and the camera's `intrinsic_matrix`";
+            let file = recording.folder.path.join("camera.json");
+            PRIMESENSE.assume(recording, size, (file, expected))?
+        }
+    };
     // The file may state the camera of depth or that of the photographs.
     if (k.width, k.height) != depth_size {
         same_size((k.width, k.height), size, &file)?;
@@ -204,6 +202,7 @@ fn pose_list(
         _ => "paired with the images by number",
     };
     recording.note(format!("poses are those of {name} ({}), {paired}", list.form));
+    stated::name_keys(&mut recording.parsed, &folder.path.join(&name), &list.unused);
     let unused = fitting.into_iter().chain(others).map(|(name, _)| name);
     recording.name_unused_files("lists of poses", unused);
     Ok((name, list))
@@ -255,7 +254,7 @@ fn parse_open3d(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, 
     let mut logs = trajectory_logs(folder).into_iter();
     let (file, text) = folder.lines(&logs.next().unwrap_or("trajectory.log".to_owned()))?;
     recording.name_unused_files("lists of poses", logs);
-    let list = PoseList { form: "Open3D's log", poses: log_blocks(&text) };
+    let list = PoseList::new("Open3D's log", log_blocks(&text));
     posed(&mut recording, &images, &file, list)?;
     Ok(recording.finish())
 }

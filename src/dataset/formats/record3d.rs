@@ -37,6 +37,8 @@ struct Metadata {
     json: Value,
 }
 
+/// Keys that have an effect.
+const USED: [&str; 6] = ["K", "w", "h", "fps", "frameTimestamps", "perFrameIntrinsicCoeffs"];
 /// Largest number of depth files of which the floats are counted until one can be read.
 const MOST_COUNTED: usize = 4;
 
@@ -72,8 +74,10 @@ impl Metadata {
         let Some(size) = recording.warn_unreadable(size) else { return Ok(()) };
         let k = self.intrinsics(size)?;
         let depth_size = self.depth_size(frames, codes, size)?;
-        let used = ["perFrameIntrinsicCoeffs"];
-        stated::name_unused_keys(recording, &self.file, &self.json, &used);
+        // Files that state their size need none.
+        let is_used = self.size("dw", "dh").is_none_or(|stated| stated == depth_size);
+        let sizes: &[&str] = if is_used { &["dw", "dh"] } else { &[] };
+        stated::name_unused_keys(recording, &self.file, &self.json, &[&USED[..], sizes].concat());
         let poses = stated::array(&self.json, "poses");
         let is_tracked = recording.options.track;
         if poses.is_empty() && !is_tracked {

@@ -8,7 +8,7 @@ use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::{
     ANY_RANGE, Recording, encoding, frame_entry, metadata_error, no_poses, same_size,
 };
-use super::stated::{KnownCamera, parse_json, side};
+use super::stated::{KnownCamera, name_unused_keys, parse_json, side};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -126,6 +126,7 @@ fn camera(
         return Err(metadata_error(&file, expected, describe_json(camera), hint));
     };
     same_size((width, height), size, &file)?;
+    name_unused_keys(recording, &file, &json, &["w", "h", "fx", "fy", "cx", "cy", "scale"]);
     let scale = number("scale").unwrap_or(CODES_PER_METRE);
     // Lengths are divided by it.
     if !(scale.is_finite() && scale > 0.0) {

@@ -43,6 +43,16 @@ const CALIBRATIONS: &str = "calib";
 const YAML: [&str; 2] = [".yaml", ".yml"];
 /// Part of a file name that marks poses of the camera instead of the robot.
 const OF_CAMERA: &str = "camera";
+/// Keys of a calibration that are used, or named with the reason.
+const USED: [&str; 7] = [
+    "image_width",
+    "image_height",
+    "camera_matrix",
+    "distortion_model",
+    "distortion_coefficients",
+    "rectification_matrix",
+    "projection_matrix",
+];
 /// Interval of trusted depth, metres.
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 5.0];
 /// Maximum difference between the rounded time in a file name and the time of its pose, seconds.
@@ -359,6 +369,7 @@ impl Calibration {
 
     fn name_unused(&self, recording: &mut Recording) {
         const RECTIFIED: &str = "rectification_matrix:";
+        stated::name_keys(&mut recording.parsed, &self.file, &self.unused_keys());
         let turn = self.numbers::<9>(RECTIFIED);
         if turn.is_some_and(|turn| turn != [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]) {
             let statement = "`rectification_matrix` is not used: poses are those of the raw camera";
@@ -370,7 +381,7 @@ impl Calibration {
                 "{}: `camera_matrix` is shifted: `projection_matrix` is used",
                 self.file.display()
             )),
-            (Some(own), Some(p)) if (own.fx / p.fx - 1.0).abs() > 0.01 => {
+            (Some(own), Some(p)) if !is_near(&own, &p) => {
                 let statement = format!(
                     "`projection_matrix` (focal length {}) is not used: the images have `camera_matrix` ({})",
                     p.fx, own.fx
@@ -380,6 +391,19 @@ impl Calibration {
             _ => {}
         }
     }
+
+    fn unused_keys(&self) -> BTreeSet<String> {
+        // Lines of matrices are indented.
+        let keys = self.text.lines().filter_map(|line| Some(line.split_once(':')?.0));
+        let keys = keys.filter(|key| stated::is_stating(key) && !USED.contains(key));
+        keys.filter(|key| !key.starts_with(' ')).map(matrix::shorten).collect()
+    }
+}
+
+/// True if the numbers of two cameras agree within 1 %.
+fn is_near(one: &Intrinsics, other: &Intrinsics) -> bool {
+    let pairs = [(one.fx, other.fx), (one.fy, other.fy), (one.cx, other.cx), (one.cy, other.cy)];
+    pairs.iter().all(|(a, b)| (a / b - 1.0).abs() <= 0.01)
 }
 
 /// Returns the text between the brackets of the `data` of matrix `key`.

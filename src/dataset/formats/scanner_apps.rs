@@ -12,7 +12,7 @@ use super::arkit;
 use super::lidar::{NumberedImages, StatedCamera, add_frames, camera_matrix, numbers, wrong_entry};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
 use super::recording::Recording;
-use super::stated::{first_of, name_unused_keys, parse_json};
+use super::stated::{first_of, name_keys, parse_json, unused_keys};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, read_small_text};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
@@ -21,6 +21,8 @@ use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_check::PoseConvention;
 use crate::math::pose::Pose;
 use serde_json::Value;
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 pub(super) const POLYCAM: DatasetFormat = DatasetFormat {
@@ -34,6 +36,10 @@ pub(super) const SCANNER_3D: DatasetFormat = DatasetFormat {
     recognise: recognise_scanner_3d,
     parse: parse_scanner_3d,
 };
+
+/// Keys that have an effect, besides the pose.
+const USED: [&str; 9] =
+    ["fx", "fy", "cx", "cy", "intrinsics", "width", "height", "timestamp", "time"];
 
 /// Most JSON files that recognition reads, since the first may be damaged.
 const MOST_READ: usize = 4;
@@ -159,11 +165,8 @@ fn add(
         parse_json::<Value>(&read_small_text(file)?)
             .map_err(|error| FrameProblem::Entry { expected, found: error.to_string() })
     };
-    // All files have the same keys.
     let first = cameras.sources(folder).next();
-    if let Some((file, Ok(json))) = first.as_ref().map(|file| (file.path(), json(file.path()))) {
-        name_unused_keys(recording, file, &json, &["intrinsics"]);
-    }
+    let unused = RefCell::new(BTreeSet::new());
     let named = numbers.into_iter().map(|number| (images.name(number), number));
     let place = first.as_ref().and_then(|file| file.path().parent()).unwrap_or(&folder.path);
     add_frames(recording, named, place, |name, number| {
@@ -171,6 +174,8 @@ fn add(
         let missing = FrameProblem::MissingPose(format!("{name}.json"));
         let file = cameras.required(folder, number, missing)?.path().to_owned();
         let json = json(&file)?;
+        unused_keys(&json, &USED, &mut unused.borrow_mut());
         Ok((images, camera(file, &json, options)?))
     });
+    name_keys(&mut recording.parsed, place, &unused.into_inner());
 }

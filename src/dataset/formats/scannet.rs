@@ -30,6 +30,7 @@ const DEPTHS: &str = "depth";
 const POSES: &str = "pose";
 const INTRINSICS: &str = "intrinsic";
 const CAMERAS: [&str; 2] = ["intrinsic_color.txt", "intrinsic_depth.txt"];
+const PLACES: [&str; 2] = ["extrinsic_color.txt", "extrinsic_depth.txt"];
 
 fn recognise(folder: &Folder) -> Option<String> {
     // Numbered poses distinguish this layout from images without poses.
@@ -56,6 +57,13 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
     let Some((color, depth)) = sizes else { return Ok(recording.finish()) };
     let cameras = cameras(&recording, color, depth)?;
+    for name in PLACES {
+        let text = folder.peek(&format!("{INTRINSICS}/{name}"));
+        if !text.is_empty() && stated::is_offset(&text) {
+            let file = folder.path.join(INTRINSICS).join(name);
+            recording.unused(&file, "the transform is not used: poses are taken as both cameras'");
+        }
+    }
     let unit = CodeKind::Linear16(MILLIMETRE);
     let encoding = encoding(options, unit, Sensor::Kinect, STRUCTURED_LIGHT_RANGE);
     let lists: Vec<&NumberedFiles> = [&colors, &depths].into_iter().chain(&poses).collect();

@@ -299,16 +299,20 @@ fn stated_cameras(
 ) -> Result<Option<ReadAs>, DatasetError> {
     let folder = recording.folder;
     let info = SensorInfo::find(folder, relative)?;
+    let stated_unit = info.as_ref().map(SensorInfo::depth_unit).transpose()?.flatten();
+    let unit = stated_unit.unwrap_or(MILLIMETRE);
+    if let Some(info) = &info {
+        stated::name_keys(&mut recording.parsed, &info.file, &info.unused_keys());
+    }
     if let Some((file, k)) = stated::in_text_file(folder, relative, color)? {
         if let Some(info) = info {
             let statement = format!("its cameras are not used, as {} states one", file.display());
             recording.unused(&info.file, statement);
         }
         let cameras = recording.cameras_of_lens(&k, color, depth, &file)?;
-        return Ok(Some((cameras, MILLIMETRE)));
+        return Ok(Some((cameras, unit)));
     }
     let Some(info) = info else { return Ok(None) };
-    let unit = info.depth_unit()?.unwrap_or(MILLIMETRE);
     let file = &info.file;
     let stated = (info.intrinsics("color", color)?, info.intrinsics("depth", depth)?);
     let mut cameras = match stated {

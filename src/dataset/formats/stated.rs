@@ -4,6 +4,7 @@ use super::recording::{Recording, SPLIT, metadata_error};
 use crate::dataset::calibration::is_plausible_field_of_view;
 use crate::dataset::error::DatasetError;
 use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::formats::ParsedFolder;
 use crate::dataset::matrix;
 use crate::dataset::matrix::{describe_json, shorten};
 use crate::math::camera::Intrinsics;
@@ -12,6 +13,7 @@ use glam::DMat4;
 use serde::Deserialize;
 use serde::de::{DeserializeOwned, Deserializer, Error as _, MapAccess, Visitor};
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -97,6 +99,7 @@ pub(super) fn from_text(
 /// Parses the left upper 3×3 of a matrix of 3×3 or 4×4 numbers.
 fn matrix_rows(text: &str) -> Result<[f64; 9], String> {
     match matrix::parse_numbers::<16>(text) {
+        Ok(m) if [m[3], m[7], m[11]] != [0.0; 3] => Err("a matrix with a translation".to_owned()),
         Ok(m) => Ok([m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]]),
         Err(_) => matrix::parse_numbers::<9>(text),
     }
@@ -126,40 +129,74 @@ pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
 
 /// Keys of lens terms.
 pub(super) const LENS_TERMS: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
-/// Parts of other keys that state cameras, lenses or units.
-const CAMERA_PARTS: [&str; 9] = [
-    "lens",
-    "distort",
-    "focal",
-    "intrinsic",
-    "extrinsic",
-    "shutter",
-    "skew",
-    "unit",
-    "depth_scale",
-];
+/// Names of other keys that state a camera, a lens, a unit, a size or a time, in letters and digits.
+const STATING: [&str; 13] =
+    ["fx", "fy", "cx", "cy", "flx", "fly", "ox", "oy", "w", "h", "k", "dw", "dh"];
+/// Parts of further such names.
+const STATING_PARTS: &str = "lens distort distcoef focal intrinsic extrinsic calib shutter skew unit scale fov \
+    fieldofview zoom fisheye principal projection cameraangle cameramodel cameratype cameramatrix width height \
+    resolution size pixel time stamp fps framerate baseline binning crop aspect exposure aperture";
+/// Names with such a part that state something else: boxes, counts and settings of viewers.
+const OTHER: [&str; 3] = ["aabbscale", "autoscaleposesoverride", "mframessize"];
 /// Most keys that one defect line lists.
 const MOST_KEYS: usize = 6;
 
-/// Adds a defect line for the keys of a JSON object of `file` that state numbers of a camera, a lens or
-/// a unit and are not among the `used` ones. Zeros state nothing.
+/// True if a key or column of this name states a camera, a lens, a unit, a size or a time.
+pub(super) fn is_stating(name: &str) -> bool {
+    let letters = name.chars().filter(|c| c.is_alphanumeric());
+    let plain: String = letters.flat_map(char::to_lowercase).collect();
+    let is_named = LENS_TERMS.iter().chain(&STATING).any(|other| *other == plain);
+    let has_part = || STATING_PARTS.split(' ').any(|part| plain.contains(part));
+    is_named || has_part() && !OTHER.contains(&plain.as_str())
+}
+
+/// True unless the value is empty or of zeros, which state nothing.
+fn has_content(value: &Value) -> bool {
+    match value {
+        Value::Null => false,
+        Value::Bool(is_so) => *is_so,
+        Value::Number(number) => number.as_f64() != Some(0.0),
+        Value::String(text) => !text.is_empty(),
+        Value::Array(items) => items.iter().any(has_content),
+        Value::Object(items) => items.values().any(has_content),
+    }
+}
+
+/// Adds the stating keys of a JSON object, and of objects in it, that are not among the `used` ones.
+pub(super) fn unused_keys(json: &Value, used: &[&str], found: &mut BTreeSet<String>) {
+    for (key, value) in json.as_object().into_iter().flatten() {
+        let is_used = used.contains(&key.as_str());
+        if !is_used && is_stating(key) {
+            found.extend(has_content(value).then(|| shorten(key)));
+        } else {
+            unused_keys(value, used, found);
+        }
+    }
+}
+
+/// Adds a defect line for keys of `file` that are not used.
+pub(super) fn name_keys(parsed: &mut ParsedFolder, file: &Path, keys: &BTreeSet<String>) {
+    if keys.is_empty() {
+        return;
+    }
+    let named = keys.iter().take(MOST_KEYS).map(String::as_str).collect::<Vec<_>>().join(", ");
+    let more = match keys.len().saturating_sub(MOST_KEYS) {
+        0 => String::new(),
+        n => format!(" and {n} more"),
+    };
+    parsed.unused.push(format!("{}: the keys {named}{more} are not used", file.display()));
+}
+
+/// Adds a defect line for the stating keys of a JSON object of `file` that are not among the `used` ones.
 pub(super) fn name_unused_keys(
     recording: &mut Recording,
     file: &Path,
     json: &Value,
     used: &[&str],
 ) {
-    let is_unused = |(key, value): &(&String, &Value)| {
-        let (name, key) = (key.to_lowercase(), key.as_str());
-        let is_camera = LENS_TERMS.contains(&key) || CAMERA_PARTS.iter().any(|p| name.contains(p));
-        let states = |value: &Value| flat_numbers(value)?.iter().any(|n| *n != 0.0).then_some(());
-        is_camera && !used.contains(&key) && states(value).is_some()
-    };
-    let keys = json.as_object().into_iter().flatten().filter(is_unused);
-    let keys: Vec<String> = keys.take(MOST_KEYS).map(|(key, _)| shorten(key)).collect();
-    if !keys.is_empty() {
-        recording.unused(file, format!("the keys {} are not used", keys.join(", ")));
-    }
+    let mut found = BTreeSet::new();
+    unused_keys(json, used, &mut found);
+    name_keys(&mut recording.parsed, file, &found);
 }
 
 /// Returns the value of the first of the keys that is present.
@@ -415,13 +452,27 @@ impl SensorInfo {
 
     /// True if a stated transform between the cameras is not the identity.
     pub fn has_offset(&self) -> bool {
-        ["color", "depth"].iter().filter_map(|camera| self.value(&[camera, "extrinsic"])).any(
-            |text| {
-                let is_identity = |m: DMat4| m.abs_diff_eq(DMat4::IDENTITY, 1e-6);
-                !matrix::from_text(text).is_ok_and(is_identity)
-            },
-        )
+        let stated = |camera: &&str| self.value(&[camera, "extrinsic"]);
+        ["color", "depth"].iter().filter_map(stated).any(is_offset)
     }
+
+    /// Returns the keys that state something and have no effect.
+    pub fn unused_keys(&self) -> BTreeSet<String> {
+        let is_used = |key: &str| {
+            let has = |parts: &[&str]| parts.iter().any(|part| key.contains(part));
+            let parts = ["intrinsic", "extrinsic", "width", "height"];
+            has(&["color", "depth"]) && has(&parts) || key.contains("depth") && has(&["shift"])
+        };
+        let keys = self.text.lines().filter_map(|line| line.split_once('='));
+        let keys = keys.map(|(key, _)| key.trim());
+        let keys = keys.filter(|key| is_stating(key) && !is_used(&key.to_lowercase()));
+        keys.map(shorten).collect()
+    }
+}
+
+/// True unless a text is the identity, a matrix of 4×4 numbers.
+pub(super) fn is_offset(text: &str) -> bool {
+    !matrix::from_text(text).is_ok_and(|m: DMat4| m.abs_diff_eq(DMat4::IDENTITY, 1e-6))
 }
 
 /// Reads the camera from an Open3D JSON file (`intrinsic_matrix`, `width`, `height`). Also returns the
@@ -429,9 +480,7 @@ impl SensorInfo {
 ///
 /// # Errors
 /// Two files with different cameras, or one without a camera.
-pub(super) fn in_json_file(
-    recording: &mut Recording,
-) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
+fn in_json_file(recording: &mut Recording) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
     let folder = recording.folder;
     let mut found: Option<(PathBuf, Intrinsics)> = None;
     for name in folder.listing.files().filter(|name| name.ends_with(".json")) {
@@ -450,12 +499,28 @@ pub(super) fn in_json_file(
             }
             Some(_) => {}
             None => {
-                name_unused_keys(recording, &file, &json, &["intrinsic_matrix"]);
+                name_unused_keys(recording, &file, &json, &["intrinsic_matrix", "width", "height"]);
                 found = Some((file, k));
             }
         }
     }
     Ok(found)
+}
+
+/// Finds the camera that a JSON file of Open3D or else a text states for images of `size`.
+pub(super) fn in_any_file(
+    recording: &mut Recording,
+    size: (u32, u32),
+) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
+    let in_json = in_json_file(recording)?;
+    let in_text = in_text_file(recording.folder, "", size)?;
+    if let Some(((json, used), (text, other))) = in_json.as_ref().zip(in_text.as_ref())
+        && used.resized(size.0, size.1) != *other
+    {
+        let statement = format!("its camera is not used, as {} states one", json.display());
+        recording.unused(text, statement);
+    }
+    Ok(in_json.or(in_text))
 }
 
 /// Camera parameters of a frame. Where the frame has no value, the value of the whole list applies.
@@ -543,6 +608,12 @@ const KNOWN_MODELS: [&str; 7] = [
 ];
 const OTHER_TERMS: [&str; 6] = ["k4", "k5", "k6", "skew", "sk_x", "sk_y"];
 const OTHER_FLAGS: [&str; 2] = ["is_fisheye", "fisheye"];
+/// Keys of frame lists that [`FrameCamera`] uses or [`check_model`] refuses.
+pub(super) fn camera_keys() -> Vec<&'static str> {
+    let used =
+        ["fl_x", "fl_y", "cx", "cy", "w", "h", "camera_angle_x", "camera_angle_y", "camera_model"];
+    [&used[..], &OTHER_TERMS, &OTHER_FLAGS].concat()
+}
 
 pub(super) fn check_model(camera: &FrameCamera) -> Result<(), DatasetError> {
     let said = |key: &str| camera.frame.get(key).or_else(|| camera.list.get(key));

@@ -12,7 +12,7 @@
 
 use super::arkit;
 use super::numbered::{Correspondence, NumberedFiles};
-use super::stated::{flat_numbers, parse_json};
+use super::stated::{flat_numbers, is_stating, parse_json, unused_keys};
 use crate::dataset::error::FrameProblem;
 use crate::dataset::folder::{Folder, read_small_text};
 use crate::dataset::matrix;
@@ -114,14 +114,21 @@ pub(super) struct PoseList {
     /// Form, for messages.
     pub form: &'static str,
     pub poses: Vec<ListedPose>,
+    /// Columns or keys that state a camera, a unit or a size, which no list of poses gives to frames.
+    pub unused: BTreeSet<String>,
 }
 
 impl PoseList {
+    pub fn new(form: &'static str, poses: Vec<ListedPose>) -> Self {
+        Self { form, poses, unused: BTreeSet::new() }
+    }
+
     /// Parses a text; `None` unless most entries are poses in one known form.
     pub fn parse(text: &str) -> Option<Self> {
+        let mut unused = BTreeSet::new();
         let (form, poses) = if text.trim_start().starts_with(JSON) {
-            ("JSON", poses_in_json(&parse_json(text).ok()?)?)
-        } else if let Some(poses) = poses_in_table(text) {
+            ("JSON", poses_in_json(&parse_json(text).ok()?, &mut unused)?)
+        } else if let Some(poses) = poses_in_table(text, &mut unused) {
             ("CSV with a header", poses)
         } else {
             let first = lines(text).next()?.1;
@@ -137,7 +144,7 @@ impl PoseList {
             }
         };
         let n_rigid = poses.iter().filter(|pose| pose.is_rigid()).count();
-        (n_rigid >= 2 && 2 * n_rigid >= poses.len()).then_some(Self { form, poses })
+        (n_rigid >= 2 && 2 * n_rigid >= poses.len()).then_some(Self { form, poses, unused })
     }
 
     /// Returns the number that identifies each pose's frame: the stated one or, in a list without
@@ -206,7 +213,7 @@ fn matrix_blocks(text: &str) -> Vec<ListedPose> {
 }
 
 /// Parses a table whose first line names its columns.
-fn poses_in_table(text: &str) -> Option<Vec<ListedPose>> {
+fn poses_in_table(text: &str, unused: &mut BTreeSet<String>) -> Option<Vec<ListedPose>> {
     let mut rows = text.lines().enumerate().filter(|(_, row)| !row.trim().is_empty());
     let (_, head) = rows.next()?;
     let rows = rows.filter(|(_, row)| !row.starts_with('#'));
@@ -231,6 +238,10 @@ fn poses_in_table(text: &str) -> Option<Vec<ListedPose>> {
     let columns =
         [place('x')?, place('y')?, place('z')?, turn('x')?, turn('y')?, turn('z')?, turn('w')?];
     let (at_time, at_frame) = (column(&is_time), column(&is_name));
+    let others = names.iter().enumerate().filter(|(at, name)| {
+        is_stating(name) && !columns.contains(at) && ![at_time, at_frame].contains(&Some(*at))
+    });
+    unused.extend(others.map(|(_, name)| matrix::shorten(name)));
     let pose = |(i, row): (usize, &str)| {
         let cells = cells(row);
         let cell = |at: Option<usize>| cells.get(at?);
@@ -263,7 +274,7 @@ pub(super) fn number_in_name(name: &str) -> Option<u64> {
 }
 
 /// Finds the poses in JSON: at its root or below one of its keys.
-fn poses_in_json(json: &Value) -> Option<Vec<ListedPose>> {
+fn poses_in_json(json: &Value, unused: &mut BTreeSet<String>) -> Option<Vec<ListedPose>> {
     let below = json.as_object().into_iter().flat_map(|object| object.values());
     std::iter::once(json).chain(below).find_map(|list| {
         let items: Vec<(Option<&str>, &Value)> = match list {
@@ -277,7 +288,17 @@ fn poses_in_json(json: &Value) -> Option<Vec<ListedPose>> {
             .map(|(i, (key, item))| pose_in_json(i + 1, *key, item))
             .collect();
         let n_rigid = poses.iter().filter(|pose| pose.is_rigid()).count();
-        (n_rigid >= 2 && 2 * n_rigid >= poses.len()).then_some(poses)
+        let is_list = n_rigid >= 2 && 2 * n_rigid >= poses.len();
+        if is_list {
+            std::iter::once(json).chain(items.iter().map(|(_, item)| *item)).for_each(|object| {
+                unused_keys(object, &[], unused);
+            });
+            // Times are used, and matrices of any name.
+            let is_used =
+                |key: &String| key.to_lowercase().contains("time") || key.contains("extrinsic");
+            unused.retain(|key| !is_used(key));
+        }
+        is_list.then_some(poses)
     })
 }
 
@@ -372,10 +393,7 @@ fn numbered_matrices(folder: &Folder, sub: &str) -> Option<PoseList> {
     if sound.count() < 2 {
         return None;
     }
-    Some(PoseList {
-        form: "numbered files",
-        poses: files.numbers().enumerate().map(pose).collect(),
-    })
+    Some(PoseList::new("numbered files", files.numbers().enumerate().map(pose).collect()))
 }
 
 /// Longest usual time between frames, seconds; frames of cameras are 8 ms to 8 s apart.

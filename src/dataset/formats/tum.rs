@@ -423,6 +423,7 @@ fn other_poses(
     let (file, is_timed) = (folder.path.join(&name), is_timed(&list));
     let paired = if is_timed { "by time" } else { "by their order" };
     recording.note(format!("poses are those of {name} ({}), paired {paired}", list.form));
+    stated::name_keys(&mut recording.parsed, &file, &list.unused);
     let mut poses = Vec::new();
     for (place, listed) in list.poses.into_iter().enumerate() {
         let time = if is_timed { listed.time } else { depth_times.get(place).copied() };
@@ -452,12 +453,10 @@ fn cameras(
     let sizes = recording.sizes(colors.iter().map(source), depths.iter().map(source));
     let Some((size, depth_size)) = sizes else { return Ok(None) };
     let file = recording.folder.path.join("camera-intrinsics.txt");
-    let in_text = stated::in_text_file(recording.folder, "", size)?;
-    let (file, k) =
-        match in_text.map_or_else(|| stated::in_json_file(recording), |k| Ok(Some(k)))? {
-            Some(stated) => stated,
-            None => PRIMESENSE.assume(recording, size, (file, "fx fy cx cy"))?,
-        };
+    let (file, k) = match stated::in_any_file(recording, size)? {
+        Some(stated) => stated,
+        None => PRIMESENSE.assume(recording, size, (file, "fx fy cx cy"))?,
+    };
     let cameras = recording.cameras_of_lens(&k, size, depth_size, &file)?;
     Ok(Some((cameras, is_kinect(&cameras.depth))))
 }
