@@ -132,3 +132,21 @@ fn frames_too_large_for_the_memory_are_refused_before_any_is_read() {
     run.fails(1, &["frames (`--max-frames`): found 1 of this size", "expected at most 0"]);
     assert!(!scratch.path("out").exists() && !scratch.path("camera.ron").exists());
 }
+
+/// Also without ffmpeg, which is an error too.
+#[test]
+fn a_video_that_does_not_fit_is_an_error() {
+    let scratch = Scratch::with_scene();
+    let path = r#"{"version": 1, "fps": 4, "keyframes": [
+        {"time": 0, "eye": [3, 3, 1], "target": [0, 0, 0.5], "fov_y": 60},
+        {"time": 2, "eye": [-3, 3, 1], "target": [0, 0, 0.5]}]}"#;
+    fs::write(scratch.path("way.json"), path).unwrap();
+    for film in ["film.mp4", "film.webm", "film.webp"] {
+        let render = format!("render out/scene.ply -o {film} --path way.json --size 160x120");
+        let run = run_limited(&scratch, "-f 2", &render);
+        run.fails(1, &[film, "free disk space"]);
+        assert!(!scratch.path(film).exists());
+    }
+    let run = run_limited(&scratch, "-f 2", "render out/scene.ply -o film --path way.json");
+    run.fails(1, &["film/00000.png"]);
+}
