@@ -12,10 +12,12 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use std::error::Error;
 use std::ffi::OsString;
-use std::io::{BufRead, BufReader, Lines, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
 use tempfile::TempDir;
 use vbgs_studio::dataset::frame::Frame;
 use vbgs_studio::dataset::unproject::Unprojector;
@@ -55,6 +57,9 @@ struct Args {
     /// Number of frames, evenly spaced; the first one warms up
     #[arg(long, value_name = "N", default_value_t = 11)]
     frames: usize,
+    /// Longest time without an answer of a program, in seconds
+    #[arg(long, value_name = "S", default_value_t = 600)]
+    patience: u64,
 }
 
 /// A timed program: this engine or another process.
@@ -84,7 +89,7 @@ fn main() -> Outcome<()> {
         programs.push((name.to_owned(), Learning::Ours(engine)));
     }
     for (name, command) in args.commands()? {
-        let peer = Peer::start(&name, &command, folder.path())?;
+        let peer = Peer::start(&name, &command, folder.path(), Duration::from_secs(args.patience))?;
         programs.push((name, Learning::Theirs(peer)));
     }
     let mut times = vec![Vec::new(); programs.len()];
@@ -143,11 +148,13 @@ struct Peer {
     name: String,
     child: Child,
     requests: ChildStdin,
-    answers: Lines<BufReader<ChildStdout>>,
+    /// Answers, read on another thread, so that a silent program can be given up.
+    answers: Receiver<Answer>,
+    patience: Duration,
 }
 
 impl Peer {
-    fn start(name: &str, command: &[OsString], frames: &Path) -> Outcome<Self> {
+    fn start(name: &str, command: &[OsString], frames: &Path, patience: Duration) -> Outcome<Self> {
         let (program, arguments) = command.split_first().ok_or("--peer: found no command")?;
         let mut child = Command::new(program)
             .args(arguments)
@@ -158,8 +165,16 @@ impl Peer {
             .spawn()
             .map_err(|e| format!("{name}: {} does not start: {e}", program.display()))?;
         let requests = child.stdin.take().ok_or("no standard input")?;
-        let answers = BufReader::new(child.stdout.take().ok_or("no standard output")?).lines();
-        let mut peer = Self { name: name.to_owned(), child, requests, answers };
+        let lines = BufReader::new(child.stdout.take().ok_or("no standard output")?).lines();
+        let (answered, answers) = channel();
+        std::thread::spawn(move || {
+            // Libraries also print to stdout, so other lines are skipped.
+            let found = lines.map_while(Result::ok);
+            let mut found = found.filter_map(|line| serde_json::from_str(&line).ok());
+            // Fails once the program is given up.
+            found.try_for_each(|answer| answered.send(answer))
+        });
+        let mut peer = Self { name: name.to_owned(), child, requests, answers, patience };
         match peer.answer()? {
             Some(Answer::Ready) => Ok(peer),
             other => Err(format!("{name}: expected \"ready\", found {other:?}").into()),
@@ -178,11 +193,15 @@ impl Peer {
     }
 
     fn answer(&mut self) -> Outcome<Option<Answer>> {
-        let lines = self.answers.by_ref().map_while(Result::ok);
-        // Libraries also print to stdout, so other lines are skipped.
-        match lines.filter_map(|line| serde_json::from_str(&line).ok()).next() {
-            Some(Answer::Error(reason)) => Err(format!("{}: {reason}", self.name).into()),
-            answer => Ok(answer),
+        let (name, patience) = (&self.name, self.patience.as_secs());
+        match self.answers.recv_timeout(self.patience) {
+            Ok(Answer::Error(reason)) => Err(format!("{name}: {reason}").into()),
+            Ok(answer) => Ok(Some(answer)),
+            Err(RecvTimeoutError::Disconnected) => Ok(None),
+            Err(RecvTimeoutError::Timeout) => Err(format!(
+                "{name}: found no answer within {patience} s; wait longer with --patience, or look for its error above"
+            )
+            .into()),
         }
     }
 }
@@ -267,4 +286,31 @@ fn npy(kind: &str, shape: &[usize], bytes: &[u8]) -> Vec<u8> {
     header.push('\n');
     let length = (header.len() as u16).to_le_bytes();
     [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), bytes].concat()
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::time::Instant;
+
+    fn peer(script: &str) -> Outcome<Peer> {
+        let command = ["sh", "-c", script].map(OsString::from);
+        Peer::start("other", &command, Path::new("."), Duration::from_secs(1))
+    }
+
+    #[test]
+    fn a_silent_program_is_given_up() {
+        let started = Instant::now();
+        let error = peer("exec sleep 60").err().unwrap().to_string();
+        assert!(error.contains("other: found no answer within 1 s"), "{error}");
+        let mut late = peer(r#"echo '"ready"'; exec sleep 60"#).unwrap();
+        assert!(late.learn(0).unwrap_err().to_string().contains("within 1 s"));
+        drop(late);
+        assert!(started.elapsed() < Duration::from_secs(30));
+        let mut sound =
+            peer(r#"echo noise; echo '"ready"'; read frame; echo '{"ms": 2.5}'"#).unwrap();
+        assert_eq!(sound.learn(0).unwrap(), 2.5);
+        let ended = peer("exit 0").err().unwrap().to_string();
+        assert!(ended.contains("expected \"ready\", found None"), "{ended}");
+    }
 }

@@ -16,6 +16,7 @@ use crate::model::splat::framing::{Framing, framing};
 use crate::model::splat::splats::Splat;
 use crate::pipeline::checkpoint::{ResumeRequest, RunError, SavedRun};
 use crate::pipeline::error::SessionError;
+use crate::pipeline::memory;
 use crate::pipeline::plan::Selection;
 use crate::pipeline::session::{DemoError, Session, demo_dataset, demo_session};
 use crate::{dataset, export};
@@ -99,7 +100,10 @@ pub fn session(mut session: Session, serial: u64, path: Option<&Path>) -> Opened
     let scaled = color_camera.and_then(|camera| split.camera_scaling(&camera).ok().flatten());
     let scaled = scaled.map(|scaled| (NoticeKind::Info, scaled.to_string()));
     let unused = dataset.unused.iter().map(|unused| (NoticeKind::Warning, unused.clone()));
-    let notices = notes.chain(warnings).chain(unused).chain(assumed).chain(scaled).collect();
+    let lowered = memory::note(session.config().method.as_any().component_limit());
+    let lowered = lowered.map(|note| (NoticeKind::Info, note));
+    let notices =
+        notes.chain(warnings).chain(lowered).chain(unused).chain(assumed).chain(scaled).collect();
     let opened = Opened {
         name: path.map_or_else(|| "Demo: synthetic room".to_owned(), |_| dataset.name.clone()),
         path: path.map(Path::to_path_buf),

@@ -60,6 +60,9 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
             info.push(("Range from".to_owned(), config.position_range_source.clone()));
         }
         ComponentLimit::Asked(n) => info.push(("Budget".to_owned(), format!("{n} components"))),
+        ComponentLimit::Lowered(n) => {
+            info.push(("Budget".to_owned(), format!("none set (memory holds {n} components)")));
+        }
         ComponentLimit::Default(n) => {
             info.push(("Budget".to_owned(), format!("none set (at most {n} components)")));
         }

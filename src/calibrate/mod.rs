@@ -23,6 +23,8 @@ use crate::dataset::calibration::{Calibration, CalibrationError, ColorCamera};
 use crate::dataset::error::{DatasetError, FrameError};
 use crate::dataset::frame::{DepthKind, Frame};
 use crate::dataset::surface::{PixelSampling, SurfaceSettings};
+use crate::pipeline::memory;
+use crate::pipeline::memory::MemoryError;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
 use camera::registered;
@@ -71,6 +73,9 @@ pub enum CalibrateError {
     /// The result is not a valid calibration.
     #[error("{0}")]
     Calibration(#[from] CalibrationError),
+    /// The machine has too little memory.
+    #[error("{0}")]
+    Memory(#[from] MemoryError),
     /// Fewer than two frames see the same surface.
     #[error(
         "{dataset}: expected at least 2 frames that see the same surface, found {found}; add frames to the recording, use more of them (`--max-frames`) or name another split (`--split`)"
@@ -96,6 +101,7 @@ pub fn run(
     let selection = Selection { split: plan.split.clone(), ..Selection::all_frames() };
     let all = Plan::new(dataset, &selection, 0)?;
     let n_frames = plan.max_frames.min(all.frames.len());
+    memory::check_calibration(n_frames, all.pixels(dataset))?;
     // Frames, both searches, and three steps around them.
     let (mut done, steps) = (0, n_frames + 3 + 2 * STEPS);
     let mut tick = || {

@@ -77,7 +77,9 @@ impl Interrupt {
         &self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, Failure> {
-        let work = Job::start("opening", work)?;
+        let work = Job::start("opening", work).map_err(|error| {
+            failed!("starting a thread failed: {error}; raise the limits of memory and processes")
+        })?;
         let mut asked: Option<Instant> = None;
         // Without a stop request, the work may take any time.
         while asked.is_none_or(|since| since.elapsed() < GRACE) {

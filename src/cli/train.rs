@@ -228,10 +228,11 @@ fn print_notes(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     };
     let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
     note!(
-        "note: needs up to {} MB of memory for the model at its maximum number of components, and {} MB for frames",
+        "note: needs up to {} MB of memory for the model at its maximum number of components, and {} MB for frames and textures",
         megabytes(memory.model),
-        megabytes(memory.frames)
+        megabytes(memory.frames.saturating_add(memory.textures))
     );
+    memory::note(limit).iter().for_each(|note| note!("note: {note}"));
     memory::check(memory, limit).map_err(|error| Failure::from(SessionError::from(error)))
 }
 

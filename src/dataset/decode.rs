@@ -2,7 +2,7 @@
 
 use super::depth::{Depth, DepthCodes, DepthKind};
 use super::entry::MaskSource;
-use super::error::FrameProblem;
+use super::error::{FrameProblem, MAX_EXTRA_MIB, MAX_PICTURE_MIB};
 use super::folder::{RetryingFile, open_file};
 use super::lengths;
 use super::options::ByteSource;
@@ -225,7 +225,7 @@ fn first_channel<T: AnyBitPattern>(
 }
 
 /// Decodes an image and checks that it has the given size; `what` names the image in messages. The
-/// decoder's default limits bound the memory that a header can request.
+/// memory that a header can request is bounded.
 fn decode(
     bytes: &[u8],
     size: (u32, u32),
@@ -251,12 +251,15 @@ fn decode(
         if turned_size(found, orientation) != size {
             return Err(FrameProblem::Size { what, expected: size, found });
         }
+        let mib = decoder.total_bytes().div_ceil(1 << 20);
+        if mib > MAX_PICTURE_MIB {
+            return Err(FrameProblem::TooLarge { size: found, mib });
+        }
         if format == Some(ImageFormat::Png) {
             let (width, height) = size;
             let size = [width as usize, height as usize];
             lengths::check_unpacked(bytes, size, decoder.total_bytes())?;
         }
-        Limits::default().reserve(decoder.total_bytes())?;
         let mut image = DynamicImage::from_decoder(decoder)?;
         image.apply_orientation(orientation);
         Ok(image)
@@ -267,7 +270,7 @@ fn decode(
 /// length.
 fn chunk_limits() -> Limits {
     let mut limits = Limits::default();
-    limits.max_alloc = Some(32 << 20);
+    limits.max_alloc = Some(MAX_EXTRA_MIB << 20);
     limits
 }
 
@@ -301,6 +304,26 @@ pub(super) fn has_jpeg_end(bytes: &[u8]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_picture_above_the_limit_is_refused_by_its_size() {
+        let mut png = Cursor::new(Vec::new());
+        image::RgbImage::new(1, 1).write_to(&mut png, ImageFormat::Png).unwrap();
+        let mut png = png.into_inner();
+        // Width and height follow signature, length and kind of the first chunk.
+        png[16..20].copy_from_slice(&16384u32.to_be_bytes());
+        png[20..24].copy_from_slice(&16384u32.to_be_bytes());
+        let checksum = crc32fast::hash(&png[12..29]);
+        png[29..33].copy_from_slice(&checksum.to_be_bytes());
+        let error = decode(&png, (16384, 16384), "an image").unwrap_err().to_string();
+        let expected =
+            "found 16384x16384 pixels that take 768 MiB decoded, expected at most 512 MiB";
+        assert!(error.starts_with(expected), "{error}");
+        let kind = image::error::LimitErrorKind::InsufficientMemory;
+        let extra = image::ImageError::Limits(image::error::LimitError::from_kind(kind));
+        let error = FrameProblem::from(extra).to_string();
+        assert!(error.starts_with("found more than 32 MiB besides the pixels"), "{error}");
+    }
 
     #[test]
     fn a_decoder_that_panics_is_an_error_of_the_file() {

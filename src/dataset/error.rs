@@ -219,6 +219,17 @@ pub enum FrameProblem {
     /// The file is not an image, or is damaged.
     #[error("expected a whole PNG or JPEG image, found: {0}; copy or export the file again")]
     Decode(image::ImageError),
+    /// An image whose pixels take too much memory.
+    #[error(
+        "found {}x{} pixels that take {mib} MiB decoded, expected at most {} MiB; export the image smaller", size.0, size.1, MAX_PICTURE_MIB
+    )]
+    TooLarge { size: (u32, u32), mib: u64 },
+    /// An image with too much data besides its pixels.
+    #[error(
+        "found more than {} MiB besides the pixels, such as a profile of colours, expected less; export the image again without it",
+        MAX_EXTRA_MIB
+    )]
+    ExtraData,
     /// An image of a kind that is not read.
     #[error(
         "found {0:?}, expected PNG or JPEG, or depth as EXR, TIFF, NPY or NPZ; convert it to PNG"
@@ -321,10 +332,16 @@ impl From<image::ImageError> for FrameProblem {
                 }
                 _ => Self::Decode(error),
             },
+            image::ImageError::Limits(_) => Self::ExtraData,
             _ => Self::Decode(error),
         }
     }
 }
+
+/// Size limit for the pixels of a decoded image, MiB.
+pub(super) const MAX_PICTURE_MIB: u64 = 512;
+/// Size limit for what an image contains besides pixels, unpacked, MiB.
+pub(super) const MAX_EXTRA_MIB: u64 = 32;
 
 impl FrameProblem {
     /// Returns `missing()` in place of a system error about a file that does not exist. Returns any

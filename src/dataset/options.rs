@@ -109,19 +109,22 @@ impl LoadOptions {
         let wrong =
             |setting, expected, found| Err(DatasetError::Option { setting, expected, found });
         // Conditions are negated, so that NaN is refused too; an infinite far end is allowed.
-        if let Some(scale) = self.depth_scale.filter(|s| !(s.is_finite() && *s > 0.0)) {
-            let expected = "a positive number of world units per code";
-            return wrong("depth scale", expected, scale.to_string());
+        if let Some(scale) = self.depth_scale.filter(|s| !(*s > 0.0 && *s <= MAX_LENGTH)) {
+            let expected = "a positive number of world units per code, at most 1e9";
+            return wrong("depth scale", expected, format!("{scale:?}"));
         }
-        if let Some([near, far]) = self.depth_range.filter(|[a, b]| !(*a >= 0.0 && a < b)) {
-            let expected = "0 ≤ near < far in world units";
-            return wrong("depth range", expected, format!("{near} to {far}"));
+        if let Some([near, far]) =
+            self.depth_range.filter(|[a, b]| !(*a >= 0.0 && a < b && *a <= MAX_LENGTH))
+        {
+            let expected = "0 ≤ near < far in world units, near at most 1e9";
+            return wrong("depth range", expected, format!("{near:?} to {far:?}"));
         }
         let is_camera = |[fx, fy, cx, cy]: &[f64; 4]| {
-            fx.is_finite() && fy.is_finite() && *fx > 0.0 && *fy > 0.0 && *cx >= 0.0 && *cy >= 0.0
+            let is_length = |f: &f64| *f > 0.0 && *f <= MAX_LENGTH;
+            is_length(fx) && is_length(fy) && *cx >= 0.0 && *cy >= 0.0
         };
         if let Some(given) = self.intrinsics.filter(|given| !is_camera(given)) {
-            let expected = "positive focal lengths and a principal point inside the image, pixels";
+            let expected = "positive focal lengths of at most 1e9 and a principal point inside the image, pixels";
             return wrong("intrinsics", expected, format!("{given:?}"));
         }
         if let Some(confidence) = self.confidence.filter(|least| *least > 2) {
@@ -133,6 +136,9 @@ impl LoadOptions {
         Ok(())
     }
 }
+
+/// Largest length that an option may state, world units or pixels. Products of larger ones would not be finite.
+const MAX_LENGTH: f64 = 1e9;
 
 #[derive(Clone, Debug)]
 pub(super) enum ByteSource {

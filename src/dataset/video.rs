@@ -2,22 +2,24 @@
 //!
 //! Phones store colour as HEVC, whose decoders are large and encumbered by patents. Users of such videos
 //! usually have `ffmpeg`. It runs once, when the first photograph is requested, into a temporary folder
-//! that is deleted with the dataset.
+//! that is deleted with the dataset. Folders of killed processes are deleted before the next extraction.
 
 use super::error::FrameProblem;
 use super::folder::{RetryingFile, is_file};
 use crate::math::camera::Intrinsics;
 use glam::{DVec2, DVec3};
-use std::io::{Read, Seek, SeekFrom};
+use std::fs::{self, File};
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
-use tempfile::TempDir;
+use std::time::Duration;
+use tempfile::{Builder, TempDir};
 
 #[derive(Debug)]
 pub(super) struct Video {
     pub path: PathBuf,
-    frames: OnceLock<Result<TempDir, String>>,
+    frames: OnceLock<Result<ExtractionFolder, String>>,
 }
 
 impl Video {
@@ -34,7 +36,7 @@ impl Video {
         // The first caller extracts the frames; concurrent ones wait for its result.
         let unpacked = self.frames.get_or_init(|| extract_frames(&self.path));
         let folder = unpacked.as_ref().map_err(|found| FrameProblem::Video(found.clone()))?;
-        let file = folder.path().join(format!("{index:06}.jpg"));
+        let file = folder.path.path().join(format!("{index:06}.jpg"));
         match is_file(&file)? {
             true => Ok(file),
             false => Err(FrameProblem::Video(format!("no frame {index} in it"))),
@@ -48,19 +50,65 @@ const MAX_UNPACKED: usize = 1 << 18;
 /// Names of the ffmpeg option that extracts every frame once: since ffmpeg 5.1, and in older versions.
 const EVERY_FRAME: [&str; 2] = ["-fps_mode", "-vsync"];
 
-fn extract_frames(path: &Path) -> Result<TempDir, String> {
-    let folder = TempDir::new().map_err(|e| e.to_string())?;
+fn extract_frames(path: &Path) -> Result<ExtractionFolder, String> {
+    ExtractionFolder::remove_leftovers(&std::env::temp_dir());
+    let folder = ExtractionFolder::create().map_err(|e| e.to_string())?;
     // An absolute path: a relative name may start with a dash or a protocol prefix.
     let video = std::path::absolute(path).map_err(|e| e.to_string())?;
     let [option, older] = EVERY_FRAME;
-    let mut output = run(&video, folder.path(), option)?;
+    let mut output = run(&video, folder.path.path(), option)?;
     // Only for this error: any other would just occur twice.
     if !output.status.success() && first_line(&output).contains(option.trim_start_matches('-')) {
-        output = run(&video, folder.path(), older)?;
+        output = run(&video, folder.path.path(), older)?;
     }
     match output.status.success() {
         true => Ok(folder),
         false => Err(first_line(&output)),
+    }
+}
+
+/// Temporary folder with the photographs of a video.
+#[derive(Debug)]
+struct ExtractionFolder {
+    path: TempDir,
+    /// Locked as long as the process lives; the system releases the lock of a killed one.
+    _lock: File,
+}
+
+impl ExtractionFolder {
+    const PREFIX: &str = "vbgs-studio-video-";
+    const LOCK: &str = "lock";
+    /// Age of a folder that is surely locked if its process lives.
+    const SETTLED: Duration = Duration::from_secs(60);
+
+    fn create() -> io::Result<Self> {
+        let path = Builder::new().prefix(Self::PREFIX).tempdir()?;
+        let lock = File::create_new(path.path().join(Self::LOCK))?;
+        // On a file system without locks, leftovers stay; nothing else depends on the lock.
+        let _ = lock.lock();
+        Ok(Self { path, _lock: lock })
+    }
+
+    /// Deletes the folders of killed processes. Other users may write to `temporary`, so no link is followed.
+    fn remove_leftovers(temporary: &Path) {
+        let Ok(entries) = fs::read_dir(temporary) else { return };
+        for entry in entries.flatten() {
+            let is_ours = entry.file_name().to_str().is_some_and(|n| n.starts_with(Self::PREFIX));
+            if !is_ours || !entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                continue;
+            }
+            let lock = entry.path().join(Self::LOCK);
+            let is_settled = |found: fs::Metadata| {
+                let age = found.modified().ok().and_then(|time| time.elapsed().ok());
+                found.is_file() && age.is_some_and(|age| age > Self::SETTLED)
+            };
+            if lock.symlink_metadata().is_ok_and(is_settled)
+                && File::open(&lock).is_ok_and(|lock| lock.try_lock().is_ok())
+            {
+                // Errors are ignored: only space is lost.
+                let _ = fs::remove_dir_all(entry.path());
+            }
+        }
     }
 }
 
@@ -163,7 +211,7 @@ fn runs(table: &[u8]) -> Option<Vec<u32>> {
     let mut values = Vec::new();
     for pair in pairs {
         let (count, value) = (u32_at(pair, 0)? as usize, u32_at(pair, 4)?);
-        if values.len() + count > MAX_PICTURES {
+        if values.len().saturating_add(count) > MAX_PICTURES {
             return None;
         }
         values.resize(values.len() + count, value);
@@ -231,6 +279,53 @@ impl RollingShutter {
         let seen = ray - row * across;
         let factor = 1.0 / seen.z;
         (factor * seen.truncate(), factor)
+    }
+}
+
+#[cfg(test)]
+mod extraction_tests {
+    use super::*;
+    use std::time::SystemTime;
+
+    #[test]
+    fn folders_of_killed_processes_alone_are_deleted() {
+        let temporary = tempfile::tempdir().unwrap();
+        let made = |name: &str, age_s: u64| {
+            let folder = temporary.path().join(name);
+            fs::create_dir(&folder).unwrap();
+            fs::write(folder.join("000000.jpg"), "picture").unwrap();
+            let lock = File::create_new(folder.join(ExtractionFolder::LOCK)).unwrap();
+            lock.set_modified(SystemTime::now() - Duration::from_secs(age_s)).unwrap();
+            (folder, lock)
+        };
+        let dead = made("vbgs-studio-video-dead", 100).0;
+        let young = made("vbgs-studio-video-young", 1).0;
+        let foreign = made("other-video-dead", 100).0;
+        let (alive, lock) = made("vbgs-studio-video-alive", 100);
+        lock.lock().unwrap();
+        let unlocked = temporary.path().join("vbgs-studio-video-without");
+        fs::create_dir(&unlocked).unwrap();
+        let mut kept = vec![young, foreign.clone(), alive, unlocked];
+        #[cfg(unix)]
+        {
+            let link = temporary.path().join("vbgs-studio-video-link");
+            std::os::unix::fs::symlink(&foreign, &link).unwrap();
+            kept.push(link);
+        }
+        ExtractionFolder::remove_leftovers(temporary.path());
+        assert!(!dead.exists());
+        assert!(kept.iter().all(|folder| folder.exists()), "{kept:?}");
+        assert!(foreign.join("000000.jpg").exists());
+    }
+
+    #[test]
+    fn a_folder_is_locked_and_deleted_with_its_dataset() {
+        let folder = ExtractionFolder::create().unwrap();
+        let path = folder.path.path().to_owned();
+        let other = File::open(path.join(ExtractionFolder::LOCK)).unwrap();
+        assert!(other.try_lock().is_err());
+        drop(folder);
+        assert!(!path.exists());
     }
 }
 

@@ -57,6 +57,12 @@ pub fn available_bytes() -> Option<u64> {
     free.into_iter().chain(left).chain(available_in_limits(&limits, &status)).min()
 }
 
+/// Returns the memory that this process can hold in total, in bytes: what it holds and what is available.
+/// `None` if unavailable.
+pub fn obtainable_bytes() -> Option<u64> {
+    Some(available_bytes()?.saturating_add(rss_bytes()?))
+}
+
 /// Returns the bytes left under the limits of address space and of data (`ulimit -v` and `-d`), `None`
 /// without a limit. The texts are those of `/proc/self/limits` and `/proc/self/status`.
 fn available_in_limits(limits: &str, status: &str) -> Option<u64> {

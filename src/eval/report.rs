@@ -19,7 +19,9 @@ use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
 
 pub use super::detail::Detail;
-pub use super::machine::{available_bytes, describe, numerics, peak_rss_bytes, rss_bytes};
+pub use super::machine::{
+    available_bytes, describe, numerics, obtainable_bytes, peak_rss_bytes, rss_bytes,
+};
 pub use super::sharpness::SharpnessBand;
 pub use super::view_alignment::AlignedView;
 
@@ -387,12 +389,13 @@ pub fn with_evaluation(
     pixels: usize,
     components: usize,
 ) -> MemoryEstimate {
-    let MemoryEstimate { model, frames } = estimate;
+    let MemoryEstimate { model, frames, textures } = estimate;
     MemoryEstimate {
         // Saturating: an absurd setting must lead to a refusal, not to an overflow.
         model: model.saturating_add(SPLAT_BYTES.saturating_mul(components as u64)),
         // Training frames are freed before views are evaluated.
         frames: frames.max(PIXEL_BYTES.saturating_mul(pixels as u64).saturating_add(FIXED_BYTES)),
+        textures,
     }
 }
 

@@ -23,7 +23,7 @@ pub enum FilmError {
     #[error(transparent)]
     Picture(#[from] ExportError),
     /// The video could not be written, as ffmpeg or the system reported.
-    #[error("{}: expected ffmpeg to write this video, found: {found}; install ffmpeg, or write pictures to a folder", path.display())]
+    #[error("{}: expected ffmpeg to write this video, found: {found}; install ffmpeg, free disk space, or write pictures to a folder", path.display())]
     Video { path: PathBuf, found: String },
 }
 
@@ -72,7 +72,8 @@ impl VideoWriter {
         let target = std::path::absolute(growing.path().join(part_name(path)))
             .map_err(|error| failed(error.to_string()))?;
         let mut ffmpeg = Command::new("ffmpeg");
-        ffmpeg.args(["-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
+        // With `-xerror`, as a disk that is full at the end would pass for success otherwise.
+        ffmpeg.args(["-v", "error", "-xerror", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
         ffmpeg.args(["-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-"]);
         // Most players require even dimensions.
         ffmpeg.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]).args(encoding).arg(target);
@@ -195,16 +196,35 @@ pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), ExportError> {
 }
 
 /// Writes rows of red, green and blue bytes as PNG. `size` is width and height.
-pub(super) fn encode_png(out: impl Write, rgb: &[u8], size: [usize; 2]) -> io::Result<()> {
+pub(super) fn encode_png(mut out: impl Write, rgb: &[u8], size: [usize; 2]) -> io::Result<()> {
     let [width, height] = size.map(|n| n as u32);
-    PngEncoder::new(out)
+    // In memory first: the encoder would hide the kind of a write error, such as a full disk.
+    let mut png = Vec::new();
+    PngEncoder::new(&mut png)
         .write_image(rgb, width, height, ExtendedColorType::Rgb8)
-        .map_err(io::Error::other)
+        .map_err(io::Error::other)?;
+    out.write_all(&png)
 }
 
 #[cfg(test)]
 mod film_tests {
     use super::*;
+
+    #[test]
+    fn a_full_disk_is_told_as_such() {
+        struct Full;
+        impl Write for Full {
+            fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+                Err(io::ErrorKind::StorageFull.into())
+            }
+
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let error = encode_png(Full, &[0; 3], [1, 1]).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::StorageFull, "{error}");
+    }
 
     #[test]
     fn pictures_are_numbered_and_a_video_given_up_leaves_nothing() {

@@ -29,6 +29,10 @@ pub trait AnyPreset {
     /// Maximum number of components.
     fn component_limit(&self) -> ComponentLimit;
 
+    /// Sets the default maximum number of components to its usual value, or to `most` if that is less. Without
+    /// effect on a number that the user set, or that is fixed.
+    fn lower_default_limit(&mut self, _most: usize) {}
+
     /// Method for converting a component's posterior covariance to the shape of a splat.
     fn covariance_form(&self) -> CovarianceForm;
 
@@ -63,12 +67,14 @@ pub enum ComponentLimit {
     Asked(usize),
     /// Default maximum.
     Default(usize),
+    /// Default maximum, lowered to what fits into memory.
+    Lowered(usize),
 }
 
 impl ComponentLimit {
     /// Maximum number of components.
     pub fn components(self) -> usize {
-        let (Self::Fixed(n) | Self::Asked(n) | Self::Default(n)) = self;
+        let (Self::Fixed(n) | Self::Asked(n) | Self::Default(n) | Self::Lowered(n)) = self;
         n
     }
 }

@@ -4,7 +4,6 @@
 use super::error::SessionError;
 use super::follow::{Follow, ScanFindings};
 use super::frame_loop::{FrameLoop, FrameStatus, InitialState, SteppedFrame, frame_loop};
-use super::memory;
 use super::plan::{Plan, Selection};
 use super::prefetch::{Next, PlannedFrame};
 use super::run::{RunConfig, RunProgress};
@@ -84,7 +83,7 @@ impl Session {
         let seed = asked.seed();
         let plan = Plan::new(&dataset, &selection, seed)?;
         // First, because a scene reports problems with depth best.
-        let method = asked.fit_to_dataset(&dataset, &selection)?;
+        let method = asked.fit_to_dataset(&dataset, &selection, plan.pixels(&dataset))?;
         let range = range::estimate(&dataset, plan.split)?;
         let config = RunConfig::new(&dataset, method, selection, &range);
         let past = RunProgress::at_start(&dataset, plan.split);
@@ -99,9 +98,6 @@ impl Session {
         origin: &InitialState,
         past: RunProgress,
     ) -> Result<Self, SessionError> {
-        // Checked before decoding starts and memory is allocated.
-        let (preset, pixels) = (config.method.as_any(), plan.pixels(&dataset));
-        memory::check(preset.memory(pixels), preset.component_limit())?;
         let (frames, normalization) = frame_loop(&dataset, &config, &plan, past.visited, origin)?;
         let passes = config.selection.passes;
         // Points count once, so further passes only have an effect on photographs.

@@ -127,14 +127,16 @@ pub(super) const PROGRAM_BYTES: u64 = 30_000_000;
 pub struct MemoryEstimate {
     /// Bytes proportional to the number of components.
     pub model: u64,
-    /// All other bytes, proportional to the size of a frame.
+    /// Bytes of the program, and those proportional to the size of a frame.
     pub frames: u64,
+    /// Bytes of textures.
+    pub textures: u64,
 }
 
 impl MemoryEstimate {
     /// Returns the total number of bytes.
     pub fn total(&self) -> u64 {
-        self.model.saturating_add(self.frames)
+        self.model.saturating_add(self.frames).saturating_add(self.textures)
     }
 }
 

@@ -145,7 +145,7 @@ fn the_precision_found_is_what_train_uses() {
 #[test]
 fn wrong_usage_is_said_before_any_work() {
     let scratch = Scratch::with_room();
-    let parts = ["--bound", "expected a positive relative error", "found 0"];
+    let parts = ["--bound", "expected a relative error above 0", "found 0"];
     scratch.run("precision-search room --bound 0").fails(2, &parts);
     let parts = ["none", "expected"];
     scratch.run("bench ablation none").fails(1, &parts);

@@ -102,3 +102,51 @@ fn a_checkpoint_that_does_not_fit_costs_no_other_file() {
     );
     assert_eq!(scratch.bytes("new/scene.ply").len(), model);
 }
+
+#[test]
+fn a_default_budget_follows_from_scarce_memory() {
+    let scratch = Scratch::empty();
+    scratch.run("synth one --size 800x600 --frames 1 --eval-frames 0").succeeds();
+    let run = run_limited(&scratch, "-v 700000", "train one --out out --set textures=0").succeeds();
+    let text = &run.stderr;
+    let (_, rest) = text.split_once("note: memory holds ").unwrap_or_else(|| panic!("{text}"));
+    let n: usize = rest.split_once(' ').unwrap().0.parse().unwrap();
+    assert!((10_000..300_000).contains(&n), "{text}");
+    let report: serde_json::Value =
+        serde_json::from_slice(&scratch.bytes("out/report.json")).unwrap();
+    assert_eq!(report["config"]["most"], n, "the report states it");
+    // With ample memory the default stays.
+    let run = scratch.run("train one --out ample --set textures=0").succeeds();
+    assert!(!run.stderr.contains("memory holds"), "{}", run.stderr);
+}
+
+#[test]
+fn frames_too_large_for_the_memory_are_refused_before_any_is_read() {
+    let scratch = Scratch::empty();
+    scratch.run("synth one --size 1600x1200 --frames 1 --eval-frames 0").succeeds();
+    for limit in ["-v 150000", "-v 250000", "-v 400000"] {
+        let run = run_limited(&scratch, limit, "train one --out out");
+        run.fails(1, &["memory: found", "for this program", "textures"]);
+    }
+    let run = run_limited(&scratch, "-v 250000", "calibrate one -o camera.ron");
+    run.fails(1, &["frames (`--max-frames`): found 1 of this size", "expected at most 0"]);
+    assert!(!scratch.path("out").exists() && !scratch.path("camera.ron").exists());
+}
+
+/// Also without ffmpeg, which is an error too.
+#[test]
+fn a_video_that_does_not_fit_is_an_error() {
+    let scratch = Scratch::with_scene();
+    let path = r#"{"version": 1, "fps": 4, "keyframes": [
+        {"time": 0, "eye": [3, 3, 1], "target": [0, 0, 0.5], "fov_y": 60},
+        {"time": 2, "eye": [-3, 3, 1], "target": [0, 0, 0.5]}]}"#;
+    fs::write(scratch.path("way.json"), path).unwrap();
+    for film in ["film.mp4", "film.webm", "film.webp"] {
+        let render = format!("render out/scene.ply -o {film} --path way.json --size 160x120");
+        let run = run_limited(&scratch, "-f 2", &render);
+        run.fails(1, &[film, "free disk space"]);
+        assert!(!scratch.path(film).exists());
+    }
+    let run = run_limited(&scratch, "-f 2", "render out/scene.ply -o film --path way.json");
+    run.fails(1, &["film/00000.png"]);
+}

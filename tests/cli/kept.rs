@@ -247,10 +247,13 @@ fn absurd_and_contradicting_options_are_wrong_usage() {
     let scratch = Scratch::with_scene();
     fs::write(scratch.path("custom.ron"), "(precision: custom)").unwrap();
     for (arguments, parts) in [
-        ("train room --out o --scale 1e30", &["--scale", "at most the depth", "found 1000"][..]),
+        ("train room --out o --scale 1e30", &["--scale", "at most the depth", "found 1e30"][..]),
         ("train room --out o --scale 1e30px", &["--scale", "at most the depth", "px"]),
         ("train room --out o --preset paper --config custom.ron", &["precision", "custom alone"]),
-        ("train room --out o --intrinsics 1e30 1e30 0 0", &["intrinsics", "expected", "degrees"]),
+        (
+            "train room --out o --intrinsics 1e30 1e30 0 0",
+            &["intrinsics", "expected", "at most 1e9"],
+        ),
         ("train room --out o --confidence 2", &["confidence", "with confidence maps, found none"]),
         ("export out/scene.ply -o a.glb --axes viewer", &["--axes", "glb", "leave"]),
         ("export out/scene.ply -o a.spz --sh3-padding", &["--sh3-padding", "spz", "leave it out"]),

@@ -14,6 +14,10 @@ fn settings_out_of_range() {
         ("--set components=-5", &["--set components", "-5"]),
         ("--set components=many", &["--set components", "many"]),
         ("--preset paper --set candidates=0", &["candidates", "1 to 1024, or dense", "found 0"]),
+        (
+            "--preset paper --set components=50 --set candidates=51",
+            &["candidates: expected at most the number of components, 50", "found 51"],
+        ),
         ("--set candidates=some", &["candidates", "expected a number or `dense`", "`some`"]),
         ("--preset paper --set reassign_fraction=2", &["reassign_fraction", "0 to 1", "found 2"]),
         (
@@ -33,7 +37,11 @@ fn settings_out_of_range() {
         ("--threads 0", &["'0'", "--threads", "1 or more"]),
         ("--threads 100000", &["--threads", "1 to 1024", "found 100000"]),
         ("--depth-scale -1", &["depth scale", "a positive number", "found -1"]),
-        ("--depth-range 3 1", &["depth range", "near < far", "found 3 to 1"]),
+        ("--depth-scale 1e308", &["depth scale", "at most 1e9", "found 1e308"]),
+        ("--depth-range 3 1", &["depth range", "near < far", "found 3.0 to 1.0"]),
+        ("--depth-range 1e307 1e308", &["depth range", "at most 1e9", "found 1e307 to 1e308"]),
+        ("--intrinsics 1e308 1e308 1 1", &["intrinsics", "at most 1e9", "found [1e308"]),
+        ("--scale 1e308", &["scale (`--scale`)", "the depth of the scene", "found 1e308"]),
         ("--set reassign=never", &["--set reassign", "never"]),
         ("--no-such-option", &["--no-such-option"]),
     ] {
@@ -80,6 +88,8 @@ fn arguments_of_the_other_commands() {
         ),
         ("render out/scene.ply -o a.png --orbit 1,2", &["--orbit", "such as 30,20,4"]),
         ("render out/scene.ply -o a.png --orbit 1,2,-3", &["--orbit", "a positive distance"]),
+        ("render out/scene.ply -o a.png --orbit 0,0,1e308", &["--orbit", "at most 1e9"]),
+        ("render out/scene.ply -o a.png --orbit 1e308,0,4", &["--orbit", "angles up to 360"]),
         ("render out/scene.ply -o a --turntable 0", &["--turntable", "1 or more"]),
         ("render out/scene.ply -o a.jpg", &["--output", "ending in .png", "a.jpg"]),
         ("render out/scene.ply -o a.png --view 1", &["required arguments"]),

@@ -394,8 +394,9 @@ fn glb_of_a_world_with_y_down_stands_upright() {
 fn what_memory_cannot_hold_is_refused_before_work() {
     let scratch = Scratch::with_room();
     let huge = "train room --out run --photometric light --budget 20000000";
-    scratch
-        .run(huge)
-        .fails(1, &["budget (`--budget`): expected at most", "found 20000000", "free memory"]);
+    scratch.run(huge).fails(
+        1,
+        &["budget (`--budget`): found 20000000", "expected at most", "of memory for this program"],
+    );
     assert!(!scratch.path("run/report.json").exists());
 }

@@ -121,7 +121,9 @@ fn components(snapshot: &Snapshot) -> String {
         // Only the paper's preset has unused components.
         Some(ComponentLimit::Fixed(_)) => format!("{used} of {components} components used"),
         Some(ComponentLimit::Default(_)) => format!("{used} components"),
-        Some(ComponentLimit::Asked(most)) => format!("{used} of at most {most} components"),
+        Some(ComponentLimit::Asked(most) | ComponentLimit::Lowered(most)) => {
+            format!("{used} of at most {most} components")
+        }
     }
 }
 

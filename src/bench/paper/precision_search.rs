@@ -35,13 +35,13 @@ pub struct SearchPlan {
 
 impl SearchPlan {
     /// Creates a plan with the paper's number of components, or a fifth of it if quick. Rejects a bound
-    /// that is not positive and finite.
+    /// that is not above 0 and at most 1.
     pub fn new(options: BenchOptions, bound: f64) -> Result<Self, ConfigError> {
-        if !(bound.is_finite() && bound > 0.0) {
+        if !(bound > 0.0 && bound <= 1.0) {
             return Err(ConfigError {
                 setting: "bound (`--bound`)",
-                expected: "a positive relative error, such as 1e-4".to_owned(),
-                found: bound.to_string(),
+                expected: "a relative error above 0, at most 1, such as 1e-4".to_owned(),
+                found: format!("{bound:?}"),
             });
         }
         // More runs than in other benches: the choice compares quartiles, which need several runs.

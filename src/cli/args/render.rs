@@ -75,16 +75,15 @@ pub enum PaintName {
 fn parse_orbit(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     match numbers.as_deref() {
+        // From farther away, positions differ from the camera's by less than their rounding.
         Some(&[azimuth, elevation, distance])
-            if azimuth.is_finite()
-                && elevation.is_finite()
-                && distance.is_finite()
+            if [azimuth, elevation].iter().all(|angle| angle.abs() <= 360.0)
+                && (0.0..=1e9).contains(&distance)
                 && distance > 0.0 =>
         {
             Ok([azimuth, elevation, distance])
         }
-        _ => Err("expected AZIMUTH,ELEVATION,DISTANCE with a positive distance, such as 30,20,4"
-            .to_owned()),
+        _ => Err("expected AZIMUTH,ELEVATION,DISTANCE with angles up to 360 and a positive distance of at most 1e9, such as 30,20,4".to_owned()),
     }
 }
 

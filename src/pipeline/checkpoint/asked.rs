@@ -10,7 +10,9 @@ use crate::dataset::fingerprint::Fingerprint;
 use crate::dataset::splits::HoldOut;
 use crate::dataset::{Dataset, LoadOptions};
 use crate::export::checkpoint::Checkpoint;
+use crate::pipeline::error::SessionError;
 use crate::pipeline::frame_loop::InitialState;
+use crate::pipeline::memory;
 use crate::pipeline::plan::{Order, Plan, Selection, Shard};
 use crate::pipeline::run::RunProgress;
 use crate::pipeline::session::Session;
@@ -168,6 +170,9 @@ impl SavedRun {
         if expected > n_frames {
             return Err(RunError::TooFewFrames { path, expected, found: n_frames });
         }
+        // The machine may be another one.
+        memory::fit(config.method.as_any_mut(), plan.pixels(&dataset))
+            .map_err(SessionError::from)?;
         let mut past = RunProgress::at_start(&dataset, plan.split);
         past.visited = cursor.visited.len();
         past.points = cursor.points;

@@ -199,7 +199,12 @@ fn check_same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
 
 /// Returns the name and the values of the first setting that differs.
 fn different_setting(a: &RunConfig, b: &RunConfig) -> Option<(String, String)> {
-    let (a, b) = (a.without_shard(), b.without_shard());
+    let [a, b] = [a, b].map(|run| {
+        let mut run = run.without_shard();
+        // It may have followed from the memory of different machines.
+        run.method.as_any_mut().lower_default_limit(usize::MAX);
+        run
+    });
     if a == b {
         return None;
     }

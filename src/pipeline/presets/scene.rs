@@ -16,6 +16,7 @@ use crate::pipeline::prefetch::frames_at_once;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::outcome::MemoryEstimate;
+use crate::train::scene::config::DEFAULT_MAX_COMPONENTS;
 use crate::train::scene::fusion::fuse;
 use crate::train::scene::trainer::SceneTrainer;
 
@@ -29,9 +30,16 @@ impl AnyPreset for SceneRun {
     }
 
     fn component_limit(&self) -> ComponentLimit {
-        match self.budget {
-            Some(budget) => ComponentLimit::Asked(budget.components()),
-            None => ComponentLimit::Default(self.engine.max_components),
+        match (self.budget, self.engine.max_components) {
+            (Some(budget), _) => ComponentLimit::Asked(budget.components()),
+            (None, n) if n < DEFAULT_MAX_COMPONENTS => ComponentLimit::Lowered(n),
+            (None, n) => ComponentLimit::Default(n),
+        }
+    }
+
+    fn lower_default_limit(&mut self, most: usize) {
+        if self.budget.is_none() {
+            self.engine.max_components = most.min(DEFAULT_MAX_COMPONENTS);
         }
     }
 

@@ -4,6 +4,7 @@ use super::scene::{SceneOverrides, SceneRun};
 use crate::dataset::Dataset;
 use crate::pipeline::any_preset::AnyPreset;
 use crate::pipeline::error::SessionError;
+use crate::pipeline::memory;
 use crate::pipeline::plan::{Order, Plan, Selection};
 use crate::train::paper::config::PaperConfig;
 use crate::train::setting::Preset;
@@ -33,6 +34,14 @@ impl Method {
         match self {
             Self::Paper(config) => config,
             Self::Scene(run) => &**run,
+        }
+    }
+
+    /// Returns the settings as [`Self::as_any`] does, for changes.
+    pub(in crate::pipeline) fn as_any_mut(&mut self) -> &mut dyn AnyPreset {
+        match self {
+            Self::Paper(config) => config,
+            Self::Scene(run) => &mut **run,
         }
     }
 
@@ -80,25 +89,33 @@ impl MethodRequest {
         }
     }
 
-    /// Fits the settings to a dataset.
+    /// Fits the settings to a dataset and to the machine's memory. Each frame has at most `pixels` pixels.
     ///
     /// # Errors
-    /// [`SessionError`] for a setting out of range, or for frames from which a scene cannot start.
+    /// [`SessionError`] for a setting out of range, for frames from which a scene cannot start, or for too
+    /// little memory.
     pub(in crate::pipeline) fn fit_to_dataset(
         self,
         dataset: &Dataset,
         selection: &Selection,
+        pixels: usize,
     ) -> Result<Method, SessionError> {
         if dataset.options.track {
             self.check_tracking(selection)?;
         }
         match self {
-            Self::Paper(config) => Ok(Method::Paper(config)),
+            Self::Paper(mut config) => {
+                memory::fit(&mut config, pixels)?;
+                Ok(Method::Paper(config))
+            }
             Self::Scene(overrides) => {
                 // In sequential order, so that the estimates do not depend on the order of training.
                 let whole = Selection { order: Order::Sequential, ..selection.without_shard() };
                 let all = Plan::new(dataset, &whole, overrides.seed.unwrap_or(0))?;
-                Ok(Method::Scene(Box::new(SceneRun::new(dataset, &all, &overrides)?)))
+                let mut run = SceneRun::without_scale(dataset, &all, &overrides)?;
+                // Before frames are sampled for the scale, which takes memory too.
+                memory::fit(&mut run, pixels)?;
+                Ok(Method::Scene(Box::new(run.with_scale(dataset, &all)?)))
             }
         }
     }

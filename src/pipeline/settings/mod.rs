@@ -3,7 +3,7 @@
 pub mod method;
 pub mod scene;
 
-use crate::train::paper::config::{PaperConfig, PaperOverrides};
+use crate::train::paper::config::{Candidates, PaperConfig, PaperOverrides};
 use crate::train::setting::table::{Conflict, SettingLayer};
 use crate::train::setting::{ConfigError, Preset};
 use method::{Method, MethodRequest};
@@ -22,10 +22,23 @@ impl GivenSettings {
     /// Returns a request for a model of a preset with the given settings.
     ///
     /// # Errors
-    /// [`ConfigError`] states a setting that is out of range.
+    /// [`ConfigError`] states a setting that is out of range or would have no effect.
     pub fn request(self, preset: Preset) -> Result<MethodRequest, ConfigError> {
         Ok(match preset {
-            Preset::Paper => PaperConfig::paper().with(&self.paper)?.into(),
+            Preset::Paper => {
+                let config = PaperConfig::paper().with(&self.paper)?;
+                // The default number of candidates suits any number of components.
+                if let Some(Candidates::Nearest(n)) = self.paper.candidates
+                    && n > config.components
+                {
+                    let components = config.components;
+                    let expected =
+                        format!("at most the number of components, {components}, or dense");
+                    let (setting, found) = ("candidates", n.to_string());
+                    return Err(ConfigError { setting, expected, found });
+                }
+                config.into()
+            }
             Preset::Scene => self.scene.into(),
         })
     }

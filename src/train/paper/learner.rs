@@ -197,6 +197,7 @@ impl PaperConfig {
         MemoryEstimate {
             model: (self.components as u64).saturating_mul(per_component as u64),
             frames: (PROGRAM_BYTES + (of_points + records) as u64).saturating_add(pairs),
+            textures: 0,
         }
     }
 }

@@ -199,7 +199,7 @@ const PHOTOGRAPH_BYTES: u64 = 58_000_000;
 /// Memory of textures in multiples of their budget. While a checkpoint is written, training changes copies of
 /// its textures. Lists of patches have spare capacity, and pictures hold two generations of drawn texels, of a
 /// quarter of the size each.
-const TEXTURE_COPIES: u64 = 3;
+pub const TEXTURE_COPIES: u64 = 3;
 /// Bytes for the program, its threads and decoders, without per-pixel buffers.
 const SCENE_PROGRAM_BYTES: u64 = 16_000_000;
 const DECODER_PIXEL_BYTES: usize = 30;
@@ -237,7 +237,8 @@ impl SceneConfig {
                 + of_pixel);
         MemoryEstimate {
             model: (self.max_components as u64).saturating_mul(per_component as u64),
-            frames: fixed + of_textures + of_points as u64,
+            frames: fixed + of_points as u64,
+            textures: of_textures,
         }
     }
 }

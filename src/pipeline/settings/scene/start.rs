@@ -33,6 +33,15 @@ impl SceneRun {
         plan: &Plan,
         overrides: &SceneOverrides,
     ) -> Result<Self, SceneError> {
+        Self::without_scale(dataset, plan, overrides)?.with_scale(dataset, plan)
+    }
+
+    /// Returns the settings without the structural scale `h`, for which frames are sampled.
+    pub(in crate::pipeline) fn without_scale(
+        dataset: &Dataset,
+        plan: &Plan,
+        overrides: &SceneOverrides,
+    ) -> Result<Self, SceneError> {
         let mut run = Self::defaults(dataset, plan, overrides);
         check_plain_splats(overrides)?;
         overrides.apply(&mut run);
@@ -49,8 +58,17 @@ impl SceneRun {
         {
             dataset.splits[plan.split].camera_scaling(&camera)?;
         }
-        run.engine.h = run.scale_of_samples(dataset, plan)?;
-        Ok(Self { engine: run.engine.check()?, ..run })
+        Ok(run)
+    }
+
+    /// Adds the structural scale `h`, from sampled frames, and checks the settings.
+    pub(in crate::pipeline) fn with_scale(
+        mut self,
+        dataset: &Dataset,
+        plan: &Plan,
+    ) -> Result<Self, SceneError> {
+        self.engine.h = self.scale_of_samples(dataset, plan)?;
+        Ok(Self { engine: self.engine.check()?, ..self })
     }
 
     /// Returns the structural scale, world units, from sampled frames prepared by the run's surface
@@ -154,7 +172,7 @@ fn scale_in_world_units(run: &SceneRun, sample: &FrameSample) -> Result<f64, Sce
         return Err(SceneError::Config(ConfigError {
             setting: "scale (`--scale`)",
             expected: format!("at most the depth of the scene, {most:.3}{unit}"),
-            found: String::from(scale),
+            found: format!("{asked:?}{unit}"),
         }));
     }
     match scale {
