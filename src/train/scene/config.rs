@@ -4,6 +4,7 @@ use super::photometric::rule::PhotometricRule;
 use crate::math::measured_pixel::MeasuredPixel;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::splat_rule::{DensityOpacity, SplatRule};
+use crate::model::splat::splats::MAX_LENGTH;
 use crate::observation::surface::SurfacePoint;
 use crate::train::outcome::{MemoryEstimate, PIXEL_BYTES};
 use crate::train::setting::{ConfigError, MAX_COMPONENTS};
@@ -172,8 +173,9 @@ impl SceneConfig {
             let expected = format!("1 to {MAX_COMPONENTS} components");
             return refuse("budget (`--budget`)", expected, budget.to_string());
         }
-        if !(h.is_finite() && h > 0.0) {
-            return refuse("scale (`--scale`)", "a positive length".to_owned(), h.to_string());
+        if !(h > 0.0 && h <= f64::from(MAX_LENGTH)) {
+            let expected = format!("a length above 0, at most {MAX_LENGTH:e}");
+            return refuse("scale (`--scale`)", expected, h.to_string());
         }
         if !(coverage > 0.0 && coverage <= 1.0) {
             let expected = "a coverage above 0, at most 1".to_owned();

@@ -263,7 +263,7 @@ fn settings_and_scenes_that_do_not_belong_together_are_refused() {
             content.config = edited;
         }
     };
-    refused(&config(r#""h":0."#, r#""h":-0."#), "scale (`--scale`): expected a positive length");
+    refused(&config(r#""h":0."#, r#""h":-0."#), "scale (`--scale`): expected a length above 0");
     refused(&config(r#""refine":true"#, r#""refine":"rows""#), "section `CONF`");
     let moved = |content: &mut Checkpoint| {
         let StoredModel::Scene(state) = &mut content.model else { unreachable!() };

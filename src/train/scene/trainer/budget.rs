@@ -96,9 +96,13 @@ impl SceneTrainer {
         true
     }
 
-    /// Merges components until `target` components are left or no pair can be merged.
+    /// Merges components until `target` components are left. Where no pair can be merged, the structural scale
+    /// grows as far as it can.
     pub(in crate::train::scene) fn merge_to(&mut self, target: usize) {
         self.merge_worthwhile(target, 1);
+        while self.scene.seeds.components.used() > target && self.coarsen() {
+            self.merge_worthwhile(target, 1);
+        }
     }
 
     /// Merges components until `target` components are left, or until one pass merges fewer than
