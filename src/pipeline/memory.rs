@@ -54,7 +54,10 @@ fn fit_into(preset: &mut dyn AnyPreset, pixels: usize, available: u64) -> Result
         if most < least {
             return Err(too_large(&estimate, (n, least), available));
         }
-        preset.lower_default_limit(usize::try_from(most).unwrap_or(usize::MAX));
+        // Rounded, because the free memory is never quite the same.
+        let step = (most / 16).next_power_of_two();
+        let rounded = (most / step * step).max(least);
+        preset.lower_default_limit(usize::try_from(rounded).unwrap_or(usize::MAX));
     }
     check_against(estimate, preset.component_limit(), available)
 }
