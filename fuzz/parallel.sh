@@ -50,8 +50,8 @@ wait
 # The smallest set of inputs with the same coverage.
 for target in "${targets[@]}"; do
     mkdir -p "minimised/$target"
-    VBGS_FUZZ_TARGET="$target" timeout 40 ./all -merge=1 "minimised/$target" "corpus/$target" \
-        "${limits[@]}" >"logs/$target-merge" 2>&1 || echo "$target is not minimised in 40 s" &
+    VBGS_FUZZ_TARGET="$target" timeout 75 ./all -merge=1 "minimised/$target" "corpus/$target" \
+        "${limits[@]}" >"logs/$target-merge" 2>&1 || echo "$target is not minimised in 75 s" &
 done
 wait
 

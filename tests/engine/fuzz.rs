@@ -4,9 +4,12 @@
 use crate::common::mutation::mutate;
 use crate::entries::checkpoint::sealed;
 use crate::entries::{TARGETS, Target};
+use flate2::read::GzDecoder;
 use std::fs;
+use std::io::Read;
 use std::path::Path;
 use std::time::Instant;
+use tar::Archive;
 use vbgs_studio::export::checkpoint::parse;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
@@ -38,6 +41,25 @@ fn nothing_breaks_on_what_was_found() {
         let name = folder.unwrap().file_name();
         assert!(TARGETS.iter().any(|target| *target.name == *name), "{name:?} is not a target");
     }
+}
+
+/// The corpus holds inputs that reach different code, as found by coverage (`fuzz/keep.sh`).
+#[test]
+fn nothing_breaks_on_the_corpus() {
+    let packed = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus.tar.gz");
+    let mut archive = Archive::new(GzDecoder::new(fs::File::open(packed).unwrap()));
+    let mut n_inputs = 0;
+    for entry in archive.entries().unwrap() {
+        let mut entry = entry.unwrap();
+        let path = entry.path().unwrap().display().to_string();
+        let of = |target: &&Target| path.split('/').next() == Some(target.name);
+        let target = TARGETS.iter().find(of).unwrap_or_else(|| panic!("{path} has no target"));
+        let mut input = Vec::new();
+        entry.read_to_end(&mut input).unwrap();
+        feed(target, &input, &path);
+        n_inputs += 1;
+    }
+    assert!(n_inputs > 1000, "{n_inputs} inputs");
 }
 
 #[test]
