@@ -1,15 +1,23 @@
 //! Fusion of scenes with seeds that resumed one start scene with different frames.
 
 use super::*;
-use glam::DQuat;
+use glam::{DMat4, DQuat, DVec3};
+use vbgs_studio::dataset::frame::{ColorBuffer, DepthBuffer, DepthKind, Frame};
+use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
 use vbgs_studio::export::checkpoint::StoredModel;
+use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::model::scene::photometric::PhotometricDeviations;
 use vbgs_studio::model::scene::state::{QUANTUM, SceneState, StoredSums};
 use vbgs_studio::model::scene::texels::{Observed, TextureSums};
 use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::observation::surface::Observation;
 use vbgs_studio::pipeline::checkpoint::{RunError, merge, merge_onto};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::train::learner::{Learner, Learns};
+use vbgs_studio::train::scene::config::SceneConfig;
+use vbgs_studio::train::scene::fusion::fuse;
 use vbgs_studio::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
+use vbgs_studio::train::scene::trainer::SceneTrainer;
 use vbgs_studio::train::scene::units::Budget;
 
 fn asked(photometric: PhotometricMode) -> SceneOverrides {
@@ -221,6 +229,37 @@ fn a_fused_scene_keeps_to_the_budget() {
     let used = all.revive().unwrap().learner.status().used;
     assert!(used <= n, "{used} of {n}");
     assert_eq!(points(scene(&all)), points(scene(&union)));
+}
+
+#[test]
+fn a_fused_scene_without_pairs_to_merge_grows_its_scale() {
+    let config = SceneConfig { max_components: 4, ..SceneConfig::fine(0.2) };
+    // Three patches of a wall, each within one component.
+    let is_measured = |i: usize| (i % 64) % 24 < 4 && (i / 64) < 4;
+    let scene_at = |x: f64| {
+        let (n, k) = (64 * 48, Intrinsics::from_horizontal_fov(64, 48, 1.0));
+        let length = |i| if is_measured(i) { 2.0 } else { 0.0 };
+        let (lengths, colors): (Vec<f32>, _) = ((0..n).map(length).collect(), vec![128; 3 * n]);
+        let trusted = [0.0, f64::INFINITY];
+        let depth = DepthBuffer { lengths: &lengths, kind: DepthKind::Z, trusted };
+        let pose = DMat4::from_translation(DVec3::X * x);
+        let colors = ColorBuffer::Rgb8(&colors);
+        let frame = Frame::from_memory("0", k, pose, colors, Some(depth)).unwrap();
+        let surface = SurfaceSettings::of_sensor(Sensor::Exact { noise: 0.0 }, DVec3::ZERO);
+        let mut seen = Observation::empty();
+        Preparer::new().prepare(&frame, &surface, &mut seen).unwrap();
+        let mut trainer = SceneTrainer::new(&config, DVec3::ZERO);
+        trainer.learn(&seen).unwrap();
+        let StoredModel::Scene(state) = trainer.checkpoint_model() else { unreachable!() };
+        state
+    };
+    let scenes = [0.0, 5.0].map(scene_at);
+    assert_eq!(scenes.each_ref().map(|scene| scene.visibility.len()), [3; 2]);
+    let fused = fuse(&config, None, &scenes.each_ref()).unwrap();
+    let steps = [&scenes[0], &scenes[1], &fused].map(|scene| scene.coarsening_steps);
+    assert!(steps[2] > steps[0].max(steps[1]), "{steps:?}");
+    let used = SceneTrainer::restore(&config, fused, 2).unwrap().status().used;
+    assert!(used <= config.max_components, "{used}");
 }
 
 #[test]
