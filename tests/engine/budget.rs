@@ -113,50 +113,57 @@ fn in_one(config: &SceneConfig, frames: &[Observation], n_threads: usize) -> Sto
     })
 }
 
-/// A floor of 100 × 100 structural scales, one strip per frame: a twentieth of the components it would use
-/// without a budget still covers it.
+/// Returns a strip of a floor of 100 × 100 structural scales, one of 40.
+fn strip(i: i32) -> Observation {
+    let point = |k: i32| SurfacePoint {
+        position: [
+            (k % 400) as f32 * 0.25 * H as f32,
+            (10 * i + k / 400) as f32 * 0.25 * H as f32,
+            1.0,
+        ],
+        range: 1.0,
+        color: [0.5, (k % 7) as f32 / 7.0, 0.5],
+        normal: [0.0, 0.0, -1.0],
+        direction: [0.0, 0.0, 1.0],
+        ..SurfacePoint::default()
+    };
+    Observation { points: (0..4000).map(point).collect(), ..Observation::empty() }
+}
+
+/// A twentieth of the components that a floor would use without a budget still covers it, whether the floor
+/// comes as one strip per frame or as one frame.
 #[test]
 fn a_twentieth_of_the_budget_covers_everything_by_coarser_components() {
-    let strip = |i: i32| {
-        let point = |k: i32| SurfacePoint {
-            position: [
-                (k % 400) as f32 * 0.25 * H as f32,
-                (10 * i + k / 400) as f32 * 0.25 * H as f32,
-                1.0,
-            ],
-            range: 1.0,
-            color: [0.5, (k % 7) as f32 / 7.0, 0.5],
-            normal: [0.0, 0.0, -1.0],
-            direction: [0.0, 0.0, 1.0],
-            ..SurfacePoint::default()
+    let strips: Vec<_> = (0..40).map(strip).collect();
+    let points = strips.iter().flat_map(|strip| strip.points.clone()).collect();
+    let floor = [Observation { points, ..Observation::empty() }];
+    for frames in [&strips[..], &floor] {
+        let learn = |budget: usize| {
+            let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
+            let mut scene = SceneTrainer::new(&config, DVec3::ZERO);
+            for frame in frames {
+                assert_eq!(scene.learn(frame).unwrap().points, frame.points.len());
+            }
+            scene
         };
-        Observation { points: (0..4000).map(point).collect(), ..Observation::empty() }
-    };
-    let learn = |budget: usize| {
-        let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
-        let mut scene = SceneTrainer::new(&config, DVec3::ZERO);
-        for i in 0..40 {
-            assert_eq!(scene.learn(&strip(i)).unwrap().points, 4000);
-        }
-        scene
-    };
-    let asked = learn(1_000_000);
-    assert_eq!(asked.status().warnings, []);
-    let few = learn(asked.status().used / 20);
-    assert!(
-        few.status().used <= asked.status().used / 20
-            && few.status().used > asked.status().used / 50,
-        "{}",
-        few.status().used
-    );
-    let warnings = few.status().warnings;
-    let [TrainingWarning::Coarsened { requested: h, scale }] = warnings[..] else {
-        panic!("{warnings:?}")
-    };
-    assert!(h == H && (2.0 * H..8.0 * H).contains(&scale), "{scale}");
-    let all = learn(asked.status().used);
-    assert!(
-        all.checkpoint_model() == asked.checkpoint_model(),
-        "a budget that is not reached changed the scene"
-    );
+        let asked = learn(1_000_000);
+        assert_eq!(asked.status().warnings, []);
+        let few = learn(asked.status().used / 20);
+        assert!(
+            few.status().used <= asked.status().used / 20
+                && few.status().used > asked.status().used / 50,
+            "{}",
+            few.status().used
+        );
+        let warnings = few.status().warnings;
+        let [TrainingWarning::Coarsened { requested: h, scale }] = warnings[..] else {
+            panic!("{warnings:?}")
+        };
+        assert!(h == H && (2.0 * H..8.0 * H).contains(&scale), "{scale}");
+        let all = learn(asked.status().used);
+        assert!(
+            all.checkpoint_model() == asked.checkpoint_model(),
+            "a budget that is not reached changed the scene"
+        );
+    }
 }

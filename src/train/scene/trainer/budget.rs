@@ -2,6 +2,7 @@
 //! structural scale.
 
 use super::{FrameClock, SceneTrainer};
+use crate::model::scene::state::SceneState;
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::SurfacePoint;
 use crate::train::scene::births::FrameBirths;
@@ -36,18 +37,26 @@ impl SceneTrainer {
         clock: &mut FrameClock,
     ) -> FrameComponents {
         let coarsened = self.scene.coarsened;
+        let is_empty = self.scene.seeds.components.used() == 0;
+        let empty = is_empty.then(|| self.state());
         let mut births = self.scene.create_components(points, &mut self.points.owners);
         clock.lap(SceneStage::Births);
         let mut merged = 0;
-        while births.refused > 0
-            && let Some(freed) = self.free_components(births.refused)
-        {
+        while births.refused > 0 {
+            let freed = match &empty {
+                // Components without points cannot be merged. Those of the first rows would take the whole
+                // budget, and the scale would grow until they reach the last row.
+                Some(empty) => self.coarsen_from(empty.clone()).then_some(0),
+                None => self.free_components(births.refused),
+            };
+            let Some(freed) = freed else { break };
             merged += freed;
             clock.lap(SceneStage::Merge);
             // Components of this frame's points may have been merged.
             self.points.assign(&self.scene, points);
+            let born = if empty.is_some() { 0 } else { births.born };
             let more = self.scene.create_components(points, &mut self.points.owners);
-            births = FrameBirths { born: births.born + more.born, ..more };
+            births = FrameBirths { born: born + more.born, ..more };
             clock.lap(SceneStage::Births);
         }
         self.unassigned.budget += births.refused as u64;
@@ -78,15 +87,21 @@ impl SceneTrainer {
 
     /// Grows the structural scale by one step. Returns false if it cannot grow.
     fn coarsen(&mut self) -> bool {
+        // Components born in this frame need rows before they can be merged or stored.
+        self.scene.grow_sums();
+        self.coarsen_from(self.state())
+    }
+
+    /// Continues from `state` with the structural scale one step above the present one. Returns false if it
+    /// cannot grow.
+    fn coarsen_from(&mut self, state: SceneState) -> bool {
         let steps = self.scene.coarsened + 1;
         let h = self.scene.asked_scale;
         if !(h * factor(steps)).is_finite() {
             return false;
         }
-        // Components born in this frame need rows before they can be merged or stored.
-        self.scene.grow_sums();
         let asked = SceneConfig { h, ..self.scene.config.clone() };
-        let wider = coarsened(self.state(), steps)
+        let wider = coarsened(state, steps)
             .and_then(|state| Self::restore(&asked, state, self.scene.frames));
         let Some(wider) = wider else { return false };
         // The photometric state is in world units, and the remaining fields are independent of the scale.
