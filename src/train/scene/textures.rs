@@ -74,6 +74,13 @@ pub(in crate::train::scene) struct Taken<'a> {
     pub frame: u64,
 }
 
+impl Taken<'_> {
+    /// True if the photograph shows more than splats can.
+    pub fn is_fine(&self) -> bool {
+        self.per_depth_pixel >= FINER
+    }
+}
+
 impl TextureLearner {
     /// Adds a photograph to the textures of the splats that it shows. `changed` lists the components whose
     /// splats have changed since the last call, `h` is the structural scale in world units, `budget` the
@@ -86,9 +93,8 @@ impl TextureLearner {
         budget: usize,
         taken: &Taken<'_>,
     ) {
-        let is_fine = taken.per_depth_pixel >= FINER;
         let [most, most_added] =
-            if is_fine { [MOST_FINE_PIXELS; 2] } else { [MOST_PIXELS, MOST_ADDED] };
+            if taken.is_fine() { [MOST_FINE_PIXELS; 2] } else { [MOST_PIXELS, MOST_ADDED] };
         let pixels = taken.photograph.colors.data.len();
         let factor = (pixels as f64 / most as f64).sqrt().ceil().max(1.0) as usize;
         let intrinsics = reduced_intrinsics(&taken.photograph.intrinsics, factor);

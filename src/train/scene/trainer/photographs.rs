@@ -145,8 +145,10 @@ impl Photographs {
             per_depth_pixel: pixels_for_each(&frame.camera.intrinsics, photograph),
             frame: scene.frames,
         };
-        // Both alignments precede the changes of textures, so that textures are composed once for both.
-        let (pose, due) = self.align(taken, scene.config.texture_mb > 0, &step);
+        // Elsewhere the gain is not worth a second picture. Both alignments precede the changes of textures, so
+        // that textures are composed once for both.
+        let is_aligned = scene.config.texture_mb > 0 && taken.is_fine();
+        let (pose, due) = self.align(taken, is_aligned, &step);
         if scene.config.texture_mb > 0 {
             let taken = Taken { camera: Camera { pose, ..taken.camera }, ..taken };
             let PhotometricLearner { state, textures, texture_ms, .. } = &mut self.learner;
@@ -161,12 +163,12 @@ impl Photographs {
         }
     }
 
-    /// Returns the pose of a photograph for its textures, and the photograph whose photometric step is due: with
-    /// a shuffle buffer a random one, else the same.
+    /// Returns the pose of a photograph for its textures, its own if `is_aligned`, and the photograph whose
+    /// photometric step is due: with a shuffle buffer a random one, else the same.
     fn align(
         &mut self,
         taken: Taken<'_>,
-        has_textures: bool,
+        is_aligned: bool,
         step: &SplatStep<'_>,
     ) -> (Pose, Option<AlignedPhotograph>) {
         let Taken { photograph, camera, near, gain, margin, per_depth_pixel, frame } = taken;
@@ -184,7 +186,7 @@ impl Photographs {
         let view = PhotographView::new(frame, &camera, gain, near, rows);
         let packed = packed(PhotographView { per_depth_pixel, ..view }, photograph, margin);
         // The textures lack this photograph, so they do not hold it at the pose of the points.
-        let own = has_textures.then(|| self.learner.own_pose_of(&packed, step)).flatten();
+        let own = is_aligned.then(|| self.learner.own_pose_of(&packed, step)).flatten();
         let most = rule.most_waiting(packed.bytes());
         self.learner.state.buffered.push(packed);
         (own.unwrap_or(camera.pose), self.learner.draw_beyond(most, step))
@@ -294,7 +296,7 @@ mod tests {
             let (before, after) = (apart(&Pose::IDENTITY, &moved()), apart(&pose, &moved()));
             assert!(before > 4e-3 && after < 0.1 * before, "{before} {after}");
             assert_eq!(due.is_some(), shuffle_buffer == 0, "the buffer is filled first");
-            // The second one has no textures: its pose is not wanted.
+            // The pose of the second one is that of the points.
             let (pose, due) = photographs.align(taken, false, &step);
             let due = due.expect("a photograph beyond the buffer").view.camera.pose;
             assert!(apart(&due, &moved()) < 0.1 * before, "{due:?}");
