@@ -3,7 +3,7 @@
 use super::color_mode::ColorMode;
 use super::command::UiCommand;
 use super::layout::SideTab;
-use super::panels::card::named;
+use super::panels::controls::named;
 use super::viewer::toolbar::ViewMode;
 use eframe::egui::{
     Align, Button, Context, Id, Key, Modal, Modifiers, RichText, ScrollArea, TextEdit, Ui, Vec2,
@@ -59,6 +59,23 @@ impl Action {
             Self::Tab(tab) => tab.tooltip(),
             Self::Mode(mode) => mode.tooltip(),
             Self::Color(mode) => mode.tooltip(),
+        }
+    }
+
+    /// Returns other words by which the action is found.
+    fn synonyms(self) -> &'static [&'static str] {
+        match self {
+            Self::Command(UiCommand::Export) => &["mesh", "point cloud", "ply", "glb", "spz"],
+            Self::Command(UiCommand::SavePicture) => &["screenshot", "png", "image"],
+            Self::Command(UiCommand::Train) => &["start", "run", "play"],
+            Self::Command(UiCommand::Pause) => &["stop"],
+            Self::Command(UiCommand::Reset) => &["restart"],
+            Self::Command(UiCommand::Help) => &["keys", "keyboard"],
+            Self::Command(UiCommand::About) => &["version", "licence"],
+            Self::Command(UiCommand::Follow) => &["camera stream", "recording"],
+            Self::Tab(SideTab::Path) => &["film", "video", "turntable"],
+            Self::Tab(SideTab::Edit) => &["crop", "walk back", "undo"],
+            _ => &[],
         }
     }
 
@@ -125,7 +142,7 @@ impl ActionFinder {
     fn list(&self, found: &[(Action, bool)], has_moved: bool, ui: &mut Ui) -> Option<Action> {
         let mut asked = None;
         if found.is_empty() {
-            ui.label(RichText::new("No matching action").weak());
+            ui.label(RichText::new("Nothing found").weak());
         }
         ScrollArea::vertical().auto_shrink(false).max_height(LIST.y).show(ui, |ui| {
             for (i, &(action, is_possible)) in found.iter().enumerate() {
@@ -162,8 +179,12 @@ fn consume_keys(ui: &Ui) -> (isize, bool) {
 /// Returns the matching actions and whether each is available. Available actions come first; within each
 /// group the order is by descending score.
 fn matching_actions(typed: &str, is_possible: impl Fn(Action) -> bool) -> Vec<(Action, bool)> {
+    let best = |action: Action| {
+        let by_synonym = action.synonyms().iter().filter_map(|name| score(name, typed)).max();
+        score(&action.name(), typed).max(by_synonym)
+    };
     let mut found: Vec<_> = Action::all()
-        .filter_map(|action| Some((score(&action.name(), typed)?, action, is_possible(action))))
+        .filter_map(|action| Some((best(action)?, action, is_possible(action))))
         .collect();
     // A stable sort keeps the listed order among equal scores.
     found.sort_by_key(|&(score, _, is_possible)| (!is_possible, std::cmp::Reverse(score)));
@@ -207,6 +228,9 @@ mod tests {
         names.sort();
         names.dedup();
         assert_eq!(names.len(), n);
+        let first = |typed| matching_actions(typed, |_| true)[0].0;
+        assert_eq!(first("screenshot"), Action::Command(UiCommand::SavePicture));
+        assert_eq!(first("mesh"), Action::Command(UiCommand::Export));
     }
 
     #[test]

@@ -21,10 +21,10 @@ pub enum ColorMode {
 
 labelled! { ColorMode:
     Color: "Colour", "Learned colours";
-    Evidence: "Evidence", "Number of points assigned to each component";
-    Uncertainty: "Uncertainty", "Standard deviation of each component's position";
-    Elbo: "Per-point ELBO", "How well the current frame's points fit each component";
-    Birth: "Birth frame", "Frame in which each component was created";
+    Evidence: "Evidence", "Number of points assigned to each splat";
+    Uncertainty: "Uncertainty", "Standard deviation of each splat's position";
+    Elbo: "Per-point ELBO", "How well the current frame's points fit each splat";
+    Birth: "Birth frame", "Frame in which each splat was created";
     Texture: "Texture", "Share of a pixel's colour that its texels determine; 0 for splats without texture";
     Depth: "Depth", "Distance from the camera, from violet (near) to yellow (far)";
     Normal: "Normal", "Direction of each splat's shortest axis, coded as RGB";

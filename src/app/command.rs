@@ -50,14 +50,15 @@ enum Executor {
     View,
 }
 
-/// Menus of the menu bar. The training menu is named "Run", because "Train" is the label of a button.
+/// Menus of the top bar. `Selection` is part of the view menu.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Menu {
-    File,
-    Selection,
+    Open,
+    Export,
     View,
-    Run,
+    Selection,
     Help,
+    Train,
 }
 
 struct CommandRow {
@@ -119,26 +120,26 @@ macro_rules! commands {
 
 commands! {
     Open: ["Open…"], "Open a dataset folder, a checkpoint or a splat file",
-        [ctrl(Key::O)], File 0, Window NotLoading;
+        [ctrl(Key::O)], Open 0, Window NotLoading;
     OpenDemo: ["Demo"], "Train the built-in synthetic scene",
-        [], File 0, Window NotLoading;
+        [], Open 0, Window NotLoading;
     // One key for Train and Pause, of which only one is available at a time.
     Train: ["Train"], "Train on all remaining frames",
-        [key(Key::Space)], Run 0, Window Resting;
+        [key(Key::Space)], Train 0, Window Resting;
     Pause: ["Pause"], "Stop after the current frame",
-        [key(Key::Space)], Run 0, Window Training;
+        [key(Key::Space)], Train 0, Window Training;
     Step: ["Step"], "Train on exactly one frame",
-        [key(Key::Period)], Run 0, Window Resting;
-    Follow: ["Follow"], "Train on new frames while a recording is still running",
-        [], Run 0, Window NotLoading;
+        [key(Key::Period)], Train 0, Window Resting;
+    Follow: ["Live", "Follow a live recording"], "Train on new frames while a recording is still running",
+        [], Open 1, Window NotLoading;
     Reset: ["Reset"], "Discard the trained scene and start over with the same dataset",
-        [ctrl(Key::R)], Run 0, Window Trained;
-    Save: ["Save…"], "Save a checkpoint from which training can resume",
-        [ctrl(Key::S)], File 1, Window Trained;
+        [ctrl(Key::R)], Train 0, Window Trained;
     Export: ["Export…"], "Export the scene as a splat file",
-        [ctrl(Key::E)], File 1, Window Scene;
+        [ctrl(Key::E)], Export 0, Window Scene;
+    Save: ["Save…"], "Save a checkpoint from which training can resume",
+        [ctrl(Key::S)], Export 0, Window Trained;
     SavePicture: ["Save picture"], "Save the view as a PNG next to the open file or folder",
-        [], File 1, Window Scene;
+        [], Export 0, Window Scene;
     FrameScene: ["Frame scene"], "Move the camera so that the whole scene is visible",
         [key(Key::F)], View 0, View Model;
     Home: ["Home view"], "Return to the initial view of the scene",
@@ -149,19 +150,19 @@ commands! {
         [key(Key::OpenBracket), key(Key::ArrowLeft)], View 0, View Dataset;
     NextCamera: ["›", "Next camera"], "Move to the next camera of the dataset",
         [key(Key::CloseBracket), key(Key::ArrowRight)], View 0, View Dataset;
-    AutoCamera: ["Auto camera"], "The camera follows the frame being trained until you move the camera",
+    AutoCamera: ["Follow the camera"], "The view follows the frame being trained until you move it",
         [key(Key::V)], View 0, View Dataset;
     Measure: ["Measure"], "Measure the distance between two clicked points",
         [key(Key::M)], View 2, View Model;
     BoxSelect: ["Box select"], "Drag a box to select splats, including occluded ones; Shift adds, Ctrl removes",
         [key(Key::B)], Selection 1, View Model;
-    HideSelected: ["Hide", "Hide selected splats"], "Hide the selected splats in the viewport; exports still include them",
+    HideSelected: ["Hide", "Hide selection"], "Hide the selected splats; they are still exported",
         [key(Key::K)], Selection 2, View Model;
     ShowHidden: ["Show hidden", "Show hidden splats"], "Show all hidden splats again",
         [key(Key::U)], Selection 2, View Model;
-    DeleteSelected: ["Delete", "Delete selected splats"], "Exclude the selected splats from view and exports; the model and its checkpoints are unchanged",
+    DeleteSelected: ["Delete", "Delete selection"], "Delete from view and exports (checkpoints keep it)",
         [key(Key::Delete)], Selection 2, View Model;
-    RestoreDeleted: ["Restore deleted", "Restore deleted splats"], "Show and export all deleted splats again",
+    RestoreDeleted: ["Undelete all", "Undelete all splats"], "Show and export all deleted splats again",
         [], Selection 2, View Model;
     CropBox: ["Crop box"], "Crop the scene to a box around the selection, or around everything; again removes the box",
         [], Selection 2, View Model;
@@ -180,7 +181,7 @@ commands! {
         [key(Key::T)], View 3, Window Dataset;
     ResetLayout: ["Reset layout"], "Restore the default layout of panels and frame strip",
         [], View 3, Window Nothing;
-    ComparePhoto: ["Photograph"], "Compare with the photograph of a dataset camera, or stop",
+    ComparePhoto: ["Compare with photograph"], "Compare with the photograph of a dataset camera, or stop",
         [key(Key::G)], View 1, View Dataset;
     CompareModel: ["Compare with a model…"], "Open a second checkpoint or splat file and compare it with the scene by a wipe",
         [], View 1, Window Model;
@@ -189,15 +190,17 @@ commands! {
     Deselect: ["Deselect"], "Clear the selection; click a splat to select it",
         [key(Key::Escape)], Selection 1, View Model;
     CopyCommandLine: ["Copy as command line"], "Copy the command that trains this dataset with these settings without a window",
-        [], Run 1, Window Dataset;
+        [], Train 1, Window Dataset;
     Find: ["Find action…"], "Find any action by typing part of its name",
         [ctrl(Key::P)], Help 0, Window Nothing;
     FocusControls: ["Focus controls"], "Focus the controls (Tab for the next), or the view",
         [key(Key::F6)], Help 0, Window Nothing;
     Help: ["Shortcuts"], "Show all keyboard and mouse shortcuts",
         [key(Key::F1)], Help 0, Window Nothing;
+    About: ["About"], "Show the version and the manual",
+        [], Help 1, Window Nothing;
     Quit: ["Quit"], "Close the window; unsaved training must be confirmed",
-        [], File 2, Window Nothing;
+        [ctrl(Key::Q)], Help 1, Window Nothing;
 }
 
 impl UiCommand {

@@ -3,17 +3,18 @@
 //! The structural scale is given in pixels or world units and converted to a length. Depth noise bounds
 //! that length from below, since it hides finer detail (`scene.md`, Settings by sensor).
 
-use super::state::{Opened, Snapshot};
+use super::state::{Opened, RunState, Snapshot};
 use crate::dataset::surface::sample::FrameSample;
-use crate::eval::report::quantile;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::SceneConfig;
-use crate::train::scene::units::StructuralScale;
+use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
 
 /// Fraction of the training time per frame that is proportional to the number of components. The rest is
 /// proportional to the number of points.
 // Measured on Lego: twice the components took 7.6 instead of 6.8 ms a frame.
 const COMPONENT_SHARE: f64 = 0.2;
+/// Structural scale of a run for which none is chosen.
+pub const DEFAULT: StructuralScale = StructuralScale::Pixels(DEFAULT_PIXELS);
 pub const COARSEST_PX: f64 = 20.0;
 /// Finest structural scale of the slider, pixels. Noise may limit the scale to a larger value.
 pub const FINEST_PX: f64 = 0.5;
@@ -56,16 +57,24 @@ pub fn retrainable_run(opened: &Opened) -> Option<&SceneRun> {
     opened.scene().filter(|_| dataset.path == opened.path)
 }
 
+/// Returns the label of the button that trains the open run again with the chosen structural scale; `None` if
+/// that would change nothing. `None` as scale is the default one.
+pub fn retrain_label(chosen: Option<StructuralScale>, snapshot: &Snapshot) -> Option<&'static str> {
+    let run = retrainable_run(snapshot.opened.as_deref()?)?;
+    let asked = chosen.unwrap_or(DEFAULT);
+    let sample = snapshot.sampling.sample.as_ref();
+    let next = sample.map(|sample| effective_scale(&run.engine, asked, sample));
+    let is_same = next.map_or(asked == run.scale, |n| (n.length / run.engine.h - 1.0).abs() < 1e-3);
+    let is_trained = snapshot.frames_done > 0 && snapshot.state != RunState::Loading;
+    let is_finer = next.is_none_or(|next| next.length < run.engine.h);
+    (!is_same && is_trained).then_some(if is_finer { "Retrain finer" } else { "Retrain coarser" })
+}
+
 /// Forecasts the model size and the training time per frame at structural scale `length` (world units).
 /// `None` before the first frame is trained.
 pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
     let run = snapshot.opened.as_deref()?.scene()?;
-    let mut ms: Vec<f64> =
-        snapshot.frames.recent.iter().map(|frame| frame.ms.stages.train).collect();
-    if snapshot.model.used == 0 || ms.is_empty() {
-        return None;
-    }
-    ms.sort_by(f64::total_cmp);
+    let ms = snapshot.median_frame_ms().filter(|_| snapshot.model.used > 0)?;
     let used = snapshot.model.used as f64;
     // Components cover surfaces, so their number is inversely proportional to the squared scale.
     let components = (used * (run.engine.h / length).powi(2)).min(run.engine.max_components as f64);
@@ -76,7 +85,7 @@ pub fn forecast(snapshot: &Snapshot, length: f64) -> Option<DetailForecast> {
         // Textures have the resolution of the photographs at any scale.
         model_bytes: (snapshot.model.bytes as f64 - texture_bytes) * factor + texture_bytes,
         texture_bytes,
-        frame_ms: quantile(&ms, 0.5) * (1.0 + COMPONENT_SHARE * (factor - 1.0)),
+        frame_ms: ms * (1.0 + COMPONENT_SHARE * (factor - 1.0)),
     })
 }
 

@@ -1,14 +1,57 @@
 //! Options of the export dialog: conversion to standard 3DGS splats, and the preview with its report.
 
-use super::panels::card::choices;
+use super::panels::controls::choices;
 use super::viewer::export_preview::{ExportChoice, PreviewReport};
 use crate::export::mapping::{self, GradientSplit, Mapping, OpacityMapping, is_plain};
-use crate::export::{ModelFormat, SpzVersion};
+use crate::export::{ExportError, ModelFormat, SpzVersion};
 use crate::model::splat::appearance::SplatView;
 use eframe::egui::{Grid, Ui};
+use std::path::Path;
 use strum::EnumMessage;
 
-pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
+/// Content of an exported file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ExportKind {
+    #[default]
+    Splats,
+    PointCloud,
+    Mesh,
+}
+
+impl ExportKind {
+    /// Returns the format of splats or points by the file extension.
+    ///
+    /// # Errors
+    /// [`Fault::UnknownExtension`](crate::export::Fault::UnknownExtension) for another extension.
+    pub fn splat_format(self, path: &Path) -> Result<ModelFormat, ExportError> {
+        let format = ModelFormat::from_path(path)?;
+        let is_cloud = self == Self::PointCloud && format == ModelFormat::Ply;
+        Ok(if is_cloud { ModelFormat::PointCloudPly } else { format })
+    }
+}
+
+/// Draws the choice of the content. Meshes need the normals of a scene that is trained here.
+pub fn kind(kind: &mut ExportKind, has_mesh: bool, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        ui.label("Content");
+        let all = [
+            (ExportKind::Splats, "Splats", "For viewers of Gaussian splats: .ply, .glb, .spz"),
+            (ExportKind::PointCloud, "Point cloud", "A coloured point for each splat: .ply"),
+            (
+                ExportKind::Mesh,
+                "Mesh",
+                "Triangles of the surfaces: .glb and .obj with textures, .ply",
+            ),
+        ];
+        let n = if has_mesh { all.len() } else { all.len() - 1 };
+        choices(kind, &all[..n], ui);
+    });
+    if !has_mesh && *kind == ExportKind::Mesh {
+        *kind = ExportKind::Splats;
+    }
+}
+
+pub fn mapping(mapping: &mut Mapping, ui: &mut Ui) {
     ui.add_space(4.0);
     ui.label("Other programs draw plain splats: opacity at most 1, one colour each.");
     ui.weak("A scene trained with Splats: Plain (Settings) is exported exactly.");
@@ -30,7 +73,7 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
         ui.end_row();
         ui.label("Opacity above 1");
         let opacities = [
-            (OpacityMapping::EqualArea, "Equal area", "Splats grow to cover the same area"),
+            (OpacityMapping::EqualArea, "Enlarge", "Splats grow to cover the same area"),
             (OpacityMapping::Clip, "Clip", "Limits the opacity; splats keep their size"),
         ];
         ui.horizontal(|ui| choices(&mut mapping.opacity, &opacities, ui));

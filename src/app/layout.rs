@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeSet, HashSet};
 
 /// Version of the stored format; other versions are rejected.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const WIDTH: f32 = 370.0;
 /// Initial fraction of the available length for panels newly docked beside the viewport.
 const NEW_SHARE: f32 = 0.24;
@@ -25,7 +25,8 @@ const MAX_SHARE_OF_BOTH: f32 = 0.6;
 // egui_tiles gives the children of a new container shares of 1.
 const MIN_POINTS: f32 = 60.0;
 /// Size that the panels may have even if it exceeds the largest fraction of the available length, points.
-const MIN_WIDTH: f32 = 240.0;
+// The names of all tabs fit.
+const MIN_WIDTH: f32 = 325.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum DockPane {
@@ -79,6 +80,14 @@ impl WindowLayout {
             "the stored layout: expected version {VERSION} with every panel once, found {found}; the default is used instead"
         );
         (Self::default(), Some(notice))
+    }
+
+    /// True if the panel is not hidden behind another tab.
+    pub fn is_active(&self, tab: SideTab) -> bool {
+        let tiles = &self.tree.tiles;
+        let Some(pane) = tiles.find_pane(&DockPane::Panel(tab)) else { return false };
+        let parent = tiles.parent_of(pane).and_then(|parent| tiles.get_container(parent));
+        !matches!(parent, Some(Container::Tabs(tabs)) if tabs.active != Some(pane))
     }
 
     pub fn activate(&mut self, tab: SideTab) {
@@ -172,9 +181,9 @@ fn is_picture_hideable(tree: &Tree<DockPane>) -> bool {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum SideTab {
-    Latency,
+    Summary,
     Quality,
-    Scene,
+    Latency,
     Inspector,
     Edit,
     Path,
@@ -182,13 +191,13 @@ pub enum SideTab {
 }
 
 labelled! { SideTab:
-    Latency: "Latency", "Show this panel";
-    Quality: "Quality", "Show this panel";
-    Scene: "Scene", "Show this panel";
-    Inspector: "Inspector", "Show this panel";
-    Edit: "Edit", "Show this panel";
-    Path: "Path", "Show this panel";
-    Settings: "Settings", "Show this panel";
+    Summary: "Summary", "What is open, how good the scene is, and what can be done next";
+    Quality: "Quality", "Errors of views that were not trained, over time and by view";
+    Latency: "Latency", "Times of training and drawing by stage";
+    Inspector: "Inspector", "The selected splat and its posterior";
+    Edit: "Edit", "Selection, deletion, crop box, history";
+    Path: "Path", "Camera paths and films";
+    Settings: "Settings", "Training, drawing, graphics adapter, layout";
 }
 
 #[cfg(test)]
@@ -252,7 +261,7 @@ mod tests {
     fn panels_keep_their_width_and_the_picture_takes_the_rest() {
         let mut layout = WindowLayout::default();
         let panel = DockPane::Panel(SideTab::Quality);
-        for (width, expected) in [(1280.0, 370.0), (2000.0, 370.0), (700.0, 294.0)] {
+        for (width, expected) in [(1280.0, 370.0), (2000.0, 370.0), (700.0, 325.0)] {
             layout.resize(Vec2::new(width, 600.0), 0.0);
             assert_eq!(width_of(&layout, panel), expected, "{width}");
             assert_eq!(width_of(&layout, DockPane::Picture), width - expected, "{width}");
@@ -263,7 +272,7 @@ mod tests {
         layout.tree.move_tile_to_container(id, root, 0, false);
         layout.resize(Vec2::new(2000.0, 600.0), 0.0);
         assert_eq!(width_of(&layout, panel), NEW_SHARE * 2000.0);
-        let others = width_of(&layout, DockPane::Panel(SideTab::Scene));
+        let others = width_of(&layout, DockPane::Panel(SideTab::Summary));
         assert_eq!(width_of(&layout, DockPane::Picture), 2000.0 - others - NEW_SHARE * 2000.0);
     }
 }

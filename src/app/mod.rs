@@ -11,7 +11,7 @@ pub mod command;
 mod detail;
 pub mod drawing;
 pub mod edit;
-mod export_options;
+pub mod export_options;
 mod film;
 pub mod frame_outcomes;
 mod layout;
@@ -36,7 +36,7 @@ pub mod viewer;
 mod viewport;
 mod window;
 mod window_painter;
-mod wording;
+pub mod wording;
 pub mod worker;
 
 pub use crate::render::gpu::adapters;

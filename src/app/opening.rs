@@ -70,7 +70,8 @@ pub fn open(
         Subject::Path(path) => {
             let request = training.request()?;
             let calibrated_photographs = request.has_color_camera();
-            let options = LoadOptions { calibrated_photographs, ..LoadOptions::default() };
+            let reading = training.of_dataset(path).reading;
+            let options = LoadOptions { calibrated_photographs, ..reading };
             let dataset = Arc::new(dataset::open(path, &options)?);
             let opened = Session::new(dataset, request, Selection::all_frames())?;
             Ok(session(opened, serial, Some(path)))

@@ -5,13 +5,18 @@
 //! because a drive that does not respond must not block the window.
 
 use super::opening::{FileProposal, absolute_or_same};
-use super::panels::card::named;
+use super::panels::controls::{choices, named, optional_number};
 use super::worker::Waker;
+use crate::dataset::{LoadOptions, PoseConvention};
 use crate::export::format::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use crate::pipeline::job::Job;
-use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
+use eframe::egui::{
+    Align2, Button, CollapsingHeader, ComboBox, DragValue, Grid, Id, Key, Modal, RichText,
+    TextEdit, Ui, Window,
+};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use strum::{EnumMessage, IntoEnumIterator};
 
 /// Offset of the export dialog from the upper right corner of the window, points. The dialog leaves most
 /// of the picture visible.
@@ -44,7 +49,7 @@ impl Purpose {
             Purpose::Compare => "Compare",
             Purpose::Save => "Save",
             Purpose::Export => "Export",
-            Purpose::Film => "Draw film",
+            Purpose::Film => "Render film",
         }
     }
 
@@ -109,6 +114,97 @@ pub struct PathDialog {
     takes_focus: bool,
 }
 
+/// Draws the options with which a dataset is read, folded unless one is set.
+pub fn reading(options: &mut LoadOptions, ui: &mut Ui) {
+    let is_changed = *options != LoadOptions::default();
+    let section = CollapsingHeader::new("Open as…").id_salt("reading").default_open(is_changed);
+    section.show(ui, |ui| {
+        Grid::new("reading").num_columns(2).show(ui, |ui| {
+            ui.label("Poses");
+            let sources = [
+                (false, "Recorded", "Poses of the recording"),
+                (
+                    true,
+                    "Tracked",
+                    "Tracks the camera against the scene; the first frame is the origin",
+                ),
+            ];
+            ui.horizontal(|ui| choices(&mut options.track, &sources, ui));
+            ui.end_row();
+            let name = ui.label("Pose axes");
+            let shown = options.poses.map_or("of the layout", PoseConvention::name);
+            let axes = ComboBox::from_id_salt("axes").selected_text(shown);
+            let axes = axes.show_ui(ui, |ui| {
+                ui.selectable_value(&mut options.poses, None, "of the layout");
+                for convention in PoseConvention::iter() {
+                    let entry = ui.selectable_value(
+                        &mut options.poses,
+                        Some(convention),
+                        convention.name(),
+                    );
+                    entry.on_hover_text(convention.get_documentation().unwrap_or_default());
+                }
+            });
+            axes.response.labelled_by(name.id);
+            ui.end_row();
+            ui.label("Depth unit");
+            let texts = [
+                "set",
+                "World units per step of 16-bit depth: 0.001 for millimetres",
+                "Depth unit",
+                "",
+            ];
+            optional_number(&mut options.depth_scale, 0.001, 1e-6..=10.0, texts, ui);
+            ui.end_row();
+            ui.label("Confidence");
+            let texts = [
+                "set",
+                "Minimum confidence of depth, for sensors that record it",
+                "Confidence",
+                "",
+            ];
+            optional_number(&mut options.confidence, 1, 0..=2, texts, ui);
+            ui.end_row();
+            ui.label("Depth range");
+            numbers(&mut options.depth_range, [0.2, 5.0], ["Nearest", "Farthest"], ui);
+            ui.end_row();
+            ui.label("Intrinsics");
+            numbers(
+                &mut options.intrinsics,
+                [500.0, 500.0, 320.0, 240.0],
+                ["fx", "fy", "cx", "cy"],
+                ui,
+            );
+            ui.end_row();
+        });
+        ui.checkbox(&mut options.geometry_only, "Geometry only")
+            .on_hover_text("Opens recordings whose photographs cannot be decoded, in grey");
+    });
+}
+
+/// Draws some numbers and a checkbox that switches all of them on.
+fn numbers<const N: usize>(
+    values: &mut Option<[f64; N]>,
+    default: [f64; N],
+    names: [&str; N],
+    ui: &mut Ui,
+) {
+    ui.horizontal(|ui| {
+        let mut is_on = values.is_some();
+        if ui.checkbox(&mut is_on, "set").changed() {
+            *values = is_on.then_some(default);
+        }
+        let mut shown = values.unwrap_or(default);
+        for (value, name) in shown.iter_mut().zip(names) {
+            let number = DragValue::new(value).range(0.0..=1e6).prefix(format!("{name} "));
+            named(ui.add_enabled(is_on, number), name);
+        }
+        if is_on {
+            *values = Some(shown);
+        }
+    });
+}
+
 impl PathDialog {
     pub fn new(purpose: Purpose) -> Self {
         Self { purpose, ..Self::default() }
@@ -121,6 +217,12 @@ impl PathDialog {
     pub fn show(&mut self) {
         self.is_open = true;
         self.takes_focus = true;
+    }
+
+    /// Shows the dialog with a path.
+    pub fn show_path(&mut self, path: &Path) {
+        self.show();
+        self.path = path.display().to_string();
     }
 
     /// Proposes a file for the open dataset or model, which has the serial number `serial`. The user's own

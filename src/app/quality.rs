@@ -3,8 +3,10 @@
 //! A separate thread measures its own copy of the splats (as in `viewer/photo.rs`). During training it
 //! measures a few views repeatedly; pauses of a multiple of the measuring time leave the cores to training.
 //! While training is paused or finished, every view is measured once, then the views away from the camera
-//! path. The metrics are those of `vbgs-studio eval`.
+//! path, then the stored copies of earlier scenes, for which training left no time. The metrics are those of
+//! `vbgs-studio eval`.
 
+use super::edit::past::PastScene;
 use super::retention::{Retention, positions};
 use super::splat_updates::SplatChange;
 use super::state::{Opened, RunState, Snapshot};
@@ -23,6 +25,7 @@ use crate::pipeline::panic_report::PanicReport;
 use crate::pipeline::settings::method::Method;
 use crate::render::{RenderMethod, RenderOptions};
 use eframe::egui::Context;
+use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -74,6 +77,8 @@ pub struct QualityMonitor {
     at_rest: Option<usize>,
     pub problem: Option<String>,
     pub retention: Retention,
+    /// Numbers of frames of the earlier scenes that were measured, each for quality and for retention.
+    past_measured: BTreeSet<(usize, QualityPurpose)>,
     rest_until: Instant,
 }
 
@@ -94,6 +99,7 @@ impl QualityMonitor {
             at_rest: None,
             problem: None,
             retention: Retention::default(),
+            past_measured: BTreeSet::new(),
             rest_until: Instant::now(),
         }
     }
@@ -146,7 +152,7 @@ impl QualityMonitor {
         snapshot: &Snapshot,
         method: RenderMethod,
         every: Option<usize>,
-        splats: &Arc<SplatSet>,
+        (splats, past): (&Arc<SplatSet>, &[PastScene]),
     ) {
         let Some(opened) = &snapshot.opened else { return };
         self.set_subject(opened, method);
@@ -163,7 +169,12 @@ impl QualityMonitor {
         let rests = matches!(snapshot.state, RunState::Paused | RunState::Finished);
         self.at_rest = rests.then_some(snapshot.frames_done);
         if let Some((purpose, views)) = self.next_measurement(context, snapshot, every) {
-            self.request_measurement(opened, snapshot, (purpose, views), splats);
+            self.request_measurement(opened, snapshot, (purpose, views, None), splats);
+        } else if rests
+            && let Some((purpose, views, scene)) = self.next_past(opened, snapshot, past)
+        {
+            self.past_measured.insert((scene.n_frames, purpose));
+            self.request_measurement(opened, snapshot, (purpose, views, Some(scene)), splats);
         }
     }
 
@@ -208,12 +219,24 @@ impl QualityMonitor {
             Err(problem) => return self.problem = Some(problem),
         };
         self.problem = None;
+        let frames = query.at.0;
         match query.purpose {
+            QualityPurpose::HeldOut if query.scene.is_some() => {
+                let at = self.history.partition_point(|point| point.frames < frames);
+                if self.history.get(at).is_none_or(|point| point.frames != frames)
+                    && let Some(point) = mean_quality(&scores, query.at)
+                {
+                    self.history.insert(at, point);
+                }
+            }
             QualityPurpose::Retention => {
                 let psnr = |view| scores.iter().find(|s| s.index == view).map(|s| s.psnr);
                 let followed = positions(query.at.0).into_iter().zip(query.views);
                 let known = followed.filter_map(|(position, view)| Some((position, psnr(view)?)));
-                self.retention.add_measurements(query.at.0, known);
+                match query.scene {
+                    Some(_) => self.retention.insert(frames, known),
+                    None => self.retention.add_measurements(frames, known),
+                }
             }
             QualityPurpose::FromTheSide => {
                 if self.side_at != Some(query.at.0) {
@@ -290,6 +313,40 @@ impl QualityMonitor {
         due.filter(|(_, views)| !views.is_empty())
     }
 
+    /// Returns the next measurement of an earlier scene: the sampled views, or the trained frames of that
+    /// time. Measured after everything else.
+    fn next_past<'a>(
+        &self,
+        opened: &Opened,
+        snapshot: &Snapshot,
+        past: &'a [PastScene],
+    ) -> Option<(QualityPurpose, Vec<usize>, &'a PastScene)> {
+        let (done, all) = self.progress();
+        let is_busy = self.thread.as_ref().is_some_and(ViewThread::is_busy);
+        if is_busy || self.problem.is_some() || done < all {
+            return None;
+        }
+        let earlier = past.iter().filter(|scene| scene.n_frames < snapshot.frames_done);
+        let both = earlier.flat_map(|scene| {
+            [QualityPurpose::HeldOut, QualityPurpose::Retention].map(|purpose| (purpose, scene))
+        });
+        let plan = opened.plan.as_ref()?;
+        let new = both
+            .filter(|(purpose, scene)| !self.past_measured.contains(&(scene.n_frames, *purpose)));
+        let mut new = new.map(|(purpose, scene)| {
+            let trained = || {
+                let frame = |position: usize| plan.frames.get(position).copied();
+                positions(scene.n_frames).into_iter().map_while(frame).collect()
+            };
+            let views = match purpose {
+                QualityPurpose::Retention => trained(),
+                _ => self.chosen(SAMPLED),
+            };
+            (purpose, views, scene)
+        });
+        new.find(|(_, views, _)| !views.is_empty())
+    }
+
     /// Returns the trained frames to measure again, if such a measurement is due. They are measured once
     /// while training is paused, and during training after every measurement of the held-out views.
     fn retained(&self, snapshot: &Snapshot) -> Option<Vec<usize>> {
@@ -318,7 +375,7 @@ impl QualityMonitor {
         &mut self,
         opened: &Opened,
         snapshot: &Snapshot,
-        (purpose, views): (QualityPurpose, Vec<usize>),
+        (purpose, views, past): (QualityPurpose, Vec<usize>, Option<&PastScene>),
         splats: &Arc<SplatSet>,
     ) {
         let (Some(dataset), Some(evaluation), Some((_, options))) =
@@ -343,7 +400,11 @@ impl QualityMonitor {
             views,
             options,
             near_rule: NearRule::of(opened.method.as_ref().map(Method::preset)),
-            at: (snapshot.frames_done, snapshot.pace.trained_s, snapshot.model.used),
+            at: match past {
+                Some(scene) => (scene.n_frames, scene.seconds, scene.splats.len()),
+                None => (snapshot.frames_done, snapshot.pace.trained_s, snapshot.model.used),
+            },
+            scene: past.map(|scene| scene.splats.clone()),
             settled: snapshot.includes_pending_photographs,
         };
         if self.thread.is_none() {
@@ -391,7 +452,7 @@ fn mean_quality(views: &[ViewReport], at: (usize, f64, usize)) -> Option<Quality
     })
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum QualityPurpose {
     HeldOut,
     /// Measures views away from the camera path.
@@ -411,6 +472,8 @@ struct QualityQuery {
     near_rule: NearRule,
     /// Number of frames, seconds of training and number of components at the time of the query.
     at: (usize, f64, usize),
+    /// Earlier scene to measure; `None` is the newest one.
+    scene: Option<Arc<SplatSet>>,
     settled: bool,
 }
 
@@ -431,7 +494,8 @@ fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer
     let alone = one_thread()?;
     ViewThread::start("quality", waker, move |splats: &SplatSet, query: QualityQuery| {
         let started = Instant::now();
-        let QualityQuery { dataset, split, views, .. } = &query;
+        let QualityQuery { dataset, split, views, scene, .. } = &query;
+        let splats = scene.as_deref().unwrap_or(splats);
         let options = query.options_for(splats);
         let measure = || evaluate(splats, dataset, *split, views, &options, |_| {});
         let scores = catch_measurement(|| {

@@ -39,6 +39,11 @@ impl Retention {
         measured: impl IntoIterator<Item = (usize, f64)>,
     ) {
         self.measured_at = Some(frames_done);
+        self.insert(frames_done, measured);
+    }
+
+    /// Inserts measurements of a scene as it was after `frames_done` frames.
+    pub fn insert(&mut self, frames_done: usize, measured: impl IntoIterator<Item = (usize, f64)>) {
         for (position, psnr) in measured {
             let at = match self.frames.iter().position(|frame| frame.position == position) {
                 Some(at) => at,
@@ -47,7 +52,8 @@ impl Retention {
                     self.frames.len() - 1
                 }
             };
-            self.frames[at].psnr.push([frames_done as f64, psnr]);
+            let (curve, x) = (&mut self.frames[at].psnr, frames_done as f64);
+            curve.insert(curve.partition_point(|known| known[0] <= x), [x, psnr]);
         }
     }
 }
@@ -81,5 +87,8 @@ mod tests {
         let [first, second] = &retention.frames[..] else { panic!("two frames") };
         assert_eq!(first.psnr, [[5.0, 30.0], [12.0, 29.0]]);
         assert_eq!((second.position, second.psnr.len()), (10, 1));
+        retention.insert(7, [(0, 29.5)]);
+        assert_eq!(retention.frames[0].psnr, [[5.0, 30.0], [7.0, 29.5], [12.0, 29.0]]);
+        assert!(!retention.measured_before(12), "earlier scenes do not count as the newest");
     }
 }

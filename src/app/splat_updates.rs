@@ -73,7 +73,7 @@ pub struct SplatUpdate {
 
 impl From<SplatChange> for SplatUpdate {
     fn from(change: SplatChange) -> Self {
-        // With 0 frames no copy for the walk back is stored.
+        // With 0 frames no copy for the history is stored.
         Self { change, attributes: Vec::new(), n_frames: 0 }
     }
 }

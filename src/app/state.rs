@@ -3,11 +3,11 @@
 use super::color_mode::ColorMode;
 use super::opening::FileProposal;
 use super::rescue::AbandonedRun;
-use crate::dataset::Dataset;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::pose_check::PoseCheck;
 use crate::dataset::surface::sample::FrameSample;
-use crate::eval::report::{FrameReport, SkippedFrame};
+use crate::dataset::{Dataset, LoadOptions};
+use crate::eval::report::{FrameReport, SkippedFrame, quantile};
 use crate::math::camera::Camera;
 use crate::model::inspection::Inspection;
 use crate::model::splat::appearance::Appearance;
@@ -16,7 +16,7 @@ use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::settings::method::Method;
 use crate::pipeline::settings::scene::SceneRun;
 use glam::DVec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -245,6 +245,13 @@ pub struct FollowState {
 }
 
 impl Snapshot {
+    /// Returns the median training time of the latest frames, ms; `None` before the first one.
+    pub fn median_frame_ms(&self) -> Option<f64> {
+        let mut ms: Vec<f64> = self.frames.recent.iter().map(|f| f.ms.stages.train).collect();
+        ms.sort_by(f64::total_cmp);
+        (!ms.is_empty()).then(|| quantile(&ms, 0.5))
+    }
+
     /// Returns the number of frames that were processed for the scene, including skipped ones.
     pub fn n_seen(&self) -> usize {
         self.frames_done + self.frames.skipped.len()
@@ -275,19 +282,48 @@ pub struct WriteOutcome {
 /// Maximum number of latest frames whose reports a snapshot contains.
 pub const HISTORY: usize = 300;
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Offer to open a dataset with options that its notice advises.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OpenAs {
+    pub path: PathBuf,
+    pub reading: LoadOptions,
+}
+
+impl OpenAs {
+    /// Returns the offer for a message that names an option of the command line; `None` if it names none.
+    /// Options with a value of the user's are offered unset.
+    pub fn advised(path: &Path, message: &str) -> Option<Self> {
+        let axes = message.split_once("--pose-axes ").and_then(|(_, after)| {
+            let end = after.find(|c: char| !(c.is_ascii_lowercase() || c == '-'));
+            after[..end.unwrap_or(after.len())].parse().ok()
+        });
+        let reading = LoadOptions {
+            track: message.contains("--poses track"),
+            geometry_only: message.contains("geometry only"),
+            poses: axes,
+            ..LoadOptions::default()
+        };
+        let others = ["--depth-scale", "--depth-range", "--intrinsics", "--confidence"];
+        let is_named =
+            reading != LoadOptions::default() || others.iter().any(|name| message.contains(name));
+        is_named.then(|| Self { path: path.to_owned(), reading })
+    }
+}
+
+#[derive(Clone, Debug, PartialEq)]
 pub struct Notice {
     /// Serial number, which increases with every notice, so that closed notices do not reappear.
     pub serial: u64,
     pub topic: NoticeTopic,
     pub kind: NoticeKind,
     pub text: String,
+    pub open_as: Option<OpenAs>,
 }
 
 /// Topic of a notice, which determines how long it is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoticeTopic {
-    /// Concerns the open dataset or model; shown until another one is opened.
+    /// Concerns the open dataset or model, or one whose opening failed; shown until another one is opened.
     Subject,
     /// Concerns the window and its graphics adapter; shown until another adapter draws the window.
     Window,
@@ -300,4 +336,25 @@ pub enum NoticeKind {
     /// Something was omitted or is doubtful.
     Warning,
     Error,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::PoseConvention;
+
+    #[test]
+    fn a_message_that_names_an_option_offers_it() {
+        let advised = |text: &str| OpenAs::advised(Path::new("a"), text).map(|offer| offer.reading);
+        let plain = LoadOptions::default();
+        assert_eq!(advised("a: expected poses, found none"), None);
+        let track = Some(LoadOptions { track: true, ..plain });
+        assert_eq!(advised("estimate all poses with --poses track"), track);
+        let poses = Some(PoseConvention::OpenglWorldToCamera);
+        let axes = advised("choose the pose axes (`--pose-axes opengl-world-to-camera`)");
+        assert_eq!(axes, Some(LoadOptions { poses, ..plain }));
+        assert_eq!(advised("set the intrinsics (`--intrinsics`)"), Some(plain));
+        let grey = Some(LoadOptions { geometry_only: true, ..plain });
+        assert_eq!(advised("or open the recording with geometry only"), grey);
+    }
 }

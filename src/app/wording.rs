@@ -1,8 +1,9 @@
 //! Texts that describe values of the library to the user: poses, the order of a run, and the properties of a
-//! session in the scene panel.
+//! session in the summary.
 
 use super::panels::signal_color::format_number;
 use crate::dataset::Dataset;
+use crate::dataset::Layout;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::pose_check::{PoseCheck, PoseTrial};
 use crate::dataset::surface::Sensor;
@@ -13,10 +14,59 @@ use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::units::StructuralScale;
 use glam::DVec3;
 
+/// Returns the name by which users know a layout.
+pub fn layout(layout: Layout) -> &'static str {
+    match layout {
+        Layout::Blender => "NeRF-synthetic (Blender)",
+        Layout::SevenScenes => "7-Scenes",
+        Layout::Tum => "TUM RGB-D",
+        Layout::Open3d => "Open3D",
+        Layout::Replica => "Replica",
+        Layout::Scannet => "ScanNet",
+        Layout::Nerfstudio => "nerfstudio",
+        Layout::Record3d => "Record3D folder",
+        Layout::Record3dArchive => "Record3D",
+        Layout::StrayScanner => "Stray Scanner",
+        Layout::Arkit => "ARKit",
+        Layout::RtabMap => "RTAB-Map",
+        Layout::Colmap => "COLMAP",
+        Layout::Ros2Bag => "ROS 2 bag",
+        Layout::Polycam => "Polycam",
+        Layout::Scanner3d => "3D Scanner App",
+        Layout::ArkitScenes => "ARKitScenes",
+        Layout::ScannetPp => "ScanNet++",
+        Layout::ColorDepth => "Colour and depth images",
+        Layout::Synthetic => "Synthetic",
+    }
+}
+
+/// Returns a length in world units as text.
+pub fn length(length: f64) -> String {
+    format!("{} world units", format_number(length))
+}
+
+/// Returns a number and the noun it counts, which takes an `s` unless the number is 1.
+pub fn count(n: usize, noun: &str) -> String {
+    format!("{} {noun}{}", grouped(n), if n == 1 { "" } else { "s" })
+}
+
+/// Returns a number with a comma between every three digits.
+pub fn grouped(n: usize) -> String {
+    let digits = n.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
 pub fn pose_agreement(check: &PoseCheck) -> String {
     let PoseTrial { agreement, poses, .. } = check.opened;
     let percent = 100.0 * agreement;
-    format!("{percent:.0} % of depth agrees with neighbouring frames ({})", poses.name())
+    format!("Poses fit: {percent:.0} % of depth agrees with neighbouring frames ({})", poses.name())
 }
 
 pub fn run_order(selection: &Selection, plan: &Plan) -> String {
@@ -36,14 +86,14 @@ pub fn run_order(selection: &Selection, plan: &Plan) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
 }
 
-/// Returns the properties of a session in the scene panel, as labels and texts.
+/// Returns the properties of a session in the summary, as labels and texts.
 pub fn session_info(session: &Session) -> Vec<(String, String)> {
     let dataset: &Dataset = session.dataset();
     let path =
         dataset.path.as_ref().map_or_else(|| "built in".to_owned(), |p| p.display().to_string());
     let mut info = vec![
         ("Dataset".to_owned(), path),
-        ("Layout".to_owned(), format!("{} ({})", dataset.layout.name(), dataset.recognised_by)),
+        ("Layout".to_owned(), format!("{} ({})", layout(dataset.layout), dataset.recognised_by)),
     ];
     for split in &dataset.splits {
         // Datasets have no empty splits.
@@ -56,15 +106,18 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
     info.push(("Preset".to_owned(), config.method.preset().to_string()));
     match config.method.as_any().component_limit() {
         ComponentLimit::Fixed(n) => {
-            info.push(("Components".to_owned(), n.to_string()));
+            info.push(("Splats".to_owned(), grouped(n)));
             info.push(("Range from".to_owned(), config.position_range_source.clone()));
         }
-        ComponentLimit::Asked(n) => info.push(("Budget".to_owned(), format!("{n} components"))),
+        ComponentLimit::Asked(n) => info.push(("Budget".to_owned(), count(n, "splat"))),
         ComponentLimit::Lowered(n) => {
-            info.push(("Budget".to_owned(), format!("none set (memory holds {n} components)")));
+            info.push((
+                "Budget".to_owned(),
+                format!("none set (memory holds {})", count(n, "splat")),
+            ));
         }
         ComponentLimit::Default(n) => {
-            info.push(("Budget".to_owned(), format!("none set (at most {n} components)")));
+            info.push(("Budget".to_owned(), format!("none set (at most {})", count(n, "splat"))));
         }
     }
     info.extend(config.method.scene().into_iter().flat_map(scene_info));
@@ -85,10 +138,9 @@ pub fn origin_info(origin: DVec3) -> Option<(String, String)> {
 
 fn scene_info(run: &SceneRun) -> Vec<(String, String)> {
     let SceneRun { scale, engine, surface, .. } = run;
-    let h = format_number(engine.h);
     let scale = match scale {
-        StructuralScale::Pixels(n) => format!("{h} world units (requested: {n} pixels)"),
-        StructuralScale::World(_) => format!("{h} world units"),
+        StructuralScale::Pixels(n) => format!("{} (requested: {n} depth pixels)", length(engine.h)),
+        StructuralScale::World(_) => length(engine.h),
     };
     let stages = [
         (surface.plane_fit, "plane fit"),
@@ -97,7 +149,7 @@ fn scene_info(run: &SceneRun) -> Vec<(String, String)> {
     ];
     let on: Vec<&str> = stages.iter().filter(|(is_on, _)| *is_on).map(|(_, name)| *name).collect();
     let preparation = if on.is_empty() { "depth as measured".to_owned() } else { on.join(", ") };
-    [("Structural scale", scale), ("Sensor", sensor(surface.sensor)), ("Preparation", preparation)]
+    [("Splat size", scale), ("Sensor", sensor(surface.sensor)), ("Preparation", preparation)]
         .map(|(label, value)| (label.to_owned(), value))
         .into()
 }
@@ -123,6 +175,20 @@ fn calibration(calibration: Option<&Calibration>, is_assumed: bool) -> &'static 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_are_grouped_and_nouns_agree() {
+        let texts = [0, 1, 999, 1000, 74592, 1234567].map(|n| count(n, "splat"));
+        let expected = [
+            "0 splats",
+            "1 splat",
+            "999 splats",
+            "1,000 splats",
+            "74,592 splats",
+            "1,234,567 splats",
+        ];
+        assert_eq!(texts, expected);
+    }
 
     #[test]
     fn the_order_of_a_run_is_told_with_what_it_leaves_out() {

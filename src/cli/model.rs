@@ -112,7 +112,7 @@ impl Training {
         let evidence = attributes.iter().map(|a| a.evidence.map_or(0.0, f64::from)).collect();
         let uncertainty = |a: &ComponentAttributes| a.uncertainty.map_or(f64::INFINITY, f64::from);
         let uncertainty = attributes.iter().map(uncertainty).collect();
-        Self { evidence, uncertainty, surfels: surfels(revived) }
+        Self { evidence, uncertainty, surfels: surfels(&**learner, normalization) }
     }
 }
 

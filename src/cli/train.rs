@@ -319,7 +319,7 @@ pub fn train(
                 ));
                 after(session, &bar);
             }
-            Step::Skipped(skipped) => output::warn(&bar, &skipped.message),
+            Step::Skipped(skipped) | Step::Lost(skipped) => output::warn(&bar, &skipped.message),
             Step::Waiting => {
                 bar.set_message("waiting for the next frame,");
                 if let Some(follow) = session.followed() {

@@ -10,6 +10,7 @@ use super::panic_report::PanicReport;
 use super::session::Session;
 use crate::export::{atomic, checkpoint};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Default time between saves, seconds. It bounds the training lost by a crash. Saving a large scene takes
@@ -84,7 +85,11 @@ pub struct Autosave {
     /// Number of trained frames and time at the start of the latest save.
     begun: (u64, Instant),
     in_flight: Option<Job<SaveOutcome>>,
+    gate: Arc<Gate>,
 }
+
+/// True once no file may be written any more. Locked while a file is written.
+type Gate = Mutex<bool>;
 
 impl Autosave {
     /// Prepares saves to `path` without saving yet, and removes files left over from interrupted saves.
@@ -92,7 +97,7 @@ impl Autosave {
     pub fn new(path: PathBuf, interval: AutosaveInterval, session: &Session) -> Self {
         atomic::remove_leftovers(&path);
         let begun = (session.learner().status().frames, Instant::now());
-        Self { path, interval, begun, in_flight: None }
+        Self { path, interval, begun, in_flight: None, gate: Arc::default() }
     }
 
     /// Path of the file.
@@ -135,7 +140,7 @@ impl Autosave {
 
     fn start_save_with(
         &mut self,
-        save: impl FnOnce(&Path, SessionSnapshot) -> SaveOutcome + Send + 'static,
+        save: impl FnOnce(&Path, SessionSnapshot, &Gate) -> SaveOutcome + Send + 'static,
         session: &Session,
     ) -> Result<(), AutosaveError> {
         self.wait().transpose()?;
@@ -143,8 +148,8 @@ impl Autosave {
         // Recorded before the thread starts, so that a failed start is retried when due, not after every
         // frame.
         self.begun = (snapshot.frames(), Instant::now());
-        let path = self.path.clone();
-        let save = Job::start("autosave", move || save(&path, snapshot))
+        let (path, gate) = (self.path.clone(), self.gate.clone());
+        let save = Job::start("autosave", move || save(&path, snapshot, &gate))
             .map_err(|source| AutosaveError::Thread { path: self.path.clone(), source })?;
         self.in_flight = Some(save);
         Ok(())
@@ -175,14 +180,23 @@ impl Autosave {
 
 impl Drop for Autosave {
     fn drop(&mut self) {
-        // No file may change after the end of the run.
-        drop(self.wait());
+        // No file may change after the end of the run. A save that still reads the dataset is given up, since
+        // its drive may never answer.
+        let is_closed = self.gate.try_lock().map(|mut is_closed| *is_closed = true).is_ok();
+        if !is_closed {
+            drop(self.wait());
+        }
     }
 }
 
-fn write(path: &Path, snapshot: SessionSnapshot) -> SaveOutcome {
+fn write(path: &Path, snapshot: SessionSnapshot, gate: &Gate) -> SaveOutcome {
     let frames = snapshot.frames();
     let content = snapshot.into_checkpoint().map_err(RunError::from)?;
+    let is_closed = gate.lock().unwrap_or_else(PoisonError::into_inner);
+    if *is_closed {
+        // Nobody reads this outcome.
+        return Ok(Autosaved { frames, bytes: 0 });
+    }
     let bytes = checkpoint::write_keeping_old(path, &content).map_err(RunError::from)?;
     Ok(Autosaved { frames, bytes })
 }
@@ -194,7 +208,6 @@ mod tests {
     use crate::pipeline::checkpoint::SavedRun;
     use crate::pipeline::plan::Selection;
     use crate::pipeline::settings::scene::SceneOverrides;
-    use std::sync::Arc;
 
     #[test]
     fn a_panic_of_the_saving_thread_costs_one_save_and_is_told() {
@@ -216,7 +229,7 @@ mod tests {
         autosave.start_save(&session).unwrap();
         assert_eq!(autosave.wait().unwrap().unwrap().frames, 1);
 
-        let defect = |path: &Path, _: SessionSnapshot| -> SaveOutcome {
+        let defect = |path: &Path, _: SessionSnapshot, _: &Gate| -> SaveOutcome {
             let written = atomic::write_with_backup(path, |out| {
                 out.write_all(&[0; 1 << 20])?;
                 panic!("injected into a save")

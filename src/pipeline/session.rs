@@ -26,8 +26,10 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 pub enum Step {
     /// A frame was trained on.
     Trained(Box<FrameReport>),
-    /// A frame was unusable and skipped.
+    /// A frame could not be read or prepared, and was skipped.
     Skipped(SkippedFrame),
+    /// The pose of a frame was not found, so the frame was skipped.
+    Lost(SkippedFrame),
     /// All complete frames of a followed recording were visited. Further frames may follow after
     /// [`Follow::time_to_next_scan`].
     Waiting,
@@ -227,11 +229,11 @@ impl Session {
                     follow.give_back(name.clone(), marks);
                 }
                 self.forget_skipped(&name);
-                self.skipped_frame(name, message)
+                Step::Skipped(self.skipped_frame(name, message))
             }
             FrameStatus::Lost(loss) => {
                 let message = format!("{name}: pose not found, frame skipped: {loss}");
-                self.skipped_frame(name, message)
+                Step::Lost(self.skipped_frame(name, message))
             }
             FrameStatus::Failed(error) => return Err(error.into()),
         };
@@ -243,10 +245,10 @@ impl Session {
         self.past.wall_s = self.wall_before_s + self.started.elapsed().as_secs_f64();
     }
 
-    fn skipped_frame(&mut self, frame: String, message: String) -> Step {
+    fn skipped_frame(&mut self, frame: String, message: String) -> SkippedFrame {
         let skipped = SkippedFrame { frame, message };
         self.past.skipped.push(skipped.clone());
-        Step::Skipped(skipped)
+        skipped
     }
 
     fn finish(&mut self) -> Result<Step, SessionError> {

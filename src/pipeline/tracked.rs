@@ -4,7 +4,6 @@
 //! are tracked against the finished scene without training. If the recording has poses, they correct the
 //! rolling shutter of the views' images, as in any other run.
 
-use super::any_preset::PlacedLearner;
 use super::settings::scene::SceneRun;
 use crate::dataset::error::FrameError;
 use crate::dataset::surface::Preparer;
@@ -17,7 +16,7 @@ use crate::math::pose::Pose;
 use crate::model::scene::state::TrackedPose;
 use crate::model::splat::appearance::SplatView;
 use crate::observation::surface::Observation;
-use crate::train::learner::Component;
+use crate::train::learner::{Component, Learner};
 use crate::train::scene::track::find_pose;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -188,8 +187,7 @@ fn place(
 
 /// Returns the plane segments of a learner, each with its component's index: one for every drawn
 /// component with a known normal. Models of the `paper` preset have none.
-pub fn surfels(revived: &PlacedLearner) -> Vec<(usize, Surfel)> {
-    let (learner, normalization) = (&revived.learner, &revived.normalization);
+pub fn surfels(learner: &dyn Learner, normalization: &Normalization) -> Vec<(usize, Surfel)> {
     let splats = learner.splats();
     let textures = splats.finishing().textures.as_ref();
     let of = |component: usize| {

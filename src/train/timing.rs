@@ -232,10 +232,10 @@ pub const SCENE_STAGES: [TrainStage; 9] = [
     stage("births", "Births", "Creates components for points without one nearby"),
     stage(
         "refine",
-        "Refinement and gain",
+        "Refine depth and exposure",
         "Moves points along their rays to their component's plane and fits the frame's exposure",
     ),
-    stage("stats", "Sums", "Sums every component's points about its seed"),
+    stage("stats", "Accumulate", "Sums every component's points about its seed"),
     stage("visibility", "Visibility", "Counts components that the frame saw or saw through"),
     stage(
         "textures",
@@ -247,7 +247,7 @@ pub const SCENE_STAGES: [TrainStage; 9] = [
         "Photometric step",
         "Applies a Gauss-Newton step from the photograph, weighted by earlier photographs",
     ),
-    stage("merge", "Merging", "Merges components down to the budget"),
+    stage("merge", "Merge to budget", "Merges components down to the budget"),
 ];
 
 /// Maximum number of stages in any preset: the size of timing arrays.

@@ -1,7 +1,7 @@
 //! Autosaved runs of a killed window: the next window offers to continue or forget them and never deletes
 //! one without the user's consent.
 
-use super::harness::{Window, click, dataset, is, until, wait};
+use super::harness::{Window, click, dataset, is, step, until, wait};
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::{Key, Vec2, ViewportCommand, ViewportId};
 use egui_kittest::Harness;
@@ -93,12 +93,12 @@ fn a_killed_run_is_offered_and_goes_on_to_the_same_scene() {
     let Some((mut window, worker)) = next_window(&room, &state) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
     window.run_steps(2);
-    window.get_by_label_contains("of room: 2 of 4 frames were trained");
-    click(&mut window, "Continue");
+    window.get_by_label_contains("room was not saved: 2 of 4 frames are kept.");
+    click(&mut window, "Open it");
     wait(&mut window, "the run", |s| s.snapshot().frames_done == 2);
     assert_eq!(window.state().snapshot().state, RunState::Paused);
     assert_eq!(window.state().snapshot().files.unsaved_frames, 2, "not yet saved by the user");
-    assert!(window.query_by_label("Continue").is_none());
+    assert!(window.query_by_label("Open it").is_none());
 
     window.key_press(Key::Space);
     wait(&mut window, "the end", is(RunState::Finished));
@@ -124,9 +124,9 @@ fn what_is_offered_survives_other_training_until_it_is_forgotten() {
     let content = std::fs::read(&left[0]).unwrap();
     let Some((mut window, worker)) = next_window(&room, &state) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    click(&mut window, "Not now");
-    assert!(window.query_by_label("Continue").is_none());
-    click(&mut window, "Step");
+    click(&mut window, "Later");
+    assert!(window.query_by_label("Open it").is_none());
+    step(&mut window);
     wait(&mut window, "a save", |_| saved(&state).len() == 2);
     assert!(
         std::fs::read(&left[0]).unwrap() == content,
@@ -138,10 +138,10 @@ fn what_is_offered_survives_other_training_until_it_is_forgotten() {
 
     let Some((mut window, _worker)) = next_window(&room, &state) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    click(&mut window, "Forget it");
+    click(&mut window, "Delete it");
     wait(&mut window, "the file to go", |_| saved(&state).is_empty());
     window.run_steps(2);
-    assert!(window.query_by_label("Continue").is_none());
+    assert!(window.query_by_label("Open it").is_none());
 }
 
 #[test]
@@ -173,7 +173,7 @@ fn a_run_that_is_ended_from_outside_is_kept_and_offered() {
     let settings = TrainSettings { autosave_s: None, ..TrainSettings::default() };
     worker.send(WorkerOrder::TrainBy(Box::new(settings)));
     wait(&mut window, "ready", is(RunState::Ready));
-    click(&mut window, "Step");
+    step(&mut window);
     wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
     let Rescue::Stored { path, frames } = worker.store() else { panic!("not kept") };
     assert_eq!(frames, 1);
@@ -181,13 +181,13 @@ fn a_run_that_is_ended_from_outside_is_kept_and_offered() {
     let commands = &window.output().viewport_output[&ViewportId::ROOT].commands;
     assert!(commands.contains(&ViewportCommand::Close), "{commands:?}");
     window.step();
-    assert!(window.query_by_label("Discard the trained scene?").is_none());
+    assert!(window.query_by_label_contains("Discard “").is_none());
     drop(window);
     drop(worker);
     assert_eq!(saved(&state), [path], "closing the window removed the stored run");
 
     let Some((mut window, _worker)) = next_window(&room, &state) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    click(&mut window, "Continue");
+    click(&mut window, "Open it");
     wait(&mut window, "the run", |s| s.snapshot().frames_done == 1);
 }

@@ -2,7 +2,7 @@
 //! differ from 1 only by noise. Prints the figures for the present adapter:
 //! `VBGS_FRAMES=60 VBGS_PAIRS=3 cargo test --release --test app -- --ignored --nocapture beside_training`.
 
-use super::harness::{PATIENCE, Window, click, is, wait, window};
+use super::harness::{PATIENCE, Window, click, is, step, wait, window};
 use super::waiting::large;
 use crate::common::adapter::turn;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
@@ -48,7 +48,7 @@ fn trained_s(room: &Path, beside: Beside) -> Option<f64> {
     }
     let mut window = window(Some(subject), Painting::Auto)?;
     wait(&mut window, "ready", is(RunState::Ready));
-    click(&mut window, "Step");
+    step(&mut window);
     wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1 && s.n_drawn() > 0);
     if beside == Beside::WindowWithoutPast {
         keep_no_past(&mut window);

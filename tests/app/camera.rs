@@ -1,7 +1,7 @@
 //! Camera control by pointer and keys.
 
 use super::harness::{
-    Window, click, dataset, drag, drop_on, is, settled, train, turn_wheel, wait, window, write_to,
+    Window, dataset, drag, drop_on, is, settled, train, turn_wheel, wait, window, write_to,
 };
 use super::inspect::MIDDLE;
 use super::viewer::press;
@@ -24,7 +24,6 @@ fn the_camera_follows_the_pointer_and_keys() {
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
     train(&mut window);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
-    click(&mut window, "×");
     window.key_press(Key::H);
     window.step();
     let home = settled(&mut window);

@@ -1,12 +1,11 @@
 //! Comparing the scene with a second model: opening, wiping, measuring, removing.
 
 use super::harness::{
-    Window, click, dataset, enter_path, settled, train, wait, wait_for_label, wait_for_picture,
-    wait_for_text, window,
+    Window, click, dataset, enter_path, press_in_dialog, settled, train, wait, wait_for_label,
+    wait_for_picture, wait_for_text, window,
 };
-use super::viewer::{choose, press};
+use super::viewer::{choose, open_menu, press};
 use crate::common::adapter::turn;
-use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers};
 use egui_kittest::kittest::{NodeT, Queryable};
 use std::path::Path;
@@ -38,7 +37,7 @@ fn green(path: &Path) {
 fn compare_with(window: &mut Window, path: &Path) {
     choose(window, 0, "Compare with a model…");
     enter_path(window, path);
-    window.get_by_role_and_label(Role::Button, "Compare").click();
+    press_in_dialog(window, "Compare");
     window.run_steps(2);
 }
 
@@ -98,8 +97,7 @@ fn a_second_model_is_wiped_to_measured_and_removed() {
             (view.comparison.mode(), view.comparison.model().is_none()),
             (ViewMode::Single, true)
         );
-        window.get_all_by_role(Role::ComboBox).next().unwrap().click();
-        window.run_steps(2);
+        open_menu(&mut window, "Compare");
         assert!(window.get_by_label("Wipe models").accesskit_node().is_disabled());
         press(&mut window, Key::Escape);
         assert!(window.state().snapshot().notices.iter().all(|n| n.kind != NoticeKind::Error));
@@ -120,12 +118,12 @@ fn a_broken_second_model_is_a_notice_and_nothing_else_changes() {
     // Through the list of actions, while frames are trained.
     window.key_press_modifiers(Modifiers::COMMAND, Key::P);
     window.run_steps(2);
-    window.event(Event::Text("compare with".to_owned()));
+    window.event(Event::Text("compare with a model".to_owned()));
     window.run_steps(2);
     window.key_press(Key::Enter);
     window.run_steps(3);
     enter_path(&mut window, &good);
-    window.get_by_role_and_label(Role::Button, "Compare").click();
+    press_in_dialog(&mut window, "Compare");
     wait(&mut window, "the model", |s| s.view().comparison.mode() == ViewMode::ModelWipe);
 
     let broken = folder.path().join("broken.ply");
@@ -139,7 +137,7 @@ fn a_broken_second_model_is_a_notice_and_nothing_else_changes() {
         })
     });
     let view = window.state().view();
-    assert_eq!(view.comparison.model().unwrap().path, good);
+    assert_eq!(view.comparison.model().unwrap().name, name(&window));
     assert_eq!(view.comparison.mode(), ViewMode::ModelWipe);
     wait(&mut window, "the end", |s| s.snapshot().state == RunState::Finished);
     assert_eq!(window.state().snapshot().frames_done, 40);

@@ -6,15 +6,16 @@ use std::path::Path;
 /// Promises and their tests, as `file: test`: files in `tests/app`, or paths of unit tests in `src/app`.
 const PROMISES: &[(&str, &[&str])] = &[
     (
-        "Top: menu and transport (Open, Train/Pause, Step, Reset, Export)",
+        "Top: Open, Train/Pause with Step and Reset in its menu, Export, and menus; one row, at most 26 controls in all",
         &[
             "menus.rs: every_command_is_in_one_menu",
             "menus.rs: menus_do_what_they_say_and_tell_why_they_cannot",
             "states.rs: a_dataset_goes_through_every_state",
+            "first_minute.rs: few_controls_are_visible_and_none_wraps",
         ],
     ),
     (
-        "Right: tabs Latency, Quality, Scene, Inspector, Settings",
+        "Right: tabs Summary, Quality, Latency, Inspector, Edit, Path, Settings",
         &[
             "states.rs: help_lists_every_shortcut_and_tabs_switch",
             "quality.rs: held_out_views_are_measured_as_eval_does_and_a_click_flies_there",
@@ -71,8 +72,8 @@ const PROMISES: &[(&str, &[&str])] = &[
         &["src/app/command.rs: in_no_state_is_nothing_possible_and_space_is_never_ambiguous"],
     ),
     (
-        "Notices and cards cover neither each other nor the panels, also at 800×600",
-        &["first_minute.rs: cards_leave_notices_their_place_in_small_windows"],
+        "Notices are single lines that cover neither captions nor panels, also at 640×400",
+        &["first_minute.rs: notices_are_single_lines_below_the_captions_and_close_together"],
     ),
     (
         "Empty state: a drop target for folders, an Open button, the synthetic scene",

@@ -2,9 +2,7 @@
 //! and the waker, so the program needs no code for it.
 
 use super::device_loss::draw_film;
-use super::harness::{
-    self, PATIENCE, Window, click, dataset, is, train, until, wait, wait_for_label,
-};
+use super::harness::{PATIENCE, Window, dataset, is, step, train, until, wait, wait_for_label};
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::Vec2;
 use egui_kittest::Harness;
@@ -14,9 +12,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::time::Instant;
 use vbgs_studio::app::edit::marks::LeftOut;
+use vbgs_studio::app::export_options::ExportKind;
 use vbgs_studio::app::rescue::{CrashedThread, Rescue};
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
-use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
+use vbgs_studio::app::worker::{Export, Waker, Worker, WorkerOrder};
 use vbgs_studio::app::{Exit, ExitReason, Painting, Studio, WindowError, run_guarded};
 use vbgs_studio::export;
 use vbgs_studio::export::SpzVersion;
@@ -83,7 +82,7 @@ fn a_panic_of_the_window_stores_the_run_and_states_where() {
     let state = folder.path().join("state");
     let Some(mut hosted) = hosted(Subject::Path(path), Arc::new(|| {}), &state) else { return };
     wait(&mut hosted.window, "ready", is(RunState::Ready));
-    click(&mut hosted.window, "Step");
+    step(&mut hosted.window);
     wait(&mut hosted.window, "a frame", |s| s.snapshot().frames_done == 1);
 
     let Hosted { window, worker, exit, .. } = hosted;
@@ -100,7 +99,7 @@ fn a_panic_of_the_window_stores_the_run_and_states_where() {
     drop(worker);
     assert!(saved.is_file(), "the end of the worker removed the stored run");
 
-    let Some(mut again) = harness::window(Some(Subject::Path(saved)), Painting::Auto) else {
+    let Some(mut again) = super::harness::window(Some(Subject::Path(saved)), Painting::Auto) else {
         return;
     };
     wait(&mut again, "the run", is(RunState::Paused));
@@ -141,7 +140,7 @@ fn a_panic_of_training_stores_the_run_and_leaves_the_window() {
     let Hosted { window, worker, .. } = &mut hosted;
     wait(window, "ready", is(RunState::Ready));
     for frames in 1..=2 {
-        click(window, "Step");
+        step(window);
         wait(window, "a frame", |s| s.snapshot().frames_done == frames);
     }
     armed.store(true, Ordering::SeqCst);
@@ -154,7 +153,7 @@ fn a_panic_of_training_stores_the_run_and_leaves_the_window() {
     assert!(crash.to_string().contains("injected into training"), "{crash}");
     wait_for_label(window, &crash.to_string());
     wait(window, "splats", |s| s.n_drawn() > 100);
-    assert!(window.get_by_label("Export…").rect().is_positive());
+    assert!(window.get_by_label("Export").rect().is_positive());
     assert!(worker.is_alive());
     assert_eq!(worker.store(), crash.rescue, "the run is stored once");
 }
@@ -278,13 +277,14 @@ fn a_panic_while_a_file_is_written_keeps_the_older_file_and_the_run() {
     until("a frame", || worker.snapshot().frames_done == 1);
     known.set(Arc::downgrade(&worker)).unwrap();
     let order = |number| {
-        WorkerOrder::Export(
+        WorkerOrder::Export(Export {
             number,
-            file.clone(),
-            Mapping::default(),
-            SpzVersion::default(),
-            LeftOut::default(),
-        )
+            path: file.clone(),
+            kind: ExportKind::default(),
+            mapping: Mapping::default(),
+            spz_version: SpzVersion::default(),
+            left_out: LeftOut::default(),
+        })
     };
     worker.send(order(1));
     until("the crash", || worker.crash().is_some());

@@ -7,6 +7,7 @@ use eframe::egui::{Event, Key, Modifiers};
 use egui_kittest::kittest::Queryable;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::app::viewer::toolbar::ViewMode;
 use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::train::paper::config::{Candidates, Init, ReassignPolicy};
 use vbgs_studio::train::scene::units::StructuralScale;
@@ -46,19 +47,25 @@ fn the_slider_holds_for_the_first_run_and_offers_another_with_its_forecast() {
     wait(&mut window, "the end", is(RunState::Finished));
     let first = pixels(&window);
     assert!(first < before, "{first} pixels after {before}");
-    click(&mut window, "×");
-    assert!(window.query_by_label("Again, finer").is_none(), "nothing else was chosen");
+    // The summary offers a finer run too; here another tab is in front.
+    click(&mut window, "Quality");
+    assert!(window.query_by_label("Retrain finer").is_none(), "nothing else was chosen");
 
     let used = window.state().snapshot().model.used;
     refine(&mut window, 12);
-    window.get_by_label_contains("ms per frame after 3 frames");
-    click(&mut window, "Again, finer");
+    window.get_by_label_contains("ms a frame after 3 frames");
+    click(&mut window, "Retrain finer");
     click(&mut window, "Discard");
     wait(&mut window, "the end of a finer run", |s| {
         let now = s.snapshot();
         now.state == RunState::Finished && now.model.used > used
     });
     assert!(pixels(&window) < first);
+    // The scene before is beside the new one.
+    let view = window.state().view();
+    assert_eq!(view.comparison.mode(), ViewMode::ModelWipe);
+    let before = view.comparison.model().unwrap();
+    assert_eq!((before.name.as_str(), before.splats.len()), ("Before", used));
 }
 
 #[test]

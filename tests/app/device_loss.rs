@@ -106,17 +106,17 @@ fn begin(window: &mut Window, moment: Moment, folder: &Path) {
 pub fn draw_film(window: &mut Window, output: &Path) {
     click(window, "Path");
     click(window, "Turntable");
-    click(window, "Draw film…");
+    click(window, "Render film…");
     window.run_steps(2);
     // The Path tab has a text field too, but the dialog's field has the focus.
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.event(Event::Text(output.display().to_string()));
     window.run_steps(2);
-    window.get_by_role_and_label(Role::Button, "Draw film").click();
+    window.get_by_role_and_label(Role::Button, "Render film").click();
     window.step();
     // A background thread checks for existing files, so wait for the dialog to close.
     let started = Instant::now();
-    while window.query_by_role_and_label(Role::Button, "Draw film").is_some() {
+    while window.query_by_role_and_label(Role::Button, "Render film").is_some() {
         assert!(started.elapsed() < PATIENCE, "the dialog stays");
         if window.query_by_label("Replace").is_some() {
             click(window, "Replace");

@@ -22,13 +22,12 @@ fn panels_are_dragged_beside_the_picture_and_put_back() {
     let _turn = turn();
     let Some(mut window) = window(None, Painting::Auto) else { return };
     window.run_steps(3);
-    let (scene, quality) = (tab(&window, "Scene"), tab(&window, "Quality"));
+    let (scene, quality) = (tab(&window, "Summary"), tab(&window, "Quality"));
     assert_eq!(scene.y, quality.y);
-    assert!(window.query_by_label("Nothing is open.").is_none());
 
     // Left of the viewport: both panels are visible.
-    drag_tab(&mut window, "Scene", Pos2::new(12.0, 320.0));
-    let moved = tab(&window, "Scene");
+    drag_tab(&mut window, "Summary", Pos2::new(12.0, 320.0));
+    let moved = tab(&window, "Summary");
     assert!(moved.x < 200.0, "{moved:?}");
     assert!(tab(&window, "Quality").x > 600.0, "the others stay");
     window.get_by_label("Nothing is open.");
@@ -51,10 +50,10 @@ fn panels_are_dragged_beside_the_picture_and_put_back() {
     click(&mut window, "View");
     window.get_by_label_contains("Reset layout").click();
     window.run_steps(3);
-    for name in ["Latency", "Quality", "Scene", "Inspector", "Path", "Settings"] {
+    for name in ["Summary", "Quality", "Latency", "Inspector", "Path", "Settings"] {
         assert_eq!(tab(&window, name).y, quality.y, "{name}");
     }
-    assert_eq!(tab(&window, "Scene"), scene);
+    assert_eq!(tab(&window, "Summary"), scene);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Selecting, hiding, deleting and cropping splats, and showing the scene of earlier frames.
 
 use super::harness::{
-    Window, click, dataset, drag_between, is, settled, train, wait, wait_for_picture, window,
+    Window, click, dataset, drag_between, is, settled, step, train, wait, wait_for_picture, window,
     write_to,
 };
 use super::viewer::{choose, press};
@@ -153,7 +153,7 @@ fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
     let subject = Subject::Path(dataset(folder.path(), 4));
     let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    click(&mut window, "Step");
+    step(&mut window);
     wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1 && s.n_drawn() > 100);
     settled(&mut window);
     select_box(&mut window);
@@ -201,7 +201,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
     assert!(settled(&mut window) == first, "the picture differs from the one shown after frame 1");
     step_to(&mut window, 4);
     assert!(settled(&mut window) == first, "what is trained is not shown");
-    window.get_by_label("Back to now").click_accesskit();
+    window.get_by_label("Newest").click_accesskit();
     wait(&mut window, "the scene of now", move |s| s.n_drawn() > drawn);
     let at = slider(&mut window);
     drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
@@ -216,7 +216,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
 }
 
 fn step_to(window: &mut Window, frame: usize) {
-    click(window, "Step");
+    step(window);
     wait(window, "a frame", move |s| s.snapshot().frames_done == frame);
     wait(window, "its splats", |s| s.n_drawn() > 100);
 }

@@ -1,10 +1,9 @@
 //! The export preview: appearance and losses of a file before it is written.
 
 use super::harness::{
-    PATIENCE, Window, clear_view, click, dataset, enter_path, train, wait, window,
+    PATIENCE, Window, clear_view, click, dataset, enter_path, press_in_dialog, train, wait, window,
 };
 use crate::common::adapter::turn;
-use eframe::egui::accesskit::Role;
 use eframe::egui::{Key, Modifiers};
 use egui_kittest::kittest::Queryable;
 use std::sync::Arc;
@@ -88,7 +87,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     wait(&mut window, "the preview again", again);
 
     // The file holds the previewed splats.
-    window.get_by_role_and_label(Role::Button, "Export").click();
+    press_in_dialog(&mut window, "Export");
     wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     let file = export::read(&ply).unwrap();
     assert!(file.splats == shown.splats, "the file differs from the preview");

@@ -1,15 +1,18 @@
 //! Writing scenes and runs, and opening them again.
 
-use super::harness::{click, dataset, is, train, until, wait, window, write_to};
+use super::harness::{
+    click, dataset, enter_path, is, press_in_dialog, step, train, until, wait, window, write_to,
+};
 use crate::common::adapter::turn;
-use eframe::egui::Key;
+use eframe::egui::{Key, Modifiers};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::edit::marks::LeftOut;
+use vbgs_studio::app::export_options::ExportKind;
 use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Source, Subject};
-use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
+use vbgs_studio::app::worker::{Export, Waker, Worker, WorkerOrder};
 use vbgs_studio::export;
 use vbgs_studio::export::SpzVersion;
 use vbgs_studio::export::mapping::Mapping;
@@ -36,6 +39,32 @@ fn export_writes_the_newest_state_and_the_file_opens_again() {
 }
 
 #[test]
+fn meshes_and_point_clouds_are_exported_too() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Subject::Path(dataset(folder.path(), 3));
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    train(&mut window);
+    for (n, kind, name) in [(1, "Mesh", "mesh.obj"), (2, "Point cloud", "points.ply")] {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+        window.run_steps(2);
+        click(&mut window, kind);
+        let file = folder.path().join(name);
+        enter_path(&mut window, &file);
+        press_in_dialog(&mut window, "Export");
+        wait(&mut window, name, |s| {
+            s.snapshot().files.latest_write.is_some_and(|w| w.is_written && w.number >= n)
+        });
+        let text = String::from_utf8_lossy(&std::fs::read(&file).unwrap()).into_owned();
+        let n_lines = |start: &str| text.lines().filter(|line| line.starts_with(start)).count();
+        match kind {
+            "Mesh" => assert!(n_lines("v ") > 100 && n_lines("f ") > 100),
+            _ => assert!(text.contains("property uchar red") && !text.contains("scale_0")),
+        }
+    }
+}
+
+#[test]
 fn a_saved_run_opens_where_it_stopped_and_goes_on() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
@@ -44,7 +73,7 @@ fn a_saved_run_opens_where_it_stopped_and_goes_on() {
         return;
     };
     wait(&mut window, "ready", is(RunState::Ready));
-    click(&mut window, "Step");
+    step(&mut window);
     wait(&mut window, "one frame", |s| s.snapshot().frames_done == 1);
     let file = folder.path().join("run.vbgs");
     write_to(&mut window, Key::S, "Save", &file);
@@ -103,13 +132,14 @@ fn an_export_is_given_up_when_the_user_says_so() {
     until("the end", || started.snapshot().state == RunState::Finished);
     let file = folder.path().join("scene.ply");
     std::fs::write(&file, "older").unwrap();
-    started.send(WorkerOrder::Export(
-        1,
-        file.clone(),
-        Mapping::default(),
-        SpzVersion::default(),
-        LeftOut::default(),
-    ));
+    started.send(WorkerOrder::Export(Export {
+        number: 1,
+        path: file.clone(),
+        kind: ExportKind::default(),
+        mapping: Mapping::default(),
+        spz_version: SpzVersion::default(),
+        left_out: LeftOut::default(),
+    }));
     let is_told = |n: &Notice| n.kind == NoticeKind::Info && n.text.contains("cancelled");
     until("the message", || started.snapshot().notices.iter().any(is_told));
     assert!(seen.load(Ordering::SeqCst));

@@ -1,6 +1,6 @@
 //! Following a recording while it is written.
 
-use super::harness::{Window, click, drop_on, is, train, wait, wait_for_label, window};
+use super::harness::{Window, click, drop_on, is, live, train, wait, wait_for_label, window};
 use crate::common::adapter::turn;
 use egui_kittest::kittest::Queryable;
 use std::path::Path;
@@ -32,7 +32,7 @@ fn a_recording_is_trained_from_before_its_first_frame_to_its_end() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("room");
     let Some(mut window) = window(None, Painting::Auto) else { return };
-    click(&mut window, "Follow");
+    live(&mut window);
     wait(&mut window, "the switch", |studio| studio.snapshot().following.is_on);
     drop_on(&mut window, &path);
     wait(&mut window, "waiting", is(RunState::Waiting));
@@ -74,20 +74,20 @@ fn the_switch_follows_what_is_open_and_ends_it() {
     train(&mut window);
     assert_eq!(window.state().snapshot().frames_done, 5);
 
-    click(&mut window, "Follow");
+    live(&mut window);
     wait_for_label(&mut window, "following, 5 frames, waiting");
     wait_for_label(&mut window, "Live: waiting for the next frame");
     assert_eq!(window.state().snapshot().state, RunState::Training);
     move_last_frames(&later, &path.join("train"));
     has_trained(&mut window, 8);
     wait_for_label(&mut window, "following, 8 frames, waiting");
-    click(&mut window, "Follow");
+    live(&mut window);
     wait(&mut window, "the end", is(RunState::Finished));
     assert!(window.query_by_label("following, 8 frames, waiting").is_none());
     assert_eq!(window.state().snapshot().frames_done, 8);
 
     // Follow the finished run again: the recorder's end marker ends it this time.
-    click(&mut window, "Follow");
+    live(&mut window);
     wait_for_label(&mut window, "following, 8 frames, waiting");
     click(&mut window, "Pause");
     wait(&mut window, "pause", is(RunState::Paused));
@@ -101,7 +101,7 @@ fn waiting_costs_nothing() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let Some(mut window) = window(None, Painting::Auto) else { return };
-    click(&mut window, "Follow");
+    live(&mut window);
     wait(&mut window, "the switch", |studio| studio.snapshot().following.is_on);
     drop_on(&mut window, folder.path());
     wait(&mut window, "waiting", is(RunState::Waiting));
@@ -116,7 +116,7 @@ fn waiting_costs_nothing() {
     let before = window.state().snapshot();
     std::thread::sleep(Duration::from_millis(500));
     assert!(Arc::ptr_eq(&before, &window.state().snapshot()), "waiting publishes snapshots");
-    click(&mut window, "Follow");
+    live(&mut window);
     wait(&mut window, "nothing", is(RunState::Empty));
 }
 

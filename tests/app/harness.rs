@@ -132,9 +132,8 @@ pub fn train(window: &mut Window) {
     wait(window, "the end", is(RunState::Finished));
 }
 
-/// Enlarges the viewport: closes the card shown after training and collapses the frame strip.
+/// Enlarges the viewport: collapses the frame strip.
 pub fn clear_view(window: &mut Window) {
-    click(window, "×");
     window.key_press(Key::T);
     window.run_steps(3);
 }
@@ -145,6 +144,32 @@ pub fn click(window: &mut Window, label: &str) {
     window.run_steps(2);
     window.get_by_label(label).click();
     window.run_steps(2);
+}
+
+/// Trains one frame.
+pub fn step(window: &mut Window) {
+    window.key_press(Key::Period);
+    window.run_steps(2);
+}
+
+/// Asks to start over; unsaved training must be confirmed.
+pub fn reset(window: &mut Window) {
+    window.key_press_modifiers(Modifiers::COMMAND, Key::R);
+    window.run_steps(2);
+}
+
+/// Chooses an entry of a menu of the top bar by the beginning of its label, which ends in its keys.
+pub fn menu(window: &mut Window, menu: &str, entry: &str) {
+    click(window, menu);
+    let is_entry =
+        |label: String| label.trim_end() == entry || label.starts_with(&format!("{entry} "));
+    window.get_by(|node| node.label().is_some_and(&is_entry)).click();
+    window.run_steps(2);
+}
+
+/// Switches following of live recordings on or off.
+pub fn live(window: &mut Window) {
+    menu(window, "Open", "Live");
 }
 
 /// Closes the first notice, which is the newest.
@@ -159,7 +184,12 @@ pub fn write_to(window: &mut Window, key: Key, button: &str, file: &Path) {
     window.key_press_modifiers(Modifiers::COMMAND, key);
     window.run_steps(2);
     enter_path(window, file);
-    window.get_by_role_and_label(Role::Button, button).click();
+    press_in_dialog(window, button);
+}
+
+/// Presses a button of the open dialog. Menus of the bars may have the same name; they come first.
+pub fn press_in_dialog(window: &mut Window, button: &str) {
+    window.get_all_by_role_and_label(Role::Button, button).last().unwrap().click();
 }
 
 /// Replaces the path in the open dialog.

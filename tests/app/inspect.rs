@@ -1,10 +1,11 @@
 //! Picking, the Inspector, colour modes, adapters, and a lost device.
 
 use super::harness::{
-    PATIENCE, Window, clear_view, dataset, settled, studio, train, wait, wait_for_label, window,
+    PATIENCE, Window, clear_view, dataset, settled, step, studio, train, wait, wait_for_label,
+    window,
 };
+use super::viewer::choose;
 use crate::common::adapter::{turn, vulkan};
-use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -14,6 +15,7 @@ use std::time::Instant;
 use vbgs_studio::app::color_mode::ColorMode;
 use vbgs_studio::app::drawing::ViewRenderer;
 use vbgs_studio::app::state::{Inspected, RunState, Subject};
+use vbgs_studio::app::wording;
 use vbgs_studio::app::{ExitReason, Painting, Studio};
 use vbgs_studio::export::{ModelFormat, WriteOptions};
 use vbgs_studio::model::splat::splats::Splat;
@@ -137,12 +139,12 @@ fn every_colour_that_stands_for_something_is_shown_with_its_legend() {
         wait(&mut window, "ready", |s| s.snapshot().state == RunState::Ready);
         let mut components = 0;
         for n in 1..=3 {
-            window.get_by_label("Step").click();
+            step(&mut window);
             wait(&mut window, "a frame", |s| s.snapshot().frames_done == n);
             let now = window.state().snapshot().model.components;
             assert!(now > components, "{now} components after {components}");
             components = now;
-            wait_for_label(&mut window, &format!("{components} components"));
+            wait_for_label(&mut window, &wording::count(components, "splat"));
         }
         settled(&mut window);
         let own = colors(&mut window);
@@ -156,7 +158,7 @@ fn every_colour_that_stands_for_something_is_shown_with_its_legend() {
             if mode == ColorMode::Elbo {
                 window.run_steps(2);
                 window.get_by_label("Available after the next trained frame");
-                window.get_by_label("Step").click();
+                step(&mut window);
                 wait(&mut window, "a frame", |s| s.snapshot().frames_done == 4);
             }
             let started = Instant::now();
@@ -174,10 +176,7 @@ fn every_colour_that_stands_for_something_is_shown_with_its_legend() {
 
 /// Chooses from the colour menu above the viewport.
 fn choose_color(window: &mut Window, mode: ColorMode) {
-    let menu = window.get_all_by_role(Role::ComboBox).nth(1).unwrap();
-    menu.click();
-    window.run_steps(3);
-    window.get_by_role_and_label(Role::Button, mode.label()).click();
+    choose(window, 1, mode.label());
     window.run_steps(3);
 }
 

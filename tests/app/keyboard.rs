@@ -164,7 +164,7 @@ fn every_control_has_a_name() {
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
     window.run_steps(3);
     assert_eq!(nameless(&window), [""; 0], "after the end");
-    for tab in ["Latency", "Quality", "Scene", "Inspector", "Edit", "Path", "Settings"] {
+    for tab in ["Summary", "Quality", "Latency", "Inspector", "Edit", "Path", "Settings"] {
         click(&mut window, tab);
         assert_eq!(nameless(&window), [""; 0], "{tab}");
     }

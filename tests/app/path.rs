@@ -78,13 +78,13 @@ fn a_film_is_drawn_as_the_command_line_draws_it_and_given_up_when_asked() {
 
     let film = folder.path().join("film");
     let draw = |window: &mut super::harness::Window| {
-        click(window, "Draw film…");
+        click(window, "Render film…");
         // The Path tab has a text field too, but the dialog's field has the focus.
         window.run_steps(2);
         window.key_press_modifiers(Modifiers::COMMAND, Key::A);
         window.event(Event::Text(film.display().to_string()));
         window.run_steps(2);
-        window.get_by_role_and_label(Role::Button, "Draw film").click();
+        window.get_by_role_and_label(Role::Button, "Render film").click();
         window.run_steps(2);
     };
     draw(&mut window);
@@ -105,7 +105,7 @@ fn a_film_is_drawn_as_the_command_line_draws_it_and_given_up_when_asked() {
     assert!(has(60));
 
     // The command line renders the same picture from the saved path.
-    click(&mut window, "Scene");
+    click(&mut window, "Summary");
     let model = folder.path().join("scene.vbgs");
     write_to(&mut window, Key::S, "Save", &model);
     wait(&mut window, "the run", |s| s.snapshot().files.unsaved_frames == 0);

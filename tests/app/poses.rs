@@ -1,11 +1,12 @@
 //! The window warns if poses do not follow the layout's convention.
 
-use super::harness::{click, dataset, is, wait, window};
+use super::harness::{click, copied, dataset, drop_on, is, press_in_dialog, wait, window};
 use crate::common::adapter::turn;
 use crate::common::scratch::edit_json;
 use egui_kittest::kittest::Queryable;
-use vbgs_studio::app::Painting;
-use vbgs_studio::app::state::{NoticeKind, Subject};
+use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
+use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::dataset::PoseConvention;
 
 #[test]
 fn poses_are_checked_beside_training_and_doubts_are_told() {
@@ -25,10 +26,11 @@ fn poses_are_checked_beside_training_and_doubts_are_told() {
                 }
             });
         }
-        let Some(mut window) = window(Some(Subject::Path(room)), Painting::Auto) else { return };
-        wait(&mut window, "ready", is(vbgs_studio::app::state::RunState::Ready));
+        let subject = Subject::Path(room.clone());
+        let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+        wait(&mut window, "ready", is(RunState::Ready));
         wait(&mut window, "the check", |s| s.snapshot().sampling.poses.is_some());
-        click(&mut window, "Scene");
+        click(&mut window, "Summary");
         let agreement = "of depth agrees with neighbouring frames (opengl)";
         assert!(window.query_all_by_label_contains(agreement).count() > 0);
         let snapshot = window.state().snapshot();
@@ -42,5 +44,30 @@ fn poses_are_checked_beside_training_and_doubts_are_told() {
             .query_all_by_label_contains("poses match opencv, but the layout has opengl")
             .count();
         assert!(if is_wrong { shown >= 2 } else { shown == 0 }, "{shown}");
+        assert_eq!(window.query_by_label("Open as…").is_some(), is_wrong);
+        if !is_wrong {
+            continue;
+        }
+        // The offer opens the dataset with the axes that fit, and the next opening too.
+        click(&mut window, "Open as…");
+        let opened = |s: &Studio| s.snapshot().opened.as_ref().map_or(0, |opened| opened.serial);
+        let before = opened(window.state());
+        press_in_dialog(&mut window, "Open");
+        for path in [None, Some(&room)] {
+            if let Some(path) = path {
+                drop_on(&mut window, path);
+            }
+            wait(&mut window, "the dataset again", |s| {
+                let snapshot = s.snapshot();
+                let check = snapshot.sampling.poses.as_ref();
+                let fits = check.is_some_and(|check| {
+                    check.opened.poses == PoseConvention::Opencv && check.warnings().is_empty()
+                });
+                opened(s) > before && is(RunState::Ready)(s) && fits
+            });
+        }
+        click(&mut window, "Settings");
+        let line = copied(&mut window, "Copy as command line");
+        assert!(line.contains("--pose-axes opencv"), "{line}");
     }
 }

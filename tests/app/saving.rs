@@ -1,8 +1,8 @@
 //! Proposed file names, existing files, and actions that wait for a file to be written.
 
 use super::harness::{
-    PATIENCE, Window, click, dataset, drop_on, enter_path, is, train, wait, wait_for_label, window,
-    write_to,
+    PATIENCE, Window, click, dataset, drop_on, enter_path, is, press_in_dialog, train, wait,
+    wait_for_label, window, write_to,
 };
 use super::viewer::press;
 use crate::common::adapter::turn;
@@ -16,7 +16,8 @@ use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::export;
 
-const QUESTION: &str = "Discard the trained scene?";
+/// Beginning of the question about unsaved training.
+const QUESTION: &str = "Discard “";
 
 /// Writes a second dataset into a folder of its own.
 fn other_dataset(folder: &Path) -> PathBuf {
@@ -74,13 +75,13 @@ fn an_older_file_is_replaced_only_when_the_user_says_so() {
         wait_for_label(&mut window, "Replace the existing file?");
         click(&mut window, "Choose another name");
         assert!(window.query_by_label("Replace the existing file?").is_none());
-        window.get_by_role_and_label(Role::Button, button).click();
+        press_in_dialog(&mut window, button);
         wait_for_label(&mut window, "Replace the existing file?");
         press(&mut window, Key::Escape);
         assert!(window.query_by_label("Replace the existing file?").is_none());
         window.get_by_role(Role::TextInput); // the dialog itself has stayed
         assert_eq!(std::fs::read(&file).unwrap(), b"older");
-        window.get_by_role_and_label(Role::Button, button).click();
+        press_in_dialog(&mut window, button);
         wait_for_label(&mut window, "Replace the existing file?");
         click(&mut window, "Replace");
         wait(&mut window, "the file", |_| std::fs::read(&file).unwrap() != b"older");
@@ -106,11 +107,11 @@ fn what_waits_goes_on_after_the_file_was_written() {
         train(&mut window);
         drop_on(&mut window, &kitchen);
         answer(&mut window, choice);
-        window.get_by_role_and_label(Role::Button, button).click();
+        press_in_dialog(&mut window, button);
         wait(&mut window, "the kitchen", |s| name(s) == "kitchen");
         assert!(folder.path().join(file).is_file(), "beside the dataset, as proposed");
         window.run_steps(2);
-        assert!(window.query_by_label(QUESTION).is_none());
+        assert!(window.query_by_label_contains(QUESTION).is_none());
     }
     assert!(export::read(&folder.path().join("room.ply")).is_ok());
 }
@@ -163,7 +164,7 @@ fn closing_goes_on_after_the_file_was_written() {
     train(&mut window);
     assert!(!close(&mut window));
     click(&mut window, "Cancel");
-    assert!(window.query_by_label(QUESTION).is_none());
+    assert!(window.query_by_label_contains(QUESTION).is_none());
 
     assert!(!close(&mut window), "closing needs confirmation again");
     answer(&mut window, "Save first…");
@@ -192,5 +193,5 @@ fn a_minimised_window_with_something_to_lose_comes_up_and_asks() {
     assert!(answer.contains(&ViewportCommand::CancelClose), "{answer:?}");
     assert!(answer.contains(&ViewportCommand::Minimized(false)), "{answer:?}");
     window.run_steps(2);
-    window.get_by_label(QUESTION);
+    window.get_by_label_contains(QUESTION);
 }

@@ -3,8 +3,8 @@
 
 use super::detail::type_into;
 use super::harness::{
-    click, close_notice, dataset, drop_on, is, paper_window, train, until, wait, wait_for_label,
-    window, write_to,
+    click, close_notice, dataset, drop_on, is, paper_window, reset, step, train, until, wait,
+    wait_for_label, window, write_to,
 };
 use super::viewer::{choose, evaluated, position, press, session};
 use crate::common::adapter::turn;
@@ -17,6 +17,7 @@ use vbgs_studio::app::frame_outcomes::{FrameOutcomes, FrameState};
 use vbgs_studio::app::state::{HISTORY, NoticeKind, Opened, RunState, Subject};
 use vbgs_studio::app::training::TrainSettings;
 use vbgs_studio::app::viewer::toolbar::ViewMode;
+use vbgs_studio::app::wording;
 use vbgs_studio::app::worker::{Worker, WorkerOrder};
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::calibration::Calibration;
@@ -61,7 +62,7 @@ fn the_preset_is_chosen_in_settings_and_reset_trains_by_it() {
     let path = dataset(folder.path(), 2);
     let Some(mut window) = paper_window(&path, Painting::Auto) else { return };
     click(&mut window, "Latency");
-    click(&mut window, "Step");
+    step(&mut window);
     wait_for_label(&mut window, "Candidate search");
     assert_eq!(window.state().snapshot().model.components, 100_000);
 
@@ -70,15 +71,18 @@ fn the_preset_is_chosen_in_settings_and_reset_trains_by_it() {
     click(&mut window, "Details");
     type_into(&mut window, "Budget", "25000");
     assert_eq!(window.state().snapshot().model.components, 100_000, "until the next run");
-    click(&mut window, "Scene");
-    click(&mut window, "Reset");
+    click(&mut window, "Summary");
+    reset(&mut window);
     click(&mut window, "Discard");
     wait(&mut window, "a scene", |s| s.snapshot().model.components == 0);
-    click(&mut window, "Step");
+    step(&mut window);
     wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
     let components = window.state().snapshot().model.components;
     assert!((1..25_000).contains(&components), "{components}");
-    wait_for_label(&mut window, &format!("{components} of at most 25000 components"));
+    wait_for_label(
+        &mut window,
+        &format!("{} of at most 25,000 splats", wording::grouped(components)),
+    );
 }
 
 #[test]
@@ -88,8 +92,8 @@ fn a_scene_tells_its_settings_and_is_exported_as_chosen() {
     let path = dataset(folder.path(), 2);
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
     train(&mut window);
-    click(&mut window, "Scene");
-    for label in ["Structural scale", "Budget", "Sensor", "Preparation", "Calibration"] {
+    click(&mut window, "Summary");
+    for label in ["Splat size", "Budget", "Sensor", "Preparation", "Calibration"] {
         window.get_by_label(label);
     }
     let file = folder.path().join("one.ply");
@@ -184,7 +188,7 @@ fn a_calibration_is_dropped_on_its_dataset() {
     let expected = evaluated(&session(&path, overrides), (0, 0), options);
     wait_for_label(&mut window, &expected);
 
-    click(&mut window, "Reset");
+    reset(&mut window);
     click(&mut window, "Discard");
     wait(&mut window, "the start", |s| s.snapshot().frames_done == 0);
     let opened = window.state().snapshot().opened.clone().unwrap();

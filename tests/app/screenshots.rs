@@ -26,7 +26,7 @@ use vbgs_studio::app::state::RunState;
 
 /// Window size of README's screenshots.
 const README_SIZE: Vec2 = Vec2::new(1280.0, 800.0);
-const TABS: [&str; 7] = ["Latency", "Quality", "Scene", "Inspector", "Edit", "Path", "Settings"];
+const TABS: [&str; 7] = ["Summary", "Quality", "Latency", "Inspector", "Edit", "Path", "Settings"];
 /// Window sizes for the panels: width and height in points, and pixels per point.
 const SIZES: [(f32, f32, f32); 3] =
     [(800.0, 600.0, 1.0), (1600.0, 1000.0, 1.0), (1920.0, 1080.0, 2.0)];

@@ -2,7 +2,7 @@
 #![cfg(target_os = "linux")]
 
 use super::harness::{
-    PATIENCE, Window, click, dataset, drag, drop_on, is, settled, train, until, wait,
+    PATIENCE, Window, click, dataset, drag, drop_on, is, live, settled, train, until, wait,
     wait_for_label, wait_for_picture, window, write_to,
 };
 use super::viewer::press;
@@ -182,7 +182,7 @@ fn a_folder_that_is_gone_is_followed_all_the_same_until_it_is_back() {
     train(&mut window);
     let elsewhere = folder.path().join("elsewhere");
     std::fs::rename(&path, &elsewhere).unwrap();
-    click(&mut window, "Follow");
+    live(&mut window);
     wait_for_label(&mut window, "Live: the recording cannot be read");
     let is_gone = |s: &Studio| {
         let snapshot = s.snapshot();
@@ -203,7 +203,7 @@ fn a_recording_that_falls_silent_is_named_and_what_was_learnt_is_saved() {
     let subject = Some(Subject::Path(path.clone()));
     let Some(mut window) = window(subject, Painting::Auto) else { return };
     train(&mut window);
-    click(&mut window, "Follow");
+    live(&mut window);
     wait_for_label(&mut window, "following, 2 frames, waiting");
     let file = "transforms_train.json";
     let Some(_silent) = Silent::of(folder.path(), path.clone(), file) else { return };
@@ -244,7 +244,7 @@ fn a_recording_that_falls_silent_as_it_begins_is_named_and_holds_up_nothing() {
     third.iter().for_each(|name| std::fs::rename(frames.join(name), later.join(name)).unwrap());
 
     let Some(mut window) = window(None, Painting::Auto) else { return };
-    click(&mut window, "Follow");
+    live(&mut window);
     wait(&mut window, "the switch", |studio| studio.snapshot().following.is_on);
     let says = |part: &'static str| {
         move |studio: &Studio| {
@@ -261,10 +261,10 @@ fn a_recording_that_falls_silent_as_it_begins_is_named_and_holds_up_nothing() {
     assert_eq!(window.state().snapshot().state, RunState::Waiting);
 
     let asked = Instant::now();
-    click(&mut window, "Follow");
+    live(&mut window);
     wait(&mut window, "nothing", is(RunState::Empty));
     assert!(asked.elapsed() < PASS, "{:?}", asked.elapsed());
-    click(&mut window, "Follow");
+    live(&mut window);
     drop_on(&mut window, &path);
     wait(&mut window, "waiting", is(RunState::Waiting));
     wait(&mut window, "the silence again", says("silent for 3 seconds; check"));

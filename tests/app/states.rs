@@ -1,6 +1,6 @@
 //! Every state of a run, as shown in the window.
 
-use super::harness::{PATIENCE, click, dataset, is, wait, wait_for_label, window};
+use super::harness::{PATIENCE, click, dataset, is, reset, step, wait, wait_for_label, window};
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Key, Vec2};
@@ -8,6 +8,7 @@ use egui_kittest::kittest::Queryable;
 use std::time::Instant;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Source, Subject};
+use vbgs_studio::app::wording;
 
 #[test]
 fn a_dataset_goes_through_every_state() {
@@ -18,7 +19,7 @@ fn a_dataset_goes_through_every_state() {
     wait(&mut window, "ready", is(RunState::Ready));
     assert_eq!(window.state().snapshot().source, Source::Dataset);
 
-    click(&mut window, "Step");
+    step(&mut window);
     wait(&mut window, "one frame", |s| s.snapshot().frames_done == 1);
     assert_eq!(window.state().snapshot().state, RunState::Paused);
     window.key_press(Key::Space);
@@ -27,11 +28,11 @@ fn a_dataset_goes_through_every_state() {
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
 
     // Discarding unsaved training needs confirmation.
-    click(&mut window, "Reset");
-    window.get_by_label("Discard the trained scene?");
+    reset(&mut window);
+    window.get_by_label_contains("Discard “");
     click(&mut window, "Cancel");
     assert_eq!(window.state().snapshot().frames_done, 4);
-    click(&mut window, "Reset");
+    reset(&mut window);
     click(&mut window, "Discard");
     wait(&mut window, "ready again", is(RunState::Ready));
     assert_eq!(window.state().snapshot().frames_done, 0);
@@ -59,7 +60,7 @@ fn help_lists_every_shortcut_and_tabs_switch() {
     }
     window.key_press(Key::F1);
     window.run_steps(2);
-    click(&mut window, "Scene");
+    click(&mut window, "Summary");
     window.get_by_label("Nothing is open.");
     window.set_size(Vec2::new(640.0, 400.0));
     window.run_steps(2);
@@ -89,8 +90,8 @@ fn the_status_line_tells_state_pace_components_and_memory() {
     window.run_steps(2);
     let used = window.state().snapshot().model.used;
     window.get_by_label("Finished");
-    window.get_by_label(&format!("{used} components"));
-    for unit in ["ms/frame", "splats drawn", "MiB"] {
-        window.get_by_label_contains(unit);
+    window.get_by_label(&wording::count(used, "splat"));
+    for unit in ["ms a frame", "MiB"] {
+        assert!(window.query_all_by_label_contains(unit).count() > 0, "{unit}");
     }
 }

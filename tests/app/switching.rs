@@ -1,6 +1,6 @@
 //! Opening datasets and files one after another, from every kind of camera position.
 
-use super::harness::{Window, click, dataset, drag, drop_on, wait, window};
+use super::harness::{Window, dataset, drag, drop_on, menu, wait, window};
 use super::viewer::{choose, press};
 use crate::common::adapter::turn;
 use eframe::egui::{Key, PointerButton};
@@ -91,7 +91,7 @@ fn serial(studio: &Studio) -> u64 {
 fn open(window: &mut Window, subject: &Subject) {
     let before = serial(window.state());
     match subject {
-        Subject::Demo => click(window, "Demo"),
+        Subject::Demo => menu(window, "Open", "Demo"),
         Subject::Path(path) => drop_on(window, path),
     }
     let is_open = |s: &Studio| serial(s) > before && s.snapshot().state != RunState::Loading;

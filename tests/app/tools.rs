@@ -1,7 +1,7 @@
 //! Flying, setting the pivot, measuring, and overlays of the viewport.
 
 use super::harness::{
-    Window, clear_view, click, dataset, drop_on, is, train, wait, wait_for_picture, window,
+    Window, clear_view, click, dataset, drop_on, is, menu, train, wait, wait_for_picture, window,
 };
 use super::inspect::{MIDDLE, click_at};
 use crate::common::adapter::turn;
@@ -124,7 +124,8 @@ fn timings_and_pictures_are_written_beside_the_dataset_and_never_over_a_file() {
         });
         file
     };
-    window.get_by_label_contains("of frames within it");
+    click(&mut window, "Latency");
+    window.get_by_label_contains("of frames within budget");
     let mut pictures = Vec::new();
     for ending in ["", "-2"] {
         // By accessibility action, since the button may lie below the visible part of the panel.
@@ -134,8 +135,7 @@ fn timings_and_pictures_are_written_beside_the_dataset_and_never_over_a_file() {
         let text = std::fs::read_to_string(&file).unwrap();
         assert!(text.starts_with("frame,points,load,prepare,"), "{text}");
         assert!(text.lines().count() > 3, "a line for each of three frames: {text}");
-        click(&mut window, "File");
-        click(&mut window, "Save picture");
+        menu(&mut window, "Export", "Save picture");
         let file = wait_for_file(&mut window, format!("room.view{ending}.png"));
         pictures.push(image::open(&file).unwrap().into_rgb8());
     }
@@ -212,7 +212,7 @@ fn the_title_names_what_is_open_and_recent_things_open_again() {
         }
     }
     assert!(titles.contains(&"room - VBGS Studio".to_owned()), "{titles:?}");
-    click(&mut window, "File");
+    click(&mut window, "Open");
     click(&mut window, "Recent");
     click(&mut window, &a.display().to_string());
     wait(&mut window, "the first again", |s| {

@@ -39,11 +39,20 @@ pub fn press(window: &mut Window, key: Key) {
     window.run_steps(2);
 }
 
-/// Chooses an entry of one of the two menus above the viewport.
-pub fn choose(window: &mut Window, menu: usize, entry: &str) {
-    window.get_all_by_role(Role::ComboBox).nth(menu).unwrap().click();
+/// Opens a menu of the toolbar. Its button appends what is chosen to the name.
+pub fn open_menu(window: &mut Window, name: &str) {
     window.run_steps(2);
-    click(window, entry);
+    let with_choice = format!("{name}: ");
+    let is_it = |label: &str| label == name || label.starts_with(&with_choice);
+    window.get_by(|node| node.label().is_some_and(|label| is_it(&label))).click();
+    window.run_steps(2);
+}
+
+/// Chooses an entry of one of the menus above the viewport: compare, show, render.
+pub fn choose(window: &mut Window, menu: usize, entry: &str) {
+    open_menu(window, ["Compare", "Show", "Render"][menu]);
+    window.get_by_role_and_label(Role::Button, entry).click();
+    window.run_steps(2);
 }
 
 fn renderer(window: &Window) -> Renderer {
@@ -63,7 +72,7 @@ fn tab_toggles_the_renderer_unless_the_lens_is_a_fisheye() {
     assert_eq!(renderer(&window), Renderer::Projected);
 
     choose(&mut window, 0, "Wipe renderers");
-    click(&mut window, "Pinhole");
+    open_menu(&mut window, "Render");
     click(&mut window, "Fisheye");
     press(&mut window, Key::Escape);
     let view = window.state().view();
@@ -87,6 +96,7 @@ fn renderers_are_timed_and_compared_and_the_divider_is_dragged() {
     let folder = tempfile::tempdir().unwrap();
     for (painting, stage) in [(Painting::Auto, "Picture (CPU)"), (Painting::Gpu, "Uploaded, KiB")] {
         let Some(mut window) = trained(folder.path(), painting) else { return };
+        click(&mut window, "Latency");
         wait_for_label(&mut window, stage);
         assert_eq!(window.query_by_label("Uploaded, KiB").is_some(), painting == Painting::Gpu);
         press(&mut window, Key::CloseBracket);
@@ -169,7 +179,7 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
     for key in [Key::ArrowLeft, Key::OpenBracket] {
         let expected = evaluated(&session, position(&window).unwrap(), options);
         wait_for_label(&mut window, &expected);
-        assert_eq!(window.get_all_by_label("Photograph").count(), 2, "button and caption");
+        assert_eq!(window.get_all_by_label("Photograph").count(), 2, "summary and caption");
         press(&mut window, key);
     }
     window.get_by_label("Camera 4 of 4");

@@ -19,6 +19,8 @@ const MAX_MOMENTS: usize = 32;
 pub struct PastScene {
     /// Number of frames processed before the copy, skipped ones included.
     pub n_frames: usize,
+    /// Training time until then, seconds.
+    pub seconds: f64,
     /// Splats in their learned colours.
     pub splats: Arc<SplatSet>,
     serial: u64,
@@ -51,7 +53,12 @@ impl Default for PastScenes {
 
 impl PastScenes {
     /// Stores the scene after `n_frames` frames if a copy is due and its size is within `budget` bytes.
-    pub fn record(&mut self, n_frames: usize, scene: &Arc<SplatSet>, budget: usize) {
+    pub fn record(
+        &mut self,
+        (n_frames, seconds): (usize, f64),
+        scene: &Arc<SplatSet>,
+        budget: usize,
+    ) {
         if self.moments.last().is_some_and(|last| n_frames < last.n_frames) {
             // The run was restarted.
             *self = Self { serial: self.serial, ..Self::default() };
@@ -69,7 +76,7 @@ impl PastScenes {
         if self.is_due(n_frames) {
             self.serial += 1;
             let (splats, serial) = (scene.clone(), self.serial);
-            self.moments.push(PastScene { n_frames, splats, serial, bytes });
+            self.moments.push(PastScene { n_frames, seconds, splats, serial, bytes });
             let shared = scene.clone();
             let copy = move || SplatSet::clone(&shared);
             // Without a thread the copy keeps sharing memory with the scene.
@@ -156,11 +163,11 @@ mod tests {
         let mut past = PastScenes::default();
         assert!(past.latest_at(5).is_none());
         for n in 0..=32 {
-            past.record(n, &scene(n), usize::MAX);
+            past.record((n, 0.0), &scene(n), usize::MAX);
         }
         assert_eq!(frames(&past), (1..=32).collect::<Vec<_>>());
         for n in 33..=10_000 {
-            past.record(n, &scene(3), usize::MAX);
+            past.record((n, 0.0), &scene(3), usize::MAX);
             assert!(past.moments().len() <= MAX_MOMENTS);
         }
         let kept = frames(&past);
@@ -175,12 +182,12 @@ mod tests {
         let budget = 10 * bytes_of(&scene(100));
         let mut past = PastScenes::default();
         for n in 1..200 {
-            past.record(n, &scene(n.min(100)), budget);
+            past.record((n, 0.0), &scene(n.min(100)), budget);
             assert!(past.bytes() <= budget, "{n}");
         }
         assert!(past.bytes() > budget / 3, "{:?}", frames(&past));
         let before = frames(&past);
-        past.record(300, &scene(100_000), budget);
+        past.record((300, 0.0), &scene(100_000), budget);
         assert_eq!(frames(&past), before);
         past.set_budget(budget / 4);
         assert!(!past.moments().is_empty() && past.bytes() <= budget / 4);
@@ -193,7 +200,7 @@ mod tests {
         let (mut past, mut now) = (PastScenes::default(), scene(1000));
         let changed = Splat { opacity: 0.5, ..Splat::default() };
         for n_frames in 1..=4 {
-            past.record(n_frames, &now, usize::MAX);
+            past.record((n_frames, 0.0), &now, usize::MAX);
             // Copying may finish before or after the next change; both must be correct.
             if n_frames % 2 == 0 {
                 while Arc::strong_count(&now) > 1 {
@@ -215,7 +222,7 @@ mod tests {
     fn a_run_that_begins_anew_forgets_what_was_before() {
         let mut past = PastScenes::default();
         for n in [1, 2, 3, 1] {
-            past.record(n, &scene(1), usize::MAX);
+            past.record((n, 0.0), &scene(1), usize::MAX);
         }
         assert_eq!(frames(&past), [1]);
     }

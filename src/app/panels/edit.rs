@@ -1,6 +1,6 @@
 //! Panel of edits: selection, crop box, hidden and deleted splats, earlier frames.
 
-use super::card::{SLIDER, command_button, named, section, weak};
+use super::controls::{SLIDER, command_button, named, section, weak};
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::{EditCounts, Editor};
 use crate::app::state::{Opened, Snapshot};
@@ -35,7 +35,7 @@ pub fn ui(
         crop(editor, opened, &mut asked, ui);
         section("Hidden and deleted", ui);
         hidden_and_deleted(editor, &counts, &mut asked, ui);
-        section("Earlier frames", ui);
+        section("History", ui);
         walk_back(view, snapshot, ui);
     });
     asked
@@ -129,7 +129,7 @@ fn walk_back(view: &mut SceneView, snapshot: &Snapshot, ui: &mut Ui) {
         // A copy may be newer than the snapshot of this pass.
         slider(editor, snapshot.n_seen().max(1), ui);
         weak(ui, &describe_display(editor));
-        weak(ui, "This does not affect saving or exporting.");
+        weak(ui, "Exports are not affected.");
     }
     // Drawn in either case: with a limit of 0 there are no copies, and the user may raise it again.
     budget(view, ui);
@@ -144,14 +144,14 @@ fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
             editor.earlier_frames = (frames < last).then_some(frames);
         }
         let is_away = editor.earlier_frames.is_some();
-        if ui.add_enabled(is_away, Button::new("Back to now")).clicked() {
+        if ui.add_enabled(is_away, Button::new("Newest")).clicked() {
             editor.earlier_frames = None;
         }
     });
 }
 
 fn describe_display(editor: &Editor) -> String {
-    let Some(asked) = editor.earlier_frames else { return "Showing the current scene.".to_owned() };
+    let Some(asked) = editor.earlier_frames else { return "Showing the newest scene.".to_owned() };
     match editor.displayed_past() {
         Some(past) if past.n_frames == asked => format!(
             "Showing the scene after frame {asked}, in its learned colours. Figures refer to the current scene."
@@ -160,16 +160,20 @@ fn describe_display(editor: &Editor) -> String {
             "Showing the scene after frame {}, the latest copy up to frame {asked}, in its learned colours. Figures refer to the current scene.",
             past.n_frames
         ),
-        None => format!("No copy exists up to frame {asked}: showing the current scene."),
+        None => format!("No copy exists up to frame {asked}: showing the newest scene."),
     }
 }
 
 fn budget(view: &mut SceneView, ui: &mut Ui) {
     let mut budget = view.settings.panels.past_mb;
     let past = &view.editor.stored_scenes;
-    let (n, taken) = (past.moments().len(), past.bytes() as f64 / 1e6);
+    let copies = match past.moments().len() {
+        1 => "1 copy".to_owned(),
+        n => format!("{n} copies"),
+    };
+    let taken = past.bytes() as f64 / 1e6;
     ui.horizontal_wrapped(|ui| {
-        ui.label(format!("{n} copies stored, {taken:.1} MB of at most"));
+        ui.label(format!("{copies} stored, {taken:.1} MB of at most"));
         let value = DragValue::new(&mut budget).range(0..=MAX_PAST_MB).suffix(" MB");
         let value = named(ui.add(value), "Memory for earlier frames");
         value.on_hover_text("Beyond this limit, every other copy is dropped");

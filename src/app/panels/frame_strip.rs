@@ -7,7 +7,7 @@ use crate::app::command::UiCommand;
 use crate::app::frame_outcomes::{FrameOutcomes, FrameState};
 use crate::app::quality::QualityMonitor;
 use crate::app::state::{Opened, RunState, Snapshot};
-use crate::app::viewer::frame_refs::FrameRef;
+use crate::app::viewer::frame_refs::{Direction, FrameRef};
 use crate::app::viewer::thumbnails::{Pictures, Thumbnails};
 use crate::app::wording;
 use crate::eval::report::ViewReport;
@@ -35,7 +35,7 @@ pub struct StripContext<'a> {
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum StripAnswer {
-    Fold,
+    Step(Direction),
     Show(FrameRef),
     /// Shows the camera of a frame while the pointer is held down.
     Preview(FrameRef),
@@ -44,16 +44,24 @@ pub enum StripAnswer {
 /// Serial number of the open dataset, and number of the frame last scrolled to.
 pub type ScrolledTo = Option<(u64, usize)>;
 
-/// Draws the header with fold button, recording status and training order.
-pub fn header(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<StripAnswer> {
+/// Draws the header with the number of the camera in view, recording status and training order.
+pub fn header(context: &StripContext<'_>, ui: &mut Ui) -> Option<StripAnswer> {
     let StripContext { snapshot, opened, .. } = context;
     let mut asked = None;
     ui.horizontal(|ui| {
-        let command = UiCommand::FrameStrip;
-        let button = Button::selectable(is_open, command.label()).small();
-        if ui.add(button).on_hover_text(command.hint(ui.ctx())).clicked() {
-            asked = Some(StripAnswer::Fold);
-        }
+        let mut step = |command: UiCommand, direction, ui: &mut Ui| {
+            let button = ui.add(Button::new(command.label()).small());
+            if button.on_hover_text(command.hint(ui.ctx())).clicked() {
+                asked = Some(StripAnswer::Step(direction));
+            }
+        };
+        step(UiCommand::PreviousCamera, Direction::Back, ui);
+        let camera = match context.shown {
+            Some(frame) => format!("Camera {} of {}", frame.number() + 1, frame.n_frames()),
+            None => "Free camera".to_owned(),
+        };
+        ui.add(Label::new(RichText::new(camera).size(SIZE)).extend());
+        step(UiCommand::NextCamera, Direction::Forth, ui);
         let live = recording_status(snapshot);
         if let Some((text, hint)) = &live {
             ui.label(SignalColor::Green.text(text, ui).size(SIZE)).on_hover_text(hint);

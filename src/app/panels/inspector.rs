@@ -1,10 +1,7 @@
 //! Inspector of the selected splat: posterior and drawing parameters.
 
-use super::card::section;
-use super::signal_color::{SignalColor, format_number, swatch, to_color32};
+use super::signal_color::{format_number, swatch, to_color32};
 use crate::app::state::{Inspected, Snapshot};
-use crate::app::wording;
-use crate::dataset::pose_check::PoseCheck;
 use crate::math::sym3::Sym3;
 use crate::model::inspection::Inspection;
 use crate::model::scene::photometric::PhotometricDeviations;
@@ -192,46 +189,4 @@ fn rows(rows: [[f64; 3]; 3]) -> String {
     // One width for all, so that columns align.
     let short = |v: f64| format!("{v:>9.2e}");
     rows.map(|row| row.map(short).join(" ")).join("\n")
-}
-
-pub fn scene_section(snapshot: &Snapshot, ui: &mut Ui) {
-    let Some(opened) = &snapshot.opened else {
-        ui.label("Nothing is open.");
-        return;
-    };
-    ScrollArea::vertical().show(ui, |ui| {
-        Grid::new("info").num_columns(2).striped(true).show(ui, |ui| {
-            for (label, value) in &opened.info {
-                ui.label(RichText::new(label).weak());
-                ui.add(Label::new(value).wrap());
-                ui.end_row();
-            }
-        });
-        if let Some(check) = &snapshot.sampling.poses {
-            poses(check, ui);
-        }
-        let skipped: Vec<&str> =
-            snapshot.frames.skipped.iter().map(|s| s.message.as_str()).collect();
-        list("Skipped frames", &skipped, ui);
-        let doubts: Vec<&str> = snapshot.frames.outliers.iter().map(String::as_str).collect();
-        list("Photographs that contradict the scene", &doubts, ui);
-    });
-}
-
-fn poses(check: &PoseCheck, ui: &mut Ui) {
-    section("Poses", ui);
-    ui.label(wording::pose_agreement(check));
-    for warning in check.warnings() {
-        ui.label(SignalColor::Yellow.text(warning, ui));
-    }
-}
-
-fn list(title: &str, messages: &[&str], ui: &mut Ui) {
-    if messages.is_empty() {
-        return;
-    }
-    section(&format!("{title}: {}", messages.len()), ui);
-    for message in messages {
-        ui.label(*message);
-    }
 }

@@ -1,6 +1,6 @@
 //! Timings of the latest frames: stacked plot and table.
 
-use super::card::named;
+use super::controls::named;
 use super::plot_axes;
 use super::signal_color::swatch;
 use crate::app::drawing::{DrawHistory, DrawStage, ViewRenderer};
@@ -130,7 +130,7 @@ fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
         let value = named(ui.add(value.suffix(" ms")), "Budget per frame");
         value.on_hover_text("Time allowed per frame; the red line in the plot");
         let share = share_within_budget(frames, *budget_ms);
-        ui.label(format!("{:.0} % of frames within it", 100.0 * share));
+        ui.label(format!("{:.0} % of frames within budget", 100.0 * share));
     });
     let rate = Summary::of_frames(frames, 0.0).points_per_s;
     ui.label(format!("{:.2} million points/s", rate * 1e-6));

@@ -1,18 +1,14 @@
-//! Menu bar: every command with its shortcut, and the reason if it is unavailable.
+//! Menus of the top bar: every command with its shortcut, and the reason if it is unavailable.
 
-use super::card::button_or_reason;
+use super::controls::{button_or_reason, named};
 use crate::app::action_finder::Action;
 use crate::app::command::{Menu, UiCommand};
 use eframe::egui::{Button, Ui};
 use std::path::PathBuf;
 
-const MENUS: [(Menu, &str); 5] = [
-    (Menu::File, "File"),
-    (Menu::Selection, "Selection"),
-    (Menu::View, "View"),
-    (Menu::Run, "Run"),
-    (Menu::Help, "Help"),
-];
+/// Menus at the left of the bar.
+const MENUS: [(Menu, &str); 4] =
+    [(Menu::Open, "Open"), (Menu::Export, "Export"), (Menu::View, "View"), (Menu::Help, "Help")];
 
 pub struct MenuContext<'a> {
     pub recent: &'a [PathBuf],
@@ -33,27 +29,41 @@ pub enum BarAnswer {
 pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {
     let mut asked = None;
     for (menu, label) in MENUS {
-        ui.menu_button(label, |ui| {
-            let mut commands = UiCommand::ALL.to_vec();
-            commands.retain(|command| command.menu().0 == menu);
-            // A stable sort keeps the order of the shortcut list within a group.
-            commands.sort_by_key(|command| command.menu().1);
-            let mut before = 0;
-            for command in commands {
-                let group = command.menu().1;
-                if std::mem::replace(&mut before, group) != group {
-                    ui.separator();
-                }
-                asked = item(context, Action::Command(command), ui).or(asked.take());
-                if command == UiCommand::OpenDemo {
-                    asked = recent(context, ui).or(asked.take());
-                }
-            }
-            if menu == Menu::View {
-                ui.separator();
-                asked = submenus(context, ui).or(asked.take());
-            }
-        });
+        let shown = ui.menu_button(label, |ui| entries(menu, context, ui));
+        asked = shown.inner.flatten().or(asked.take());
+    }
+    asked
+}
+
+/// Draws the button that opens the menu beside the training button.
+pub fn training(context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {
+    let shown = ui.menu_button("⏷", |ui| entries(Menu::Train, context, ui));
+    named(shown.response, "Training menu").on_hover_text("One frame, start over, command line");
+    shown.inner.flatten()
+}
+
+fn entries(menu: Menu, context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {
+    let mut asked = None;
+    let mut commands = UiCommand::ALL.to_vec();
+    commands.retain(|command| command.menu().0 == menu);
+    // A stable sort keeps the order of the shortcut list within a group.
+    commands.sort_by_key(|command| command.menu().1);
+    let mut before = commands.first().map_or(0, |command| command.menu().1);
+    for command in commands {
+        let group = command.menu().1;
+        if std::mem::replace(&mut before, group) != group {
+            ui.separator();
+        }
+        asked = item(context, Action::Command(command), ui).or(asked.take());
+        if command == UiCommand::OpenDemo {
+            asked = recent(context, ui).or(asked.take());
+        }
+    }
+    if menu == Menu::View {
+        ui.separator();
+        let selection = ui.menu_button("Selection", |ui| entries(Menu::Selection, context, ui));
+        asked = selection.inner.flatten().or(asked.take());
+        asked = submenus(context, ui).or(asked.take());
     }
     asked
 }

@@ -1,6 +1,6 @@
 //! Panels: each draws from the snapshot and returns the user's request.
 
-pub mod card;
+pub mod controls;
 pub mod edit;
 pub mod frame_strip;
 pub mod inspector;
@@ -10,9 +10,9 @@ pub mod notices;
 pub mod path;
 pub mod plot_axes;
 pub mod quality;
-pub mod ready;
 pub mod settings;
 pub mod signal_color;
 pub mod status;
+pub mod summary;
 pub mod training;
 pub mod transport;

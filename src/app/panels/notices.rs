@@ -1,69 +1,99 @@
-//! Notices at the top of the viewport. Warnings and errors stay until closed; information disappears.
+//! Notices at the top of the viewport, one line each. Warnings and errors stay until closed; information
+//! disappears.
 
 use super::signal_color::SignalColor;
-use crate::app::state::{Notice, NoticeKind, Snapshot};
-use eframe::egui::{Align2, Area, Color32, Frame, Id, Label, RichText, ScrollArea, Ui, Vec2};
+use crate::app::state::{Notice, NoticeKind, OpenAs, Snapshot};
+use eframe::egui::{
+    Align2, Area, Color32, CursorIcon, Frame, Id, Label, RichText, ScrollArea, Sense, Ui, Vec2,
+};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
 // More would cover the viewport; older ones follow when these are closed.
 const SHOWN: usize = 3;
 const WIDTH: f32 = 620.0;
-const MARGIN: f32 = 10.0;
+/// Distance from the top of the viewport, points.
+// Captions of compared pictures lie above.
+const TOP: f32 = 40.0;
 /// Height above which the notices scroll, as a fraction of the viewport's height, and minimum value of that
 /// height, points.
-// Cards and viewport below need room in small windows.
+// The viewport below needs room in small windows.
 const MAX_SHARE: f32 = 0.35;
 const MIN_HEIGHT: f32 = 60.0;
 const INFO_DURATION: Duration = Duration::from_secs(20);
 
-/// Serial numbers of closed notices, and for every displayed notice the time at which it first appeared.
+/// Serial numbers of closed notices and of those shown in full, and for every displayed notice the time at
+/// which it first appeared.
 #[derive(Default)]
 pub struct NoticeBoard {
     closed: BTreeSet<u64>,
+    in_full: BTreeSet<u64>,
     shown_since: BTreeMap<u64, Instant>,
 }
 
 impl NoticeBoard {
     /// Draws the newest open notices. Returns the height that they occupy at the top of the viewport,
-    /// points.
-    pub fn ui(&mut self, snapshot: &Snapshot, ui: &Ui) -> f32 {
+    /// points, and the dataset that the user asks to open with other options.
+    pub fn ui(&mut self, snapshot: &Snapshot, ui: &Ui) -> (f32, Option<OpenAs>) {
         self.remove_old(&snapshot.notices);
         let open: Vec<&Notice> =
-            snapshot.notices.iter().rev().filter(|n| self.is_open(n)).take(SHOWN).collect();
+            snapshot.notices.iter().rev().filter(|n| self.is_open(n)).collect();
         if open.is_empty() {
-            return 0.0;
+            return (0.0, None);
         }
         // Restricted to the viewport: over the panels they would block controls.
         let room = ui.max_rect().width() - 40.0;
-        let top = ui.max_rect().center_top() + Vec2::new(0.0, MARGIN);
+        let top = ui.max_rect().center_top() + Vec2::new(0.0, TOP);
         let most = (MAX_SHARE * ui.max_rect().height()).max(MIN_HEIGHT);
+        let mut asked = None;
         let area = Area::new(Id::unique("notices")).fixed_pos(top).pivot(Align2::CENTER_TOP);
         let shown = area.show(ui.ctx(), |ui| {
             Frame::popup(ui.style()).show(ui, |ui| {
                 ui.set_max_width(WIDTH.min(room));
                 ScrollArea::vertical().max_height(most).show(ui, |ui| {
-                    open.into_iter().for_each(|notice| self.row(notice, ui));
+                    for notice in open.iter().take(SHOWN) {
+                        asked = self.row(notice, ui).or(asked.take());
+                    }
                 });
+                if open.len() > 1 && ui.small_button("Close all").clicked() {
+                    self.closed.extend(open.iter().map(|notice| notice.serial));
+                }
             });
         });
-        shown.response.rect.bottom() - ui.max_rect().top()
+        (shown.response.rect.bottom() - ui.max_rect().top(), asked)
     }
 
-    fn row(&mut self, notice: &Notice, ui: &mut Ui) {
+    /// Draws a notice in one line. A click on its text shows all of it.
+    fn row(&mut self, notice: &Notice, ui: &mut Ui) -> Option<OpenAs> {
+        let mut asked = None;
         ui.horizontal(|ui| {
             if ui.small_button("×").on_hover_text("Close this notice").clicked() {
                 self.closed.insert(notice.serial);
             }
             let (word, color) = label_and_color(notice.kind, ui.visuals().dark_mode);
             ui.label(RichText::new(word).strong().color(color));
-            ui.add(Label::new(&notice.text).wrap());
+            if let Some(open_as) = &notice.open_as {
+                let hint = "Open it with other options: poses, depth unit, intrinsics";
+                if ui.small_button("Open as…").on_hover_text(hint).clicked() {
+                    asked = Some(open_as.clone());
+                }
+            }
+            let label = Label::new(&notice.text).sense(Sense::click());
+            if self.in_full.contains(&notice.serial) {
+                ui.add(label.wrap());
+            } else {
+                let line = ui.add(label.truncate()).on_hover_text(&notice.text);
+                if line.on_hover_cursor(CursorIcon::PointingHand).clicked() {
+                    self.in_full.insert(notice.serial);
+                }
+            }
         });
         self.shown_since.entry(notice.serial).or_insert_with(Instant::now);
         if notice.kind == NoticeKind::Info {
             // egui does not repaint without input, so the notice would stay.
             ui.ctx().request_repaint_after(INFO_DURATION);
         }
+        asked
     }
 
     fn is_open(&self, notice: &Notice) -> bool {
@@ -73,9 +103,10 @@ impl NoticeBoard {
     }
 
     fn remove_old(&mut self, notices: &[Notice]) {
-        // The worker drops old notices; without this the two sets would grow for ever.
+        // The worker drops old notices; without this the sets would grow for ever.
         let oldest = notices.first().map_or(u64::MAX, |notice| notice.serial);
         self.closed.retain(|&serial| serial >= oldest);
+        self.in_full.retain(|&serial| serial >= oldest);
         self.shown_since.retain(|&serial, _| serial >= oldest);
     }
 }

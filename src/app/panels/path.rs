@@ -1,6 +1,6 @@
 //! Panel of the camera path: keyframes, preview, film, and the file for `render --path`.
 
-use super::card::named;
+use super::controls::named;
 use crate::app::path_editor::PathEditor;
 use crate::app::viewer::SceneView;
 use crate::export::camera_path::PacedPath;
@@ -140,7 +140,7 @@ fn film(editor: &PathEditor, drawn: Option<f32>, ui: &mut Ui) -> Option<PathRequ
             }
         }
         None => {
-            let button = Button::new("Draw film…");
+            let button = Button::new("Render film…");
             let draw = ui.add_enabled(editor.paced().is_some(), button);
             let hint = "Renders the path to a video or a folder of pictures";
             if draw.on_hover_text(hint).clicked() {
@@ -153,10 +153,10 @@ fn film(editor: &PathEditor, drawn: Option<f32>, ui: &mut Ui) -> Option<PathRequ
 
 pub fn film_choices(editor: &mut PathEditor, ui: &mut Ui) {
     ui.horizontal(|ui| {
-        for (side, (suffix, name)) in
-            editor.size.iter_mut().zip([(" wide", "Width"), (" high", "Height")])
+        for (side, (prefix, name)) in
+            editor.size.iter_mut().zip([("Size ", "Width"), ("× ", "Height")])
         {
-            named(ui.add(DragValue::new(side).range(FILM_SIDES).suffix(suffix)), name);
+            named(ui.add(DragValue::new(side).range(FILM_SIDES).prefix(prefix)), name);
         }
         ui.weak("pixels");
     });

@@ -1,6 +1,6 @@
 //! Quality panel: error of held-out views over frames or seconds, and per view.
 
-use super::card::{optional_number, section, weak};
+use super::controls::{optional_number, section, weak};
 use super::plot_axes::plot;
 use super::signal_color::{SignalColor, format_number, to_color32};
 use crate::app::quality::{QualityMonitor, QualityPoint};
@@ -8,6 +8,7 @@ use crate::app::retention::RetainedFrame;
 use crate::app::state::{Opened, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::thumbnails::Thumbnails;
+use crate::app::wording;
 use crate::eval::report::{Detail, ViewReport};
 use crate::model::attributes::ComponentAttributes;
 use crate::render::finish::ramp;
@@ -37,7 +38,7 @@ impl Metric {
             Self::Psnr => ["PSNR", "PSNR, dB"],
             Self::Ssim => ["SSIM", "SSIM"],
             Self::DepthError => ["Depth error", "depth error, world units"],
-            Self::Components => ["Components", "components"],
+            Self::Components => ["Splats", "splats"],
         }
     }
 
@@ -104,10 +105,7 @@ pub fn ui(
 
 fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     let (done, all) = quality.progress();
-    let after = |point: &QualityPoint| match point.frames {
-        1 => "after 1 frame".to_owned(),
-        n => format!("after {n} frames"),
-    };
+    let after = |point: &QualityPoint| format!("after {}", wording::count(point.frames, "frame"));
     let (point, what) = match (quality.result(), quality.history.last()) {
         (Some(point), _) => (point, format!("mean of {all} views {}", after(&point))),
         (None, Some(&point)) => {
@@ -248,7 +246,7 @@ const BAR: Color32 = Color32::from_rgb(86, 180, 233);
 
 /// Draws the evidence histogram while training is paused or finished.
 fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) {
-    section("Evidence of the components", ui);
+    section("Evidence of the splats", ui);
     // Counting would slow training down.
     let (true, Some(EvidenceHistogram { first, counts })) = (is_at_rest, histogram) else {
         ui.label(RichText::new("Shown while training is paused or finished.").weak());
@@ -259,10 +257,16 @@ fn histogram(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut U
         Bar::new(middle, count as f64).width(1.0 / PER_DECADE)
     });
     let chart = BarChart::new("Components", bars.collect()).color(BAR);
-    let axes = ["log10 of the points per component", "components"];
+    let axes = ["log10 of the points per splat", "splats"];
     plot("evidence", axes, 150.0).show(ui, |plot| plot.bar_chart(chart));
     let n: usize = counts.iter().sum();
-    weak(ui, &format!("{n} components. The Edit tab can select those with low evidence."));
+    weak(
+        ui,
+        &format!(
+            "{}. The Edit tab can select those with low evidence.",
+            wording::count(n, "splat")
+        ),
+    );
 }
 
 /// Number of histogram bars per power of ten of the evidence.
@@ -303,7 +307,8 @@ fn retention(frames: &[RetainedFrame], ui: &mut Ui) {
     plot("retention", axes, 180.0).legend(Legend::default()).show(ui, |plot| {
         for (i, frame) in frames.iter().enumerate() {
             let color = to_color32(ramp(0.15 + 0.8 * i as f32 / frames.len() as f32));
-            let name = format!("frame {}", frame.position);
+            // Of one width, because the legend is sorted by text.
+            let name = format!("frame {:>4}", frame.position);
             add_curve(plot, &name, frame.psnr.clone(), color);
         }
     });

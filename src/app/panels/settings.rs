@@ -1,7 +1,7 @@
 //! Settings panel: training, drawing and window.
 
-use super::card::{choices, command_button, named, section};
-use super::{card, training};
+use super::controls::{choices, command_button, named, section};
+use super::{controls, training};
 use crate::app::command::UiCommand;
 use crate::app::training::TrainSettings;
 use crate::app::viewer::settings::{DARK, SCALES, ViewSettings};
@@ -107,7 +107,7 @@ fn marked_section(
     ui.add_space(8.0);
     ui.horizontal(|ui| {
         ui.label(RichText::new(title).strong());
-        if card::reset_dot(title, "the default", default != *settings, ui) {
+        if controls::reset_dot(title, "the default", default != *settings, ui) {
             *settings = default;
         }
     });

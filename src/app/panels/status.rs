@@ -4,8 +4,8 @@ use super::signal_color::SignalColor;
 use crate::app::rescue::AbandonedRun;
 use crate::app::state::{Followed, ModelSize, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
+use crate::app::wording;
 use crate::eval::report;
-use crate::eval::report::quantile;
 use crate::pipeline::any_preset::ComponentLimit;
 use eframe::egui::{Color32, Label, ProgressBar, RichText, Ui};
 use std::time::Duration;
@@ -58,18 +58,14 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
             ui.separator();
             ui.label(format!("{:.1} frames/s", snapshot.pace.frames_per_s));
         }
-        if !snapshot.frames.recent.is_empty() {
-            let mut ms: Vec<f64> =
-                snapshot.frames.recent.iter().rev().take(30).map(|f| f.ms.stages.train).collect();
-            ms.sort_by(f64::total_cmp);
-            // The median, which single slow frames do not move.
-            ui.label(format!("{:.1} ms/frame", quantile(&ms, 0.5)));
+        if let Some(ms) = snapshot.median_frame_ms() {
+            ui.label(format!("{ms:.1} ms a frame"))
+                .on_hover_text("Median training time of the latest frames");
         }
         if snapshot.model.components > 0 {
             ui.separator();
-            ui.label(components(snapshot));
-            ui.separator();
-            ui.label(format!("{} splats drawn", surroundings.n_drawn));
+            let n_drawn = wording::grouped(surroundings.n_drawn);
+            ui.label(components(snapshot)).on_hover_text(format!("{n_drawn} of them are drawn"));
         }
         skipped(snapshot, ui);
         ui.separator();
@@ -117,12 +113,14 @@ fn components(snapshot: &Snapshot) -> String {
     let Snapshot { model: ModelSize { components, used, .. }, opened, .. } = snapshot;
     let method = opened.as_ref().and_then(|opened| opened.method.as_ref());
     match method.map(|method| method.as_any().component_limit()) {
-        None => format!("{components} splats"),
+        None => wording::count(*components, "splat"),
         // Only the paper's preset has unused components.
-        Some(ComponentLimit::Fixed(_)) => format!("{used} of {components} components used"),
-        Some(ComponentLimit::Default(_)) => format!("{used} components"),
+        Some(ComponentLimit::Fixed(_)) => {
+            format!("{} of {} splats used", wording::grouped(*used), wording::grouped(*components))
+        }
+        Some(ComponentLimit::Default(_)) => wording::count(*used, "splat"),
         Some(ComponentLimit::Asked(most) | ComponentLimit::Lowered(most)) => {
-            format!("{used} of at most {most} components")
+            format!("{} of at most {} splats", wording::grouped(*used), wording::grouped(most))
         }
     }
 }
@@ -150,18 +148,21 @@ pub enum Answer {
 pub fn abandoned(run: &AbandonedRun, ui: &mut Ui) -> Option<Answer> {
     let mut answer = None;
     ui.horizontal_wrapped(|ui| {
-        ui.label(RichText::new("Unfinished run").strong().color(Color32::from_rgb(230, 180, 80)));
         let AbandonedRun { dataset, frames, planned_frames, .. } = run;
         let name = dataset.file_name().map_or(dataset.as_os_str(), |name| name);
-        ui.label(format!(
-            "of {}: {frames} of {planned_frames} frames were trained when the program ended unexpectedly",
+        let text = format!(
+            "{} was not saved: {frames} of {planned_frames} frames are kept.",
             name.to_string_lossy()
-        ))
-        .on_hover_text(format!("{}\n{}", dataset.display(), run.file.display()));
+        );
+        ui.label(SignalColor::Yellow.text(text, ui).strong()).on_hover_text(format!(
+            "{}\n{}",
+            dataset.display(),
+            run.file.display()
+        ));
         for (label, choice, tooltip) in [
-            ("Continue", Answer::Resume, "Open the run and resume training"),
-            ("Forget it", Answer::Forget, "Delete the autosave of this run"),
-            ("Not now", Answer::NotNow, "Offer this again at the next start"),
+            ("Open it", Answer::Resume, "Opens the run; training can go on"),
+            ("Delete it", Answer::Forget, "Deletes the autosave of this run"),
+            ("Later", Answer::NotNow, "Offers this again at the next start"),
         ] {
             if ui.button(label).on_hover_text(tooltip).clicked() {
                 answer = Some(choice);

@@ -1,7 +1,7 @@
 //! Training settings for the next opened or reset run.
 
-use super::card;
-use super::card::{choices, optional_number};
+use super::controls;
+use super::controls::{choices, optional_number};
 use super::signal_color::SignalColor;
 use crate::app::training::TrainSettings;
 use crate::pipeline::autosave;
@@ -104,7 +104,7 @@ fn rows<L: SettingLayer + Clone>(
 
 fn reset_marker<L: SettingLayer>(setting: &Setting<L>, layer: &mut L, ui: &mut Ui) {
     let about = &setting.about;
-    let is_back = card::reset_dot(
+    let is_back = controls::reset_dot(
         about.label.unwrap_or_default(),
         about.default,
         differs(setting, layer),

@@ -3,6 +3,7 @@
 use crate::app::opening::absolute_or_same;
 use crate::app::state::Opened;
 use crate::app::training::TrainSettings;
+use crate::dataset::LoadOptions;
 use crate::train::setting::Preset;
 use crate::train::setting::table::{SettingLayer, Spelling};
 use std::path::{Path, PathBuf};
@@ -31,6 +32,7 @@ pub fn command_line(opened: &Opened, training: &TrainSettings) -> Result<String,
         Some(run) if run != folder => words.extend(["--resume".to_owned(), path(run)?]),
         _ => {
             words.extend(settings(training));
+            words.extend(reading(&dataset.options));
             if let Some(given) = &opened.calibration {
                 let file = given.file.as_deref().ok_or(NoCommandLine::Calibration)?;
                 words.extend(["--calibration".to_owned(), path(file)?]);
@@ -44,6 +46,38 @@ pub fn command_line(opened: &Opened, training: &TrainSettings) -> Result<String,
         }
     }
     Ok(words.iter().map(|word| shell_quoted(word)).collect::<Vec<_>>().join(" "))
+}
+
+/// Returns the options with which the dataset was read.
+fn reading(options: &LoadOptions) -> Vec<String> {
+    let mut words = Vec::new();
+    let mut give = |option: &str, values: &[String]| {
+        words.push(option.to_owned());
+        words.extend_from_slice(values);
+    };
+    let texts = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>();
+    if options.track {
+        give("--poses", &["track".to_owned()]);
+    }
+    if let Some(axes) = options.poses {
+        give("--pose-axes", &[axes.name().to_owned()]);
+    }
+    if let Some(scale) = options.depth_scale {
+        give("--depth-scale", &texts(&[scale]));
+    }
+    if let Some(range) = options.depth_range {
+        give("--depth-range", &texts(&range));
+    }
+    if let Some(intrinsics) = options.intrinsics {
+        give("--intrinsics", &texts(&intrinsics));
+    }
+    if let Some(confidence) = options.confidence {
+        give("--confidence", &[confidence.to_string()]);
+    }
+    if options.geometry_only {
+        give("--geometry-only", &[]);
+    }
+    words
 }
 
 fn settings(training: &TrainSettings) -> Vec<String> {

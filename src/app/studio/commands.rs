@@ -2,21 +2,23 @@
 
 use super::Studio;
 use super::command_line::command_line;
-use super::dialogs::{Dialogs, help};
+use super::dialogs::{Dialogs, about, help};
 use super::dock::reset_layout;
 use super::film_tools::FilmTools;
 use crate::app::action_finder::Action;
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::EditCounts;
 use crate::app::export_options;
+use crate::app::export_options::ExportKind;
 use crate::app::film::FilmRequest;
 use crate::app::panels::path::film_choices;
 use crate::app::panels::status::Answer;
+use crate::app::path_dialog;
 use crate::app::path_dialog::PathAnswer;
 use crate::app::rescue::AbandonedRun;
 use crate::app::state::{NoticeKind, RunState, Snapshot, Subject};
 use crate::app::viewer::export_preview::ExportChoice;
-use crate::app::worker::{Waker, WorkerOrder};
+use crate::app::worker::{Export, Waker, WorkerOrder};
 use crate::export::ModelFormat;
 use crate::render::{Lens, RenderOptions};
 use eframe::egui::{FocusDirection, InputState, Key, Modifiers, Popup, Ui, ViewportCommand};
@@ -30,17 +32,17 @@ impl Studio {
         // Read by the test that drives the program with a mouse (`tests/app/journey.rs`).
         tracing::debug!("command: {command:?}");
         match command {
-            UiCommand::Open => self.dialogs.open.show(),
+            UiCommand::Open => self.dialogs.open(),
             UiCommand::OpenDemo => {
                 self.confirm_then_send(WorkerOrder::Open(Subject::Demo), snapshot)
             }
             UiCommand::Train => {
-                self.apply_detail(snapshot);
+                self.apply_settings(snapshot);
                 self.worker.send(WorkerOrder::Train);
             }
             UiCommand::Pause => self.worker.send(WorkerOrder::Pause),
             UiCommand::Step => {
-                self.apply_detail(snapshot);
+                self.apply_settings(snapshot);
                 self.worker.send(WorkerOrder::Step);
             }
             UiCommand::Follow => self.worker.send(WorkerOrder::Follow(!snapshot.following.is_on)),
@@ -65,6 +67,7 @@ impl Studio {
                 })
             }
             UiCommand::Help => self.dialogs.help_is_open = !self.dialogs.help_is_open,
+            UiCommand::About => self.dialogs.about_is_open = true,
             // Returns as a close request, which may ask for confirmation first.
             UiCommand::Quit => self.shell.egui.send_viewport_cmd(ViewportCommand::Close),
             of_view => {
@@ -234,7 +237,12 @@ impl Studio {
     pub(super) fn show_dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let waker = self.shell.waker().clone();
         // No action waits for this dialog, so cancelling it has no effect.
-        if let Some(PathAnswer::Path(path)) = self.dialogs.open.ui(ui, &waker, |_| (), |_| ()) {
+        let reading = &mut self.dialogs.reading;
+        let choices = |ui: &mut Ui| path_dialog::reading(reading, ui);
+        if let Some(PathAnswer::Path(path)) = self.dialogs.open.ui(ui, &waker, choices, |_| ()) {
+            let reading = self.dialogs.reading;
+            self.training.note(&path, |of| of.reading = reading);
+            self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
             self.open_path(path, snapshot);
         }
         if let Some(PathAnswer::Path(path)) = self.dialogs.compare.ui(ui, &waker, |_| (), |_| ()) {
@@ -254,6 +262,7 @@ impl Studio {
         let notices = [self.film.thread.poll_notice(), self.film.still.take()];
         notices.into_iter().flatten().for_each(|(kind, text)| self.report(kind, text));
         help(ui, &mut self.dialogs.help_is_open);
+        about(ui, &mut self.dialogs.about_is_open, &self.shell.adapter);
         // Taken out, because the closure borrows the whole window.
         let mut finder = std::mem::take(&mut self.dialogs.finder);
         let chosen = finder.ui(ui, |action| self.unavailable_reason(action, snapshot).is_none());
@@ -271,39 +280,51 @@ impl Studio {
         let (editor, palette) = (&mut self.view.editor, &self.view.palette);
         let counts = self.dialogs.export.is_open().then(|| editor.counts(palette));
         let report = self.view.comparison.export_preview_report();
-        let Dialogs { mapping, spz_version, export, .. } = &mut self.dialogs;
-        let format = ModelFormat::from_path(&export.entered()).ok();
+        let Dialogs { kind, mapping, spz_version, export, .. } = &mut self.dialogs;
+        let has_mesh = snapshot.opened.as_ref().is_some_and(|opened| opened.scene().is_some());
+        let format = kind.splat_format(&export.entered()).ok();
         let previews = &mut self.view.settings.panels.previews_export;
         let choices = |ui: &mut Ui| {
-            if is_native {
-                export_options::ui(mapping, ui);
-            }
-            if format == Some(ModelFormat::Spz) {
-                export_options::spz(spz_version, ui);
+            export_options::kind(kind, has_mesh, ui);
+            if *kind == ExportKind::Splats {
+                if is_native {
+                    export_options::mapping(mapping, ui);
+                }
+                if format == Some(ModelFormat::Spz) {
+                    export_options::spz(spz_version, ui);
+                }
             }
             if let Some(EditCounts { all, left_out: n @ 1.., .. }) = counts {
                 ui.label(format!("{n} of {all} splats are excluded by edits (Edit tab)."));
             }
-            export_options::preview(previews, ui);
+            if *kind == ExportKind::Splats {
+                export_options::preview(previews, ui);
+            }
         };
         let below = |ui: &mut Ui| export_options::report(report.as_ref(), ui);
         match export.ui(ui, waker, choices, below) {
             None => {}
             Some(PathAnswer::Cancelled) => self.unsaved.cancel_naming(),
             Some(PathAnswer::Path(path)) => {
-                let number = self.unsaved.begin_write(&self.worker);
-                let left_out = self.view.editor().left_out();
-                let Dialogs { mapping, spz_version, .. } = self.dialogs;
-                let order = WorkerOrder::Export(number, path, mapping, spz_version, left_out);
-                self.worker.send(order);
+                let Dialogs { kind, mapping, spz_version, .. } = self.dialogs;
+                self.worker.send(WorkerOrder::Export(Export {
+                    number: self.unsaved.begin_write(&self.worker),
+                    path,
+                    kind,
+                    mapping,
+                    spz_version,
+                    left_out: self.view.editor().left_out(),
+                }));
             }
         }
     }
 
     fn preview_export(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
-        let Dialogs { mapping, spz_version, export, .. } = &self.dialogs;
-        let is_wanted = export.is_open() && self.view.settings.panels.previews_export;
+        let Dialogs { kind, mapping, spz_version, export, .. } = &self.dialogs;
+        let is_wanted = export.is_open()
+            && *kind == ExportKind::Splats
+            && self.view.settings.panels.previews_export;
         let format = is_wanted.then(|| ModelFormat::from_path(&export.entered()).ok());
         let choice = format.flatten().map(|format| ExportChoice {
             format,

@@ -2,9 +2,12 @@
 
 use crate::app::action_finder::ActionFinder;
 use crate::app::command::UiCommand;
+use crate::app::export_options::ExportKind;
 use crate::app::path_dialog::{PathDialog, Purpose};
-use crate::app::state::{Opened, Snapshot};
+use crate::app::state::{OpenAs, Opened, Snapshot, Subject};
+use crate::app::wording;
 use crate::app::worker::{Worker, WorkerOrder};
+use crate::dataset::LoadOptions;
 use crate::export::SpzVersion;
 use crate::export::mapping::Mapping;
 use eframe::egui::{
@@ -13,33 +16,52 @@ use eframe::egui::{
 
 pub(super) struct Dialogs {
     pub open: PathDialog,
+    /// How the dataset of the open dialog is read.
+    pub reading: LoadOptions,
     pub compare: PathDialog,
     pub save: PathDialog,
     pub export: PathDialog,
     pub film: PathDialog,
+    pub kind: ExportKind,
     pub mapping: Mapping,
     pub spz_version: SpzVersion,
     pub finder: ActionFinder,
     pub help_is_open: bool,
+    pub about_is_open: bool,
 }
 
 impl Default for Dialogs {
     fn default() -> Self {
         Self {
             open: PathDialog::new(Purpose::Open),
+            reading: LoadOptions::default(),
             compare: PathDialog::new(Purpose::Compare),
             save: PathDialog::new(Purpose::Save),
             export: PathDialog::new(Purpose::Export),
             film: PathDialog::new(Purpose::Film),
+            kind: ExportKind::default(),
             mapping: Mapping::default(),
             spz_version: SpzVersion::default(),
             finder: ActionFinder::default(),
             help_is_open: false,
+            about_is_open: false,
         }
     }
 }
 
 impl Dialogs {
+    /// Shows the open dialog.
+    pub fn open(&mut self) {
+        self.reading = LoadOptions::default();
+        self.open.show();
+    }
+
+    /// Shows the open dialog with a path and options.
+    pub fn open_as(&mut self, OpenAs { path, reading }: OpenAs) {
+        self.reading = reading;
+        self.open.show_path(&path);
+    }
+
     pub fn propose(&mut self, opened: &Opened) {
         for dialog in [&mut self.save, &mut self.export, &mut self.film] {
             dialog.propose(opened.serial, &opened.files);
@@ -158,7 +180,7 @@ impl UnsavedWork {
     ) {
         let Some((stage, _)) = &self.pending else { return };
         match *stage {
-            Stage::Decision => match confirm_discard(ui, snapshot.files.unsaved_frames) {
+            Stage::Decision => match confirm_discard(ui, snapshot, self.purpose()) {
                 None => {}
                 Some(Decision::Discard) => self.execute(worker, ui),
                 Some(Decision::Save) => {
@@ -180,6 +202,25 @@ impl UnsavedWork {
                     None => self.wait_for_file(worker, ui),
                 }
             }
+        }
+    }
+
+    /// Returns what the pending action does, for the question about discarding.
+    fn purpose(&self) -> String {
+        match &self.pending {
+            Some((_, Continuation::Close)) => "close the window".to_owned(),
+            Some((_, Continuation::Send(order))) => match order {
+                WorkerOrder::Open(Subject::Demo) => "open the demo".to_owned(),
+                WorkerOrder::Open(Subject::Path(path)) => {
+                    let name = path.file_name().unwrap_or(path.as_os_str());
+                    format!("open “{}”", name.to_string_lossy())
+                }
+                WorkerOrder::Reset => "start over".to_owned(),
+                WorkerOrder::Retrain => "train it again".to_owned(),
+                WorkerOrder::Calibrate(_) => "train with this calibration".to_owned(),
+                _ => "go on".to_owned(),
+            },
+            None => String::new(),
         }
     }
 
@@ -211,13 +252,16 @@ enum Decision {
     Cancel,
 }
 
-/// Draws a dialog that offers to discard `n_frames` frames of unsaved training. Returns the user's
+/// Draws a dialog that offers to discard unsaved training for the sake of `purpose`. Returns the user's
 /// decision; `None` until there is one.
-fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
+fn confirm_discard(ui: &Ui, snapshot: &Snapshot, purpose: String) -> Option<Decision> {
     let mut decision = None;
     let response = Modal::new(Id::unique("discard")).show(ui.ctx(), |ui| {
-        ui.heading("Discard the trained scene?");
-        ui.label(format!("{n_frames} trained frames are neither saved nor exported."));
+        let name = snapshot.opened.as_ref().map_or("this scene", |opened| opened.name.as_str());
+        ui.heading(format!("Discard “{name}” to {purpose}?"));
+        let n = snapshot.files.unsaved_frames;
+        let (frames, are) = (wording::count(n, "trained frame"), if n == 1 { "is" } else { "are" });
+        ui.label(format!("{frames} {are} neither saved nor exported."));
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             for (label, choice) in [
@@ -285,6 +329,21 @@ pub(super) fn help(ui: &Ui, is_open: &mut bool) {
             list.show(ui, shortcuts);
         },
     );
+}
+
+/// Draws the window with version, graphics adapter and manual.
+pub(super) fn about(ui: &Ui, is_open: &mut bool, adapter: &str) {
+    let window = Window::new("About").open(is_open).collapsible(false).resizable(false);
+    window.show(ui.ctx(), |ui| {
+        ui.label(RichText::new("VBGS Studio").size(22.0).strong());
+        ui.label(format!("Version {}", env!("CARGO_PKG_VERSION")));
+        ui.label(env!("CARGO_PKG_DESCRIPTION"));
+        ui.label(format!("Licence: {}", env!("CARGO_PKG_LICENSE")));
+        ui.add_space(6.0);
+        ui.label(RichText::new(adapter).weak());
+        ui.add_space(6.0);
+        ui.label("Manual: the folder docs beside the program's source, or vbgs-studio --help");
+    });
 }
 
 fn shortcuts(ui: &mut Ui) {

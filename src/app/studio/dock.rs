@@ -201,7 +201,10 @@ fn viewport(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot)
     }
     // The central panel comes last: egui gives it the room left by the others.
     CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
-        let noticed = studio.panels.notices.ui(snapshot, ui);
+        let (noticed, open_as) = studio.panels.notices.ui(snapshot, ui);
+        if let Some(open_as) = open_as {
+            studio.dialogs.open_as(open_as);
+        }
         studio.central_view(ui, snapshot, noticed);
     });
 }

@@ -4,7 +4,7 @@ use crate::app::frame_outcomes::FrameOutcomes;
 use crate::app::panels::frame_strip;
 use crate::app::panels::frame_strip::{ScrolledTo, StripAnswer, StripContext};
 use crate::app::quality::QualityMonitor;
-use crate::app::state::{RunState, Snapshot};
+use crate::app::state::{Opened, RunState, Snapshot};
 use crate::app::viewer::SceneView;
 use crate::app::viewer::viewpoint::Place;
 use eframe::egui::{Frame, Panel, Ui};
@@ -27,7 +27,7 @@ impl FrameStripState {
         &mut self,
         view: &mut SceneView,
         quality: &QualityMonitor,
-        is_open: &mut bool,
+        is_open: bool,
         frame: Frame,
         snapshot: &Snapshot,
         ui: &mut Ui,
@@ -50,7 +50,7 @@ impl FrameStripState {
             shown: shown.as_ref(),
         };
         let scrolled_to = &mut self.scrolled_to;
-        let asked = if *is_open {
+        let asked = if is_open {
             let room = ui.max_rect().height();
             let heights = frame_strip::HEIGHTS;
             let highest = (MAX_SHARE * room).clamp(heights.min, heights.max);
@@ -59,33 +59,31 @@ impl FrameStripState {
                 .size_range(heights.min..=highest)
                 .default_size((SHARE * room).clamp(heights.min, highest));
             panel.show(ui, |ui| {
-                let folded = frame_strip::header(&context, *is_open, ui);
-                frame_strip::ui(&context, scrolled_to, thumbnails, ui).or(folded)
+                let stepped = frame_strip::header(&context, ui);
+                frame_strip::ui(&context, scrolled_to, thumbnails, ui).or(stepped)
             })
         } else {
             // Another name, because egui stores the size of the open strip by its name.
             let panel = Panel::bottom("frames folded").frame(frame);
-            panel.show(ui, |ui| frame_strip::header(&context, *is_open, ui))
+            panel.show(ui, |ui| frame_strip::header(&context, ui))
         };
-        if asked.inner == Some(StripAnswer::Fold) {
-            *is_open = !*is_open;
-        }
-        self.follow_preview(asked.inner, opened.serial, view, ui);
+        self.follow_preview(asked.inner, opened, view, ui);
     }
 
     fn follow_preview(
         &mut self,
         asked: Option<StripAnswer>,
-        serial: u64,
+        opened: &Opened,
         view: &mut SceneView,
         ui: &Ui,
     ) {
         match asked {
-            None | Some(StripAnswer::Fold) => {}
+            None => {}
+            Some(StripAnswer::Step(direction)) => view.camera.step(opened, direction),
             Some(StripAnswer::Show(frame)) => view.camera.move_to_frame(frame),
             Some(StripAnswer::Preview(frame)) => {
                 if self.before.is_none() {
-                    self.before = Some((serial, view.camera.place()));
+                    self.before = Some((opened.serial, view.camera.place()));
                 }
                 if view.camera.frame_ref() != Some(&frame) {
                     view.camera.move_to_frame(frame);
@@ -97,7 +95,7 @@ impl FrameStripState {
             return;
         }
         // If another dataset was opened during the drag, the previous camera no longer applies.
-        if let Some((_, before)) = self.before.take().filter(|(was, _)| *was == serial) {
+        if let Some((_, before)) = self.before.take().filter(|(was, _)| *was == opened.serial) {
             view.camera.return_to(before);
         }
     }

@@ -11,10 +11,12 @@ mod side_panel;
 
 use super::drawing::{Painting, WindowWaker};
 use super::layout::{SideTab, WindowLayout};
+use super::opening::FileProposal;
 use super::panels::menus::{BarAnswer, MenuContext};
 use super::panels::notices::NoticeBoard;
 use super::panels::quality::QualityPlot;
-use super::panels::{ready, status, transport};
+use super::panels::summary::SummaryRender;
+use super::panels::{status, summary, transport};
 use super::pass_times::PassTimes;
 use super::quality::QualityMonitor;
 use super::settings_file::StoredSettings;
@@ -22,6 +24,7 @@ use super::state::{NoticeKind, Opened, RunState, Snapshot};
 use super::training::TrainSettings;
 use super::user_folders::RecentPaths;
 use super::viewer::SceneView;
+use super::viewer::comparison::ComparedModel;
 use super::viewer::painter::ViewPainter;
 use super::viewport::WindowDevice;
 use super::window::{Exit, ExitReason, Handover};
@@ -57,14 +60,17 @@ pub struct Studio {
     timing: Timing,
 }
 
-/// State of panels and cards that is kept between egui passes.
+/// State of panels that is kept between egui passes.
 #[derive(Default)]
 struct PanelStates {
     strip: FrameStripState,
     quality_plot: QualityPlot,
     notices: NoticeBoard,
-    /// Serial number of the run whose summary card was closed.
-    closed_summary_serial: u64,
+    summary: SummaryRender,
+    /// Serial number of what is open, its path, and the settings with which it was opened.
+    applied: Option<(u64, Option<PathBuf>, TrainSettings)>,
+    /// Scene before a retraining, which is compared with the next one, and the files of its dataset.
+    before_retrain: Option<(FileProposal, ComparedModel)>,
     /// Autosave slot of the interrupted run that the user declined to continue ("Not now").
     postponed_slot: Option<PathBuf>,
 }
@@ -87,8 +93,10 @@ impl Studio {
         started: Instant,
     ) -> std::io::Result<Self> {
         // Orders go first, so that the trainer works while the GPU is initialised.
-        let StoredSettings { view, training, recent, layout, problems } =
+        let StoredSettings { view, mut training, recent, layout, problems } =
             StoredSettings::read(|part| context.storage?.get_string(part));
+        // The stored one belongs to the dataset that was open last.
+        training.scene.scale = None;
         // Settings before everything else, since they apply to datasets opened after them.
         worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
         let warn = |problem| WorkerOrder::Report(NoticeKind::Warning, problem);
@@ -212,7 +220,7 @@ impl Studio {
             Some(status::CancelRequest::Opening) => self.worker.cancel_opening(),
             None => {}
         }
-        let (strip, shows) = (&mut self.panels.strip, &mut self.layout.shows_frames);
+        let (strip, shows) = (&mut self.panels.strip, self.layout.shows_frames);
         strip.ui(&mut self.view, &self.quality, shows, frame, snapshot, ui);
         // The central panel comes last: egui gives it the room left by the others.
         let central = CentralPanel::default().frame(Frame::NONE);
@@ -229,7 +237,7 @@ impl Studio {
         let asked = transport::ui(snapshot, &menu, &mut scale, ui);
         if scale != self.training.scene.scale {
             self.training.scene.scale = scale;
-            self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
+            self.send_training(snapshot);
         }
         asked
     }
@@ -239,7 +247,23 @@ impl Studio {
         if let Some(path) = opened.path.as_ref().filter(|_| self.view.is_another(opened)) {
             self.recent.note(path);
         }
+        if self.panels.applied.as_ref().is_none_or(|(serial, ..)| *serial != opened.serial) {
+            // The worker has chosen the scale in the same way.
+            if self.panels.applied.as_ref().is_some_and(|(_, path, _)| *path != opened.path) {
+                self.training = self.training.for_dataset(opened.path.as_deref());
+                self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
+            }
+            let applied = (opened.serial, opened.path.clone(), self.training.clone());
+            self.panels.applied = Some(applied);
+        }
+        let is_another = self.view.is_another(opened);
         self.view.reset_for_subject(opened);
+        if is_another
+            && let Some((_, before)) =
+                self.panels.before_retrain.take().filter(|(files, _)| *files == opened.files)
+        {
+            self.view.comparison.show_model(before);
+        }
         self.dialogs.propose(opened);
     }
 
@@ -249,10 +273,10 @@ impl Studio {
         // Taken even if nothing is drawn: the worker sends the next update only after this one.
         for update in self.worker.splat_updates().take() {
             self.quality.change(&update.change);
-            self.view.apply_update(update);
+            self.view.apply_update(update, snapshot.pace.trained_s);
         }
         if snapshot.opened.is_none() {
-            if let Some(command) = ready::start(snapshot, noticed, ui) {
+            if let Some(command) = summary::start(snapshot, noticed, ui) {
                 self.apply_command(command, snapshot);
             }
             return;
@@ -269,13 +293,14 @@ impl Studio {
         // Quality is measured at dataset cameras, which are pinhole cameras.
         let method = settings.method(settings.renderer, Lens::Pinhole);
         let (every, splats) = (settings.panels.quality_every, self.view.learned());
-        self.quality.update(ui.ctx(), snapshot, method, every, splats);
-        self.cards(ui, snapshot, noticed);
+        let past = self.view.editor().stored_scenes.moments();
+        self.quality.update(ui.ctx(), snapshot, method, every, (splats, past));
         self.request_attributes();
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));
             // A click next to the splats deselects, which is no reason to switch tabs.
-            if picked.is_some() && !self.view.overlays.is_measuring() {
+            let is_editing = self.layout.is_active(SideTab::Edit);
+            if picked.is_some() && !is_editing && !self.view.overlays.is_measuring() {
                 self.layout.activate(SideTab::Inspector);
             }
         }

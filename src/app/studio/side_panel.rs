@@ -1,32 +1,31 @@
 //! Panels and their requests to the window.
 
 use super::Studio;
-use crate::app::color_mode::ColorMode;
-use crate::app::detail::{finer, retrainable_run};
+use crate::app::detail::{finer, retrain_label};
 use crate::app::drawing::ViewRenderer;
 use crate::app::layout::SideTab;
-use crate::app::panels::card::CardPlace;
 use crate::app::panels::quality::EvidenceHistogram;
-use crate::app::panels::ready::SummaryAnswer;
 use crate::app::panels::settings::SettingsAnswer;
-use crate::app::panels::{edit, inspector, latency, quality, ready, settings};
-use crate::app::state::{NoticeKind, Opened, RunState, Snapshot, Source};
-use crate::app::viewer::frame_refs::FrameRef;
+use crate::app::panels::summary::{SummaryAnswer, SummaryPictures};
+use crate::app::panels::{edit, inspector, latency, quality, settings, summary};
+use crate::app::state::{NoticeKind, RunState, Snapshot};
+use crate::app::viewer::comparison::ComparedModel;
 use crate::app::viewer::painter::ViewPainter;
-use crate::app::viewer::toolbar::ViewMode;
 use crate::app::viewport;
 use crate::app::viewport::{GpuViewPainter, WindowDevice};
 use crate::app::window::ExitReason;
+use crate::app::wording;
 use crate::app::worker::WorkerOrder;
+use crate::model::splat::framing::framing;
 use crate::train::scene::units::StructuralScale;
 use eframe::egui::Ui;
 
 impl Studio {
     pub(super) fn panel(&mut self, tab: SideTab, ui: &mut Ui, snapshot: &Snapshot) {
         match tab {
-            SideTab::Latency => self.latency_tab(ui, snapshot),
+            SideTab::Summary => self.summary(ui, snapshot),
             SideTab::Quality => self.quality_tab(ui, snapshot),
-            SideTab::Scene => inspector::scene_section(snapshot, ui),
+            SideTab::Latency => self.latency_tab(ui, snapshot),
             SideTab::Inspector => inspector::ui(snapshot, ui),
             SideTab::Edit => self.edit_tab(ui, snapshot),
             SideTab::Path => self.path_tab(ui, snapshot),
@@ -76,7 +75,7 @@ impl Studio {
         let (view, training) = (&mut self.view.settings, &mut self.training);
         let asked = settings::ui(view, training, &graphics, ui);
         if self.training != before {
-            self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
+            self.send_training(snapshot);
         }
         match asked {
             None => {}
@@ -119,56 +118,51 @@ impl Studio {
         }
     }
 
-    /// Draws the card of the current state, if there is one. Notices cover the top `noticed` points of
-    /// the viewport.
-    pub(super) fn cards(&mut self, ui: &Ui, snapshot: &Snapshot, noticed: f32) {
-        let Some(opened) = &snapshot.opened else { return };
-        let place = CardPlace::below(noticed, ui);
-        if snapshot.state == RunState::Ready && snapshot.frames_done == 0 {
-            self.ready_card(opened, place, ui, snapshot);
-        }
-        let is_read = self.panels.closed_summary_serial == opened.serial;
-        let is_plain = self.view.comparison.mode() == ViewMode::Single
-            && self.view.settings.color_mode == ColorMode::Color;
-        let is_done = snapshot.state == RunState::Finished && snapshot.source == Source::Dataset;
-        if is_done && is_plain && !is_read {
-            self.summary_card(opened, place, ui, snapshot);
-        }
-    }
-
-    fn ready_card(&mut self, opened: &Opened, place: CardPlace, ui: &Ui, snapshot: &Snapshot) {
-        let first = FrameRef::trained(opened, 0);
-        let photo = match (self.view.thumbnails(opened), &first) {
-            (Some(thumbnails), Some(first)) => thumbnails.get(ui.ctx(), first, true),
-            _ => None,
-        };
-        if let Some(command) = ready::ui(snapshot, opened, photo, place, ui) {
-            self.apply_command(command, snapshot);
-        }
-    }
-
-    fn summary_card(&mut self, opened: &Opened, place: CardPlace, ui: &Ui, snapshot: &Snapshot) {
-        let finer = finer(snapshot);
+    fn summary(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+        // The bar offers the scale that the user has chosen.
+        let is_chosen = retrain_label(self.training.scene.scale, snapshot).is_some();
+        let finer = finer(snapshot).filter(|_| !is_chosen);
         let forecast = finer.map(|scale| {
             let scale = match scale {
-                StructuralScale::Pixels(n) => format!("{n:.2} pixels"),
-                StructuralScale::World(length) => format!("{length:.2e} world units"),
+                StructuralScale::Pixels(n) => format!("{n:.2} depth pixels"),
+                StructuralScale::World(length) => wording::length(length),
             };
+            // `finer` divides the scale by √2, and splats cover areas.
+            let n = wording::grouped(2 * snapshot.model.used);
             format!(
-                "Train on the same frames again with a structural scale of {scale}: about {} components. The view stays",
-                // `finer` divides the scale by √2, and components cover areas.
-                2 * snapshot.model.used
+                "Splats of {scale}, about {n}. The view stays, and this scene is kept beside the new one"
             )
         });
-        match ready::summary(snapshot, &self.quality, forecast.as_deref(), place, ui) {
-            None => {}
-            Some(SummaryAnswer::Close) => self.panels.closed_summary_serial = opened.serial,
-            Some(SummaryAnswer::Quality) => self.layout.activate(SideTab::Quality),
-            Some(SummaryAnswer::Command(command)) => self.apply_command(command, snapshot),
-            Some(SummaryAnswer::Finer) => {
+        let opened = snapshot.opened.as_deref();
+        let shown = opened.and_then(|opened| summary::shown_frame(snapshot, opened, &self.quality));
+        let render = opened.zip(shown.as_ref()).and_then(|(opened, frame)| {
+            let key = (opened.serial, snapshot.frames_done, frame.position());
+            let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
+            let scene = self.view.learned();
+            let camera = frame.photo_camera(opened.color_camera().as_ref(), scene.finishing());
+            let renders = (is_at_rest && snapshot.frames_done > 0, self.shell.waker());
+            let drawn = (camera, self.view.settings.measured());
+            self.panels.summary.get(ui.ctx(), key, drawn, scene, renders)
+        });
+        let photo = match (opened.and_then(|opened| self.view.thumbnails(opened)), &shown) {
+            (Some(thumbnails), Some(frame)) => thumbnails.get(ui.ctx(), frame, true),
+            _ => None,
+        };
+        let pictures = SummaryPictures { photo, render };
+        let asked = summary::ui(snapshot, &self.quality, &pictures, forecast.as_deref(), ui);
+        match (asked, opened) {
+            (None, _) => {}
+            (Some(SummaryAnswer::Command(command)), _) => self.apply_command(command, snapshot),
+            (Some(SummaryAnswer::Compare), Some(opened)) => {
+                if let Some(frame) = shown {
+                    self.view.compare_at(frame, opened);
+                }
+            }
+            (Some(SummaryAnswer::Finer), _) => {
                 self.training.scene.scale = finer;
                 self.retrain(snapshot);
             }
+            (Some(SummaryAnswer::Compare), None) => {}
         }
     }
 
@@ -176,18 +170,41 @@ impl Studio {
     pub(super) fn retrain(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
         // Sent even if the user then cancels discarding: the settings apply to the next run.
-        self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
+        self.send_training(snapshot);
         self.view.camera.retain_for(opened);
+        let scene = self.view.learned();
+        self.panels.before_retrain = framing(scene.iter()).map(|framing| {
+            let before = ComparedModel {
+                name: "Before".to_owned(),
+                splats: (**scene).clone(),
+                local_origin: opened.local_origin,
+                radius: framing.radius,
+            };
+            (opened.files.clone(), before)
+        });
         self.confirm_then_send(WorkerOrder::Retrain, snapshot);
     }
 
-    /// Applies a level of detail that was chosen after opening, if no frame is trained yet.
-    pub(super) fn apply_detail(&mut self, snapshot: &Snapshot) {
-        let Some(opened) = &snapshot.opened else { return };
-        let (Some(run), Some(chosen)) = (retrainable_run(opened), self.training.scene.scale) else {
+    /// Sends changed settings to the worker. The level of detail is stored for the open dataset.
+    pub(super) fn send_training(&mut self, snapshot: &Snapshot) {
+        if let Some(path) = snapshot.opened.as_ref().and_then(|opened| opened.path.as_deref()) {
+            let scale = self.training.scene.scale;
+            self.training.note(path, |of| of.scale = scale);
+        }
+        self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
+    }
+
+    /// Applies the settings that were changed after opening, if no frame is trained yet.
+    pub(super) fn apply_settings(&mut self, snapshot: &Snapshot) {
+        let (Some(opened), Some((_, _, applied))) = (&snapshot.opened, &self.panels.applied) else {
             return;
         };
-        if snapshot.state == RunState::Ready && run.scale != chosen {
+        // A checkpoint keeps its own settings.
+        let is_dataset = opened.dataset.as_ref().is_some_and(|d| d.path == opened.path);
+        let now = &self.training;
+        let is_changed = (now.preset, &now.scene, &now.paper)
+            != (applied.preset, &applied.scene, &applied.paper);
+        if snapshot.state == RunState::Ready && is_dataset && is_changed {
             self.view.camera.retain_for(opened);
             self.worker.send(WorkerOrder::Reset);
         }

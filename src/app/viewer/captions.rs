@@ -3,11 +3,13 @@
 use super::photo::{ComparedPicture, Partner, PhotoResult, PictureRequest};
 use super::toolbar::ViewMode;
 use super::{SceneView, measure};
+use crate::app::command::UiCommand;
+use crate::app::panels::controls::named;
 use crate::render::Renderer;
 use crate::render::compare::Combination;
 use eframe::egui::{
-    Align2, Color32, CursorIcon, EventFilter, FontId, Id, Key, Label, Pos2, Rect, RichText, Sense,
-    Stroke, Ui, Vec2, WidgetInfo,
+    Align2, Button, Color32, CursorIcon, EventFilter, FontId, Id, Key, Label, Pos2, Rect, RichText,
+    Sense, Stroke, Ui, Vec2, WidgetInfo,
 };
 
 impl SceneView {
@@ -99,6 +101,23 @@ impl SceneView {
         }
         let is_away = self.comparison.mode().needs_frame() && self.camera.is_free();
         is_away.then(|| "No photograph from this viewpoint: press [ or ] to go to one".to_owned())
+    }
+}
+
+/// Offset of the button's centre from the upper right corner of the viewport, and its size, points.
+const GUIDE: Vec2 = Vec2::new(-46.0, 140.0);
+const GUIDE_SIZE: Vec2 = Vec2::new(30.0, 24.0);
+
+impl SceneView {
+    /// Draws the button that makes the view follow the frame in training.
+    pub(super) fn guide_button(&mut self, ui: &mut Ui, rect: Rect) {
+        let command = UiCommand::AutoCamera;
+        let place = Rect::from_center_size(rect.right_top() + GUIDE, GUIDE_SIZE);
+        let button = ui.put(place, Button::new("🎥").selected(self.camera.is_guided()));
+        let hint = format!("{}: {}", command.label(), command.hint(ui.ctx()));
+        if named(button, command.label()).on_hover_text(hint).clicked() {
+            self.camera.toggle_guide();
+        }
     }
 }
 

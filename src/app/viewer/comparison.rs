@@ -83,6 +83,12 @@ impl Comparison {
         self.model.is_none().then_some("No second model is open")
     }
 
+    /// Shows a second model beside the scene.
+    pub fn show_model(&mut self, model: ComparedModel) {
+        self.model = Some(Arc::new(model));
+        self.mode = ViewMode::ModelWipe;
+    }
+
     pub fn remove_model(&mut self) {
         (self.model, self.reading) = (None, None);
     }
@@ -243,7 +249,6 @@ const MAX_NAME: usize = 30;
 pub struct ComparedModel {
     /// File name preceded by its folder, shortened for a caption.
     pub name: String,
-    pub path: PathBuf,
     /// Splats with positions relative to `local_origin`.
     pub splats: SplatSet,
     pub local_origin: DVec3,
@@ -276,13 +281,7 @@ fn read(path: &Path) -> ReadModel {
             path.display()
         ));
     };
-    let model = ComparedModel {
-        name: name_of(path),
-        path: path.to_owned(),
-        splats,
-        local_origin,
-        radius: framing.radius,
-    };
+    let model = ComparedModel { name: name_of(path), splats, local_origin, radius: framing.radius };
     Ok((model, notices))
 }
 
@@ -311,7 +310,6 @@ mod compared_model_tests {
         let splat = Splat { mean: [1.0, 2.0, 3.0], ..Splat::default() };
         let mut model = ComparedModel {
             name: String::new(),
-            path: PathBuf::new(),
             splats: SplatSet::from(vec![splat]),
             local_origin: far,
             radius: 1.0,

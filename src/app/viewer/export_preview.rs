@@ -21,7 +21,6 @@ use crate::pipeline::job::{Job, Progress};
 use crate::render::cpu::CpuRenderer;
 use crate::render::{DisplayStyle, Paint, RenderOptions};
 use glam::DVec3;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -212,7 +211,6 @@ fn convert(
     let file = read_back(scene.view(), &options)?;
     let model = ComparedModel {
         name: format!("As .{} file", choice.format.extension()),
-        path: PathBuf::new(),
         // A file without splats has no extent, and any near plane draws it.
         radius: framing(file.splats.iter()).map_or(1.0, |framing| framing.radius),
         splats: file.splats,

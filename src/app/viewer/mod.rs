@@ -86,14 +86,15 @@ impl SceneView {
         }
     }
 
-    pub fn apply_update(&mut self, update: SplatUpdate) {
+    /// Applies changed splats. `trained_s` is the training time until then, seconds.
+    pub fn apply_update(&mut self, update: SplatUpdate, trained_s: f64) {
         // Passed on before the palette consumes the update and recolours it.
         self.comparison.change(update.change.clone());
         let n_frames = update.n_frames;
         self.editor.stored_scenes.install_finished_copies();
         let change = self.palette.change(update);
         self.editor.stored_scenes.record(
-            n_frames,
+            (n_frames, trained_s),
             self.palette.learned(),
             self.settings.panels.past_bytes(),
         );
@@ -168,6 +169,9 @@ impl SceneView {
         }
         if self.camera.is_free() {
             self.camera.gizmo(ui, rect);
+        }
+        if opened.plan.is_some() {
+            self.guide_button(ui, rect);
         }
         self.draw_captions(ui, rect, &request, photo.as_ref());
         // The past is drawn in its own colours, to which the legend does not apply.

@@ -18,8 +18,15 @@ use std::time::{Duration, Instant};
 /// Maximum number of cameras drawn. More cameras are subsampled evenly.
 // More would hide each other.
 const MAX_CAMERAS: usize = 60;
-/// Length of a drawn camera frustum, in scene radii.
-const LENGTH: f64 = 0.25;
+/// Length of a drawn camera frustum, in scene radii: before training, when there is nothing else to see, and
+/// beside the scene.
+const LENGTH_ALONE: f64 = 0.25;
+const LENGTH: f64 = 0.1;
+/// Opacity of the photographs of frustums beside the scene.
+const OPACITY: f64 = 0.6;
+/// Distance from the eye, in lengths of a frustum, at which frustums become fainter, and at which they
+/// vanish.
+const FADES: [f64; 2] = [3.0, 1.0];
 /// Colours of the cameras of untrained frames, of trained frames, and of the last trained frame.
 const AHEAD: Color32 = Color32::from_rgb(120, 150, 190);
 const DONE: Color32 = Color32::from_rgb(110, 200, 120);
@@ -88,7 +95,13 @@ impl Overlays {
         let n = plan.frames.len();
         let latest = snapshot.frames.recent.last().map(|frame| frame.index);
         let stride = n.div_ceil(MAX_CAMERAS).max(1);
-        let length = LENGTH * opened.home.radius;
+        let is_alone = snapshot.frames_done == 0;
+        let length = opened.home.radius * if is_alone { LENGTH_ALONE } else { LENGTH };
+        let visibility = |centre: DVec3| {
+            let [begin, end] = FADES.map(|lengths| lengths * length);
+            let near = ((world.eye().distance(centre) - end) / (begin - end)).clamp(0.0, 1.0);
+            if is_alone { 1.0 } else { near }
+        };
         // During training the cores are needed for training, not for thumbnails.
         let may_decode = snapshot.state != RunState::Training;
         // The latest frame again at the end, so that its frustum covers the others.
@@ -99,8 +112,15 @@ impl Overlays {
                 Some(latest) if position < latest => DONE,
                 _ => AHEAD,
             };
+            let visible = visibility(frame.entry().camera.pose.centre());
+            if visible == 0.0 {
+                continue;
+            }
             let thumbnails = self.thumbnails(opened, waker);
-            draw_frustum(ui, world, &frame, length, color, thumbnails.map(|t| (t, may_decode)));
+            let opacity = if is_alone { 1.0 } else { OPACITY * visible };
+            let color = color.gamma_multiply(visible as f32);
+            let look = (length, color, Color32::WHITE.gamma_multiply(opacity as f32));
+            draw_frustum(ui, world, &frame, look, thumbnails.map(|t| (t, may_decode)));
         }
     }
 
@@ -148,8 +168,7 @@ fn draw_frustum(
     ui: &Ui,
     world: &WorldPainter,
     frame: &FrameRef,
-    length: f64,
-    color: Color32,
+    (length, color, tint): (f64, Color32, Color32),
     thumbnails: Option<(&mut Thumbnails, bool)>,
 ) {
     let camera = frame.entry().photo_camera(None);
@@ -160,7 +179,7 @@ fn draw_frustum(
     });
     if let Some(texture) = known {
         let [top_left, top_right, _, bottom_left] = corners;
-        world.picture([top_left, top_right, bottom_left], texture, Color32::WHITE);
+        world.picture([top_left, top_right, bottom_left], texture, tint);
     }
     let stroke = Stroke::new(1.0, color);
     for (i, &corner) in corners.iter().enumerate() {

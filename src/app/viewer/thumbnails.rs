@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Maximum length of the longer side of a thumbnail, pixels.
-const MAX_SIDE: usize = 192;
+pub const MAX_SIDE: usize = 192;
 /// Maximum number of frames whose thumbnails are stored. A frame takes about 220 kB.
 // Enough for the cameras in the viewport, a strip across a wide screen and a table of views.
 const MAX_KEPT: usize = 256;

@@ -1,19 +1,16 @@
-//! Toolbar above the viewport: renderer, comparison, colours, lens, overlays, dataset cameras.
+//! Toolbar above the viewport: how the scene is drawn, what it is compared with, and what is shown with it.
 
 use super::SceneView;
 use super::comparison::ComparedModel;
 use super::settings::{FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, ViewSettings};
 use crate::app::color_mode::ColorMode;
 use crate::app::command::{UiCommand, labelled};
-use crate::app::panels::card::{choices, command_button, entry, named};
+use crate::app::panels::controls::{button_or_reason, choices, entry, named};
 use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
-use eframe::egui::{Button, ComboBox, DragValue, Label, RichText, Slider, Ui};
+use eframe::egui::containers::menu::{MenuButton, MenuConfig};
+use eframe::egui::{Button, DragValue, PopupCloseBehavior, RichText, Slider, Ui};
 use std::ops::RangeInclusive;
-
-/// Maximum height of the comparison menu, points.
-// egui's default of 200 would need scrolling.
-const MENU: f32 = 400.0;
 
 /// Draws the toolbar. Returns a command that the view does not execute itself, if one is chosen.
 pub fn ui(
@@ -23,11 +20,24 @@ pub fn ui(
     ui: &mut Ui,
 ) -> Option<UiCommand> {
     let mut asked = None;
-    ui.horizontal_wrapped(|ui| {
-        renderers(view, ui);
-        ui.separator();
-        asked = modes(view, opened, ui);
-        if view.comparison.mode().is_difference() {
+    ui.horizontal(|ui| {
+        let renderer = view.settings.renderer;
+        let drawn = match view.settings.lens {
+            Lens::Pinhole => renderer_label(renderer).to_owned(),
+            Lens::Fisheye => format!("{}, fisheye", renderer_label(renderer)),
+        };
+        menu(&format!("Render: {drawn}"), "Renderer, lens and field of view", ui, |ui| {
+            render_choices(view, ui);
+        });
+        let mode = view.comparison.mode();
+        let label = match mode {
+            ViewMode::Single => "Compare".to_owned(),
+            mode => format!("Compare: {}", mode.label()),
+        };
+        menu(&label, "Photograph, renderers, or a second model", ui, |ui| {
+            asked = modes(view, opened, ui);
+        });
+        if mode.is_difference() {
             let gain = DragValue::new(&mut view.settings.difference_gain)
                 .range(GAINS)
                 .speed(0.2)
@@ -36,98 +46,105 @@ pub fn ui(
             named(ui.add(gain), "Difference gain")
                 .on_hover_text("Amplification of differences: drag, or click to type");
         }
-        ui.separator();
-        colors(view, opened, ui);
-        ui.separator();
-        let label = match view.settings.lens {
-            Lens::Pinhole => "Pinhole",
-            Lens::Fisheye => "Fisheye",
+        let label = match view.settings.color_mode {
+            ColorMode::Color => "Show".to_owned(),
+            mode => format!("Show: {}", mode.label()),
         };
-        let own_fov_deg = view.camera.own_fov_deg();
-        ui.menu_button(label, |ui| lens(&mut view.settings, own_fov_deg, ui))
-            .response
-            .on_hover_text("Lens and field of view");
-        ui.separator();
-        for (command, is_on) in [
-            (UiCommand::Cameras, view.settings.shows_cameras),
-            (UiCommand::Points, view.settings.shows_points),
-            (UiCommand::Grid, view.settings.shows_grid),
-            (UiCommand::Measure, view.overlays.is_measuring()),
-        ] {
-            asked = toggle(command, is_on, snapshot, ui).or(asked);
-        }
-        if opened.dataset.is_some() {
-            ui.separator();
-            asked = cameras(view, snapshot, ui).or(asked);
-        }
+        menu(&label, "Cameras, points, grid, distances, and what colours mean", ui, |ui| {
+            asked = shown(view, snapshot, opened, ui).or(asked.take());
+        });
     });
     asked
 }
 
-fn toggle(command: UiCommand, is_on: bool, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
-    let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
-    command_button(command, is_on, why_not, ui).then_some(command)
+/// Draws a button that opens a menu. A click outside closes the menu, so that its sliders can be dragged.
+fn menu(label: &str, tooltip: &str, ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
+    let config = MenuConfig::new().close_behavior(PopupCloseBehavior::CloseOnClickOutside);
+    let (button, _) = MenuButton::new(label).config(config).ui(ui, contents);
+    button.on_hover_text(tooltip);
 }
 
-fn renderers(view: &mut SceneView, ui: &mut Ui) {
+fn renderer_label(renderer: Renderer) -> &'static str {
+    match renderer {
+        Renderer::Projected => "Projected",
+        Renderer::Exact => "Exact",
+    }
+}
+
+fn render_choices(view: &mut SceneView, ui: &mut Ui) {
     let fisheye = view.settings.lens == Lens::Fisheye;
-    for (renderer, label, tooltip) in [
-        (Renderer::Projected, "Projected", "Each splat's covariance projected to the image (Tab)"),
-        (Renderer::Exact, "Exact", "Each splat's response along the pixel's true ray (Tab)"),
+    for (renderer, tooltip) in [
+        (Renderer::Projected, "Each splat's covariance projected to the image (Tab)"),
+        (Renderer::Exact, "Each splat's response along the pixel's true ray (Tab)"),
     ] {
         let is_chosen = view.settings.renderer == renderer;
         let why_not = (fisheye && renderer == Renderer::Projected)
             .then_some("Only the exact renderer supports a fisheye");
-        if entry(is_chosen, [label, tooltip], why_not, ui) {
+        if entry(is_chosen, [renderer_label(renderer), tooltip], why_not, ui) {
             view.settings.renderer = renderer;
+            ui.close();
         }
     }
+    ui.separator();
+    let own_fov_deg = view.camera.own_fov_deg();
+    lens(&mut view.settings, own_fov_deg, ui);
 }
 
 fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     let shown = view.comparison.mode();
-    ComboBox::from_id_salt("view mode")
-        .width(150.0)
-        .height(MENU)
-        .selected_text(shown.label())
-        .show_ui(ui, |ui| {
-            for mode in ViewMode::ALL {
-                let why_not = view.mode_unavailable_reason(mode, opened);
-                if entry(shown == mode, [mode.label(), mode.tooltip()], why_not, ui) {
-                    view.set_mode(mode, opened);
-                }
-            }
-            ui.separator();
-            for command in [UiCommand::CompareModel, UiCommand::RemoveModel] {
-                let removes = command == UiCommand::RemoveModel;
-                let why_not =
-                    removes.then(|| view.comparison.remove_unavailable_reason()).flatten();
-                if entry(false, [command.label(), command.tooltip()], why_not, ui) {
-                    asked = Some(command);
-                }
-            }
-        })
-        .response
-        .on_hover_text("Comparison mode");
+    for mode in ViewMode::ALL {
+        let why_not = view.mode_unavailable_reason(mode, opened);
+        if entry(shown == mode, [mode.label(), mode.tooltip()], why_not, ui) {
+            view.set_mode(mode, opened);
+            ui.close();
+        }
+    }
+    ui.separator();
+    for command in [UiCommand::CompareModel, UiCommand::RemoveModel] {
+        let removes = command == UiCommand::RemoveModel;
+        let why_not = removes.then(|| view.comparison.remove_unavailable_reason()).flatten();
+        if entry(false, [command.label(), command.tooltip()], why_not, ui) {
+            asked = Some(command);
+            ui.close();
+        }
+    }
     asked
 }
 
-fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
-    let shown = view.settings.color_mode;
-    ComboBox::from_id_salt("colour mode")
-        .width(110.0)
-        .selected_text(shown.label())
-        .show_ui(ui, |ui| {
-            for mode in ColorMode::ALL {
-                let why_not = view.color_unavailable_reason(mode, opened);
-                if entry(shown == mode, [mode.label(), mode.tooltip()], why_not, ui) {
-                    view.settings.color_mode = mode;
-                }
-            }
-        })
-        .response
-        .on_hover_text("Colour mode");
+/// Draws the overlays as checkable entries, and the colour modes.
+fn shown(
+    view: &mut SceneView,
+    snapshot: &Snapshot,
+    opened: &Opened,
+    ui: &mut Ui,
+) -> Option<UiCommand> {
+    let mut asked = None;
+    for (command, is_on) in [
+        (UiCommand::Cameras, view.settings.shows_cameras),
+        (UiCommand::Points, view.settings.shows_points),
+        (UiCommand::Grid, view.settings.shows_grid),
+        (UiCommand::Measure, view.overlays.is_measuring()),
+    ] {
+        let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
+        let button = Button::selectable(is_on, command.label());
+        let button = button.shortcut_text(command.keys(ui.ctx()));
+        if button_or_reason(button, command.tooltip(), why_not, ui) {
+            asked = Some(command);
+            ui.close();
+        }
+    }
+    ui.separator();
+    ui.label(RichText::new("Colours").weak());
+    for mode in ColorMode::ALL {
+        let why_not = view.color_unavailable_reason(mode, opened);
+        let is_chosen = view.settings.color_mode == mode;
+        if entry(is_chosen, [mode.label(), mode.tooltip()], why_not, ui) {
+            view.settings.color_mode = mode;
+            ui.close();
+        }
+    }
+    asked
 }
 
 fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
@@ -168,30 +185,6 @@ fn degrees(fov: &mut f32, range: RangeInclusive<f32>) -> Slider<'_> {
     Slider::new(fov, range).suffix("°").max_decimals(0)
 }
 
-fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
-    let mut asked = toggle(UiCommand::PreviousCamera, false, snapshot, ui);
-    match view.camera.frame_ref() {
-        Some(frame) => {
-            let text = format!("Camera {} of {}", frame.number() + 1, frame.n_frames());
-            let (name, split) = (&frame.entry().name, &frame.split().name);
-            let label = ui.add(Label::new(text).extend());
-            label.on_hover_text(format!("Frame {name} of the split {split}"));
-        }
-        None => {
-            // Extended, so that the label wraps to the next line as a whole.
-            ui.add(Label::new(RichText::new("Free camera").weak()).extend());
-        }
-    }
-    for (command, is_on) in [
-        (UiCommand::NextCamera, false),
-        (UiCommand::ComparePhoto, view.comparison.mode().has_photo()),
-        (UiCommand::AutoCamera, view.camera.is_guided()),
-    ] {
-        asked = toggle(command, is_on, snapshot, ui).or(asked);
-    }
-    asked
-}
-
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ViewMode {
     #[default]
@@ -206,7 +199,7 @@ pub enum ViewMode {
 }
 
 labelled! { ViewMode:
-    Single: "Single", "The chosen renderer alone";
+    Single: "Scene only", "The chosen renderer alone";
     Wipe: "Wipe renderers", "Projected left of a draggable divider, exact right of it";
     Difference: "Renderer difference", "Amplified difference between projected and exact renderer";
     PhotoWipe: "Wipe photograph", "Render left of a draggable divider, photograph right of it";
@@ -244,7 +237,7 @@ impl ViewMode {
                 Some("No second model is open: choose “Compare with a model…” first")
             }
             ViewMode::Wipe | ViewMode::Difference if lens == Lens::Fisheye => Some(
-                "Only the exact renderer supports a fisheye; choose the pinhole above the viewport",
+                "Only the exact renderer supports a fisheye; choose the pinhole in the menu Render",
             ),
             _ if self.needs_frame() && opened.dataset.is_none() => {
                 Some("A model has no photographs")

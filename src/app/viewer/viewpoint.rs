@@ -312,7 +312,7 @@ impl Viewpoint {
         self.place.position = ViewPosition::Along(moment);
     }
 
-    pub(super) fn step(&mut self, opened: &Opened, direction: Direction) {
+    pub fn step(&mut self, opened: &Opened, direction: Direction) {
         let first = || opened.dataset.as_ref().and_then(FrameRef::first);
         let frame = match (&self.place.latest_frame, direction) {
             // The first step after steering returns to the last camera instead of passing it.

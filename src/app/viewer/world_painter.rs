@@ -44,6 +44,11 @@ impl WorldPainter {
         }
     }
 
+    /// Returns the centre of the camera, world coordinates.
+    pub fn eye(&self) -> DVec3 {
+        self.rotation.transpose() * -self.translation
+    }
+
     /// Projects a point from world coordinates to window coordinates (points). `None` if the point is
     /// nearer to the camera than the near plane.
     pub fn position(&self, world: DVec3) -> Option<Pos2> {
@@ -146,43 +151,43 @@ const AXES: [(DVec3, &str, Color32); 3] = [
 const ARM: f32 = 26.0;
 const PLACE: Vec2 = Vec2::new(-46.0, 84.0);
 const KNOB: f32 = 8.0;
+/// Cosine of the angle below which the view counts as being from an axis.
+const NEARLY: f64 = 0.999;
 const GRID: Color32 = Color32::from_gray(90);
 /// Number of grid cells on each side of the origin.
 const CELLS: i32 = 10;
 
 impl Viewpoint {
-    /// Draws the axis gizmo. A click on the end of an axis moves the camera onto that axis. A right
-    /// click makes the axis point up.
+    /// Draws the axis gizmo. A click on the end of an axis moves the camera onto that axis, a second click
+    /// onto its opposite side. A right click makes the axis point up, and down if it
+    /// points up.
     pub(super) fn gizmo(&mut self, ui: &Ui, rect: Rect) {
         let Some(from_world) = self.rotation_from_world() else { return };
         let centre = rect.right_top() + PLACE;
         let up = self.up();
-        let mut ends: Vec<(DVec3, &str, Color32, DVec3)> = AXES
-            .iter()
-            .flat_map(|&(axis, name, color)| [(axis, name, color), (-axis, "", color)])
-            .map(|(axis, name, color)| (axis, name, color, from_world * axis))
-            .collect();
+        let mut ends = AXES.map(|(axis, name, color)| (axis, name, color, from_world * axis));
         // Far ends first, so that near ones cover them.
         ends.sort_by(|a, b| b.3.z.total_cmp(&a.3.z));
         let mut asked = None;
         for (axis, name, color, seen) in ends {
             let at = centre + Vec2::new(seen.x as f32, seen.y as f32) * ARM;
             let knob = Rect::from_center_size(at, Vec2::splat(2.0 * KNOB));
-            let id = Id::unique(("axis", axis.to_array().map(|v| v as i32)));
-            let response = ui.interact(knob, id, Sense::click());
+            let response = ui.interact(knob, Id::unique(("axis", name)), Sense::click());
             arm(ui, [centre, at], name, color, response.hovered());
-            let sign = if name.is_empty() { "-" } else { "" };
-            let letter = AXES.iter().find(|(a, ..)| a.abs() == axis.abs()).map_or("", |a| a.1);
             // Not 1: the up direction of a dataset need not be an axis.
             let note = if axis.dot(up) > 0.9 { " (up)" } else { "" };
-            let name = format!("View from {sign}{letter}");
+            // From there already: the next click is for the opposite side.
+            let is_there = seen.z < -NEARLY;
+            let (side, sign) = if is_there { (-axis, "-") } else { (axis, "") };
+            let name = format!("View from {sign}{name}");
             response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &name));
             let response = response
                 .on_hover_text(format!("{name}{note}; right-click to make this axis point up"));
             if response.clicked() {
-                asked = Some((axis, false));
+                asked = Some((side, false));
             } else if response.secondary_clicked() {
-                asked = Some((axis, true));
+                let is_up = axis.dot(up) > NEARLY;
+                asked = Some((if is_up { -axis } else { axis }, true));
             }
         }
         if let Some((axis, is_up)) = asked {
@@ -193,12 +198,6 @@ impl Viewpoint {
 
 fn arm(ui: &Ui, [from, to]: [Pos2; 2], name: &str, color: Color32, is_hovered: bool) {
     let painter = ui.painter();
-    if name.is_empty() {
-        // The negative end is a ring, so that the letters mark the positive direction.
-        let faint = color.gamma_multiply(if is_hovered { 1.0 } else { 0.5 });
-        painter.circle_stroke(to, 0.6 * KNOB, Stroke::new(1.5, faint));
-        return;
-    }
     painter.line_segment([from, to], Stroke::new(2.0, color));
     let fill = if is_hovered { Color32::WHITE } else { color };
     painter.circle_filled(to, KNOB, fill);

@@ -1,6 +1,6 @@
 //! Autosaves the training run, and stores it when the program ends unexpectedly.
 //!
-//! The first autosave is written once the interval has passed since the first unsaved frame. The demo is
+//! The first autosave is written a second after the first unsaved frame, later ones by the interval. The demo is
 //! never written, because it can be recomputed. The autosave is removed once the user has saved the run to
 //! a file or discarded it.
 
@@ -18,6 +18,9 @@ pub struct Files {
     /// Number of trained frames that no checkpoint contains.
     n_unsaved: usize,
 }
+
+/// Time from the first unsaved frame to the first autosave.
+const FIRST: Duration = Duration::from_secs(1);
 
 enum Saver {
     /// Nothing is saved yet. Holds the time of the first unsaved frame, if there is one.
@@ -71,8 +74,8 @@ impl Files {
             }
             Saver::Waiting(_) if self.n_unsaved == 0 => None,
             Saver::Waiting(since) => {
-                // Counted from the first unsaved frame: a short run leaves no file.
-                let is_due = since.get_or_insert_with(Instant::now).elapsed() >= time;
+                // Soon, so that a short run that is killed is offered, too.
+                let is_due = since.get_or_insert_with(Instant::now).elapsed() >= time.min(FIRST);
                 if is_due { self.start(session).err() } else { None }
             }
         }

@@ -4,27 +4,32 @@ use super::autosave::Files;
 use super::outbox::Outbox;
 use super::run::Run;
 use crate::app::edit::marks::LeftOut;
+use crate::app::export_options::ExportKind;
 use crate::app::settings_file::unused;
 use crate::app::state::{NoticeKind, WriteOutcome};
 use crate::export;
 use crate::export::atomic::write_atomic;
-use crate::export::local_origin::warning;
+use crate::export::local_origin::{OriginCarrier, warning};
 use crate::export::mapping::Mapping;
-use crate::export::{
-    ExportError, Fault, ModelFormat, SpzVersion, WriteOptions, WriteProgress, WriteSummary,
-};
+use crate::export::mesh::{MeshFormat, MeshSummary, Surfel, write_mesh};
+use crate::export::{ExportError, Fault, ModelFormat, SpzVersion, WriteOptions, WriteProgress};
 use crate::pipeline::any_preset::file_comments;
 use crate::pipeline::job::Progress;
+use crate::pipeline::tracked::surfels;
 use glam::DVec3;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-pub struct Export<'a> {
+#[derive(Clone, Debug)]
+pub struct Export {
     /// Number that identifies the file when the snapshot reports the outcome.
     pub number: u64,
-    pub path: &'a Path,
+    pub path: PathBuf,
+    pub kind: ExportKind,
+    /// Conversion to standard 3DGS splats.
     pub mapping: Mapping,
     pub spz_version: SpzVersion,
-    pub left_out: &'a LeftOut,
+    /// Splats that are not exported.
+    pub left_out: LeftOut,
 }
 
 impl Files {
@@ -48,28 +53,17 @@ impl Files {
     }
 }
 
-impl Export<'_> {
+impl Export {
     /// Writes the file, reports the progress, and finally the outcome.
     pub fn write(&self, run: &Run, out: &mut Outbox, progress: &Progress) {
         progress.begin();
-        let written = self.write_model(run, out, progress);
+        let written = self.write_content(run, out, progress);
         progress.end();
         let path = self.path.display();
         match written {
-            Ok(summary) => {
-                let megabytes = summary.bytes as f64 * 1e-6;
-                let left_out = match summary.n_left_out {
-                    0 => String::new(),
-                    n => format!("; {n} splats were left out by edits"),
-                };
-                let text = format!(
-                    "Wrote {} splats ({megabytes:.1} MB) to {path}{left_out}",
-                    summary.n_written,
-                );
+            Ok((text, carrier)) => {
                 end_write(out, self.number, text);
-                // Never an error, because a file of this format was just written.
-                let carrier = ModelFormat::from_path(self.path).map(ModelFormat::origin_carrier);
-                if let Some(warning) = carrier.ok().and_then(|by| warning(local_origin(out), by)) {
+                if let Some(warning) = warning(local_origin(out), carrier) {
                     out.notify(NoticeKind::Warning, format!("{path}: {warning}"));
                 }
             }
@@ -81,32 +75,31 @@ impl Export<'_> {
         }
     }
 
-    fn write_model(
+    /// Writes the file. Returns the text of a notice, and how the file stores the local origin.
+    fn write_content(
         &self,
         run: &Run,
         out: &Outbox,
         progress: &Progress,
-    ) -> Result<WriteSummary, ExportError> {
+    ) -> Result<(String, OriginCarrier), ExportError> {
         let report = |share: f64| {
             if progress.set_share(share) {
                 out.wake();
             }
             progress.is_wanted()
         };
-        let format = ModelFormat::from_path(self.path)?;
         let comments = run.session().map(|session| {
             file_comments(&session.config().method, session.learner().status().frames)
         });
         // Edits refer to indices of splats in the window, not in files.
-        let (splats, flags) = match self.left_out.is_empty() {
-            true => (run.splats(), None),
-            false => {
-                let splats = run.splats();
-                let flags = self.left_out.deleted_flags(&splats);
-                (splats, Some(flags))
-            }
-        };
+        let splats = run.splats();
+        let flags = (!self.left_out.is_empty()).then(|| self.left_out.deleted_flags(&splats));
         let selection = flags.as_deref().map(|flags| self.left_out.selection(flags));
+        // A mesh ignores the format of splats.
+        let format = match self.kind {
+            ExportKind::Mesh => ModelFormat::Ply,
+            kind => kind.splat_format(&self.path)?,
+        };
         let options = WriteOptions {
             selection: selection.unwrap_or_default(),
             comments: &comments.unwrap_or_default(),
@@ -118,7 +111,42 @@ impl Export<'_> {
             progress: WriteProgress::new(&report),
             ..WriteOptions::new(format)
         };
-        export::write(self.path, &splats, &options)
+        let path = self.path.display();
+        if self.kind == ExportKind::Mesh {
+            let format = MeshFormat::from_path(&self.path)?;
+            let MeshSummary { n_triangles, bytes, .. } = self.write_mesh(run, format, &options)?;
+            let megabytes = bytes as f64 * 1e-6;
+            let text = format!("Wrote {n_triangles} triangles ({megabytes:.1} MB) to {path}");
+            return Ok((text, format.origin_carrier()));
+        }
+        let summary = export::write(&self.path, &splats, &options)?;
+        let left_out = match summary.n_left_out {
+            0 => String::new(),
+            n => format!("; {n} splats were left out by edits"),
+        };
+        let (n, megabytes) = (summary.n_written, summary.bytes as f64 * 1e-6);
+        let text = format!("Wrote {n} splats ({megabytes:.1} MB) to {path}{left_out}");
+        Ok((text, format.origin_carrier()))
+    }
+
+    fn write_mesh(
+        &self,
+        run: &Run,
+        format: MeshFormat,
+        options: &WriteOptions,
+    ) -> Result<MeshSummary, ExportError> {
+        let session = run.session();
+        let surfels = session.map(|session| {
+            let all = surfels(session.learner(), session.normalization());
+            let is_kept =
+                |(i, surfel): &(usize, Surfel)| options.selection.selects(*i, surfel.mean, None);
+            all.into_iter().filter(is_kept).map(|(_, surfel)| surfel).collect::<Vec<_>>()
+        });
+        // Half the structural scale, as on the command line. Without a scene there are no surfaces, which
+        // the writer reports.
+        let h = session.and_then(|session| session.config().method.scene().map(|s| s.engine.h));
+        let cell = h.map_or(1.0, |h| 0.5 * h);
+        write_mesh(&self.path, &surfels.unwrap_or_default(), cell, format, options)
     }
 }
 

@@ -181,9 +181,9 @@ impl Following {
 }
 
 /// Creates a reader that follows the recording in a folder and selects all frames.
-pub fn follow_of(path: &Path) -> Result<Follow, String> {
+pub fn follow_of(path: &Path, reading: &LoadOptions) -> Result<Follow, String> {
     let selection = Selection { follow: true, ..Selection::all_frames() };
-    Follow::new(path, &LoadOptions::default(), &selection).map_err(|error| error.to_string())
+    Follow::new(path, reading, &selection).map_err(|error| error.to_string())
 }
 
 /// True if `dataset` was read from the folder `subject`. Compares with the paths known since the dataset

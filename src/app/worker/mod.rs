@@ -24,6 +24,7 @@ use std::time::Duration;
 use thread::WorkerThread;
 
 pub use crate::pipeline::job::Waker;
+pub use files::Export;
 pub use thread::WorkerOrder;
 
 /// Minimum time between two snapshots if a GPU draws the scene.

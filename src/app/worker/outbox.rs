@@ -4,7 +4,7 @@ use super::Shared;
 use super::run::Run;
 use crate::app::splat_updates::{SplatChange, SplatUpdate};
 use crate::app::state::{
-    FileState, FollowState, HISTORY, Notice, NoticeKind, NoticeTopic, RunState, Snapshot,
+    FileState, FollowState, HISTORY, Notice, NoticeKind, NoticeTopic, OpenAs, RunState, Snapshot,
 };
 use crate::pipeline::job::Waker;
 use crate::train::learner::{Changed, Learner};
@@ -60,6 +60,17 @@ impl Outbox {
     }
 
     pub fn notify_of(&mut self, topic: NoticeTopic, kind: NoticeKind, text: String) {
+        self.notify_with(topic, kind, text, None);
+    }
+
+    /// Adds a notice that may offer to open a dataset with other options.
+    pub fn notify_with(
+        &mut self,
+        topic: NoticeTopic,
+        kind: NoticeKind,
+        text: String,
+        open_as: Option<OpenAs>,
+    ) {
         match kind {
             NoticeKind::Error => tracing::error!("{text}"),
             NoticeKind::Warning => tracing::warn!("{text}"),
@@ -71,7 +82,7 @@ impl Outbox {
             notices.remove(0);
         }
         // Opened subjects use the same counter: both numbers only have to increase.
-        notices.push(Notice { serial: self.next_serial, topic, kind, text });
+        notices.push(Notice { serial: self.next_serial, topic, kind, text, open_as });
         self.next_serial += 1;
         self.snapshot.notices = Arc::new(notices);
         self.is_changed = true;

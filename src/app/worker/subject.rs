@@ -7,7 +7,7 @@ use crate::app::opening::{Content, OpenedSubject};
 use crate::app::rescue::{AbandonedRun, AutosaveSlot};
 use crate::app::splat_updates::SplatChange;
 use crate::app::state::{
-    GivenCalibration, NoticeKind, NoticeTopic, Opened, RunState, Source, Subject,
+    GivenCalibration, NoticeKind, NoticeTopic, OpenAs, Opened, RunState, Source, Subject,
 };
 use crate::dataset::calibration::Calibration;
 use crate::eval::report::FrameReport;
@@ -31,8 +31,14 @@ impl WorkerThread {
         calibration: Option<Arc<GivenCalibration>>,
         subject: Subject,
     ) {
+        let path = match &subject {
+            Subject::Path(path) => Some(path.clone()),
+            Subject::Demo => None,
+        };
         if let Err(refusal) = self.try_open(calibration, subject) {
-            self.outbox.notify(refusal.kind, refusal.text);
+            let open_as = path.and_then(|path| OpenAs::advised(&path, &refusal.text));
+            // Of the subject, so that it disappears once something is open.
+            self.outbox.notify_with(NoticeTopic::Subject, refusal.kind, refusal.text, open_as);
         }
     }
 
@@ -91,18 +97,24 @@ impl WorkerThread {
         calibration: Option<&Arc<GivenCalibration>>,
         subject: &Subject,
     ) -> Result<Found, Refusal> {
-        let mut training = self.training.clone();
-        // Into the copy, because settings outlive the dataset of the calibration.
-        training.scene.calibration = calibration.map(|c| c.calibration.clone());
-        let (follows, serial) = (self.outbox.snapshot.following.is_on, self.outbox.next_serial);
-        let read = subject.clone();
         let path = match subject {
             Subject::Path(path) => Some(path.as_path()),
             Subject::Demo => None,
         };
+        // The level of detail belongs to what is open, or to what is opened first.
+        let is_same = self.run.subject.as_ref().is_none_or(|open| open == subject);
+        let mut training = match is_same {
+            true => self.training.clone(),
+            false => self.training.for_dataset(path),
+        };
+        // Into the copy, because settings outlive the dataset of the calibration.
+        training.scene.calibration = calibration.map(|c| c.calibration.clone());
+        let (follows, serial) = (self.outbox.snapshot.following.is_on, self.outbox.next_serial);
+        let read = subject.clone();
         let found = self.read_cancellable(path, move || match &read {
             Subject::Path(path) if follows && is_folder(&read) => {
-                follow_of(path).map(|follow| Found::Recording(Box::new(follow)))
+                follow_of(path, &training.of_dataset(path).reading)
+                    .map(|follow| Found::Recording(Box::new(follow)))
             }
             _ => opening::open(&read, &training, serial)
                 .map(|opened| Found::Whole(Box::new(opened)))
@@ -138,7 +150,7 @@ impl WorkerThread {
         self.files.discard();
         self.outbox.replace_splats(SplatChange::all(opened.splats));
         self.show_content(&opened.content);
-        self.has_pending_step = false;
+        (self.has_pending_step, self.n_unread) = (false, 0);
         self.run.set_content(Some(opened.content));
         self.run.start_sampling();
         // The splats above were sent without attributes; these follow if the viewport needs them.

@@ -8,12 +8,9 @@ use super::files::{Export, begin_write, write_text};
 use super::following::Following;
 use super::outbox::Outbox;
 use super::run::Run;
-use crate::app::edit::marks::LeftOut;
 use crate::app::rescue::{Crash, CrashedThread, Rescue};
 use crate::app::state::{NoticeKind, NoticeTopic, RunState, Subject};
 use crate::app::training::TrainSettings;
-use crate::export::SpzVersion;
-use crate::export::mapping::Mapping;
 use crate::pipeline::job::Waker;
 use crate::pipeline::panic_report::PanicReport;
 use crate::render::attributes::Attribute;
@@ -33,6 +30,8 @@ pub struct WorkerThread {
     pub(super) outbox: Outbox,
     /// True if the user requested a single step whose frame has not been read yet.
     pub(super) has_pending_step: bool,
+    /// Number of unreadable frames since the last trained one.
+    pub(super) n_unread: usize,
 }
 
 /// Interval at which the worker checks whether an autosave is due while no frames are trained.
@@ -57,6 +56,7 @@ impl WorkerThread {
             files: Files::new(folders),
             following: Following::default(),
             has_pending_step: false,
+            n_unread: 0,
         }
     }
 
@@ -169,12 +169,10 @@ impl WorkerThread {
                 begin_write(&mut self.outbox, number);
                 self.files.save(number, &path, &self.run, &mut self.outbox);
             }
-            WorkerOrder::Export(number, path, mapping, spz_version, left_out) => {
-                begin_write(&mut self.outbox, number);
+            WorkerOrder::Export(export) => {
+                begin_write(&mut self.outbox, export.number);
                 // Files include photographs that are still pending.
                 self.settle();
-                let left_out = &left_out;
-                let export = Export { number, path: &path, mapping, spz_version, left_out };
                 export.write(&self.run, &mut self.outbox, &self.shared.file);
             }
             WorkerOrder::WriteText(path, text) => write_text(&path, &text, &mut self.outbox),
@@ -284,9 +282,8 @@ pub enum WorkerOrder {
     Retrain,
     /// Writes a checkpoint of the newest state. The snapshot reports the outcome with the given number.
     Save(u64, PathBuf),
-    /// Exports the newest scene. [`Mapping`] determines the conversion to standard 3DGS splats; [`LeftOut`]
-    /// excludes splats. The snapshot reports the outcome with the given number.
-    Export(u64, PathBuf, Mapping, SpzVersion, LeftOut),
+    /// Exports the newest scene. The snapshot reports the outcome with the number of the export.
+    Export(Export),
     /// Writes a text to a file; under an unused name if the path exists.
     WriteText(PathBuf, String),
     /// Stops training and stores frames that no checkpoint contains, because the program ends

@@ -2,7 +2,7 @@
 
 use super::following::is_read_from;
 use super::thread::WorkerThread;
-use crate::app::state::{NoticeKind, NoticeTopic, RunState};
+use crate::app::state::{NoticeKind, NoticeTopic, OpenAs, RunState};
 use crate::dataset::pose_check::ENOUGH_FRAMES;
 use crate::eval::report::Summary;
 use crate::pipeline::error::SessionError;
@@ -12,6 +12,9 @@ use std::time::{Duration, Instant};
 
 /// Maximum time spent waiting for an unread frame; then orders are handled.
 const PATIENCE: Duration = Duration::from_millis(50);
+
+/// Number of unreadable frames in a row after which training pauses.
+const UNREAD_IN_A_ROW: usize = 5;
 
 impl WorkerThread {
     /// Trains on one frame. If the frame has not been read yet, the step remains pending.
@@ -37,19 +40,18 @@ impl WorkerThread {
             Ok(Step::Waiting) => {}
             Ok(Step::Trained(_)) => {
                 self.outbox.mark_trained(session.learner());
+                self.n_unread = 0;
                 self.outbox.snapshot.pace.trained_s += started.elapsed().as_secs_f64();
                 self.outbox.add_late_reports(&self.run);
                 self.record_trained_frame();
             }
-            Ok(Step::Skipped(skipped)) => {
+            Ok(step @ (Step::Skipped(_) | Step::Lost(_))) => {
                 if was_settled && !session.is_settled() {
                     // After a frame that could not be placed, pending photographs are no longer part of
                     // the drawn scene.
                     self.outbox.mark_all(&self.run);
                 }
-                // No notice, because a dataset may lack many frames. The status line counts them, the
-                // scene panel lists them.
-                tracing::warn!("{}", skipped.message);
+                self.note_skipped_frame(&step);
                 self.refresh_session_info();
             }
             Ok(Step::Finished) => self.finish(),
@@ -60,6 +62,35 @@ impl WorkerThread {
         self.add_outlier_reports();
         self.following.update(&self.run, &mut self.outbox);
         true
+    }
+
+    /// Pauses training after [`UNREAD_IN_A_ROW`] unreadable frames in a row, since the drive may be gone.
+    fn note_skipped_frame(&mut self, step: &Step) {
+        let skipped = match step {
+            Step::Skipped(skipped) => {
+                self.n_unread += 1;
+                skipped
+            }
+            Step::Lost(skipped) => skipped,
+            Step::Trained(_) | Step::Waiting | Step::Finished => return,
+        };
+        // No notice for a single one, because a dataset may lack many frames. The status line counts them,
+        // the summary lists them.
+        tracing::warn!("{}", skipped.message);
+        // A recording that is still written gets its frames back later.
+        let is_live = self.outbox.snapshot.following.recording.is_some();
+        if self.n_unread < UNREAD_IN_A_ROW || is_live {
+            return;
+        }
+        self.n_unread = 0;
+        if self.outbox.snapshot.state == RunState::Training {
+            self.set_state(RunState::Paused);
+            let text = format!(
+                "training is paused: {UNREAD_IN_A_ROW} frames in a row could not be read; check the drive, then Train goes on ({})",
+                skipped.message
+            );
+            self.outbox.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
+        }
     }
 
     fn add_outlier_reports(&mut self) {
@@ -132,8 +163,11 @@ impl WorkerThread {
         self.outbox.is_changed = true;
         match sampling {
             Ok(mut sampling) => {
+                let path = self.outbox.snapshot.opened.as_ref().and_then(|o| o.path.clone());
                 for warning in sampling.poses.iter().flat_map(|check| check.warnings()) {
-                    self.outbox.notify(NoticeKind::Warning, warning);
+                    let open_as = path.as_ref().and_then(|path| OpenAs::advised(path, &warning));
+                    let topic = NoticeTopic::Subject;
+                    self.outbox.notify_with(topic, NoticeKind::Warning, warning, open_as);
                 }
                 // Frames that cannot be checked do not withdraw an earlier check.
                 let earlier = self.outbox.snapshot.sampling.poses.take();

@@ -26,7 +26,8 @@ const SHELL: f64 = 0.25;
 const N_SHELLS: usize = 6;
 /// Minimum share of all splats in a shell that is part of the scene. A shell with fewer splats contains
 /// only strays.
-const STRAY_SHARE: f64 = 1.0 / 5000.0;
+// A Kinect room has a shell of 1/1500 between its walls and floaters behind a window.
+const STRAY_SHARE: f64 = 1.0 / 1000.0;
 /// Visible extent of a splat from its centre, in standard deviations.
 const VISIBLE_SIGMAS: f64 = 2.5;
 /// Factor on the radius that adds a margin around the visible splats.

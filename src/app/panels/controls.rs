@@ -1,62 +1,11 @@
-//! Card over the lower left of the viewport. It grows with its contents as far as there is room. The
-//! contents scroll; the footer with the buttons is always visible.
+//! Controls shared by the panels: buttons of commands, choices, numbers, and headings.
 
 use crate::app::command::UiCommand;
 use eframe::egui::emath::Numeric;
 use eframe::egui::{
-    Align2, Area, Button, Color32, DragValue, Frame, Id, Label, Pos2, Response, RichText, Role,
-    ScrollArea, Sense, Ui, Vec2, WidgetInfo,
+    Button, Color32, DragValue, Label, Response, RichText, Role, Sense, Ui, Vec2, WidgetInfo,
 };
 use std::ops::RangeInclusive;
-
-/// Distance of a card from the edges of the viewport and from the notices above it, points.
-const MARGIN: f32 = 12.0;
-/// Height reserved for the footer, points.
-// egui knows the footer's height only after drawing the contents above it.
-const FOOTER_HEIGHT: f32 = 44.0;
-/// Minimum height of the contents, points.
-// With less room the card covers the notices.
-const MIN_HEIGHT: f32 = 40.0;
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CardPlace {
-    corner: Pos2,
-    /// Largest height of the contents, points.
-    pub max_height: f32,
-}
-
-impl CardPlace {
-    /// Returns the place of a card in the viewport of `ui`. The top `taken` points of the viewport are
-    /// left free.
-    pub fn below(taken: f32, ui: &Ui) -> Self {
-        let viewport = ui.max_rect();
-        let frame = Frame::popup(ui.style()).total_margin().sum().y;
-        let room = viewport.height() - taken - 2.0 * MARGIN - frame - FOOTER_HEIGHT;
-        let at = viewport.left_bottom() + Vec2::new(MARGIN, -MARGIN);
-        Self { corner: at, max_height: room.max(MIN_HEIGHT) }
-    }
-}
-
-/// Draws a card with contents and a footer. The contents scroll if they are too high.
-pub fn show(
-    name: &'static str,
-    place: CardPlace,
-    ui: &Ui,
-    contents: impl FnOnce(&mut Ui),
-    foot: impl FnOnce(&mut Ui),
-) {
-    let area = Area::new(Id::unique(name)).fixed_pos(place.corner).pivot(Align2::LEFT_BOTTOM);
-    area.show(ui.ctx(), |ui| {
-        Frame::popup(ui.style()).show(ui, |ui| {
-            // By default egui takes the room below the card's last position as available, which is too little
-            // for a card anchored at its lower corner.
-            let scrolled = ScrollArea::vertical().min_scrolled_height(place.max_height);
-            scrolled.max_height(place.max_height).show(ui, contents);
-            ui.add_space(4.0);
-            foot(ui);
-        });
-    });
-}
 
 /// Size of the space for the dot that marks a changed setting, points.
 // Reserved without a dot too, so that nothing moves when one appears.
