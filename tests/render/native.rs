@@ -12,10 +12,12 @@ use glam::{DVec2, DVec3};
 use std::sync::Arc;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::pose::Pose;
+use vbgs_studio::model::scene::texels::{Observed, TextureSums};
 use vbgs_studio::model::splat::appearance::{Appearance, Finishing, SplatSet, SplatView};
 use vbgs_studio::model::splat::pose_log::{ExposureLog, FrameExposure};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::Exposing;
+use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::finish::MARKER_COLOR;
 use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
 
@@ -100,6 +102,34 @@ fn textured_images_agree_with_the_oracle() {
             let n_changed = pairs.filter(|(a, b)| (a.rgba[0] - b.rgba[0]).abs() > 0.02).count();
             assert!(10 * n_changed > plain.data.len(), "{label}: {n_changed} pixels");
         }
+    }
+}
+
+#[test]
+fn textures_composed_as_they_are_read_give_the_same_picture() {
+    let splats = NATIVE_SCENES[1].splats(64);
+    let learned = |(id, splat): (usize, &Splat)| {
+        let mut texture = TextureSums::new(splat, 0.3);
+        texture.refine(1 + (id % 3) as u8);
+        texture.predicted = [[1 << 24, 1 << 25 >> (id % 2)], [0, 1 << 24]];
+        for i in (0..texture.index.len() * 16).filter(|i| (i / 16 + id) % 5 > 0) {
+            let color = [0, 1, 2].map(|c| ((i * 37 + id * 91 + c * 400) % 1200) as i16);
+            texture.add(&Observed { texel: i as u16, weight: 1 + (i * 29 % 256) as u16, color });
+        }
+        (id % 7 > 0).then(|| Arc::new(texture))
+    };
+    let learned: Vec<_> = splats.iter().enumerate().map(learned).collect();
+    let compose = |texture: &Option<Arc<TextureSums>>| Some(Arc::new(texture.as_ref()?.drawn()));
+    let composed = Some(Arc::new(learned.iter().map(compose).collect()));
+    let finishing = Finishing { textures: composed, ..Finishing::default() };
+    let plain = SplatView::from(&splats);
+    for method in METHODS {
+        let views = [plain, plain.with_finishing(&finishing), plain.with_learned(&learned)];
+        let [plain, composed, learned] =
+            views.map(|view| CpuRenderer::new().render(view, &camera_of(method), &options(method)));
+        assert_eq!(composed.color, learned.color, "{method:?}");
+        let n_changed = plain.color.data.iter().zip(&learned.color.data).filter(|(a, b)| a != b);
+        assert!(10 * n_changed.count() > plain.color.data.len(), "{method:?}");
     }
 }
 

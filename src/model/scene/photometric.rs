@@ -62,6 +62,11 @@ impl PhotometricState {
         + size_of::<[f32; N_FORM_PRECISION]>()
         + size_of::<[f32; N_COLOR_PRECISION]>();
 
+    /// True if a splat has a texture.
+    pub fn has_textures(&self) -> bool {
+        self.textures.iter().any(Option::is_some)
+    }
+
     /// Returns the memory used by splats, in bytes.
     pub fn splat_bytes(&self) -> usize {
         self.splats.len() * Self::BYTES

@@ -2,10 +2,12 @@
 
 use crate::model::splat::splats::Splat;
 use crate::model::splat::texture::{
-    ABSENT, Lattice, MAX_LEVEL, PATCH, Sample, TEXELS, Texel, Texture, corners,
+    ABSENT, Lattice, LearnedTextures, MAX_LEVEL, PATCH, Sample, TEXELS, Texel, Texture, corners,
+    four_texels,
 };
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Weight of one whole pixel in the unit of [`TexelSums::weight`].
 pub const WEIGHT_ONE: f32 = 256.0;
@@ -212,7 +214,7 @@ impl TextureSums {
 
     fn texel(&self, at: [usize; 2]) -> Option<&TexelSums> {
         let (patch, within) = self.lattice.patch_of(at);
-        self.patches.get(usize::from(self.index[patch])).map(|patch| &patch[within])
+        self.patch(patch).map(|patch| &patch[within])
     }
 
     fn texel_mut(&mut self, at: [usize; 2]) -> &mut TexelSums {
@@ -330,16 +332,30 @@ impl TextureSums {
 
     /// Returns the texture to draw.
     pub fn drawn(&self) -> Texture {
-        let (doubt, trust) = self.trust();
-        let texel = |sums: &TexelSums| {
-            let (color, share) = sums.posterior(doubt);
-            Texel::new(color, share * trust)
-        };
+        let trust = self.trust();
+        let texel = |sums: &TexelSums| sums.drawn(trust);
         Texture {
             lattice: self.lattice,
             index: self.index.clone(),
             patches: self.patches.iter().map(|patch| patch.each_ref().map(texel)).collect(),
         }
+    }
+
+    fn patch(&self, number: usize) -> Option<&[TexelSums; TEXELS]> {
+        self.patches.get(usize::from(self.index[number]))
+    }
+}
+
+impl LearnedTextures for Vec<Option<Arc<TextureSums>>> {
+    fn lattice(&self, splat: usize) -> Option<&Lattice> {
+        Some(&self.get(splat)?.as_ref()?.lattice)
+    }
+
+    fn four(&self, splat: usize, at: [usize; 2]) -> [Texel; 4] {
+        let Some(Some(texture)) = self.get(splat) else { return [Texel::default(); 4] };
+        let trust = texture.trust();
+        four_texels(&texture.lattice, at, |number| texture.patch(number))
+            .map(|sums| sums.drawn(trust))
     }
 }
 
@@ -411,6 +427,12 @@ impl TexelSums {
         let per = 1.0 / (self.weight as f32 * COLOR_ONE);
         let weight = self.weight as f32 / WEIGHT_ONE;
         (self.color.map(|color| color as f32 * per), weight / (weight + doubt))
+    }
+
+    /// Returns the texel to draw. `doubt` and `trust` are those of [`TextureSums::trust`].
+    fn drawn(&self, (doubt, trust): (f32, f32)) -> Texel {
+        let (color, share) = self.posterior(doubt);
+        Texel::new(color, share * trust)
     }
 }
 
@@ -633,6 +655,23 @@ mod tests {
         texture.add_products(&[[800, -80], [8, 0]]);
         texture.fade();
         assert_eq!(texture.predicted, [[700, -70], [7, 0]]);
+    }
+
+    #[test]
+    fn texels_are_read_as_they_are_drawn() {
+        // So few that patches are absent.
+        let mut texture = of(2, &observations(12, 16, 8));
+        texture.predicted = [[1 << 24, 1 << 25], [0, 1 << 25]];
+        let (drawn, side) = (texture.drawn(), texture.lattice.side());
+        assert!(texture.patches.len() < texture.index.len());
+        let textures = vec![None, Some(Arc::new(texture))];
+        for at in (0..side * side).map(|i| [i % side, i / side]) {
+            assert_eq!(textures.four(1, at), drawn.four(at), "{at:?}");
+        }
+        assert!(drawn.patches.iter().flatten().any(|texel| texel.0 >> 27 > 0));
+        assert_eq!([0, 2].map(|splat| textures.four(splat, [0, 0])), [[Texel::default(); 4]; 2]);
+        assert_eq!(textures.lattice(1), Some(&drawn.lattice));
+        assert_eq!([0, 2].map(|splat| textures.lattice(splat)), [None; 2]);
     }
 
     #[test]

@@ -7,7 +7,7 @@
 use super::observed_cone::ObservedCone;
 use super::pose_log::{ExposureLog, PoseLog};
 use super::splats::Splat;
-use super::texture::Textures;
+use super::texture::{LearnedTextures, ShownTextures, Textures};
 use crate::math::camera::Camera;
 use crate::math::pose::Pose;
 use std::ops::Deref;
@@ -47,6 +47,7 @@ pub struct SplatView<'a> {
     splats: &'a [Splat],
     appearance: &'a [Appearance],
     finishing: &'a Finishing,
+    learned: Option<&'a dyn LearnedTextures>,
 }
 
 impl<'a> SplatView<'a> {
@@ -54,12 +55,23 @@ impl<'a> SplatView<'a> {
     /// Returns `None` if the lengths differ.
     pub fn new(splats: &'a [Splat], appearance: &'a [Appearance]) -> Option<Self> {
         let fits = appearance.is_empty() || appearance.len() == splats.len();
-        fits.then_some(Self { splats, appearance, finishing: &PLAIN })
+        fits.then_some(Self { splats, appearance, finishing: &PLAIN, learned: None })
     }
 
     /// Returns the view with other parameters for finishing composited pixels.
     pub fn with_finishing(self, finishing: &'a Finishing) -> Self {
         Self { finishing, ..self }
+    }
+
+    /// Returns the view with textures that are composed as they are read, by the CPU renderer only.
+    pub fn with_learned(self, textures: &'a dyn LearnedTextures) -> Self {
+        Self { learned: Some(textures), ..self }
+    }
+
+    /// Returns the textures to draw.
+    pub fn textures(&self) -> Option<ShownTextures<'a>> {
+        let composed = || self.finishing.textures.as_deref().map(ShownTextures::Composed);
+        self.learned.map(ShownTextures::Learned).or_else(composed)
     }
 
     /// Returns the splats in order; slots of opacity 0 are empty.
@@ -222,7 +234,8 @@ impl SplatSet {
 
     /// Borrows the set for rendering.
     pub fn view(&self) -> SplatView<'_> {
-        SplatView { splats: &self.splats, appearance: &self.appearance, finishing: &self.finishing }
+        let Self { splats, appearance, finishing } = self;
+        SplatView { splats, appearance, finishing, learned: None }
     }
 }
 
@@ -248,7 +261,7 @@ impl<'a> From<&'a SplatSet> for SplatView<'a> {
 
 impl<'a> From<&'a [Splat]> for SplatView<'a> {
     fn from(splats: &'a [Splat]) -> Self {
-        Self { splats, appearance: &[], finishing: &PLAIN }
+        Self { splats, appearance: &[], finishing: &PLAIN, learned: None }
     }
 }
 

@@ -7,6 +7,7 @@
 use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
+use std::fmt::Debug;
 use std::sync::Arc;
 
 /// Texels per side of a patch.
@@ -102,8 +103,11 @@ impl Texel {
 
     /// Rounds a texel. `color` is limited to 0 to 511/256, `share` to 0 to 1.
     pub fn new(color: [f32; 3], share: f32) -> Self {
+        // As `round` would, which is a call of a function.
         let rounded = |value: f32, one: u32, most: u32| {
-            (value * one as f32).round().clamp(0.0, most as f32) as u32
+            let value = (value * one as f32).clamp(0.0, most as f32);
+            let whole = value as u32;
+            whole + u32::from(value - whole as f32 >= 0.5)
         };
         let [r, g, b] = color.map(|c| rounded(c, Self::COLOR_ONE, Self::CHANNEL_MAX));
         let share = rounded(share, Self::SHARE_ONE, Self::SHARE_ONE);
@@ -176,24 +180,10 @@ impl Texture {
         self.patches.get(usize::from(*self.index.get(number)?))
     }
 
-    /// Returns the texels at columns `x` and `x + 1` of rows `y` and `y + 1`, row by row. At the last column and
-    /// row they repeat.
+    /// Returns [`four_texels`] about a place.
     #[inline(always)]
-    pub fn four(&self, [x, y]: [usize; 2]) -> [Texel; 4] {
-        let (patch, within) = self.lattice.patch_of([x, y]);
-        if x % PATCH < PATCH - 1 && y % PATCH < PATCH - 1 {
-            let Some(patch) = self.patch(patch) else { return [Texel::default(); 4] };
-            let [low, high] = [within, within + PATCH];
-            return [patch[low], patch[low + 1], patch[high], patch[high + 1]];
-        }
-        let last = self.lattice.side() - 1;
-        let (right, below) = ((x + 1).min(last), (y + 1).min(last));
-        [
-            self.texel([x, y]),
-            self.texel([right, y]),
-            self.texel([x, below]),
-            self.texel([right, below]),
-        ]
+    pub fn four(&self, at: [usize; 2]) -> [Texel; 4] {
+        four_texels(&self.lattice, at, |number| self.patch(number))
     }
 
     /// Returns the texture at a place, in texels from the lattice's corner, bilinearly interpolated. The
@@ -211,6 +201,28 @@ impl Texture {
     pub fn bytes(&self) -> usize {
         size_of::<Self>() + size_of_val(&self.index[..]) + size_of_val(&self.patches[..])
     }
+}
+
+/// Returns the texels at columns `x` and `x + 1` of rows `y` and `y + 1` of a lattice, row by row. At the last column
+/// and row they repeat. `patch` returns a patch by its number, `None` if it has no texels.
+#[inline(always)]
+pub fn four_texels<'a, T: Copy + Default + 'a>(
+    lattice: &Lattice,
+    [x, y]: [usize; 2],
+    patch: impl Fn(usize) -> Option<&'a [T; TEXELS]>,
+) -> [T; 4] {
+    let (number, within) = lattice.patch_of([x, y]);
+    if x % PATCH < PATCH - 1 && y % PATCH < PATCH - 1 {
+        let Some(patch) = patch(number) else { return [T::default(); 4] };
+        let [low, high] = [within, within + PATCH];
+        return [patch[low], patch[low + 1], patch[high], patch[high + 1]];
+    }
+    let last = lattice.side() - 1;
+    let (right, below) = ((x + 1).min(last), (y + 1).min(last));
+    [[x, y], [right, y], [x, below], [right, below]].map(|at| {
+        let (number, within) = lattice.patch_of(at);
+        patch(number).map_or_else(T::default, |patch| patch[within])
+    })
 }
 
 /// Returns the four texels about a place in a lattice of `side` texels a side, and the weight of each.
@@ -236,6 +248,47 @@ pub fn corners([x, y]: [f32; 2], side: usize) -> Option<[([usize; 2], f32); 4]> 
 
 /// Textures by splat; `None` for splats without one. Snapshots share textures that have not changed.
 pub type Textures = Vec<Option<Arc<Texture>>>;
+
+/// Textures of splats whose texels are composed as they are read.
+pub trait LearnedTextures: Debug + Sync {
+    /// Returns the lattice of a splat's texture, if it has one.
+    fn lattice(&self, splat: usize) -> Option<&Lattice>;
+
+    /// Returns [`four_texels`] about a place in the texture of a splat.
+    fn four(&self, splat: usize, at: [usize; 2]) -> [Texel; 4];
+}
+
+/// Textures that a picture shows.
+#[derive(Clone, Copy, Debug)]
+pub enum ShownTextures<'a> {
+    /// For many pictures, or one of many pixels.
+    Composed(&'a Textures),
+    /// For one small picture, which reads few of the texels.
+    Learned(&'a dyn LearnedTextures),
+}
+
+impl<'a> ShownTextures<'a> {
+    /// Returns the lattice of a splat's texture, if it has one.
+    #[inline(always)]
+    pub fn lattice(self, splat: usize) -> Option<&'a Lattice> {
+        match self {
+            Self::Composed(textures) => Some(&textures.get(splat)?.as_ref()?.lattice),
+            Self::Learned(textures) => textures.lattice(splat),
+        }
+    }
+
+    /// Returns [`four_texels`] about a place in the texture of a splat.
+    #[inline(always)]
+    pub fn four(self, splat: usize, at: [usize; 2]) -> [Texel; 4] {
+        match self {
+            Self::Composed(textures) => match textures.get(splat) {
+                Some(Some(texture)) => texture.four(at),
+                _ => [Texel::default(); 4],
+            },
+            Self::Learned(textures) => textures.four(splat, at),
+        }
+    }
+}
 
 /// Returns textures of share 1, with `color` of the learned share as the colour of each texel. Textures that
 /// are the same in `old` are taken from `painted`, the result for `old`.
@@ -290,6 +343,18 @@ mod tests {
         let texel = Texel::new([1.0, 0.5, 2.0], 1.0);
         assert_eq!(texel.0, 256 | 128 << 9 | 511 << 18 | 31 << 27);
         assert_eq!(texel.halves(), [256 | 128 << 9, 511 | 31 << 9]);
+    }
+
+    #[test]
+    fn texels_are_rounded_half_away_from_zero() {
+        let halves = (0..1024).map(|i| i as f32 / 2.0);
+        let near = halves.flat_map(|half| [half.next_down(), half, half.next_up()]);
+        let others = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.7, 1e30, 0.3, 511.4, 512.6];
+        for value in near.chain(others) {
+            let expected = value.round().clamp(0.0, 511.0) as u32;
+            let texel = Texel::new([value / 256.0; 3], value / 31.0);
+            assert_eq!(texel.0 & Texel::CHANNEL_MAX, expected, "{value}");
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use super::record::Records;
 use super::tile::{ProjectionForm, Tile};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{Kernel, Vector};
-use crate::model::splat::texture::Textures;
+use crate::model::splat::texture::ShownTextures;
 use crate::render::finish::Finish;
 use crate::render::options::{Lens, RenderMethod, Response, TILE};
 use wide::bytemuck::cast_slice;
@@ -50,7 +50,7 @@ pub(super) struct RowInputs<'a> {
     pub method: RenderMethod,
     pub background: [f32; 3],
     pub finish: Finish,
-    pub textures: Option<&'a Textures>,
+    pub textures: Option<ShownTextures<'a>>,
     /// True if tiles without textured splats are left empty.
     pub is_for_textures: bool,
 }

@@ -124,12 +124,11 @@ impl CpuRenderer {
             return image;
         }
         // Other paints show no texture.
-        let textures = splats.finishing().textures.as_deref();
-        let textures = textures.filter(|_| options.style.paint == Paint::Stored);
+        let textures = splats.textures().filter(|_| options.style.paint == Paint::Stored);
         let lattice = |splat: usize| {
-            let texture = textures?.get(splat)?.as_ref()?;
             // A marked splat keeps its colour.
-            (splats.splats()[splat].color != MARKER_COLOR).then_some(texture.lattice)
+            let is_marked = splats.splats()[splat].color == MARKER_COLOR;
+            textures?.lattice(splat).filter(|_| !is_marked).copied()
         };
         let lattices = textures.map(|_| &lattice as LatticeOf<'_>);
         image.n_invalid = self.lists.prepare(splats, &view, lattices);

@@ -10,7 +10,7 @@ use super::view::{CameraSplat, CpuView};
 use crate::math::simd::{LANES, Vector, dot, gather_rows};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::model::splat::texture::{Lattice, Texel, Texture, Textures};
+use crate::model::splat::texture::{Lattice, ShownTextures, Texel};
 use crate::render::options::TILE;
 use glam::DVec3;
 use wide::bytemuck::{Pod, Zeroable, cast_ref};
@@ -193,21 +193,19 @@ pub(super) fn add_textures<V: Vector>(
     (owners, group): (&Owners, usize),
     rays: [V; 3],
     planes: &[SurfacePlane],
-    textures: &Textures,
+    textures: ShownTextures<'_>,
 ) -> Option<[V; 3]> {
     let mut textured = None;
     let per = V::splat(1.0) / coverage.max(V::splat(f32::MIN_POSITIVE));
     for which in 0..2 {
         let (weights, planes) = owners.of(group, which, planes);
-        let mut of: [Option<&Texture>; LANES] = [None; LANES];
         let (mut sides, mut is_textured) = ([-1.0; LANES], false);
         for lane in 0..LANES {
             if weights[lane] <= 0.0 {
                 continue;
             }
-            if let Some(Some(texture)) = textures.get(planes[lane].splat as usize) {
-                of[lane] = Some(texture);
-                sides[lane] = texture.lattice.side() as f32;
+            if let Some(lattice) = textures.lattice(planes[lane].splat as usize) {
+                sides[lane] = lattice.side() as f32;
                 is_textured = true;
             }
         }
@@ -215,7 +213,7 @@ pub(super) fn add_textures<V: Vector>(
             continue;
         }
         let met = meet(planes, rays);
-        let Some(samples) = sample(&of, &met, V::load(&sides)) else { continue };
+        let Some(samples) = sample(textures, planes, &met, V::load(&sides)) else { continue };
         let weight = V::load(&weights);
         let mut sums = textured.unwrap_or(colors);
         for channel in 0..3 {
@@ -232,11 +230,12 @@ pub(super) fn add_textures<V: Vector>(
     Some(textured)
 }
 
-/// Interpolates textures of `sides` texels a side bilinearly, as [`Texture::sample`] does. The share is 0 where
-/// a plane is not met. Returns `None` if no place is within its lattice.
+/// Interpolates the textures of planes bilinearly. They have `sides` texels a side, a negative number if there is no
+/// texture. The share is 0 where a plane is not met. Returns `None` if no place is within its lattice.
 #[inline(always)]
 fn sample<V: Vector>(
-    textures: &[Option<&Texture>; LANES],
+    textures: ShownTextures<'_>,
+    planes: [&SurfacePlane; LANES],
     met: &Met<V>,
     sides: V,
 ) -> Option<Samples<V>> {
@@ -258,11 +257,11 @@ fn sample<V: Vector>(
     let mut texels = [[[0.0; LANES]; 2]; 4];
     for lane in 0..LANES {
         (x0[lane], y0[lane]) = (column[lane] as f32, row[lane] as f32);
-        let Some(texture) = textures[lane] else { continue };
         if inside >> lane & 1 == 0 {
             continue;
         }
-        let four = texture.four([column[lane] as usize, row[lane] as usize]);
+        let at = [column[lane] as usize, row[lane] as usize];
+        let four = textures.four(planes[lane].splat as usize, at);
         for i in 0..4 {
             let [low, high] = four[i].halves();
             (texels[i][0][lane], texels[i][1][lane]) = (f32::from_bits(low), f32::from_bits(high));

@@ -11,7 +11,7 @@ use super::textures::{Owners, SurfacePlane, add_textures};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{LANES, SET_LANE, Vector};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
-use crate::model::splat::texture::Textures;
+use crate::model::splat::texture::ShownTextures;
 use crate::render::options::{ALPHA_CAP, Lens, TILE, TRANSMITTANCE_STOP};
 use glam::DVec2;
 use std::ops::Range;
@@ -158,7 +158,7 @@ impl Tile {
         &mut self,
         k: &Intrinsics,
         planes: &[SurfacePlane],
-        textures: &Textures,
+        textures: ShownTextures<'_>,
     ) {
         let Some(owners) = self.owners.as_deref().filter(|_| !planes.is_empty()) else { return };
         for group in 0..TILE * GROUPS {

@@ -76,7 +76,7 @@ pub(in crate::train::scene) struct Taken<'a> {
 
 impl Taken<'_> {
     /// True if the photograph shows more than splats can.
-    pub fn is_fine(&self) -> bool {
+    fn is_fine(&self) -> bool {
         self.per_depth_pixel >= FINER
     }
 }
@@ -100,7 +100,7 @@ impl TextureLearner {
         let intrinsics = reduced_intrinsics(&taken.photograph.intrinsics, factor);
         let camera = Camera { intrinsics, ..taken.camera };
         self.begin(state, changed, h, &camera);
-        if state.textures.iter().all(Option::is_none) {
+        if !state.has_textures() {
             return;
         }
         // Fewer rows instead of a smaller picture would show as stripes until all rows have been seen.
@@ -146,9 +146,8 @@ impl TextureLearner {
         rows: &mut Vec<Lists<T>>,
         list: impl Fn(&SurfaceTile<'_>, &mut Lists<T>) + Sync,
     ) {
-        let has_textures = state.textures.iter().any(Option::is_some);
         let splats = SplatView::new(&state.splats, &state.appearance);
-        let Some(splats) = splats.filter(|_| has_textures) else { return rows.clear() };
+        let Some(splats) = splats.filter(|_| state.has_textures()) else { return rows.clear() };
         let lattice = |splat: usize| Some(state.textures.get(splat)?.as_ref()?.lattice);
         let plain = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let options = RenderOptions { near, ..plain };
@@ -237,7 +236,7 @@ impl TextureLearner {
 
     /// Returns the textures to draw; `None` if there are none.
     pub fn drawn(&self, state: &PhotometricState) -> Option<Arc<Textures>> {
-        if state.textures.iter().all(Option::is_none) {
+        if !state.has_textures() {
             return None;
         }
         let draw = |(id, texture): (usize, &Option<Arc<TextureSums>>)| {

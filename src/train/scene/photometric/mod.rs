@@ -17,7 +17,7 @@ use crate::math::rng::Rng;
 use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::waiting::BufferedPhotograph;
-use crate::model::splat::appearance::{Appearance, Finishing, SplatView};
+use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::observed_cone::ObservedCone;
 use crate::model::splat::pose_log::FramePose;
 use crate::model::splat::splats::Splat;
@@ -235,7 +235,7 @@ impl PhotometricLearner {
         AlignedPhotograph { view, of_points, pixels }: &AlignedPhotograph,
         step: &SplatStep<'_>,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
-        if !self.state.textures.is_empty() {
+        if self.state.has_textures() {
             let clock = Stopwatch::start();
             self.textures.judge(&mut self.state, view, pixels);
             self.texture_ms += clock.elapsed_ms();
@@ -296,12 +296,16 @@ impl PhotometricLearner {
         Some(self.aligned(view, pixels, step))
     }
 
-    /// Returns the pose from which a photograph fits the scene best; `None` if that of the points is used.
-    pub fn own_pose_of(
+    /// Returns the pose from which a photograph fits the textured scene best; `None` if there are no textures or if
+    /// that of the points is used.
+    pub fn textured_pose_of(
         &mut self,
         photograph: &BufferedPhotograph,
         step: &SplatStep<'_>,
     ) -> Option<Pose> {
+        if step.pose_deviations.is_none() || !self.state.has_textures() {
+            return None;
+        }
         let AlignedPhotograph { view, pixels, .. } = self.aligned_from_buffer(photograph, step)?;
         self.image = pixels;
         Some(view.camera.pose)
@@ -314,11 +318,12 @@ impl PhotometricLearner {
         step: &SplatStep<'_>,
     ) -> Option<Pose> {
         let deviations = step.pose_deviations?;
+        let PhotometricState { splats, appearance, textures, .. } = &self.state;
+        let mut splats = SplatView::new(splats, appearance)?;
         // Without textures the picture would lack fine detail, and motions would follow its blur.
-        let textures = self.textures.drawn(&self.state);
-        let finishing = Finishing { textures, ..Finishing::default() };
-        let PhotometricState { splats, appearance, .. } = &self.state;
-        let splats = SplatView::new(splats, appearance)?.with_finishing(&finishing);
+        if self.state.has_textures() {
+            splats = splats.with_learned(textures);
+        }
         aligned_pose(&mut self.renderer, splats, view, photograph, deviations)
     }
 

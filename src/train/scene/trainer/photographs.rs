@@ -145,10 +145,7 @@ impl Photographs {
             per_depth_pixel: pixels_for_each(&frame.camera.intrinsics, photograph),
             frame: scene.frames,
         };
-        // Elsewhere the gain is not worth a second picture. Both alignments precede the changes of textures, so
-        // that textures are composed once for both.
-        let is_aligned = scene.config.texture_mb > 0 && taken.is_fine();
-        let (pose, due) = self.align(taken, is_aligned, &step);
+        let (pose, due) = self.align(taken, &step);
         if scene.config.texture_mb > 0 {
             let taken = Taken { camera: Camera { pose, ..taken.camera }, ..taken };
             let PhotometricLearner { state, textures, texture_ms, .. } = &mut self.learner;
@@ -163,12 +160,11 @@ impl Photographs {
         }
     }
 
-    /// Returns the pose of a photograph for its textures, its own if `is_aligned`, and the photograph whose
-    /// photometric step is due: with a shuffle buffer a random one, else the same.
+    /// Returns the pose of a photograph for its textures, and the photograph whose photometric step is due: with a
+    /// shuffle buffer a random one, else the same.
     fn align(
         &mut self,
         taken: Taken<'_>,
-        is_aligned: bool,
         step: &SplatStep<'_>,
     ) -> (Pose, Option<AlignedPhotograph>) {
         let Taken { photograph, camera, near, gain, margin, per_depth_pixel, frame } = taken;
@@ -186,7 +182,7 @@ impl Photographs {
         let view = PhotographView::new(frame, &camera, gain, near, rows);
         let packed = packed(PhotographView { per_depth_pixel, ..view }, photograph, margin);
         // The textures lack this photograph, so they do not hold it at the pose of the points.
-        let own = is_aligned.then(|| self.learner.own_pose_of(&packed, step)).flatten();
+        let own = self.learner.textured_pose_of(&packed, step);
         let most = rule.most_waiting(packed.bytes());
         self.learner.state.buffered.push(packed);
         (own.unwrap_or(camera.pose), self.learner.draw_beyond(most, step))
@@ -248,6 +244,7 @@ fn compared_now(scene: &Scene, outcome: PhotographOutcome) -> ComparedPhotograph
 mod tests {
     use super::*;
     use crate::math::image::Image;
+    use crate::model::scene::texels::TextureSums;
     use crate::model::splat::appearance::SplatView;
     use crate::render::cpu::CpuRenderer;
     use crate::render::{RenderMethod, RenderOptions};
@@ -292,12 +289,14 @@ mod tests {
             let state = &mut photographs.learner.state;
             state.grow(wall().len());
             state.splats = wall();
-            let (pose, due) = photographs.align(taken, true, &step);
+            state.textures = vec![Some(Arc::new(TextureSums::new(&wall()[0], 0.1)))];
+            let (pose, due) = photographs.align(taken, &step);
             let (before, after) = (apart(&Pose::IDENTITY, &moved()), apart(&pose, &moved()));
             assert!(before > 4e-3 && after < 0.1 * before, "{before} {after}");
             assert_eq!(due.is_some(), shuffle_buffer == 0, "the buffer is filled first");
-            // The pose of the second one is that of the points.
-            let (pose, due) = photographs.align(taken, false, &step);
+            // Without textures the pose of the second one is that of the points.
+            photographs.learner.state.textures.clear();
+            let (pose, due) = photographs.align(taken, &step);
             let due = due.expect("a photograph beyond the buffer").view.camera.pose;
             assert!(apart(&due, &moved()) < 0.1 * before, "{due:?}");
             assert_eq!(pose == Pose::IDENTITY, shuffle_buffer > 0);
