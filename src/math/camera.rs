@@ -150,5 +150,26 @@ mod tests {
         let half = k.scaled(0.5);
         assert_eq!((half.width, half.height), (320, 240));
         assert!((half.fov_x() - k.fov_x()).abs() < 1e-12);
+        let k = Intrinsics { width: 640, height: 480, fx: 500.0, fy: 400.0, cx: 300.0, cy: 200.0 };
+        let expected =
+            Intrinsics { width: 320, height: 120, fx: 250.0, fy: 100.0, cx: 150.0, cy: 50.0 };
+        assert_eq!(k.resized(320, 120), expected);
+    }
+
+    #[test]
+    fn focal_lengths_follow_from_fields_of_view() {
+        let fov_y = 2.0 * 0.5f64.atan();
+        let k = Intrinsics::from_vertical_fov(640, 480, fov_y);
+        let fisheye = Intrinsics::fisheye(640, 480, 2.5);
+        for (found, expected) in [
+            (k.fx, 480.0),
+            (k.fy, 480.0),
+            (k.fov_x(), 2.0 * (2.0f64 / 3.0).atan()),
+            (k.fov_y(), fov_y),
+            (fisheye.fx, 256.0),
+            (fisheye.fy, 256.0),
+        ] {
+            assert!((found - expected).abs() < 1e-12 * expected, "{found} {expected}");
+        }
     }
 }

@@ -256,6 +256,10 @@ mod tests {
         let orbit = Orbit { target, up, azimuth: 0.4, elevation: 0.5, distance: 3.0 };
         let path = CameraPath::turntable(&orbit, 0.8, 10.0);
         assert_eq!((path.at(0.0).pose, path.at(10.0).pose), (orbit.pose(), orbit.pose()));
+        let quarter = path.keyframes()[3];
+        let turned = Orbit { azimuth: 0.4 + std::f64::consts::FRAC_PI_2, ..orbit }.pose();
+        assert_eq!((quarter.time, quarter.fov_y), (2.5, 0.8));
+        assert!((quarter.pose.centre() - turned.centre()).length() < 1e-12);
         for i in 0..500 {
             let camera = path.at(f64::from(i) / 50.0).pose;
             let way = target - camera.centre();

@@ -160,6 +160,8 @@ mod tests {
         for (value, quanta) in [(0.5, 0), (1.5, 2), (-2.5, -2), (0.75, 1), (f64::NAN, 0)] {
             assert_eq!(to_quanta(value, 0), Quanta { high: 0, low: quanta }, "{value}");
         }
+        assert_eq!(round_small(-3.0), (-3, true));
+        assert!(!round_small(2f64.powi(51)).1);
         assert_eq!(to_quanta(f64::INFINITY, 36), Quanta { high: i32::MAX, low: 0 });
         assert_eq!(to_quanta(-1e300, 36), Quanta { high: -i32::MAX, low: 0 });
         let most = Quanta { high: i32::MAX, low: i64::MAX };
@@ -175,6 +177,8 @@ mod tests {
         assert_eq!(to_fixed(2f64.powi(-81)), 1);
         assert_eq!(to_fixed(2f64.powi(-82)), 0);
         assert_eq!(to_fixed(f64::NAN), 0);
+        assert_eq!(to_fixed(2f64.powi(45)), 1 << 125);
+        assert_eq!(to_fixed(2f64.powi(46)), i128::MAX / 2);
         assert!(to_fixed(f64::INFINITY) > to_fixed(1e13));
         assert!(to_fixed(-1e300) < to_fixed(-1e13));
     }

@@ -110,6 +110,9 @@ mod tests {
         assert_eq!(outline(r#""{[,\"{\\""#), JsonOutline::default());
         assert_eq!(outline(r#"{"a": [1, 2, {}]}"#).depth, 3);
         assert_eq!(outline("]]]]").depth, 0);
+        assert_eq!(outline("[[]][[]]").depth, 2);
+        // An object, an entry, an array and a value.
+        assert_eq!(outline(r#"{"a":[1,2]}"#).memory, 640 + 64 + 128 + 32);
         let frame =
             r#"{"file_path": "a", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]},"#;
         assert!(100_000 * outline(frame).memory < MAX_JSON_MEMORY, "{:?}", outline(frame));

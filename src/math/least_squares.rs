@@ -190,7 +190,12 @@ mod tests {
         // With y held, (x − 3)² + 4x² is smallest at 3/5.
         let step = total.damped_step(&[0], 0.0).unwrap();
         assert!((step[0] - 0.6).abs() < 1e-12, "{step:?}");
-        assert!(total.damped_step(&[0], 1.0).unwrap()[0] < 0.31, "damping shortens the step");
+        // Damping of 1 doubles the diagonal: 10x − 2y = 3 and 16y − 2x = 6.
+        let step = total.damped_step(&[0, 1], 1.0).unwrap();
+        assert!((step[0] - 5.0 / 13.0).abs() < 1e-12 && (step[1] - 5.5 / 13.0).abs() < 1e-12);
+        let mut held = NormalEquations::<2>::ZERO;
+        held.add_prior(1, 3.0, 0.5);
+        assert_eq!((held.cost, held.gradient, held.curvature_at(1, 1)), (36.0, [0.0, 12.0], 4.0));
     }
 
     #[test]
@@ -198,7 +203,8 @@ mod tests {
         let mut total = NormalEquations::total(&two_lines());
         let whole = total.eliminate_after::<1>().unwrap();
         assert!((whole.damped_step(&[0], 0.0).unwrap()[0] - 1.0).abs() < 1e-12, "{whole:?}");
-        assert!(whole.cost.abs() < 9.0, "eliminating y lowers the cost");
+        // At x = 0, (2y − 3)² + 4y² is smallest at 3/4.
+        assert!((whole.cost - 4.5).abs() < 1e-12, "{whole:?}");
         let y = total.eliminated_step(&[1.0]).unwrap();
         assert!((y[0] - 1.0).abs() < 1e-12, "{y:?}");
         // With a strong pull of y to 0 it follows less: (x − 3)² + 4x² in the limit.

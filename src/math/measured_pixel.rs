@@ -133,5 +133,15 @@ mod tests {
         assert!((COLOR_SCALE - 1.0 / 12f64.sqrt()).abs() < 1e-16);
         let p = DVec3::new(0.3, -2.0, 0.7);
         assert!((n.denormalize(n.normalize(p)) - p).length() < 1e-15);
+        // A uniform distribution ends √3 deviations from its mean.
+        let (end, hi) = (3f64.sqrt(), DVec3::new(3.0, 1.0, 4.0));
+        let n = Normalization::from_range(DVec3::new(-1.0, 0.0, 2.0), hi);
+        assert_eq!(n.offset, [1.0, 0.5, 3.0]);
+        assert!((n.normalize(hi) - DVec3::splat(end)).length() < 1e-14);
+        assert!((n.denormalize(DVec3::splat(end)) - hi).length() < 1e-14);
+        let channels = [0.5, 1.0, 0.0].map(Normalization::normalize_channel);
+        assert!((DVec3::from_array(channels) - DVec3::new(0.0, end, -end)).length() < 1e-14);
+        let color = Normalization::denormalize_color(DVec3::new(0.0, end, -end));
+        assert!((color - DVec3::new(0.5, 1.0, 0.0)).length() < 1e-14);
     }
 }

@@ -112,14 +112,13 @@ mod tests {
 
     #[test]
     fn poles_are_survived() {
-        let orbit = Orbit {
-            target: DVec3::ZERO,
-            up: DVec3::Z,
-            azimuth: 0.0,
-            elevation: 9.0,
-            distance: 1.0,
-        };
-        assert!(orbit.pose().forward().z < -0.99);
+        for elevation in [9.0, -9.0] {
+            let (target, up) = (DVec3::ZERO, DVec3::Z);
+            let orbit = Orbit { target, up, azimuth: 0.0, elevation, distance: 1.0 };
+            assert!(orbit.pose().forward().z * elevation < -8.99);
+            // On the azimuth's side of the pole.
+            assert!((orbit.outward().x - POLE_MARGIN).abs() < 1e-9);
+        }
     }
 
     #[test]
@@ -134,5 +133,9 @@ mod tests {
         assert_eq!(mean_up(circle.iter()), DVec3::Z);
         assert_eq!(mean_up([Pose::IDENTITY].iter()), DVec3::NEG_Y);
         assert_eq!(mean_up([].iter()), DVec3::Z);
+        // Six with −y up and five upside down.
+        let turned = Pose::look_at(DVec3::ZERO, DVec3::Z, DVec3::Y).unwrap();
+        let nearly_cancelled = [Pose::IDENTITY, turned].into_iter().cycle().take(11);
+        assert_eq!(mean_up(Vec::from_iter(nearly_cancelled).iter()), DVec3::Z);
     }
 }

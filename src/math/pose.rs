@@ -229,6 +229,9 @@ mod tests {
         let expected = pose.transform_point(offset + turn * point);
         assert!((attached.transform_point(point) - expected).length() < 1e-14);
         assert_eq!(pose.attached_camera(DVec3::ZERO, DQuat::IDENTITY), pose);
+        let moved = pose.with_origin(DVec3::new(1.0, -2.0, 0.5));
+        assert_eq!(moved.centre(), DVec3::new(2.0, 2.0, 0.5));
+        assert_eq!(moved.rotation(), pose.rotation());
     }
 
     #[test]

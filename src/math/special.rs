@@ -52,5 +52,9 @@ mod tests {
         assert!((mv_digamma3(2.5) - 1.162_430_949_722_287).abs() < 1e-14);
         assert!(digamma(0.0).is_nan() && digamma(-1.0).is_nan());
         assert!((digamma(1e-5) + 1e5 + euler).abs() < 1e-4);
+        assert!((ln_gamma(5.0) - 24f64.ln()).abs() < 1e-14);
+        // Γ(4) = 6, Γ(7/2) = 15√π/8 and Γ(3) = 2.
+        let expected = 2.0 * std::f64::consts::PI.ln() + 22.5f64.ln();
+        assert!((mv_ln_gamma3(4.0) - expected).abs() < 1e-14);
     }
 }

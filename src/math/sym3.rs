@@ -283,11 +283,29 @@ mod tests {
     }
 
     #[test]
+    fn off_diagonal_entries_may_be_tiny() {
+        let m = Sym3 { xx: 1.0, xy: 1e-160, xz: 0.5, yy: 2.0, yz: 0.0, zz: 3.0 };
+        let (e, root) = (m.eigen(), 1.25f64.sqrt());
+        let expected = DVec3::new(2.0 + root, 2.0, 2.0 - root);
+        assert!((e.values - expected).abs().max_element() < 1e-14, "{}", e.values);
+        assert!((e.vectors.y_axis.abs() - DVec3::Y).abs().max_element() < 1e-14);
+    }
+
+    #[test]
+    fn axes_are_scaled_on_both_sides() {
+        let m = Sym3::from_array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        let scaled = m.scaled_axes(DVec3::new(3.0, 5.0, 7.0)).to_array();
+        assert_eq!(scaled, [9.0, 30.0, 63.0, 100.0, 175.0, 294.0]);
+        assert_eq!((m.trace(), m.quadratic_form(DVec3::ONE)), (11.0, 31.0));
+    }
+
+    #[test]
     fn indefinite_matrices_have_no_factor() {
         assert!(
             Sym3 { xx: 1.0, xy: 2.0, yy: 1.0, zz: 1.0, ..Default::default() }.cholesky().is_none()
         );
         assert!(Sym3::diagonal(f64::NAN).cholesky().is_none());
+        assert!(Sym3::diagonal(f64::INFINITY).cholesky().is_none());
         assert!(Sym3::default().ln_det().is_none());
     }
 

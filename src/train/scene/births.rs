@@ -63,3 +63,28 @@ pub fn create_components(
     }
     births
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lone_points_become_seeds_until_a_limit() {
+        let mut seeds = Seeds::new(1.0);
+        let mut born = |x: [f32; 6], limits: Limits| {
+            let at = |x| SurfacePoint { position: [x, 0.0, 0.0], ..SurfacePoint::default() };
+            // The first point has an owner already.
+            let mut owners = [7, NONE, NONE, NONE, NONE, NONE];
+            let births = create_components(1.0, &mut seeds, &x.map(at), &mut owners, limits);
+            (owners, [births.born, births.refused, births.out_of_reach])
+        };
+        let limits = Limits { components: 3, seeds: 9 };
+        let found = born([90.0, 0.0, 0.5, 5.0, 1e9, 10.0], limits);
+        assert_eq!(found, ([7, 0, 0, 1, NONE, 2], [3, 0, 1]));
+        let found = born([90.0, 20.0, 20.5, 30.0, -1e9, 40.0], limits);
+        assert_eq!(found, ([7, NONE, NONE, NONE, NONE, NONE], [0, 4, 1]));
+        let found = born([90.0, 20.0, 20.5, 30.0, 40.0, 50.0], Limits { components: 9, seeds: 5 });
+        assert_eq!(found, ([7, 3, 3, 4, NONE, NONE], [2, 2, 0]));
+        assert_eq!((seeds.grid.len(), seeds.of(4)), (5, [30.0, 0.0, 0.0]));
+    }
+}

@@ -444,3 +444,27 @@ mod wide_sums_tests {
         assert!(wide.get_mut(8).is_none());
     }
 }
+
+#[cfg(test)]
+mod quanta_tests {
+    use super::*;
+
+    #[test]
+    fn quanta_are_added_to_the_rows_of_their_components() {
+        let (ids, mut sums) = ([1, 2, 4, 5], ComponentSums::default());
+        let more = [10, 20, 40, 50].map(|quanta| [quanta; N_SUMS]);
+        sums.grow(7);
+        sums.add_quanta(&ids, &more, 2);
+        sums.add_quanta(&ids[2..], &more[2..], 8);
+        let first = |sums: &ComponentSums| Vec::from_iter(sums.rows.iter().map(|row| row.sums[0]));
+        assert_eq!(first(&sums), [0, 10, 20, 0, 80, 100, 0]);
+        let with = sums.rows_with(&ids[1..], &more[1..]);
+        assert_eq!(with, [40, 120, 150].map(|quanta| [quanta; N_SUMS]));
+        assert_eq!(first(&sums), [0, 10, 20, 0, 80, 100, 0]);
+        let rows = 7 * size_of::<SumRow>();
+        assert_eq!(sums.bytes(), rows);
+        sums.add_wide(3, [1.0; N_SUMS]);
+        sums.add_wide(5, [1.0; N_SUMS]);
+        assert_eq!(sums.bytes(), rows + 2 * N_SUMS * size_of::<f64>());
+    }
+}

@@ -138,3 +138,56 @@ impl RefinementPlane {
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::scene::state::VisibilityCounts;
+    use crate::model::scene::sums::N_SUMS;
+    use glam::DVec3;
+
+    const H: f64 = 0.2;
+    const SEED: DVec3 = DVec3::new(0.5, -0.25, 3.0);
+
+    /// A component of `n` points whose plane faces −`ahead` and passes half a scale above the seed.
+    fn plane(n: f64, ahead: DVec3) -> Option<RefinementPlane> {
+        let mut row = [0.0; N_SUMS];
+        (row[0], row[3]) = (n, 0.5 * n);
+        (row[4], row[7], row[9]) = (n, n, n);
+        row[22..25].copy_from_slice(&(ahead * -n).to_array());
+        let mut sums = ComponentSums::default();
+        sums.push(&row, VisibilityCounts::default());
+        RefinementPlane::new(&sums, 0, SEED.as_vec3().to_array(), H)
+    }
+
+    #[test]
+    fn points_move_towards_the_plane_of_their_component() {
+        let ahead = DVec3::new(-2.0, 3.0, 6.0) / 7.0;
+        // The point lies beside the seed and `distance` before the plane.
+        let shift = |n: f64, distance: f64, direction: DVec3| {
+            let beside = DVec3::new(0.03, 0.02, 0.0);
+            let position = SEED + DVec3::Z * 0.5 * H + beside - direction * distance;
+            let [position, direction] = [position, direction].map(|v| v.as_vec3().to_array());
+            let point = SurfacePoint { position, direction, ..SurfacePoint::default() };
+            plane(n, ahead).map(|plane| plane.shift(&point, 0.31))
+        };
+        for (n, distance, direction, expected) in [
+            // The plane is trusted half at 20 points, and two thirds from 40 on.
+            (20.0, 0.2, ahead, 0.1),
+            (30.0, 0.2, ahead, 0.12),
+            (40.0, 0.3, ahead, 0.2),
+            (100.0, -0.3, ahead, -0.2),
+            (20.0, 0.2, DVec3::Z, 0.1),
+            (20.0, 0.2, DVec3::new(-0.28, 0.96, 0.0), 0.1),
+            // Beyond the limit, on a slanted ray and from behind.
+            (20.0, 0.32, ahead, 0.0),
+            (20.0, -0.32, ahead, 0.0),
+            (20.0, 0.2, DVec3::new(0.8, 0.6, 0.0), 0.0),
+            (20.0, 0.2, -ahead, 0.0),
+        ] {
+            let found = shift(n, distance, direction).unwrap();
+            assert!((found - expected).abs() < 2e-6, "{n} {distance} {direction}: {found}");
+        }
+        assert_eq!(shift(19.0, 0.2, ahead), None);
+    }
+}

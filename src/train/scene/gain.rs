@@ -102,5 +102,9 @@ mod tests {
         let found = gain(&sums, &points, &owners, 5.0);
         assert!((found[0] - 2.0).abs() < 1e-6, "{found:?}");
         assert_eq!(found[1..], [1.0, 1.0], "black has no exposure");
+        assert_eq!(gain(&sums, &points, &owners, 10.0), found);
+        assert_eq!(gain(&sums, &points, &owners, 11.0), [1.0; 3], "too few matches");
+        let fewest = [100, 8000, 80_000].map(|points| fewest_matches(points, MIN_MATCHES));
+        assert_eq!(fewest, [100.0, 1000.0, 5000.0]);
     }
 }

@@ -94,3 +94,56 @@ impl<'a> FrameView<'a> {
         Some((visibility, facing * self.h * self.h * k.fx * k.fy / (range * range)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::camera::Intrinsics;
+    use crate::math::image::Image;
+    use crate::math::pose::Pose;
+    use crate::observation::surface::DepthTolerance;
+
+    #[test]
+    fn a_component_is_hit_within_the_margin_of_the_pixel_that_shows_it() {
+        let intrinsics = Intrinsics { width: 4, height: 3, fx: 2.0, fy: 3.0, cx: 2.0, cy: 1.5 };
+        let camera = Camera { intrinsics, pose: Pose::IDENTITY.with_origin(DVec3::NEG_X) };
+        // Only the pixel in column 3, row 0 is known.
+        let mut ranges = Image::filled(4, 3, f32::NAN);
+        ranges.data[3] = 2.5;
+        let tolerance = DepthTolerance { margin: [0.125, 0.0625], refinement: 0.0, place: 0.0 };
+        let frame = Observation {
+            origin: DVec3::Y,
+            camera,
+            points: Vec::new(),
+            point_weight: 1,
+            ranges,
+            tolerance,
+            photograph: None,
+        };
+        let viewer = FrameView::new(&frame, &camera, 0.5);
+        // Through the pixel's middle, at a distance from the camera in (1, −1, 0).
+        let ray = DVec3::new(0.75, -1.0 / 3.0, 1.0).normalize();
+        let seen = |ray: DVec3, range: f64, normal: DVec3| {
+            viewer.visibility(DVec3::new(1.0, -1.0, 0.0) + ray * range, normal)
+        };
+        // At 2 the margin is 0.25, at 2.6 it is 0.2875.
+        for (range, expected) in [
+            (2.0, Some(Visibility::Miss)),
+            (2.3, Some(Visibility::Hit)),
+            (2.7, Some(Visibility::Hit)),
+            (2.9, None),
+            (-2.0, None),
+        ] {
+            let found = seen(ray, range, DVec3::Z);
+            assert_eq!(found.map(|(visibility, _)| visibility), expected, "{range}");
+        }
+        for (x, y) in [(0.2, -1.0 / 3.0), (0.75, 0.0), (1.1, -1.0 / 3.0), (0.75, -0.6)] {
+            assert_eq!(seen(DVec3::new(x, y, 1.0), 2.0, DVec3::Z), None, "{x} {y}");
+        }
+        // Half a unit is 0.5 / 2.5 of the focal lengths in pixels; slanted surfaces return less.
+        let returns = |normal| seen(ray, 2.5, normal).unwrap().1;
+        assert!((returns(ray * -3.0) - 0.24).abs() < 1e-12);
+        assert!((returns(DVec3::Z) - 0.24 * ray.z).abs() < 1e-12);
+        assert_eq!(returns(DVec3::ZERO), 0.0);
+    }
+}

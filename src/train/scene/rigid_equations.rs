@@ -170,6 +170,27 @@ mod tests {
     use crate::math::rng::{Purpose, Rng};
 
     #[test]
+    fn a_prior_alone_undoes_the_motion_within_its_deviations() {
+        let turn = DQuat::from_scaled_axis(DVec3::new(0.1, 0.0, 0.0));
+        let motion = Motion { turn, shift: DVec3::new(0.0, 2.0, -1.0) };
+        let prior = RigidEquations::prior(&motion, [0.5, 2.0]);
+        let [turn, shift] = prior.solution().unwrap();
+        assert!((turn + DVec3::new(0.1, 0.0, 0.0)).length() < 1e-12);
+        assert!((shift + motion.shift).length() < 1e-12);
+        assert_eq!(prior.deviations(), Some([0.5, 2.0]));
+        // Four times the weight halves the deviations.
+        let mut heavier = RigidEquations::NONE;
+        heavier.add_equations(&prior);
+        heavier.add_weighted(&prior, 3.0);
+        assert_eq!(heavier.deviations(), Some([0.25, 1.0]));
+        assert_eq!(RigidEquations::NONE.solution(), None);
+        let pose = Pose::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO, DVec3::Z).unwrap();
+        let found = Motion::between(&pose, &motion.apply_to_pose(&pose));
+        assert!((found.shift - motion.shift).length() < 1e-12);
+        assert!(found.turn.angle_between(motion.turn) < 1e-7);
+    }
+
+    #[test]
     fn residuals_of_one_arm_are_added_alike_one_by_one_and_at_once() {
         let mut rng = Rng::new(7, Purpose::Synthetic, 0);
         let mut vector = || DVec3::from_array([0; 3].map(|_| rng.range(-1.0, 1.0)));

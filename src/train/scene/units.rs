@@ -170,6 +170,29 @@ mod tests {
     }
 
     #[test]
+    fn lengths_and_budgets_follow_from_their_units() {
+        let [pixels, world] = [StructuralScale::Pixels(2.0), StructuralScale::World(2.0)];
+        assert_eq!(
+            [
+                pixels.min_length(0.5, true),
+                pixels.min_length(0.5, false),
+                world.min_length(0.5, true)
+            ],
+            [0.4, 0.5, 0.25]
+        );
+        for length in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let lengths = [StructuralScale::Pixels(length), StructuralScale::World(length)];
+            assert!(lengths.iter().all(|length| !length.is_positive()), "{length}");
+        }
+        assert!(pixels.is_positive() && world.is_positive());
+        let components = [Budget::Components(7), Budget::Bytes(1_000_000)].map(Budget::components);
+        assert_eq!(components, [7, 5000]);
+        for wrong in ["0MB", "-1MB", "1000000MB", "nanMB", "MB", "1.5"] {
+            assert!(wrong.parse::<Budget>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
     fn files_may_state_plain_numbers() {
         assert_eq!(ron::from_str("100"), Ok(Budget::Components(100)));
         assert_eq!(ron::from_str("\"5MB\""), Ok(Budget::Bytes(5_000_000)));

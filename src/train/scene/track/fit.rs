@@ -189,3 +189,34 @@ pub fn fit(
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn residual(distance: f64, brightness: f64, shown: f64) -> Residual {
+        let (arm, normal, own_normal, slope) = (DVec3::ZERO, DVec3::Z, DVec3::Z, DVec3::ZERO);
+        Residual { arm, distance, normal, own_normal, variance: 0.01, brightness, shown, slope }
+    }
+
+    #[test]
+    fn brightness_is_compared_where_depths_agree() {
+        // A distance of two deviations halves the trust.
+        let residuals =
+            [residual(0.0, 0.1, 0.0), residual(-0.2, 0.2, 1.0), residual(0.0, 0.3, 0.5)];
+        let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-12, "{found}");
+        near(residuals[0].depth_trust(), 1.0);
+        near(residuals[1].depth_trust(), 0.5);
+        // Two deviations of brightness, too.
+        near(residual(0.0, 0.1, 0.3).brightness_trust(2.0), 0.5);
+        near(gain(&residuals), (0.5 * 0.2 + 0.3 * 0.5) / (0.01 + 0.5 * 0.04 + 0.09));
+        near(gain(&[residual(0.0, 0.0, 0.5)]), 1.0);
+        // Of the weighted means, seen brightness deviates by 2/7 of what is shown.
+        near(shared_contrast(&residuals, 2.0), 2.0 / 7.0);
+        near(shared_contrast(&residuals, 20.0), 1.0);
+        near(shared_contrast(&residuals[..1], 2.0), 0.0);
+        let pose = Pose::IDENTITY;
+        let fit = PoseFit { pose, overlap: 0.5, agreement: 0.25, deviations: [0.0; 2] };
+        near(fit.score(), 0.125);
+    }
+}

@@ -185,3 +185,55 @@ impl ReferenceLevel {
         Some(Texel { brightness, depth, brightness_slope, depth_slope })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn references_are_wider_than_frames_by_whole_blocks() {
+        let frame =
+            Intrinsics { width: 640, height: 480, fx: 500.0, fy: 400.0, cx: 310.0, cy: 250.0 };
+        let expected =
+            Intrinsics { width: 192, height: 144, fx: 125.0, fy: 100.0, cx: 93.5, cy: 74.5 };
+        assert_eq!(widened(&frame, 4, 0.1), expected);
+        // 34 blocks and 4 on either side make 42; 17 and 2 make 21.
+        let odd = widened(&Intrinsics { width: 100, height: 50, ..frame }, 3, 0.1);
+        assert_eq!((odd.width, odd.height), (44, 24));
+    }
+
+    #[test]
+    fn halves_show_the_nearest_of_four_texels() {
+        let texels = [
+            [[0.2, 2.0], [0.4, 2.1], [0.1, 1.0], [0.3, 1.2]],
+            [[0.6, 2.0], [0.9, 2.9], [0.5, 1.05], [0.7, 0.0]],
+        ];
+        let intrinsics = Intrinsics { width: 4, height: 2, fx: 8.0, fy: 6.0, cx: 2.0, cy: 1.0 };
+        let texels = Image::from_vec(4, 2, texels.into_iter().flatten().collect());
+        let halved = ReferenceLevel { intrinsics, texels }.halved();
+        let expected = Intrinsics { width: 2, height: 1, fx: 4.0, fy: 3.0, cx: 1.0, cy: 0.5 };
+        assert_eq!(halved.intrinsics, expected);
+        for (found, expected) in halved.texels.data.iter().zip([[0.4, 6.1 / 3.0], [0.3, 1.025]]) {
+            assert!((0..2).all(|i| (found[i] - expected[i]).abs() < 1e-12), "{found:?}");
+        }
+        assert_eq!(halved.pixel_angle(), 0.25);
+    }
+
+    #[test]
+    fn slopes_are_those_of_the_interpolated_picture() {
+        let intrinsics = Intrinsics { width: 2, height: 2, fx: 3.0, fy: 4.0, cx: 0.75, cy: 1.25 };
+        let texels = vec![[0.2, 2.0], [0.5, 2.1], [0.9, 2.05], [0.1, 1.95]];
+        let level = ReferenceLevel { intrinsics, texels: Image::from_vec(2, 2, texels) };
+        let values = |point: DVec3| level.at(point).map(|t| [t.brightness, t.depth]).unwrap();
+        let (point, step) = (DVec3::new(0.2, -0.15, 2.0), 1e-6);
+        let texel = level.at(point).unwrap();
+        for (axis, unit) in DVec3::AXES.into_iter().enumerate() {
+            let (after, before) = (values(point + step * unit), values(point - step * unit));
+            let slopes = [texel.brightness_slope[axis], texel.depth_slope[axis]];
+            for i in 0..2 {
+                let slope = (after[i] - before[i]) / (2.0 * step);
+                assert!((slopes[i] - slope).abs() < 1e-6, "{axis} {i}: {slope} {slopes:?}");
+            }
+        }
+    }
+}

@@ -110,3 +110,57 @@ fn samples(frame: &Observation, block: usize) -> SampleLevel {
     let samples = blocks.iter().filter(|block| block.n > 0.0).map(sample).collect();
     SampleLevel { samples, alike }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::camera::{Camera, Intrinsics};
+    use crate::math::image::Image;
+    use crate::math::pose::Pose;
+    use crate::observation::surface::{DepthTolerance, SurfacePoint};
+
+    #[test]
+    fn blocks_average_the_points_of_one_surface() {
+        let point = |pixel: u32, range: f32, noise: f32| SurfacePoint {
+            position: [range, 1.0, 2.0 * range],
+            range,
+            noise,
+            color: [noise, 0.0, 0.0],
+            normal: [0.0, 0.0, -1.0],
+            pixel,
+            ..SurfacePoint::default()
+        };
+        let points = vec![
+            point(0, 2.0, 0.25),
+            point(1, 2.05, 0.75),
+            // Of another surface, in the next block, in the last row's block and beyond the image.
+            point(4, 2.25, 9.0),
+            point(6, 3.0, 0.5),
+            point(11, 4.0, 0.125),
+            point(16, 5.0, 9.0),
+        ];
+        let intrinsics = Intrinsics { width: 4, height: 3, fx: 2.0, fy: 2.0, cx: 2.0, cy: 1.5 };
+        let frame = Observation {
+            origin: DVec3::new(0.0, 1.0, 0.0),
+            camera: Camera { intrinsics, pose: Pose::IDENTITY.with_origin(DVec3::Z) },
+            points,
+            point_weight: 1,
+            ranges: Image::filled(4, 3, 0.0),
+            tolerance: DepthTolerance { margin: [0.0; 2], refinement: 0.0, place: 0.0 },
+            photograph: None,
+        };
+        let found = samples(&frame, 2);
+        assert_eq!((found.samples.len(), found.alike), (3, 1.0));
+        for (sample, [x, noise]) in
+            found.samples.iter().zip([[2.025, 0.5], [3.0, 0.5], [4.0, 0.125]])
+        {
+            let expected = DVec3::new(x, 2.0, 2.0 * x + 1.0);
+            assert!((sample.position - expected).length() < 1e-6, "{sample:?}");
+            assert_eq!((sample.noise, sample.normal), (noise, DVec3::NEG_Z));
+            assert!((sample.brightness - 0.299 * noise).abs() < 1e-12);
+        }
+        assert!((brightness([0.5, 0.25, 1.0]) - 0.410_25).abs() < 1e-7);
+        let all = FrameSamples::of(&frame);
+        assert_eq!((all.block, all.levels[0].samples.len(), all.depth), (1, 5, 5.5));
+    }
+}
