@@ -24,6 +24,7 @@ mod images;
 mod interrupt;
 mod kept;
 mod killed;
+mod lost;
 mod models;
 
 mod real;
