@@ -5,6 +5,7 @@
 mod align_poses;
 mod bad_input;
 mod bench;
+mod bounded;
 mod calibrate;
 mod capture;
 mod checkpoint;
