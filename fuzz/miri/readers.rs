@@ -1,23 +1,21 @@
-//! Readers of models on inputs that fuzzing found.
-
-#[path = "../entries/models.rs"]
-mod models;
+//! Reading of models that fuzzing found. Nothing is written, since Miri knows no owners of files.
 
 use std::fs;
 use std::path::Path;
-
-fn replay(target: &str, run: fn(&[u8])) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../found").join(target);
-    for file in fs::read_dir(folder).unwrap() {
-        run(&fs::read(file.unwrap().path()).unwrap());
-    }
-}
+use vbgs_studio::export::read_up_to;
 
 #[test]
-fn models_that_fuzzing_found_are_read() {
-    replay("ply", models::ply);
-    replay("compressed_ply", models::ply);
-    replay("splat", models::splat);
-    models::spz(b"NGSP\x02\0\0\0\xff\xff\xff\xff\0\x0c\0\0");
-    models::glb(b"glTF\x02\0\0\0\0\0\0\0\xff\xff\xff\xffJSON{\"asset\":");
+fn models_that_fuzzing_found_are_read_or_refused() {
+    let mut n_files = 0;
+    for target in ["ply", "compressed_ply", "splat"] {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../found").join(target);
+        for file in fs::read_dir(folder).unwrap() {
+            n_files += 1;
+            match read_up_to(&file.unwrap().path(), 2000) {
+                Ok(model) => assert!(!model.splats.is_empty()),
+                Err(error) => assert!(error.to_string().len() < 1000),
+            }
+        }
+    }
+    assert!(n_files > 0, "nothing was found");
 }
