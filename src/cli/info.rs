@@ -230,12 +230,17 @@ fn print_dataset(info: &DatasetInfo) -> Result<(), Failure> {
     let summary = info.poses.summary.as_deref();
     out!("  poses: {}", summary.unwrap_or("too few frames with depth to check"));
     info.notes.iter().for_each(|note| out!("  note: {note}"));
-    info.defects.iter().for_each(|defect| out!("  defect: {defect}"));
     if info.skipped_frames > 0 {
-        out!("  {} entries skipped", info.skipped_frames);
+        out!("  entries skipped: {}", info.skipped_frames);
     }
-    out!("  {} defects found", info.defects.len());
+    print_defects(&info.defects);
     Ok(())
+}
+
+fn print_defects(defects: &[String]) {
+    defects.iter().for_each(|defect| out!("  defect: {defect}"));
+    let noun = if defects.len() == 1 { "defect" } else { "defects" };
+    out!("  {} {noun} found", defects.len());
 }
 
 fn print_split(s: &SplitInfo) {
@@ -489,8 +494,7 @@ fn print_checkpoint(info: &CheckpointInfo) -> Result<(), Failure> {
         (!lost.is_empty()).then(|| out!("    not placed: {}", lost.join(", ")));
     }
     out!("  config: {}", serde_json::to_string(config)?);
-    info.defects.iter().for_each(|defect| out!("  defect: {defect}"));
-    out!("  {} defects found", info.defects.len());
+    print_defects(&info.defects);
     Ok(())
 }
 

@@ -2,7 +2,7 @@
 //! kilobyte may unpack to a terabyte.
 
 use super::error::FrameProblem;
-use super::folder::{MAX_IMAGE_BYTES, RetryingFile, starts_with};
+use super::folder::{MAX_IMAGE_BYTES, RetryingFile, starts_with, text_of};
 use super::lengths::MAX_FACTOR;
 use std::borrow::Cow;
 use std::io::{BufReader, Read, Seek};
@@ -47,8 +47,7 @@ impl Archive {
     }
 
     pub fn read_text(&self, name: &str) -> Result<String, FrameProblem> {
-        let bytes = read_member(&mut self.lock(), name, MAX_TEXT_BYTES)?;
-        Ok(String::from_utf8_lossy(&bytes).into_owned())
+        Ok(text_of(read_member(&mut self.lock(), name, MAX_TEXT_BYTES)?)?)
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, ZipArchive<BufReader<RetryingFile>>> {

@@ -105,9 +105,7 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
     if !lengths::is_known(&bytes) {
         return header_of(Cursor::new(bytes)).map(|header| (header.width, header.height));
     }
-    // Any unit will do: only the size is used.
-    let (width, height) = catch_decoder_panic(|| lengths::decode(&bytes, 1.0, None))?.size();
-    Ok((width as u32, height as u32))
+    catch_decoder_panic(|| lengths::size(&bytes))
 }
 
 /// True if a depth file stores floats, false if it stores whole numbers.

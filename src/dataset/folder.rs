@@ -23,6 +23,8 @@ const SMALL_TEXT_LIMIT: u64 = 1 << 16;
 
 /// Size limit for trajectories and frame lists, bytes. Files of a day-long recording are smaller.
 const TEXT_LIMIT: u64 = 256 << 20;
+/// Size limit for a text file with bytes that are not UTF-8, bytes.
+const MAX_DAMAGED_TEXT: usize = 16 << 20;
 
 pub(super) struct Folder {
     /// Path as given by the user; messages and file paths start with it.
@@ -378,7 +380,19 @@ pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
 }
 
 pub(super) fn read_text(path: &Path) -> std::io::Result<String> {
-    Ok(String::from_utf8_lossy(&read_bytes(path, TEXT_LIMIT)?).into_owned())
+    text_of(read_bytes(path, TEXT_LIMIT)?)
+}
+
+/// Returns a text, with U+FFFD for damaged letters, each of which takes up to three times its bytes.
+pub(super) fn text_of(bytes: Vec<u8>) -> IoResult<String> {
+    match String::from_utf8(bytes) {
+        Ok(text) => Ok(text),
+        Err(error) if error.as_bytes().len() > MAX_DAMAGED_TEXT => {
+            let found = format!("{} bytes that are not UTF-8", error.as_bytes().len());
+            Err(Error::new(ErrorKind::InvalidData, found))
+        }
+        Err(error) => Ok(String::from_utf8_lossy(error.as_bytes()).into_owned()),
+    }
 }
 
 pub(super) fn read_small_text(path: &Path) -> std::io::Result<String> {

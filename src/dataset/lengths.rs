@@ -15,7 +15,7 @@ use exr::meta::attribute::SampleType;
 use exr::prelude::f16;
 use std::borrow::Cow;
 use std::io::{Cursor, Read};
-use tiff::decoder::{Decoder, DecodingResult};
+use tiff::decoder::{Decoder, DecodingResult, Limits};
 use zip::ZipArchive;
 
 /// Columns and rows that a depth image must have; `None` accepts any size.
@@ -42,6 +42,15 @@ fn reader(bytes: &[u8]) -> Option<Reader> {
 
 pub(super) fn is_known(bytes: &[u8]) -> bool {
     reader(bytes).is_some()
+}
+
+/// Returns the columns and rows that a depth file states, without decoding pixels.
+pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FrameProblem> {
+    // No image has this size: readers compare it before they decode.
+    match decode(bytes, 1.0, Some((0, 0))) {
+        Err(FrameProblem::Size { found, .. }) => Ok(found),
+        other => Err(other.err().unwrap_or(FrameProblem::NoDepthValues)),
+    }
 }
 
 /// Decodes a depth file (EXR, TIFF, NPY or NPZ) to codes or lengths, with `unit` world units per stored unit.
@@ -182,12 +191,12 @@ fn read_npy(bytes: &[u8], unit: f64, size: Size) -> Result<DepthCodes, FrameProb
     let shape = shape(header).ok_or_else(|| wrong(shorten(header)))?;
     let [height, width] = shape;
     let n = width.checked_mul(height).ok_or_else(|| wrong(shorten(header)))?;
-    check_same([width, height], size)?;
     let width_of = kind.get(2..).and_then(|digits| digits.parse::<usize>().ok()).unwrap_or(0);
     // Exact: a file longer or shorter than its header states is damaged.
     if n.checked_mul(width_of) != Some(data.len()) || n == 0 {
         return Err(wrong(format!("{} bytes of data for {}", data.len(), shorten(header))));
     }
+    check_same([width, height], size)?;
     let is_by_columns = header.contains("'fortran_order': True");
     let values = match kind {
         "<u2" => {
@@ -228,7 +237,7 @@ fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
         1 => (usize::from(u16::from_le_bytes([*rest.first()?, *rest.get(1)?])), rest.get(2..)?),
         _ => (u32::from_le_bytes(*rest.first_chunk()?) as usize, rest.get(4..)?),
     };
-    let (header, data) = rest.split_at_checked(length)?;
+    let (header, data) = rest.split_at_checked(length).filter(|_| length <= MAX_NPY_HEADER)?;
     Some((std::str::from_utf8(header).ok()?, data))
 }
 
@@ -348,7 +357,9 @@ fn read_tiff(bytes: &[u8], unit: f64, expected: Size) -> Result<DepthCodes, Fram
         found,
     };
     let damaged = |e: tiff::TiffError| wrong(e.to_string());
-    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(damaged)?;
+    let mut limits = Limits::default();
+    limits.decoding_buffer_size = MAX_ARRAY_BYTES as usize;
+    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(damaged)?.with_limits(limits);
     let (width, height) = decoder.dimensions().map_err(damaged)?;
     let [width, height] = [width as usize, height as usize];
     // Accepted samples have at least two bytes.
@@ -376,10 +387,12 @@ fn read_tiff(bytes: &[u8], unit: f64, expected: Size) -> Result<DepthCodes, Fram
 
 /// Largest number of pixels of a depth image, 33 million.
 const MAX_PIXELS: usize = 1 << 25;
-/// Size limit for an unpacked array of an NPZ, bytes.
+/// Size limit for an unpacked array of an NPZ and for the samples of a TIFF, bytes.
 const MAX_ARRAY_BYTES: u64 = 128 << 20;
+/// Size limit for the header of an NPY, bytes; NumPy writes some hundred.
+const MAX_NPY_HEADER: usize = 1 << 16;
 /// Size limit for the pixels that an EXR compresses together, bytes.
-const MAX_BLOCK_BYTES: usize = 64 << 20;
+const MAX_BLOCK_BYTES: usize = 32 << 20;
 /// Upper limit for the compression factor of EXR, TIFF, PNG and zip files. Deflate compresses by a
 /// factor of at most 1032.
 pub(super) const MAX_FACTOR: u64 = 1040;

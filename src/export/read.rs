@@ -29,7 +29,8 @@ pub fn read(path: &Path) -> Result<Imported, ExportError> {
 pub fn read_up_to(path: &Path, max_splats: usize) -> Result<Imported, ExportError> {
     let import = || {
         let bytes = read_file(path)?;
-        let folder = path.parent().unwrap_or(Path::new(""));
+        // A file named without a folder is in the present one.
+        let folder = path.parent().filter(|folder| *folder != "").unwrap_or(Path::new("."));
         let imported = parse(&bytes, folder, max_splats)?;
         Ok(Imported { bytes: bytes.len() as u64, ..imported })
     };

@@ -13,8 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Default time between saves, seconds. It bounds the training lost by a crash. Saving a large scene takes
-/// one or two seconds of disk time.
+/// Default [`AutosaveInterval::time`], seconds. Saving a large scene takes one or two seconds of disk time.
 pub const DEFAULT_S: u32 = 30;
 
 /// Autosave interval, in trained frames, in time, or both. If both are given, the earlier one applies.
@@ -23,7 +22,8 @@ pub struct AutosaveInterval {
     /// Number of frames, at least 1. A save is due whenever the number of trained frames is a multiple
     /// of this.
     pub frames: Option<usize>,
-    /// Time between saves.
+    /// Largest age of the training that no finished save holds. A save begins earlier by twice the duration
+    /// of the previous one, at most by half this time.
     pub time: Option<Duration>,
 }
 
@@ -84,6 +84,8 @@ pub struct Autosave {
     interval: AutosaveInterval,
     /// Number of trained frames and time at the start of the latest save.
     begun: (u64, Instant),
+    /// Duration of the latest finished save, up to the frame after it.
+    lasted: Duration,
     in_flight: Option<Job<SaveOutcome>>,
     gate: Arc<Gate>,
 }
@@ -97,7 +99,8 @@ impl Autosave {
     pub fn new(path: PathBuf, interval: AutosaveInterval, session: &Session) -> Self {
         atomic::remove_leftovers(&path);
         let begun = (session.learner().status().frames, Instant::now());
-        Self { path, interval, begun, in_flight: None, gate: Arc::default() }
+        let lasted = Duration::ZERO;
+        Self { path, interval, begun, lasted, in_flight: None, gate: Arc::default() }
     }
 
     /// Path of the file.
@@ -163,6 +166,7 @@ impl Autosave {
     fn take_outcome(&mut self, patience: Duration) -> Option<SaveOutcome> {
         let outcome = self.in_flight.as_ref()?.wait(patience)?;
         self.in_flight = None;
+        self.lasted = self.begun.1.elapsed();
         Some(outcome.unwrap_or_else(|panic| {
             Err(AutosaveError::Panicked { path: self.path.clone(), panic })
         }))
@@ -173,7 +177,9 @@ impl Autosave {
         // Multiples instead of distances, so that a resumed run saves at the same frames. At least 1, because
         // an interval of zero frames must not divide by zero.
         let by_frames = |n: usize| frames / n.max(1) as u64 > before / n.max(1) as u64;
-        let by_time = |time: Duration| frames > before && at.elapsed() >= time;
+        // What was trained meanwhile is lost if a save is killed. The first one has no predecessor.
+        let ahead = |time: Duration| (2 * self.lasted).clamp(time / 20, time / 2);
+        let by_time = |time: Duration| frames > before && at.elapsed() + ahead(time) >= time;
         self.interval.frames.is_some_and(by_frames) || self.interval.time.is_some_and(by_time)
     }
 }

@@ -5,6 +5,7 @@
 mod align_poses;
 mod bad_input;
 mod bench;
+mod bounded;
 mod calibrate;
 mod capture;
 mod checkpoint;
@@ -24,6 +25,7 @@ mod images;
 mod interrupt;
 mod kept;
 mod killed;
+mod lost;
 mod models;
 
 mod real;

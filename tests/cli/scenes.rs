@@ -117,7 +117,9 @@ fn info_tells_what_a_stored_scene_holds() {
     }
     fs::rename(scratch.path("room"), scratch.path("elsewhere")).unwrap();
     let said = scratch.run("info out/checkpoint.vbgs").succeeds().stdout;
-    assert!(said.contains("defect: its dataset cannot be opened") && said.contains("1 defects"));
+    assert!(
+        said.contains("defect: its dataset cannot be opened") && said.contains("1 defect found")
+    );
     scratch.run("train elsewhere --out on --resume out/checkpoint.vbgs").succeeds();
 }
 

@@ -462,6 +462,6 @@ fn false_counts_fail_before_memory_is_taken() {
     let bytes = glb.to_bytes();
     let (result, largest) = largest_during(|| read_bytes(&bytes));
     let message = result.unwrap_err().to_string();
-    assert!(message.contains("at most 20000000 splats, found 20002000"), "{message}");
+    assert!(message.contains("at most 1048576 splats, found 20002000"), "{message}");
     assert!(largest < 64 * bytes.len(), "{largest} of {}", bytes.len());
 }

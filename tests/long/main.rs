@@ -110,9 +110,10 @@ fn of_wide_rows(scene: &SceneTrainer) -> usize {
     wide.len() * size_of::<[f64; N_SUMS]>()
 }
 
-/// Bytes stored permanently per frame (gains and pose), in vectors whose capacity doubles.
+/// Bytes stored permanently per frame (gains, pose, and pose of the photograph), in vectors whose capacity
+/// doubles.
 fn of_frames(n_frames: u64) -> usize {
-    let of_each = size_of::<FrameExposure>() + size_of::<FramePose>();
+    let of_each = size_of::<FrameExposure>() + 2 * size_of::<FramePose>();
     n_frames.next_power_of_two() as usize * of_each
 }
 

@@ -184,7 +184,8 @@ pub(super) fn name_keys(parsed: &mut ParsedFolder, file: &Path, keys: &BTreeSet<
         0 => String::new(),
         n => format!(" and {n} more"),
     };
-    parsed.unused.push(format!("{}: the keys {named}{more} are not used", file.display()));
+    let (noun, verb) = if keys.len() == 1 { ("key", "is") } else { ("keys", "are") };
+    parsed.unused.push(format!("{}: the {noun} {named}{more} {verb} not used", file.display()));
 }
 
 /// Adds a defect line for the stating keys of a JSON object of `file` that are not among the `used` ones.
@@ -251,13 +252,18 @@ pub(super) fn split_name(file_name: &str) -> &str {
 /// Parses JSON with the bare words `NaN` and `Infinity`, which Python writes. They become texts, so that
 /// only what needs their number is refused.
 pub(super) fn parse_json<T: DeserializeOwned>(text: &str) -> serde_json::Result<T> {
-    let memory = JsonOutline::of(text.as_bytes()).memory;
+    parse_bounded(text).or_else(|_| parse_bounded(&with_quoted_words(text)))
+}
+
+fn parse_bounded<T: DeserializeOwned>(text: &str) -> serde_json::Result<T> {
+    let JsonOutline { memory, texts, .. } = JsonOutline::of(text.as_bytes());
+    let memory = memory + texts + text.len();
     if memory > MAX_JSON_MEMORY {
         let limit = format_args!("at most {} MiB of values", MAX_JSON_MEMORY >> 20);
         let found = format_args!("about {} MiB of values; {limit} are read", memory >> 20);
         return Err(serde_json::Error::custom(found));
     }
-    serde_json::from_str(text).or_else(|_| serde_json::from_str(&with_quoted_words(text)))
+    serde_json::from_str(text)
 }
 
 /// Fields of a JSON object in the order of the text, with doubled ones.

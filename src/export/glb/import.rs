@@ -26,6 +26,10 @@ const DEFAULT_MODE: u32 = 4;
 /// Maximum number of primitives per scene.
 // Nodes times primitives may be very large in a small file.
 const MAX_PARTS: usize = 100_000;
+/// Number of rows that a scene may have in any file. Beyond it, instances of a mesh need bytes of their own.
+const ANY_ROWS: usize = 1 << 20;
+/// Number of bytes in buffers for a row of an instance beyond [`ANY_ROWS`]; a stored position has 12.
+const BYTES_PER_ROW: usize = 4;
 
 struct Part<'a> {
     primitive: &'a Primitive,
@@ -67,7 +71,9 @@ pub(super) fn model(
             ModelKind::PointCloud => Columns::of_points(root, buffers, part, &mut notes)?,
         });
     }
-    let mut rows = Rows::with_capacity(checked_row_count(&columns, max_splats)?)?;
+    let n_bytes: usize = buffers.iter().map(|buffer| buffer.as_ref().len()).sum();
+    let max_rows = max_splats.min(ANY_ROWS.max(n_bytes / BYTES_PER_ROW));
+    let mut rows = Rows::with_capacity(checked_row_count(&columns, max_rows)?)?;
     let scales = ScaleForm::of(&columns);
     if scales == ScaleForm::Logarithmic {
         notes.push(Note::LogarithmicScales);

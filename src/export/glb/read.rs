@@ -97,7 +97,7 @@ fn buffer<'a>(
 }
 
 fn check_outline(json: &[u8]) -> Result<(), Fault> {
-    let JsonOutline { depth, memory } = JsonOutline::of(json);
+    let JsonOutline { depth, memory, .. } = JsonOutline::of(json);
     if depth > MAX_JSON_DEPTH {
         let expected = format!("at most {MAX_JSON_DEPTH} nested levels");
         return Err(Fault::malformed("JSON", expected, "more"));

@@ -15,6 +15,10 @@ const ENTRY_BYTES: usize = 16;
 /// Binary logarithm of the largest accepted Zstandard window.
 // The default limit of the `zstd` program.
 const MAX_WINDOW_LOG: u32 = 27;
+/// Largest ratio of columns to file above [`ANY_FACTOR_BYTES`]. Recorded scenes compress by less than 5.
+const MAX_FACTOR: usize = 16;
+/// Largest size of columns that may be compressed by any factor, bytes: a million equal splats.
+const ANY_FACTOR_BYTES: usize = 16 << 20;
 
 pub(super) struct Unpacked {
     pub header: SpzHeader,
@@ -42,13 +46,17 @@ fn parse_records(mut bytes: &[u8]) -> Option<Vec<(u32, Vec<u8>)>> {
 }
 
 pub(super) fn gzip(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
-    one_stream(GzDecoder::new(bytes), max_splats)
+    one_stream(GzDecoder::new(bytes), bytes.len(), max_splats)
 }
 
 pub(super) fn plain(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
     // Before version 4 the only compression is the outer gzip, which this file lacks.
-    if header.version < 4 { one_stream(bytes, max_splats) } else { streams(bytes, max_splats) }
+    if header.version < 4 {
+        one_stream(bytes, bytes.len(), max_splats)
+    } else {
+        streams(bytes, max_splats)
+    }
 }
 
 fn header_of(source: &mut impl Read) -> Result<[u8; HEADER_BYTES], Fault> {
@@ -60,10 +68,10 @@ fn header_of(source: &mut impl Read) -> Result<[u8; HEADER_BYTES], Fault> {
     Ok(header)
 }
 
-/// Reads a file of version 1 to 3, with header and columns in one stream.
-fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Fault> {
+/// Reads a file of version 1 to 3 and of `size` bytes, with header and columns in one stream.
+fn one_stream(mut source: impl Read, size: usize, max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut source)?)?;
-    check_count(&header, max_splats)?;
+    check_count(&header, size, max_splats)?;
     if header.version > 3 {
         let found = format!("version {}", header.version);
         return Err(Fault::malformed(HEADER, "version 1 to 3 inside gzip", found));
@@ -94,7 +102,7 @@ fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Faul
 /// Reads a file of version 4: an uncompressed header, a table, and one Zstandard stream per column.
 fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
-    check_count(&header, max_splats)?;
+    check_count(&header, bytes.len(), max_splats)?;
     let [records, table, mut rest] = split_table(bytes, &header)?;
     let fault = || Fault::malformed("SPZ extensions", "records inside the header", "a longer one");
     let records = if header.has_extensions() { records } else { &[] };
@@ -178,13 +186,18 @@ fn decoder_message(error: &std::io::Error) -> String {
     crate::export::error::shorten(&error.to_string())
 }
 
-fn check_count(header: &SpzHeader, max_splats: usize) -> Result<(), Fault> {
-    match header.n_splats as usize {
-        n if n > max_splats => {
-            Err(Fault::TooMany { declared: header.n_splats.into(), cap: max_splats })
-        }
-        _ => Ok(()),
+/// Checks the number of splats in a file of `size` bytes.
+fn check_count(header: &SpzHeader, size: usize, max_splats: usize) -> Result<(), Fault> {
+    let n = header.n_splats as usize;
+    if n > max_splats {
+        return Err(Fault::TooMany { declared: n as u64, cap: max_splats });
     }
+    let unpacked = n.saturating_mul(header.widths().iter().sum());
+    if unpacked > ANY_FACTOR_BYTES && unpacked / MAX_FACTOR > size {
+        let expected = format!("splats that unpack to at most {MAX_FACTOR} times the file's size");
+        return Err(Fault::malformed("SPZ", expected, format!("{n} splats in {size} bytes")));
+    }
+    Ok(())
 }
 
 /// First bytes of a file, or of its gzip content.

@@ -1,0 +1,341 @@
+//! Peak memory of the program on files made to exhaust it: at most [`MOST`] each, and a message or a count of
+//! defects.
+//!
+//! `cargo test --release --test cli bounded -- --nocapture` prints the table of [the lab](../../docs/lab/files.md).
+#![cfg(target_os = "linux")]
+
+use super::runner::Scratch;
+use crate::common::layouts::TestLayout;
+use flate2::Compression;
+use flate2::write::{GzEncoder, ZlibEncoder};
+use serde_json::json;
+use std::fs::{self, File};
+use std::io::{Cursor, Write};
+use std::process::Stdio;
+use std::time::Duration;
+use zip::ZipWriter;
+use zip::write::SimpleFileOptions;
+
+/// Largest peak of resident memory, bytes.
+const MOST: u64 = 256_000_000;
+/// Size of what bombs unpack to, bytes: more than [`MOST`].
+const BOMB: usize = 300 << 20;
+
+fn packed_zeros<W: Write>(mut encoder: W, n: usize, finish: fn(W) -> Vec<u8>) -> Vec<u8> {
+    let block = vec![0; 1 << 20];
+    (0..n.div_ceil(block.len())).for_each(|_| encoder.write_all(&block).unwrap());
+    finish(encoder)
+}
+
+fn zlib(n: usize) -> Vec<u8> {
+    let encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+    packed_zeros(encoder, n, |encoder| encoder.finish().unwrap())
+}
+
+fn zip_of(name: &str, content: &[&[u8]]) -> Vec<u8> {
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    zip.start_file(name, SimpleFileOptions::default()).unwrap();
+    content.iter().for_each(|part| zip.write_all(part).unwrap());
+    zip.finish().unwrap().into_inner()
+}
+
+/// An archive of Record3D with this list of poses.
+fn r3d(poses: &[u8]) -> Vec<u8> {
+    zip_of("metadata", &[br#"{"K": [1], "poses": ["#, poses, b"0]}"])
+}
+
+fn png_chunk(kind: &[u8], content: &[u8]) -> Vec<u8> {
+    let named = [kind, content].concat();
+    let length = (content.len() as u32).to_be_bytes();
+    [&length[..], &named, &crc32fast::hash(&named).to_be_bytes()].concat()
+}
+
+/// A grey PNG of 16 bits with this stated side and chunk before its pixels.
+fn png(side: u32, chunk: &[u8]) -> Vec<u8> {
+    let header = [&side.to_be_bytes()[..], &side.to_be_bytes(), &[16, 0, 0, 0, 0]].concat();
+    let chunks = [png_chunk(b"IHDR", &header), chunk.to_vec(), png_chunk(b"IDAT", &zlib(1))];
+    [&b"\x89PNG\r\n\x1a\n"[..], &chunks.concat(), &png_chunk(b"IEND", b"")].concat()
+}
+
+/// A megabyte that begins like an EXR of one channel and this side.
+fn exr(side: i32) -> Vec<u8> {
+    let window: Vec<u8> =
+        [0, 0, side - 1, side - 1].into_iter().flat_map(i32::to_le_bytes).collect();
+    let channel = b"R\0\x02\0\0\0\0\0\0\0\x01\0\0\0\x01\0\0\0\0";
+    let attributes: [(&[u8], &[u8]); 8] = [
+        (b"channels\0chlist\0", channel),
+        (b"compression\0compression\0", &[3]),
+        (b"dataWindow\0box2i\0", &window),
+        (b"displayWindow\0box2i\0", &window),
+        (b"lineOrder\0lineOrder\0", &[0]),
+        (b"pixelAspectRatio\0float\0", &1f32.to_le_bytes()),
+        (b"screenWindowCenter\0v2f\0", &[0; 8]),
+        (b"screenWindowWidth\0float\0", &1f32.to_le_bytes()),
+    ];
+    let mut file = b"\x76\x2f\x31\x01\x02\0\0\0".to_vec();
+    for (name, value) in attributes {
+        file.extend([name, &(value.len() as u32).to_le_bytes(), value].concat());
+    }
+    file.resize(1_300_000, 0);
+    file
+}
+
+/// A TIFF of 33 million zeros in double precision.
+fn tiff() -> Vec<u8> {
+    let (side, packed) = (5792u32, zlib(5792 * 5792 * 8));
+    let tags = [
+        [256, 4, side],
+        [257, 4, side],
+        [258, 3, 64],
+        [259, 3, 8], // deflate
+        [262, 3, 1],
+        [273, 4, 134], // the pixels follow the tags
+        [277, 3, 1],
+        [278, 4, side],
+        [279, 4, packed.len() as u32],
+        [339, 3, 3], // floats
+    ];
+    let mut file = b"II*\0\x08\0\0\0\x0a\0".to_vec();
+    for [tag, kind, value] in tags {
+        file.extend([tag as u16, kind as u16].into_iter().flat_map(u16::to_le_bytes));
+        file.extend([1, value].into_iter().flat_map(u32::to_le_bytes));
+    }
+    [&file[..], &[0; 4], &packed].concat()
+}
+
+fn npy(shape: &str) -> Vec<u8> {
+    let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape}), }}\n");
+    let length = (header.len() as u32).to_le_bytes();
+    [&b"\x93NUMPY\x02\0"[..], &length, header.as_bytes(), &[0; 4096]].concat()
+}
+
+/// A bag with one chunk, compressed by the named method, that unpacks to so many bytes.
+fn bag(method: &str, packed: &[u8], unpacked: usize) -> Vec<u8> {
+    let sizes = [0, 0, unpacked as u64].map(u64::to_le_bytes).concat();
+    let method = [&(method.len() as u32).to_le_bytes()[..], method.as_bytes()].concat();
+    let length = (packed.len() as u64).to_le_bytes();
+    let chunk = [&sizes[..], &[0; 4], &method, &length, packed].concat();
+    let length = (chunk.len() as u64).to_le_bytes();
+    [&b"\x89MCAP0\r\n\x06"[..], &length, &chunk].concat()
+}
+
+/// A record of zeros, of a kind that no reader needs.
+fn record() -> Vec<u8> {
+    let mut record = vec![0; 9 + BOMB];
+    record[0] = 0x80;
+    record[1..9].copy_from_slice(&(BOMB as u64).to_le_bytes());
+    record
+}
+
+fn ply(n: u64) -> Vec<u8> {
+    let names =
+        "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
+    let list: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();
+    let start = "ply\nformat binary_little_endian 1.0\nelement vertex";
+    [format!("{start} {n}\n{list}end_header\n").as_bytes(), &[0; 560]].concat()
+}
+
+/// Twenty million splats of zeros, of 20 bytes each.
+fn spz() -> Vec<u8> {
+    let n = 20_000_000u32;
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    let header = [&b"NGSP\x02\0\0\0"[..], &n.to_le_bytes(), &[0, 12, 0, 0]].concat();
+    encoder.write_all(&header).unwrap();
+    packed_zeros(encoder, 20 * n as usize, |encoder| encoder.finish().unwrap())
+}
+
+/// A scene that shows a mesh of a thousand points twenty thousand times.
+fn instances() -> Vec<u8> {
+    let n = 20_000;
+    let document = json!({
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": 12_000, "uri": format!("data:;base64,{}", "A".repeat(16_000))}],
+        "bufferViews": [{"buffer": 0, "byteLength": 12_000}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 1000, "type": "VEC3"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 0}]}],
+        "nodes": vec![json!({"mesh": 0}); n],
+        "scenes": [{"nodes": (0..n).collect::<Vec<_>>()}],
+        "scene": 0,
+    });
+    document.to_string().into_bytes()
+}
+
+/// Runs the program; returns its peak of resident memory in bytes, its exit code and its output.
+fn measured(scratch: &Scratch, arguments: &str) -> (u64, Option<i32>, String) {
+    let arguments: Vec<&str> = arguments.split(' ').collect();
+    let shown = scratch.path("shown");
+    let out = File::create(&shown).unwrap();
+    let mut command = scratch.command(&arguments);
+    command.stdout(out.try_clone().unwrap()).stderr(out).stdin(Stdio::null());
+    let mut child = command.spawn().unwrap();
+    let mut peak = 0;
+    let status = loop {
+        // The system's own record of the largest size so far, so that no short peak is missed but the last.
+        let status = fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let kib = line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<u64>().ok());
+        peak = peak.max(1024 * kib.unwrap_or(0));
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    };
+    (peak, status.code(), fs::read_to_string(shown).unwrap())
+}
+
+/// Runs a command on a hostile file, prints a row of the table, and returns what exceeds the bounds.
+fn row(scratch: &Scratch, what: &str, command: &str, code: i32, part: &str) -> Option<String> {
+    let (peak, found, shown) = measured(scratch, command);
+    let (verb, _) = command.split_once(' ').unwrap();
+    eprintln!("| {what} | `{verb}` | {} MB | {found:?} |", peak / 1_000_000);
+    let is_right = found == Some(code) && shown.contains(part) && !shown.contains("panicked");
+    (peak > MOST || !is_right)
+        .then(|| format!("{what}: {command}: {peak} bytes, {found:?}, {shown}"))
+}
+
+/// Writes single files and reads each.
+fn single_files(scratch: &Scratch) -> Vec<Option<String>> {
+    let unpacked = record();
+    let spaces = vec![b' '; BOMB];
+    let lz4 = {
+        let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+        encoder.write_all(&unpacked).unwrap();
+        encoder.finish().unwrap()
+    };
+    let endless = [&b"\x89MCAP0\r\n\x05"[..], &[0xff; 7], &[0x7f; 100]].concat();
+    let zstd = zstd::encode_all(&unpacked[..], 3).unwrap();
+    let long = json!({
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": 1u64 << 63, "uri": "few.bin"}],
+    });
+    let long = long.to_string().into_bytes();
+    fs::write(scratch.path("few.bin"), "few").unwrap();
+    let files: [(&str, &str, Vec<u8>, &str); 18] = [
+        (
+            "JSON of 1.6 million maps",
+            "a.r3d",
+            r3d(&b"{\"\":{}},".repeat(1_600_000)),
+            "MiB of values",
+        ),
+        ("JSON of 20 million maps", "b.r3d", r3d(&b"{},".repeat(20_000_000)), "MiB of values"),
+        ("JSON of 7 million numbers", "c.r3d", r3d(&b"0,".repeat(7_000_000)), "MiB of values"),
+        ("JSON of 4 million numbers", "d.r3d", r3d(&b"0,".repeat(4_000_000)), "at least one frame"),
+        ("JSON of 7 million NaN", "e.r3d", r3d(&b"NaN,".repeat(7_000_000)), "MiB of values"),
+        ("JSON that is not UTF-8", "f.r3d", r3d(&[b'\xff'].repeat(60 << 20)), "not UTF-8"),
+        ("JSON of 30 million levels", "g.r3d", r3d(&[b'['].repeat(30 << 20)), "MiB of values"),
+        ("archive of 300 MB of spaces", "h.r3d", r3d(&spaces), "at most 256 MiB"),
+        (
+            "bag that Zstandard unpacks",
+            "a.mcap",
+            bag("zstd", &zstd, unpacked.len()),
+            "expected topics",
+        ),
+        ("bag that LZ4 unpacks", "b.mcap", bag("lz4", &lz4, unpacked.len()), "expected topics"),
+        ("bag of a record of 2⁶³ bytes", "c.mcap", endless, "expected topics"),
+        ("PLY of 2⁶³ splats", "a.ply", ply(1 << 63), "rows of at least 56 bytes"),
+        ("PLY of 20 million splats", "b.ply", ply(20_000_000), "rows of at least 56 bytes"),
+        ("SPZ of 20 million zeros", "a.spz", spz(), "at most 16 times"),
+        ("glTF of 20 million instances", "a.gltf", instances(), "at most 1048576 splats"),
+        ("glTF of a buffer of 2⁶³ bytes", "b.gltf", long, "found 3 bytes"),
+        (
+            "checkpoint of 2³² sections",
+            "a.vbgs",
+            [&b"\x89VBGS\r\n\x1a"[..], &[1, 0, 0, 0], &[0xff; 900]].concat(),
+            "at most 64 sections",
+        ),
+        ("levels of glTF", "c.gltf", b"{\"a\":".repeat(1 << 20), "64 nested levels"),
+    ];
+    let read = |(what, name, bytes, part): (&str, &str, Vec<u8>, &str)| {
+        fs::write(scratch.path(name), bytes).unwrap();
+        row(scratch, what, &format!("info {name}"), 1, part)
+    };
+    files.into_iter().map(read).collect()
+}
+
+/// Damages datasets and reads each.
+fn datasets(scratch: &Scratch) -> Vec<Option<String>> {
+    let profile = [&b"a\0\0"[..], &zlib(BOMB)].concat();
+    let depths: [(&str, Vec<u8>, &str); 7] = [
+        ("depth of 2³¹×2³¹ pixels", png(i32::MAX as u32, &[]), "skipped"),
+        ("PNG with a profile of 300 MB", png(64, &png_chunk(b"iCCP", &profile)), "skipped"),
+        ("EXR of 1.3 MB for 2³⁰×2³⁰ pixels", exr(1 << 30), "skipped"),
+        ("EXR of 1.3 MB for 33 million pixels", exr(5791), "skipped"),
+        ("TIFF of 33 million doubles", tiff(), "skipped"),
+        ("NPY of 2³¹×2³¹", npy("2147483648, 2147483648"), "skipped"),
+        ("NPZ of 300 MB", zip_of("depth.npy", &[&npy("8, 8"), &vec![0; BOMB]]), "skipped"),
+    ];
+    let mut found = Vec::new();
+    for (i, (what, bytes, part)) in depths.into_iter().enumerate() {
+        let name = format!("depth{i}");
+        scratch.record(&name, TestLayout::Nerfstudio, 3, 0);
+        let folder = fs::read_dir(scratch.path(&name).join("depths")).unwrap();
+        let mut files: Vec<_> = folder.map(|file| file.unwrap().path()).collect();
+        files.sort();
+        fs::write(&files[1], bytes).unwrap();
+        found.push(row(scratch, what, &format!("info {name}"), 0, "defect"));
+        let train = format!("train {name} --out out{i} --preset paper --set components=200");
+        found.push(row(scratch, what, &train, 0, part));
+    }
+    scratch.record("model", TestLayout::Colmap, 3, 0);
+    for (what, file) in [("COLMAP of 2⁶³ cameras", "cameras"), ("COLMAP of 2⁶³ images", "images")]
+    {
+        let path = scratch.path(&format!("model/sparse/0/{file}.bin"));
+        let sound = fs::read(&path).unwrap();
+        fs::write(&path, [&(1u64 << 63).to_le_bytes()[..], &sound[8..]].concat()).unwrap();
+        found.push(row(scratch, what, "info model", 1, "expected"));
+        fs::write(&path, sound).unwrap();
+    }
+    scratch.record("list", TestLayout::Nerfstudio, 3, 0);
+    File::create(scratch.path("list/transforms.json")).unwrap().set_len(1 << 30).unwrap();
+    found.push(row(scratch, "list of frames of 1 GB", "info list", 1, "MiB"));
+    found
+}
+
+/// Settings, calibration and camera path.
+fn settings(scratch: &Scratch) -> Vec<Option<String>> {
+    scratch.run("synth room --size 64x48 --frames 3 --eval-frames 0").succeeds();
+    let deep = b"(".repeat(1 << 20);
+    fs::write(scratch.path("deep.ron"), &deep).unwrap();
+    fs::write(scratch.path("deep.json"), b"[".repeat(15 << 20)).unwrap();
+    File::create(scratch.path("long.ron")).unwrap().set_len(1 << 30).unwrap();
+    fs::write(scratch.path("one.ply"), ply(10)).unwrap();
+    let train = "train room --out settings";
+    vec![
+        row(
+            scratch,
+            "settings of a million levels",
+            &format!("{train} --config deep.ron"),
+            1,
+            "expected settings",
+        ),
+        row(
+            scratch,
+            "settings of 1 GB",
+            &format!("{train} --config long.ron"),
+            1,
+            "limit of 64 MiB",
+        ),
+        row(
+            scratch,
+            "calibration of a million levels",
+            &format!("{train} --calibration deep.ron"),
+            1,
+            "expected a calibration",
+        ),
+        row(
+            scratch,
+            "camera path of 15 million levels",
+            "render one.ply --path deep.json -o film",
+            1,
+            "expected JSON",
+        ),
+    ]
+}
+
+#[test]
+fn hostile_files_take_a_bounded_amount_of_memory() {
+    let scratch = Scratch::empty();
+    let found = [single_files(&scratch), datasets(&scratch), settings(&scratch)].concat();
+    let wrong: Vec<String> = found.into_iter().flatten().collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
