@@ -125,7 +125,7 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
         // Settles between frames, as an idle window or a save does.
         assert_eq!(session.settle(), session.learner().status().frames > 0);
         match session.step().unwrap() {
-            Step::Lost(skipped) => {
+            Step::Skipped(skipped) | Step::Lost(skipped) => {
                 assert!(session.learner().checkpoint_model() == before, "{skipped:?}");
                 assert!(!session.is_settled() && session.splats() == was_drawn);
                 assert!(skipped.message.contains(&skipped.frame), "{skipped:?}");

@@ -190,7 +190,10 @@ fn a_recorded_room_lies_where_it_was_measured() {
     let checkpoint = folder.path().join("room.vbgs");
     session.save(&checkpoint).unwrap();
     let revived = SavedRun::read(&checkpoint).unwrap().revive().unwrap();
-    let surfels: Vec<Surfel> = surfels(&revived).into_iter().map(|(_, surfel)| surfel).collect();
+    let surfels: Vec<Surfel> = surfels(&*revived.learner, &revived.normalization)
+        .into_iter()
+        .map(|(_, surfel)| surfel)
+        .collect();
     let mesh = triangulate(&surfels, half).unwrap();
     let splats = session.splats();
     let mut distances = distances_to_depth(&mesh.positions, &dataset, splats.finishing());
