@@ -122,7 +122,7 @@ mod tests {
         assert_eq!(outline("]]]]").depth, 0);
         assert_eq!(outline("[[]][[]]").depth, 2);
         // An object, an entry, an array and a value.
-        assert_eq!(outline(r#"{"a":[1,2]}"#).memory, 640 + 64 + 128 + 32);
+        assert_eq!(outline(r#"{"a":[1,2]}"#).memory, 656 + 64 + 144 + 32);
         let frame =
             r#"{"file_path": "a", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]},"#;
         let JsonOutline { memory, texts, .. } = outline(frame);

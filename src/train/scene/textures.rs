@@ -76,7 +76,7 @@ pub(in crate::train::scene) struct Taken<'a> {
 
 impl Taken<'_> {
     /// True if the photograph shows more than splats can.
-    fn is_fine(&self) -> bool {
+    pub fn is_fine(&self) -> bool {
         self.per_depth_pixel >= FINER
     }
 }

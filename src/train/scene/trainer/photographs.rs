@@ -167,6 +167,8 @@ impl Photographs {
         taken: Taken<'_>,
         step: &SplatStep<'_>,
     ) -> (Pose, Option<AlignedPhotograph>) {
+        // Elsewhere the gain is not worth a second picture.
+        let is_aligned = taken.is_fine();
         let Taken { photograph, camera, near, gain, margin, per_depth_pixel, frame } = taken;
         let rule = step.rule;
         let stride = rule.row_stride(photograph.colors.data.len(), per_depth_pixel);
@@ -182,7 +184,7 @@ impl Photographs {
         let view = PhotographView::new(frame, &camera, gain, near, rows);
         let packed = packed(PhotographView { per_depth_pixel, ..view }, photograph, margin);
         // The textures lack this photograph, so they do not hold it at the pose of the points.
-        let own = self.learner.textured_pose_of(&packed, step);
+        let own = is_aligned.then(|| self.learner.textured_pose_of(&packed, step)).flatten();
         let most = rule.most_waiting(packed.bytes());
         self.learner.state.buffered.push(packed);
         (own.unwrap_or(camera.pose), self.learner.draw_beyond(most, step))
@@ -279,7 +281,7 @@ mod tests {
             near: 0.2,
             gain: [1.0; 3],
             margin: [0.02, 0.0],
-            per_depth_pixel: 1.0,
+            per_depth_pixel: 2.0,
             frame: 0,
         };
         for shuffle_buffer in [0, 1] {
