@@ -90,6 +90,9 @@ pub struct Autosave {
     gate: Arc<Gate>,
 }
 
+/// Longest wait for a save that reads the dataset before it is given up.
+const PATIENCE: Duration = Duration::from_secs(1);
+
 /// True once no file may be written any more. Locked while a file is written.
 type Gate = Mutex<bool>;
 
@@ -186,6 +189,9 @@ impl Autosave {
 
 impl Drop for Autosave {
     fn drop(&mut self) {
+        if self.in_flight.is_none() || self.take_outcome(PATIENCE).is_some() {
+            return;
+        }
         // No file may change after the end of the run. A save that still reads the dataset is given up, since
         // its drive may never answer.
         let is_closed = self.gate.try_lock().map(|mut is_closed| *is_closed = true).is_ok();
