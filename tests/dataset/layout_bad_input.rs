@@ -400,7 +400,7 @@ fn absurd_counts() {
     npy.extend((header.len() as u16).to_le_bytes());
     npy.extend(header.bytes());
     depth("a.npy", &npy);
-    fails_to_load(folder.path(), 1, &["a.npy", "size 32x24", "4000000000", "at one size"]);
+    fails_to_load(folder.path(), 1, &["a.npy", "expected", "0 bytes of data for", "4000000000"]);
     // Little-endian, four entries: 65,535×65,535 pixels of 16 bits.
     let mut tiff = b"II*\0\x08\0\0\0\x04\0".to_vec();
     for (tag, value) in [(256u16, 65_535u32), (257, 65_535), (258, 16), (259, 1)] {

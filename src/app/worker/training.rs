@@ -2,7 +2,7 @@
 
 use super::following::is_read_from;
 use super::thread::WorkerThread;
-use crate::app::state::{NoticeKind, NoticeTopic, OpenAs, RunState};
+use crate::app::state::{NoticeKind, NoticeTopic, OpenAs, RunState, Subject};
 use crate::dataset::pose_check::ENOUGH_FRAMES;
 use crate::eval::report::Summary;
 use crate::pipeline::error::SessionError;
@@ -203,7 +203,11 @@ impl WorkerThread {
 
     /// Starts a session on the first frames of the awaited recording, if they exist.
     pub(super) fn poll_awaited_recording(&mut self) {
-        let mut training = self.training.clone();
+        let path = match &self.run.subject {
+            Some(Subject::Path(path)) => Some(path.as_path()),
+            Some(Subject::Demo) | None => None,
+        };
+        let mut training = self.training.for_dataset(path);
         let calibration = self.run.calibration.as_ref();
         training.scene.calibration = calibration.map(|given| given.calibration.clone());
         match self.following.poll(&training, self.outbox.next_serial) {
