@@ -22,6 +22,7 @@ use crate::eval::views::{EvalOptions, evaluate};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::panic_report::PanicReport;
+use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::method::Method;
 use crate::render::{RenderMethod, RenderOptions};
 use eframe::egui::Context;
@@ -166,7 +167,7 @@ impl QualityMonitor {
         }
         self.settled = snapshot.includes_pending_photographs;
         self.take_answer();
-        let rests = matches!(snapshot.state, RunState::Paused | RunState::Finished);
+        let rests = snapshot.state.is_at_rest();
         self.at_rest = rests.then_some(snapshot.frames_done);
         if let Some((purpose, views)) = self.next_measurement(context, snapshot, every) {
             self.request_measurement(opened, snapshot, (purpose, views, None), splats);
@@ -295,10 +296,8 @@ impl QualityMonitor {
                 }
                 next.filter(|_| rest.is_zero())
             }
-            RunState::Paused | RunState::Finished if is_new => {
-                Some((QualityPurpose::HeldOut, sample))
-            }
-            RunState::Paused | RunState::Finished => {
+            state if state.is_at_rest() && is_new => Some((QualityPurpose::HeldOut, sample)),
+            state if state.is_at_rest() => {
                 let mut others = self.chosen(MAX_VIEWS).into_iter().filter(|v| !sample.contains(v));
                 let next = others.nth(self.n_measured.saturating_sub(sample.len()));
                 let next = next.map(|view| (QualityPurpose::HeldOut, vec![view]));
@@ -334,12 +333,8 @@ impl QualityMonitor {
         let new = both
             .filter(|(purpose, scene)| !self.past_measured.contains(&(scene.n_frames, *purpose)));
         let mut new = new.map(|(purpose, scene)| {
-            let trained = || {
-                let frame = |position: usize| plan.frames.get(position).copied();
-                positions(scene.n_frames).into_iter().map_while(frame).collect()
-            };
             let views = match purpose {
-                QualityPurpose::Retention => trained(),
+                QualityPurpose::Retention => trained_frames(plan, scene.n_frames),
                 _ => self.chosen(SAMPLED),
             };
             (purpose, views, scene)
@@ -355,8 +350,7 @@ impl QualityMonitor {
             RunState::Training => self.retention.measured_before(self.measured_at?),
             _ => self.retention.measured_before(snapshot.frames_done),
         };
-        let frame = |position: usize| plan.frames.get(position).copied();
-        is_due.then(|| positions(snapshot.frames_done).into_iter().map_while(frame).collect())
+        is_due.then(|| trained_frames(plan, snapshot.frames_done))
     }
 
     fn chosen(&self, most: usize) -> Vec<usize> {
@@ -422,6 +416,12 @@ impl QualityMonitor {
             thread.send_request(query, Announce::Wake);
         }
     }
+}
+
+/// Returns the frames that are measured for retention after `frames_done` frames.
+fn trained_frames(plan: &Plan, frames_done: usize) -> Vec<usize> {
+    let frame = |position: usize| plan.frames.get(position).copied();
+    positions(frames_done).into_iter().map_while(frame).collect()
 }
 
 /// Returns at most `most` views of a group, evenly spaced.

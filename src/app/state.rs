@@ -49,6 +49,11 @@ impl RunState {
         RunState::Failed,
     ];
 
+    /// True while a trained scene does not change: training is paused or finished.
+    pub fn is_at_rest(self) -> bool {
+        matches!(self, RunState::Paused | RunState::Finished)
+    }
+
     pub fn label(self) -> &'static str {
         match self {
             RunState::Empty => "Empty",
@@ -75,6 +80,16 @@ pub enum Source {
 pub enum Subject {
     Demo,
     Path(PathBuf),
+}
+
+impl Subject {
+    /// Returns the path; `None` for the demo.
+    pub fn path(&self) -> Option<&Path> {
+        match self {
+            Self::Path(path) => Some(path),
+            Self::Demo => None,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -35,10 +35,27 @@ pub fn command_button(command: UiCommand, is_on: bool, why_not: Option<&str>, ui
     button_or_reason(button, &command.hint(ui.ctx()), why_not, ui)
 }
 
-/// Draws an entry of a menu. If `why_not` contains a reason, the entry is disabled. Returns true if it is
-/// clicked.
+/// Draws an entry of a menu, which closes the menu. If `why_not` contains a reason, the entry is disabled.
+/// Returns true if it is clicked.
 pub fn entry(is_on: bool, [label, tooltip]: [&str; 2], why_not: Option<&str>, ui: &mut Ui) -> bool {
-    button_or_reason(Button::selectable(is_on, label), tooltip, why_not, ui)
+    entry_with_keys(is_on, [label, "", tooltip], why_not, ui)
+}
+
+/// Draws an entry of a menu as [`entry`] does, with its shortcut after the label.
+pub fn entry_with_keys(
+    is_on: bool,
+    [label, keys, tooltip]: [&str; 3],
+    why_not: Option<&str>,
+    ui: &mut Ui,
+) -> bool {
+    let button = Button::selectable(is_on, label);
+    // Screen readers would announce an empty shortcut as part of the name.
+    let button = if keys.is_empty() { button } else { button.shortcut_text(keys) };
+    let is_chosen = button_or_reason(button, tooltip, why_not, ui);
+    if is_chosen {
+        ui.close();
+    }
+    is_chosen
 }
 
 /// Draws a button. If `why_not` contains a reason, the button is disabled and the reason replaces the

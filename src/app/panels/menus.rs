@@ -1,9 +1,9 @@
 //! Menus of the top bar: every command with its shortcut, and the reason if it is unavailable.
 
-use super::controls::{button_or_reason, named};
+use super::controls::{entry_with_keys, named};
 use crate::app::action_finder::Action;
 use crate::app::command::{Menu, UiCommand};
-use eframe::egui::{Button, Ui};
+use eframe::egui::Ui;
 use std::path::PathBuf;
 
 /// Menus at the left of the bar.
@@ -89,15 +89,9 @@ fn submenus(context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {
 fn item(context: &MenuContext<'_>, action: Action, ui: &mut Ui) -> Option<BarAnswer> {
     let why_not = (context.why_not)(action);
     let is_on = matches!(action, Action::Command(command) if (context.is_on)(command));
-    let button = Button::selectable(is_on, action.menu_label());
     let keys = action.shortcut_text(ui.ctx());
-    // Screen readers would announce an empty shortcut as part of the name.
-    let button = if keys.is_empty() { button } else { button.shortcut_text(keys) };
-    let is_chosen = button_or_reason(button, action.tooltip(), why_not, ui);
-    if is_chosen {
-        ui.close();
-    }
-    is_chosen.then_some(BarAnswer::Action(action))
+    let texts = [action.menu_label(), &keys, action.tooltip()];
+    entry_with_keys(is_on, texts, why_not, ui).then_some(BarAnswer::Action(action))
 }
 
 fn recent(context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {

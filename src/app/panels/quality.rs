@@ -5,7 +5,7 @@ use super::plot_axes::plot;
 use super::signal_color::{SignalColor, format_number, to_color32};
 use crate::app::quality::{QualityMonitor, QualityPoint};
 use crate::app::retention::RetainedFrame;
-use crate::app::state::{Opened, RunState, Snapshot};
+use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::thumbnails::Thumbnails;
 use crate::app::wording;
@@ -88,8 +88,7 @@ pub fn ui(
                 curve(&quality.history, plot, ui);
             }
             retention(&quality.retention.frames, ui);
-            let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
-            histogram(evidence, is_at_rest, ui);
+            histogram(evidence, snapshot.state.is_at_rest(), ui);
             let help = "Measures a few views on one thread that is idle 15/16 of the time; all views are measured when training pauses";
             let texts = ["While training, every", help, "Measure every", " frames"];
             optional_number(every, DEFAULT_INTERVAL, EVERY, texts, ui);
@@ -133,7 +132,8 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     ui.label(RichText::new(what).weak());
 }
 
-fn detail(separator: &str, detail: Option<Detail>) -> String {
+/// Returns detail as text after a separator; empty for views without any.
+pub(super) fn detail(separator: &str, detail: Option<Detail>) -> String {
     detail.map_or_else(String::new, |detail| format!("{separator}detail {detail}"))
 }
 

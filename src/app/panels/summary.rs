@@ -1,6 +1,7 @@
 //! Summary panel: what is open, how good the scene is, and what can be done next. Also the start page.
 
 use super::controls::section;
+use super::quality::detail;
 use super::signal_color::SignalColor;
 use crate::app::command::UiCommand;
 use crate::app::quality::{QualityMonitor, QualityPoint};
@@ -112,13 +113,15 @@ fn results(
     ui.label(RichText::new(headline(snapshot)).size(15.0));
     let compares = pair(pictures, ui);
     ui.add_space(2.0);
-    if let Some(point) = quality.result() {
-        ui.add(Label::new(RichText::new(verdict(&point)).strong()).wrap()).on_hover_text(
+    let result = quality.result();
+    if let Some(point) = &result {
+        ui.add(Label::new(RichText::new(verdict(point)).strong()).wrap()).on_hover_text(
             "By the correlation of fine structure with the photographs of views that were not trained",
         );
     }
     Grid::new("summary").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
-        for (label, value) in figures(snapshot, quality).into_iter().chain(facts(snapshot)) {
+        for (label, value) in figures(snapshot, quality, result).into_iter().chain(facts(snapshot))
+        {
             // Of bounded width, so that the values have room.
             ui.scope(|ui| {
                 ui.set_max_width(LABEL_WIDTH);
@@ -128,8 +131,7 @@ fn results(
             ui.end_row();
         }
     });
-    let is_rested = matches!(snapshot.state, RunState::Finished | RunState::Paused);
-    let next = if is_rested { next_steps(snapshot, finer, ui) } else { None };
+    let next = if snapshot.state.is_at_rest() { next_steps(snapshot, finer, ui) } else { None };
     compares.then_some(SummaryAnswer::Compare).or(next)
 }
 
@@ -195,16 +197,23 @@ fn verdict(point: &QualityPoint) -> String {
     }
 }
 
-fn figures(snapshot: &Snapshot, quality: &QualityMonitor) -> Vec<(&'static str, String)> {
-    let mut rows = vec![("New views", quality_text(quality))];
-    if let Some((psnr, share)) = quality.result().and_then(|point| point.covered) {
+/// Returns the figures of quality. `result` is the mean over all views, once it is known.
+fn figures(
+    snapshot: &Snapshot,
+    quality: &QualityMonitor,
+    result: Option<QualityPoint>,
+) -> Vec<(&'static str, String)> {
+    if snapshot.source != Source::Dataset {
+        return Vec::new();
+    }
+    let mut rows = vec![("New views", quality_text(quality, result))];
+    if let Some((psnr, share)) = result.and_then(|point| point.covered) {
         let text = format!("{psnr:.2} dB over {:.0} % of the pixels", 100.0 * share);
         rows.push(("… where the scene has splats", text));
     }
     if let Some(point) = quality.side_result() {
         rows.push(("From the side", format!("{:.2} dB, SSIM {:.3}", point.psnr, point.ssim)));
     }
-    rows.retain(|_| snapshot.source == Source::Dataset);
     rows
 }
 
@@ -220,13 +229,13 @@ fn facts(snapshot: &Snapshot) -> Vec<(&'static str, String)> {
     rows
 }
 
-fn quality_text(quality: &QualityMonitor) -> String {
+fn quality_text(quality: &QualityMonitor, result: Option<QualityPoint>) -> String {
     let (done, all) = quality.progress();
     let text = |point: QualityPoint| {
-        let detail = point.detail.map_or_else(String::new, |detail| format!(", detail {detail}"));
+        let detail = detail(", ", point.detail);
         format!("{:.2} dB, SSIM {:.3}{detail}", point.psnr, point.ssim)
     };
-    match (quality.result(), &quality.problem, quality.history.last()) {
+    match (result, &quality.problem, quality.history.last()) {
         (Some(point), ..) => format!("{} ({})", text(point), wording::count(all, "view")),
         (None, Some(_), _) => "could not be measured".to_owned(),
         (None, None, _) if all == 0 => "none".to_owned(),

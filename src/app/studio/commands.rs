@@ -242,7 +242,7 @@ impl Studio {
         if let Some(PathAnswer::Path(path)) = self.dialogs.open.ui(ui, &waker, choices, |_| ()) {
             let reading = self.dialogs.reading;
             self.training.note(&path, |of| of.reading = reading);
-            self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
+            self.apply_training();
             self.open_path(path, snapshot);
         }
         if let Some(PathAnswer::Path(path)) = self.dialogs.compare.ui(ui, &waker, |_| (), |_| ()) {

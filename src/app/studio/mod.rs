@@ -71,7 +71,7 @@ struct PanelStates {
     applied: Option<(u64, Option<PathBuf>, TrainSettings)>,
     /// Scene before a retraining, which is compared with the next one, and the files of its dataset.
     before_retrain: Option<(FileProposal, ComparedModel)>,
-    /// Autosave slot of the interrupted run that the user declined to continue ("Not now").
+    /// Autosave slot of the interrupted run that the user declined to continue ("Later").
     postponed_slot: Option<PathBuf>,
 }
 
@@ -251,7 +251,7 @@ impl Studio {
             // The worker has chosen the scale in the same way.
             if self.panels.applied.as_ref().is_some_and(|(_, path, _)| *path != opened.path) {
                 self.training = self.training.for_dataset(opened.path.as_deref());
-                self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
+                self.apply_training();
             }
             let applied = (opened.serial, opened.path.clone(), self.training.clone());
             self.panels.applied = Some(applied);

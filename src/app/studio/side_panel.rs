@@ -137,10 +137,10 @@ impl Studio {
         let shown = opened.and_then(|opened| summary::shown_frame(snapshot, opened, &self.quality));
         let render = opened.zip(shown.as_ref()).and_then(|(opened, frame)| {
             let key = (opened.serial, snapshot.frames_done, frame.position());
-            let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
             let scene = self.view.learned();
             let camera = frame.photo_camera(opened.color_camera().as_ref(), scene.finishing());
-            let renders = (is_at_rest && snapshot.frames_done > 0, self.shell.waker());
+            let renders =
+                (snapshot.state.is_at_rest() && snapshot.frames_done > 0, self.shell.waker());
             let drawn = (camera, self.view.settings.measured());
             self.panels.summary.get(ui.ctx(), key, drawn, scene, renders)
         });
@@ -191,6 +191,11 @@ impl Studio {
             let scale = self.training.scene.scale;
             self.training.note(path, |of| of.scale = scale);
         }
+        self.apply_training();
+    }
+
+    /// Sends the settings to the worker.
+    pub(super) fn apply_training(&self) {
         self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
     }
 
@@ -223,9 +228,8 @@ impl Studio {
     /// Returns the histogram of the components' evidence while training is paused or finished; `None`
     /// otherwise, because collecting the evidence would slow training down.
     pub(super) fn evidence(&mut self, snapshot: &Snapshot) -> Option<EvidenceHistogram> {
-        let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
         let (editor, palette) = (&mut self.view.editor, &self.view.palette);
-        is_at_rest.then(|| editor.evidence(palette)).flatten()
+        snapshot.state.is_at_rest().then(|| editor.evidence(palette)).flatten()
     }
 
     /// Requests the component attributes that colours, edits and panels need. Must be called after the

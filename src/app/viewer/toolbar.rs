@@ -5,7 +5,7 @@ use super::comparison::ComparedModel;
 use super::settings::{FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, ViewSettings};
 use crate::app::color_mode::ColorMode;
 use crate::app::command::{UiCommand, labelled};
-use crate::app::panels::controls::{button_or_reason, choices, entry, named};
+use crate::app::panels::controls::{choices, entry, entry_with_keys, named};
 use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
 use eframe::egui::containers::menu::{MenuButton, MenuConfig};
@@ -82,7 +82,6 @@ fn render_choices(view: &mut SceneView, ui: &mut Ui) {
             .then_some("Only the exact renderer supports a fisheye");
         if entry(is_chosen, [renderer_label(renderer), tooltip], why_not, ui) {
             view.settings.renderer = renderer;
-            ui.close();
         }
     }
     ui.separator();
@@ -97,7 +96,6 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand
         let why_not = view.mode_unavailable_reason(mode, opened);
         if entry(shown == mode, [mode.label(), mode.tooltip()], why_not, ui) {
             view.set_mode(mode, opened);
-            ui.close();
         }
     }
     ui.separator();
@@ -106,7 +104,6 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand
         let why_not = removes.then(|| view.comparison.remove_unavailable_reason()).flatten();
         if entry(false, [command.label(), command.tooltip()], why_not, ui) {
             asked = Some(command);
-            ui.close();
         }
     }
     asked
@@ -127,11 +124,9 @@ fn shown(
         (UiCommand::Measure, view.overlays.is_measuring()),
     ] {
         let why_not = command.unavailable_reason(snapshot.state, snapshot.source);
-        let button = Button::selectable(is_on, command.label());
-        let button = button.shortcut_text(command.keys(ui.ctx()));
-        if button_or_reason(button, command.tooltip(), why_not, ui) {
+        let texts = [command.label(), &command.keys(ui.ctx()), command.tooltip()];
+        if entry_with_keys(is_on, texts, why_not, ui) {
             asked = Some(command);
-            ui.close();
         }
     }
     ui.separator();
@@ -141,7 +136,6 @@ fn shown(
         let is_chosen = view.settings.color_mode == mode;
         if entry(is_chosen, [mode.label(), mode.tooltip()], why_not, ui) {
             view.settings.color_mode = mode;
-            ui.close();
         }
     }
     asked

@@ -31,10 +31,7 @@ impl WorkerThread {
         calibration: Option<Arc<GivenCalibration>>,
         subject: Subject,
     ) {
-        let path = match &subject {
-            Subject::Path(path) => Some(path.clone()),
-            Subject::Demo => None,
-        };
+        let path = subject.path().map(Path::to_path_buf);
         if let Err(refusal) = self.try_open(calibration, subject) {
             let open_as = path.and_then(|path| OpenAs::advised(&path, &refusal.text));
             // Of the subject, so that it disappears once something is open.
@@ -97,10 +94,7 @@ impl WorkerThread {
         calibration: Option<&Arc<GivenCalibration>>,
         subject: &Subject,
     ) -> Result<Found, Refusal> {
-        let path = match subject {
-            Subject::Path(path) => Some(path.as_path()),
-            Subject::Demo => None,
-        };
+        let path = subject.path();
         // The level of detail belongs to what is open, or to what is opened first.
         let is_same = self.run.subject.as_ref().is_none_or(|open| open == subject);
         let mut training = match is_same {

@@ -203,10 +203,7 @@ impl WorkerThread {
 
     /// Starts a session on the first frames of the awaited recording, if they exist.
     pub(super) fn poll_awaited_recording(&mut self) {
-        let path = match &self.run.subject {
-            Some(Subject::Path(path)) => Some(path.as_path()),
-            Some(Subject::Demo) | None => None,
-        };
+        let path = self.run.subject.as_ref().and_then(Subject::path);
         let mut training = self.training.for_dataset(path);
         let calibration = self.run.calibration.as_ref();
         training.scene.calibration = calibration.map(|given| given.calibration.clone());
