@@ -7,14 +7,12 @@ use super::state::{Opened, RunState, Snapshot};
 use crate::dataset::surface::sample::FrameSample;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::SceneConfig;
-use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
+use crate::train::scene::units::StructuralScale;
 
 /// Fraction of the training time per frame that is proportional to the number of components. The rest is
 /// proportional to the number of points.
 // Measured on Lego: twice the components took 7.6 instead of 6.8 ms a frame.
 const COMPONENT_SHARE: f64 = 0.2;
-/// Structural scale of a run for which none is chosen.
-pub const DEFAULT: StructuralScale = StructuralScale::Pixels(DEFAULT_PIXELS);
 pub const COARSEST_PX: f64 = 20.0;
 /// Finest structural scale of the slider, pixels. Noise may limit the scale to a larger value.
 pub const FINEST_PX: f64 = 0.5;
@@ -57,11 +55,18 @@ pub fn retrainable_run(opened: &Opened) -> Option<&SceneRun> {
     opened.scene().filter(|_| dataset.path == opened.path)
 }
 
+/// Returns the structural scale of runs of the open dataset for which none is chosen.
+pub fn default_scale(opened: &Opened) -> Option<StructuralScale> {
+    let (dataset, plan) = opened.dataset.as_deref().zip(opened.plan.as_deref())?;
+    Some(SceneRun::default_scale(dataset, plan))
+}
+
 /// Returns the label of the button that trains the open run again with the chosen structural scale; `None` if
 /// that would change nothing. `None` as scale is the default one.
 pub fn retrain_label(chosen: Option<StructuralScale>, snapshot: &Snapshot) -> Option<&'static str> {
-    let run = retrainable_run(snapshot.opened.as_deref()?)?;
-    let asked = chosen.unwrap_or(DEFAULT);
+    let opened = snapshot.opened.as_deref()?;
+    let run = retrainable_run(opened)?;
+    let asked = chosen.or_else(|| default_scale(opened))?;
     let sample = snapshot.sampling.sample.as_ref();
     let next = sample.map(|sample| effective_scale(&run.engine, asked, sample));
     let is_same = next.map_or(asked == run.scale, |n| (n.length / run.engine.h - 1.0).abs() < 1e-3);

@@ -135,7 +135,7 @@ pub fn photo_pixels(session: &Session, args: &TrainArgs) -> usize {
     let pixels = |group: ViewGroup| {
         let view = dataset.splits[group.split].frames.get(*group.frames.first()?)?;
         let k = view.photo_camera(camera.as_ref()).intrinsics;
-        Some(k.width as usize * k.height as usize)
+        Some(k.n_pixels())
     };
     // A followed recording may not have the split yet.
     let groups = groups(session, args).unwrap_or_default();

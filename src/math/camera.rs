@@ -35,6 +35,11 @@ impl Intrinsics {
         }
     }
 
+    /// Number of pixels of an image.
+    pub fn n_pixels(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
     /// Builds intrinsics with square pixels and a centred principal point from a vertical field of view
     /// in radians.
     pub fn from_vertical_fov(width: u32, height: u32, fov_y: f64) -> Self {

@@ -160,11 +160,18 @@ pub fn reset(window: &mut Window) {
 
 /// Chooses an entry of a menu of the top bar by the beginning of its label, which ends in its keys.
 pub fn menu(window: &mut Window, menu: &str, entry: &str) {
+    assert!(try_menu(window, menu, entry), "no {entry} in {menu}");
+}
+
+/// Like [`menu`], but false if the entry is not there, as when the click closed a menu that was open.
+pub fn try_menu(window: &mut Window, menu: &str, entry: &str) -> bool {
     click(window, menu);
     let is_entry =
         |label: String| label.trim_end() == entry || label.starts_with(&format!("{entry} "));
-    window.get_by(|node| node.label().is_some_and(&is_entry)).click();
+    let found = window.query_by(|node| node.label().is_some_and(&is_entry));
+    let is_there = found.inspect(|entry| entry.click()).is_some();
     window.run_steps(2);
+    is_there
 }
 
 /// Switches following of live recordings on or off.

@@ -6,7 +6,7 @@
 //! and measures memory there, since only equal states of the window show a leak. Memory means the program's
 //! own allocations; resident memory also depends on drivers and the system's allocator.
 
-use super::harness::{PATIENCE, Window, dataset, drop_on, is, live, paper_window, wait};
+use super::harness::{PATIENCE, Window, dataset, drop_on, is, paper_window, try_menu, wait};
 use crate::common::adapter::turn;
 use crate::common::live::bytes;
 use eframe::egui::accesskit::Role;
@@ -177,7 +177,8 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
         window.run_steps(3);
         // A followed dataset trains as soon as it is open, so it would never be Ready.
         if snapshot.following.is_on {
-            live(window);
+            // If a menu was open, the next round repeats it.
+            try_menu(window, "Open", "Live");
             window.run_steps(3);
         }
         drop_on(window, path);

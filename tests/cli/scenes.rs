@@ -45,9 +45,9 @@ fn options_that_contradict_a_scene_are_wrong_usage() {
     for (options, parts) in [
         (
             "--scale 3px",
-            &["scale (`--scale`): expected 2.5px", "out/checkpoint.vbgs", "found 3px"][..],
+            &["scale (`--scale`): expected 2px", "out/checkpoint.vbgs", "found 3px"][..],
         ),
-        ("--config other.ron", &["scale (`--scale`): expected 2.5px", "found 4px"]),
+        ("--config other.ron", &["scale (`--scale`): expected 2px", "found 4px"]),
         ("--budget 5MB", &["budget (`--budget`): expected 2000000", "found 5MB"]),
         ("--set crack_filling=false", &["crack_filling: expected true"]),
         ("--set refine=false", &["refine: expected true", "found false"]),
@@ -64,7 +64,7 @@ fn options_that_contradict_a_scene_are_wrong_usage() {
     }
     assert!(scratch.bytes("out/checkpoint.vbgs") == before);
     let repeated =
-        "--preset scene --scale 2.5px --set refine=true --set crack_filling=true --budget 2000000";
+        "--preset scene --scale 2px --set refine=true --set crack_filling=true --budget 2000000";
     scratch.run(&format!("train room --out on --resume out/checkpoint.vbgs {repeated}")).succeeds();
 }
 
@@ -103,7 +103,7 @@ fn info_tells_what_a_stored_scene_holds() {
     assert_eq!(info["bytes"], scratch.bytes("out/checkpoint.vbgs").len());
     let (components, size) = (&info["components"], &info["bytes_per_component"]);
     assert!(components.as_u64() >= Some(drawn as u64) && size.as_f64() < Some(700.0), "{size}");
-    assert_eq!(info["config"]["scale"], "2.5px");
+    assert_eq!(info["config"]["scale"], "2px");
     assert_eq!(info["defects"], serde_json::json!([]));
     let said = scratch.run("info out/checkpoint.vbgs").succeeds().stdout;
     for part in [

@@ -7,8 +7,8 @@ use super::signal_color::SignalColor;
 use crate::app::action_finder::Action;
 use crate::app::command::UiCommand;
 use crate::app::detail::{
-    COARSEST_PX, DEFAULT, EffectiveScale, FINEST_PX, effective_scale, forecast, retrain_label,
-    retrainable_run,
+    COARSEST_PX, EffectiveScale, FINEST_PX, default_scale, effective_scale, forecast,
+    retrain_label, retrainable_run,
 };
 use crate::app::state::{RunState, Snapshot};
 use crate::app::wording;
@@ -81,10 +81,13 @@ const WIDTH: f32 = 90.0;
 /// true if the button is clicked. `chosen` is the structural scale of the next run; `None` is the default
 /// scale.
 fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui) -> bool {
-    let Some(run) = snapshot.opened.as_deref().and_then(retrainable_run) else { return false };
+    let Some(opened) = snapshot.opened.as_deref() else { return false };
+    let Some((run, default)) = retrainable_run(opened).zip(default_scale(opened)) else {
+        return false;
+    };
     ui.separator();
     let sample = snapshot.sampling.sample.as_ref();
-    let asked = chosen.unwrap_or(DEFAULT);
+    let asked = chosen.unwrap_or(default);
     let finest = StructuralScale::Pixels(FINEST_PX);
     let finest =
         sample.map_or(FINEST_PX, |s| effective_scale(&run.engine, finest, s).length / s.footprint);
@@ -103,11 +106,11 @@ fn detail(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui
     if slider.changed() {
         *chosen = Some(StructuralScale::Pixels((100.0 * pixels).round() / 100.0));
     }
-    let differs = chosen.is_some_and(|chosen| chosen != DEFAULT);
+    let differs = chosen.is_some_and(|chosen| chosen != default);
     if reset_dot("Detail", "the default", differs, ui) {
         *chosen = None;
     }
-    let asked = chosen.unwrap_or(DEFAULT);
+    let asked = chosen.unwrap_or(default);
     let next = sample.map(|sample| effective_scale(&run.engine, asked, sample));
     // Opened by hand, so that keyboard users see the forecast too.
     let mut card = Tooltip::for_widget(&slider);

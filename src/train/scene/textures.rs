@@ -154,7 +154,11 @@ impl TextureLearner {
         rows.resize_with(shown.len(), Lists::new);
         for lists in rows.iter_mut() {
             lists.resize_with(PARTS, Vec::new);
-            lists.iter_mut().for_each(Vec::clear);
+            for list in lists {
+                // Views differ, so each list would retain the memory of the view that filled it most.
+                list.shrink_to(2 * list.len());
+                list.clear();
+            }
         }
         let visited = shown.into_iter().zip(rows);
         self.renderer.visit_surfaces(splats, &lattice, camera, &options, visited, |tile, lists| {

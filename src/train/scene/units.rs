@@ -3,8 +3,13 @@
 use super::config::COMPONENT_BYTES;
 use serde::{Deserialize, Serialize};
 
-/// Default structural scale, pixels.
-pub const DEFAULT_PIXELS: f64 = 2.5;
+/// Default structural scale of depth images of [`LARGE_IMAGE`] pixels and more, in pixels.
+const COARSEST_DEFAULT: f64 = 2.5;
+/// Default structural scale of small depth images, in pixels. Finer ones bring less than 0.1 dB
+/// (`scene.md`, Structural scale).
+const FINEST_DEFAULT: f64 = 2.0;
+/// Pixels of a depth image of which two cores train a frame within 33 ms.
+const LARGE_IMAGE: f64 = 640.0 * 480.0;
 /// Minimum structural scale if seeds are searched for along rays, as a share of the sensor's depth
 /// tolerance. The search assigns points displaced by depth noise (`scene.md`, Ray search).
 const ALONG_RAYS: f64 = 0.8;
@@ -22,6 +27,14 @@ pub enum StructuralScale {
 }
 
 impl StructuralScale {
+    /// Returns the default scale for depth images of `n_pixels`. Smaller images get smaller components, as
+    /// many in a view as in one of 640×480, so that a frame takes no longer.
+    pub fn default_for(n_pixels: usize) -> Self {
+        let pixels = COARSEST_DEFAULT * (n_pixels as f64 / LARGE_IMAGE).sqrt();
+        let pixels = pixels.clamp(FINEST_DEFAULT, COARSEST_DEFAULT);
+        Self::Pixels((100.0 * pixels).round() / 100.0)
+    }
+
     /// True for a finite, positive length.
     pub fn is_positive(&self) -> bool {
         let (Self::Pixels(length) | Self::World(length)) = self;
@@ -167,6 +180,13 @@ mod tests {
         }
         let back: StructuralScale = String::from(StructuralScale::Pixels(3.0)).parse().unwrap();
         assert_eq!(back, StructuralScale::Pixels(3.0));
+    }
+
+    #[test]
+    fn the_default_scale_keeps_the_number_of_components_in_a_view() {
+        let of = |size: [usize; 2]| StructuralScale::default_for(size[0] * size[1]);
+        let sizes = [[320, 240], [400, 400], [512, 424], [640, 480], [1280, 720]];
+        assert_eq!(sizes.map(of), [2.0, 2.0, 2.1, 2.5, 2.5].map(StructuralScale::Pixels));
     }
 
     #[test]

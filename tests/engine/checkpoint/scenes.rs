@@ -226,7 +226,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
             paper: PaperOverrides { seed: Some(0), ..PaperOverrides::default() },
             scene: SceneOverrides {
                 seed: Some(0),
-                scale: Some(StructuralScale::Pixels(2.5)),
+                scale: Some(StructuralScale::Pixels(2.0)),
                 refine: Some(true),
                 gradient: Some(true),
                 plane_fit: Some(true),

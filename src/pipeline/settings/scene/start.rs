@@ -14,7 +14,7 @@ use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::{DEFAULT_TEXTURE_MB, SceneConfig};
 use crate::train::scene::photometric::rule::PhotometricMode;
-use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
+use crate::train::scene::units::StructuralScale;
 use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
@@ -71,6 +71,13 @@ impl SceneRun {
         Ok(Self { engine: self.engine.check()?, ..self })
     }
 
+    /// Returns the structural scale of a plan's runs for which none is chosen.
+    pub fn default_scale(dataset: &Dataset, plan: &Plan) -> StructuralScale {
+        let frames = &dataset.splits[plan.split].frames;
+        let first = plan.frames.first().map(|&i| frames[i].camera.intrinsics.n_pixels());
+        StructuralScale::default_for(first.unwrap_or(0))
+    }
+
     /// Returns the structural scale, world units, from sampled frames prepared by the run's surface
     /// settings.
     ///
@@ -90,9 +97,7 @@ impl SceneRun {
         let is_sound = |i: &&usize| wild.iter().all(|wild| wild.index != **i);
         let first = plan.frames.iter().find(is_sound).or(plan.frames.first());
         let first = first.map(|&i| split.frames[i].camera);
-        let pixels = first.map_or(0, |camera| {
-            camera.intrinsics.width as usize * camera.intrinsics.height as usize
-        });
+        let pixels = first.map_or(0, |camera| camera.intrinsics.n_pixels());
         let origin = first.map_or(DVec3::ZERO, |camera| {
             // Whole metres, so that seeds are rounded alike in any unit of the world.
             (camera.pose.centre() / dataset.units_per_metre()).round() * dataset.units_per_metre()
@@ -106,7 +111,7 @@ impl SceneRun {
         engine.photometric = PhotometricMode::Light.rule();
         engine.texture_mb = DEFAULT_TEXTURE_MB;
         engine.track = dataset.options.track;
-        let scale = StructuralScale::Pixels(DEFAULT_PIXELS);
+        let scale = Self::default_scale(dataset, plan);
         Self { seed: 0, scale, budget: None, engine, surface }
     }
 }

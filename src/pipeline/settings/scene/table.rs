@@ -29,7 +29,7 @@ settings! {
     scale: StructuralScale {
         option "--scale" "H";
         label "Structural scale";
-        default "2.5px";
+        default by "2px to 2.5px, by the size of depth images";
         range "a positive length", |scale| scale.is_positive();
         at |run| run.scale;
     }
