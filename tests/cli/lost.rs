@@ -1,7 +1,7 @@
 //! Runs killed at random moments lose at most the time between two autosaves.
 //!
 //! `VBGS_KILLS=100 cargo test --release --test cli lost -- --nocapture` kills a hundred default runs within
-//! two minutes, six per core at a time.
+//! two minutes a round, at most six per core at a time.
 #![cfg(target_os = "linux")]
 
 use super::runner::Scratch;
@@ -76,8 +76,10 @@ fn kills(n: usize, synth: &str, options: &str, [from, to]: [f64; 2]) -> Vec<Kill
     let mut rng = Rng::new(1, Purpose::Synthetic, 0);
     let moments: Vec<f64> = (0..n).map(|_| rng.range(from, to)).collect();
     let at_once = RUNS_PER_CORE * thread::available_parallelism().unwrap().get();
+    // Rounds of equal size, because the runs of a small one would be fast and end before they are killed.
+    let n_rounds = n.div_ceil(at_once);
     let mut killed = Vec::new();
-    for moments in moments.chunks(at_once) {
+    for moments in moments.chunks(n.div_ceil(n_rounds)) {
         let first = killed.len();
         thread::scope(|scope| {
             let run = |(i, after): (usize, &f64)| {
@@ -97,7 +99,7 @@ fn a_killed_run_loses_at_most_the_time_between_saves() {
     let asked = std::env::var("VBGS_KILLS").ok().and_then(|n| n.parse().ok());
     let (killed, most) = match asked {
         Some(n) => {
-            let killed = kills(n, "--size 320x240 --frames 1600", "", [3.0, 115.0]);
+            let killed = kills(n, "--size 320x240 --frames 4800", "", [3.0, 115.0]);
             (killed, f64::from(DEFAULT_S))
         }
         // Twice the interval: a busy disk may take longer than so short a one.
