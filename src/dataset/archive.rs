@@ -5,7 +5,7 @@ use super::error::FrameProblem;
 use super::folder::{MAX_IMAGE_BYTES, RetryingFile, starts_with, text_of};
 use super::lengths::MAX_FACTOR;
 use std::borrow::Cow;
-use std::io::{BufReader, Read, Seek};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use zip::ZipArchive;
@@ -32,8 +32,7 @@ impl Archive {
     }
 
     pub fn open(path: &Path) -> Result<Self, FrameProblem> {
-        let zip =
-            ZipArchive::new(BufReader::new(RetryingFile::open(path)?)).map_err(archive_error)?;
+        let zip = open_zip(BufReader::new(RetryingFile::open(path)?))?;
         Ok(Self { path: path.to_owned(), zip: Mutex::new(zip) })
     }
 
@@ -56,6 +55,52 @@ impl Archive {
     }
 }
 
+/// Largest number of members of an archive, which take 700 bytes of memory each: 43,000 frames of three files.
+pub(super) const MAX_MEMBERS: u64 = 1 << 17;
+/// Longest end of an archive, bytes: its comment, the record before it and the locator before that.
+const MAX_END: u64 = (1 << 16) + 22 + 20;
+
+/// Opens an archive, unless it states more members than [`MAX_MEMBERS`].
+pub(super) fn open_zip<R: Read + Seek>(mut source: R) -> Result<ZipArchive<R>, FrameProblem> {
+    let found = stated_members(&mut source)?;
+    match found <= MAX_MEMBERS {
+        true => ZipArchive::new(source).map_err(archive_error),
+        false => Err(FrameProblem::ArchiveMembers(found)),
+    }
+}
+
+/// Returns the largest number of members that a record of zip64 states; without such a record, an archive has at
+/// most 65,535.
+fn stated_members(source: &mut (impl Read + Seek)) -> std::io::Result<u64> {
+    const LOCATOR: usize = 20;
+    const RECORD: u64 = 56;
+    let size = source.seek(SeekFrom::End(0))?;
+    let start = size.saturating_sub(MAX_END);
+    source.seek(SeekFrom::Start(start))?;
+    let mut end = Vec::new();
+    source.by_ref().take(MAX_END).read_to_end(&mut end)?;
+    let mut most = 0;
+    for (at, locator) in end.array_windows::<{ LOCATOR + 4 }>().enumerate() {
+        let [b'P', b'K', 6, 7, _, _, _, _, a, b, c, d, e, f, g, h, .., b'P', b'K', 5, 6] = *locator
+        else {
+            continue;
+        };
+        let stated = u64::from_le_bytes([a, b, c, d, e, f, g, h]);
+        // Before an archive there may be other bytes, which shift the stated place.
+        for place in [stated, (start + at as u64).saturating_sub(RECORD)] {
+            let mut record = [0; RECORD as usize];
+            let is_read = source.seek(SeekFrom::Start(place)).is_ok()
+                && source.read_exact(&mut record).is_ok();
+            if is_read && record.starts_with(b"PK\x06\x06") {
+                let counts = record.get(24..40).unwrap_or_default().as_chunks::<8>().0;
+                most = counts.iter().map(|n| u64::from_le_bytes(*n)).fold(most, u64::max);
+            }
+        }
+    }
+    source.rewind()?;
+    Ok(most)
+}
+
 pub(super) fn read_member(
     zip: &mut ZipArchive<impl Read + Seek>,
     name: &str,
@@ -76,7 +121,7 @@ pub(super) fn read_member(
     Ok(bytes)
 }
 
-pub(super) fn archive_error(error: ZipError) -> FrameProblem {
+fn archive_error(error: ZipError) -> FrameProblem {
     match error {
         // A disk error: exporting the recording again would not help.
         ZipError::Io(e) if e.raw_os_error().is_some() => FrameProblem::Read(e),

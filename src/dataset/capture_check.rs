@@ -4,10 +4,9 @@
 //! rooms. Of long recordings, evenly spaced runs of consecutive frames are decoded; timestamps, which cost
 //! nothing, are checked in all frames.
 
-use super::entry::{DatasetSplit, FrameEntry};
+use super::entry::{DatasetSplit, FrameEntry, map_photographs};
 use super::range::median;
 use crate::math::image::Image;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
 
@@ -125,7 +124,7 @@ fn measure_frames(frames: &[FrameEntry], run: Range<usize>) -> Vec<MeasuredFrame
         let color = frame.load_color().ok()?;
         Some(MeasuredFrame { index, name: &frame.name, measure: PhotoQuality::of(&color) })
     };
-    run.into_par_iter().filter_map(one).collect()
+    map_photographs(frames, run, one)
 }
 
 fn find_blurred(run: &[MeasuredFrame]) -> Vec<BlurredFrame> {
@@ -190,11 +189,10 @@ struct PhotoQuality {
 impl PhotoQuality {
     /// Measures a photograph. For sharpness, transparent pixels are treated as black.
     fn of(photograph: &Image<[u8; 4]>) -> Self {
-        let luma = luma(photograph);
         let opaque: f64 = photograph.data.iter().map(|pixel| f64::from(pixel[3]) / 255.0).sum();
-        let total: f64 = luma.data.iter().map(|&v| f64::from(v)).sum();
-        let fine = reduced(&luma, MAX_COLUMNS);
-        let [energy, coarse] = [energy(&fine), energy(&blocks(&fine, COARSE))];
+        let total: f64 = photograph.data.iter().map(|pixel| f64::from(luma(pixel))).sum();
+        let fine = reduced_luma(photograph, MAX_COLUMNS);
+        let [energy, coarse] = [energy(&fine), energy(&blocks(&fine, COARSE, |v| *v))];
         // A step of a hundredth of a code: anything below is rounding, not detail.
         let has_detail = coarse > 1e-9;
         // A fully transparent photograph has brightness 0, not NaN.
@@ -204,31 +202,25 @@ impl PhotoQuality {
 
 /// Returns the luma of a photograph, averaged down to at most `columns` columns.
 pub(super) fn reduced_luma(photograph: &Image<[u8; 4]>, columns: usize) -> Image<f32> {
-    reduced(&luma(photograph), columns)
+    blocks(photograph, photograph.width.div_ceil(columns).max(1), luma)
 }
 
-fn luma(photograph: &Image<[u8; 4]>) -> Image<f32> {
-    photograph.map(|&[r, g, b, a]| {
-        // Weights of Rec. 601 luma.
-        let luma = 0.299 * f32::from(r) + 0.587 * f32::from(g) + 0.114 * f32::from(b);
-        luma / 255.0 * f32::from(a) / 255.0
-    })
+fn luma(&[r, g, b, a]: &[u8; 4]) -> f32 {
+    // Weights of Rec. 601 luma.
+    let luma = 0.299 * f32::from(r) + 0.587 * f32::from(g) + 0.114 * f32::from(b);
+    luma / 255.0 * f32::from(a) / 255.0
 }
 
-fn reduced(picture: &Image<f32>, columns: usize) -> Image<f32> {
-    blocks(picture, picture.width.div_ceil(columns).max(1))
-}
-
-fn blocks(picture: &Image<f32>, side: usize) -> Image<f32> {
+fn blocks<T>(picture: &Image<T>, side: usize, value: impl Fn(&T) -> f32) -> Image<f32> {
     if side == 1 {
-        return picture.clone();
+        return picture.map(value);
     }
     let (width, height) = (picture.width / side, picture.height / side);
     let mut small = Image::filled(width, height, 0.0f32);
     for (i, mean) in small.data.iter_mut().enumerate() {
         let (x, y) = (i % width * side, i / width * side);
         let rows = (y..y + side).map(|row| &picture.data[row * picture.width + x..][..side]);
-        *mean = rows.flatten().sum::<f32>() / (side * side) as f32;
+        *mean = rows.flatten().map(&value).sum::<f32>() / (side * side) as f32;
     }
     small
 }

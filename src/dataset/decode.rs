@@ -11,7 +11,10 @@ use crate::math::image::Image;
 use bytemuck::AnyBitPattern;
 use bytemuck::allocation::try_cast_vec;
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{
+    ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, ImageResult, Limits, RgbaImage,
+};
+use std::cell::Cell;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -120,19 +123,32 @@ pub(super) fn stores_floats(source: &ByteSource) -> Result<bool, FrameProblem> {
 
 pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
     // Grey and RGB become opaque RGBA, so that later stages handle one format.
-    let image = decode(&source.read()?, size, "an image")?;
+    let image = decode_with(&source.read()?, size, "an image", opaque)?;
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let data = match image {
-        // One pass to pixels; `into_rgba8` would make bytes first.
-        DynamicImage::ImageRgb8(rgb) => {
-            let pixels = rgb.as_raw().as_chunks().0.iter();
-            pixels.map(|&[r, g, b]| [r, g, b, u8::MAX]).collect()
-        }
-        // No copy if the capacity is a multiple of a pixel.
-        image => try_cast_vec(image.into_rgba8().into_raw())
-            .unwrap_or_else(|(_, rgba)| rgba.as_chunks().0.to_vec()),
-    };
+    // No copy if the capacity is a multiple of a pixel.
+    let data = try_cast_vec(image.into_rgba8().into_raw())
+        .unwrap_or_else(|(_, rgba)| rgba.as_chunks().0.to_vec());
     Ok(Image::from_vec(width, height, data))
+}
+
+/// Decodes RGB to RGBA in the memory of the result, and other images as they are.
+fn opaque(decoder: Box<dyn ImageDecoder + '_>) -> ImageResult<DynamicImage> {
+    let (width, height) = decoder.dimensions();
+    let n = width as usize * height as usize;
+    if decoder.color_type() != ColorType::Rgb8 {
+        return DynamicImage::from_decoder(decoder);
+    }
+    let mut bytes = vec![0; 4 * n];
+    decoder.read_image(bytes.get_mut(n..).unwrap_or_default())?;
+    let cells = Cell::from_mut(bytes.as_mut_slice()).as_slice_of_cells();
+    let rgb = cells.get(n..).unwrap_or_default();
+    // Of one memory: an RGBA pixel never reaches an RGB pixel that is not read yet.
+    for (to, from) in cells.as_chunks::<4>().0.iter().zip(rgb.as_chunks().0) {
+        let [r, g, b] = from.each_ref().map(Cell::get);
+        to.iter().zip([r, g, b, u8::MAX]).for_each(|(to, value)| to.set(value));
+    }
+    let image = RgbaImage::from_raw(width, height, bytes).map(DynamicImage::ImageRgba8);
+    Ok(image.unwrap_or_default())
 }
 
 const GRAY16_HINT: &str = "export depth as 16-bit gray PNG";
@@ -222,12 +238,21 @@ fn first_channel<T: AnyBitPattern>(
     Ok(Image::from_vec(image.width() as usize, image.height() as usize, data))
 }
 
-/// Decodes an image and checks that it has the given size; `what` names the image in messages. The
-/// memory that a header can request is bounded.
 fn decode(
     bytes: &[u8],
     size: (u32, u32),
     what: &'static str,
+) -> Result<DynamicImage, FrameProblem> {
+    decode_with(bytes, size, what, |decoder| DynamicImage::from_decoder(decoder))
+}
+
+/// Decodes an image by `read` and checks that it has the given size; `what` names the image in messages. The
+/// memory that a header can request is bounded.
+fn decode_with(
+    bytes: &[u8],
+    size: (u32, u32),
+    what: &'static str,
+    read: fn(Box<dyn ImageDecoder + '_>) -> ImageResult<DynamicImage>,
 ) -> Result<DynamicImage, FrameProblem> {
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
     reader.limits(chunk_limits());
@@ -249,7 +274,13 @@ fn decode(
         if turned_size(found, orientation) != size {
             return Err(FrameProblem::Size { what, expected: size, found });
         }
-        let mib = decoder.total_bytes().div_ceil(1 << 20);
+        // As RGBA, and as stored if that differs.
+        let stored = match decoder.color_type() {
+            ColorType::Rgb8 | ColorType::Rgba8 => 0,
+            _ => decoder.total_bytes(),
+        };
+        let rgba = 4 * u64::from(found.0) * u64::from(found.1);
+        let mib = rgba.saturating_add(stored).div_ceil(1 << 20);
         if mib > MAX_PICTURE_MIB {
             return Err(FrameProblem::TooLarge { size: found, mib });
         }
@@ -258,7 +289,7 @@ fn decode(
             let size = [width as usize, height as usize];
             lengths::check_unpacked(bytes, size, decoder.total_bytes())?;
         }
-        let mut image = DynamicImage::from_decoder(decoder)?;
+        let mut image = read(Box::new(decoder))?;
         image.apply_orientation(orientation);
         Ok(image)
     })
@@ -315,7 +346,7 @@ mod tests {
         png[29..33].copy_from_slice(&checksum.to_be_bytes());
         let error = decode(&png, (16384, 16384), "an image").unwrap_err().to_string();
         let expected =
-            "found 16384x16384 pixels that take 768 MiB decoded, expected at most 512 MiB";
+            "found 16384x16384 pixels that take 1024 MiB decoded, expected at most 208 MiB";
         assert!(error.starts_with(expected), "{error}");
         let kind = image::error::LimitErrorKind::InsufficientMemory;
         let extra = image::ImageError::Limits(image::error::LimitError::from_kind(kind));

@@ -17,6 +17,8 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::math::measured_pixel::MASKED;
 use crate::math::pose::Pose;
+use rayon::prelude::*;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -102,6 +104,26 @@ impl DepthSource {
     }
 }
 
+/// Size of the photographs that are decoded at the same time, bytes; a single one may be larger.
+pub(crate) const PHOTOGRAPHS_AT_ONCE: u64 = 256 << 20;
+
+/// Calls `each` for the frames of a range on all threads, and returns the results in order. At any time, the
+/// photographs in memory are at most [`PHOTOGRAPHS_AT_ONCE`] if each call loads one at a time.
+pub(super) fn map_photographs<T: Send>(
+    frames: &[FrameEntry],
+    range: Range<usize>,
+    each: impl Fn(usize) -> Option<T> + Sync,
+) -> Vec<T> {
+    let largest = frames.iter().map(FrameEntry::photograph_bytes).max().unwrap_or(0).max(1);
+    let at_once = (PHOTOGRAPHS_AT_ONCE / largest).max(1) as usize;
+    let mut found = Vec::new();
+    for start in range.clone().step_by(at_once) {
+        let part = start..range.end.min(start + at_once);
+        found.par_extend(part.into_par_iter().filter_map(&each));
+    }
+    found
+}
+
 impl FrameEntry {
     /// Decodes the frame's images and checks that they agree with each other and with the camera.
     ///
@@ -169,6 +191,12 @@ impl FrameEntry {
         let size = self.color_camera.and_then(|color| color.size).unwrap_or([width, height]);
         let color = photographed_by(self.color_camera, calibrated, size);
         color.map_or(camera, |color| color.camera_at(&camera))
+    }
+
+    /// Returns the size of the decoded photograph in bytes.
+    pub(crate) fn photograph_bytes(&self) -> u64 {
+        let Intrinsics { width, height, .. } = self.photo_camera(None).intrinsics;
+        4 * u64::from(width) * u64::from(height)
     }
 
     /// Adds a mask to a frame of files without one. Returns true if the frame got it.

@@ -5,6 +5,7 @@
 //! [`FrameError`] adds file and frame. A bad frame never makes the whole dataset unusable: only
 //! [`DatasetError`] aborts opening.
 
+use super::archive::MAX_MEMBERS;
 use crate::math::foreign::displayable;
 use crate::math::pose::PoseError;
 use image::error::ImageFormatHint;
@@ -241,6 +242,11 @@ pub enum FrameProblem {
     /// An archive whose directory or member is damaged.
     #[error("expected a whole zip archive, found: {0}; copy or export the recording again")]
     Archive(String),
+    /// An archive of too many members.
+    #[error(
+        "found {0} members in the archive, expected at most {MAX_MEMBERS}; record shorter pieces"
+    )]
+    ArchiveMembers(u64),
     /// A member of an archive that is larger than stated, or compressed implausibly well.
     #[error(
         "expected a member of the size that the archive states and at most 256 MiB, found {packed} bytes that unpack to {unpacked} or more; do not trust this archive"
@@ -338,8 +344,8 @@ impl From<image::ImageError> for FrameProblem {
     }
 }
 
-/// Size limit for the pixels of a decoded image, MiB.
-pub(super) const MAX_PICTURE_MIB: u64 = 512;
+/// Size limit for the pixels of a decoded image, MiB: 54 megapixels of a photograph.
+pub(super) const MAX_PICTURE_MIB: u64 = 208;
 /// Size limit for what an image contains besides pixels, unpacked, MiB.
 pub(super) const MAX_EXTRA_MIB: u64 = 32;
 

@@ -21,8 +21,12 @@ use std::sync::Arc;
 /// Size limit for pose, split and intrinsics files, bytes. The rest of a longer file is ignored.
 const SMALL_TEXT_LIMIT: u64 = 1 << 16;
 
-/// Size limit for trajectories and frame lists, bytes. Files of a day-long recording are smaller.
-const TEXT_LIMIT: u64 = 256 << 20;
+/// Size limit for trajectories and frame lists, bytes: 128 bytes for each of [`MAX_LINES`] and more.
+const TEXT_LIMIT: u64 = 96 << 20;
+/// Largest number of lines of a list: poses at 100 Hz for an hour and a half.
+const MAX_LINES: usize = 1 << 19;
+/// Size limit for a line of a list, bytes.
+const MAX_LINE: usize = 1 << 20;
 /// Size limit for a text file with bytes that are not UTF-8, bytes.
 const MAX_DAMAGED_TEXT: usize = 16 << 20;
 
@@ -172,8 +176,12 @@ impl Folder {
 
     /// Reads a text file in the dataset folder; returns its path and text. While the recording grows, an
     /// unterminated last line is removed, because its last number may lack digits.
+    ///
+    /// # Errors
+    /// As [`Self::text`], and more or longer lines than a list has.
     pub fn lines(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
         let (file, mut text) = self.text(name)?;
+        check_lines(&file, &text)?;
         if self.is_growing() {
             text.truncate(text.rfind('\n').map_or(0, |end| end + 1));
         }
@@ -221,6 +229,19 @@ impl Folder {
         if is_reported {
             let error = metadata_error(self.path.join(name), problem);
             self.unread.borrow_mut().get_or_insert(error);
+        }
+    }
+
+    /// Returns a list of poses under any name. The text is empty if the list has more or longer lines than it may
+    /// have, or cannot be read.
+    pub fn peek_lines(&self, name: &str) -> String {
+        let text = self.peek_whole(name);
+        match check_lines(&self.path.join(name), &text) {
+            Ok(()) => text,
+            Err(error) => {
+                self.unread.borrow_mut().get_or_insert(error);
+                String::new()
+            }
         }
     }
 
@@ -292,7 +313,10 @@ impl Folder {
     }
 
     fn resolve_inside(&self, relative: &Path) -> Result<PathBuf, FrameProblem> {
-        let target = self.path.join(relative).canonicalize()?;
+        let path = self.path.join(relative);
+        // One system call, where resolving takes one for each folder: a list may name any number of missing files.
+        path.symlink_metadata()?;
+        let target = path.canonicalize()?;
         if target.starts_with(&self.canonical) {
             Ok(target)
         } else {
@@ -356,6 +380,35 @@ fn metadata_error(file: PathBuf, problem: FrameProblem) -> DatasetError {
         expected: "a file inside the dataset folder".to_owned(),
         found,
         hint: "copy the file into the folder".to_owned(),
+    }
+}
+
+/// Checks the lines of a list before anything is allocated for each of them.
+fn check_lines(file: &Path, text: &str) -> Result<(), DatasetError> {
+    let (n, longest) = text.lines().fold((0, 0), |(n, most), line| (n + 1, line.len().max(most)));
+    if longest > MAX_LINE {
+        let expected = format!("lines of at most {MAX_LINE} bytes");
+        let (found, hint) = (format!("one of {longest}"), "export the list again".to_owned());
+        return Err(DatasetError::Metadata { file: file.to_owned(), expected, found, hint });
+    }
+    check_count(file, "lines", n, MAX_LINES)
+}
+
+/// Checks the number of entries of a list, of which `what` is the name.
+pub(super) fn check_count(
+    file: &Path,
+    what: &str,
+    found: usize,
+    most: usize,
+) -> Result<(), DatasetError> {
+    match found <= most {
+        true => Ok(()),
+        false => Err(DatasetError::Metadata {
+            file: file.to_owned(),
+            expected: format!("at most {most} {what}"),
+            found: found.to_string(),
+            hint: "split the recording into shorter ones".to_owned(),
+        }),
     }
 }
 

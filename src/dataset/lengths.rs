@@ -2,7 +2,7 @@
 //!
 //! Every reader compares the size stated in a file with its number of bytes before it allocates memory.
 
-use super::archive::{archive_error, read_member};
+use super::archive::{open_zip, read_member};
 use super::depth::DepthCodes;
 use super::error::FrameProblem;
 use crate::math::image::Image;
@@ -16,7 +16,6 @@ use exr::prelude::f16;
 use std::borrow::Cow;
 use std::io::{Cursor, Read};
 use tiff::decoder::{Decoder, DecodingResult, Limits};
-use zip::ZipArchive;
 
 /// Columns and rows that a depth image must have; `None` accepts any size.
 type Size = Option<(u32, u32)>;
@@ -165,7 +164,7 @@ pub(super) fn size_of_floats(bytes: u64, (width, height): (u32, u32)) -> Option<
 
 /// Decodes the array of depth in an NPZ archive: the only one, or the one whose name contains "depth".
 fn read_npz(bytes: &[u8], unit: f64, size: Size) -> Result<DepthCodes, FrameProblem> {
-    let mut zip = ZipArchive::new(Cursor::new(bytes)).map_err(archive_error)?;
+    let mut zip = open_zip(Cursor::new(bytes))?;
     let names: Vec<String> = zip.file_names().filter_map(Result::ok).map(Cow::into_owned).collect();
     let name = match &names[..] {
         [name] => name,

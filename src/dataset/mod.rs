@@ -57,6 +57,7 @@ mod sector;
 mod tile_points;
 mod video;
 
+pub(crate) use entry::PHOTOGRAPHS_AT_ONCE;
 pub use entry::{DatasetSplit, FrameEntry};
 pub use error::Warning;
 pub use folder::read_settings;

@@ -8,6 +8,7 @@
 
 use super::calibration::ColorCamera;
 use super::capture_check::reduced_luma;
+use super::entry::map_photographs;
 use super::entry::{DatasetSplit, FrameEntry};
 use super::opened::Dataset;
 use super::range::median;
@@ -537,7 +538,7 @@ fn color_shift(dataset: &Dataset, split: &DatasetSplit) -> i8 {
     // Every photograph has a frame before and after it.
     let anchors = most.min(n.saturating_sub(3));
     let of = |i| color_errors(&split.frames, i * (n - 3) / anchors, calibrated.as_ref());
-    let errors: Vec<[f64; 3]> = (0..anchors).into_par_iter().filter_map(of).collect();
+    let errors: Vec<[f64; 3]> = map_photographs(&split.frames, 0..anchors, of);
     let is_better = |near: fn(&[f64; 3]) -> f64| {
         let sum = errors.iter().map(near).sum::<f64>();
         let here = errors.iter().map(|[_, here, _]| here).sum::<f64>();

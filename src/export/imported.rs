@@ -6,7 +6,7 @@
 use super::error::{Fault, shorten, shorten_to, try_with_capacity};
 use super::gaussian::{Gaussian, unit_quaternion};
 use super::local_origin;
-use crate::model::splat::appearance::{Finishing, SplatSet};
+use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
 use crate::model::splat::splats::{Splat, bounds};
 use glam::{DQuat, DVec3};
 
@@ -189,6 +189,12 @@ impl Note {
     }
 }
 
+/// Size in memory of the splats of a file of any size, bytes: four million of a single colour.
+const ANY_BYTES: u64 = 224_000_000;
+/// Largest ratio between the sizes of splats in memory and in their file. Points without colour, of three floats,
+/// have 4.7; compressed splats with harmonics have 5.9.
+const MAX_FACTOR: u64 = 6;
+
 pub(super) struct Rows {
     splats: SplatSet,
     skipped: usize,
@@ -197,7 +203,17 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    pub fn with_capacity(n: usize) -> Result<Self, Fault> {
+    /// Reserves memory for the rows of a file, or of what it unpacks to, of `size` bytes.
+    ///
+    /// # Errors
+    /// Fails if the rows take more than [`MAX_FACTOR`] times that size, and [`ANY_BYTES`].
+    pub fn with_capacity(n: usize, is_directional: bool, size: u64) -> Result<Self, Fault> {
+        let appearance = if is_directional { size_of::<Appearance>() } else { 0 };
+        let most = ANY_BYTES.max(MAX_FACTOR.saturating_mul(size));
+        let cap = most / (size_of::<Splat>() + appearance) as u64;
+        if n as u64 > cap {
+            return Err(Fault::TooMany { declared: n as u64, cap: cap as usize });
+        }
         let splats: Vec<Splat> = try_with_capacity(n)?;
         Ok(Self { splats: splats.into(), skipped: 0, n_zero_rotations: 0, n_wild_colors: 0 })
     }

@@ -5,7 +5,9 @@ use super::gaussian::Gaussian;
 use super::imported::{Imported, ModelKind, Rows};
 use super::{glb, ply, spz};
 use glam::{DMat3, DVec3};
-use std::io::Read;
+use std::borrow::Cow;
+use std::fs::File;
+use std::io::{ErrorKind, Read, Result as IoResult, Seek, SeekFrom};
 use std::path::Path;
 
 /// Maximum number of splats that [`read`] accepts, about 1.4 GB as PLY.
@@ -28,46 +30,59 @@ pub fn read(path: &Path) -> Result<Imported, ExportError> {
 /// As [`read`], and [`Fault::TooMany`] above `max_splats`.
 pub fn read_up_to(path: &Path, max_splats: usize) -> Result<Imported, ExportError> {
     let import = || {
-        let bytes = read_file(path)?;
+        let (file, size) = open_file(path)?;
         // A file named without a folder is in the present one.
         let folder = path.parent().filter(|folder| *folder != "").unwrap_or(Path::new("."));
-        let imported = parse(&bytes, folder, max_splats)?;
-        Ok(Imported { bytes: bytes.len() as u64, ..imported })
+        let imported = parse(Source::of_file(&file, size), folder, max_splats)?;
+        Ok(Imported { bytes: size, ..imported })
     };
     import().map_err(|fault: Fault| fault.with_path(path))
 }
 
 pub(super) fn decode(bytes: &[u8]) -> Result<Imported, Fault> {
-    parse(bytes, Path::new(""), DEFAULT_MAX_SPLATS)
+    parse(Source::of_bytes(bytes), Path::new(""), DEFAULT_MAX_SPLATS)
 }
 
-fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fault> {
-    // Some editors begin a text with a byte order mark.
-    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start();
-    if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
-        ply::read::ply(bytes, max_splats)
-    } else if bytes.starts_with(b"glTF") {
-        glb::read::glb(bytes, folder, max_splats)
-    } else if text.starts_with(b"{") {
-        glb::read::gltf(text, folder, max_splats)
-    } else if spz::read::is_plain(bytes) || spz::read::is_gzip(bytes) {
-        spz::read::spz(bytes, max_splats)
-    } else if is_likely(bytes) {
-        // Last, because this format has no magic bytes.
-        read_splat(bytes, max_splats)
-    } else {
-        let start = String::from_utf8_lossy(bytes.get(..16).unwrap_or(bytes));
-        let found = match bytes {
+fn parse(mut source: Source, folder: &Path, max_splats: usize) -> Result<Imported, Fault> {
+    let n = source.left.min(N_PROBED as u64 * ROW_BYTES as u64) as usize;
+    let start = source.peek(n).map_err(|source| Fault::Io { action: "read", source })?;
+    // Large files of fixed rows are read in blocks.
+    if start.starts_with(b"ply\n") || start.starts_with(b"ply\r") {
+        return ply::read::ply(source, max_splats);
+    }
+    let is_text = text_of(start).starts_with(b"{");
+    let is_spz = spz::read::is_plain(start) || spz::read::is_gzip(start);
+    // Last, because this format has no magic bytes.
+    if !start.starts_with(b"glTF") && !is_text && !is_spz {
+        if is_likely(start) {
+            return read_splat(source, max_splats);
+        }
+        let found = match start {
             [] => "an empty file".to_owned(),
-            _ => format!("a file starting \"{}\"", shorten(&start)),
+            _ => {
+                let start = String::from_utf8_lossy(start.get(..16).unwrap_or(start));
+                format!("a file starting \"{}\"", shorten(&start))
+            }
         };
-        Err(Fault::NotAModel { found })
+        return Err(Fault::NotAModel { found });
+    }
+    let bytes = source.all()?;
+    match (is_text, is_spz) {
+        (true, _) => glb::read::gltf(text_of(&bytes), folder, max_splats),
+        (_, true) => spz::read::spz(&bytes, max_splats),
+        _ => glb::read::glb(&bytes, folder, max_splats),
     }
 }
 
-pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
+fn text_of(bytes: &[u8]) -> &[u8] {
+    // Some editors begin a text with a byte order mark.
+    bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start()
+}
+
+/// Opens a file; returns its size in bytes as well.
+fn open_file(path: &Path) -> Result<(File, u64), Fault> {
     let io = |source: std::io::Error| match source.kind() {
-        std::io::ErrorKind::NotFound => Fault::Missing,
+        ErrorKind::NotFound => Fault::Missing,
         _ => Fault::Io { action: "read", source },
     };
     // Checked before opening: opening a FIFO blocks until it has a writer, and a device may never end.
@@ -75,12 +90,90 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
     if !kind.is_file() {
         return Err(if kind.is_dir() { Fault::IsFolder } else { Fault::IsStream });
     }
-    let mut file = std::fs::File::open(path).map_err(io)?;
+    let file = File::open(path).map_err(io)?;
     let size = file.metadata().map_err(io)?.len();
-    let room = usize::try_from(size).map_err(|_| Fault::OutOfMemory { bytes: size })?;
-    let mut bytes = try_with_capacity(room)?;
-    file.read_to_end(&mut bytes).map_err(io)?;
-    Ok(bytes)
+    Ok((file, size))
+}
+
+pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
+    let (file, size) = open_file(path)?;
+    Ok(Source::of_file(&file, size).all()?.into_owned())
+}
+
+/// Size of the part of a file that is in memory, bytes.
+const BLOCK: usize = 1 << 16;
+
+/// Unread bytes of a model, in memory or in a file of which a block is in memory. Clones read independently.
+#[derive(Clone)]
+pub(super) struct Source<'a> {
+    block: Cow<'a, [u8]>,
+    /// Number of bytes of the block that were read.
+    at: usize,
+    /// File that continues the block, and the place where it does.
+    file: Option<(&'a File, u64)>,
+    /// Number of unread bytes.
+    pub left: u64,
+}
+
+impl<'a> Source<'a> {
+    pub fn of_bytes(bytes: &'a [u8]) -> Self {
+        Self { block: Cow::Borrowed(bytes), at: 0, file: None, left: bytes.len() as u64 }
+    }
+
+    fn of_file(file: &'a File, size: u64) -> Self {
+        Self { block: Cow::default(), at: 0, file: Some((file, 0)), left: size }
+    }
+
+    /// Returns unread bytes, at least `n`.
+    pub fn peek(&mut self, n: usize) -> IoResult<&[u8]> {
+        let there = self.block.len() - self.at;
+        if n > there {
+            let (Some((mut file, next)), true) = (self.file, n as u64 <= self.left) else {
+                return Err(ErrorKind::UnexpectedEof.into());
+            };
+            let mut bytes = std::mem::take(&mut self.block).into_owned();
+            bytes.drain(..self.at);
+            bytes.resize(self.left.min(n.max(BLOCK) as u64) as usize, 0);
+            file.seek(SeekFrom::Start(next))?;
+            file.read_exact(bytes.get_mut(there..).unwrap_or_default())?;
+            self.file = Some((file, next + (bytes.len() - there) as u64));
+            (self.block, self.at) = (bytes.into(), 0);
+        }
+        Ok(self.block.get(self.at..).unwrap_or_default())
+    }
+
+    /// Reads the next `n` bytes.
+    pub fn take(&mut self, n: usize) -> IoResult<&[u8]> {
+        self.peek(n)?;
+        (self.at, self.left) = (self.at + n, self.left - n as u64);
+        Ok(self.block.get(self.at - n..self.at).unwrap_or_default())
+    }
+
+    pub fn skip(&mut self, n: u64) -> IoResult<()> {
+        self.left = self.left.checked_sub(n).ok_or(ErrorKind::UnexpectedEof)?;
+        let there = (self.block.len() - self.at) as u64;
+        self.at += n.min(there) as usize;
+        self.file = self.file.map(|(file, next)| (file, next + n.saturating_sub(there)));
+        Ok(())
+    }
+
+    /// Reads the rest.
+    fn all(self) -> Result<Cow<'a, [u8]>, Fault> {
+        let Some((mut file, next)) = self.file else {
+            return Ok(match self.block {
+                Cow::Borrowed(bytes) => Cow::Borrowed(bytes.get(self.at..).unwrap_or_default()),
+                Cow::Owned(mut bytes) => Cow::Owned(bytes.split_off(self.at)),
+            });
+        };
+        let room =
+            usize::try_from(self.left).map_err(|_| Fault::OutOfMemory { bytes: self.left })?;
+        let mut bytes = try_with_capacity(room)?;
+        let start = next - (self.block.len() - self.at) as u64;
+        file.seek(SeekFrom::Start(start))
+            .and_then(|_| file.take(self.left).read_to_end(&mut bytes))
+            .map_err(|source| Fault::Io { action: "read", source })?;
+        Ok(Cow::Owned(bytes))
+    }
 }
 
 /// Size of a splat in bytes: six f32 (position and scale), four bytes of colour and opacity, four of
@@ -108,17 +201,21 @@ pub(super) fn is_likely(bytes: &[u8]) -> bool {
     2 * probed.clone().filter(likely).count() > probed.len()
 }
 
-pub(super) fn read_splat(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
-    let (records, rest) = bytes.as_chunks::<ROW_BYTES>();
-    if !rest.is_empty() {
+fn read_splat(mut source: Source, max_splats: usize) -> Result<Imported, Fault> {
+    let size = source.left;
+    let n = size / ROW_BYTES as u64;
+    if !size.is_multiple_of(ROW_BYTES as u64) {
         let expected = format!("a multiple of {ROW_BYTES} bytes");
-        return Err(Fault::malformed(".splat", expected, format!("{} bytes", bytes.len())));
+        return Err(Fault::malformed(".splat", expected, format!("{size} bytes")));
     }
-    if records.len() > max_splats {
-        return Err(Fault::TooMany { declared: records.len() as u64, cap: max_splats });
+    if n > max_splats as u64 {
+        return Err(Fault::TooMany { declared: n, cap: max_splats });
     }
-    let mut rows = Rows::with_capacity(records.len())?;
-    for record in records {
+    let mut rows = Rows::with_capacity(n as usize, false, size)?;
+    for _ in 0..n {
+        let record =
+            source.take(ROW_BYTES).map_err(|source| Fault::Io { action: "read", source })?;
+        let record = record.first_chunk().unwrap_or(&[0; ROW_BYTES]);
         let Record { mean, scale, color: [r, g, b, opacity], rotation } = Record::of(record);
         let rotation = rows.rotation(rotation);
         rows.push(Gaussian {

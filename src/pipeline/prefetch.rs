@@ -11,7 +11,7 @@ use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
 use crate::dataset::surface::{Preparer, SurfaceSettings};
 use crate::dataset::unproject::{UnprojectSettings, Unprojector};
-use crate::dataset::{Dataset, FrameEntry, FrameMarks};
+use crate::dataset::{Dataset, FrameEntry, FrameMarks, PHOTOGRAPHS_AT_ONCE};
 use crate::observation::points::Points;
 use crate::observation::surface::Observation;
 use crate::train::timing::Stopwatch;
@@ -117,8 +117,8 @@ pub struct Prefetch<P: Prepare> {
     /// Maximum number of frames requested at once.
     most: usize,
     asked: Sender<Task<P>>,
-    /// Receivers of the requested frames, in order.
-    coming: VecDeque<Receiver<Prepared<P::Observation>>>,
+    /// Receivers of the requested frames, in order, and the sizes of their photographs in bytes.
+    coming: VecDeque<(u64, Receiver<Prepared<P::Observation>>)>,
     /// Frames of a batch that were received and not yet returned.
     ready: VecDeque<Prepared<P::Observation>>,
     recycle: SyncSender<P::Observation>,
@@ -284,10 +284,17 @@ impl<P: Prepare> Prefetch<P> {
         while self.coming.len() < self.most
             && let Some(frame) = self.upcoming.pop_front()
         {
+            let bytes = frame.entry.photograph_bytes();
+            let others: u64 = self.coming.iter().map(|(bytes, _)| bytes).sum();
+            // One large photograph at a time.
+            if others > 0 && others.saturating_add(bytes) > PHOTOGRAPHS_AT_ONCE {
+                self.upcoming.push_front(frame);
+                break;
+            }
             let (slot, prepared) = sync_channel(1);
             // Sending cannot fail: the threads outlive this handle.
             drop(self.asked.send((frame, slot)));
-            self.coming.push_back(prepared);
+            self.coming.push_back((bytes, prepared));
         }
     }
 
@@ -306,7 +313,7 @@ impl<P: Prepare> Prefetch<P> {
             self.request();
         }
         let begun = Instant::now();
-        while let Some(first) = self.coming.front() {
+        while let Some((_, first)) = self.coming.front() {
             match first.recv_timeout(patience.saturating_sub(begun.elapsed())) {
                 Ok(frame) => self.ready.push_back(frame),
                 Err(RecvTimeoutError::Timeout) => break,

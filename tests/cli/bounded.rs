@@ -10,14 +10,16 @@ use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use serde_json::json;
 use std::fs::{self, File};
-use std::io::{Cursor, Write};
+use std::io::{BufWriter, Cursor, Write};
 use std::process::Stdio;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
 /// Largest peak of resident memory, bytes.
 const MOST: u64 = 256_000_000;
+/// Longest time that the program takes.
+const MOST_TIME: Duration = Duration::from_secs(60);
 /// Size of what bombs unpack to, bytes: more than [`MOST`].
 const BOMB: usize = 300 << 20;
 
@@ -52,8 +54,18 @@ fn png_chunk(kind: &[u8], content: &[u8]) -> Vec<u8> {
 
 /// A grey PNG of 16 bits with this stated side and chunk before its pixels.
 fn png(side: u32, chunk: &[u8]) -> Vec<u8> {
-    let header = [&side.to_be_bytes()[..], &side.to_be_bytes(), &[16, 0, 0, 0, 0]].concat();
-    let chunks = [png_chunk(b"IHDR", &header), chunk.to_vec(), png_chunk(b"IDAT", &zlib(1))];
+    png_of([side; 2], [16, 0], chunk, &zlib(1))
+}
+
+/// A black photograph.
+fn photograph([width, height]: [u32; 2]) -> Vec<u8> {
+    png_of([width, height], [8, 2], &[], &zlib((height * (1 + 3 * width)) as usize))
+}
+
+/// A PNG of this size, bits per channel and kind of channels, with a chunk before its packed pixels.
+fn png_of(size: [u32; 2], kind: [u8; 2], chunk: &[u8], packed: &[u8]) -> Vec<u8> {
+    let header = [&size.map(u32::to_be_bytes).concat()[..], &kind, &[0; 3]].concat();
+    let chunks = [png_chunk(b"IHDR", &header), chunk.to_vec(), png_chunk(b"IDAT", packed)];
     [&b"\x89PNG\r\n\x1a\n"[..], &chunks.concat(), &png_chunk(b"IEND", b"")].concat()
 }
 
@@ -127,12 +139,45 @@ fn record() -> Vec<u8> {
     record
 }
 
+/// A PLY that states so many splats and holds ten.
 fn ply(n: u64) -> Vec<u8> {
     let names =
         "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
-    let list: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();
+    ply_of(n, names.split(' ').map(|name| ("float", name)), 560)
+}
+
+/// A PLY of zeros with so many rows of properties, of which it holds so many bytes.
+fn ply_of<'a>(
+    n: u64,
+    properties: impl Iterator<Item = (&'a str, &'a str)>,
+    size: usize,
+) -> Vec<u8> {
+    let list: String = properties.map(|(kind, name)| format!("property {kind} {name}\n")).collect();
     let start = "ply\nformat binary_little_endian 1.0\nelement vertex";
-    [format!("{start} {n}\n{list}end_header\n").as_bytes(), &[0; 560]].concat()
+    [format!("{start} {n}\n{list}end_header\n").as_bytes(), &vec![0; size]].concat()
+}
+
+/// An archive of so many empty members.
+fn members(n: usize) -> Vec<u8> {
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    let stored = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    (0..n).for_each(|i| zip.start_file(format!("{i}"), stored).unwrap());
+    zip.finish().unwrap().into_inner()
+}
+
+/// A scene of ten points whose buffer, a file beside it, has 8 GB.
+fn points_of_8_gb(scratch: &Scratch) -> Vec<u8> {
+    let n = 8u64 << 30;
+    File::create(scratch.path("much.bin")).unwrap().set_len(n).unwrap();
+    let document = json!({
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": n, "uri": "much.bin"}],
+        "bufferViews": [{"buffer": 0, "byteLength": n, "byteStride": n / 16}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 10, "type": "VEC3"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 0}]}],
+        "nodes": [{"mesh": 0}],
+    });
+    document.to_string().into_bytes()
 }
 
 /// Twenty million splats of zeros, of 20 bytes each.
@@ -160,8 +205,9 @@ fn instances() -> Vec<u8> {
     document.to_string().into_bytes()
 }
 
-/// Runs the program; returns its peak of resident memory in bytes, its exit code and its output.
-fn measured(scratch: &Scratch, arguments: &str) -> (u64, Option<i32>, String) {
+/// Runs the program; returns its peak of resident memory in bytes, its time, its exit code and its output.
+fn measured(scratch: &Scratch, arguments: &str) -> (u64, Duration, Option<i32>, String) {
+    let begun = Instant::now();
     let arguments: Vec<&str> = arguments.split(' ').collect();
     let shown = scratch.path("shown");
     let out = File::create(&shown).unwrap();
@@ -180,17 +226,19 @@ fn measured(scratch: &Scratch, arguments: &str) -> (u64, Option<i32>, String) {
         }
         std::thread::sleep(Duration::from_millis(1));
     };
-    (peak, status.code(), fs::read_to_string(shown).unwrap())
+    (peak, begun.elapsed(), status.code(), fs::read_to_string(shown).unwrap())
 }
 
 /// Runs a command on a hostile file, prints a row of the table, and returns what exceeds the bounds.
 fn row(scratch: &Scratch, what: &str, command: &str, code: i32, part: &str) -> Option<String> {
-    let (peak, found, shown) = measured(scratch, command);
+    let (peak, time, found, shown) = measured(scratch, command);
     let (verb, _) = command.split_once(' ').unwrap();
-    eprintln!("| {what} | `{verb}` | {} MB | {found:?} |", peak / 1_000_000);
+    let seconds = time.as_secs_f64();
+    eprintln!("| {what} | `{verb}` | {} MB | {seconds:.1} s | {found:?} |", peak / 1_000_000);
     let is_right = found == Some(code) && shown.contains(part) && !shown.contains("panicked");
-    (peak > MOST || !is_right)
-        .then(|| format!("{what}: {command}: {peak} bytes, {found:?}, {shown}"))
+    let start: String = shown.chars().take(1000).collect();
+    (peak > MOST || time > MOST_TIME || !is_right)
+        .then(|| format!("{what}: {command}: {peak} bytes, {seconds:.1} s, {found:?}, {start}"))
 }
 
 /// Writes single files and reads each.
@@ -210,7 +258,10 @@ fn single_files(scratch: &Scratch) -> Vec<Option<String>> {
     });
     let long = long.to_string().into_bytes();
     fs::write(scratch.path("few.bin"), "few").unwrap();
-    let files: [(&str, &str, Vec<u8>, &str); 18] = [
+    let bytes = ["x", "y", "z"].map(|name| ("uchar", name));
+    let floats = ["x", "y", "z"].map(|name| ("float", name));
+    let colors = ["red", "green", "blue"].map(|name| ("uchar", name));
+    let files: [(&str, &str, Vec<u8>, &str); 21] = [
         (
             "JSON of 1.6 million maps",
             "a.r3d",
@@ -234,8 +285,14 @@ fn single_files(scratch: &Scratch) -> Vec<Option<String>> {
         ("bag of a record of 2⁶³ bytes", "c.mcap", endless, "expected topics"),
         ("PLY of 2⁶³ splats", "a.ply", ply(1 << 63), "rows of at least 56 bytes"),
         ("PLY of 20 million splats", "b.ply", ply(20_000_000), "rows of at least 56 bytes"),
+        (
+            "PLY of 20 million points of 3 bytes",
+            "c.ply",
+            ply_of(20_000_000, bytes.into_iter(), 60_000_000),
+            "splats, found 20000000",
+        ),
         ("SPZ of 20 million zeros", "a.spz", spz(), "at most 16 times"),
-        ("glTF of 20 million instances", "a.gltf", instances(), "at most 1048576 splats"),
+        ("glTF of 20 million instances", "a.gltf", instances(), "at most 4000000 splats"),
         ("glTF of a buffer of 2⁶³ bytes", "b.gltf", long, "found 3 bytes"),
         (
             "checkpoint of 2³² sections",
@@ -243,13 +300,25 @@ fn single_files(scratch: &Scratch) -> Vec<Option<String>> {
             [&b"\x89VBGS\r\n\x1a"[..], &[1, 0, 0, 0], &[0xff; 900]].concat(),
             "at most 64 sections",
         ),
+        ("archive of 400,000 members", "i.r3d", members(400_000), "found 400000 members"),
+        ("archive of 130,000 members", "j.r3d", members(130_000), "none of that name"),
         ("levels of glTF", "c.gltf", b"{\"a\":".repeat(1 << 20), "64 nested levels"),
     ];
-    let read = |(what, name, bytes, part): (&str, &str, Vec<u8>, &str)| {
+    let read = |(what, name, bytes, part): (&str, &str, Vec<u8>, &str), code| {
         fs::write(scratch.path(name), bytes).unwrap();
-        row(scratch, what, &format!("info {name}"), 1, part)
+        row(scratch, what, &format!("info {name}"), code, part)
     };
-    files.into_iter().map(read).collect()
+    let sound: [(&str, &str, Vec<u8>, &str); 2] = [
+        (
+            "PLY of 4 million points with colours",
+            "d.ply",
+            ply_of(4_000_000, floats.into_iter().chain(colors), 60_000_000),
+            "4000000 point-cloud",
+        ),
+        ("glTF of ten points in 8 GB", "d.gltf", points_of_8_gb(scratch), "10 point-cloud"),
+    ];
+    let damaged = files.into_iter().map(|file| read(file, 1));
+    damaged.chain(sound.into_iter().map(|file| read(file, 0))).collect()
 }
 
 /// Damages datasets and reads each.
@@ -288,6 +357,66 @@ fn datasets(scratch: &Scratch) -> Vec<Option<String>> {
     scratch.record("list", TestLayout::Nerfstudio, 3, 0);
     File::create(scratch.path("list/transforms.json")).unwrap().set_len(1 << 30).unwrap();
     found.push(row(scratch, "list of frames of 1 GB", "info list", 1, "MiB"));
+    found
+}
+
+/// Appends so many numbered lines to a list.
+fn append_lines(scratch: &Scratch, list: &str, n: usize, line: impl Fn(f64) -> String) {
+    let file = File::options().append(true).open(scratch.path(list)).unwrap();
+    let mut file = BufWriter::new(file);
+    for i in 1..=n {
+        // Later than the recorded times.
+        writeln!(file, "{}", line(2000.0 + i as f64 / 32.0)).unwrap();
+    }
+    file.flush().unwrap();
+}
+
+/// Adds lines to the lists of recordings.
+fn lists(scratch: &Scratch) -> Vec<Option<String>> {
+    let photograph = |time| format!("{time} rgb/none.png");
+    let pose = |time| format!("{time} 0 0 0 0 0 0 1");
+    let mut found = Vec::new();
+    let mut read = |name: &str, what: &str, code, part: &str| {
+        found.push(row(scratch, what, &format!("info {name}"), code, part));
+    };
+    for name in ["photographs", "missing", "poses", "known"] {
+        scratch.record(name, TestLayout::Tum, 3, 0);
+    }
+    append_lines(scratch, "photographs/rgb.txt", 2_000_000, photograph);
+    read("photographs", "list of 2 million photographs", 1, "at most 524288 lines");
+    append_lines(scratch, "missing/rgb.txt", 130_000, photograph);
+    read("missing", "list of 130,000 missing photographs", 0, "rgb/none.png");
+    append_lines(scratch, "poses/groundtruth.txt", 2_600_000, pose);
+    read("poses", "list of 2.6 million poses", 1, "at most 524288 lines");
+    append_lines(scratch, "known/groundtruth.txt", 524_000, pose);
+    read("known", "list of 524,000 poses", 0, "3 frames");
+    fs::rename(scratch.path("known/groundtruth.txt"), scratch.path("known/poses.txt")).unwrap();
+    read("known", "list of 524,000 poses by another name", 0, "3 frames");
+    scratch.record("images", TestLayout::Colmap, 3, 0);
+    let record = [&[0; 4][..], &[0; 56], &[0; 4], b"none.png\0", &[0; 8]].concat();
+    let n = 750_000u64;
+    let images = [&n.to_le_bytes()[..], &record.repeat(n as usize)].concat();
+    fs::write(scratch.path("images/sparse/0/images.bin"), images).unwrap();
+    read("images", "COLMAP of 750,000 images", 1, "at most 131072 images");
+    found
+}
+
+/// Replaces the photographs of a recording with depth of 64×48 pixels by black ones.
+fn photographs(scratch: &Scratch) -> Vec<Option<String>> {
+    let sizes = [
+        ("ten photographs of 121 megapixels", [12704, 9528], 10, "at most 208 MiB"),
+        ("three photographs of 50 megapixels", [8192, 6144], 3, "photographs: 8192x6144"),
+    ];
+    let mut found = Vec::new();
+    for (i, (what, size, n, part)) in sizes.into_iter().enumerate() {
+        let name = format!("photographs{i}");
+        scratch.record(&name, TestLayout::Open3d, n, 0);
+        let packed = photograph(size);
+        for file in fs::read_dir(scratch.path(&name).join("color")).unwrap() {
+            fs::write(file.unwrap().path(), &packed).unwrap();
+        }
+        found.push(row(scratch, what, &format!("info {name}"), 0, part));
+    }
     found
 }
 
@@ -335,7 +464,8 @@ fn settings(scratch: &Scratch) -> Vec<Option<String>> {
 #[test]
 fn hostile_files_take_a_bounded_amount_of_memory() {
     let scratch = Scratch::empty();
-    let found = [single_files(&scratch), datasets(&scratch), settings(&scratch)].concat();
+    let found = [single_files, datasets, lists, photographs, settings].map(|read| read(&scratch));
+    let found = found.concat();
     let wrong: Vec<String> = found.into_iter().flatten().collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }

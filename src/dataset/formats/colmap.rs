@@ -17,8 +17,8 @@ use crate::dataset::decode;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, RetryingFile, relative_path};
-use crate::dataset::formats::{DatasetFormat, ParsedFolder};
+use crate::dataset::folder::{Folder, RetryingFile, check_count, relative_path};
+use crate::dataset::formats::{DatasetFormat, MAX_FRAMES, ParsedFolder};
 use crate::dataset::matrix::shorten;
 use crate::dataset::options::{ByteSource, LoadOptions};
 use crate::dataset::pose_check::PoseConvention;
@@ -221,21 +221,27 @@ impl Model {
                 let (_, text) = folder.text(&cameras)?;
                 model.cameras = lines(&text).filter_map(|(_, l)| Camera::of_line(l)).collect();
                 let (path, mut reader) = folder.reader(&images)?;
-                model
-                    .read_lines(&mut reader)
-                    .map_err(|source| DatasetError::Read { path, source })?;
+                let read = model.read_lines(&mut reader);
+                read.map_err(|source| DatasetError::Read { path: path.clone(), source })?;
+                check_count(&path, "images", model.n_entries(), MAX_FRAMES)?;
             }
         }
         Ok(model)
     }
 
-    /// Reads images of two lines each; the second, of observations, may be missing.
+    fn n_entries(&self) -> usize {
+        self.images.len() + self.defects.len()
+    }
+
+    /// Reads images of two lines each, up to the first beyond the limit; the second line, of observations, may be
+    /// missing.
     fn read_lines(&mut self, reader: &mut impl BufRead) -> std::io::Result<()> {
         let (mut bytes, mut is_header) = (Vec::new(), true);
         for line in 1.. {
             bytes.clear();
             // Lines of observations are long, and only their end matters.
-            if reader.by_ref().take(MAX_NAME as u64).read_until(b'\n', &mut bytes)? == 0 {
+            let n = reader.by_ref().take(MAX_NAME as u64).read_until(b'\n', &mut bytes)?;
+            if n == 0 || self.n_entries() > MAX_FRAMES {
                 break;
             }
             if !bytes.ends_with(b"\n") {
@@ -339,6 +345,7 @@ impl Records {
         const OBSERVATION: i64 = 24;
         let mut images = Vec::new();
         while self.next() {
+            check_count(&self.path, "images", images.len() + 1, MAX_FRAMES)?;
             self.bytes::<4>()?;
             let pose = self.reals()?;
             let camera = u32::from_le_bytes(self.bytes()?);

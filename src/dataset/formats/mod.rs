@@ -27,12 +27,12 @@ mod tum;
 use super::calibration::Calibration;
 use super::entry::DatasetSplit;
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
-use super::folder::Folder;
+use super::folder::{Folder, check_count};
 use super::options::LoadOptions;
 use super::pose_check::PoseConvention;
 use super::range::PositionRange;
 use crate::math::camera::Intrinsics;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Generates the variants of [`Layout`] and the table of their formats from one list, so that both
@@ -147,7 +147,8 @@ pub(super) fn parse(
         });
     }
     if let Some((layout, format, why)) = found.pop() {
-        let parsed = (format.parse)(folder, options);
+        let parsed =
+            (format.parse)(folder, options).and_then(|parsed| parsed.checked(&folder.path));
         // Parsing peeks at files too, and what it could not read may be what it misses.
         return folder.take_unread().map_or_else(|| Ok((layout, why, parsed?)), Err);
     }
@@ -218,17 +219,32 @@ pub(super) struct ParsedFolder {
     /// cost no frame.
     pub unused: Vec<String>,
     pub known_range: Option<PositionRange>,
+    /// Number of frames and skipped frames that are left out because there are [`MAX_FRAMES`] without them.
+    pub overflow: usize,
 }
 
+/// Largest number of frames of a recording, and of its skipped frames, whose entries take a kilobyte each: more
+/// than an hour at 30 Hz.
+pub(super) const MAX_FRAMES: usize = 1 << 17;
+
 impl ParsedFolder {
+    fn checked(self, folder: &Path) -> Result<Self, DatasetError> {
+        check_count(folder, "frames", MAX_FRAMES + self.overflow, MAX_FRAMES).map(|()| self)
+    }
+
     pub fn append(&mut self, other: Self) {
         self.splits.extend(other.splits);
         self.warnings.extend(other.warnings);
         self.notes.extend(other.notes);
         self.unused.extend(other.unused);
+        self.overflow += other.overflow;
     }
 
     pub fn skip(&mut self, split: &str, frame: &str, file: PathBuf, problem: FrameProblem) {
+        if self.warnings.len() == MAX_FRAMES {
+            self.overflow += 1;
+            return;
+        }
         let error = Arc::new(FrameError { file, frame: frame.to_owned(), problem });
         self.warnings.push(Warning { split: split.to_owned(), error });
     }

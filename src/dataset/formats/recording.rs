@@ -17,7 +17,7 @@ use crate::dataset::entry::{
 };
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
-use crate::dataset::formats::ParsedFolder;
+use crate::dataset::formats::{MAX_FRAMES, ParsedFolder};
 use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::{Camera, Intrinsics};
@@ -165,7 +165,8 @@ impl<'a> Recording<'a> {
     /// Adds a frame. If `frame` is an error, adds a warning about `file` instead.
     pub fn add(&mut self, name: &str, file: &Path, frame: Result<FrameEntry, FrameProblem>) {
         match frame {
-            Ok(frame) => self.frames.push(frame),
+            Ok(frame) if self.frames.len() < MAX_FRAMES => self.frames.push(frame),
+            Ok(_) => self.parsed.overflow += 1,
             Err(problem) => self.skip(name, file.to_owned(), problem),
         }
     }

@@ -364,8 +364,12 @@ pub(super) fn pose_lists(folder: &Folder) -> Vec<(String, PoseList)> {
             }
             // The start shows whether a text, which may be long, lists poses.
             let start = folder.peek(&path);
-            let is_list = start.trim_start().starts_with(JSON) || PoseList::parse(&start).is_some();
-            let list = is_list.then(|| PoseList::parse(&folder.peek_whole(&path))).flatten();
+            let text = match start.trim_start().starts_with(JSON) {
+                true => folder.peek_whole(&path),
+                false if PoseList::parse(&start).is_some() => folder.peek_lines(&path),
+                false => continue,
+            };
+            let list = PoseList::parse(&text);
             found.extend(list.map(|list| (path, list)));
         }
     }

@@ -34,8 +34,8 @@ use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::Folder;
-use crate::dataset::formats::{DatasetFormat, ParsedFolder};
+use crate::dataset::folder::{Folder, check_count};
+use crate::dataset::formats::{DatasetFormat, MAX_FRAMES, ParsedFolder};
 use crate::dataset::matrix;
 use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
@@ -257,7 +257,8 @@ fn list_lines(
     is_depth: bool,
 ) -> Result<(String, Vec<ListLine>), DatasetError> {
     let in_text = |name: &str, parse: &dyn Fn(&str) -> Option<(f64, String)>| {
-        let (_, text) = folder.lines(name)?;
+        let (file, text) = folder.lines(name)?;
+        check_count(&file, "images", lines(&text).count(), MAX_FRAMES)?;
         let parsed = lines(&text).map(|(line, text)| (line, text.to_owned(), parse(text)));
         Ok((name.to_owned(), parsed.collect()))
     };

@@ -1,10 +1,14 @@
 //! Binary container of a GLB: header, JSON chunk and BIN chunk, with lengths in multiples of 4.
 
+use super::read::{BUFFER_FILE, BufferBytes};
 use super::schema::{Accessor, Root};
 use super::{COLOR_0, OPACITY, POSITION, ROTATION, SCALE, SH_0, SH_1};
-use crate::export::error::{Fault, shorten};
+use crate::export::error::{Fault, shorten, try_with_capacity};
+use std::borrow::Cow;
+use std::fs::File;
 use std::io;
-use std::io::Write;
+use std::io::{BufReader, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
 
 // `glTF`, `JSON` and `BIN\0` as little-endian words.
 const MAGIC: u32 = 0x4654_6C67;
@@ -123,8 +127,11 @@ fn permitted_types(semantic: &str) -> (&'static [&'static str], &'static [(u32, 
 }
 
 pub(super) struct Column<'a> {
-    bytes: &'a [u8],
+    bytes: Cow<'a, [u8]>,
+    /// File with the rows while they are not read, and the place of the first.
+    unread: Option<(&'a File, u64)>,
     stride: usize,
+    row_bytes: usize,
     component: u32,
     normalized: bool,
     pub count: usize,
@@ -134,7 +141,7 @@ pub(super) struct Column<'a> {
 impl<'a> Column<'a> {
     pub fn open(
         root: &Root,
-        buffers: &'a [impl AsRef<[u8]>],
+        buffers: &'a [BufferBytes],
         index: usize,
         semantic: &str,
     ) -> Result<Self, Fault> {
@@ -148,7 +155,7 @@ impl<'a> Column<'a> {
             (Some(view), None) => view,
             _ => return Err(unsupported(format!("{place} is sparse"))),
         };
-        let (data, stride) = view_bytes(root, buffers, view_index, &place)?;
+        let (buffer, view, stride) = view_bytes(root, buffers, view_index, &place)?;
         let stride = stride.unwrap_or(row_bytes);
         if stride < row_bytes {
             return Err(fault(&format!("a byteStride of {row_bytes} or more"), stride.to_string()));
@@ -158,14 +165,46 @@ impl<'a> Column<'a> {
             // No padding need follow the last row.
             n => (n - 1).checked_mul(stride).and_then(|bytes| bytes.checked_add(row_bytes)),
         };
-        let bytes = needed.and_then(|n| slice(data, accessor.byte_offset, n)).ok_or_else(|| {
+        let rows = needed.and_then(|n| part(view.clone(), accessor.byte_offset, n));
+        let rows = rows.ok_or_else(|| {
             fault(
                 &format!("{} rows inside bufferView {view_index}", accessor.count),
-                format!("{} bytes", data.len()),
+                format!("{} bytes", view.len()),
             )
         })?;
+        let (bytes, unread) = match buffer {
+            BufferBytes::Loaded(bytes) => (bytes.get(rows).unwrap_or_default(), None),
+            BufferBytes::File(file, _) => (&[][..], Some((file, rows.start as u64))),
+        };
         let Accessor { component_type: component, normalized, count, .. } = *accessor;
-        Ok(Self { bytes, stride, component, normalized, count, place })
+        let bytes = Cow::Borrowed(bytes);
+        Ok(Self { bytes, unread, stride, row_bytes, component, normalized, count, place })
+    }
+
+    /// Reads the rows of a file, without what lies between them. Called after the number of rows is checked.
+    pub fn load(&mut self) -> Result<(), Fault> {
+        let Some((file, start)) = self.unread.take() else { return Ok(()) };
+        let room = self.count.checked_mul(self.row_bytes);
+        let room = room.ok_or(Fault::OutOfMemory { bytes: u64::MAX })?;
+        let mut rows = try_with_capacity(room)?;
+        rows.resize(room, 0);
+        let mut source = BufReader::new(file);
+        let mut read = || {
+            source.seek(SeekFrom::Start(start))?;
+            for (i, row) in rows.chunks_exact_mut(self.row_bytes).enumerate() {
+                // Within the block in memory if the next row is there.
+                source.seek_relative(if i == 0 {
+                    0
+                } else {
+                    (self.stride - self.row_bytes) as i64
+                })?;
+                source.read_exact(row)?;
+            }
+            Ok(())
+        };
+        read().map_err(|source| Fault::Io { action: BUFFER_FILE, source })?;
+        (self.bytes, self.stride) = (Cow::Owned(rows), self.row_bytes);
+        Ok(())
     }
 
     pub fn is_signed_integer(&self) -> bool {
@@ -195,12 +234,13 @@ impl<'a> Column<'a> {
     }
 }
 
-fn view_bytes<'a>(
+/// Returns the buffer of a view, its range in the buffer, and its stride.
+fn view_bytes<'a, 'b>(
     root: &Root,
-    buffers: &'a [impl AsRef<[u8]>],
+    buffers: &'a [BufferBytes<'b>],
     index: usize,
     place: &str,
-) -> Result<(&'a [u8], Option<usize>), Fault> {
+) -> Result<(&'a BufferBytes<'b>, Range<usize>, Option<usize>), Fault> {
     let view = root.buffer_views.get(index).ok_or_else(|| {
         Fault::malformed(place, "a bufferView of that number", format!("number {index}"))
     })?;
@@ -209,9 +249,9 @@ fn view_bytes<'a>(
         return Err(unsupported(format!("{place} is compressed ({})", shorten(name))));
     }
     let (start, length) = (view.byte_offset, view.byte_length);
-    let buffer = buffers.get(view.buffer).map(AsRef::as_ref);
-    match buffer.and_then(|bytes| slice(bytes, start, length)) {
-        Some(data) => Ok((data, view.byte_stride)),
+    let buffer = buffers.get(view.buffer);
+    match buffer.and_then(|buffer| Some((buffer, part(0..buffer.len(), start, length)?))) {
+        Some((buffer, range)) => Ok((buffer, range, view.byte_stride)),
         None => {
             let expected = format!("bufferView {index} inside buffer {}", view.buffer);
             Err(Fault::malformed(place, expected, format!("{length} bytes from {start}")))
@@ -254,8 +294,11 @@ fn component_size(component: u32) -> usize {
     }
 }
 
-fn slice(bytes: &[u8], start: usize, length: usize) -> Option<&[u8]> {
-    bytes.get(start..start.checked_add(length)?)
+/// Returns the part of `length` bytes from `start` of a range; `None` if it is not inside.
+fn part(whole: Range<usize>, start: usize, length: usize) -> Option<Range<usize>> {
+    let start = whole.start.checked_add(start)?;
+    let end = start.checked_add(length)?;
+    (end <= whole.end).then_some(start..end)
 }
 
 pub(super) fn unsupported(feature: String) -> Fault {

@@ -5,6 +5,7 @@
 //! allocated: many nodes may share one mesh, so a small file can request any number of rows.
 
 use super::container::{Column, unsupported};
+use super::read::BufferBytes;
 use super::schema::{GaussianSplatting, Node, Primitive, Root};
 use super::{
     COLOR_0, EXTENSION, KERNEL, LINEAR, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0, SH_1,
@@ -26,11 +27,6 @@ const DEFAULT_MODE: u32 = 4;
 /// Maximum number of primitives per scene.
 // Nodes times primitives may be very large in a small file.
 const MAX_PARTS: usize = 100_000;
-/// Number of rows that a scene may have in any file. Beyond it, instances of a mesh need bytes of their own.
-const ANY_ROWS: usize = 1 << 20;
-/// Number of bytes in buffers for a row of an instance beyond [`ANY_ROWS`]; a stored position has 12.
-const BYTES_PER_ROW: usize = 4;
-
 struct Part<'a> {
     primitive: &'a Primitive,
     placement: Placement,
@@ -40,7 +36,7 @@ struct Part<'a> {
 /// Imports all splats of the scene, or its points if it has no splats.
 pub(super) fn model(
     root: &Root,
-    buffers: &[impl AsRef<[u8]>],
+    buffers: &[BufferBytes],
     max_splats: usize,
 ) -> Result<Imported, Fault> {
     // Subtracted from the node translation before positions are rounded to f32.
@@ -71,9 +67,11 @@ pub(super) fn model(
             ModelKind::PointCloud => Columns::of_points(root, buffers, part, &mut notes)?,
         });
     }
-    let n_bytes: usize = buffers.iter().map(|buffer| buffer.as_ref().len()).sum();
-    let max_rows = max_splats.min(ANY_ROWS.max(n_bytes / BYTES_PER_ROW));
-    let mut rows = Rows::with_capacity(checked_row_count(&columns, max_rows)?)?;
+    let n_rows = checked_row_count(&columns, max_splats)?;
+    let n_bytes = buffers.iter().fold(0, |n: u64, buffer| n.saturating_add(buffer.len() as u64));
+    let is_directional = columns.iter().any(Columns::is_directional);
+    let mut rows = Rows::with_capacity(n_rows, is_directional, n_bytes)?;
+    columns.iter_mut().flat_map(Columns::all).try_for_each(Column::load)?;
     let scales = ScaleForm::of(&columns);
     if scales == ScaleForm::Logarithmic {
         notes.push(Note::LogarithmicScales);
@@ -163,7 +161,7 @@ enum Color<'a> {
 impl<'a> Columns<'a> {
     fn of_splats(
         root: &Root,
-        buffers: &'a [impl AsRef<[u8]>],
+        buffers: &'a [BufferBytes],
         part: &Part,
         notes: &mut Vec<Note>,
     ) -> Result<Self, Fault> {
@@ -208,7 +206,7 @@ impl<'a> Columns<'a> {
 
     fn of_points(
         root: &Root,
-        buffers: &'a [impl AsRef<[u8]>],
+        buffers: &'a [BufferBytes],
         part: &Part,
         notes: &mut Vec<Note>,
     ) -> Result<Self, Fault> {
@@ -220,6 +218,22 @@ impl<'a> Columns<'a> {
             Color::None
         };
         Ok(Self { position, color, shape: None })
+    }
+
+    fn is_directional(&self) -> bool {
+        self.shape.as_ref().is_some_and(|shape| shape.degree_1.is_some())
+    }
+
+    fn all(&mut self) -> impl Iterator<Item = &mut Column<'a>> {
+        let color = match &mut self.color {
+            Color::Sh { coefficient: column, .. } | Color::Linear(column) => Some(column),
+            Color::None => None,
+        };
+        let shape =
+            self.shape.iter_mut().flat_map(|Shape { rotation, scale, opacity, degree_1 }| {
+                [rotation, scale, opacity].into_iter().chain(degree_1.iter_mut().flatten())
+            });
+        [&mut self.position].into_iter().chain(color).chain(shape)
     }
 
     fn read(&self, placement: &Placement, scales: ScaleForm, rows: &mut Rows) -> Result<(), Fault> {
@@ -294,7 +308,7 @@ fn has_degree_1(part: &Part) -> bool {
 
 fn open<'a>(
     root: &Root,
-    buffers: &'a [impl AsRef<[u8]>],
+    buffers: &'a [BufferBytes],
     part: &Part,
     semantic: &str,
     count: Option<usize>,

@@ -6,7 +6,7 @@ use crate::export::error::{Fault, shorten};
 use crate::export::imported::Imported;
 use crate::math::foreign::{JsonOutline, MAX_JSON_MEMORY};
 use std::borrow::Cow;
-use std::io::Read;
+use std::fs::File;
 use std::path::{Component, Path, PathBuf};
 
 /// Maximum size in bytes of the JSON in a GLB (`files.md`, Limits).
@@ -16,6 +16,9 @@ const MAX_JSON_DEPTH: usize = 64;
 /// glTF extensions that a file may require: the splat extension, and extensions that do not affect the
 /// import.
 const KNOWN_EXTENSIONS: [&str; 2] = [EXTENSION, "KHR_materials_unlit"];
+
+/// What fails if a file beside the glTF cannot be read.
+pub(super) const BUFFER_FILE: &str = "read the buffer file";
 
 pub(in crate::export) fn glb(
     bytes: &[u8],
@@ -71,29 +74,52 @@ fn import_document(
     import::model(&root, &buffers, max_splats)
 }
 
+/// Bytes of a buffer.
+pub(super) enum BufferBytes<'a> {
+    Loaded(Cow<'a, [u8]>),
+    /// File of which only the rows of accessors are read, and the number of its bytes that belong to the buffer.
+    File(File, usize),
+}
+
+impl BufferBytes<'_> {
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Loaded(bytes) => bytes.len(),
+            Self::File(_, length) => *length,
+        }
+    }
+}
+
 fn buffer<'a>(
     declared: &Buffer,
     index: usize,
     bin: Option<&'a [u8]>,
     folder: &Path,
-) -> Result<Cow<'a, [u8]>, Fault> {
+) -> Result<BufferBytes<'a>, Fault> {
     let place = format!("buffer {index}");
     let length = declared.byte_length;
-    let mut bytes = match (&declared.uri, bin) {
-        (Some(uri), _) => Cow::Owned(load(uri, length, folder, &place)?),
+    // Bytes after byteLength do not belong to the buffer: the BIN chunk may be padded, a file longer.
+    let loaded = match (&declared.uri, bin) {
+        (Some(uri), _) => match uri.strip_prefix("data:") {
+            Some(data) => data_uri(data, &place)?.into(),
+            None => {
+                return Ok(BufferBytes::File(open_sibling(uri, length, folder, &place)?, length));
+            }
+        },
         (None, Some(bin)) if index == 0 => Cow::Borrowed(bin),
         (None, _) => return Err(Fault::malformed(place, "a uri or a BIN chunk", "neither")),
     };
-    if bytes.len() < length {
-        let found = format!("{} bytes", bytes.len());
-        return Err(Fault::malformed(place, format!("{length} bytes"), found));
-    }
-    // Bytes after byteLength do not belong to the buffer: the BIN chunk may be padded, a file longer.
-    match &mut bytes {
-        Cow::Borrowed(slice) => *slice = slice.get(..length).unwrap_or(slice),
-        Cow::Owned(vec) => vec.truncate(length),
-    }
-    Ok(bytes)
+    let found = format!("{} bytes", loaded.len());
+    let cut = match loaded {
+        Cow::Borrowed(bytes) => bytes.get(..length).map(Cow::Borrowed),
+        Cow::Owned(mut bytes) if bytes.len() >= length => {
+            bytes.truncate(length);
+            Some(Cow::Owned(bytes))
+        }
+        Cow::Owned(_) => None,
+    };
+    cut.map(BufferBytes::Loaded)
+        .ok_or_else(|| Fault::malformed(place, format!("{length} bytes"), found))
 }
 
 fn check_outline(json: &[u8]) -> Result<(), Fault> {
@@ -120,13 +146,15 @@ fn shorten_error(error: &serde_json::Error) -> String {
     }
 }
 
-pub(super) fn load(uri: &str, length: usize, folder: &Path, place: &str) -> Result<Vec<u8>, Fault> {
-    if let Some(data) = uri.strip_prefix("data:") {
-        let bytes = data.split_once(";base64,").and_then(|(_, text)| decode_base64(text));
-        return bytes.ok_or_else(|| {
-            Fault::malformed(place, "a data: URI with base64", format!("\"{}\"", shorten(uri)))
-        });
-    }
+fn data_uri(data: &str, place: &str) -> Result<Vec<u8>, Fault> {
+    let bytes = data.split_once(";base64,").and_then(|(_, text)| decode_base64(text));
+    bytes.ok_or_else(|| {
+        let found = format!("\"{}\"", shorten(&format!("data:{data}")));
+        Fault::malformed(place, "a data: URI with base64", found)
+    })
+}
+
+fn open_sibling(uri: &str, length: usize, folder: &Path, place: &str) -> Result<File, Fault> {
     let elsewhere =
         || Fault::malformed(place, "a file beside the glTF", format!("\"{}\"", shorten(uri)));
     let path = folder.join(sibling(uri).ok_or_else(elsewhere)?);
@@ -135,25 +163,16 @@ pub(super) fn load(uri: &str, length: usize, folder: &Path, place: &str) -> Resu
     if !path.canonicalize().map_or(true, is_inside) {
         return Err(elsewhere());
     }
-    read_sibling(&path, length, place)
-}
-
-fn read_sibling(path: &Path, length: usize, place: &str) -> Result<Vec<u8>, Fault> {
     let expected = || format!("{} with at least {length} bytes", path.display());
-    let size = match std::fs::metadata(path) {
+    let size = match std::fs::metadata(&path) {
         Ok(metadata) if metadata.is_file() => metadata.len(),
         Ok(_) => return Err(Fault::malformed(place, expected(), "something that is no file")),
         Err(e) => return Err(Fault::malformed(place, expected(), e.to_string())),
     };
-    // Checked before reading: the file may have any size.
     if size < length as u64 {
         return Err(Fault::malformed(place, expected(), format!("{size} bytes")));
     }
-    let mut bytes = Vec::new();
-    std::fs::File::open(path)
-        .and_then(|file| file.take(length as u64).read_to_end(&mut bytes))
-        .map_err(|source| Fault::Io { action: "read the buffer file", source })?;
-    Ok(bytes)
+    File::open(&path).map_err(|source| Fault::Io { action: BUFFER_FILE, source })
 }
 
 /// Decodes a URI into a relative path; `None` if it is invalid or leaves the folder of the glTF.

@@ -1,22 +1,29 @@
 //! Rows of a PLY, in any of its three encodings.
 //!
 //! Every value becomes an f64, which represents all property types exactly. Row counts are checked against
-//! the remaining bytes before rows are allocated, because headers are untrusted.
+//! the remaining bytes before rows are allocated, because headers are untrusted. Of a file, only a block is in
+//! memory.
 
 use super::header::{Encoding, Kind, PlyElement, Property, Scalar};
 use crate::export::error::{Fault, shorten};
+use crate::export::read::Source;
+use std::io::ErrorKind;
 
 #[derive(Clone)]
 pub(super) struct Body<'a> {
     encoding: Encoding,
-    rest: &'a [u8],
+    source: Source<'a>,
 }
+
+/// Longest number in ASCII, bytes.
+const MAX_TOKEN: u64 = 1024;
 
 type Found = String;
 
 impl<'a> Body<'a> {
-    pub fn new(encoding: Encoding, rest: &'a [u8]) -> Self {
-        Self { encoding, rest }
+    /// Creates the body of a file of which `source` holds what follows the header.
+    pub fn new(encoding: Encoding, source: Source<'a>) -> Self {
+        Self { encoding, source }
     }
 
     pub fn skip(&mut self, element: &PlyElement) -> Result<(), Fault> {
@@ -25,8 +32,8 @@ impl<'a> Body<'a> {
             return Ok(());
         }
         if let (Some(row), false) = (row_size(element), self.encoding == Encoding::Ascii) {
-            self.rest = self.rest.get(self.checked_size(element, row)?..).unwrap_or_default();
-            return Ok(());
+            let size = self.checked_size(element, row)?;
+            return self.source.skip(size).map_err(|e| number_fault(element, 0, found(&e)));
         }
         // Each row takes at least one byte, so a wrong count stops at the end of the file.
         for row in 0..element.count {
@@ -51,9 +58,7 @@ impl<'a> Body<'a> {
             return (0..n as u64).try_for_each(|_| self.value(item).map(drop));
         }
         let size = (n as u64).saturating_mul(item.size() as u64);
-        let behind = usize::try_from(size).ok().and_then(|size| self.rest.get(size..));
-        self.rest = behind.ok_or_else(end_of_file)?;
-        Ok(())
+        self.source.skip(size).map_err(|e| found(&e))
     }
 
     /// Returns the number of rows of an element without list properties. Fails if the file is too small
@@ -71,16 +76,15 @@ impl<'a> Body<'a> {
         Ok(element.count as usize)
     }
 
-    fn checked_size(&self, element: &PlyElement, row: usize) -> Result<usize, Fault> {
+    fn checked_size(&self, element: &PlyElement, row: usize) -> Result<u64, Fault> {
         // The last row of an ASCII file may lack a line break.
-        let slack = usize::from(self.encoding == Encoding::Ascii);
-        let size = element.count.checked_mul(row as u64);
-        match size.and_then(|size| usize::try_from(size).ok()) {
-            Some(size) if size <= self.rest.len() + slack => Ok(size),
+        let slack = u64::from(self.encoding == Encoding::Ascii);
+        match element.count.checked_mul(row as u64) {
+            Some(size) if size <= self.source.left + slack => Ok(size),
             _ => Err(Fault::malformed(
                 element.place(),
                 format!("{} rows of at least {row} bytes", element.count),
-                format!("{} bytes", self.rest.len()),
+                format!("{} bytes", self.source.left),
             )),
         }
     }
@@ -108,24 +112,43 @@ impl<'a> Body<'a> {
     }
 
     fn token(&mut self) -> Result<f64, Found> {
-        let text = self.rest.trim_ascii_start();
-        if text.is_empty() {
-            return Err(end_of_file());
+        loop {
+            let text = self.text()?;
+            let start = text.iter().position(|byte| !byte.is_ascii_whitespace());
+            let n = start.unwrap_or(text.len());
+            self.next_bytes(n)?;
+            if start.is_some() {
+                break;
+            }
         }
+        let left = self.source.left;
+        let text = self.text()?;
         let end = text.iter().position(u8::is_ascii_whitespace).unwrap_or(text.len());
-        let (token, rest) = text.split_at(end);
-        self.rest = rest;
+        if end == text.len() && (end as u64) < left {
+            return Err(format!("a number of more than {MAX_TOKEN} bytes"));
+        }
+        let token = self.next_bytes(end)?;
         let number = std::str::from_utf8(token).ok().and_then(|token| token.parse().ok());
         number.ok_or_else(|| format!("\"{}\"", shorten(&String::from_utf8_lossy(token))))
     }
 
+    /// Returns unread text of at least [`MAX_TOKEN`] bytes, or what is left.
+    fn text(&mut self) -> Result<&[u8], Found> {
+        let n = self.source.left.clamp(1, MAX_TOKEN) as usize;
+        self.source.peek(n).map_err(|e| found(&e))
+    }
+
+    fn next_bytes(&mut self, n: usize) -> Result<&[u8], Found> {
+        self.source.take(n).map_err(|e| found(&e))
+    }
+
     fn binary(&mut self, kind: Scalar) -> Result<f64, Found> {
-        let (value, rest) = self.rest.split_at_checked(kind.size()).ok_or_else(end_of_file)?;
-        self.rest = rest;
+        let is_swapped = self.encoding == Encoding::BigEndian;
+        let value = self.next_bytes(kind.size())?;
         // Missing high bytes stay zero, and the casts below take the low ones.
         let mut bytes = [0; 8];
         let places = bytes.iter_mut();
-        match self.encoding == Encoding::BigEndian {
+        match is_swapped {
             true => places.zip(value.iter().rev()).for_each(|(to, from)| *to = *from),
             false => places.zip(value).for_each(|(to, from)| *to = *from),
         }
@@ -159,8 +182,11 @@ fn row_size(element: &PlyElement) -> Option<usize> {
         .sum()
 }
 
-fn end_of_file() -> Found {
-    "the end of the file".to_owned()
+fn found(error: &std::io::Error) -> Found {
+    match error.kind() {
+        ErrorKind::UnexpectedEof => "the end of the file".to_owned(),
+        _ => error.to_string(),
+    }
 }
 
 fn number_fault(element: &PlyElement, row: u64, found: Found) -> Fault {

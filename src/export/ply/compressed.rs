@@ -24,6 +24,7 @@ const SH_RANGE: f64 = 4.0;
 pub(super) fn read(
     mut body: Body,
     header: PlyHeader,
+    size: u64,
     max_splats: usize,
 ) -> Result<Imported, Fault> {
     let (mut chunks, mut words, mut sh) = (None, None, None);
@@ -52,7 +53,7 @@ pub(super) fn read(
     let names = header.elements.iter().map(|element| element.name.as_str());
     let others = names.filter(|name| ![CHUNK, "vertex", "sh"].contains(name));
     let mut notes: Vec<Note> = Note::not_used("element", others).into_iter().collect();
-    let mut rows = Rows::with_capacity(n)?;
+    let mut rows = Rows::with_capacity(n, sh.is_some(), size)?;
     let extremes = chunks.iter().flat_map(|chunk| std::iter::repeat_n(chunk, CHUNK_SPLATS));
     for (i, extremes) in (0..n).zip(extremes) {
         // Exact: f64 holds all integers of 32 bits.

@@ -9,7 +9,7 @@ use std::collections::HashSet;
 
 /// Maximum header size in bytes.
 // The limit of SuperSplat (`files.md`, PLY of splats); 62 properties take 1.5 KB.
-const MAX_HEADER_BYTES: usize = 128 * 1024;
+pub(super) const MAX_HEADER_BYTES: usize = 128 * 1024;
 
 #[derive(Debug)]
 pub(super) struct PlyHeader {

@@ -32,7 +32,9 @@ pub(in crate::export) fn spz(bytes: &[u8], max_splats: usize) -> Result<Imported
         notes.push(Note::NotUsed { what: format!("flags {:#04x}", header.unknown_flags()) });
     }
     let turn = axes(&file.records, &mut notes).then(AxisRotation::Y_UP_TO_Z_UP);
-    let mut rows = Rows::with_capacity(header.n_splats as usize)?;
+    let is_directional = header.n_coefficients() > 0;
+    let size = (bytes.len() as u64).saturating_mul(USUAL_FACTOR);
+    let mut rows = Rows::with_capacity(header.n_splats as usize, is_directional, size)?;
     for i in 0..header.n_splats as usize {
         let splat = splat(&file, i, &mut rows);
         rows.push(splat.rotated(&turn));
@@ -85,6 +87,8 @@ fn axes(records: &[(u32, Vec<u8>)], notes: &mut Vec<Note>) -> AxisRotation {
 }
 
 const MAX_NAMED_RECORDS: usize = 8;
+/// Largest factor by which columns of recorded scenes are compressed.
+const USUAL_FACTOR: u64 = 5;
 
 const N_DEGREE_1: usize = 3;
 
