@@ -5,6 +5,7 @@ use super::gaussian::Gaussian;
 use super::imported::{Imported, ModelKind, Rows};
 use super::{glb, ply, spz};
 use glam::{DMat3, DVec3};
+use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -41,20 +42,55 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Imported, Fault> {
     parse(bytes, Path::new(""), DEFAULT_MAX_SPLATS)
 }
 
+/// Checks by the first bytes of a file that it may be a model.
+///
+/// # Errors
+/// The file cannot be read or starts like no model.
+pub fn check_start(path: &Path) -> Result<(), ExportError> {
+    let check = || {
+        let mut start = Vec::new();
+        let most = (N_PROBED * ROW_BYTES) as u64;
+        open_file(path)?.take(most).read_to_end(&mut start).map_err(read_fault)?;
+        kind_of(&start).map(drop)
+    };
+    check().map_err(|fault| fault.with_path(path))
+}
+
+enum FileKind {
+    Ply,
+    Glb,
+    Gltf,
+    Spz,
+    Splat,
+}
+
+/// Returns a text without a byte order mark, with which some editors begin it, and spaces.
+fn text_of(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start()
+}
+
 fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fault> {
-    // Some editors begin a text with a byte order mark.
-    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start();
+    match kind_of(bytes)? {
+        FileKind::Ply => ply::read::ply(bytes, max_splats),
+        FileKind::Glb => glb::read::glb(bytes, folder, max_splats),
+        FileKind::Gltf => glb::read::gltf(text_of(bytes), folder, max_splats),
+        FileKind::Spz => spz::read::spz(bytes, max_splats),
+        FileKind::Splat => read_splat(bytes, max_splats),
+    }
+}
+
+fn kind_of(bytes: &[u8]) -> Result<FileKind, Fault> {
     if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
-        ply::read::ply(bytes, max_splats)
+        Ok(FileKind::Ply)
     } else if bytes.starts_with(b"glTF") {
-        glb::read::glb(bytes, folder, max_splats)
-    } else if text.starts_with(b"{") {
-        glb::read::gltf(text, folder, max_splats)
+        Ok(FileKind::Glb)
+    } else if text_of(bytes).starts_with(b"{") {
+        Ok(FileKind::Gltf)
     } else if spz::read::is_plain(bytes) || spz::read::is_gzip(bytes) {
-        spz::read::spz(bytes, max_splats)
+        Ok(FileKind::Spz)
     } else if is_likely(bytes) {
         // Last, because this format has no magic bytes.
-        read_splat(bytes, max_splats)
+        Ok(FileKind::Splat)
     } else {
         let start = String::from_utf8_lossy(bytes.get(..16).unwrap_or(bytes));
         let found = match bytes {
@@ -66,21 +102,28 @@ fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fau
 }
 
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
-    let io = |source: std::io::Error| match source.kind() {
-        std::io::ErrorKind::NotFound => Fault::Missing,
-        _ => Fault::Io { action: "read", source },
-    };
+    let mut file = open_file(path)?;
+    let size = file.metadata().map_err(read_fault)?.len();
+    let room = usize::try_from(size).map_err(|_| Fault::OutOfMemory { bytes: size })?;
+    let mut bytes = try_with_capacity(room)?;
+    file.read_to_end(&mut bytes).map_err(read_fault)?;
+    Ok(bytes)
+}
+
+fn open_file(path: &Path) -> Result<File, Fault> {
     // Checked before opening: opening a FIFO blocks until it has a writer, and a device may never end.
-    let kind = std::fs::metadata(path).map_err(io)?.file_type();
+    let kind = std::fs::metadata(path).map_err(read_fault)?.file_type();
     if !kind.is_file() {
         return Err(if kind.is_dir() { Fault::IsFolder } else { Fault::IsStream });
     }
-    let mut file = std::fs::File::open(path).map_err(io)?;
-    let size = file.metadata().map_err(io)?.len();
-    let room = usize::try_from(size).map_err(|_| Fault::OutOfMemory { bytes: size })?;
-    let mut bytes = try_with_capacity(room)?;
-    file.read_to_end(&mut bytes).map_err(io)?;
-    Ok(bytes)
+    File::open(path).map_err(read_fault)
+}
+
+fn read_fault(source: std::io::Error) -> Fault {
+    match source.kind() {
+        std::io::ErrorKind::NotFound => Fault::Missing,
+        _ => Fault::Io { action: "read", source },
+    }
 }
 
 /// Size of a splat in bytes: six f32 (position and scale), four bytes of colour and opacity, four of
