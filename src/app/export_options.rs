@@ -3,6 +3,7 @@
 use super::panels::controls::choices;
 use super::viewer::export_preview::{ExportChoice, PreviewReport};
 use crate::export::mapping::{self, GradientSplit, Mapping, OpacityMapping, is_plain};
+use crate::export::mesh::MeshFormat;
 use crate::export::{ExportError, ModelFormat, SpzVersion};
 use crate::model::splat::appearance::SplatView;
 use eframe::egui::{Grid, Ui};
@@ -27,6 +28,17 @@ impl ExportKind {
         let format = ModelFormat::from_path(path)?;
         let is_cloud = self == Self::PointCloud && format == ModelFormat::Ply;
         Ok(if is_cloud { ModelFormat::PointCloudPly } else { format })
+    }
+
+    /// Checks that a file with this extension can have the content.
+    ///
+    /// # Errors
+    /// As [`Self::splat_format`] and [`MeshFormat::from_path`].
+    pub fn check(self, path: &Path) -> Result<(), ExportError> {
+        match self {
+            Self::Mesh => MeshFormat::from_path(path).map(drop),
+            _ => self.splat_format(path).map(drop),
+        }
     }
 }
 

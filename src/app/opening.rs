@@ -5,6 +5,7 @@ use super::state::{HomeView, NoticeKind, Opened, Subject};
 use super::training::{RefusedSetting, TrainSettings};
 use super::wording::{origin_info, session_info};
 use crate::dataset::LoadOptions;
+use crate::dataset::calibration::Calibration;
 use crate::dataset::error::DatasetError;
 use crate::export::ExportError;
 use crate::export::checkpoint::is_checkpoint;
@@ -51,6 +52,61 @@ pub enum OpenError {
     Run(#[from] RunError),
     #[error(transparent)]
     Setting(#[from] RefusedSetting),
+}
+
+/// Reason why a path cannot be opened or written.
+#[derive(Clone, Debug)]
+pub struct PathProblem {
+    pub text: String,
+    /// Folder of the recording of which the path is a part.
+    pub above: Option<PathBuf>,
+}
+
+impl From<String> for PathProblem {
+    fn from(text: String) -> Self {
+        Self { text, above: None }
+    }
+}
+
+impl From<OpenError> for PathProblem {
+    fn from(error: OpenError) -> Self {
+        let text = error.to_string();
+        match error {
+            OpenError::Dataset(DatasetError::InsideRecording { above, .. }) => {
+                Self { text, above: Some(above) }
+            }
+            _ => text.into(),
+        }
+    }
+}
+
+/// Checks that a path exists and looks like something that can be opened, without reading all of it.
+/// `follows` is true if recordings are followed, whose folders may still be empty.
+pub fn check(path: &Path, reading: &LoadOptions, follows: bool) -> Result<(), PathProblem> {
+    if is_calibration(path) {
+        return Calibration::read(path).map(drop).map_err(|error| error.to_string().into());
+    }
+    if path.is_file() && !dataset::is_archive(path) {
+        return check_model(path);
+    }
+    if follows && path.is_dir() {
+        return Ok(());
+    }
+    let recognised = dataset::recognise(path, reading).map_err(OpenError::from);
+    Ok(recognised.map(drop)?)
+}
+
+/// Checks by its start that a file may be a checkpoint or a model.
+pub fn check_model(path: &Path) -> Result<(), PathProblem> {
+    match is_checkpoint(path) {
+        true => Ok(()),
+        false => Ok(export::check_start(path).map_err(OpenError::from)?),
+    }
+}
+
+/// True for the name of a calibration file.
+pub fn is_calibration(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "ron")
 }
 
 /// Opens a dataset or model and gives it the serial number `serial`. Training uses the settings in

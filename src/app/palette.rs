@@ -160,6 +160,7 @@ impl Palette {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::app::splat_updates::RunMoment;
     use crate::model::splat::texture::{Lattice, TEXELS, Texel, Texture};
     use crate::render::attributes::UNKNOWN;
 
@@ -181,7 +182,7 @@ mod tests {
         assert!(matches!(unknown, SplatChange::All(s) if s.iter().all(|s| s.color == UNKNOWN)));
         assert!(palette.set_attribute(Some(Attribute::Birth)).is_none());
         let attributes = vec![born(Some(0)), born(None), born(Some(10))];
-        palette.change(SplatUpdate { change: all(3), attributes, n_frames: 1 });
+        palette.change(SplatUpdate { change: all(3), attributes, after: RunMoment::default() });
         let colors: Vec<_> = palette.splats().iter().map(|s| s.color).collect();
         assert_eq!(colors, [ramp(0.0), UNKNOWN, ramp(1.0)]);
         palette.set_attribute(None);
@@ -244,11 +245,11 @@ mod tests {
         palette.change(all(4).into());
         palette.set_attribute(Some(Attribute::Birth));
         let attributes = vec![born(Some(0)), born(None), born(Some(10)), born(None)];
-        palette.change(SplatUpdate { change: all(4), attributes, n_frames: 1 });
+        palette.change(SplatUpdate { change: all(4), attributes, after: RunMoment::default() });
         let change = |palette: &mut Palette, id, frame| {
             let change = SplatChange::some(vec![id], vec![Splat::default()]);
             let attributes = vec![born(Some(frame))];
-            palette.change(SplatUpdate { change, attributes, n_frames: 2 })
+            palette.change(SplatUpdate { change, attributes, after: RunMoment::default() })
         };
         let within = change(&mut palette, 1, 5);
         assert!(matches!(&within, SplatChange::Some { ids, splats }

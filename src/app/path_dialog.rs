@@ -2,13 +2,16 @@
 //!
 //! The field always works, while native dialogs need a desktop portal. A native dialog itself prompts
 //! before a file is replaced; for the field, this module does. The path is checked on a separate thread,
-//! because a drive that does not respond must not block the window.
+//! because a drive that does not respond must not block the window. A dialog stays open, with what was
+//! typed, until its path passes the check.
 
-use super::opening::{FileProposal, absolute_or_same};
+use super::opening::{FileProposal, PathProblem, absolute_or_same};
 use super::panels::controls::{choices, named, optional_number};
+use super::panels::notices::OPEN_ABOVE;
 use super::worker::Waker;
 use crate::dataset::{LoadOptions, PoseConvention};
 use crate::export::format::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
+use crate::export::video::is_video;
 use crate::pipeline::job::Job;
 use eframe::egui::{
     Align2, Button, CollapsingHeader, ComboBox, DragValue, Grid, Id, Key, Modal, RichText,
@@ -106,10 +109,10 @@ pub struct PathDialog {
     /// Path of a file whose replacement the user has confirmed in a native dialog.
     approved: Option<PathBuf>,
     /// Entered path, and the job that checks what exists there.
-    checking: Option<(PathBuf, Job<Occupant>)>,
+    checking: Option<(PathBuf, Job<Result<Occupant, PathProblem>>)>,
     /// Existing file or folder whose replacement the user must confirm.
     replacing: Option<(PathBuf, Occupant)>,
-    problem: Option<String>,
+    problem: Option<PathProblem>,
     /// True if the text field must receive the focus, because the dialog was just opened.
     takes_focus: bool,
 }
@@ -219,6 +222,12 @@ impl PathDialog {
         self.takes_focus = true;
     }
 
+    /// Shows the dialog again, because its path could not be used after all.
+    pub fn show_problem(&mut self, problem: impl Into<PathProblem>) {
+        self.show();
+        self.problem = Some(problem.into());
+    }
+
     /// Shows the dialog with a path.
     pub fn show_path(&mut self, path: &Path) {
         self.show();
@@ -237,11 +246,13 @@ impl PathDialog {
     }
 
     /// Draws the dialog. `choices` draws further controls in it. `below` draws content under the buttons,
-    /// where it may appear later without moving them. Returns the confirmed path or the cancellation.
+    /// where it may appear later without moving them. `check` is applied to a confirmed path. Returns the
+    /// path once it has passed, or the cancellation.
     pub fn ui(
         &mut self,
         ui: &Ui,
         waker: &Waker,
+        check: impl FnOnce(&Path) -> Result<(), PathProblem> + Send + 'static,
         choices: impl FnOnce(&mut Ui),
         below: impl FnOnce(&mut Ui),
     ) -> Option<PathAnswer> {
@@ -278,11 +289,12 @@ impl PathDialog {
             return self.prompt_replacement(ui);
         }
         if confirmed {
-            return self.confirm(waker);
+            self.confirm(waker, check);
+            return None;
         }
         if !stays || ui.input(|i| i.key_pressed(Key::Escape)) {
             // A check in progress must not answer for a closed dialog.
-            (self.is_open, self.checking) = (false, None);
+            (self.is_open, self.checking, self.problem) = (false, None, None);
             return Some(PathAnswer::Cancelled);
         }
         None
@@ -294,24 +306,32 @@ impl PathDialog {
         absolute_or_same(&path)
     }
 
-    /// Accepts the entered path. A path to be written is first checked on a separate thread; `None` is
-    /// returned until then.
-    fn confirm(&mut self, waker: &Waker) -> Option<PathAnswer> {
-        let path = self.entered();
-        if !self.purpose.writes() {
-            return Some(self.answer(path));
-        }
+    /// Starts to check the entered path on a separate thread.
+    fn confirm(
+        &mut self,
+        waker: &Waker,
+        check: impl FnOnce(&Path) -> Result<(), PathProblem> + Send + 'static,
+    ) {
+        let (path, purpose) = (self.entered(), self.purpose);
         let checked = path.clone();
-        match Job::start_waking("dialog", waker.clone(), move || Occupant::of(&checked)) {
+        let look = move || {
+            let occupant = Occupant::of(&checked);
+            if purpose.writes() {
+                check_place(&checked, occupant, purpose)?;
+            }
+            check(&checked)?;
+            Ok(occupant)
+        };
+        match Job::start_waking("dialog", waker.clone(), look) {
             Ok(job) => self.checking = Some((path, job)),
             Err(error) => {
                 let path = path.display();
-                self.problem = Some(format!(
+                let text = format!(
                     "{path}: starting the thread that checks this path failed: {error}; try again"
-                ));
+                );
+                self.problem = Some(text.into());
             }
         }
-        None
     }
 
     /// Handles the result of the path check, if it is available: returns the path, or prompts before an
@@ -326,21 +346,17 @@ impl PathDialog {
         }
         match looked {
             Err(panic) => {
-                self.problem = Some(format!(
-                    "{}: {}",
-                    path.display(),
-                    panic.failure_notice("checking this path")
-                ));
+                let said = panic.failure_notice("checking this path");
+                self.problem = Some(format!("{}: {said}", path.display()).into());
             }
-            // Pictures of a film are written into a folder, which may exist.
-            Ok(Occupant::Folder) if self.purpose != Purpose::Film => {
-                let path = path.display();
-                self.problem = Some(format!("{path} is a folder: add the name of a file"));
+            Ok(Err(problem)) => self.problem = Some(problem),
+            Ok(Ok(occupant)) => {
+                let exists = self.purpose.writes() && occupant != Occupant::Nothing;
+                if !exists || self.approved.as_ref() == Some(&path) {
+                    return Some(self.answer(path));
+                }
+                self.replacing = Some((path, occupant));
             }
-            Ok(Occupant::File | Occupant::Folder) if self.approved.as_ref() != Some(&path) => {
-                self.replacing = looked.ok().map(|occupant| (path, occupant));
-            }
-            Ok(_) => return Some(self.answer(path)),
         }
         None
     }
@@ -395,8 +411,14 @@ impl PathDialog {
         {
             ui.label(RichText::new(format!("Folder: {}", folder.display())).weak());
         }
-        if let Some(problem) = &self.problem {
-            ui.colored_label(ui.visuals().error_fg_color, problem);
+        if let Some(PathProblem { text, above }) = self.problem.clone() {
+            ui.colored_label(ui.visuals().error_fg_color, text);
+            if let Some(above) = above
+                && ui.button(OPEN_ABOVE).clicked()
+            {
+                (self.path, self.problem) = (above.display().to_string(), None);
+                confirmed = true;
+            }
         }
         choices(ui);
         ui.horizontal(|ui| {
@@ -485,6 +507,26 @@ enum Occupant {
     /// A file or link that would be replaced.
     File,
     Folder,
+}
+
+/// Checks that a file, or a film in place of one, can be written at a path.
+fn check_place(path: &Path, occupant: Occupant, purpose: Purpose) -> Result<(), PathProblem> {
+    // Pictures of a film are written into a folder, which may exist or is created.
+    if purpose == Purpose::Film && !is_video(path) {
+        return Ok(());
+    }
+    if occupant == Occupant::Folder {
+        return Err(format!("{} is a folder: add the name of a file", path.display()).into());
+    }
+    match path.parent().filter(|folder| !folder.is_dir()) {
+        None => Ok(()),
+        Some(folder) => {
+            let folder = folder.display();
+            let text =
+                format!("{folder}: found no folder, expected one to write to; choose another");
+            Err(text.into())
+        }
+    }
 }
 
 /// Time after which a dialog reports that it waits for a drive. Drives that respond take less time.

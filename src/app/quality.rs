@@ -7,7 +7,7 @@
 //! `vbgs-studio eval`.
 
 use super::edit::past::PastScene;
-use super::retention::{Retention, positions};
+use super::retention::{Retention, positions, put};
 use super::splat_updates::SplatChange;
 use super::state::{Opened, RunState, Snapshot};
 use super::view_thread::{Announce, REST, ViewThread, one_thread};
@@ -17,7 +17,7 @@ use crate::dataset::splits::{Evaluation, HoldOut, ViewGroup};
 use crate::eval::choices::{GroundTruth, ViewPoses};
 use crate::eval::metrics::mean_std;
 use crate::eval::near::{NearRule, near_plane};
-use crate::eval::report::{Detail, ViewReport};
+use crate::eval::report::{Detail, QualityCurves, QualityPoint, ViewReport};
 use crate::eval::views::{EvalOptions, evaluate};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
@@ -39,22 +39,6 @@ const MAX_VIEWS: usize = 100;
 /// Minimum pause between two measurements during training.
 const MIN_REST: Duration = Duration::from_millis(500);
 
-/// Mean metrics over a set of views, after training on `frames` frames.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct QualityPoint {
-    pub frames: usize,
-    pub seconds: f64,
-    pub components: usize,
-    pub psnr: f64,
-    /// Mean PSNR over the pixels that splats cover, dB, and mean fraction of such pixels in a view.
-    pub covered: Option<(f64, f64)>,
-    pub ssim: f64,
-    /// Mean detail with colours aligned; `None` for views without any.
-    pub detail: Option<Detail>,
-    /// Mean absolute depth error, world units; `None` for views without depth.
-    pub depth_error: Option<f64>,
-}
-
 pub struct QualityMonitor {
     waker: Waker,
     thread: Option<ViewThread<QualityQuery, QualityAnswer>>,
@@ -64,6 +48,8 @@ pub struct QualityMonitor {
     pub evaluation: Option<Evaluation>,
     /// Mean metrics over the sampled views, oldest first.
     pub history: Vec<QualityPoint>,
+    /// True if the curves differ from those taken last.
+    has_new_curves: bool,
     /// True if the newest scene includes all photographs that wait in the shuffle buffer.
     settled: bool,
     /// Latest report of each view, worst first. A report of an earlier scene remains until the view is
@@ -91,6 +77,7 @@ impl QualityMonitor {
             subject: None,
             evaluation: None,
             history: Vec::new(),
+            has_new_curves: false,
             views: Vec::new(),
             settled: false,
             measured_at: None,
@@ -139,6 +126,16 @@ impl QualityMonitor {
         (done == all).then(|| mean_quality(&self.side, at))?
     }
 
+    /// Returns the curves of the subject with this serial number, if they have changed since the last call.
+    pub fn take_new_curves(&mut self) -> Option<(u64, QualityCurves)> {
+        let (serial, options) = self.subject?;
+        std::mem::take(&mut self.has_new_curves).then(|| {
+            let renderer = Some(options.render.method.renderer());
+            let (quality, retention) = (self.history.clone(), self.retention.frames.clone());
+            (serial, QualityCurves { renderer, quality, retention })
+        })
+    }
+
     pub fn change(&self, change: &SplatChange) {
         if let Some(thread) = &self.thread {
             thread.change(change.clone());
@@ -156,7 +153,7 @@ impl QualityMonitor {
         (splats, past): (&Arc<SplatSet>, &[PastScene]),
     ) {
         let Some(opened) = &snapshot.opened else { return };
-        self.set_subject(opened, method);
+        self.set_subject(opened, method, &snapshot.curves);
         // The scene differs after the same number of frames: pending photographs were included at rest,
         // or a frame could not be placed.
         let is_other =
@@ -174,12 +171,12 @@ impl QualityMonitor {
         } else if rests
             && let Some((purpose, views, scene)) = self.next_past(opened, snapshot, past)
         {
-            self.past_measured.insert((scene.n_frames, purpose));
+            self.past_measured.insert((scene.after.n_seen, purpose));
             self.request_measurement(opened, snapshot, (purpose, views, Some(scene)), splats);
         }
     }
 
-    fn set_subject(&mut self, opened: &Opened, method: RenderMethod) {
+    fn set_subject(&mut self, opened: &Opened, method: RenderMethod, known: &QualityCurves) {
         // The default background of `eval`, whose figures these must equal.
         let black = [0.0; 3];
         let render = RenderOptions::evaluation(method, black);
@@ -195,6 +192,12 @@ impl QualityMonitor {
             let thread = self.thread.take().filter(|_| is_same);
             let subject = Some((opened.serial, options));
             *self = Self { thread, subject, ..Self::new(self.waker.clone()) };
+            if known.renderer == Some(method.renderer()) {
+                for point in &known.quality {
+                    put(&mut self.history, *point, |known| known.frames as f64);
+                }
+                self.retention = Retention::restored(&known.retention);
+            }
         }
         let hold_out = opened.selection.as_ref().map_or_else(HoldOut::default, |s| s.hold_out);
         // In every pass, because a followed recording gains views; a held-out sector never changes.
@@ -203,6 +206,14 @@ impl QualityMonitor {
             let found = of.map(|(dataset, plan)| dataset.evaluation_by(hold_out, plan.split));
             self.evaluation = found.and_then(Result::ok);
         }
+    }
+
+    /// Adds the mean metrics over `views` to the history, in place of an earlier measurement of the same
+    /// scene. `at` is as of [`mean_quality`].
+    fn add_point(&mut self, views: &[ViewReport], at: (usize, f64, usize)) {
+        let Some(point) = mean_quality(views, at) else { return };
+        put(&mut self.history, point, |known| known.frames as f64);
+        self.has_new_curves = true;
     }
 
     fn take_answer(&mut self) {
@@ -222,18 +233,12 @@ impl QualityMonitor {
         self.problem = None;
         let frames = query.at.0;
         match query.purpose {
-            QualityPurpose::HeldOut if query.scene.is_some() => {
-                let at = self.history.partition_point(|point| point.frames < frames);
-                if self.history.get(at).is_none_or(|point| point.frames != frames)
-                    && let Some(point) = mean_quality(&scores, query.at)
-                {
-                    self.history.insert(at, point);
-                }
-            }
+            QualityPurpose::HeldOut if query.scene.is_some() => self.add_point(&scores, query.at),
             QualityPurpose::Retention => {
                 let psnr = |view| scores.iter().find(|s| s.index == view).map(|s| s.psnr);
                 let followed = positions(query.at.0).into_iter().zip(query.views);
                 let known = followed.filter_map(|(position, view)| Some((position, psnr(view)?)));
+                self.has_new_curves = true;
                 match query.scene {
                     Some(_) => self.retention.insert(frames, known),
                     None => self.retention.add_measurements(frames, known),
@@ -252,7 +257,7 @@ impl QualityMonitor {
                 }
                 // The sampled views are measured first, so that all points compare the same views.
                 if self.n_measured == 0 {
-                    self.history.extend(mean_quality(&scores, query.at));
+                    self.add_point(&scores, query.at);
                 }
                 self.n_measured += query.views.len();
                 self.views.retain(|known| scores.iter().all(|new| new.index != known.index));
@@ -325,16 +330,17 @@ impl QualityMonitor {
         if is_busy || self.problem.is_some() || done < all {
             return None;
         }
-        let earlier = past.iter().filter(|scene| scene.n_frames < snapshot.frames_done);
+        let earlier = past.iter().filter(|scene| scene.after.n_seen < snapshot.n_seen());
         let both = earlier.flat_map(|scene| {
             [QualityPurpose::HeldOut, QualityPurpose::Retention].map(|purpose| (purpose, scene))
         });
         let plan = opened.plan.as_ref()?;
-        let new = both
-            .filter(|(purpose, scene)| !self.past_measured.contains(&(scene.n_frames, *purpose)));
+        let new = both.filter(|(purpose, scene)| {
+            !self.past_measured.contains(&(scene.after.n_seen, *purpose))
+        });
         let mut new = new.map(|(purpose, scene)| {
             let views = match purpose {
-                QualityPurpose::Retention => trained_frames(plan, scene.n_frames),
+                QualityPurpose::Retention => trained_frames(plan, scene.after.n_trained),
                 _ => self.chosen(SAMPLED),
             };
             (purpose, views, scene)
@@ -395,7 +401,7 @@ impl QualityMonitor {
             options,
             near_rule: NearRule::of(opened.method.as_ref().map(Method::preset)),
             at: match past {
-                Some(scene) => (scene.n_frames, scene.seconds, scene.splats.len()),
+                Some(scene) => (scene.after.n_trained, scene.after.seconds, scene.splats.len()),
                 None => (snapshot.frames_done, snapshot.pace.trained_s, snapshot.model.used),
             },
             scene: past.map(|scene| scene.splats.clone()),

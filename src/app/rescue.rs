@@ -4,7 +4,8 @@
 //! beside it. The lock file is locked while the window is open; the lock is released however the process
 //! ends. A checkpoint without a locked lock file therefore belongs to a window that closed before the user
 //! saved or discarded the run. The program offers this run at its next startup, and never reuses the slot
-//! for another run.
+//! for another run. It offers checkpoints in the same way that `train` left in the state folder itself, because
+//! it could not write them to their own.
 
 use super::opening::absolute_or_same;
 use super::user_folders;
@@ -160,18 +161,24 @@ pub struct AbandonedRun {
 pub fn find_newest(folders: &[PathBuf], dataset: Option<&Path>) -> Option<AbandonedRun> {
     // Absolute, as checkpoints store their dataset.
     let dataset = dataset.map(absolute_or_same);
-    let entries = folders.iter().flat_map(|folder| std::fs::read_dir(folder.join(FOLDER)));
+    let list = |folder: PathBuf| {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.filter_map(|entry| slot_modified(&entry.path()))
+    };
     let mut slots: Vec<(SystemTime, PathBuf)> =
-        entries.flatten().flatten().filter_map(|entry| slot_modified(&entry.path())).collect();
+        folders.iter().flat_map(|folder| list(folder.join(FOLDER))).collect();
+    let beside = folders.iter().flat_map(|folder| list(folder.clone()));
+    slots.extend(beside.filter(|(_, path)| is_rescued(path)));
     slots.sort();
     // Newest first, and lazily: checkpoints are large, so older ones are not read at all.
     let mut slots = slots.into_iter().rev().map(|(_, path)| path);
     slots.find_map(|path| {
-        let is_meant = dataset.as_ref().is_none_or(|dataset| is_slot_of(&path, dataset));
+        let may_be = |dataset| is_slot_of(&path, dataset) || is_rescued(&path);
+        let is_meant = dataset.as_deref().is_none_or(may_be);
         // A locked slot belongs to a window that is still open.
         let is_free = is_meant && matches!(AutosaveSlot::lock_existing(&path), Ok(Some(_)));
         is_free.then(|| read_run(&path)).flatten().filter(|run| {
-            // The file name holds only a checksum of the dataset's path, which may collide.
+            // The file name holds at most a checksum of the dataset's path, which may collide.
             dataset.as_ref().is_none_or(|dataset| run.dataset == *dataset)
         })
     })
@@ -215,6 +222,17 @@ fn backup_path(path: &Path) -> PathBuf {
 fn slot_name(dataset: &Path, n: usize) -> String {
     let stem = stem(&absolute_or_same(dataset));
     if n == 1 { format!("{stem}.{ENDING}") } else { format!("{stem}-{n}.{ENDING}") }
+}
+
+/// Beginning of the name of a checkpoint that `train` could not write to its own folder; the process ID
+/// follows.
+const UNSAVED: &str = "unsaved-";
+/// End of the name, before the extension, of a checkpoint that a crash of `train` left.
+const RESCUED: &str = "-rescued";
+
+fn is_rescued(path: &Path) -> bool {
+    let stem = path.file_stem().and_then(|stem| stem.to_str());
+    stem.is_some_and(|stem| stem.starts_with(UNSAVED) || stem.contains(RESCUED))
 }
 
 fn is_slot_of(path: &Path, dataset: &Path) -> bool {

@@ -1,17 +1,12 @@
 //! Retention: PSNR of frames that were trained on earlier, measured repeatedly during training.
 
+use crate::eval::report::RetainedFrame;
+
 /// Position in the training order of the second frame whose PSNR is tracked.
 // Positions double from there, so that a long run tracks few frames.
 const STEP: usize = 10;
 // Each is rendered and measured again and again.
 const MAX_FOLLOWED: usize = 8;
-
-#[derive(Clone, Debug, PartialEq)]
-pub struct RetainedFrame {
-    pub position: usize,
-    /// Measurements of the frame: number of trained frames at that time, and PSNR, dB.
-    pub psnr: Vec<[f64; 2]>,
-}
 
 #[derive(Clone, Debug, Default)]
 pub struct Retention {
@@ -20,6 +15,17 @@ pub struct Retention {
 }
 
 impl Retention {
+    /// Continues curves of an earlier window.
+    pub fn restored(known: &[RetainedFrame]) -> Self {
+        let mut retention = Self::default();
+        for frame in known {
+            for [frames_done, psnr] in &frame.psnr {
+                retention.insert(*frames_done as usize, [(frame.position, *psnr)]);
+            }
+        }
+        retention
+    }
+
     /// True if there is no measurement, or if the latest one was made before `frames_done` frames were
     /// trained.
     pub fn measured_before(&self, frames_done: usize) -> bool {
@@ -42,7 +48,8 @@ impl Retention {
         self.insert(frames_done, measured);
     }
 
-    /// Inserts measurements of a scene as it was after `frames_done` frames.
+    /// Inserts measurements of a scene as it was after `frames_done` frames. Later measurements of the same
+    /// scene replace earlier ones.
     pub fn insert(&mut self, frames_done: usize, measured: impl IntoIterator<Item = (usize, f64)>) {
         for (position, psnr) in measured {
             let at = match self.frames.iter().position(|frame| frame.position == position) {
@@ -52,10 +59,16 @@ impl Retention {
                     self.frames.len() - 1
                 }
             };
-            let (curve, x) = (&mut self.frames[at].psnr, frames_done as f64);
-            curve.insert(curve.partition_point(|known| known[0] <= x), [x, psnr]);
+            put(&mut self.frames[at].psnr, [frames_done as f64, psnr], |point| point[0]);
         }
     }
+}
+
+/// Adds a point to a curve that ascends by `x`, in place of one with the same `x`.
+pub fn put<T>(curve: &mut Vec<T>, point: T, x: impl Fn(&T) -> f64) {
+    let at = curve.partition_point(|known| x(known) < x(&point));
+    let n_replaced = usize::from(curve.get(at).is_some_and(|known| x(known) == x(&point)));
+    curve.splice(at..at + n_replaced, [point]);
 }
 
 /// Returns the positions of the frames tracked after `frames_done` frames: 0, 10, 20, 40, 80 and so on.
@@ -90,5 +103,10 @@ mod tests {
         retention.insert(7, [(0, 29.5)]);
         assert_eq!(retention.frames[0].psnr, [[5.0, 30.0], [7.0, 29.5], [12.0, 29.0]]);
         assert!(!retention.measured_before(12), "earlier scenes do not count as the newest");
+        let mut restored = Retention::restored(&retention.frames);
+        assert_eq!(restored.frames, retention.frames);
+        assert!(restored.measured_before(12));
+        restored.add_measurements(12, [(0, 28.0), (10, 31.0)]);
+        assert_eq!(restored.frames[0].psnr, [[5.0, 30.0], [7.0, 29.5], [12.0, 28.0]]);
     }
 }

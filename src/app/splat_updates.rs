@@ -67,14 +67,23 @@ impl SplatChange {
 pub struct SplatUpdate {
     pub change: SplatChange,
     pub attributes: Vec<ComponentAttributes>,
-    /// Number of frames that were processed for the scene, including skipped ones.
-    pub n_frames: usize,
+    pub after: RunMoment,
+}
+
+/// Moment of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RunMoment {
+    /// Number of frames that were processed, including skipped ones.
+    pub n_seen: usize,
+    pub n_trained: usize,
+    /// Training time until then, seconds.
+    pub seconds: f64,
 }
 
 impl From<SplatChange> for SplatUpdate {
     fn from(change: SplatChange) -> Self {
         // With 0 frames no copy for the history is stored.
-        Self { change, attributes: Vec::new(), n_frames: 0 }
+        Self { change, attributes: Vec::new(), after: RunMoment::default() }
     }
 }
 

@@ -7,7 +7,7 @@ use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::pose_check::PoseCheck;
 use crate::dataset::surface::sample::FrameSample;
 use crate::dataset::{Dataset, LoadOptions};
-use crate::eval::report::{FrameReport, SkippedFrame, quantile};
+use crate::eval::report::{FrameReport, QualityCurves, SkippedFrame, quantile};
 use crate::math::camera::Camera;
 use crate::model::inspection::Inspection;
 use crate::model::splat::appearance::Appearance;
@@ -195,6 +195,8 @@ pub struct Snapshot {
     pub is_terminated: bool,
     pub inspected: Option<Arc<Inspected>>,
     pub sampling: FrameSampling,
+    /// Quality measured during the run, also before it was resumed.
+    pub curves: Arc<QualityCurves>,
     pub notices: Arc<Vec<Notice>>,
     pub following: FollowState,
 }
@@ -238,6 +240,8 @@ pub struct FileState {
     /// Number of frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
     pub latest_write: Option<WriteOutcome>,
+    /// Number of the latest file that could not be written, and the error.
+    pub failed_write: Option<(u64, Arc<str>)>,
     /// Run of an earlier window that was neither saved nor discarded, offered for resuming.
     pub abandoned: Option<Arc<AbandonedRun>>,
 }
@@ -325,6 +329,14 @@ impl OpenAs {
     }
 }
 
+/// What a notice offers besides being closed.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NoticeOffer {
+    OpenAs(OpenAs),
+    /// Opens the folder of the recording of which a part was to be opened.
+    OpenAbove(PathBuf),
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub struct Notice {
     /// Serial number, which increases with every notice, so that closed notices do not reappear.
@@ -332,7 +344,7 @@ pub struct Notice {
     pub topic: NoticeTopic,
     pub kind: NoticeKind,
     pub text: String,
-    pub open_as: Option<OpenAs>,
+    pub offer: Option<NoticeOffer>,
 }
 
 /// Topic of a notice, which determines how long it is shown.

@@ -38,6 +38,11 @@ pub enum DatasetError {
         "{}: found {found}, expected a known layout ({expected}); give the folder that directly holds its files", path.display()
     )]
     NotRecognised { path: PathBuf, expected: String, found: String },
+    /// The folder is part of a recording.
+    #[error(
+        "{}: found a part of a recording, expected all of it; open the folder above, {}", path.display(), above.display()
+    )]
+    InsideRecording { path: PathBuf, above: PathBuf },
     /// A recording or model of another program, from which images can be made.
     #[error("{}: found {kind}, expected images that are read; {hint}", path.display())]
     OtherFormat { path: PathBuf, kind: &'static str, hint: &'static str },

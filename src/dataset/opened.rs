@@ -76,10 +76,36 @@ pub struct Dataset {
 pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
     // Checked before any file is read: an invalid option is wrong usage, whatever the folder holds.
     options.check()?;
-    let dataset = read(&Folder::open(path, RecordingState::default())?, path, options)?;
+    let folder = Folder::open(path, RecordingState::default())?;
+    let dataset = read(&folder, path, options).map_err(|error| advised(error, options))?;
     match dataset.splits.is_empty() {
         true => Err(no_usable_frame(path, dataset.warnings)),
         false => Ok(dataset),
+    }
+}
+
+/// Checks that [`open`] would recognise the layout of a folder or archive, without reading its frames.
+///
+/// # Errors
+/// As for [`open`], of the folder and its layout.
+pub fn recognise(path: &Path, options: &LoadOptions) -> Result<Layout, DatasetError> {
+    let folder = Folder::open(path, RecordingState::default())?;
+    let found = formats::recognise(&folder, options).map_err(|error| advised(error, options))?;
+    Ok(found.0)
+}
+
+/// Replaces the error of an unknown layout if the folder above has a known one.
+fn advised(error: DatasetError, options: &LoadOptions) -> DatasetError {
+    let DatasetError::NotRecognised { path, .. } = &error else { return error };
+    let above = path.canonicalize().ok().and_then(|path| Some(path.parent()?.to_owned()));
+    let is_recording = |above: &PathBuf| {
+        Folder::open(above, RecordingState::default())
+            .and_then(|folder| formats::recognise(&folder, options))
+            .is_ok()
+    };
+    match above.filter(is_recording) {
+        Some(above) => DatasetError::InsideRecording { path: path.clone(), above },
+        None => error,
     }
 }
 

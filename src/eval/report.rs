@@ -198,6 +198,62 @@ impl From<&FrameError> for SkippedFrame {
     }
 }
 
+/// Quality measured repeatedly during a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct QualityCurves {
+    /// Renderer of all measurements; `None` without measurements.
+    pub renderer: Option<Renderer>,
+    /// Means over held-out views, in ascending order of frames.
+    pub quality: Vec<QualityPoint>,
+    /// Frames that were trained on early.
+    pub retention: Vec<RetainedFrame>,
+}
+
+impl QualityCurves {
+    /// Returns the curves without values that JSON cannot represent, such as the PSNR of equal pictures.
+    pub fn finite(mut self) -> Self {
+        // JSON turns them into `null`, and is then refused on reading.
+        let is_read_back = |point: &QualityPoint| {
+            serde_json::to_value(point).and_then(serde_json::from_value::<QualityPoint>).is_ok()
+        };
+        self.quality.retain(is_read_back);
+        for frame in &mut self.retention {
+            frame.psnr.retain(|point| point.iter().all(|value| value.is_finite()));
+        }
+        self
+    }
+}
+
+/// Mean metrics over a set of views.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct QualityPoint {
+    /// Number of frames trained on.
+    pub frames: usize,
+    /// Training time until then, seconds.
+    pub seconds: f64,
+    /// Number of components in use.
+    pub components: usize,
+    /// Mean PSNR, dB.
+    pub psnr: f64,
+    /// Mean PSNR over the pixels that splats cover, dB, and mean fraction of such pixels in a view.
+    pub covered: Option<(f64, f64)>,
+    /// Mean SSIM.
+    pub ssim: f64,
+    /// Mean detail with colours aligned; `None` for views without any.
+    pub detail: Option<Detail>,
+    /// Mean absolute depth error, world units; `None` for views without depth.
+    pub depth_error: Option<f64>,
+}
+
+/// Trained frame whose PSNR is measured repeatedly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RetainedFrame {
+    /// Position in the order of training, from 0.
+    pub position: usize,
+    /// Number of trained frames at the time of each measurement, and PSNR, dB.
+    pub psnr: Vec<[f64; 2]>,
+}
+
 /// Totals of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -428,6 +484,32 @@ mod tests {
     use super::*;
     use crate::train::scene::config::SceneConfig;
     use crate::train::scene::photometric::rule::PhotometricMode;
+
+    #[test]
+    fn curves_keep_what_json_can_hold() {
+        let point = |psnr: f64| QualityPoint {
+            frames: 3,
+            seconds: 0.5,
+            components: 7,
+            psnr,
+            covered: Some((psnr, 1.0)),
+            ssim: 0.9,
+            detail: None,
+            depth_error: None,
+        };
+        let with = |psnr: &[f64]| QualityCurves {
+            renderer: Some(Renderer::Exact),
+            quality: psnr.iter().map(|psnr| point(*psnr)).collect(),
+            retention: vec![RetainedFrame {
+                position: 10,
+                psnr: psnr.iter().map(|psnr| [3.0, *psnr]).collect(),
+            }],
+        };
+        let finite = with(&[f64::INFINITY, 30.0, f64::NAN]).finite();
+        assert_eq!(finite, with(&[30.0]));
+        let text = serde_json::to_string(&finite).unwrap();
+        assert_eq!(serde_json::from_str::<QualityCurves>(&text).unwrap(), finite);
+    }
 
     #[test]
     fn quantiles_interpolate() {

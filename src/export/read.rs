@@ -43,20 +43,60 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Imported, Fault> {
     parse(Source::of_bytes(bytes), Path::new(""), DEFAULT_MAX_SPLATS)
 }
 
+/// Number of bytes by which the kind of a file is told.
+const PROBED_BYTES: usize = N_PROBED * ROW_BYTES;
+
+/// Checks by the first bytes of a file that it may be a model.
+///
+/// # Errors
+/// The file cannot be read or starts like no model.
+pub fn check_start(path: &Path) -> Result<(), ExportError> {
+    let check = || {
+        let (file, size) = open_file(path)?;
+        let n = size.min(PROBED_BYTES as u64) as usize;
+        kind_of(Source::of_file(&file, size).peek(n).map_err(read_fault)?).map(drop)
+    };
+    check().map_err(|fault: Fault| fault.with_path(path))
+}
+
+enum FileKind {
+    Ply,
+    Glb,
+    Gltf,
+    Spz,
+    Splat,
+}
+
+/// Returns a text without a byte order mark, with which some editors begin it, and spaces.
+fn text_of(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start()
+}
+
 fn parse(mut source: Source, folder: &Path, max_splats: usize) -> Result<Imported, Fault> {
-    let n = source.left.min(N_PROBED as u64 * ROW_BYTES as u64) as usize;
-    let start = source.peek(n).map_err(|source| Fault::Io { action: "read", source })?;
-    // Large files of fixed rows are read in blocks.
-    if start.starts_with(b"ply\n") || start.starts_with(b"ply\r") {
-        return ply::read::ply(source, max_splats);
+    let n = source.left.min(PROBED_BYTES as u64) as usize;
+    match kind_of(source.peek(n).map_err(read_fault)?)? {
+        // Large files of fixed rows are read in blocks.
+        FileKind::Ply => ply::read::ply(source, max_splats),
+        FileKind::Splat => read_splat(source, max_splats),
+        FileKind::Glb => glb::read::glb(&source.all()?, folder, max_splats),
+        FileKind::Gltf => glb::read::gltf(text_of(&source.all()?), folder, max_splats),
+        FileKind::Spz => spz::read::spz(&source.all()?, max_splats),
     }
-    let is_text = text_of(start).starts_with(b"{");
-    let is_spz = spz::read::is_plain(start) || spz::read::is_gzip(start);
-    // Last, because this format has no magic bytes.
-    if !start.starts_with(b"glTF") && !is_text && !is_spz {
-        if is_likely(start) {
-            return read_splat(source, max_splats);
-        }
+}
+
+fn kind_of(start: &[u8]) -> Result<FileKind, Fault> {
+    if start.starts_with(b"ply\n") || start.starts_with(b"ply\r") {
+        Ok(FileKind::Ply)
+    } else if start.starts_with(b"glTF") {
+        Ok(FileKind::Glb)
+    } else if text_of(start).starts_with(b"{") {
+        Ok(FileKind::Gltf)
+    } else if spz::read::is_plain(start) || spz::read::is_gzip(start) {
+        Ok(FileKind::Spz)
+    } else if is_likely(start) {
+        // Last, because this format has no magic bytes.
+        Ok(FileKind::Splat)
+    } else {
         let found = match start {
             [] => "an empty file".to_owned(),
             _ => {
@@ -64,40 +104,32 @@ fn parse(mut source: Source, folder: &Path, max_splats: usize) -> Result<Importe
                 format!("a file starting \"{}\"", shorten(&start))
             }
         };
-        return Err(Fault::NotAModel { found });
+        Err(Fault::NotAModel { found })
     }
-    let bytes = source.all()?;
-    match (is_text, is_spz) {
-        (true, _) => glb::read::gltf(text_of(&bytes), folder, max_splats),
-        (_, true) => spz::read::spz(&bytes, max_splats),
-        _ => glb::read::glb(&bytes, folder, max_splats),
-    }
-}
-
-fn text_of(bytes: &[u8]) -> &[u8] {
-    // Some editors begin a text with a byte order mark.
-    bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start()
 }
 
 /// Opens a file; returns its size in bytes as well.
 fn open_file(path: &Path) -> Result<(File, u64), Fault> {
-    let io = |source: std::io::Error| match source.kind() {
-        ErrorKind::NotFound => Fault::Missing,
-        _ => Fault::Io { action: "read", source },
-    };
     // Checked before opening: opening a FIFO blocks until it has a writer, and a device may never end.
-    let kind = std::fs::metadata(path).map_err(io)?.file_type();
+    let kind = std::fs::metadata(path).map_err(read_fault)?.file_type();
     if !kind.is_file() {
         return Err(if kind.is_dir() { Fault::IsFolder } else { Fault::IsStream });
     }
-    let file = File::open(path).map_err(io)?;
-    let size = file.metadata().map_err(io)?.len();
+    let file = File::open(path).map_err(read_fault)?;
+    let size = file.metadata().map_err(read_fault)?.len();
     Ok((file, size))
 }
 
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
     let (file, size) = open_file(path)?;
     Ok(Source::of_file(&file, size).all()?.into_owned())
+}
+
+fn read_fault(source: std::io::Error) -> Fault {
+    match source.kind() {
+        ErrorKind::NotFound => Fault::Missing,
+        _ => Fault::Io { action: "read", source },
+    }
 }
 
 /// Size of the part of a file that is in memory, bytes.
@@ -171,7 +203,7 @@ impl<'a> Source<'a> {
         let start = next - (self.block.len() - self.at) as u64;
         file.seek(SeekFrom::Start(start))
             .and_then(|_| file.take(self.left).read_to_end(&mut bytes))
-            .map_err(|source| Fault::Io { action: "read", source })?;
+            .map_err(read_fault)?;
         Ok(Cow::Owned(bytes))
     }
 }
@@ -213,8 +245,7 @@ fn read_splat(mut source: Source, max_splats: usize) -> Result<Imported, Fault> 
     }
     let mut rows = Rows::with_capacity(n as usize, false, size)?;
     for _ in 0..n {
-        let record =
-            source.take(ROW_BYTES).map_err(|source| Fault::Io { action: "read", source })?;
+        let record = source.take(ROW_BYTES).map_err(read_fault)?;
         let record = record.first_chunk().unwrap_or(&[0; ROW_BYTES]);
         let Record { mean, scale, color: [r, g, b, opacity], rotation } = Record::of(record);
         let rotation = rows.rotation(rotation);

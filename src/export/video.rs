@@ -27,6 +27,8 @@ pub enum FilmError {
     Video { path: PathBuf, found: String },
 }
 
+const FFMPEG: &str = "ffmpeg";
+
 struct VideoWriter {
     path: PathBuf,
     ffmpeg: Child,
@@ -55,6 +57,26 @@ pub fn is_video(path: &Path) -> bool {
     encoding(path).is_some()
 }
 
+/// Checks that ffmpeg can be started if `output` is a video.
+///
+/// # Errors
+/// [`FilmError::Video`].
+pub fn check_encoder(output: &Path) -> Result<(), FilmError> {
+    let start = || {
+        Command::new(FFMPEG).arg("-version").stdout(Stdio::null()).stderr(Stdio::null()).status()
+    };
+    match is_video(output).then(start) {
+        None | Some(Ok(_)) => Ok(()),
+        Some(Err(error)) => {
+            Err(FilmError::Video { path: output.to_owned(), found: not_runnable(error) })
+        }
+    }
+}
+
+fn not_runnable(error: io::Error) -> String {
+    format!("no runnable ffmpeg ({error})")
+}
+
 fn part_name(path: &Path) -> PathBuf {
     // ffmpeg derives the container from the extension.
     Path::new("video").with_extension(path.extension().unwrap_or_default())
@@ -71,7 +93,7 @@ impl VideoWriter {
         // An absolute path, because a name with a leading dash would be read as an option.
         let target = std::path::absolute(growing.path().join(part_name(path)))
             .map_err(|error| failed(error.to_string()))?;
-        let mut ffmpeg = Command::new("ffmpeg");
+        let mut ffmpeg = Command::new(FFMPEG);
         // With `-xerror`, as a disk that is full at the end would pass for success otherwise.
         ffmpeg.args(["-v", "error", "-xerror", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
         ffmpeg.args(["-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-"]);
@@ -79,7 +101,7 @@ impl VideoWriter {
         ffmpeg.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]).args(encoding).arg(target);
         // `finish` reads the errors; other output is not needed.
         ffmpeg.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let ffmpeg = ffmpeg.spawn().map_err(|e| failed(format!("no runnable ffmpeg ({e})")))?;
+        let ffmpeg = ffmpeg.spawn().map_err(|e| failed(not_runnable(e)))?;
         Ok(Self { path: path.to_owned(), ffmpeg, folder: growing })
     }
 

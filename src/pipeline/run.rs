@@ -8,7 +8,8 @@ use crate::dataset::unproject::{CameraConvention, EdgeFilter};
 use crate::dataset::{Dataset, LoadOptions};
 use crate::eval::report;
 use crate::eval::report::{
-    DatasetReport, EvalReport, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
+    DatasetReport, EvalReport, FrameReport, QualityCurves, REPORT_FORMAT, Report, SkippedFrame,
+    Summary,
 };
 use crate::model::attributes::ComponentAttributes;
 use crate::model::inspection::Inspection;
@@ -158,6 +159,7 @@ pub(super) struct RunProgress {
     /// Reports of the trained frames. Those before a resume are missing if the checkpoint has no history.
     pub frames: Vec<FrameReport>,
     pub skipped: Vec<SkippedFrame>,
+    pub curves: QualityCurves,
     /// Training time in seconds.
     pub wall_s: f64,
 }
@@ -172,6 +174,7 @@ impl RunProgress {
             points: 0,
             frames: Vec::new(),
             skipped: refused.map(|w| SkippedFrame::from(&*w.error)).collect(),
+            curves: QualityCurves::default(),
             wall_s: 0.0,
         }
     }

@@ -10,7 +10,7 @@ use super::run::{RunConfig, RunProgress};
 use super::settings::method::MethodRequest;
 use crate::dataset::synthetic::ParamsError;
 use crate::dataset::{Dataset, FrameMarks, range, synthetic};
-use crate::eval::report::{FrameMs, FrameReport, SkippedFrame};
+use crate::eval::report::{FrameMs, FrameReport, QualityCurves, SkippedFrame};
 use crate::math::measured_pixel::Normalization;
 use crate::model::inspection::DeviceError;
 use crate::model::splat::appearance::SplatSet;
@@ -419,6 +419,16 @@ impl Session {
     /// Reports of the trained frames, in order.
     pub fn frames(&self) -> &[FrameReport] {
         &self.past.frames
+    }
+
+    /// Quality measured during the run, by this session or before.
+    pub fn curves(&self) -> &QualityCurves {
+        &self.past.curves
+    }
+
+    /// Sets the quality measured during the run, which checkpoints hold.
+    pub fn set_curves(&mut self, curves: QualityCurves) {
+        self.past.curves = curves;
     }
 
     /// Skipped frames.

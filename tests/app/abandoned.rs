@@ -1,7 +1,7 @@
 //! Autosaved runs of a killed window: the next window offers to continue or forget them and never deletes
 //! one without the user's consent.
 
-use super::harness::{Window, click, dataset, is, step, until, wait};
+use super::harness::{Window, click, dataset, is, step, until, wait, write_to};
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::{Key, Vec2, ViewportCommand, ViewportId};
 use egui_kittest::Harness;
@@ -140,6 +140,41 @@ fn what_is_offered_survives_other_training_until_it_is_forgotten() {
     wait(&mut window, "ready", is(RunState::Ready));
     click(&mut window, "Delete it");
     wait(&mut window, "the file to go", |_| saved(&state).is_empty());
+    window.run_steps(2);
+    assert!(window.query_by_label("Open it").is_none());
+}
+
+/// `train` leaves a checkpoint in the state folder where its own folder is full.
+#[test]
+fn checkpoints_that_were_rescued_are_offered_like_unfinished_runs() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let (room, state) = (dataset(folder.path(), FRAMES), folder.path().join("state"));
+    killed(&room, &state);
+    let slot = saved(&state).remove(0);
+    let rescued = ["unsaved-4711.vbgs", "checkpoint-rescued.vbgs"].map(|name| state.join(name));
+    for file in &rescued {
+        std::fs::copy(&slot, file).unwrap();
+    }
+    std::fs::remove_file(slot).unwrap();
+    // Not one of ours.
+    std::fs::copy(&rescued[0], state.join("mine.vbgs")).unwrap();
+    let n_left = || rescued.iter().filter(|file| file.exists()).count();
+    let Some((mut window, _worker)) = next_window(&room, &state) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    window.run_steps(2);
+    window.get_by_label_contains("room was not saved: 2 of 4 frames are kept.");
+    click(&mut window, "Delete it");
+    wait(&mut window, "the first file to go", |_| n_left() == 1);
+    // The other one follows.
+    click(&mut window, "Open it");
+    wait(&mut window, "the run", |s| s.snapshot().frames_done == 2);
+    assert_eq!(window.state().snapshot().files.unsaved_frames, 2, "not yet saved by the user");
+    let file = folder.path().join("run.vbgs");
+    write_to(&mut window, Key::S, "Save", &file);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
+    until("the second file to go", || n_left() == 0);
+    assert!(state.join("mine.vbgs").exists());
     window.run_steps(2);
     assert!(window.query_by_label("Open it").is_none());
 }

@@ -172,6 +172,8 @@ const PROMISES: &[(&str, &[&str])] = &[
         &[
             "quality.rs: held_out_views_are_measured_as_eval_does_and_a_click_flies_there",
             "src/app/retention.rs: few_frames_are_followed_from_the_moment_they_are_trained",
+            "quality.rs: every_run_has_curves_of_ten_moments_that_a_checkpoint_keeps",
+            "quality.rs: a_long_textured_run_has_curves_of_ten_moments_within_the_budget",
         ],
     ),
     (
@@ -263,6 +265,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         &[
             "editing.rs: a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it",
             "src/app/edit/past.rs: moments_keep_to_the_budget_and_none_is_kept_that_exceeds_it_alone",
+            "src/app/edit/past.rs: a_texture_that_several_moments_share_counts_once",
         ],
     ),
     (

@@ -2,8 +2,11 @@
 #![cfg(target_os = "linux")]
 
 use super::harness::{Window, click, dataset, train, wait, wait_for_label, window, write_to};
+use super::viewer::press;
 use crate::common::adapter::turn;
 use eframe::egui::Key;
+use eframe::egui::accesskit::Role;
+use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::{Painting, Studio};
@@ -57,6 +60,11 @@ fn a_full_disk_is_said_and_the_scene_is_written_elsewhere() {
             Some(false),
             "{name}"
         );
+        // The dialog is open again, with the error and the name.
+        window.run_steps(2);
+        assert!(window.query_all_by_label_contains("disk is full").count() >= 2);
+        assert_eq!(window.get_by_role(Role::TextInput).value(), Some(file.display().to_string()));
+        press(&mut window, Key::Escape);
     }
     let elsewhere = folder.path().join("room.vbgs");
     write_to(&mut window, Key::S, "Save", &elsewhere);

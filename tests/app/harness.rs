@@ -142,6 +142,8 @@ pub fn clear_view(window: &mut Window) {
 /// click would land where the button was before.
 pub fn click(window: &mut Window, label: &str) {
     window.run_steps(2);
+    // A question may follow only after a path was checked on another thread.
+    wait_for_label(window, label);
     window.get_by_label(label).click();
     window.run_steps(2);
 }

@@ -1,16 +1,21 @@
 //! Files and folders dropped on the window, usable and unusable.
 
 use super::harness::{
-    Window, close_notice, dataset, drop_all_on, drop_on, is, step, train, wait, wait_for_text,
-    window, write_to,
+    Window, click, close_notice, dataset, drop_all_on, drop_on, is, step, train, wait,
+    wait_for_label, wait_for_text, window, write_to,
 };
 use crate::common::adapter::turn;
 use eframe::egui::Key;
 use egui_kittest::kittest::Queryable;
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Subject};
 use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::export;
+use zip::ZipWriter;
+use zip::write::SimpleFileOptions;
 
 #[test]
 fn what_cannot_be_opened_is_said_and_what_was_open_stays() {
@@ -90,6 +95,58 @@ fn a_dataset_with_bad_frames_trains_on_the_others_and_counts_them() {
     assert_eq!(snapshot.frames.skipped.len(), 1);
     window.run_steps(2);
     window.get_by_label("1 skipped");
+}
+
+/// The error of a folder inside a dataset offers the dataset.
+#[test]
+fn a_part_of_a_recording_offers_all_of_it_and_an_archive_says_what_to_do() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let room = folder.path().canonicalize().unwrap().join("room");
+    let params = SyntheticParams { n_train: 2, n_eval: 0, ..small() };
+    write(&params, &room, SyntheticLayout::Tum, &mut |_, _| {}).unwrap();
+    let part = room.join("rgb");
+    let expected = format!(
+        "{}: found a part of a recording, expected all of it; open the folder above, {}",
+        part.display(),
+        room.display()
+    );
+    let opens = |s: &Studio| s.snapshot().opened.as_ref().and_then(|opened| opened.path.clone());
+    // Once by the notice, once by the dialog.
+    for asks in [false, true] {
+        let Some(mut window) = window(None, Painting::Auto) else { return };
+        window.run_steps(2);
+        match asks {
+            true => write_to(&mut window, Key::O, "Open", &part),
+            false => drop_on(&mut window, &part),
+        }
+        wait_for_label(&mut window, &expected);
+        assert_eq!(window.state().snapshot().notices.len(), usize::from(!asks));
+        click(&mut window, "Open the folder above");
+        wait(&mut window, "the recording", is(RunState::Ready));
+        assert_eq!(opens(window.state()), Some(room.clone()));
+        window.run_steps(2);
+        assert!(window.query_by_label("Open the folder above").is_none());
+    }
+
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    zip.start_file("rgb/1.png", SimpleFileOptions::default()).unwrap();
+    let archive = folder.path().join("room.zip");
+    std::fs::write(&archive, zip.finish().unwrap().into_inner()).unwrap();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    drop_on(&mut window, &archive);
+    wait_for_label(
+        &mut window,
+        &format!(
+            "{}: found a zip archive, expected images that are read; unpack it and open its folder",
+            archive.display()
+        ),
+    );
+    assert!(window.query_by_label("Open the folder above").is_none());
+}
+
+fn small() -> SyntheticParams {
+    SyntheticParams { width: 64, height: 48, depth_noise: 0.0, ..SyntheticParams::demo() }
 }
 
 /// Simulates an unplugged drive or a moved folder.

@@ -1,15 +1,17 @@
 //! Quality during and after training, and the card shown at the end.
 
-use super::harness::{click, dataset, is, train, wait, wait_for_label, window};
+use super::harness::{click, dataset, is, train, wait, wait_for_label, window, write_to};
 use super::viewer::{evaluated_on_black, position, session};
 use crate::common::adapter::turn;
+use crate::common::shared;
+use eframe::egui::Key;
 use eframe::egui::accesskit::Role;
 use egui_kittest::kittest::Queryable;
 use std::fs;
 use std::path::Path;
-use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::app::wording;
+use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
@@ -157,4 +159,64 @@ fn the_summary_at_the_end_trains_again_finer_and_the_view_stays() {
     let moved = window.state().view().camera.eye().unwrap().distance(eye.unwrap());
     assert!(moved < 1e-9, "by {moved}");
     wait(&mut window, "still", is(RunState::Finished));
+}
+
+/// Curves of a window: quality, and retention of the first frame, each by number of frames.
+fn curves(studio: &Studio) -> [Vec<[f64; 2]>; 2] {
+    let quality = studio.quality();
+    let points = quality.history.iter().map(|point| [point.frames as f64, point.psnr]);
+    let first = quality.retention.frames.first();
+    [points.collect(), first.map_or_else(Vec::new, |first| first.psnr.clone())]
+}
+
+/// Trains, measures the scenes kept for the history after the end, saves and opens the file again.
+fn ten_moments_that_are_kept(path: &Path) {
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Some(Subject::Path(path.to_owned()));
+    let Some(mut first) = window(subject, Painting::Auto) else { return };
+    train(&mut first);
+    wait(&mut first, "moments", |s| {
+        let moments = s.view().editor().stored_scenes.moments();
+        assert!(moments.len() >= 10, "{} moments", moments.len());
+        let kept = moments.iter().map(|moment| moment.after.n_trained);
+        let all = kept.chain([s.snapshot().frames_done]).map(|n| n as f64);
+        curves(s).iter().all(|c| all.clone().all(|n| c.iter().any(|point| point[0] == n)))
+    });
+    let stored = &first.state().view().editor().stored_scenes;
+    println!("{} moments, {} bytes", stored.moments().len(), stored.bytes());
+    let (measured, end) = (curves(first.state()), first.state().snapshot().frames_done as f64);
+    for curve in &measured {
+        let largest = curve.windows(2).map(|pair| pair[1][0] - pair[0][0]).fold(0.0, f64::max);
+        assert!(curve.last().unwrap()[0] == end && largest <= end / 4.0, "{curve:?}");
+    }
+    let file = folder.path().join("run.vbgs");
+    write_to(&mut first, Key::S, "Save", &file);
+    wait(&mut first, "the file", |s| s.snapshot().files.unsaved_frames == 0);
+    drop(first);
+
+    let Some(mut again) = window(Some(Subject::Path(file)), Painting::Auto) else { return };
+    wait(&mut again, "the run", is(RunState::Finished));
+    wait(&mut again, "its curves", |s| !s.quality().history.is_empty());
+    let known = curves(again.state());
+    // The last point may have been measured again meanwhile.
+    let agree = |(a, b): (&[f64; 2], &[f64; 2])| a[0] == b[0] && (a[1] - b[1]).abs() < 1e-6;
+    for (known, measured) in known.iter().zip(&measured) {
+        assert_eq!(known.len(), measured.len());
+        assert!(known.iter().zip(measured).all(agree), "{known:?}, not {measured:?}");
+    }
+}
+
+#[test]
+fn every_run_has_curves_of_ten_moments_that_a_checkpoint_keeps() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    ten_moments_that_are_kept(&dataset(folder.path(), 24));
+}
+
+/// Its textures outweigh its splats many times.
+#[test]
+fn a_long_textured_run_has_curves_of_ten_moments_within_the_budget() {
+    let _turn = turn();
+    let Some(room) = shared("data/kinect_office") else { return };
+    ten_moments_that_are_kept(&room);
 }

@@ -182,11 +182,10 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
             window.run_steps(3);
         }
         drop_on(window, path);
-        window.run_steps(3);
-        if let Some(button) = window.query_by_label("Discard") {
-            button.click();
-        }
         for _ in 0..20 {
+            if let Some(button) = window.query_by_label("Discard") {
+                button.click();
+            }
             window.step();
             std::thread::sleep(std::time::Duration::from_millis(5));
         }

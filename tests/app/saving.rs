@@ -2,17 +2,17 @@
 
 use super::harness::{
     PATIENCE, Window, click, dataset, drop_on, enter_path, is, press_in_dialog, train, wait,
-    wait_for_label, window, write_to,
+    wait_for_label, wait_for_text, window, write_to,
 };
 use super::viewer::press;
 use crate::common::adapter::turn;
 use eframe::App;
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Key, RawInput, ViewportCommand, ViewportEvent, ViewportId};
+use eframe::egui::{Event, Key, RawInput, ViewportCommand, ViewportEvent, ViewportId};
 use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
+use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::export;
 
@@ -130,18 +130,14 @@ fn what_waits_is_given_up_where_no_file_was_written() {
     press(&mut window, Key::Escape);
     assert_eq!(name(window.state()), "room");
 
-    // Failed: the same, with an error notice.
+    // Failed: the dialog says so until it is cancelled.
     let nowhere = folder.path().join("missing/room.vbgs");
     drop_on(&mut window, &kitchen);
     answer(&mut window, "Save first…");
     enter_path(&mut window, &nowhere);
-    window.get_by_role_and_label(Role::Button, "Save").click();
-    let is_told = |s: &Studio| {
-        let notices = s.snapshot().notices.clone();
-        notices.last().is_some_and(|n| n.kind == NoticeKind::Error && n.text.contains("missing"))
-    };
-    wait(&mut window, "the message", is_told);
-    window.run_steps(2);
+    press_in_dialog(&mut window, "Save");
+    wait_for_text(&mut window, "missing: found no folder, expected one to write to");
+    press(&mut window, Key::Escape);
     assert_eq!(window.state().snapshot().files.unsaved_frames, 2);
 
     write_to(&mut window, Key::S, "Save", &folder.path().join("later.vbgs"));
@@ -151,6 +147,59 @@ fn what_waits_is_given_up_where_no_file_was_written() {
         (name(window.state()), window.state().snapshot().state),
         ("room".into(), RunState::Finished)
     );
+}
+
+/// Text of the field of the open dialog.
+fn typed(window: &Window) -> String {
+    window.get_by_role(Role::TextInput).value().unwrap()
+}
+
+#[test]
+fn a_dialog_stays_open_with_its_error_and_what_was_typed() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let (room, kitchen) = (dataset(folder.path(), 2), other_dataset(folder.path()));
+    let Some(mut window) = window(Some(Subject::Path(room)), Painting::Auto) else { return };
+    train(&mut window);
+    let n_told = |window: &Window| window.state().snapshot().notices.len();
+    let before = n_told(&window);
+    for (key, button, name, error) in [
+        (Key::E, "Export", "scene.xyz", "scene.xyz: "),
+        (Key::E, "Export", "gone/scene.ply", "gone: found no folder, expected one to write to"),
+        (Key::S, "Save", "gone/run.vbgs", "gone: found no folder, expected one to write to"),
+        (Key::O, "Open", "nowhere", "nowhere: expected a dataset folder, found nothing"),
+        (Key::O, "Open", "text.ply", "text.ply: "),
+    ] {
+        let file = folder.path().join(name);
+        if name == "text.ply" {
+            std::fs::write(&file, "no model").unwrap();
+        }
+        write_to(&mut window, key, button, &file);
+        wait_for_text(&mut window, error);
+        assert_eq!(typed(&window), file.display().to_string());
+        // Keys are still text, not shortcuts.
+        window.get_by_role(Role::TextInput).focus();
+        window.run_steps(2);
+        window.key_press(Key::End);
+        window.event(Event::Text("t".to_owned()));
+        window.run_steps(2);
+        assert_eq!(typed(&window), format!("{}t", file.display()));
+        assert!(window.query_all_by_label_contains(error).next().is_none(), "outdated");
+        press(&mut window, Key::Escape);
+        press(&mut window, Key::Escape);
+        assert!(window.query_by_role(Role::TextInput).is_none(), "{name}");
+        assert!(window.query_by_label_contains(QUESTION).is_none(), "nothing can be opened");
+    }
+    assert_eq!(n_told(&window), before);
+
+    // A file that cannot be opened is no reason to ask, one that can is.
+    drop_on(&mut window, &folder.path().join("nowhere"));
+    wait_for_text(&mut window, "nowhere: expected a dataset folder, found nothing");
+    assert!(window.query_by_label_contains(QUESTION).is_none());
+    assert_eq!(window.state().snapshot().state, RunState::Finished);
+    write_to(&mut window, Key::O, "Open", &kitchen);
+    answer(&mut window, "Discard");
+    wait(&mut window, "the kitchen", |s| name(s) == "kitchen");
 }
 
 #[test]

@@ -51,9 +51,9 @@ fn told(studio: &Studio, kind: NoticeKind, parts: &[&str]) -> bool {
 
 /// Drops the folder on the window, confirms discarding a trained scene, and waits for loading to start.
 fn waits_for(window: &mut Window, silent: &Silent) {
+    let asks = window.state().snapshot().has_training_to_lose();
     drop_on(window, &silent.folder);
-    window.run_steps(3);
-    if window.query_by_label("Discard").is_some() {
+    if asks {
         click(window, "Discard");
     }
     wait(window, "the start of opening", is(RunState::Loading));

@@ -281,3 +281,13 @@ fn damaged_views_do_not_cost_the_scene() {
     assert!(!scratch.model("out/scene.ply").splats.is_empty());
     assert_eq!(scratch.json("out/report.json")["frames"].as_array().unwrap().len(), 8);
 }
+
+#[test]
+fn a_part_of_a_recording_names_all_of_it() {
+    let scratch = Scratch::with_room();
+    let parts =
+        ["room/train: found a part of a recording, expected all of it", "open the folder above"];
+    for command in ["train room/train --out out", "info room/train"] {
+        scratch.run(command).fails(1, &parts);
+    }
+}

@@ -2,13 +2,16 @@
 //!
 //! The viewport already receives every splat that training changes, so a copy costs the trainer nothing. A
 //! separate thread makes the copy, which would otherwise delay the window by some milliseconds. Until the
-//! copy is finished, the stored state shares its memory with the current scene (copy on write). The number
-//! and the total size of the copies are bounded: beyond either bound, every other copy is dropped and the
-//! interval between copies doubles. At most a few dozen remain, evenly spaced over any number of frames.
-//! Copies are exact and include the appearance of the splats.
+//! copy is finished, the stored state shares its memory with the current scene (copy on write). Copies share
+//! the textures that did not change in between. The number and the total size of the copies are bounded:
+//! beyond either bound, the copy is dropped whose neighbours are closest to each other. So as many remain as
+//! fit, at most a few dozen, and the intervals between them differ by a factor of about two. Copies are exact
+//! and include the appearance of the splats.
 
+use crate::app::splat_updates::RunMoment;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
+use crate::model::splat::texture::Texture;
 use std::sync::Arc;
 use std::thread::{Builder, JoinHandle};
 
@@ -17,13 +20,11 @@ const MAX_MOMENTS: usize = 32;
 
 #[derive(Clone, Debug)]
 pub struct PastScene {
-    /// Number of frames processed before the copy, skipped ones included.
-    pub n_frames: usize,
-    /// Training time until then, seconds.
-    pub seconds: f64,
+    pub after: RunMoment,
     /// Splats in their learned colours.
     pub splats: Arc<SplatSet>,
     serial: u64,
+    /// Memory that the copy before does not share, bytes.
     bytes: usize,
 }
 
@@ -35,55 +36,40 @@ impl PartialEq for PastScene {
 }
 
 /// Stored earlier scenes of a run, in ascending order of frames.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct PastScenes {
     moments: Vec<PastScene>,
-    /// Minimum number of frames between two copies.
-    interval: usize,
     serial: u64,
     /// Threads that copy a scene, each with the serial number of its copy.
     copies: Vec<(u64, JoinHandle<SplatSet>)>,
 }
 
-impl Default for PastScenes {
-    fn default() -> Self {
-        Self { moments: Vec::new(), interval: 1, serial: 0, copies: Vec::new() }
-    }
-}
-
 impl PastScenes {
-    /// Stores the scene after `n_frames` frames if a copy is due and its size is within `budget` bytes.
-    pub fn record(
-        &mut self,
-        (n_frames, seconds): (usize, f64),
-        scene: &Arc<SplatSet>,
-        budget: usize,
-    ) {
-        if self.moments.last().is_some_and(|last| n_frames < last.n_frames) {
+    /// Stores the scene of a moment if a copy is due and its size is within `budget` bytes.
+    pub fn record(&mut self, after: RunMoment, scene: &Arc<SplatSet>, budget: usize) {
+        let n_frames = after.n_seen;
+        if self.moments.last().is_some_and(|last| n_frames < last.after.n_seen) {
             // The run was restarted.
             *self = Self { serial: self.serial, ..Self::default() };
         }
         if n_frames == 0 || !self.is_due(n_frames) {
             return;
         }
-        let bytes = bytes_of(scene);
         // A copy larger than the budget would displace all others.
-        if bytes > budget {
+        if bytes_beyond(None, scene) > budget {
             return;
         }
-        // Thinned before the check below, because thinning doubles the interval.
-        self.thin(MAX_MOMENTS - 1, budget - bytes);
-        if self.is_due(n_frames) {
-            self.serial += 1;
-            let (splats, serial) = (scene.clone(), self.serial);
-            self.moments.push(PastScene { n_frames, seconds, splats, serial, bytes });
-            let shared = scene.clone();
-            let copy = move || SplatSet::clone(&shared);
-            // Without a thread the copy keeps sharing memory with the scene.
-            if let Ok(copy) = Builder::new().name("past".into()).spawn(copy) {
-                self.copies.push((self.serial, copy));
-            }
+        self.serial += 1;
+        let (splats, serial) = (scene.clone(), self.serial);
+        let bytes = bytes_beyond(self.moments.last(), scene);
+        self.moments.push(PastScene { after, splats, serial, bytes });
+        let shared = scene.clone();
+        let copy = move || SplatSet::clone(&shared);
+        // Without a thread the copy keeps sharing memory with the scene.
+        if let Ok(copy) = Builder::new().name("past".into()).spawn(copy) {
+            self.copies.push((self.serial, copy));
         }
+        self.thin(budget);
     }
 
     /// Replaces stored scenes that share memory with the current scene by their finished copies. Must be
@@ -98,12 +84,12 @@ impl PastScenes {
     }
 
     pub fn set_budget(&mut self, budget: usize) {
-        self.thin(MAX_MOMENTS, budget);
+        self.thin(budget);
     }
 
     /// Returns the latest copy made after at most `n_frames` frames.
     pub fn latest_at(&self, n_frames: usize) -> Option<&PastScene> {
-        self.moments.iter().rev().find(|moment| moment.n_frames <= n_frames)
+        self.moments.iter().rev().find(|moment| moment.after.n_seen <= n_frames)
     }
 
     pub fn moments(&self) -> &[PastScene] {
@@ -116,32 +102,38 @@ impl PastScenes {
     }
 
     fn is_due(&self, n_frames: usize) -> bool {
-        self.moments.last().is_none_or(|last| n_frames >= last.n_frames + self.interval)
+        // As the closest two copies, or new ones would be denser than those that remain.
+        let interval =
+            self.moments.array_windows().map(|[a, b]| b.after.n_seen - a.after.n_seen).min();
+        self.moments.last().is_none_or(|last| n_frames >= last.after.n_seen + interval.unwrap_or(1))
     }
 
-    fn thin(&mut self, most: usize, budget: usize) {
-        while self.moments.len() > most || self.bytes() > budget {
-            // The thinning below always retains the first copy.
-            if self.moments.len() == 1 {
-                self.moments.clear();
-                return;
+    fn thin(&mut self, budget: usize) {
+        while self.moments.len() > MAX_MOMENTS || self.bytes() > budget {
+            let gaps =
+                self.moments.array_windows().map(|[a, _, b]| b.after.n_seen - a.after.n_seen);
+            // The first and the last one are dropped only if no other is left.
+            let densest = gaps.enumerate().min_by_key(|(_, gap)| *gap).map_or(0, |(i, _)| i + 1);
+            self.moments.remove(densest);
+            let (before, after) = self.moments.split_at_mut(densest);
+            if let Some(next) = after.first_mut() {
+                next.bytes = bytes_beyond(before.last(), &next.splats);
             }
-            let mut is_kept = false;
-            self.moments.retain(|_| {
-                is_kept = !is_kept;
-                is_kept
-            });
-            // Or new copies would be denser than the remaining ones.
-            self.interval *= 2;
         }
     }
 }
 
-/// Returns the memory of a scene, bytes. Textures count as if no other scene shared them.
-fn bytes_of(scene: &SplatSet) -> usize {
-    // Copies share textures that have not changed in between; at worst all have.
-    let (_, of_textures) = scene.finishing().texture_size();
-    of_textures
+/// Returns the memory of a scene, bytes, without textures that the scene before shares.
+fn bytes_beyond(before: Option<&PastScene>, scene: &SplatSet) -> usize {
+    let textures_of = |scene: &SplatSet| scene.finishing().textures.clone().unwrap_or_default();
+    let before = before.map(|before| textures_of(&before.splats)).unwrap_or_default();
+    let own = |(slot, texture): (usize, &Option<Arc<Texture>>)| {
+        let texture = texture.as_ref()?;
+        let former = before.get(slot).and_then(Option::as_ref);
+        let is_shared = former.is_some_and(|former| Arc::ptr_eq(former, texture));
+        (!is_shared).then(|| texture.bytes())
+    };
+    textures_of(scene).iter().enumerate().filter_map(own).sum::<usize>()
         + size_of_val::<[Splat]>(scene)
         + size_of_val::<[Appearance]>(scene.view().appearance())
 }
@@ -149,13 +141,19 @@ fn bytes_of(scene: &SplatSet) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::splat::appearance::Finishing;
+    use crate::model::splat::texture::Lattice;
+
+    fn at(n_seen: usize) -> RunMoment {
+        RunMoment { n_seen, ..RunMoment::default() }
+    }
 
     fn scene(n: usize) -> Arc<SplatSet> {
         Arc::new(vec![Splat::default(); n].into())
     }
 
     fn frames(past: &PastScenes) -> Vec<usize> {
-        past.moments().iter().map(|moment| moment.n_frames).collect()
+        past.moments().iter().map(|moment| moment.after.n_seen).collect()
     }
 
     #[test]
@@ -163,31 +161,31 @@ mod tests {
         let mut past = PastScenes::default();
         assert!(past.latest_at(5).is_none());
         for n in 0..=32 {
-            past.record((n, 0.0), &scene(n), usize::MAX);
+            past.record(at(n), &scene(n), usize::MAX);
         }
         assert_eq!(frames(&past), (1..=32).collect::<Vec<_>>());
         for n in 33..=10_000 {
-            past.record((n, 0.0), &scene(3), usize::MAX);
+            past.record(at(n), &scene(3), usize::MAX);
             assert!(past.moments().len() <= MAX_MOMENTS);
         }
         let kept = frames(&past);
-        assert!(kept.len() > MAX_MOMENTS / 2 && kept[0] == 1, "{kept:?}");
-        let gaps: Vec<usize> = kept.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        assert!(gaps.iter().all(|gap| *gap == gaps[0]), "{kept:?}");
-        assert_eq!(past.latest_at(kept[4] + 1).unwrap().n_frames, kept[4]);
+        assert!(kept.len() == MAX_MOMENTS && kept[0] == 1, "{kept:?}");
+        let gaps = || kept.windows(2).map(|pair| pair[1] - pair[0]);
+        assert!(gaps().max() <= gaps().min().map(|least| 2 * least), "{kept:?}");
+        assert_eq!(past.latest_at(kept[4] + 1).unwrap().after.n_seen, kept[4]);
     }
 
     #[test]
     fn moments_keep_to_the_budget_and_none_is_kept_that_exceeds_it_alone() {
-        let budget = 10 * bytes_of(&scene(100));
+        let budget = 10 * bytes_beyond(None, &scene(100));
         let mut past = PastScenes::default();
         for n in 1..200 {
-            past.record((n, 0.0), &scene(n.min(100)), budget);
+            past.record(at(n), &scene(n.min(100)), budget);
             assert!(past.bytes() <= budget, "{n}");
         }
-        assert!(past.bytes() > budget / 3, "{:?}", frames(&past));
+        assert!(past.bytes() > 8 * budget / 10, "{:?}", frames(&past));
         let before = frames(&past);
-        past.record((300, 0.0), &scene(100_000), budget);
+        past.record(at(300), &scene(100_000), budget);
         assert_eq!(frames(&past), before);
         past.set_budget(budget / 4);
         assert!(!past.moments().is_empty() && past.bytes() <= budget / 4);
@@ -200,7 +198,7 @@ mod tests {
         let (mut past, mut now) = (PastScenes::default(), scene(1000));
         let changed = Splat { opacity: 0.5, ..Splat::default() };
         for n_frames in 1..=4 {
-            past.record((n_frames, 0.0), &now, usize::MAX);
+            past.record(at(n_frames), &now, usize::MAX);
             // Copying may finish before or after the next change; both must be correct.
             if n_frames % 2 == 0 {
                 while Arc::strong_count(&now) > 1 {
@@ -213,16 +211,49 @@ mod tests {
         }
         for moment in past.moments() {
             let n_changed = moment.splats.iter().filter(|splat| splat.opacity == 0.5).count();
-            assert_eq!(n_changed, moment.n_frames - 1);
+            assert_eq!(n_changed, moment.after.n_seen - 1);
         }
         assert_ne!(past.moments()[0], past.moments()[1]);
+    }
+
+    #[test]
+    fn a_texture_that_several_moments_share_counts_once() {
+        let texture = |n_patches| {
+            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+            let lattice = Lattice { anchor: [0.0; 3], axes, half: 1.0, level: 0 };
+            Arc::new(Texture {
+                lattice,
+                index: vec![0],
+                patches: vec![Default::default(); n_patches],
+            })
+        };
+        let (large, small) = (texture(1000), texture(1));
+        let with = |textures: [&Arc<Texture>; 2]| {
+            let textures = textures.map(|texture| Some(texture.clone()));
+            let textures = Some(Arc::new(textures.to_vec()));
+            Arc::new(
+                SplatSet::from(vec![Splat::default(); 2])
+                    .finished(Finishing { textures, ..Finishing::default() }),
+            )
+        };
+        let plain = bytes_beyond(None, &scene(2));
+        let mut past = PastScenes::default();
+        for n in 1..=3 {
+            past.record(at(n), &with([&large, &texture(1)]), usize::MAX);
+        }
+        let expected = |n: usize| n * (plain + small.bytes()) + large.bytes();
+        assert_eq!(past.bytes(), expected(3));
+        for kept in [vec![1, 3], vec![3]] {
+            past.set_budget(past.bytes() - 1);
+            assert_eq!((past.bytes(), frames(&past)), (expected(kept.len()), kept));
+        }
     }
 
     #[test]
     fn a_run_that_begins_anew_forgets_what_was_before() {
         let mut past = PastScenes::default();
         for n in [1, 2, 3, 1] {
-            past.record((n, 0.0), &scene(1), usize::MAX);
+            past.record(at(n), &scene(1), usize::MAX);
         }
         assert_eq!(frames(&past), [1]);
     }

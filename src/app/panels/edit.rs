@@ -153,12 +153,12 @@ fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
 fn describe_display(editor: &Editor) -> String {
     let Some(asked) = editor.earlier_frames else { return "Showing the newest scene.".to_owned() };
     match editor.displayed_past() {
-        Some(past) if past.n_frames == asked => format!(
+        Some(past) if past.after.n_seen == asked => format!(
             "Showing the scene after frame {asked}, in its learned colours. Figures refer to the current scene."
         ),
         Some(past) => format!(
             "Showing the scene after frame {}, the latest copy up to frame {asked}, in its learned colours. Figures refer to the current scene.",
-            past.n_frames
+            past.after.n_seen
         ),
         None => format!("No copy exists up to frame {asked}: showing the newest scene."),
     }

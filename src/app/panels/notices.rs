@@ -2,7 +2,7 @@
 //! disappears.
 
 use super::signal_color::SignalColor;
-use crate::app::state::{Notice, NoticeKind, OpenAs, Snapshot};
+use crate::app::state::{Notice, NoticeKind, NoticeOffer, Snapshot};
 use eframe::egui::{
     Align2, Area, Color32, CursorIcon, Frame, Id, Label, RichText, ScrollArea, Sense, Ui, Vec2,
 };
@@ -20,6 +20,8 @@ const TOP: f32 = 40.0;
 // The viewport below needs room in small windows.
 const MAX_SHARE: f32 = 0.35;
 const MIN_HEIGHT: f32 = 60.0;
+/// Label of the button that opens the recording of which the user has chosen a part.
+pub const OPEN_ABOVE: &str = "Open the folder above";
 const INFO_DURATION: Duration = Duration::from_secs(20);
 
 /// Serial numbers of closed notices and of those shown in full, and for every displayed notice the time at
@@ -33,8 +35,8 @@ pub struct NoticeBoard {
 
 impl NoticeBoard {
     /// Draws the newest open notices. Returns the height that they occupy at the top of the viewport,
-    /// points, and the dataset that the user asks to open with other options.
-    pub fn ui(&mut self, snapshot: &Snapshot, ui: &Ui) -> (f32, Option<OpenAs>) {
+    /// points, and the offer that the user takes.
+    pub fn ui(&mut self, snapshot: &Snapshot, ui: &Ui) -> (f32, Option<NoticeOffer>) {
         self.remove_old(&snapshot.notices);
         let open: Vec<&Notice> =
             snapshot.notices.iter().rev().filter(|n| self.is_open(n)).collect();
@@ -64,7 +66,7 @@ impl NoticeBoard {
     }
 
     /// Draws a notice in one line. A click on its text shows all of it.
-    fn row(&mut self, notice: &Notice, ui: &mut Ui) -> Option<OpenAs> {
+    fn row(&mut self, notice: &Notice, ui: &mut Ui) -> Option<NoticeOffer> {
         let mut asked = None;
         ui.horizontal(|ui| {
             if ui.small_button("×").on_hover_text("Close this notice").clicked() {
@@ -72,10 +74,16 @@ impl NoticeBoard {
             }
             let (word, color) = label_and_color(notice.kind, ui.visuals().dark_mode);
             ui.label(RichText::new(word).strong().color(color));
-            if let Some(open_as) = &notice.open_as {
-                let hint = "Open it with other options: poses, depth unit, intrinsics";
-                if ui.small_button("Open as…").on_hover_text(hint).clicked() {
-                    asked = Some(open_as.clone());
+            if let Some(offer) = &notice.offer {
+                let (label, hint) = match offer {
+                    NoticeOffer::OpenAs(_) => (
+                        "Open as…",
+                        "Open it with other options: poses, depth unit, intrinsics".to_owned(),
+                    ),
+                    NoticeOffer::OpenAbove(above) => (OPEN_ABOVE, above.display().to_string()),
+                };
+                if ui.small_button(label).on_hover_text(hint).clicked() {
+                    asked = Some(offer.clone());
                 }
             }
             let label = Label::new(&notice.text).sense(Sense::click());

@@ -3,13 +3,12 @@
 use super::controls::{optional_number, section, weak};
 use super::plot_axes::plot;
 use super::signal_color::{SignalColor, format_number, to_color32};
-use crate::app::quality::{QualityMonitor, QualityPoint};
-use crate::app::retention::RetainedFrame;
+use crate::app::quality::QualityMonitor;
 use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::thumbnails::Thumbnails;
 use crate::app::wording;
-use crate::eval::report::{Detail, ViewReport};
+use crate::eval::report::{Detail, QualityPoint, RetainedFrame, ViewReport};
 use crate::model::attributes::ComponentAttributes;
 use crate::render::finish::ramp;
 use eframe::egui::{Button, Color32, Frame, Grid, Image, Margin, RichText, ScrollArea, Ui, Vec2};

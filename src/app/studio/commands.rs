@@ -2,7 +2,7 @@
 
 use super::Studio;
 use super::command_line::command_line;
-use super::dialogs::{Dialogs, about, help};
+use super::dialogs::{Dialogs, about, help, order_to_open};
 use super::dock::reset_layout;
 use super::film_tools::FilmTools;
 use crate::app::action_finder::Action;
@@ -11,18 +11,20 @@ use crate::app::edit::editor::EditCounts;
 use crate::app::export_options;
 use crate::app::export_options::ExportKind;
 use crate::app::film::FilmRequest;
+use crate::app::opening;
 use crate::app::panels::path::film_choices;
 use crate::app::panels::status::Answer;
 use crate::app::path_dialog;
-use crate::app::path_dialog::PathAnswer;
+use crate::app::path_dialog::{PathAnswer, Purpose};
 use crate::app::rescue::AbandonedRun;
 use crate::app::state::{NoticeKind, RunState, Snapshot, Subject};
 use crate::app::viewer::export_preview::ExportChoice;
 use crate::app::worker::{Export, Waker, WorkerOrder};
 use crate::export::ModelFormat;
+use crate::export::video::check_encoder;
 use crate::render::{Lens, RenderOptions};
 use eframe::egui::{FocusDirection, InputState, Key, Modifiers, Popup, Ui, ViewportCommand};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 impl Studio {
     pub(super) fn apply_command(&mut self, command: UiCommand, snapshot: &Snapshot) {
@@ -183,7 +185,10 @@ impl Studio {
 
     /// Opens a path. A calibration file is applied to the open dataset.
     pub(super) fn open_path(&mut self, path: PathBuf, snapshot: &Snapshot) {
-        self.confirm_then_send(order_to_open(path), snapshot);
+        let (reading, follows) =
+            (self.training.of_dataset(&path).reading, snapshot.following.is_on);
+        let check = move |path: &Path| opening::check(path, &reading, follows);
+        self.unsaved.open(path, &self.worker, snapshot, self.shell.waker(), check);
     }
 
     pub(super) fn handle_dropped_files(&mut self, ui: &Ui, snapshot: &Snapshot) {
@@ -237,29 +242,39 @@ impl Studio {
     pub(super) fn show_dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let waker = self.shell.waker().clone();
         // No action waits for this dialog, so cancelling it has no effect.
-        let reading = &mut self.dialogs.reading;
+        self.dialogs.reopen_after_failure(snapshot);
+        let (reading, follows) = (self.dialogs.reading, snapshot.following.is_on);
+        let check = move |path: &Path| opening::check(path, &reading, follows);
+        let Dialogs { open, reading, .. } = &mut self.dialogs;
         let choices = |ui: &mut Ui| path_dialog::reading(reading, ui);
-        if let Some(PathAnswer::Path(path)) = self.dialogs.open.ui(ui, &waker, choices, |_| ()) {
-            let reading = self.dialogs.reading;
+        if let Some(PathAnswer::Path(path)) = open.ui(ui, &waker, check, choices, |_| ()) {
+            let reading = *reading;
             self.training.note(&path, |of| of.reading = reading);
             self.apply_training();
-            self.open_path(path, snapshot);
+            self.confirm_then_send(order_to_open(path), snapshot);
         }
-        if let Some(PathAnswer::Path(path)) = self.dialogs.compare.ui(ui, &waker, |_| (), |_| ()) {
+        if let Some(PathAnswer::Path(path)) =
+            self.dialogs.compare.ui(ui, &waker, opening::check_model, |_| (), |_| ())
+        {
             let started = self.view.compare_with(path);
             self.is_started("read the model", started);
         }
-        match self.dialogs.save.ui(ui, &waker, |_| (), |_| ()) {
+        match self.dialogs.save.ui(ui, &waker, |_| Ok(()), |_| (), |_| ()) {
             None => {}
             Some(PathAnswer::Cancelled) => self.unsaved.cancel_naming(),
             Some(PathAnswer::Path(path)) => {
                 let number = self.unsaved.begin_write(&self.worker);
+                self.dialogs.writing = Some((number, Purpose::Save));
                 self.worker.send(WorkerOrder::Save(number, path));
             }
         }
         self.ask_export(ui, &waker, snapshot);
         self.ask_film(ui, &waker, snapshot);
-        let notices = [self.film.thread.poll_notice(), self.film.still.take()];
+        let filmed = self.film.thread.poll_notice();
+        if let Some((NoticeKind::Error, text)) = &filmed {
+            self.dialogs.film.show_problem(text.clone());
+        }
+        let notices = [filmed, self.film.still.take()];
         notices.into_iter().flatten().for_each(|(kind, text)| self.report(kind, text));
         help(ui, &mut self.dialogs.help_is_open);
         about(ui, &mut self.dialogs.about_is_open, &self.shell.adapter);
@@ -283,6 +298,7 @@ impl Studio {
         let Dialogs { kind, mapping, spz_version, export, .. } = &mut self.dialogs;
         let has_mesh = snapshot.opened.as_ref().is_some_and(|opened| opened.scene().is_some());
         let format = kind.splat_format(&export.entered()).ok();
+        let asked = *kind;
         let previews = &mut self.view.settings.panels.previews_export;
         let choices = |ui: &mut Ui| {
             export_options::kind(kind, has_mesh, ui);
@@ -302,13 +318,16 @@ impl Studio {
             }
         };
         let below = |ui: &mut Ui| export_options::report(report.as_ref(), ui);
-        match export.ui(ui, waker, choices, below) {
+        let check = move |path: &Path| asked.check(path).map_err(|error| error.to_string().into());
+        match export.ui(ui, waker, check, choices, below) {
             None => {}
             Some(PathAnswer::Cancelled) => self.unsaved.cancel_naming(),
             Some(PathAnswer::Path(path)) => {
                 let Dialogs { kind, mapping, spz_version, .. } = self.dialogs;
+                let number = self.unsaved.begin_write(&self.worker);
+                self.dialogs.writing = Some((number, Purpose::Export));
                 self.worker.send(WorkerOrder::Export(Export {
-                    number: self.unsaved.begin_write(&self.worker),
+                    number,
                     path,
                     kind,
                     mapping,
@@ -349,7 +368,8 @@ impl Studio {
     fn ask_film(&mut self, ui: &Ui, waker: &Waker, snapshot: &Snapshot) {
         let FilmTools { path, thread, .. } = &mut self.film;
         let choices = |ui: &mut Ui| film_choices(path, ui);
-        let answer = self.dialogs.film.ui(ui, waker, choices, |_| ());
+        let check = |path: &Path| check_encoder(path).map_err(|error| error.to_string().into());
+        let answer = self.dialogs.film.ui(ui, waker, check, choices, |_| ());
         let Some(PathAnswer::Path(output)) = answer else { return };
         let (Some(opened), Some(paced)) = (&snapshot.opened, path.paced()) else { return };
         let settings = &self.view.settings;
@@ -365,14 +385,5 @@ impl Studio {
         };
         let started = thread.start(self.view.learned().clone(), order, waker.clone());
         self.is_started("render the film", started);
-    }
-}
-
-/// Returns the [`WorkerOrder`] for a path: applies a calibration file to the open dataset, and opens any
-/// other path.
-fn order_to_open(path: PathBuf) -> WorkerOrder {
-    match path.extension() {
-        Some(extension) if extension == "ron" => WorkerOrder::Calibrate(path),
-        _ => WorkerOrder::Open(Subject::Path(path)),
     }
 }

@@ -3,16 +3,22 @@
 use crate::app::action_finder::ActionFinder;
 use crate::app::command::UiCommand;
 use crate::app::export_options::ExportKind;
+use crate::app::opening::{PathProblem, is_calibration};
 use crate::app::path_dialog::{PathDialog, Purpose};
 use crate::app::state::{OpenAs, Opened, Snapshot, Subject};
+use crate::app::view_thread::take_finished;
 use crate::app::wording;
-use crate::app::worker::{Worker, WorkerOrder};
+use crate::app::worker::{Waker, Worker, WorkerOrder};
 use crate::dataset::LoadOptions;
 use crate::export::SpzVersion;
 use crate::export::mapping::Mapping;
+use crate::pipeline::job::Job;
+use crate::pipeline::panic_report::PanicReport;
 use eframe::egui::{
     Context, Grid, Id, Modal, ProgressBar, RichText, ScrollArea, Ui, ViewportCommand, Window,
 };
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 pub(super) struct Dialogs {
     pub open: PathDialog,
@@ -22,6 +28,8 @@ pub(super) struct Dialogs {
     pub save: PathDialog,
     pub export: PathDialog,
     pub film: PathDialog,
+    /// Number of the file that is being written, and the purpose of the dialog that named it.
+    pub writing: Option<(u64, Purpose)>,
     pub kind: ExportKind,
     pub mapping: Mapping,
     pub spz_version: SpzVersion,
@@ -39,6 +47,7 @@ impl Default for Dialogs {
             save: PathDialog::new(Purpose::Save),
             export: PathDialog::new(Purpose::Export),
             film: PathDialog::new(Purpose::Film),
+            writing: None,
             kind: ExportKind::default(),
             mapping: Mapping::default(),
             spz_version: SpzVersion::default(),
@@ -60,6 +69,17 @@ impl Dialogs {
     pub fn open_as(&mut self, OpenAs { path, reading }: OpenAs) {
         self.reading = reading;
         self.open.show_path(&path);
+    }
+
+    /// Shows the dialog of a file again if that could not be written.
+    pub fn reopen_after_failure(&mut self, snapshot: &Snapshot) {
+        let Some((failed, error)) = &snapshot.files.failed_write else { return };
+        let dialog = match self.writing.take_if(|(number, _)| number == failed) {
+            None => return,
+            Some((_, Purpose::Save)) => &mut self.save,
+            Some(_) => &mut self.export,
+        };
+        dialog.show_problem(error.to_string());
     }
 
     pub fn propose(&mut self, opened: &Opened) {
@@ -91,9 +111,14 @@ enum Stage {
     File(u64),
 }
 
+/// Time after which the user is asked although the path could not be checked yet.
+const LONGEST_CHECK: Duration = Duration::from_secs(1);
+
 /// Action that would discard unsaved training and waits for confirmation.
 #[derive(Default)]
 pub(super) struct UnsavedWork {
+    /// Path that is checked before the question whether training may be discarded for it.
+    checking: Option<(PathBuf, Job<Result<(), PathProblem>>)>,
     pending: Option<(Stage, Continuation)>,
     /// True if the window may close without confirmation.
     pub may_close: bool,
@@ -102,6 +127,45 @@ pub(super) struct UnsavedWork {
 impl UnsavedWork {
     pub fn is_pending(&self) -> bool {
         self.pending.is_some()
+    }
+
+    /// Opens a path at once if no training would be lost, otherwise after confirmation. Before the user is
+    /// asked, `check` must find that the path can be opened.
+    pub fn open(
+        &mut self,
+        path: PathBuf,
+        worker: &Worker,
+        snapshot: &Snapshot,
+        waker: &Waker,
+        check: impl FnOnce(&Path) -> Result<(), PathProblem> + Send + 'static,
+    ) {
+        let asks = self.pending.is_none() && snapshot.has_training_to_lose();
+        let checked = path.clone();
+        let job = || Job::start_waking("path check", waker.clone(), move || check(&checked)).ok();
+        match asks.then(job).flatten() {
+            Some(job) => self.checking = Some((path, job)),
+            None => self.send(order_to_open(path), worker, snapshot),
+        }
+    }
+
+    fn take_path_check(&mut self, worker: &Worker, ui: &Ui, snapshot: &Snapshot) {
+        let Some((path, checked)) = take_finished(&mut self.checking) else {
+            // Opening names a drive that does not respond, and can be cancelled.
+            let slow = self.checking.take_if(|(_, job)| job.elapsed() >= LONGEST_CHECK);
+            if let Some((path, _)) = slow {
+                self.send(order_to_open(path), worker, snapshot);
+            } else if self.checking.is_some() {
+                ui.ctx().request_repaint_after(LONGEST_CHECK);
+            }
+            return;
+        };
+        let said = |panic: PanicReport| {
+            format!("{}: {}", path.display(), panic.failure_notice("checking this path")).into()
+        };
+        match checked.map_err(said).flatten() {
+            Ok(()) => self.send(order_to_open(path), worker, snapshot),
+            Err(problem) => worker.send(WorkerOrder::Refuse(path, problem)),
+        }
     }
 
     /// Sends the order at once if no training would be lost, otherwise after confirmation.
@@ -178,6 +242,7 @@ impl UnsavedWork {
         ui: &Ui,
         snapshot: &Snapshot,
     ) {
+        self.take_path_check(worker, ui, snapshot);
         let Some((stage, _)) = &self.pending else { return };
         match *stage {
             Stage::Decision => match confirm_discard(ui, snapshot, self.purpose()) {
@@ -197,6 +262,12 @@ impl UnsavedWork {
             Stage::File(number) => {
                 match snapshot.files.latest_write.filter(|latest| latest.number == number) {
                     Some(outcome) if outcome.is_written => self.execute(worker, ui),
+                    // The dialog is open again.
+                    Some(_)
+                        if snapshot.files.failed_write.as_ref().is_some_and(|f| f.0 == number) =>
+                    {
+                        self.advance(Stage::File(number), Stage::Name);
+                    }
                     // Without the file the action would discard the training after all.
                     Some(_) => self.pending = None,
                     None => self.wait_for_file(worker, ui),
@@ -241,6 +312,15 @@ impl UnsavedWork {
             Some((_, Continuation::Send(order))) => worker.send(order),
             Some((_, Continuation::Close)) => self.close(ui.ctx()),
         }
+    }
+}
+
+/// Returns the [`WorkerOrder`] for a path: applies a calibration file to the open dataset, and opens any
+/// other path.
+pub(super) fn order_to_open(path: PathBuf) -> WorkerOrder {
+    match is_calibration(&path) {
+        true => WorkerOrder::Calibrate(path),
+        false => WorkerOrder::Open(Subject::Path(path)),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::Studio;
 use crate::app::layout::{DockPane, WindowLayout, is_valid};
-use crate::app::state::Snapshot;
+use crate::app::state::{NoticeOffer, Snapshot};
 use crate::app::viewer::toolbar;
 use eframe::egui::containers::panel::PanelState;
 use eframe::egui::{
@@ -201,9 +201,11 @@ fn viewport(studio: &mut Studio, ui: &mut Ui, frame: Frame, snapshot: &Snapshot)
     }
     // The central panel comes last: egui gives it the room left by the others.
     CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
-        let (noticed, open_as) = studio.panels.notices.ui(snapshot, ui);
-        if let Some(open_as) = open_as {
-            studio.dialogs.open_as(open_as);
+        let (noticed, taken) = studio.panels.notices.ui(snapshot, ui);
+        match taken {
+            None => {}
+            Some(NoticeOffer::OpenAs(open_as)) => studio.dialogs.open_as(open_as),
+            Some(NoticeOffer::OpenAbove(above)) => studio.open_path(above, snapshot),
         }
         studio.central_view(ui, snapshot, noticed);
     });

@@ -273,7 +273,7 @@ impl Studio {
         // Taken even if nothing is drawn: the worker sends the next update only after this one.
         for update in self.worker.splat_updates().take() {
             self.quality.change(&update.change);
-            self.view.apply_update(update, snapshot.pace.trained_s);
+            self.view.apply_update(update);
         }
         if snapshot.opened.is_none() {
             if let Some(command) = summary::start(snapshot, noticed, ui) {
@@ -283,6 +283,9 @@ impl Studio {
         }
         let origin = snapshot.opened.as_ref().map_or(DVec3::ZERO, |opened| opened.local_origin);
         for (kind, text) in self.view.take_compared(origin) {
+            if kind == NoticeKind::Error {
+                self.dialogs.compare.show_problem(text.clone());
+            }
             self.report(kind, text);
         }
         self.film.play(&mut self.view, ui);
@@ -295,6 +298,9 @@ impl Studio {
         let (every, splats) = (settings.panels.quality_every, self.view.learned());
         let past = self.view.editor().stored_scenes.moments();
         self.quality.update(ui.ctx(), snapshot, method, every, (splats, past));
+        if let Some((serial, curves)) = self.quality.take_new_curves() {
+            self.worker.send(WorkerOrder::RecordCurves(serial, curves));
+        }
         self.request_attributes();
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));

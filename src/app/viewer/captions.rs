@@ -90,7 +90,7 @@ impl SceneView {
         if let Some(past) = self.editor.displayed_past() {
             return Some(format!(
                 "Scene after frame {} of {} (Edit)",
-                past.n_frames, self.n_frames
+                past.after.n_seen, self.n_frames
             ));
         }
         if self.editor.is_box_selecting {

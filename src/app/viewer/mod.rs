@@ -86,15 +86,14 @@ impl SceneView {
         }
     }
 
-    /// Applies changed splats. `trained_s` is the training time until then, seconds.
-    pub fn apply_update(&mut self, update: SplatUpdate, trained_s: f64) {
+    pub fn apply_update(&mut self, update: SplatUpdate) {
         // Passed on before the palette consumes the update and recolours it.
         self.comparison.change(update.change.clone());
-        let n_frames = update.n_frames;
+        let at = update.after;
         self.editor.stored_scenes.install_finished_copies();
         let change = self.palette.change(update);
         self.editor.stored_scenes.record(
-            (n_frames, trained_s),
+            at,
             self.palette.learned(),
             self.settings.panels.past_bytes(),
         );

@@ -48,7 +48,7 @@ impl Files {
                 );
                 end_write(out, number, text);
             }
-            Err(error) => out.notify(NoticeKind::Error, error.to_string()),
+            Err(error) => fail_write(out, number, error.to_string()),
         }
     }
 }
@@ -71,7 +71,7 @@ impl Export {
             Err(ExportError { fault: Fault::Cancelled, .. }) => {
                 out.notify(NoticeKind::Info, format!("{path}: {}", Fault::Cancelled));
             }
-            Err(error) => out.notify(NoticeKind::Error, error.to_string()),
+            Err(error) => fail_write(out, self.number, error.to_string()),
         }
     }
 
@@ -169,6 +169,11 @@ fn end_write(out: &mut Outbox, number: u64, text: String) {
     out.snapshot.files.unsaved_frames = 0;
     out.snapshot.files.latest_write = Some(WriteOutcome { number, is_written: true });
     out.notify(NoticeKind::Info, text);
+}
+
+fn fail_write(out: &mut Outbox, number: u64, error: String) {
+    out.snapshot.files.failed_write = Some((number, error.as_str().into()));
+    out.notify(NoticeKind::Error, error);
 }
 
 fn local_origin(out: &Outbox) -> DVec3 {

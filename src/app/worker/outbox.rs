@@ -2,9 +2,10 @@
 
 use super::Shared;
 use super::run::Run;
-use crate::app::splat_updates::{SplatChange, SplatUpdate};
+use crate::app::splat_updates::{RunMoment, SplatChange, SplatUpdate};
 use crate::app::state::{
-    FileState, FollowState, HISTORY, Notice, NoticeKind, NoticeTopic, OpenAs, RunState, Snapshot,
+    FileState, FollowState, HISTORY, Notice, NoticeKind, NoticeOffer, NoticeTopic, RunState,
+    Snapshot,
 };
 use crate::pipeline::job::Waker;
 use crate::train::learner::{Changed, Learner};
@@ -15,6 +16,10 @@ use std::time::Instant;
 /// Number of frames over which the frame rate is averaged.
 const RATE_FRAMES: usize = 30;
 
+/// Least number of scenes of a run that a slow window receives, evenly spaced by frames. Of these it measures
+/// curves after the end, for which a short run leaves no time.
+const LEAST_MOMENTS: usize = 12;
+
 /// Maximum number of notices in a snapshot. The list is copied for every new notice.
 const MAX_NOTICES: usize = 50;
 
@@ -24,6 +29,8 @@ pub struct Outbox {
     waker: Waker,
     published: Instant,
     dirty: Dirty,
+    /// Number of frames processed before the latest delivery of splats.
+    delivered_after: usize,
     /// True if the snapshot differs from the one published last.
     pub is_changed: bool,
     /// Serial number of the next notice, or of the next opened dataset or model.
@@ -40,6 +47,7 @@ impl Outbox {
             waker,
             published: Instant::now(),
             dirty: Dirty::default(),
+            delivered_after: 0,
             is_changed: true,
             next_serial: 1,
             ends: VecDeque::new(),
@@ -63,13 +71,13 @@ impl Outbox {
         self.notify_with(topic, kind, text, None);
     }
 
-    /// Adds a notice that may offer to open a dataset with other options.
+    /// Adds a notice that may offer to open something.
     pub fn notify_with(
         &mut self,
         topic: NoticeTopic,
         kind: NoticeKind,
         text: String,
-        open_as: Option<OpenAs>,
+        offer: Option<NoticeOffer>,
     ) {
         match kind {
             NoticeKind::Error => tracing::error!("{text}"),
@@ -82,7 +90,7 @@ impl Outbox {
             notices.remove(0);
         }
         // Opened subjects use the same counter: both numbers only have to increase.
-        notices.push(Notice { serial: self.next_serial, topic, kind, text, open_as });
+        notices.push(Notice { serial: self.next_serial, topic, kind, text, offer });
         self.next_serial += 1;
         self.snapshot.notices = Arc::new(notices);
         self.is_changed = true;
@@ -98,6 +106,7 @@ impl Outbox {
     /// follow recordings are kept.
     pub fn reset_snapshot(&mut self) {
         self.ends.clear();
+        self.delivered_after = 0;
         let Snapshot { notices, files, following, .. } = std::mem::take(&mut self.snapshot);
         self.snapshot = Snapshot {
             notices,
@@ -147,6 +156,9 @@ impl Outbox {
         // A hidden window takes no splats, so pending ones must not wake it.
         let news = self.is_changed || !self.dirty.is_empty() && self.shared.updates.is_empty();
         if !(at_once || due && news) {
+            if self.is_moment_due() {
+                self.deliver_changes(run);
+            }
             return;
         }
         // Delivered before the snapshot, so that a window that reads the snapshot finds its splats too.
@@ -224,16 +236,28 @@ impl Outbox {
     fn deliver_changes(&mut self, run: &Run) {
         let Some(session) = run.session() else { return };
         // While the window is slow or hidden, changes accumulate as a set, which is bounded by the
-        // scene's size; a queue of updates would grow without bound.
-        if !self.dirty.is_empty() && self.shared.updates.is_empty() {
+        // scene's size; a queue of all updates would grow without bound.
+        let is_wanted = self.is_moment_due() || self.shared.updates.is_empty();
+        if !self.dirty.is_empty() && is_wanted {
             let ids = self.dirty.take();
             self.deliver(SplatChange::some(ids.clone(), session.splats_of(&ids)), &ids, run);
         }
     }
 
-    fn deliver(&self, change: SplatChange, ids: &[u32], run: &Run) {
-        let (attributes, n_frames) = (run.attributes_of(ids), self.snapshot.n_seen());
-        self.shared.updates.push(SplatUpdate { change, attributes, n_frames });
+    fn is_moment_due(&self) -> bool {
+        let spacing = (self.snapshot.n_frames / LEAST_MOMENTS).max(1);
+        self.snapshot.n_seen() >= self.delivered_after + spacing
+    }
+
+    fn deliver(&mut self, change: SplatChange, ids: &[u32], run: &Run) {
+        let Snapshot { frames_done: n_trained, pace, .. } = &self.snapshot;
+        let after = RunMoment {
+            n_seen: self.snapshot.n_seen(),
+            n_trained: *n_trained,
+            seconds: pace.trained_s,
+        };
+        self.delivered_after = after.n_seen;
+        self.shared.updates.push(SplatUpdate { change, attributes: run.attributes_of(ids), after });
     }
 }
 

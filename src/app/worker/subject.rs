@@ -3,11 +3,12 @@
 use super::following::{follow_of, is_folder};
 use super::thread::WorkerThread;
 use crate::app::opening;
-use crate::app::opening::{Content, OpenedSubject};
+use crate::app::opening::{Content, OpenedSubject, PathProblem};
 use crate::app::rescue::{AbandonedRun, AutosaveSlot};
 use crate::app::splat_updates::SplatChange;
 use crate::app::state::{
-    GivenCalibration, NoticeKind, NoticeTopic, OpenAs, Opened, RunState, Source, Subject,
+    GivenCalibration, NoticeKind, NoticeOffer, NoticeTopic, OpenAs, Opened, RunState, Source,
+    Subject,
 };
 use crate::dataset::calibration::Calibration;
 use crate::eval::report::FrameReport;
@@ -33,10 +34,18 @@ impl WorkerThread {
     ) {
         let path = subject.path().map(Path::to_path_buf);
         if let Err(refusal) = self.try_open(calibration, subject) {
-            let open_as = path.and_then(|path| OpenAs::advised(&path, &refusal.text));
-            // Of the subject, so that it disappears once something is open.
-            self.outbox.notify_with(NoticeTopic::Subject, refusal.kind, refusal.text, open_as);
+            self.refuse(path.as_deref(), refusal.kind, refusal.problem);
         }
+    }
+
+    /// Reports why something was not opened, with an offer of what can be opened instead.
+    pub(super) fn refuse(&mut self, path: Option<&Path>, kind: NoticeKind, problem: PathProblem) {
+        let PathProblem { text, above } = problem;
+        let open_as =
+            || path.and_then(|path| OpenAs::advised(path, &text)).map(NoticeOffer::OpenAs);
+        let offer = above.map(NoticeOffer::OpenAbove).or_else(open_as);
+        // Of the subject, so that it disappears once something is open.
+        self.outbox.notify_with(NoticeTopic::Subject, kind, text, offer);
     }
 
     fn try_open(
@@ -109,10 +118,11 @@ impl WorkerThread {
             Subject::Path(path) if follows && is_folder(&read) => {
                 follow_of(path, &training.of_dataset(path).reading)
                     .map(|follow| Found::Recording(Box::new(follow)))
+                    .map_err(PathProblem::from)
             }
             _ => opening::open(&read, &training, serial)
                 .map(|opened| Found::Whole(Box::new(opened)))
-                .map_err(|error| error.to_string()),
+                .map_err(PathProblem::from),
         });
         Ok(found??)
     }
@@ -171,6 +181,7 @@ impl WorkerThread {
                 };
                 let trained = session.frames().iter().map(|frame| frame.ms.stages.train);
                 snapshot.pace.trained_s = 1e-3 * trained.sum::<f64>();
+                snapshot.curves = Arc::new(session.curves().clone());
                 let doubted = session.frames().iter().filter_map(FrameReport::outlier_warning);
                 snapshot.frames.outliers = Arc::new(doubted.collect());
             }
@@ -205,7 +216,7 @@ impl WorkerThread {
                 let given = GivenCalibration { calibration, file: Some(path.to_owned()) };
                 self.open_with(Some(Arc::new(given)), subject);
             }
-            Err(refusal) => self.outbox.notify(refusal.kind, refusal.text),
+            Err(Refusal { kind, problem }) => self.outbox.notify(kind, problem.text),
         }
     }
 
@@ -252,7 +263,7 @@ impl WorkerThread {
             });
             Ok(read??)
         });
-        let opened = opened.map_err(|refusal| refusal.text)?;
+        let opened = opened.map_err(|refusal| refusal.problem.text)?;
         self.outbox.next_serial += 1;
         let calibration = match &opened.content {
             Content::Session(session) => {
@@ -278,6 +289,9 @@ impl WorkerThread {
         let Some(run) = self.outbox.snapshot.files.abandoned.take() else { return };
         if let Ok(Some(slot)) = AutosaveSlot::lock_existing(&run.slot) {
             slot.delete_files();
+            // An older one may be left.
+            let opened = self.outbox.snapshot.opened.clone();
+            self.offer_abandoned_run(opened.as_ref().and_then(|opened| opened.path.as_deref()));
         }
     }
 
@@ -297,8 +311,8 @@ impl WorkerThread {
                 return Ok(join_opening(&name, ended)?);
             }
             if !self.shared.is_opening_wanted() {
-                let text = format!("{name}: opening was cancelled");
-                return Err(Refusal { kind: NoticeKind::Info, text });
+                let problem = format!("{name}: opening was cancelled").into();
+                return Err(Refusal { kind: NoticeKind::Info, problem });
             }
             if !is_warned && job.elapsed() > SLOW {
                 is_warned = true;
@@ -328,12 +342,18 @@ const SLOW: Duration = Duration::from_secs(4);
 struct Refusal {
     /// Severity of the notice. A cancellation by the user is not an error.
     kind: NoticeKind,
-    text: String,
+    problem: PathProblem,
+}
+
+impl From<PathProblem> for Refusal {
+    fn from(problem: PathProblem) -> Self {
+        Self { kind: NoticeKind::Error, problem }
+    }
 }
 
 impl From<String> for Refusal {
     fn from(text: String) -> Self {
-        Self { kind: NoticeKind::Error, text }
+        PathProblem::from(text).into()
     }
 }
 

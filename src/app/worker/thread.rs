@@ -8,9 +8,11 @@ use super::files::{Export, begin_write, write_text};
 use super::following::Following;
 use super::outbox::Outbox;
 use super::run::Run;
+use crate::app::opening::PathProblem;
 use crate::app::rescue::{Crash, CrashedThread, Rescue};
 use crate::app::state::{NoticeKind, NoticeTopic, RunState, Subject};
 use crate::app::training::TrainSettings;
+use crate::eval::report::QualityCurves;
 use crate::pipeline::job::Waker;
 use crate::pipeline::panic_report::PanicReport;
 use crate::render::attributes::Attribute;
@@ -116,7 +118,9 @@ impl WorkerThread {
 
     /// Executes an order, or trains a frame if there is none, and publishes the result.
     fn run_turn(&mut self, order: Option<WorkerOrder>) {
-        let acted = order.is_some();
+        // Curves come from the window, which therefore need not be drawn again.
+        let acted =
+            order.as_ref().is_some_and(|order| !matches!(order, WorkerOrder::RecordCurves(..)));
         match order {
             Some(order) => {
                 self.outbox.is_changed = true;
@@ -175,6 +179,7 @@ impl WorkerThread {
                 self.settle();
                 export.write(&self.run, &mut self.outbox, &self.shared.file);
             }
+            WorkerOrder::RecordCurves(serial, curves) => self.record_curves(serial, curves),
             WorkerOrder::WriteText(path, text) => write_text(&path, &text, &mut self.outbox),
             WorkerOrder::Store(answer) => {
                 let rescue = self.end_run();
@@ -188,6 +193,9 @@ impl WorkerThread {
             // Notices of the window are stored here, so that they outlive it.
             WorkerOrder::Report(kind, message) => {
                 self.outbox.notify_of(NoticeTopic::Window, kind, message);
+            }
+            WorkerOrder::Refuse(path, problem) => {
+                self.refuse(Some(path.as_path()), NoticeKind::Error, problem);
             }
             WorkerOrder::ForgetReports => self.outbox.forget_notices(NoticeTopic::Window),
             WorkerOrder::Watch(attribute) => self.watch(attribute),
@@ -208,6 +216,15 @@ impl WorkerThread {
     fn may_train(&self) -> bool {
         let state = self.outbox.snapshot.state;
         matches!(state, RunState::Ready | RunState::Training | RunState::Paused)
+    }
+
+    /// Records curves for checkpoints, unless another dataset or model was opened meanwhile.
+    fn record_curves(&mut self, serial: u64, curves: QualityCurves) {
+        let is_open = self.outbox.snapshot.opened.as_ref().is_some_and(|o| o.serial == serial);
+        if let Some(session) = self.run.session_mut().filter(|_| is_open) {
+            session.set_curves(curves.clone());
+            self.outbox.snapshot.curves = Arc::new(curves);
+        }
     }
 
     pub(super) fn fail(&mut self, message: String) {
@@ -284,6 +301,8 @@ pub enum WorkerOrder {
     Save(u64, PathBuf),
     /// Exports the newest scene. The snapshot reports the outcome with the number of the export.
     Export(Export),
+    /// Records the quality measured in the run of the dataset with this serial number.
+    RecordCurves(u64, QualityCurves),
     /// Writes a text to a file; under an unused name if the path exists.
     WriteText(PathBuf, String),
     /// Stops training and stores frames that no checkpoint contains, because the program ends
@@ -294,6 +313,8 @@ pub enum WorkerOrder {
     DiscardAbandoned,
     /// Publishes a notice about the window.
     Report(NoticeKind, String),
+    /// Publishes a notice about a path that cannot be opened.
+    Refuse(PathBuf, PathProblem),
     /// Removes the notices about the window, because another adapter draws it.
     ForgetReports,
     /// Sets the attribute that is delivered with changed splats; `None` delivers no attributes.

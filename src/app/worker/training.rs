@@ -2,7 +2,7 @@
 
 use super::following::is_read_from;
 use super::thread::WorkerThread;
-use crate::app::state::{NoticeKind, NoticeTopic, OpenAs, RunState, Subject};
+use crate::app::state::{NoticeKind, NoticeOffer, NoticeTopic, OpenAs, RunState, Subject};
 use crate::dataset::pose_check::ENOUGH_FRAMES;
 use crate::eval::report::Summary;
 use crate::pipeline::error::SessionError;
@@ -165,9 +165,10 @@ impl WorkerThread {
             Ok(mut sampling) => {
                 let path = self.outbox.snapshot.opened.as_ref().and_then(|o| o.path.clone());
                 for warning in sampling.poses.iter().flat_map(|check| check.warnings()) {
-                    let open_as = path.as_ref().and_then(|path| OpenAs::advised(path, &warning));
+                    let offer = path.as_ref().and_then(|path| OpenAs::advised(path, &warning));
+                    let offer = offer.map(NoticeOffer::OpenAs);
                     let topic = NoticeTopic::Subject;
-                    self.outbox.notify_with(topic, NoticeKind::Warning, warning, open_as);
+                    self.outbox.notify_with(topic, NoticeKind::Warning, warning, offer);
                 }
                 // Frames that cannot be checked do not withdraw an earlier check.
                 let earlier = self.outbox.snapshot.sampling.poses.take();

@@ -108,6 +108,17 @@ pub(super) fn parse(
     folder: &Folder,
     options: &LoadOptions,
 ) -> Result<(Layout, String, ParsedFolder), DatasetError> {
+    let (layout, format, why) = recognise(folder, options)?;
+    let parsed = (format.parse)(folder, options).and_then(|parsed| parsed.checked(&folder.path));
+    // Parsing peeks at files too, and what it could not read may be what it misses.
+    folder.take_unread().map_or_else(|| Ok((layout, why, parsed?)), Err)
+}
+
+/// Returns the layout of a folder, its format, and a description of the identifying files.
+pub(super) fn recognise(
+    folder: &Folder,
+    options: &LoadOptions,
+) -> Result<(Layout, &'static DatasetFormat, String), DatasetError> {
     let recognise = |(layout, format): &'static (Layout, DatasetFormat)| {
         (format.recognise)(folder).map(|why| (*layout, format, why))
     };
@@ -146,11 +157,15 @@ pub(super) fn parse(
             found: found.collect::<Vec<_>>().join("; "),
         });
     }
-    if let Some((layout, format, why)) = found.pop() {
-        let parsed =
-            (format.parse)(folder, options).and_then(|parsed| parsed.checked(&folder.path));
-        // Parsing peeks at files too, and what it could not read may be what it misses.
-        return folder.take_unread().map_or_else(|| Ok((layout, why, parsed?)), Err);
+    if let Some(found) = found.pop() {
+        return Ok(found);
+    }
+    if let Some(archive) = folder.opened_archive() {
+        return Err(DatasetError::OtherFormat {
+            path: folder.path.join(archive),
+            kind: "a zip archive",
+            hint: "unpack it and open its folder",
+        });
     }
     let names: Vec<&str> = folder.listing.files().collect();
     let other = DatasetError::of_other_recording(&folder.path, &names);

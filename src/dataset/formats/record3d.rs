@@ -202,10 +202,15 @@ fn recognise(folder: &Folder) -> Option<String> {
 }
 
 /// Returns the name of the opened archive, even if it is damaged, or of the only archive of this layout
-/// in the dataset folder. Several archives yield `None`.
+/// in the dataset folder. Several archives yield `None`, as does the archive of another program.
 fn archive_name(folder: &Folder) -> Option<&str> {
     if let Some(name) = folder.opened_archive() {
-        return (!is_bag(&folder.path.join(name)).unwrap_or(false)).then_some(name);
+        let path = folder.path.join(name);
+        let lacks_metadata = |archive: Archive| {
+            !archive.names().iter().any(|name| METADATA.contains(&name.as_str()))
+        };
+        let is_other = || !name.ends_with(".r3d") && Archive::open(&path).is_ok_and(lacks_metadata);
+        return (!is_bag(&path).unwrap_or(false) && !is_other()).then_some(name);
     }
     let is_ours = |name: &&str| {
         is_recording(folder, name).unwrap_or_else(|problem| {

@@ -11,7 +11,7 @@
 //! | `META` | bytes | JSON: program, time, dataset and its fingerprint |
 //! | `NUMX` | bytes | JSON: everything else that affects the last bits of the result |
 //! | `CURS` | u64 | frames trained on, points trained on, then the visited frames in order |
-//! | `HIST` | bytes | JSON: reports of the frames; optional |
+//! | `HIST` | bytes | JSON: reports of the frames, and curves that the window measured; optional |
 //!
 //! A mixture has these sections:
 //!

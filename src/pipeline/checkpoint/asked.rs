@@ -179,7 +179,8 @@ impl SavedRun {
         past.wall_s = meta.wall_s;
         if let Some(history) = history {
             let history: History = parse(&path, "HIST", &history)?;
-            (past.frames, past.skipped) = (history.frames, history.skipped);
+            (past.frames, past.skipped, past.curves) =
+                (history.frames, history.skipped, history.curves);
         }
         let origin = InitialState::Stored(&model, cursor.frames);
         Ok(Session::begin(dataset, config, plan, &origin, past)?)

@@ -4,7 +4,7 @@ use super::error::RunError;
 use crate::dataset::fingerprint::Fingerprint;
 use crate::dataset::{Layout, LoadOptions};
 use crate::eval::report;
-use crate::eval::report::{FrameReport, SkippedFrame};
+use crate::eval::report::{FrameReport, QualityCurves, SkippedFrame};
 use crate::export::checkpoint;
 use crate::export::checkpoint::{Checkpoint, LoadedCheckpoint};
 use crate::model::splat::appearance::SplatSet;
@@ -173,6 +173,9 @@ impl SavedRun {
 pub(super) struct History {
     pub frames: Vec<FrameReport>,
     pub skipped: Vec<SkippedFrame>,
+    /// Missing in files of older programs, and without measurements.
+    #[serde(default)]
+    pub curves: QualityCurves,
 }
 
 impl History {
@@ -180,8 +183,12 @@ impl History {
     pub fn canonical(&self) -> Result<String, serde_json::Error> {
         // One frame at a time: as a single `Value`, a long run would take ten times the memory.
         let frames: Result<Vec<String>, _> = self.frames.iter().map(canonical).collect();
-        let skipped = canonical(&self.skipped)?;
-        Ok(format!("{{\"frames\":[{}],\"skipped\":{skipped}}}", frames?.join(",")))
+        let (skipped, frames) = (canonical(&self.skipped)?, frames?.join(","));
+        let curves = match self.curves == QualityCurves::default() {
+            true => String::new(),
+            false => format!("\"curves\":{},", canonical(&self.curves)?),
+        };
+        Ok(format!("{{{curves}\"frames\":[{frames}],\"skipped\":{skipped}}}"))
     }
 }
 
