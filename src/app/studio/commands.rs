@@ -11,7 +11,7 @@ use crate::app::edit::editor::EditCounts;
 use crate::app::export_options;
 use crate::app::export_options::ExportKind;
 use crate::app::film::FilmRequest;
-use crate::app::panels::path::film_choices;
+use crate::app::panels::path::{film_choices, picture_choices};
 use crate::app::panels::status::Answer;
 use crate::app::path_dialog;
 use crate::app::path_dialog::PathAnswer;
@@ -19,7 +19,9 @@ use crate::app::rescue::AbandonedRun;
 use crate::app::state::{NoticeKind, RunState, Snapshot, Subject};
 use crate::app::viewer::export_preview::ExportChoice;
 use crate::app::worker::{Export, Waker, WorkerOrder};
+use crate::eval::report;
 use crate::export::ModelFormat;
+use crate::export::video::too_large;
 use crate::render::{Lens, RenderOptions};
 use eframe::egui::{FocusDirection, InputState, Key, Modifiers, Popup, Ui, ViewportCommand};
 use std::path::PathBuf;
@@ -49,7 +51,10 @@ impl Studio {
             UiCommand::Reset => self.confirm_then_send(WorkerOrder::Reset, snapshot),
             UiCommand::Save => self.dialogs.save.show(),
             UiCommand::Export => self.dialogs.export.show(),
-            UiCommand::SavePicture => self.save_picture(snapshot),
+            UiCommand::SavePicture => {
+                self.film.still_size = self.view.camera.size_px;
+                self.dialogs.picture.show();
+            }
             UiCommand::FrameStrip => self.layout.shows_frames = !self.layout.shows_frames,
             UiCommand::ResetLayout => reset_layout(&mut self.layout, &self.shell.egui),
             UiCommand::CompareModel => self.dialogs.compare.show(),
@@ -259,6 +264,7 @@ impl Studio {
         }
         self.ask_export(ui, &waker, snapshot);
         self.ask_film(ui, &waker, snapshot);
+        self.ask_picture(ui, &waker, snapshot);
         let notices = [self.film.thread.poll_notice(), self.film.still.take()];
         notices.into_iter().flatten().for_each(|(kind, text)| self.report(kind, text));
         help(ui, &mut self.dialogs.help_is_open);
@@ -339,10 +345,19 @@ impl Studio {
         }
     }
 
-    fn save_picture(&mut self, snapshot: &Snapshot) {
-        let (Some(opened), Some(still)) = (&snapshot.opened, self.view.still()) else { return };
-        let path = opened.files.path("view.png");
-        let started = self.film.still.start(still, path, self.shell.waker().clone());
+    fn ask_picture(&mut self, ui: &Ui, waker: &Waker, snapshot: &Snapshot) {
+        let (size, shown) = (&mut self.film.still_size, self.view.camera.size_px);
+        let choices = |ui: &mut Ui| picture_choices(size, shown, ui);
+        let answer = self.dialogs.picture.ui(ui, waker, choices, |_| ());
+        let Some(PathAnswer::Path(path)) = answer else { return };
+        let size = self.film.still_size;
+        if let Some(found) = report::available_bytes().and_then(|free| too_large(size, free)) {
+            self.report(NoticeKind::Error, format!("{}: {found}", path.display()));
+            return;
+        }
+        let is_training = snapshot.state == RunState::Training;
+        let Some(still) = self.view.still(size, is_training) else { return };
+        let started = self.film.still.start(still, path, waker.clone());
         self.is_started("draw the picture", started);
     }
 
