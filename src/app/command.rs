@@ -138,7 +138,7 @@ commands! {
         [ctrl(Key::E)], Export 0, Window Scene;
     Save: ["Save…"], "Save a checkpoint from which training can resume",
         [ctrl(Key::S)], Export 0, Window Trained;
-    SavePicture: ["Save picture"], "Save the view as a PNG next to the open file or folder",
+    SavePicture: ["Save picture"], "Save the view as a PNG of any size",
         [], Export 0, Window Scene;
     FrameScene: ["Frame scene"], "Move the camera so that the whole scene is visible",
         [key(Key::F)], View 0, View Model;

@@ -4,7 +4,6 @@
 //! one thread renders.
 
 use super::edit::marks::LeftOut;
-use super::settings_file::unused;
 use super::state::NoticeKind;
 use super::view_thread::{one_thread, run_in, take_finished};
 use super::worker::Waker;
@@ -133,21 +132,23 @@ pub struct Still {
     pub splats: Arc<SplatSet>,
     pub camera: Camera,
     pub options: RenderOptions,
+    /// True if the picture is rendered with one thread, because training needs the other cores.
+    pub is_beside_training: bool,
 }
 
 #[derive(Default)]
-pub struct StillJob(Option<(PathBuf, Job<Result<PathBuf, String>>)>);
+pub struct StillJob(Option<(PathBuf, Job<Result<(), String>>)>);
 
 impl StillJob {
-    /// Starts rendering a picture and writing it to `path`, or to an unused name if `path` exists. A
-    /// picture that is still in progress is completed, but no notice reports it.
+    /// Starts rendering a picture and writing it to `path`. A picture that is still in progress is
+    /// completed, but no notice reports it.
     pub fn start(&mut self, still: Still, path: PathBuf, waker: Waker) -> std::io::Result<()> {
-        let asked = path.clone();
+        let output = path.clone();
+        let pool = still.is_beside_training.then(one_thread).transpose()?;
         let draw = move || {
-            let picture =
-                CpuRenderer::new().render(still.splats.view(), &still.camera, &still.options).color;
-            let path = unused(&asked);
-            write_png(&path, &picture).map(|()| path).map_err(|error| error.to_string())
+            let Still { splats, camera, options, .. } = still;
+            let render = || CpuRenderer::new().render(splats.view(), &camera, &options).color;
+            write_png(&output, &run_in(pool.as_ref(), render)).map_err(|error| error.to_string())
         };
         self.0 = Some((path, Job::start_waking("picture", waker, draw)?));
         Ok(())
@@ -156,7 +157,7 @@ impl StillJob {
     pub fn take(&mut self) -> Option<(NoticeKind, String)> {
         let (path, answer) = take_finished(&mut self.0)?;
         Some(match answer {
-            Ok(Ok(path)) => (NoticeKind::Info, format!("Wrote {}", path.display())),
+            Ok(Ok(())) => (NoticeKind::Info, format!("Wrote {}", path.display())),
             Ok(Err(error)) => (NoticeKind::Error, error),
             Err(panic) => {
                 let text = panic.failure_notice("rendering the picture");

@@ -42,6 +42,7 @@ pub enum Purpose {
     Save,
     Export,
     Film,
+    Picture,
 }
 
 impl Purpose {
@@ -53,6 +54,7 @@ impl Purpose {
             Purpose::Save => "Save",
             Purpose::Export => "Export",
             Purpose::Film => "Render film",
+            Purpose::Picture => "Save picture",
         }
     }
 
@@ -69,14 +71,15 @@ impl Purpose {
             Purpose::Save => "A file name ending in .vbgs".to_owned(),
             Purpose::Export => format!("A file name ending in {}", listed(&WRITTEN_ENDINGS)),
             Purpose::Film => {
-                "A folder for PNG images, or a video encoded by ffmpeg: .mp4, .webm or .webp"
+                "A folder for PNG images, a .gif, or a video encoded by ffmpeg: .mp4, .webm or .webp"
                     .to_owned()
             }
+            Purpose::Picture => "A file name ending in .png".to_owned(),
         }
     }
 
     fn writes(self) -> bool {
-        matches!(self, Purpose::Save | Purpose::Export | Purpose::Film)
+        !matches!(self, Purpose::Open | Purpose::Compare)
     }
 
     /// Returns the extension of the proposed file; `None` for dialogs that open a file.
@@ -86,6 +89,7 @@ impl Purpose {
             Purpose::Save => Some("vbgs"),
             Purpose::Export => Some(WRITTEN_ENDINGS[0]),
             Purpose::Film => Some("film"),
+            Purpose::Picture => Some("view.png"),
         }
     }
 }
@@ -462,8 +466,12 @@ impl PathDialog {
             Purpose::Film => {
                 let folders = dialog.clone();
                 self.browse(ui, waker, "Browse folders…", || folders.pick_folder());
-                let files = dialog.add_filter("videos", &["mp4", "webm", "webp"]);
+                let files = dialog.add_filter("films", &["gif", "mp4", "webm", "webp"]);
                 self.browse(ui, waker, "Browse files…", || files.save_file());
+            }
+            Purpose::Picture => {
+                let files = dialog.add_filter("pictures", &["png"]);
+                self.browse(ui, waker, "Browse…", || files.save_file());
             }
             Purpose::Export => {
                 let files = dialog.add_filter("splats", &WRITTEN_ENDINGS);

@@ -242,6 +242,8 @@ fn native_options(
             .with_inner_size(Vec2::new(1280.0, 800.0))
             .with_min_inner_size(Vec2::new(640.0, 400.0))
             .with_drag_and_drop(true),
+        // The studio searches the system's fonts itself, without waiting for their files.
+        system_font_fallback: false,
         wgpu_options: viewport::wgpu_configuration(adapter),
         persistence_path: settings.map(|settings| settings.path().to_owned()),
         ..Default::default()

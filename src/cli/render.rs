@@ -14,7 +14,7 @@ use vbgs_studio::dataset::LoadOptions;
 use vbgs_studio::eval::near::{NearRule, near_plane};
 use vbgs_studio::eval::report;
 use vbgs_studio::export::camera_path::PacedPath;
-use vbgs_studio::export::video::{FilmWriter, is_video, write_png};
+use vbgs_studio::export::video::{FilmWriter, is_video, too_large, write_png};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::math::orbit::Orbit;
@@ -265,28 +265,10 @@ fn check_fov(args: &RenderArgs) -> Result<(), Failure> {
     ))
 }
 
-/// Bytes per pixel for colour, coverage, depth and the encoded file. Measured with images of 16 and 64
-/// million pixels.
-const PIXEL_BYTES: u64 = 40;
-
 /// Rejects image sizes that do not fit in memory, because a failed allocation would abort the program.
 fn check_size(args: &RenderArgs) -> Result<(), Failure> {
-    let refusal = report::available_bytes().and_then(|available| refusal(args.size, available));
-    refusal.map_or(Ok(()), |text| Err(failed!(text)))
-}
-
-/// Returns the error text for an image that needs more than `available` bytes, or `None` if it fits.
-fn refusal(size: [u32; 2], available: u64) -> Option<String> {
-    let [width, height] = size.map(u64::from);
-    let needed = width * height * PIXEL_BYTES;
-    (needed > available).then(|| {
-        format!(
-            "--size: expected at most {} pixels, which the {} MB of free memory hold, found {width}x{height} ({} MB); take a smaller picture or close other programs",
-            available / PIXEL_BYTES,
-            available / 1_000_000,
-            needed.div_ceil(1_000_000)
-        )
-    })
+    let found = report::available_bytes().and_then(|available| too_large(args.size, available));
+    found.map_or(Ok(()), |found| Err(failed!(format!("--size: {found}"))))
 }
 
 fn intrinsics(args: &RenderArgs) -> Intrinsics {
@@ -318,19 +300,5 @@ fn narrower_fov(args: &RenderArgs) -> f64 {
     match args.lens {
         Lens::Pinhole => 2.0 * ((0.5 * fov).tan() * share).atan(),
         Lens::Fisheye => (fov * share).min(PI),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pictures_that_do_not_fit_are_refused() {
-        assert_eq!(refusal([1280, 720], 1280 * 720 * PIXEL_BYTES), None);
-        let said = refusal([16_384, 16_384], 400_000_000).unwrap_or_default();
-        for part in ["--size: expected at most 10000000 pixels", "400 MB", "16384x16384"] {
-            assert!(said.contains(part), "{said}");
-        }
     }
 }

@@ -4,7 +4,9 @@
 use super::any_preset::{AnyPreset, Mismatch, PlacedLearner};
 use super::error::SessionError;
 use super::plan::Plan;
-use super::prefetch::{Next, PlannedFrame, Prefetch, Prepare, Prepared, PreparedFrame};
+use super::prefetch::{
+    FrameWatcher, Next, PlannedFrame, Prefetch, Prepare, Prepared, PreparedFrame,
+};
 use super::run::RunConfig;
 use super::settings::method::Method;
 use crate::dataset::range::PositionRange;
@@ -24,6 +26,8 @@ pub(super) trait FrameLoop: Send {
     fn step(&mut self, patience: Duration) -> Next<SteppedFrame>;
 
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>);
+
+    fn watch(&self, watcher: FrameWatcher);
 
     fn learner(&self) -> &dyn Learner;
 
@@ -96,6 +100,10 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
 
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>) {
         self.prefetch.append(frames);
+    }
+
+    fn watch(&self, watcher: FrameWatcher) {
+        self.prefetch.watch(watcher);
     }
 
     fn learner(&self) -> &dyn Learner {

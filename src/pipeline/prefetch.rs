@@ -19,7 +19,7 @@ use std::collections::VecDeque;
 use std::fmt::Display;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -122,7 +122,12 @@ pub struct Prefetch<P: Prepare> {
     /// Frames of a batch that were received and not yet returned.
     ready: VecDeque<Prepared<P::Observation>>,
     recycle: SyncSender<P::Observation>,
+    watcher: Arc<OnceLock<FrameWatcher>>,
 }
+
+/// Function that receives each decoded frame with its position in the plan, before the frame is prepared. It
+/// runs on a decoding thread, and not again for repeated frames.
+pub type FrameWatcher = Arc<dyn Fn(usize, &Frame) + Send + Sync>;
 
 /// State of the next frame.
 pub enum Next<T> {
@@ -219,6 +224,7 @@ struct Shared<P: Prepare> {
     preparation: P,
     tasks: Mutex<Receiver<Task<P>>>,
     recycled: Mutex<Receiver<P::Observation>>,
+    watcher: Arc<OnceLock<FrameWatcher>>,
 }
 
 /// Error of starting a decoding thread.
@@ -255,7 +261,8 @@ impl<P: Prepare> Prefetch<P> {
         // As many buffers as frames are requested ahead; further ones are freed.
         let (recycle, recycled) = sync_channel(n_threads + 1);
         let (tasks, recycled) = (Mutex::new(tasks), Mutex::new(recycled));
-        let shared = Arc::new(Shared { preparation, tasks, recycled });
+        let watcher = Arc::new(OnceLock::new());
+        let shared = Arc::new(Shared { preparation, tasks, recycled, watcher: watcher.clone() });
         for _ in 0..n_threads {
             let shared = shared.clone();
             thread::Builder::new().name("prefetch".into()).spawn(move || shared.run())?;
@@ -263,7 +270,8 @@ impl<P: Prepare> Prefetch<P> {
         let (coming, ready) = (VecDeque::new(), VecDeque::new());
         // Ahead, one frame is ready besides those in preparation.
         let most = n_threads + usize::from(is_ahead);
-        let mut prefetch = Self { upcoming, is_ahead, most, asked, coming, ready, recycle };
+        let mut prefetch =
+            Self { upcoming, is_ahead, most, asked, coming, ready, recycle, watcher };
         prefetch.request_ahead();
         Ok(prefetch)
     }
@@ -272,6 +280,12 @@ impl<P: Prepare> Prefetch<P> {
     pub fn append(&mut self, frames: impl Iterator<Item = PlannedFrame>) {
         self.upcoming.extend(frames);
         self.request_ahead();
+    }
+
+    /// Calls `watcher` with every frame that is decoded from now on. Only the first watcher counts.
+    pub fn watch(&self, watcher: FrameWatcher) {
+        // Fails if there is one already.
+        let _ = self.watcher.set(watcher);
     }
 
     fn request_ahead(&mut self) {
@@ -352,8 +366,40 @@ impl<P: Prepare> Shared<P> {
             // Without waiting: the first frames have no memory to reuse.
             let recycled = receive_shared(&self.recycled, |recycled| recycled.try_recv().ok());
             // Fails if the handle was dropped.
-            drop(slot.send(prepare(&self.preparation, frame, &mut memory, recycled)));
+            drop(slot.send(self.prepare(frame, &mut memory, recycled)));
         }
+    }
+
+    /// Loads and prepares a frame. Reuses the memory of a `recycled` observation, if there is one.
+    fn prepare(
+        &self,
+        PlannedFrame { position, is_repeat, entry }: PlannedFrame,
+        memory: &mut P::Memory,
+        recycled: Option<P::Observation>,
+    ) -> Prepared<P::Observation> {
+        let (name, marks) = (entry.name.clone(), entry.marks());
+        // A panic only skips this frame. If the thread ended, the run would silently end after the frames
+        // so far.
+        let prepared = catch_unwind(AssertUnwindSafe(|| {
+            let mut clock = Stopwatch::start();
+            let frame = entry.load().map_err(message)?;
+            let load_ms = clock.lap_ms();
+            if let Some(watcher) = self.watcher.get().filter(|_| !is_repeat) {
+                watcher(position, &frame);
+            }
+            let mut observation = recycled.unwrap_or_else(P::empty);
+            let dropped = self.preparation.prepare(&frame, memory, &mut observation)?;
+            Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms: clock.lap_ms() })
+        }));
+        let result = prepared.unwrap_or_else(|panic| {
+            // The buffers may be inconsistent.
+            *memory = P::Memory::default();
+            Err(format!(
+                "{name}: skipped because of a defect of this program, please report it: {}",
+                PanicReport::of(&*panic)
+            ))
+        });
+        Prepared { position, is_repeat, name, marks, result }
     }
 }
 
@@ -364,34 +410,6 @@ fn receive_shared<T>(
 ) -> Option<T> {
     // A panic of another thread leaves the channel intact.
     next(&channel.lock().unwrap_or_else(PoisonError::into_inner))
-}
-
-/// Loads and prepares a frame. Reuses the memory of a `recycled` observation, if there is one.
-fn prepare<P: Prepare>(
-    preparation: &P,
-    PlannedFrame { position, is_repeat, entry }: PlannedFrame,
-    memory: &mut P::Memory,
-    recycled: Option<P::Observation>,
-) -> Prepared<P::Observation> {
-    let (name, marks) = (entry.name.clone(), entry.marks());
-    // A panic only skips this frame. If the thread ended, the run would silently end after the frames so far.
-    let prepared = catch_unwind(AssertUnwindSafe(|| {
-        let mut clock = Stopwatch::start();
-        let frame = entry.load().map_err(message)?;
-        let load_ms = clock.lap_ms();
-        let mut observation = recycled.unwrap_or_else(P::empty);
-        let dropped = preparation.prepare(&frame, memory, &mut observation)?;
-        Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms: clock.lap_ms() })
-    }));
-    let result = prepared.unwrap_or_else(|panic| {
-        // The buffers may be inconsistent.
-        *memory = P::Memory::default();
-        Err(format!(
-            "{name}: skipped because of a defect of this program, please report it: {}",
-            PanicReport::of(&*panic)
-        ))
-    });
-    Prepared { position, is_repeat, name, marks, result }
 }
 
 #[cfg(test)]
@@ -448,6 +466,11 @@ mod tests {
             let upcoming = PlannedFrame::of(&room, &plan, 0).collect();
             let slow = Slow { defect: None };
             let mut prefetch = Prefetch::with_threads(upcoming, slow, decoders, true).unwrap();
+            let seen = Arc::new(Mutex::new(Vec::new()));
+            let log = seen.clone();
+            prefetch.watch(Arc::new(move |position, frame: &Frame| {
+                log.lock().unwrap().push((position, frame.name.clone()));
+            }));
             let mut calls = 0;
             for position in 0..plan.frames.len() {
                 let prepared = prefetch.next_frame().unwrap();
@@ -457,6 +480,11 @@ mod tests {
                 prefetch.recycle(frame.observation);
             }
             assert!(prefetch.next_frame().is_none());
+            // Those decoded ahead before the watcher was set are missing.
+            let seen = seen.lock().unwrap();
+            assert!(seen.len() + decoders + 1 >= plan.frames.len(), "{seen:?}");
+            let name = |i: usize| &room.splits[plan.split].frames[plan.frames[i]].name;
+            assert!(seen.iter().all(|(position, found)| found == name(*position)), "{seen:?}");
             let by_one = calls == plan.frames.len();
             assert_eq!(by_one, decoders == 1, "{calls} frames by one of {decoders} threads");
         }

@@ -5,7 +5,7 @@ use super::error::SessionError;
 use super::follow::{Follow, ScanFindings};
 use super::frame_loop::{FrameLoop, FrameStatus, InitialState, SteppedFrame, frame_loop};
 use super::plan::{Plan, Selection};
-use super::prefetch::{Next, PlannedFrame};
+use super::prefetch::{FrameWatcher, Next, PlannedFrame};
 use super::run::{RunConfig, RunProgress};
 use super::settings::method::MethodRequest;
 use crate::dataset::synthetic::ParamsError;
@@ -192,6 +192,12 @@ impl Session {
         let n_frames = dataset.splits[split].frames.len();
         self.plan.extend(&self.config.selection, known, n_frames);
         self.frames.append(&mut PlannedFrame::of(&self.dataset, &self.plan, n_planned));
+    }
+
+    /// Calls `watcher` with every frame that is decoded from now on, on a decoding thread. Only the first
+    /// watcher counts.
+    pub fn watch_frames(&self, watcher: FrameWatcher) {
+        self.frames.watch(watcher);
     }
 
     /// Trains on the next frame, after waiting for it to be decoded.

@@ -1,13 +1,15 @@
 //! Camera control by pointer and keys.
 
 use super::harness::{
-    Window, dataset, drag, drop_on, is, settled, train, turn_wheel, wait, window, write_to,
+    Window, dataset, drag, drag_between, drop_on, is, settled, train, turn_wheel, wait, window,
+    write_to,
 };
 use super::inspect::MIDDLE;
 use super::viewer::press;
 use crate::common::adapter::turn;
 use crate::common::shared;
-use eframe::egui::{Key, PointerButton, Vec2};
+use eframe::egui::{Key, PointerButton, Pos2, Vec2};
+use glam::DVec3;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Source, Subject};
 use vbgs_studio::export;
@@ -104,4 +106,40 @@ fn f_shows_the_whole_scene_and_fills_the_smaller_side() {
         wait(&mut window, "the model", |s| s.snapshot().source == Source::Model);
         wait(&mut window, "shown", is(RunState::Finished));
     }
+}
+
+#[test]
+fn f_turns_to_the_side_that_the_cameras_saw() {
+    let _turn = turn();
+    let Some(recording) = shared("data/open3d_sample") else { return };
+    let Some(mut window) = window(Some(Subject::Path(recording)), Painting::Auto) else { return };
+    train(&mut window);
+    let cameras: Vec<DVec3> = {
+        let opened = window.state().snapshot().opened.clone().unwrap();
+        let frames =
+            &opened.dataset.as_ref().unwrap().splits[opened.plan.as_ref().unwrap().split].frames;
+        frames.iter().map(|frame| frame.camera.pose.forward()).collect()
+    };
+    let forward = |window: &mut Window| {
+        window.run_steps(2);
+        window.state().view().camera.keyframe().unwrap().pose.forward()
+    };
+    let nearest = |ahead: DVec3| cameras.iter().map(|own| own.dot(ahead)).fold(-1.0, f64::max);
+    // A seen direction is kept.
+    press(&mut window, Key::H);
+    let before = forward(&mut window);
+    assert!(nearest(before) > 0.99, "{}", nearest(before));
+    press(&mut window, Key::F);
+    assert!(forward(&mut window).distance(before) < 1e-6);
+    // From behind, F turns around.
+    let start = Pos2::new(300.0, 300.0);
+    for _ in 0..40 {
+        if nearest(forward(&mut window)) < -0.2 {
+            break;
+        }
+        drag_between(&mut window, PointerButton::Primary, start, start + Vec2::new(30.0, 0.0));
+    }
+    assert!(nearest(forward(&mut window)) < -0.2, "{}", nearest(forward(&mut window)));
+    press(&mut window, Key::F);
+    assert!(nearest(forward(&mut window)) > 0.9, "{}", nearest(forward(&mut window)));
 }

@@ -1,13 +1,14 @@
 //! The frame strip below the viewport.
 
 use super::harness::{
-    PATIENCE, Window, dataset, is, train, wait, wait_for_label, wait_for_text, window,
+    PATIENCE, Window, click, dataset, is, reset, train, wait, wait_for_label, wait_for_text, window,
 };
 use super::viewer::{position, press};
 use crate::common::adapter::turn;
 use crate::common::layouts::{TestLayout, write};
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2};
 use egui_kittest::kittest::Queryable;
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
@@ -71,6 +72,78 @@ fn a_click_shows_the_camera_and_a_drag_previews_others() {
     wait_for_label(&mut window, "In the dataset's order, every frame");
     press(&mut window, Key::T);
     window.get_by_label("Frame 1");
+}
+
+/// Numbers of colours in the photograph and in the depth picture of a frame of the strip.
+fn colors_of(window: &mut Window, label: &str) -> [usize; 2] {
+    window.run_steps(2);
+    let cell = window.get_by_label(label).rect();
+    let image = window.render().unwrap();
+    let rows = [(0.1, 0.4), (0.52, 0.8)];
+    rows.map(|(top, bottom)| {
+        let part = cell.shrink2(eframe::egui::vec2(0.2 * cell.width(), 0.0));
+        let at = |share: f32| (part.top() + share * part.height()) as u32;
+        let pixels = (at(top)..at(bottom))
+            .flat_map(|y| (part.left() as u32..part.right() as u32).map(move |x| (x, y)));
+        pixels.map(|(x, y)| image.get_pixel(x, y).0).collect::<BTreeSet<_>>().len()
+    })
+}
+
+#[test]
+fn pictures_of_the_strip_come_from_training_and_survive_a_reset() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 7);
+    let subject = Some(Subject::Path(path.clone()));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    // The folded strip decodes nothing itself.
+    wait(&mut window, "ready", is(RunState::Ready));
+    press(&mut window, Key::T);
+    train(&mut window);
+    let mut images = Vec::new();
+    for folder in [path.clone(), path.join("train"), path.join("test")] {
+        let found = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        images.extend(found.filter(|file| file.extension().is_some_and(|end| end == "png")));
+    }
+    assert!(images.len() >= 14, "{images:?}");
+    // The header stays, so that the dataset opens; the pixels cannot be decoded any more.
+    for image in images {
+        fs::write(&image, &fs::read(&image).unwrap()[..64]).unwrap();
+    }
+    press(&mut window, Key::T);
+    // The first frames may be decoded before training is watched; frame 1 is the held-out view.
+    let check = |window: &mut Window| {
+        for label in ["Frame 6", "Frame 7", "Frame 8"] {
+            let colors = colors_of(window, label);
+            assert!(colors.iter().all(|&n| n > 60), "{label}: {colors:?} colours");
+        }
+    };
+    check(&mut window);
+    reset(&mut window);
+    click(&mut window, "Discard");
+    wait(&mut window, "ready", is(RunState::Ready));
+    for _ in 0..10 {
+        window.run_steps(2);
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    check(&mut window);
+}
+
+#[test]
+#[ignore = "prints figures of time"]
+fn figures_of_the_pictures_of_the_strip() {
+    let params = SyntheticParams { width: 640, height: 480, n_train: 1, ..SyntheticParams::demo() };
+    let room = vbgs_studio::dataset::synthetic::dataset(&params).unwrap();
+    let frame = room.splits[room.training_split().unwrap()].frames[0].load().unwrap();
+    let pictures = vbgs_studio::app::viewer::thumbnails::TrainedThumbnails::default();
+    let times: Vec<f64> = (0..40)
+        .map(|i| {
+            let started = Instant::now();
+            pictures.add(1, i, &frame);
+            1e3 * started.elapsed().as_secs_f64()
+        })
+        .collect();
+    println!("ms of a frame of 640x480: {:.2}", times.iter().copied().fold(f64::MAX, f64::min));
 }
 
 #[test]

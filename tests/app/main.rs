@@ -20,6 +20,7 @@ mod export_preview;
 mod files;
 mod first_minute;
 mod following;
+mod fonts;
 mod frames;
 mod full_disk;
 mod harness;

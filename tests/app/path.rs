@@ -1,6 +1,9 @@
 //! The Path tab: keyframes from the view, playback, and a file for `render --path`.
 
-use super::harness::{click, dataset, drag, is, train, wait, wait_for_label, window, write_to};
+use super::harness::{
+    click, dataset, drag, is, train, turn_wheel, wait, wait_for_label, window, write_to,
+};
+use super::inspect::MIDDLE;
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers, PointerButton};
@@ -9,6 +12,7 @@ use glam::DVec3;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::export::camera_path::PacedPath;
+use vbgs_studio::model::splat::framing::framing;
 
 #[test]
 fn a_path_is_made_played_saved_and_opened_again() {
@@ -57,6 +61,57 @@ fn a_path_is_made_played_saved_and_opened_again() {
     assert!(eye(&window).distance(second) > 0.01, "a drag does not move the camera");
     click(&mut window, "Turntable");
     wait_for_label(&mut window, "360 pictures");
+
+    // The orbit is closed, starts here and circles the middle of the scene, not what the camera looks at.
+    let (start, scene) = {
+        let view = window.state().view();
+        (view.camera.keyframe().unwrap().pose.centre(), framing(view.learned().iter()).unwrap())
+    };
+    click(&mut window, "Save path");
+    let file = folder.path().join("room.path-2.json");
+    wait(&mut window, "the orbit", |_| file.exists());
+    let orbit = PacedPath::read(&file, DVec3::Z).unwrap();
+    let keyframes = orbit.path.keyframes();
+    assert!(orbit.path.is_loop() && keyframes[0].pose.centre().distance(start) < 1e-6);
+    let distance = start.distance(scene.centre);
+    for keyframe in keyframes {
+        let ray = scene.centre - keyframe.pose.centre();
+        assert!((ray.length() - distance).abs() < 1e-6, "{} of {distance}", ray.length());
+        assert!(ray.normalize().dot(keyframe.pose.forward()) > 1.0 - 1e-9);
+    }
+}
+
+/// Number of pixels of the viewport in the colour of the camera path.
+fn path_pixels(window: &mut super::harness::Window) -> usize {
+    window.run_steps(2);
+    let image = window.render().unwrap();
+    let is_of_path = |pixel: &[u8; 4]| {
+        [235u8, 110, 235].iter().zip(pixel).all(|(own, found)| own.abs_diff(*found) < 12)
+    };
+    image.pixels().filter(|pixel| is_of_path(&pixel.0)).count()
+}
+
+#[test]
+fn the_edited_path_is_drawn_in_the_view_while_its_tab_is_open() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    train(&mut window);
+    click(&mut window, "Path");
+    click(&mut window, "Add keyframe");
+    drag(&mut window, PointerButton::Primary);
+    click(&mut window, "Add keyframe");
+    // From farther away both keyframes are in the view.
+    turn_wheel(&mut window, MIDDLE, -400.0);
+    let drawn = path_pixels(&mut window);
+    assert!(drawn > 60, "{drawn} pixels");
+    click(&mut window, "Play");
+    window.get_by_label("Stop");
+    assert_eq!(path_pixels(&mut window), 0, "a film has no drawings");
+    click(&mut window, "Stop");
+    click(&mut window, "Summary");
+    assert_eq!(path_pixels(&mut window), 0, "another tab");
 }
 
 #[test]
@@ -77,17 +132,17 @@ fn a_film_is_drawn_as_the_command_line_draws_it_and_given_up_when_asked() {
     wait(&mut window, "the path", |_| saved.exists());
 
     let film = folder.path().join("film");
-    let draw = |window: &mut super::harness::Window| {
+    let render_film = |window: &mut super::harness::Window, output: &std::path::Path| {
         click(window, "Render film…");
         // The Path tab has a text field too, but the dialog's field has the focus.
         window.run_steps(2);
         window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-        window.event(Event::Text(film.display().to_string()));
+        window.event(Event::Text(output.display().to_string()));
         window.run_steps(2);
         window.get_by_role_and_label(Role::Button, "Render film").click();
         window.run_steps(2);
     };
-    draw(&mut window);
+    render_film(&mut window, &film);
     let has = |n: usize| film.join(format!("{n:05}.png")).exists();
     wait(&mut window, "pictures", |_| has(2));
     click(&mut window, "Cancel film");
@@ -98,11 +153,20 @@ fn a_film_is_drawn_as_the_command_line_draws_it_and_given_up_when_asked() {
     assert!(!has(60), "the film was rendered to the end despite cancelling");
 
     // Rendering into the same folder again needs confirmation.
-    draw(&mut window);
+    render_film(&mut window, &film);
     wait_for_label(&mut window, "Replace the pictures in this folder?");
     click(&mut window, "Replace");
     wait(&mut window, "all pictures", |s| is_told(s, "Wrote 61 pictures"));
     assert!(has(60));
+
+    // A GIF needs no other program; one that is cancelled leaves nothing.
+    let files = || std::fs::read_dir(folder.path()).unwrap().count();
+    let before = files();
+    render_film(&mut window, &folder.path().join("film.gif"));
+    wait(&mut window, "the growing GIF", |_| files() == before + 1);
+    click(&mut window, "Cancel film");
+    wait(&mut window, "the end", |s| is_told(s, "film.gif: cancelled after"));
+    assert_eq!(files(), before);
 
     // The command line renders the same picture from the saved path.
     click(&mut window, "Summary");

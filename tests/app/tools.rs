@@ -1,7 +1,8 @@
 //! Flying, setting the pivot, measuring, and overlays of the viewport.
 
 use super::harness::{
-    Window, clear_view, click, dataset, drop_on, is, menu, train, wait, wait_for_picture, window,
+    Window, clear_view, click, dataset, drop_on, enter_path, is, menu, press_in_dialog, train,
+    wait, wait_for_picture, wait_for_text, window,
 };
 use super::inspect::{MIDDLE, click_at};
 use crate::common::adapter::turn;
@@ -112,7 +113,7 @@ fn two_clicks_measure_with_a_standard_deviation() {
 }
 
 #[test]
-fn timings_and_pictures_are_written_beside_the_dataset_and_never_over_a_file() {
+fn timings_are_written_beside_the_dataset_and_never_over_a_file() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let Some(mut window) = trained(folder.path()) else { return };
@@ -126,7 +127,6 @@ fn timings_and_pictures_are_written_beside_the_dataset_and_never_over_a_file() {
     };
     click(&mut window, "Latency");
     window.get_by_label_contains("of frames within budget");
-    let mut pictures = Vec::new();
     for ending in ["", "-2"] {
         // By accessibility action, since the button may lie below the visible part of the panel.
         window.run_steps(2);
@@ -135,15 +135,51 @@ fn timings_and_pictures_are_written_beside_the_dataset_and_never_over_a_file() {
         let text = std::fs::read_to_string(&file).unwrap();
         assert!(text.starts_with("frame,points,load,prepare,"), "{text}");
         assert!(text.lines().count() > 3, "a line for each of three frames: {text}");
-        menu(&mut window, "Export", "Save picture");
-        let file = wait_for_file(&mut window, format!("room.view{ending}.png"));
-        pictures.push(image::open(&file).unwrap().into_rgb8());
     }
+}
+
+#[test]
+fn pictures_have_any_size_and_the_view_is_whole_in_them() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
     let [width, height] = window.state().view().camera.size_px;
-    assert_eq!(pictures[0].dimensions(), (width, height));
-    assert!(pictures[0] == pictures[1], "the camera has not moved, so both pictures agree");
-    let colors: std::collections::BTreeSet<[u8; 3]> = pictures[0].pixels().map(|p| p.0).collect();
+    let mut save = |name: &str, size: Option<&str>| {
+        menu(&mut window, "Export", "Save picture");
+        enter_path(&mut window, &folder.path().join("picture.jpg"));
+        press_in_dialog(&mut window, "Save picture");
+        wait_for_text(&mut window, "picture.jpg: expected a name that ends in .png");
+        let file = folder.path().join(name);
+        enter_path(&mut window, &file);
+        if let Some(multiple) = size {
+            window.get_by_label(multiple).click();
+            window.run_steps(2);
+        }
+        press_in_dialog(&mut window, "Save picture");
+        let words = format!("Wrote {}", file.display());
+        wait(&mut window, "the notice", |s| s.snapshot().notices.iter().any(|n| n.text == words));
+        image::open(&file).unwrap().into_rgb8()
+    };
+    let shown = save("shown.png", None);
+    assert_eq!(shown.dimensions(), (width, height));
+    let colors: std::collections::BTreeSet<[u8; 3]> = shown.pixels().map(|p| p.0).collect();
     assert!(colors.len() > 1000, "{} colours", colors.len());
+    let large = save("large.png", Some("2×"));
+    assert_eq!(large.dimensions(), (2 * width, 2 * height));
+    // Four pixels of the large picture cover one of the shown picture.
+    let apart: f64 = shown
+        .enumerate_pixels()
+        .map(|(x, y, pixel)| {
+            let of = |channel: usize| {
+                let block = [(0, 0), (1, 0), (0, 1), (1, 1)]
+                    .map(|(i, j)| f64::from(large.get_pixel(2 * x + i, 2 * y + j)[channel]));
+                (0.25 * block.iter().sum::<f64>() - f64::from(pixel[channel])).abs()
+            };
+            (0..3).map(of).sum::<f64>() / 3.0
+        })
+        .sum();
+    let apart = apart / f64::from(width * height);
+    assert!(apart < 3.0, "{apart} of 255 values apart");
 }
 
 #[test]

@@ -147,6 +147,9 @@ fn a_video_that_does_not_fit_is_an_error() {
         run.fails(1, &[film, "free disk space"]);
         assert!(!scratch.path(film).exists());
     }
+    let gif = run_limited(&scratch, "-f 2", "render out/scene.ply -o film.gif --path way.json");
+    gif.fails(1, &["film.gif"]);
+    assert!(!scratch.path("film.gif").exists());
     let run = run_limited(&scratch, "-f 2", "render out/scene.ply -o film --path way.json");
     run.fails(1, &["film/00000.png"]);
 }

@@ -77,6 +77,53 @@ fn a_path_is_followed_picture_by_picture() {
     both.fails(2, &["--orbit", "--path"]);
 }
 
+#[test]
+fn a_gif_needs_no_other_program_and_holds_the_pictures() {
+    let scratch = Scratch::with_scene();
+    std::fs::write(scratch.path("way.json"), WAY.replace("\"fps\": 4", "\"fps\": 30")).unwrap();
+    let render = |output: &str| {
+        let mut command = scratch.command(&[
+            "render",
+            "out/scene.ply",
+            "-o",
+            output,
+            "--path",
+            "way.json",
+            "--size",
+            "64x48",
+        ]);
+        // No ffmpeg is on this path.
+        command.env("PATH", scratch.path("none")).output().unwrap()
+    };
+    assert!(render("way").status.success());
+    let gif = render("way.GIF");
+    assert_eq!(String::from_utf8_lossy(&gif.stdout).trim(), "wrote 46 pictures to way.GIF");
+    let mut options = gif::DecodeOptions::new();
+    options.set_color_output(gif::ColorOutput::RGBA);
+    let file = std::fs::File::open(scratch.path("way.GIF")).unwrap();
+    let mut decoder = options.read_info(file).unwrap();
+    let mut delays = Vec::new();
+    while let Some(frame) = decoder.read_next_frame().unwrap() {
+        let drawn = picture(&scratch, &format!("way/{:05}.png", delays.len()), (64, 48));
+        let (read, drawn): (Vec<u8>, _) = (
+            frame.buffer.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect(),
+            drawn.into_raw(),
+        );
+        let squares = read.iter().zip(&drawn).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
+        let psnr = 10.0 * (255.0 * 255.0 * read.len() as f64 / squares.sum::<f64>()).log10();
+        assert!(psnr > 32.0, "picture {}: {psnr:.1} dB", delays.len());
+        delays.push(frame.delay);
+    }
+    let size = (decoder.width(), decoder.height());
+    assert_eq!((size, decoder.repeat()), ((64, 48), gif::Repeat::Infinite));
+    // 46 pictures at 30 a second take 1.53 s; each alone takes 3.33 hundredths.
+    assert_eq!((delays.len(), delays.iter().sum::<u16>()), (46, 153));
+    assert_eq!(delays[..6], [3, 4, 3, 3, 4, 3]);
+    std::fs::write(scratch.path("fast.json"), WAY.replace("\"fps\": 4", "\"fps\": 60")).unwrap();
+    let fast = scratch.run("render out/scene.ply -o fast.gif --path fast.json");
+    fast.fails(1, &["fast.gif: found 1280×720 pixels at 60", "at most 65535", "0.002 to 50"]);
+}
+
 /// A script replaces ffmpeg, which may not be installed, and stores the frames that it receives.
 #[cfg(unix)]
 #[test]

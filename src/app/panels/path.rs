@@ -9,7 +9,8 @@ use eframe::egui::{
 };
 use std::path::{Path, PathBuf};
 
-const FILM_SIDES: std::ops::RangeInclusive<u32> = 16..=8192;
+/// Range of the sides of pictures and films, pixels.
+const PICTURE_SIDES: std::ops::RangeInclusive<u32> = 16..=8192;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum PathRequest {
@@ -37,10 +38,10 @@ pub fn ui(
         {
             editor.add(camera);
         }
-        let hint = "Replaces the keyframes by an orbit around the camera's target";
+        let hint = "Replaces the keyframes by a closed orbit from here: around the place of the last double click while the view turns about it, else around the middle of the scene";
         let turntable = ui.button("Turntable").on_hover_text(hint);
         if turntable.clicked()
-            && let Some(path) = view.camera.turntable()
+            && let Some(path) = view.turntable()
         {
             editor.take(&PacedPath { path, fps: editor.fps });
         }
@@ -151,15 +152,31 @@ fn film(editor: &PathEditor, drawn: Option<f32>, ui: &mut Ui) -> Option<PathRequ
     asked
 }
 
-pub fn film_choices(editor: &mut PathEditor, ui: &mut Ui) {
+fn size_choice(size: &mut [u32; 2], ui: &mut Ui) {
+    for (side, (prefix, name)) in size.iter_mut().zip([("Size ", "Width"), ("× ", "Height")]) {
+        named(ui.add(DragValue::new(side).range(PICTURE_SIDES).prefix(prefix)), name);
+    }
+    ui.weak("pixels");
+}
+
+/// Draws the size of a picture, and buttons for multiples of the viewport's size `shown`.
+pub fn picture_choices(size: &mut [u32; 2], shown: [u32; 2], ui: &mut Ui) {
     ui.horizontal(|ui| {
-        for (side, (prefix, name)) in
-            editor.size.iter_mut().zip([("Size ", "Width"), ("× ", "Height")])
-        {
-            named(ui.add(DragValue::new(side).range(FILM_SIDES).prefix(prefix)), name);
+        size_choice(size, ui);
+        for factor in [1, 2, 4] {
+            let multiple = shown.map(|side| side * factor);
+            let fits = multiple.iter().all(|side| PICTURE_SIDES.contains(side));
+            let button = ui.add_enabled(fits, Button::new(format!("{factor}×")).small());
+            if button.on_hover_text(format!("{factor} times the size of the view")).clicked() {
+                *size = multiple;
+            }
         }
-        ui.weak("pixels");
     });
+    ui.weak("The scene as it is shown, without drawings over it. Other shapes show more of it at two sides.");
+}
+
+pub fn film_choices(editor: &mut PathEditor, ui: &mut Ui) {
+    ui.horizontal(|ui| size_choice(&mut editor.size, ui));
     if let Some(path) = editor.paced() {
         ui.weak(format!("{} pictures of the current scene", path.keyframe_per_frame().len()));
     }

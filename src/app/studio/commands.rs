@@ -12,7 +12,7 @@ use crate::app::export_options;
 use crate::app::export_options::ExportKind;
 use crate::app::film::FilmRequest;
 use crate::app::opening;
-use crate::app::panels::path::film_choices;
+use crate::app::panels::path::{film_choices, picture_choices};
 use crate::app::panels::status::Answer;
 use crate::app::path_dialog;
 use crate::app::path_dialog::{PathAnswer, Purpose};
@@ -20,8 +20,9 @@ use crate::app::rescue::AbandonedRun;
 use crate::app::state::{NoticeKind, RunState, Snapshot, Subject};
 use crate::app::viewer::export_preview::ExportChoice;
 use crate::app::worker::{Export, Waker, WorkerOrder};
+use crate::eval::report;
 use crate::export::ModelFormat;
-use crate::export::video::check_encoder;
+use crate::export::video::{check_encoder, too_large};
 use crate::render::{Lens, RenderOptions};
 use eframe::egui::{FocusDirection, InputState, Key, Modifiers, Popup, Ui, ViewportCommand};
 use std::path::{Path, PathBuf};
@@ -51,7 +52,10 @@ impl Studio {
             UiCommand::Reset => self.confirm_then_send(WorkerOrder::Reset, snapshot),
             UiCommand::Save => self.dialogs.save.show(),
             UiCommand::Export => self.dialogs.export.show(),
-            UiCommand::SavePicture => self.save_picture(snapshot),
+            UiCommand::SavePicture => {
+                self.film.still_size = self.view.camera.size_px;
+                self.dialogs.picture.show();
+            }
             UiCommand::FrameStrip => self.layout.shows_frames = !self.layout.shows_frames,
             UiCommand::ResetLayout => reset_layout(&mut self.layout, &self.shell.egui),
             UiCommand::CompareModel => self.dialogs.compare.show(),
@@ -270,6 +274,7 @@ impl Studio {
         }
         self.ask_export(ui, &waker, snapshot);
         self.ask_film(ui, &waker, snapshot);
+        self.ask_picture(ui, &waker, snapshot);
         let filmed = self.film.thread.poll_notice();
         if let Some((NoticeKind::Error, text)) = &filmed {
             self.dialogs.film.show_problem(text.clone());
@@ -358,10 +363,23 @@ impl Studio {
         }
     }
 
-    fn save_picture(&mut self, snapshot: &Snapshot) {
-        let (Some(opened), Some(still)) = (&snapshot.opened, self.view.still()) else { return };
-        let path = opened.files.path("view.png");
-        let started = self.film.still.start(still, path, self.shell.waker().clone());
+    fn ask_picture(&mut self, ui: &Ui, waker: &Waker, snapshot: &Snapshot) {
+        let (size, shown) = (&mut self.film.still_size, self.view.camera.size_px);
+        let choices = |ui: &mut Ui| picture_choices(size, shown, ui);
+        let check = |path: &Path| match path.extension() {
+            Some(ending) if ending.eq_ignore_ascii_case("png") => Ok(()),
+            _ => Err(format!("{}: expected a name that ends in .png", path.display()).into()),
+        };
+        let answer = self.dialogs.picture.ui(ui, waker, check, choices, |_| ());
+        let Some(PathAnswer::Path(path)) = answer else { return };
+        let size = self.film.still_size;
+        if let Some(found) = report::available_bytes().and_then(|free| too_large(size, free)) {
+            self.dialogs.picture.show_problem(format!("{}: {found}", path.display()));
+            return;
+        }
+        let is_training = snapshot.state == RunState::Training;
+        let Some(still) = self.view.still(size, is_training) else { return };
+        let started = self.film.still.start(still, path, waker.clone());
         self.is_started("draw the picture", started);
     }
 

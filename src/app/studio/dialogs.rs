@@ -30,6 +30,7 @@ pub(super) struct Dialogs {
     pub film: PathDialog,
     /// Number of the file that is being written, and the purpose of the dialog that named it.
     pub writing: Option<(u64, Purpose)>,
+    pub picture: PathDialog,
     pub kind: ExportKind,
     pub mapping: Mapping,
     pub spz_version: SpzVersion,
@@ -48,6 +49,7 @@ impl Default for Dialogs {
             export: PathDialog::new(Purpose::Export),
             film: PathDialog::new(Purpose::Film),
             writing: None,
+            picture: PathDialog::new(Purpose::Picture),
             kind: ExportKind::default(),
             mapping: Mapping::default(),
             spz_version: SpzVersion::default(),
@@ -83,14 +85,15 @@ impl Dialogs {
     }
 
     pub fn propose(&mut self, opened: &Opened) {
-        for dialog in [&mut self.save, &mut self.export, &mut self.film] {
+        for dialog in [&mut self.save, &mut self.export, &mut self.film, &mut self.picture] {
             dialog.propose(opened.serial, &opened.files);
         }
     }
 
     /// True if an open dialog or the open action finder takes keyboard input before shortcuts.
     pub fn take_keys(&self) -> bool {
-        let all = [&self.open, &self.compare, &self.save, &self.export, &self.film];
+        let Self { open, compare, save, export, film, picture, .. } = self;
+        let all = [open, compare, save, export, film, picture];
         self.finder.is_open() || all.iter().any(|dialog| dialog.is_open())
     }
 }

@@ -17,6 +17,8 @@ pub(super) struct FilmTools {
     is_at_moment: bool,
     pub thread: FilmThread,
     pub still: StillJob,
+    /// Width and height of the next picture, pixels.
+    pub still_size: [u32; 2],
 }
 
 impl FilmTools {

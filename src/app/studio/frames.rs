@@ -6,6 +6,7 @@ use crate::app::panels::frame_strip::{ScrolledTo, StripAnswer, StripContext};
 use crate::app::quality::QualityMonitor;
 use crate::app::state::{Opened, RunState, Snapshot};
 use crate::app::viewer::SceneView;
+use crate::app::viewer::thumbnails::TrainedThumbnails;
 use crate::app::viewer::viewpoint::Place;
 use eframe::egui::{Frame, Panel, Ui};
 
@@ -22,14 +23,15 @@ pub(super) struct FrameStripState {
 }
 
 impl FrameStripState {
-    /// Draws the frame strip if a dataset is open.
+    /// Draws the frame strip if a dataset is open. `trained` has the pictures of frames that training has
+    /// decoded.
     pub fn ui(
         &mut self,
         view: &mut SceneView,
         quality: &QualityMonitor,
         is_open: bool,
         frame: Frame,
-        snapshot: &Snapshot,
+        (snapshot, trained): (&Snapshot, &TrainedThumbnails),
         ui: &mut Ui,
     ) {
         let Some(opened) = snapshot.opened.as_ref().filter(|opened| opened.dataset.is_some())
@@ -38,9 +40,10 @@ impl FrameStripState {
         };
         self.outcomes.update(snapshot);
         let shown = view.camera.frame_ref().cloned();
-        let thumbnails = view.thumbnails(opened);
-        if let Some(thumbnails) = &thumbnails {
+        let mut thumbnails = view.thumbnails(opened);
+        if let Some(thumbnails) = &mut thumbnails {
             thumbnails.set_yields_cores(snapshot.state == RunState::Training);
+            thumbnails.take_trained(ui.ctx(), opened, trained);
         }
         let context = StripContext {
             snapshot,

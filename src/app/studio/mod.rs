@@ -9,7 +9,8 @@ mod frames;
 mod shell;
 mod side_panel;
 
-use super::drawing::{Painting, WindowWaker};
+use super::drawing::{Painting, PassTimes, WindowWaker};
+use super::fonts::SystemFonts;
 use super::layout::{SideTab, WindowLayout};
 use super::opening::FileProposal;
 use super::panels::menus::{BarAnswer, MenuContext};
@@ -17,7 +18,6 @@ use super::panels::notices::NoticeBoard;
 use super::panels::quality::QualityPlot;
 use super::panels::summary::SummaryRender;
 use super::panels::{status, summary, transport};
-use super::pass_times::PassTimes;
 use super::quality::QualityMonitor;
 use super::settings_file::StoredSettings;
 use super::state::{NoticeKind, Opened, RunState, Snapshot};
@@ -57,6 +57,7 @@ pub struct Studio {
     film: FilmTools,
     dialogs: Dialogs,
     unsaved: UnsavedWork,
+    fonts: SystemFonts,
     timing: Timing,
 }
 
@@ -105,6 +106,8 @@ impl Studio {
             .chain(problems.into_iter().map(warn))
             .for_each(|order| worker.send(order));
         strengthen_weak_text(&context.egui_ctx);
+        let fonts = SystemFonts::default();
+        fonts.watch(&context.egui_ctx);
         let waker = WindowWaker::of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, waker.waker())?;
@@ -131,6 +134,7 @@ impl Studio {
             film,
             dialogs: Dialogs::default(),
             unsaved: UnsavedWork::default(),
+            fonts,
             timing: Timing { started, first_splats_logged: false, passes: PassTimes::default() },
         })
     }
@@ -221,7 +225,8 @@ impl Studio {
             None => {}
         }
         let (strip, shows) = (&mut self.panels.strip, self.layout.shows_frames);
-        strip.ui(&mut self.view, &self.quality, shows, frame, snapshot, ui);
+        let run = (snapshot, self.worker.trained_thumbnails());
+        strip.ui(&mut self.view, &self.quality, shows, frame, run, ui);
         // The central panel comes last: egui gives it the room left by the others.
         let central = CentralPanel::default().frame(Frame::NONE);
         central.show(ui, |ui| dock::tiles(self, ui, frame, snapshot));
@@ -289,6 +294,9 @@ impl Studio {
             self.report(kind, text);
         }
         self.film.play(&mut self.view, ui);
+        // While it plays, the view shows the film.
+        let shows_path = self.layout.is_active(SideTab::Path) && !self.film.path.is_playing;
+        self.view.overlays.path = shows_path.then(|| self.film.path.clone());
         if let Some(message) = self.view.ui(ui, snapshot) {
             self.report(NoticeKind::Error, message);
         }
@@ -385,6 +393,10 @@ impl eframe::App for Studio {
         self.draw_panels(ui, &snapshot);
         self.show_dialogs(ui, &snapshot);
         drop_target(ui.ctx());
+        // After all texts of this pass.
+        if let Some(text) = self.fonts.update(ui.ctx(), self.shell.waker()) {
+            self.report(NoticeKind::Info, text);
+        }
         self.timing.passes.end(self.timing.started);
     }
 }

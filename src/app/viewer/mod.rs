@@ -27,7 +27,7 @@ use super::splat_updates::{SplatChange, SplatUpdate};
 use super::state::{NoticeKind, Opened, RunState, Snapshot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
-use crate::math::camera_path::Keyframe;
+use crate::math::camera_path::{CameraPath, Keyframe};
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::framing;
 use crate::render::attributes::Attribute;
@@ -36,7 +36,7 @@ use crate::render::{Lens, Renderer};
 use comparison::Comparison;
 use eframe::egui::{Rect, Sense, Ui, Vec2};
 use export_preview::ExportChoice;
-use frame_refs::{Direction, FrameRef};
+use frame_refs::{Direction, FrameRef, fit};
 use glam::DVec3;
 use measure::{MeasureTool, surface_point};
 use overlays::Overlays;
@@ -216,6 +216,7 @@ impl SceneView {
             self.overlays.draw_points(world, frame, run, scene, &self.waker);
         }
         self.overlays.measure.draw(world);
+        self.overlays.draw_path(world, opened.home.radius);
     }
 
     fn leave_unsupported_modes(&mut self, opened: &Opened) {
@@ -330,7 +331,9 @@ impl SceneView {
     pub fn apply(&mut self, command: UiCommand, opened: &Opened) {
         let settings = &mut self.settings;
         match command {
-            UiCommand::FrameScene => self.camera.fit_scene(self.editor.framing(&self.palette)),
+            UiCommand::FrameScene => {
+                self.camera.fit_scene(self.editor.framing(&self.palette), opened);
+            }
             UiCommand::Home => self.camera.go_home(opened),
             UiCommand::ToggleRenderer if settings.lens == Lens::Fisheye => {
                 let text = "Only the exact renderer supports a fisheye: choose the pinhole first";
@@ -428,15 +431,20 @@ impl SceneView {
         preview.request_conversion(choice, scene, frame, is_training, &self.waker)
     }
 
-    /// Returns the data for rendering the current picture to a file: only the scene, without comparison
-    /// and overlays.
-    pub fn still(&self) -> Option<Still> {
-        let camera = self.camera.latest?;
+    /// Returns a closed path around the middle of the displayed scene, or around the user's pivot.
+    pub fn turntable(&self) -> Option<CameraPath> {
+        self.camera.turntable(self.editor.framing(&self.palette))
+    }
+
+    /// Returns the data for rendering the current view to a file of `size` pixels: only the scene, without
+    /// comparison and overlays. What the viewport shows is whole in a picture of any shape.
+    pub fn still(&self, size: [u32; 2], is_beside_training: bool) -> Option<Still> {
+        let (camera, _) = fit(&self.camera.latest?, size);
         let shown = (camera, Area::FULL);
         // Without a photograph, and over the whole viewport: a file shows the scene alone.
         let request = self.comparison.picture_request(&self.settings, &self.camera, shown, None);
         let splats = self.editor.displayed_splats(&self.palette).clone();
-        Some(Still { splats, camera, options: request.options })
+        Some(Still { splats, camera, options: request.options, is_beside_training })
     }
 
     /// Returns the slot of the splat that was clicked for inspection, once per click; `Some(None)` if no

@@ -6,13 +6,17 @@ use super::frame_refs::FrameRef;
 use super::measure::MeasureTool;
 use super::thumbnails::Thumbnails;
 use super::world_painter::WorldPainter;
+use crate::app::path_editor::PathEditor;
 use crate::app::selection::SplatSelection;
 use crate::app::state::{Opened, RunState, Snapshot};
 use crate::app::worker::Waker;
-use crate::math::camera::Camera;
+use crate::export::camera_path::PacedPath;
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::camera_path::Keyframe;
 use crate::model::splat::appearance::Finishing;
-use eframe::egui::{Color32, Stroke, Ui};
+use eframe::egui::{Align2, Color32, FontId, Stroke, Ui};
 use glam::DVec3;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::time::{Duration, Instant};
 
 /// Maximum number of cameras drawn. More cameras are subsampled evenly.
@@ -31,7 +35,34 @@ const FADES: [f64; 2] = [3.0, 1.0];
 const AHEAD: Color32 = Color32::from_rgb(120, 150, 190);
 const DONE: Color32 = Color32::from_rgb(110, 200, 120);
 const LATEST: Color32 = Color32::from_rgb(255, 170, 60);
+/// Colour of the edited camera path, length of the frusta at its keyframes in scene radii, and number of
+/// straight pieces of its curve for each keyframe.
+const PATH: Color32 = Color32::from_rgb(235, 110, 235);
+const LENGTH_OF_KEYFRAME: f64 = 0.08;
+const PIECES_PER_KEYFRAME: usize = 24;
 const HINT: Duration = Duration::from_secs(5);
+
+struct KeptThumbnails {
+    /// Serial number of the dataset.
+    serial: u64,
+    /// Hash of what determines the pictures of the dataset.
+    pictures: u64,
+    thumbnails: Thumbnails,
+}
+
+/// Returns a hash of the names of all frames and of the options with which they are read.
+fn hash_of_pictures(opened: &Opened) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    opened.path.hash(&mut hasher);
+    for split in opened.dataset.iter().flat_map(|dataset| &dataset.splits) {
+        split.name.hash(&mut hasher);
+        split.frames.iter().for_each(|frame| frame.name.hash(&mut hasher));
+    }
+    let options = opened.dataset.as_ref().map(|dataset| &dataset.options);
+    // As text, because numbers with a point have no hash.
+    format!("{options:?}").hash(&mut hasher);
+    hasher.finish()
+}
 
 #[derive(Default)]
 pub struct Overlays {
@@ -39,9 +70,10 @@ pub struct Overlays {
     pub(super) selection: SplatSelection,
     pub(super) edit: EditTool,
     points: FramePoints,
-    /// Serial number of the dataset, and its thumbnails.
-    thumbnails: Option<(u64, Thumbnails)>,
+    thumbnails: Option<KeptThumbnails>,
     hint: Option<(String, Instant)>,
+    /// Camera path that is edited, if it is to be drawn.
+    pub path: Option<PathEditor>,
 }
 
 impl Overlays {
@@ -75,13 +107,19 @@ impl Overlays {
         Some(text)
     }
 
+    /// Returns the thumbnails of the open dataset. Those of the same dataset survive a reset.
     pub(super) fn thumbnails(&mut self, opened: &Opened, waker: &Waker) -> Option<&mut Thumbnails> {
-        if self.thumbnails.as_ref().is_none_or(|(serial, _)| *serial != opened.serial) {
-            let started = Thumbnails::start(waker.clone());
+        if self.thumbnails.as_ref().is_none_or(|kept| kept.serial != opened.serial) {
+            let pictures = hash_of_pictures(opened);
+            let kept = self.thumbnails.take().filter(|kept| kept.pictures == pictures);
             // The view works without thumbnails, so the error is dropped.
-            self.thumbnails = started.ok().map(|thumbnails| (opened.serial, thumbnails));
+            let thumbnails =
+                kept.map(|kept| kept.thumbnails).or_else(|| Thumbnails::start(waker.clone()).ok());
+            let serial = opened.serial;
+            self.thumbnails =
+                thumbnails.map(|thumbnails| KeptThumbnails { serial, pictures, thumbnails });
         }
-        self.thumbnails.as_mut().map(|(_, thumbnails)| thumbnails)
+        self.thumbnails.as_mut().map(|kept| &mut kept.thumbnails)
     }
 
     pub(super) fn draw_cameras(
@@ -121,6 +159,34 @@ impl Overlays {
             let color = color.gamma_multiply(visible as f32);
             let look = (length, color, Color32::WHITE.gamma_multiply(opacity as f32));
             draw_frustum(ui, world, &frame, look, thumbnails.map(|t| (t, may_decode)));
+        }
+    }
+
+    /// Draws the camera path: its curve, numbered frusta at its keyframes, and a dot at the playback position.
+    pub(super) fn draw_path(&self, world: &WorldPainter, radius: f64) {
+        let Some(editor) = &self.path else { return };
+        let (stroke, length) = (Stroke::new(2.0, PATH), LENGTH_OF_KEYFRAME * radius);
+        if let Some(PacedPath { path, .. }) = editor.paced() {
+            let n = PIECES_PER_KEYFRAME * path.keyframes().len();
+            let centre = |share: f64| path.at(share * path.duration()).pose.centre();
+            let places: Vec<DVec3> = (0..=n).map(|i| centre(i as f64 / n as f64)).collect();
+            places.windows(2).for_each(|ends| world.line([ends[0], ends[1]], stroke));
+            if let Some(at) = world.position(path.at(editor.moment).pose.centre()) {
+                world.painter.circle_filled(at, 5.0, PATH);
+            }
+        }
+        let [width, height] = editor.size;
+        for (i, Keyframe { pose, fov_y, .. }) in editor.keyframes().iter().enumerate() {
+            // At a keyframe its own frustum would cover the view.
+            if world.eye().distance(pose.centre()) < length {
+                continue;
+            }
+            let intrinsics = Intrinsics::from_vertical_fov(width, height, *fov_y);
+            draw_wires(world, &Camera { intrinsics, pose: *pose }, length, stroke);
+            if let Some(at) = world.position(pose.centre()) {
+                let (text, font) = ((i + 1).to_string(), FontId::proportional(13.0));
+                world.painter.text(at, Align2::RIGHT_BOTTOM, text, font, PATH);
+            }
         }
     }
 
@@ -172,16 +238,18 @@ fn draw_frustum(
     thumbnails: Option<(&mut Thumbnails, bool)>,
 ) {
     let camera = frame.entry().photo_camera(None);
-    let corners = corners(&camera, length);
-    let apex = camera.pose.centre();
     let known = thumbnails.and_then(|(thumbnails, may_decode)| {
         thumbnails.get(ui.ctx(), frame, may_decode).map(|texture| texture.id())
     });
     if let Some(texture) = known {
-        let [top_left, top_right, _, bottom_left] = corners;
+        let [top_left, top_right, _, bottom_left] = corners(&camera, length);
         world.picture([top_left, top_right, bottom_left], texture, tint);
     }
-    let stroke = Stroke::new(1.0, color);
+    draw_wires(world, &camera, length, Stroke::new(1.0, color));
+}
+
+fn draw_wires(world: &WorldPainter, camera: &Camera, length: f64, stroke: Stroke) {
+    let (corners, apex) = (corners(camera, length), camera.pose.centre());
     for (i, &corner) in corners.iter().enumerate() {
         world.line([apex, corner], stroke);
         world.line([corner, corners[(i + 1) % corners.len()]], stroke);

@@ -1,4 +1,5 @@
-//! Thumbnails of photographs and depth, decoded lazily in the background and stored as textures.
+//! Thumbnails of photographs and depth, stored as textures. Training makes those of the frames that it
+//! decodes; others are decoded lazily in the background.
 //!
 //! Their number is bounded, so that memory does not grow with the dataset: the least recently used one
 //! that is not on screen is dropped. During training, decoding pauses between frames and does not wake the
@@ -6,22 +7,32 @@
 
 use super::frame_refs::FrameRef;
 use crate::app::panels::signal_color::to_color32;
+use crate::app::state::Opened;
 use crate::app::view_thread::{RestingJob, one_thread};
 use crate::app::worker::Waker;
 use crate::dataset::depth::Depth;
+use crate::dataset::frame::Frame;
 use crate::eval::report::quantile;
+use crate::math::image::Image;
 use crate::render::finish::ramp;
 use eframe::egui::{Color32, ColorImage, Context, TextureHandle, TextureOptions};
 use rayon::ThreadPool;
-use std::collections::HashMap;
-use std::sync::Arc;
+use std::collections::{HashMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Maximum length of the longer side of a thumbnail, pixels.
 pub const MAX_SIDE: usize = 192;
 /// Maximum number of frames whose thumbnails are stored. A frame takes about 220 kB.
 // Enough for the cameras in the viewport, a strip across a wide screen and a table of views.
 const MAX_KEPT: usize = 256;
+/// Maximum number of thumbnails of trained frames that wait for the window.
+const MAX_WAITING: usize = 64;
+/// Number of pixels per side of a block that are averaged: at most, and during training, which has other work.
+const SAMPLES: usize = 8;
+const FEW_SAMPLES: usize = 2;
+/// Number of depths from which the range of colours is estimated, at most.
+const RANGE_SAMPLES: usize = 2048;
 /// Colour of pixels without a depth measurement.
 const HOLE: Color32 = Color32::from_gray(18);
 
@@ -56,6 +67,39 @@ pub struct Thumbnails {
     kept: HashMap<(usize, usize), StoredThumbnails>,
     yields_cores: Arc<AtomicBool>,
     waker: Waker,
+}
+
+/// Thumbnails of frames that training has decoded, until the window takes them.
+#[derive(Default)]
+pub struct TrainedThumbnails(Mutex<VecDeque<TrainedThumbnail>>);
+
+pub struct TrainedThumbnail {
+    /// Serial number of the dataset.
+    serial: u64,
+    /// Position of the frame in the plan.
+    position: usize,
+    pictures: Pictures<ColorImage>,
+}
+
+impl TrainedThumbnails {
+    /// Adds the thumbnails of a frame. The oldest are dropped if the window takes none, because it is hidden.
+    pub fn add(&self, serial: u64, position: usize, frame: &Frame) {
+        let pictures = pictures_of(&frame.color, frame.depth.as_ref(), FEW_SAMPLES, None);
+        let mut waiting = self.lock();
+        if waiting.len() == MAX_WAITING {
+            waiting.pop_front();
+        }
+        waiting.push_back(TrainedThumbnail { serial, position, pictures });
+    }
+
+    fn take(&self) -> VecDeque<TrainedThumbnail> {
+        std::mem::take(&mut self.lock())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, VecDeque<TrainedThumbnail>> {
+        // Every change is complete before anything can panic.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl Thumbnails {
@@ -135,6 +179,30 @@ impl Thumbnails {
         }
     }
 
+    /// Stores the thumbnails of frames that training has decoded since the last call.
+    pub fn take_trained(
+        &mut self,
+        context: &Context,
+        opened: &Opened,
+        trained: &TrainedThumbnails,
+    ) {
+        let pass = context.cumulative_pass_nr();
+        let of_opened = trained.take().into_iter().filter(|frame| frame.serial == opened.serial);
+        for TrainedThumbnail { position, pictures, .. } in of_opened {
+            let Some(frame) = FrameRef::trained(opened, position) else { continue };
+            let position = frame.position();
+            let known = self.kept.get(&position);
+            // Pictures that were decoded for the strip are finer.
+            let is_whole = known
+                .is_some_and(|kept| kept.part == Part::PhotoAndDepth && kept.pictures.is_some());
+            if !is_whole && (known.is_some() || self.make_room(pass)) {
+                let pictures = Some(pictures.loaded(context, position));
+                let part = Part::PhotoAndDepth;
+                self.kept.insert(position, StoredThumbnails { part, used_in: pass, pictures });
+            }
+        }
+    }
+
     /// Makes room for another frame. If the store is full, drops the least recently used frame unless it is
     /// displayed. Returns true if there is room.
     fn make_room(&mut self, pass: u64) -> bool {
@@ -161,20 +229,24 @@ impl Thumbnails {
     }
 
     fn take(&mut self, context: &Context) {
-        let Some((position, Pictures { photo, depth, problem })) = self.take_decoded() else {
-            return;
-        };
+        let Some((position, pictures)) = self.take_decoded() else { return };
+        // A frame that was dropped meanwhile is no longer on screen.
+        if let Some(kept) = self.kept.get_mut(&position) {
+            kept.pictures = Some(pictures.loaded(context, position));
+        }
+    }
+}
+
+impl Pictures<ColorImage> {
+    fn loaded(self, context: &Context, position: (usize, usize)) -> Pictures<TextureHandle> {
         let load = |what: &str, image: ColorImage| {
             let name = format!("{what} {position:?}");
             context.load_texture(name, image, TextureOptions::LINEAR)
         };
-        // A frame that was dropped meanwhile is no longer on screen.
-        if let Some(kept) = self.kept.get_mut(&position) {
-            kept.pictures = Some(Pictures {
-                photo: photo.map(|image| load("photograph", image)),
-                depth: depth.map(|image| load("depth", image)),
-                problem,
-            });
+        Pictures {
+            photo: self.photo.map(|image| load("photograph", image)),
+            depth: self.depth.map(|image| load("depth", image)),
+            problem: self.problem,
         }
     }
 }
@@ -199,14 +271,20 @@ fn decode(frame: &FrameRef, part: Part) -> Pictures<ColorImage> {
         },
     };
     match loaded {
-        Ok((color, depth)) => {
-            let size = [color.width, color.height];
-            let photo = shrink(size, |column, row| *color.at(column, row));
-            let depth = depth.as_ref().map(depth_picture);
-            Pictures { photo: Some(photo), depth, problem }
-        }
+        Ok((color, depth)) => pictures_of(&color, depth.as_ref(), SAMPLES, problem),
         Err(error) => Pictures { photo: None, depth: None, problem: problem.or(Some(error)) },
     }
+}
+
+fn pictures_of(
+    color: &Image<[u8; 4]>,
+    depth: Option<&Depth>,
+    samples: usize,
+    problem: Option<String>,
+) -> Pictures<ColorImage> {
+    let size = [color.width, color.height];
+    let photo = shrink(size, samples, |column, row| *color.at(column, row));
+    Pictures { photo: Some(photo), depth: depth.map(depth_picture), problem }
 }
 
 /// Returns the size of a thumbnail, and the side length of the pixel blocks that are reduced to one pixel
@@ -216,16 +294,25 @@ fn reduced(size: [usize; 2]) -> (usize, [usize; 2]) {
     (factor, size.map(|side| (side / factor).max(1)))
 }
 
-/// Reduces an image by averaging blocks of pixels. Transparent pixels become black.
-fn shrink([width, height]: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) -> ColorImage {
+/// Reduces an image by averaging up to `samples` × `samples` pixels of every block. Transparent pixels become
+/// black.
+fn shrink(
+    [width, height]: [usize; 2],
+    samples: usize,
+    pixel: impl Fn(usize, usize) -> [u8; 4],
+) -> ColorImage {
     let (factor, size) = reduced([width, height]);
+    let step = factor.div_ceil(samples);
+    let sampled = |block: usize, side: usize| {
+        (block * factor..((block + 1) * factor).min(side)).step_by(step)
+    };
     let mut pixels = Vec::with_capacity(size[0] * size[1]);
     for row in 0..size[1] {
         for column in 0..size[0] {
             let mut sum = [0u32; 3];
             let mut n = 0;
-            for y in (row * factor..(row + 1) * factor).take_while(|&y| y < height) {
-                for x in (column * factor..(column + 1) * factor).take_while(|&x| x < width) {
+            for y in sampled(row, height) {
+                for x in sampled(column, width) {
                     let [r, g, b, a] = pixel(x, y).map(u32::from);
                     // Weighted by alpha, which makes transparent pixels black.
                     sum = [sum[0] + r * a / 255, sum[1] + g * a / 255, sum[2] + b * a / 255];
@@ -248,7 +335,8 @@ fn depth_picture(depth: &Depth) -> ColorImage {
     let places = (0..size[1]).flat_map(|row| (0..size[0]).map(move |column| (column, row)));
     let values: Vec<Option<f64>> =
         places.map(|(x, y)| depth.value_at(middle(x, width), middle(y, height))).collect();
-    let mut known: Vec<f64> = values.iter().flatten().copied().collect();
+    let stride = values.len().div_ceil(RANGE_SAMPLES).max(1);
+    let mut known: Vec<f64> = values.iter().flatten().copied().step_by(stride).collect();
     known.sort_by(f64::total_cmp);
     let [near, far] = [0.02, 0.98].map(|q| quantile(&known, q));
     // Positive: a wall seen head-on has a single depth.
@@ -261,7 +349,6 @@ fn depth_picture(depth: &Depth) -> ColorImage {
 mod tests {
     use super::*;
     use crate::dataset::depth::{DepthCodes, DepthKind};
-    use crate::math::image::Image;
     use crate::pipeline::session::demo_dataset;
     use std::time::{Duration, Instant};
 
@@ -271,10 +358,13 @@ mod tests {
             let gray = if column.is_multiple_of(2) { 100 } else { 120 };
             [gray, gray, gray, 255]
         };
-        let image = shrink([640, 480], stripes);
+        let image = shrink([640, 480], SAMPLES, stripes);
         assert_eq!(image.size, [160, 120]);
         assert_eq!(image.pixels[0], Color32::from_gray(110));
-        assert_eq!(shrink([1, 3], |_, _| [9, 9, 9, 0]).pixels, [Color32::BLACK; 3]);
+        // Every other column.
+        let coarse = shrink([640, 480], FEW_SAMPLES, stripes);
+        assert_eq!((coarse.size, coarse.pixels[0]), ([160, 120], Color32::from_gray(100)));
+        assert_eq!(shrink([1, 3], SAMPLES, |_, _| [9, 9, 9, 0]).pixels, [Color32::BLACK; 3]);
     }
 
     #[test]
@@ -337,5 +427,20 @@ mod tests {
         assert_eq!(thumbnails.kept.len(), MAX_KEPT);
         let decoded = wait_for_decoded(&mut thumbnails);
         assert!(decoded.photo.is_some() && decoded.depth.is_some() && decoded.problem.is_none());
+    }
+
+    #[test]
+    fn frames_of_training_wait_for_the_window_and_the_oldest_are_dropped() {
+        let dataset = demo_dataset().unwrap();
+        let frame = FrameRef::first(&dataset).unwrap().entry().load().unwrap();
+        let trained = TrainedThumbnails::default();
+        (0..MAX_WAITING + 6).for_each(|position| trained.add(3, position, &frame));
+        let waiting = trained.take();
+        let positions: Vec<usize> = waiting.iter().map(|frame| frame.position).collect();
+        assert_eq!(positions, (6..MAX_WAITING + 6).collect::<Vec<_>>());
+        assert!(trained.take().is_empty());
+        let Pictures { photo, depth, .. } = &waiting[0].pictures;
+        let sides = [photo, depth].map(|image| image.as_ref().unwrap().size);
+        assert!(sides.iter().flatten().all(|&side| side > 0 && side <= MAX_SIDE), "{sides:?}");
     }
 }

@@ -13,6 +13,8 @@ use crate::app::opening::FileProposal;
 use crate::app::state::{Opened, RunState, Snapshot, Source};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::camera_path::{CameraPath, Keyframe};
+use crate::math::orbit::Orbit;
+use crate::math::pose::Pose;
 use crate::model::splat::framing::Framing;
 use crate::render::Lens;
 use crate::render::compare::Area;
@@ -65,6 +67,8 @@ pub struct Viewpoint {
     pub size_px: [u32; 2],
     /// Camera of the latest picture, including a dataset camera or a keyframe.
     pub(super) latest: Option<Camera>,
+    /// Orbit centre that the user has chosen by a double click.
+    pivot: Option<DVec3>,
     moved_at: Instant,
 }
 
@@ -78,6 +82,7 @@ impl Default for Viewpoint {
             retained_for: None,
             size_px: [1, 1],
             latest: None,
+            pivot: None,
             moved_at: Instant::now(),
         }
     }
@@ -164,10 +169,17 @@ impl Viewpoint {
         Some(Keyframe { time: 0.0, pose, fov_y: intrinsics.fov_y() })
     }
 
-    /// Returns a camera path of one revolution about the orbit centre. It starts at the current camera.
-    pub fn turntable(&self) -> Option<CameraPath> {
-        let fov_y = self.keyframe()?.fov_y;
-        Some(CameraPath::turntable(&self.steered?.orbit, fov_y, TURNTABLE_S))
+    /// Returns a closed camera path of one revolution that starts where the camera is. It circles the place
+    /// of the last double click while the camera turns about it, else the middle of the scene.
+    pub(super) fn turntable(&self, scene: Option<Framing>) -> Option<CameraPath> {
+        let Keyframe { pose, fov_y, .. } = self.keyframe()?;
+        let orbit = self.steered?.orbit;
+        let is_pivot = self.is_free() && self.pivot == Some(orbit.target);
+        let centre = scene.filter(|_| !is_pivot).map_or(orbit.target, |scene| scene.centre);
+        let eye = pose.centre();
+        let towards = Pose::look_at(eye, centre, orbit.up)?;
+        let orbit = Orbit::from_pose(&towards, orbit.up, eye.distance(centre));
+        Some(CameraPath::turntable(&orbit, fov_y, TURNTABLE_S))
     }
 
     /// Returns the camera of the whole viewport, and the part of the viewport that a photograph from
@@ -256,9 +268,18 @@ impl Viewpoint {
         self.set_free();
     }
 
-    pub(super) fn fit_scene(&mut self, scene: Option<Framing>) {
+    /// Shows the whole scene. The direction of view is kept unless the dataset's cameras have not looked
+    /// along it: there is nothing but the back of surfaces.
+    pub(super) fn fit_scene(&mut self, scene: Option<Framing>, opened: &Opened) {
         self.set_free();
         if let (Some(camera), Some(scene)) = (&mut self.steered, scene) {
+            let seen_from = outward_directions(opened);
+            let is_seen = |outward: DVec3| seen_from.iter().any(|o| o.dot(outward) > SEEN_COSINE);
+            if !is_seen(camera.orbit.outward())
+                && let Some(side) = seen_side(&seen_from, camera.orbit.up)
+            {
+                camera.set_view_direction(-side);
+            }
             camera.fit_scene(&scene, self.size_px);
         }
     }
@@ -273,6 +294,7 @@ impl Viewpoint {
             camera.move_to_camera(seen_by);
         }
         camera.set_target(point);
+        self.pivot = Some(camera.orbit.target);
         self.set_free();
     }
 
@@ -378,6 +400,11 @@ impl Viewpoint {
                 // be visible.
                 match scene() {
                     Some(scene) if !(is_dataset && are_inside(&camera_centres(opened), &scene)) => {
+                        // The last camera of an object may have been behind it.
+                        let seen_from = outward_directions(opened);
+                        if let Some(side) = seen_side(&seen_from, camera.orbit.up) {
+                            camera.set_view_direction(-side);
+                        }
                         camera.fit_scene(&scene, self.size_px);
                     }
                     _ => *camera = ViewCamera::home(&opened.home),
@@ -388,11 +415,39 @@ impl Viewpoint {
     }
 }
 
+fn camera_poses(opened: &Opened) -> impl Iterator<Item = &Pose> {
+    let run = opened.dataset.as_ref().zip(opened.plan.as_ref());
+    run.into_iter().flat_map(|(dataset, plan)| {
+        let frames =
+            dataset.splits.get(plan.split).map_or(&[][..], |split| split.frames.as_slice());
+        plan.frames.iter().filter_map(move |&index| Some(&frames.get(index)?.camera.pose))
+    })
+}
+
 fn camera_centres(opened: &Opened) -> Vec<DVec3> {
-    let (Some(dataset), Some(plan)) = (&opened.dataset, &opened.plan) else { return Vec::new() };
-    let frames = dataset.splits.get(plan.split).map_or(&[][..], |split| split.frames.as_slice());
-    let trained = plan.frames.iter().filter_map(|&index| frames.get(index));
-    trained.map(|frame| frame.camera.pose.centre()).collect()
+    camera_poses(opened).map(Pose::centre).collect()
+}
+
+/// Returns for each dataset camera the unit vector against its direction of view.
+fn outward_directions(opened: &Opened) -> Vec<DVec3> {
+    camera_poses(opened).map(|pose| -pose.forward()).collect()
+}
+
+/// Cosine of the largest angle between the view and a camera that saw the same side of surfaces.
+const SEEN_COSINE: f64 = 0.5;
+/// Minimum length of the mean horizontal direction of cameras on one side. Around an object directions
+/// cancel.
+const ONE_SIDED: f64 = 0.2;
+
+/// Returns the side from which cameras saw the scene, as a unit vector away from the scene: their mean
+/// direction, or that of the first camera at their mean height if they are all around. `outwards` are unit
+/// vectors. `None` without cameras or if all of them look straight down.
+fn seen_side(outwards: &[DVec3], up: DVec3) -> Option<DVec3> {
+    let mean = outwards.iter().sum::<DVec3>() / outwards.len().max(1) as f64;
+    let level = |direction: DVec3| direction - up * direction.dot(up);
+    let (sided, height) = (level(mean), mean.dot(up));
+    let across = if sided.length() > ONE_SIDED { sided } else { level(*outwards.first()?) };
+    Some(across.try_normalize()? * (1.0 - height * height).max(0.0).sqrt() + up * height)
 }
 
 /// Returns a sphere around all dataset cameras. Its centre is halfway between the mean camera position
@@ -471,5 +526,30 @@ mod tests {
         assert!(!are_inside(&[DVec3::X * 4.0, DVec3::Y * 4.0, DVec3::ZERO], &scene));
         assert!(are_inside(&[DVec3::X * 0.5, DVec3::ZERO, DVec3::Z * 3.0], &scene));
         assert!(!are_inside(&[], &scene), "a model without cameras is seen whole");
+    }
+
+    #[test]
+    fn a_scene_is_seen_from_the_side_of_its_cameras() {
+        let up = DVec3::Z;
+        // Five cameras within 60 degrees, one of which looks down by 30 degrees.
+        let fan = [-30.0f64, -15.0, 0.0, 15.0, 30.0].map(|degrees| {
+            let angle = degrees.to_radians();
+            DVec3::new(angle.sin(), -angle.cos(), 0.0)
+        });
+        let down = DVec3::new(0.0, -(0.75f64.sqrt()), 0.5);
+        let side = seen_side(&[&fan[..], &[down]].concat(), up).unwrap();
+        assert!((side.length() - 1.0).abs() < 1e-12 && side.x.abs() < 1e-12, "{side}");
+        assert!(side.y < -0.99 && (side.z - 0.5 / 6.0).abs() < 1e-12, "{side}");
+        // All around, the first one counts, at the mean height of a half.
+        let around: Vec<DVec3> = (0..8)
+            .map(|i| {
+                let azimuth = f64::from(i) * std::f64::consts::FRAC_PI_4;
+                DVec3::new(azimuth.cos(), azimuth.sin(), 0.0) * 0.75f64.sqrt() + 0.5 * up
+            })
+            .collect();
+        let side = seen_side(&around, up).unwrap();
+        assert!(side.distance(around[0]) < 1e-12, "{side}");
+        assert_eq!(seen_side(&[], up), None);
+        assert_eq!(seen_side(&[up], up), None, "straight down has no side");
     }
 }

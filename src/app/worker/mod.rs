@@ -13,6 +13,7 @@ mod training;
 use super::rescue::{Crash, Rescue, default_folders};
 use super::splat_updates::{Mailbox, SplatUpdates};
 use super::state::{RunState, Snapshot};
+use super::viewer::thumbnails::TrainedThumbnails;
 use crate::pipeline::job::Progress;
 use crate::pipeline::panic_report::PanicReport;
 use std::path::PathBuf;
@@ -96,6 +97,11 @@ impl Worker {
         &self.shared.updates
     }
 
+    /// Pictures of the frames that training has decoded, for the frame strip.
+    pub fn trained_thumbnails(&self) -> &TrainedThumbnails {
+        &self.shared.thumbnails
+    }
+
     /// Returns a number that identifies the next file to be written, unique among all windows of a run. The
     /// snapshot reports the file's outcome with this number.
     pub fn new_number(&self) -> u64 {
@@ -165,6 +171,7 @@ impl Drop for Worker {
 pub struct Shared {
     pub snapshot: Mailbox<Arc<Snapshot>>,
     pub updates: SplatUpdates,
+    pub thumbnails: TrainedThumbnails,
     pub crash: Mailbox<Option<Crash>>,
     /// Progress of the file being exported.
     pub file: Progress,

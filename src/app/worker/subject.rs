@@ -11,6 +11,7 @@ use crate::app::state::{
     Subject,
 };
 use crate::dataset::calibration::Calibration;
+use crate::dataset::frame::Frame;
 use crate::eval::report::FrameReport;
 use crate::pipeline::follow::Follow;
 use crate::pipeline::job::Job;
@@ -156,6 +157,7 @@ impl WorkerThread {
         self.show_content(&opened.content);
         (self.has_pending_step, self.n_unread) = (false, 0);
         self.run.set_content(Some(opened.content));
+        self.watch_frames(opened.opened.serial);
         self.run.start_sampling();
         // The splats above were sent without attributes; these follow if the viewport needs them.
         self.watch(self.run.watched);
@@ -163,6 +165,14 @@ impl WorkerThread {
             self.outbox.notify_of(NoticeTopic::Subject, kind, text);
         }
         self.refresh_session_info();
+    }
+
+    /// Passes thumbnails of the frames that training decodes to the window.
+    fn watch_frames(&self, serial: u64) {
+        let Some(session) = self.run.session() else { return };
+        let shared = self.shared.clone();
+        let watcher = move |position, frame: &Frame| shared.thumbnails.add(serial, position, frame);
+        session.watch_frames(Arc::new(watcher));
     }
 
     fn show_content(&mut self, content: &Content) {

@@ -13,8 +13,8 @@ use vbgs_studio::render::{
 pub struct RenderArgs {
     /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
     pub model: PathBuf,
-    /// PNG file; with --turntable a folder; with --path a folder or a video (.mp4, .webm, .webp; requires
-    /// ffmpeg). --renderer both writes NAME-projected.png and NAME-exact.png
+    /// PNG file; with --turntable a folder; with --path a folder, an animated .gif, or a video (.mp4, .webm,
+    /// .webp; requires ffmpeg). --renderer both writes NAME-projected.png and NAME-exact.png
     #[arg(short, long, value_name = "IMG.png")]
     pub output: PathBuf,
     /// Use a photograph's camera from this dataset
@@ -33,7 +33,7 @@ pub struct RenderArgs {
     /// Render N views around the scene to 000.png, 001.png, …
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub turntable: Option<usize>,
-    /// Render along a camera path to 00000.png, 00001.png, … or to a video
+    /// Render along a camera path to 00000.png, 00001.png, … or to a film
     #[arg(long, value_name = "FILE.json", conflicts_with_all = ["orbit", "turntable", "lens", "fov"])]
     pub path: Option<PathBuf>,
     /// Width and height in pixels
