@@ -183,7 +183,6 @@ fn ten_moments_that_are_kept(path: &Path) {
         curves(s).iter().all(|c| all.clone().all(|n| c.iter().any(|point| point[0] == n)))
     });
     let stored = &first.state().view().editor().stored_scenes;
-    println!("{} moments, {} bytes", stored.moments().len(), stored.bytes());
     let (measured, end) = (curves(first.state()), first.state().snapshot().frames_done as f64);
     for curve in &measured {
         let largest = curve.windows(2).map(|pair| pair[1][0] - pair[0][0]).fold(0.0, f64::max);
