@@ -173,7 +173,7 @@ const PROMISES: &[(&str, &[&str])] = &[
             "quality.rs: held_out_views_are_measured_as_eval_does_and_a_click_flies_there",
             "src/app/retention.rs: few_frames_are_followed_from_the_moment_they_are_trained",
             "quality.rs: every_run_has_curves_of_ten_moments_that_a_checkpoint_keeps",
-            "quality.rs: a_long_textured_run_has_curves_of_ten_moments_within_the_budget",
+            "quality.rs: a_textured_run_keeps_ten_scenes_within_the_budget",
         ],
     ),
     (

@@ -169,10 +169,11 @@ fn curves(studio: &Studio) -> [Vec<[f64; 2]>; 2] {
     [points.collect(), first.map_or_else(Vec::new, |first| first.psnr.clone())]
 }
 
-/// Trains, measures the scenes kept for the history after the end, saves and opens the file again.
-fn ten_moments_that_are_kept(path: &Path) {
+#[test]
+fn every_run_has_curves_of_ten_moments_that_a_checkpoint_keeps() {
+    let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
-    let subject = Some(Subject::Path(path.to_owned()));
+    let subject = Some(Subject::Path(dataset(folder.path(), 24)));
     let Some(mut first) = window(subject, Painting::Auto) else { return };
     train(&mut first);
     wait(&mut first, "moments", |s| {
@@ -182,7 +183,6 @@ fn ten_moments_that_are_kept(path: &Path) {
         let all = kept.chain([s.snapshot().frames_done]).map(|n| n as f64);
         curves(s).iter().all(|c| all.clone().all(|n| c.iter().any(|point| point[0] == n)))
     });
-    let stored = &first.state().view().editor().stored_scenes;
     let (measured, end) = (curves(first.state()), first.state().snapshot().frames_done as f64);
     for curve in &measured {
         let largest = curve.windows(2).map(|pair| pair[1][0] - pair[0][0]).fold(0.0, f64::max);
@@ -205,17 +205,18 @@ fn ten_moments_that_are_kept(path: &Path) {
     }
 }
 
+/// Each of its scenes has several megabytes of textures.
 #[test]
-fn every_run_has_curves_of_ten_moments_that_a_checkpoint_keeps() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    ten_moments_that_are_kept(&dataset(folder.path(), 24));
-}
-
-/// Its textures outweigh its splats many times.
-#[test]
-fn a_long_textured_run_has_curves_of_ten_moments_within_the_budget() {
+fn a_textured_run_keeps_ten_scenes_within_the_budget() {
     let _turn = turn();
     let Some(room) = shared("data/kinect_office") else { return };
-    ten_moments_that_are_kept(&room);
+    let Some(mut window) = window(Some(Subject::Path(room)), Painting::Auto) else { return };
+    train(&mut window);
+    window.run_steps(2);
+    let stored = &window.state().view().editor().stored_scenes;
+    let kept: Vec<usize> = stored.moments().iter().map(|moment| moment.after.n_seen).collect();
+    let largest = kept.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap();
+    assert!(kept.len() >= 10 && largest <= 25, "{kept:?}");
+    let (_, of_textures) = stored.moments().last().unwrap().splats.finishing().texture_size();
+    assert!(of_textures > 10_000_000 && stored.bytes() <= 128_000_000, "{of_textures}");
 }
