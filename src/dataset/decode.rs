@@ -279,7 +279,7 @@ fn decode_with(
             ColorType::Rgb8 | ColorType::Rgba8 => 0,
             _ => decoder.total_bytes(),
         };
-        let rgba = 4 * u64::from(found.0) * u64::from(found.1);
+        let rgba = u64::from(found.0).saturating_mul(found.1.into()).saturating_mul(4);
         let mib = rgba.saturating_add(stored).div_ceil(1 << 20);
         if mib > MAX_PICTURE_MIB {
             return Err(FrameProblem::TooLarge { size: found, mib });

@@ -186,17 +186,19 @@ impl FrameEntry {
     /// `calibrated` takes precedence over the camera from the files.
     pub fn photo_camera_at(&self, pose: Pose, calibrated: Option<&ColorCamera>) -> Camera {
         let camera = Camera { pose, ..self.camera };
-        let Intrinsics { width, height, .. } = camera.intrinsics;
-        // The photograph's size: decoding refuses any other.
-        let size = self.color_camera.and_then(|color| color.size).unwrap_or([width, height]);
-        let color = photographed_by(self.color_camera, calibrated, size);
+        // Decoding refuses any other size.
+        let color = photographed_by(self.color_camera, calibrated, self.photograph_size());
         color.map_or(camera, |color| color.camera_at(&camera))
     }
 
     /// Returns the size of the decoded photograph in bytes.
     pub(crate) fn photograph_bytes(&self) -> u64 {
-        let Intrinsics { width, height, .. } = self.photo_camera(None).intrinsics;
-        4 * u64::from(width) * u64::from(height)
+        self.photograph_size().into_iter().fold(4, |n: u64, side| n.saturating_mul(side.into()))
+    }
+
+    fn photograph_size(&self) -> [u32; 2] {
+        let Intrinsics { width, height, .. } = self.camera.intrinsics;
+        self.color_camera.and_then(|color| color.size).unwrap_or([width, height])
     }
 
     /// Adds a mask to a frame of files without one. Returns true if the frame got it.

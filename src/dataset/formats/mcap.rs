@@ -19,7 +19,7 @@ use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::{DepthSource, FrameEntry};
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::Folder;
+use crate::dataset::folder::{Folder, check_count};
 use crate::dataset::formats::{DatasetFormat, ParsedFolder};
 use crate::dataset::options::{ByteSource, LoadOptions, MILLIMETRE};
 use crate::dataset::pose_check::PoseConvention;
@@ -47,6 +47,8 @@ const IMAGE_HEAD: u64 = 1024;
 const MAX_CLIMB: usize = 64;
 /// Difference of times of images that count as simultaneous, seconds.
 const SIMULTANEOUS: f64 = 1e-3;
+/// Largest number of images and poses of a bag, which take 64 bytes each.
+const MOST_ENTRIES: usize = 1 << 21;
 /// Most topics that a message lists.
 const MOST_TOPICS: usize = 5;
 /// Rotation of a camera that is not rectified.
@@ -176,6 +178,8 @@ struct Content {
     second_parents: BTreeSet<String>,
     /// Schema of every topic, and number of messages that could not be read or are of no use.
     topics: BTreeMap<String, (String, usize)>,
+    /// Number of images and poses, also of those beyond [`MOST_ENTRIES`], which are left out.
+    n_entries: usize,
 }
 
 impl Content {
@@ -191,6 +195,10 @@ impl Content {
 
     fn visit(&mut self, found: &Found, bag: &Arc<PathBuf>) {
         let Channel { topic, schema, encoding } = &**found.channel;
+        if self.n_entries >= MOST_ENTRIES {
+            self.n_entries += 1;
+            return;
+        }
         let is_read = encoding == "cdr" && self.add(found, bag).is_some();
         let unread = self.topics.entry(topic.clone()).or_insert_with(|| (schema.clone(), 0));
         unread.1 += usize::from(!is_read);
@@ -211,6 +219,7 @@ impl Content {
                 let images = self.images.entry(topic.to_owned()).or_insert(images);
                 let time = if stamp == 0.0 { 1e-9 * found.logged as f64 } else { stamp };
                 images.shots.push(Shot { time, bag: Arc::clone(bag), place: found.place });
+                self.n_entries += 1;
             }
             CAMERA => {
                 let camera = CameraInfo::read(cdr)?;
@@ -225,6 +234,7 @@ impl Content {
                     let (time, parent) = cdr.header()?;
                     let child = cdr.text()?.trim_start_matches('/').to_owned();
                     let (pose, is_static) = (pose(cdr, time)?, topic.ends_with("tf_static"));
+                    self.n_entries += 1;
                     let new = Edge { parent: parent.clone(), poses: Vec::new(), is_static };
                     let edge = self.edges.entry(child.clone()).or_insert(new);
                     if edge.parent == parent {
@@ -241,6 +251,7 @@ impl Content {
                 let child = if schema == ODOMETRY { Some(cdr.text()?) } else { None };
                 let child = child.map(|name| name.trim_start_matches('/').to_owned());
                 let pose = pose(cdr, time)?;
+                self.n_entries += 1;
                 let new = || Track { parent, child, poses: Vec::new() };
                 self.tracks.entry(topic.to_owned()).or_insert_with(new).poses.push(pose);
             }
@@ -454,6 +465,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             Ok(()) => {}
         }
     }
+    check_count(&bag, "images and poses", content.n_entries, MOST_ENTRIES)?;
     for (topic, (schema, n)) in &content.topics {
         let kind = schema.rsplit('/').next().unwrap_or(schema);
         if *n > 0 && (Content::wanted(schema) > 0 || is_stating(kind)) {

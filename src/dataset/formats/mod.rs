@@ -240,7 +240,7 @@ pub(super) struct ParsedFolder {
 
 /// Largest number of frames of a recording, and of its skipped frames, whose entries take a kilobyte each: more
 /// than an hour at 30 Hz.
-pub(super) const MAX_FRAMES: usize = 1 << 17;
+pub(super) const MAX_FRAMES: usize = 120_000;
 
 impl ParsedFolder {
     fn checked(self, folder: &Path) -> Result<Self, DatasetError> {

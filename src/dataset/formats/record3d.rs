@@ -13,7 +13,7 @@ use super::recording::{
 use super::stated::parse_json;
 use super::trajectory::TimedPose;
 use super::{recording, stated};
-use crate::dataset::archive::Archive;
+use crate::dataset::archive::{Archive, MAX_MEMBERS};
 use crate::dataset::bag::is_bag;
 use crate::dataset::decode::CodeKind;
 use crate::dataset::entry::FrameEntry;
@@ -244,6 +244,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let path = folder.path.join(archive_name(folder).unwrap_or_default());
     let damaged = |problem: FrameProblem| match problem {
         FrameProblem::Read(source) => DatasetError::Read { path: path.clone(), source },
+        FrameProblem::ArchiveMembers(found) => {
+            let expected = format!("at most {MAX_MEMBERS} members");
+            metadata_error(&path, &expected, found.to_string(), "record shorter pieces")
+        }
         other => {
             let expected = "a recording shared by Record3D";
             metadata_error(&path, expected, other.to_string(), "share the recording again")
