@@ -318,4 +318,57 @@ mod tests {
         assert!(still.contains("fps: expected more than 0"), "{still}");
         assert!(read("no json").unwrap_err().contains("expected JSON such as"));
     }
+
+    #[test]
+    fn a_closed_path_ends_where_it_begins() {
+        let camera = |time: u32, x: f64, turn: &str| {
+            format!(r#"{{"time": {time}, "eye": [{x}, 0, 0], "rotation": [{turn}]}}"#)
+        };
+        let closed = |x: f64, last: f64, turn: &str| {
+            let keyframes =
+                [camera(0, x, "0, 0, 0, 1"), camera(1, x, "0, 0, 1, 1"), camera(2, last, turn)];
+            let keyframes = keyframes.join(", ");
+            read(&format!(r#"{{"version": 1, "loop": true, "keyframes": [{keyframes}]}}"#))
+        };
+        let paced = closed(0.0, 0.0, "0, 0, 0, -1").unwrap();
+        assert_eq!((paced.fps, paced.keyframe_per_frame().len()), (30.0, 60));
+        // Relative to the distance from zero.
+        for (x, last) in [(0.0, 5e-7), (0.0, 1e-6), (1000.0, 1000.0005)] {
+            assert!(closed(x, last, "0, 0, 0, 1").is_ok(), "{x} {last}");
+        }
+        for (x, last, turn) in
+            [(0.0, 0.0, "0, 0, 1, 1"), (0.0, 1.0, "0, 0, 0, 1"), (1000.0, 1000.002, "0, 0, 0, 1")]
+        {
+            assert!(
+                closed(x, last, turn).unwrap_err().contains("keyframes[2]: expected the first")
+            );
+        }
+    }
+
+    #[test]
+    fn limits_are_exact() {
+        let keyframe = |rest: &str| format!(r#"{{"time": 0, "eye": [0, -3, 1], {rest}}}"#);
+        for (rest, parts) in [
+            (r#""target": [0, 0, 0], "fov_y": 1"#, ["fov_y", "more than 1", "found 1"]),
+            (r#""target": [0, 0, 0], "fov_y": 170"#, ["fov_y", "less than 170", "found 170"]),
+            (r#""rotation": [0, 0, 0, 1], "up": [0, 0, 1]"#, ["rotation", "either", "both"]),
+            (r#""rotation": [0, 0, 0, 0.001]"#, ["rotation", "length 1", "0.001"]),
+            (r#""rotation": [0, 0, 0, 1000]"#, ["rotation", "length 1", "1000.0"]),
+        ] {
+            let found = with(&format!("{}, {LAST}", keyframe(rest))).unwrap_err();
+            assert!(parts.iter().all(|part| found.contains(part)), "{parts:?}: {found}");
+        }
+        let longest = with(&format!("{FIRST}, {}", LAST.replace("2,", "10800,"))).unwrap();
+        assert_eq!(longest.keyframe_per_frame().len(), 108_001);
+        let folder = tempfile::tempdir().unwrap();
+        let found = |path: &Path| PacedPath::read(path, DVec3::Z).unwrap_err().to_string();
+        assert!(found(folder.path()).contains("at most 16 MiB, found a folder"));
+        let path = folder.path().join("large.json");
+        for (bytes, expected) in
+            [(MAX_BYTES, "expected JSON such as"), (MAX_BYTES + 1, "found 16777217 bytes")]
+        {
+            std::fs::File::create(&path).unwrap().set_len(bytes).unwrap();
+            assert!(found(&path).contains(expected), "{bytes}");
+        }
+    }
 }

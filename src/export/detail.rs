@@ -275,3 +275,105 @@ fn tree(
     let corners = [[x, y], [x + half, y], [x, y + half], [x + half, y + half]];
     Square::joined(corners.into_iter().filter_map(|corner| tree(corner, half, texel)).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::splat::texture::{Sample, TEXELS, Texel};
+
+    fn texture(anchor: DVec3) -> Texture {
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let anchor = anchor.as_vec3().to_array();
+        let lattice = Lattice { anchor, axes, half: 1.0, level: 0 };
+        let patches = vec![[Texel::new([0.5, 0.25, 0.75], 16.0 / 31.0); TEXELS]];
+        Texture { lattice, index: vec![0], patches }
+    }
+
+    fn surface(number: usize, mean: DVec3, opacity: f64, width: f64) -> Surface {
+        let scale = DVec3::new(width, width, 0.01);
+        let splat = Gaussian { mean, opacity, scale, ..Gaussian::INVISIBLE };
+        let color = DVec3::new(0.2, 0.4, 0.6);
+        Surface { number, splat, color, gradient: DMat3::from_diagonal(DVec3::splat(0.1)) }
+    }
+
+    /// Squares of `own` beside a splat held in a neighbouring cell.
+    fn squares(own: &Surface, other: Surface, shift: [i64; 3]) -> Option<Square> {
+        let mut surfaces = Surfaces { cell: 2.0, by_cell: HashMap::new() };
+        let [x, y, z] = surfaces.cell_of(own.splat.mean);
+        let cell = [x + shift[0], y + shift[1], z + shift[2]];
+        surfaces.by_cell.insert(cell, vec![other]);
+        surfaces.squares(own, &Plane::new(own, &texture(own.splat.mean)))
+    }
+
+    fn square(error: f64, parts: Vec<Square>) -> Square {
+        Square { centre: [0.0; 2], n: 1.0, color: DVec3::ZERO, error, parts }
+    }
+
+    const MEAN: DVec3 = DVec3::new(6.5, -3.5, 10.5);
+
+    #[test]
+    fn a_price_limits_the_number_of_splats() {
+        let texture = texture(MEAN);
+        let own = surface(0, MEAN, 1.0, 1.0);
+        let of = |errors: [f64; 2], most: usize| {
+            let even = || (0..4).map(|_| square(0.0, Vec::new())).collect();
+            let trees = errors.map(|error| (0, square(error, even()), Plane::new(&own, &texture)));
+            price(&trees, most)
+        };
+        // Four parts instead of a whole are worth three prices.
+        let found = of([1.0, 100.0], 5);
+        assert!((found - 1.0 / 3.0).abs() < 1e-9, "{found}");
+        assert_eq!(of([1.0, 100.0], 8), 0.0);
+        assert_eq!(of([3e-14, 100.0], 5), 1e-12 * (3e-14 + 100.0));
+        let tree = square(10.0, vec![square(2.0, Vec::new()), square(3.0, Vec::new())]);
+        assert_eq!((tree.cost(4.0), tree.cost(5.0)), ((13.0, 2), (15.0, 1)));
+    }
+
+    #[test]
+    fn responses_and_colours_follow_the_place() {
+        let mut own = surface(0, DVec3::new(1.0, 2.0, 3.0), 0.8, 0.5);
+        own.splat.scale.y = 2.0;
+        let point = DVec3::new(2.0, 4.0, 5.0);
+        assert!((own.response(point) - 0.8 * (-3.0f64).exp()).abs() < 1e-12);
+        assert!(own.color(point).distance(DVec3::new(0.3, 0.6, 0.8)) < 1e-12);
+        let above = texture(own.splat.mean + 0.5 * DVec3::Z);
+        let at = Plane::new(&own, &above).point([2.0, 2.0]);
+        assert!(at.distance(own.splat.mean) < 1e-12, "{at}");
+        let surfaces = Surfaces { cell: 0.5, by_cell: HashMap::new() };
+        assert_eq!(surfaces.cell_of(DVec3::new(1.2, -0.3, 0.6)), [2, -1, 1]);
+    }
+
+    #[test]
+    fn texels_blend_with_neighbours_and_end_where_a_splat_does() {
+        let own = surface(0, MEAN, 0.8, 1.0);
+        let beside = |number| surface(number, MEAN + 0.5 * DVec3::X, 0.3, 1.0);
+        let tree = squares(&own, Surface { color: DVec3::ONE, ..beside(1) }, [0; 3]).unwrap();
+        assert_eq!(tree.n, 16.0);
+        let offset = DVec3::new(-0.75, -0.75, 0.0);
+        let [shown, other] = [0.8 * (-0.5625f64).exp(), 0.3 * (-1.0625f64).exp()];
+        let colors = [own.color + 0.1 * offset, DVec3::ONE + 0.1 * (offset - 0.5 * DVec3::X)];
+        let drawn = (shown * colors[0] + other * colors[1]) / (shown + other);
+        let Sample { share, color } = texture(MEAN).sample([0.5; 2]);
+        let expected = DVec3::from_array(color.map(f64::from)) + (1.0 - f64::from(share)) * drawn;
+        let found = tree.parts[0].parts[0].color;
+        assert!(found.distance(expected) < 1e-9, "{found} {expected}");
+        // The corners of the lattice are beyond a tenth of the largest response.
+        let narrow = surface(0, MEAN, 0.5, 0.45);
+        let far = surface(1, MEAN + 9.0 * DVec3::Z, 0.5, 0.45);
+        assert_eq!(squares(&narrow, far, [0; 3]).unwrap().n, 12.0);
+    }
+
+    #[test]
+    fn splats_of_all_cells_around_hide_texels() {
+        for [own, other] in [[0, 1], [1, 0]] {
+            let [own, other] = [own, other].map(|number| surface(number, MEAN, 0.8, 1.0));
+            assert_eq!(squares(&own, other, [0; 3]).is_some(), own.number == 0);
+        }
+        let own = surface(0, MEAN, 0.5, 1.0);
+        for n in 0..125 {
+            let shift = [n % 5 - 2, n / 5 % 5 - 2, n / 25 - 2];
+            let is_hidden = squares(&own, surface(1, MEAN, 1.0, 9.0), shift).is_none();
+            assert_eq!(is_hidden, shift.iter().all(|d: &i64| d.abs() < 2), "{shift:?}");
+        }
+    }
+}

@@ -550,3 +550,185 @@ impl<'a> Surface<'a> {
         (0..side * side).flat_map(texel).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::splat::texture::{Lattice, Texel};
+
+    fn surfel(mean: [f64; 3], normal: DVec3, variance: [f64; 3], evidence: f64) -> Surfel {
+        let covariance = Sym3::from_mat3(DMat3::from_diagonal(variance.into()));
+        let color = DVec3::new(0.25, 0.5, 0.75);
+        Surfel { mean: mean.into(), normal, covariance, color, evidence, texture: None }
+    }
+
+    fn textured(surfel: Surfel, anchor: [f32; 3], half: f32, level: u8) -> Surfel {
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let lattice = Lattice { anchor, axes, half, level };
+        let patches = vec![[Texel::new([0.5; 3], 1.0); 16]];
+        let texture = Texture { lattice, index: vec![0; 1 << (2 * level)], patches };
+        Surfel { texture: Some(Arc::new(texture)), ..surfel }
+    }
+
+    /// Field of one block, whose colours are coordinates.
+    fn field(distance: impl Fn(DVec3) -> f64) -> Field {
+        let at = |[x, y, z]: Place| DVec3::new(x.into(), y.into(), z.into());
+        let corners = places(IVec3::ZERO, IVec3::splat(BLOCK - 1)).map(at);
+        let samples = corners.map(|at| Some(Sample { distance: distance(at), color: at }));
+        let blocks = vec![(IVec3::ZERO, samples.collect())];
+        Field { blocks, index: HashMap::from([(IVec3::ZERO, 0)]) }
+    }
+
+    fn surface<'a>(
+        mesh: &'a TriangleMesh,
+        surfels: &'a [Surfel],
+        cell: f64,
+        reached: &'a [(Place, u32)],
+    ) -> Surface<'a> {
+        let groups = reached.chunk_by(|a, b| a.0 == b.0).map(|group| (group[0].0, group));
+        Surface { mesh, surfels, cell, by_block: groups.collect() }
+    }
+
+    #[test]
+    fn components_below_a_share_of_the_median_are_left_out() {
+        let of = |evidence| surfel([0.0; 3], DVec3::Z, [0.01; 3], evidence);
+        let reached = block_surfel_pairs(&[2.9, 3.0, 10.0, 10.0].map(of), 1.0).unwrap();
+        let mut numbers: Vec<u32> = reached.iter().map(|pair| pair.1).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        assert_eq!(numbers, [1, 2, 3]);
+    }
+
+    #[test]
+    fn blocks_are_counted_before_they_are_listed() {
+        let line = |x: f64, reach: f64| {
+            surfel([x, 4.0, 4.0], DVec3::Z, [(reach / 2.5).powi(2) - 0.25, 0.0, 0.0], 1.0)
+        };
+        // Eight times the same 100,000 blocks are allowed; one pair more is not.
+        let mut surfels = vec![line(0.0, 399_996.0); 8];
+        assert_eq!(block_surfel_pairs(&surfels, 1.0).unwrap().len(), 800_000);
+        surfels.push(surfel([-4.0, 4.0, 4.0], DVec3::Z, [0.0; 3], 1.0));
+        assert!(block_surfel_pairs(&surfels, 1.0).is_err());
+        assert!(block_surfel_pairs(&[line(4.0, 400_000.0)], 1.0).is_err(), "100,001 blocks");
+    }
+
+    #[test]
+    fn a_segment_reaches_along_and_across_its_plane() {
+        let segment = surfel([0.0; 3], DVec3::X, [0.0; 3], 1.0);
+        assert_eq!(corners(&segment, 0.5), (IVec3::new(-3, -1, -1), IVec3::new(3, 1, 1)));
+        let at = |evidence, point: [f64; 3]| {
+            let segment = surfel([0.0; 3], DVec3::Z, [1.0; 3], evidence);
+            contribution(&segment, DMat3::IDENTITY, point.into(), 0.5)
+        };
+        assert_eq!(at(10.0, [2.5, 0.0, 0.0]), (10.0 * (-3.125f64).exp(), 0.0));
+        assert_eq!(at(10.0, [0.0, 0.0, 1.25]), (10.0 * (-3.125f64).exp(), 2.5));
+        assert_eq!(at(100.0, [1.0, 2.0, -1.0]), (64.0 * (-4.5f64).exp(), -2.0));
+        assert_eq!(at(10.0, [2.6, 0.0, 0.0]), (0.0, 0.0));
+        assert_eq!(at(10.0, [0.0, 0.0, -1.3]), (0.0, 0.0));
+    }
+
+    #[test]
+    fn the_field_of_a_segment_is_the_distance_from_its_plane_in_cells() {
+        let segment = surfel([2.0, 2.0, 2.1], DVec3::Z, [1.0, 1.0, 0.0], 40.0);
+        let field = Field::new(&[segment], 0.5).unwrap();
+        for (z, expected) in [(4, -0.2), (5, 0.8)] {
+            let Sample { distance, color } = field.at(IVec3::new(4, 4, z)).unwrap();
+            assert!((distance - expected).abs() < 1e-12, "{distance}");
+            assert!(color.distance(DVec3::new(0.25, 0.5, 0.75)) < 1e-12, "{color}");
+        }
+    }
+
+    #[test]
+    fn a_vertex_is_the_mean_of_all_cut_edges() {
+        let tilted = field(|at| at.dot(DVec3::new(1.0, 2.0, 4.0)) - 2.5);
+        let (position, color) = vertex(&tilted, IVec3::ZERO).unwrap();
+        assert!(position.distance(DVec3::new(0.5, 0.55, 0.225)) < 1e-12, "{position}");
+        assert!(color.distance(position) < 1e-12, "{color}");
+        // Zero counts as positive.
+        assert_eq!(vertex(&field(|at| at.z), IVec3::ZERO), None);
+        assert_eq!(vertex(&field(|at| 1.0 - at.z), IVec3::ZERO), None);
+        let at_top = DVec3::new(0.5, 0.5, 1.0);
+        assert_eq!(vertex(&field(|at| at.z - 1.0), IVec3::ZERO), Some((at_top, at_top)));
+    }
+
+    #[test]
+    fn quads_face_positive_distances_and_are_found_again() {
+        let number = |[x, y, z]: Place| IVec3::new(x, y, z);
+        let cells = places(IVec3::ZERO, IVec3::splat(BLOCK - 1)).map(number);
+        let numbers = cells.map(|cell| (cell, in_block(cell) as u32)).collect();
+        let of =
+            |distance: fn(f64) -> f64| quad(&field(|at| distance(at.z)), &numbers, IVec3::ONE, 2);
+        let (up, down) = ([[64, 65, 73], [64, 73, 72]], [[64, 73, 65], [64, 72, 73]]);
+        assert_eq!(of(|z| z - 1.5), up);
+        assert_eq!(of(|z| 1.5 - z), down);
+        assert_eq!(of(|z| z - 2.0), up);
+        assert!(of(|z| z - 1.0).is_empty() && of(|z| 2.0 - z).is_empty());
+        let triangles = [up, down].concat();
+        let mesh = TriangleMesh { triangles, ..TriangleMesh::default() };
+        assert_eq!((mesh.quad(0), mesh.quad(1)), ([64, 65, 73, 72], [64, 72, 73, 65]));
+    }
+
+    #[test]
+    fn blocks_of_an_atlas_have_rims_and_shrink_together() {
+        let sides = [1, 2, 4, 8, 16, 64];
+        assert_eq!(sides.map(rim), [0, 0, 1, 1, 2, 2]);
+        assert_eq!(sides.map(inner_length), [0.0, 1.0, 1.0, 5.0, 11.0, 59.0]);
+        let (blocks, size) = arrange(&[4096, 4096]).unwrap();
+        let corners: Vec<_> = blocks.iter().map(|block| (block.corner, block.side)).collect();
+        assert_eq!(corners, [([0, 0], 2048), ([2048, 0], 2048)]);
+        assert_eq!(size, [4096, 2048]);
+        let blocks = vec![Block { corner: [8, 0], side: 8 }];
+        let atlas = Atlas { png: Vec::new(), size: [16, 8], blocks };
+        let ([left, right], [top, bottom]) = ([9.5 / 16.0, 14.5 / 16.0], [1.5 / 8.0, 6.5 / 8.0]);
+        let expected = [[left, top], [right, top], [right, bottom], [left, bottom]];
+        assert_eq!(atlas.coordinates(0), expected);
+    }
+
+    #[test]
+    fn a_quad_shows_components_that_face_and_reach_it() {
+        let of = |at: f64, normal| {
+            let plain = surfel([at; 3], normal, [0.01, 0.01, 0.0], 1.0);
+            textured(plain, [at as f32; 3], 0.5, 0)
+        };
+        let surfels = [of(10.25, DVec3::Z), of(10.25, DVec3::NEG_Z), of(8.6, DVec3::Z)];
+        let reached = block_surfel_pairs(&surfels, 0.5).unwrap();
+        let mesh = TriangleMesh::default();
+        let vertices = PLACES.map(|[x, y]| DVec3::new(10.0 + 0.5 * x, 10.0 + 0.5 * y, 10.0));
+        let near = surface(&mesh, &surfels, 0.5, &reached).near(vertices);
+        assert_eq!(near.iter().map(|near| near.surfel).collect::<Vec<_>>(), [&surfels[0]]);
+    }
+
+    #[test]
+    fn the_longest_edge_of_a_quad_determines_its_texels() {
+        let corners = [[100.0, 100.0], [106.75, 100.0], [104.75, 101.5], [102.0, 101.5]];
+        let triangles = vec![[0, 1, 2], [0, 2, 3]];
+        let wide = || surfel([103.375, 100.75, 100.0], DVec3::Z, [9.0, 9.0, 0.0], 10.0);
+        let coarse = [textured(wide(), [103.375, 100.75, 100.0], 4.0, 3)];
+        let fine = [textured(wide(), [102.375, 100.75, 100.0], 0.0064, 5)];
+        let side = |surfels: &[Surfel], first: usize| {
+            let mut positions = corners.map(|[x, y]| DVec3::new(x, y, 100.0)).to_vec();
+            positions.rotate_left(first);
+            let triangles = triangles.clone();
+            let mesh = TriangleMesh { positions, triangles, ..TriangleMesh::default() };
+            let reached = block_surfel_pairs(surfels, 1.0).unwrap();
+            surface(&mesh, surfels, 1.0, &reached).side(0)
+        };
+        // 27 texels of 0.25 beside rims of 2.
+        assert_eq!([0, 1, 2, 3].map(|first| side(&coarse, first)), [32; 4]);
+        assert_eq!(side(&fine, 0), MAX_ATLAS_SIDE);
+    }
+
+    #[test]
+    fn colours_are_linear_on_each_triangle() {
+        let values = [[0.0; 3], [1.0, 0.0, 0.0], [1.0; 3], [0.0, 1.0, 0.0]].map(DVec3::from_array);
+        assert_eq!(interpolate(values, [0.75, 0.25]), DVec3::new(0.75, 0.25, 0.25));
+        assert_eq!(interpolate(values, [0.25, 0.75]), DVec3::new(0.25, 0.75, 0.25));
+        let colors = [[1.0, 0.0, 0.2], [0.0; 3], [1.0, 0.0, 0.6], [0.0; 3]];
+        let mesh = TriangleMesh {
+            positions: values.to_vec(),
+            colors: colors.map(DVec3::from_array).to_vec(),
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+        };
+        assert_eq!(surface(&mesh, &[], 1.0, &[]).texels(0, 1), [255, 0, 102]);
+    }
+}

@@ -210,4 +210,24 @@ mod tests {
         assert_eq!(fixed([0, 0xF0, 0xFF], 12), -1.0);
         assert_eq!(fixed([0xFF, 0xFF, 0x7F], 0), 8_388_607.0);
     }
+
+    #[test]
+    fn values_beyond_24_bits_are_the_largest() {
+        assert_eq!(to_fixed(1e9, 0), [0xFF, 0xFF, 0x7F]);
+        assert_eq!(to_fixed(-1e9, 0), [0x01, 0x00, 0x80]);
+    }
+
+    #[test]
+    fn the_most_accurate_encoding_of_a_turn_is_chosen() {
+        // Without the first of the largest components the error is 6e-4 larger.
+        let turn = DQuat::from_xyzw(-7.0, -7.0, 0.0, 6.0).normalize();
+        assert_eq!(to_smallest_three(turn), [0, 212, 94, 251]);
+        assert_eq!(encode_without(0, [0.0, 0.6, -0.8, 0.0]), [0, 252, 47, 27]);
+        let a = DQuat::from_xyzw(0.5, 0.5, 0.5, 0.5);
+        assert_eq!(difference(a, DQuat::from_xyzw(0.75, -0.25, -0.25, -0.25)), 0.75);
+        assert_eq!(difference(a, -a), 0.0);
+        let turn = DQuat::from_xyzw(0.1, -0.3, 0.5, 0.8).normalize();
+        assert_eq!(to_first_three(turn), to_first_three(-turn));
+        assert_eq!(to_first_three(DQuat::from_xyzw(1.0, 0.0, 0.0, 0.0))[0], 255);
+    }
 }

@@ -193,3 +193,57 @@ fn spread_bits(v: u64) -> u64 {
     let v = (v | v << 4) & 0x10C3_0C30_C30C_30C3;
     (v | v << 2) & 0x1249_2492_4924_9249
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Rows(Vec<Gaussian>, bool);
+
+    impl SplatRows for Rows {
+        fn n_rows(&self) -> usize {
+            self.0.len()
+        }
+
+        fn row(&self, row: usize) -> Gaussian {
+            self.0[row]
+        }
+
+        fn has_directions(&self) -> bool {
+            self.1
+        }
+    }
+
+    fn rows(places: &[[f64; 3]], has_directions: bool) -> Rows {
+        let row = |mean: &[f64; 3]| Gaussian { mean: (*mean).into(), ..Gaussian::INVISIBLE };
+        Rows(places.iter().map(row).collect(), has_directions)
+    }
+
+    #[test]
+    fn bits_are_spread_to_every_third_place() {
+        for v in [0, 1, 0x1F_FFFF, 0x15_5555, 0x0A_AAAA, 0x12_3456, 0x1E_DCBA] {
+            let expected: u64 = (0..CURVE_BITS).map(|bit| (v >> bit & 1) << (3 * bit)).sum();
+            assert_eq!(spread_bits(v), expected, "{v:x}");
+        }
+    }
+
+    #[test]
+    fn splats_follow_a_morton_curve_of_cells_of_eight_steps() {
+        // From z, the highest axis of the curve, to x; the fourth and the fifth share a cell.
+        let above = [[0.0, 0.0, 8.0], [0.0, 8.0, 0.0], [8.0, 0.0, 0.0], [7.0, 0.0, 0.0], [0.0; 3]];
+        let below = [[-8.0, 0.0, 0.0], [0.0, -8.0, 0.0], [0.0, 0.0, -8.0]];
+        let places = [&above[..], &below[..]].concat();
+        assert_eq!(morton_order(&rows(&places, false), 0), [7, 6, 5, 3, 4, 2, 1, 0]);
+    }
+
+    #[test]
+    fn columns_and_fraction_bits_fit_the_splats() {
+        let layout = |has_directions| {
+            SpzLayout::new(&rows(&[[0.0; 3]], has_directions), SpzVersion::V4, false).unwrap()
+        };
+        assert_eq!([false, true].map(|directions| layout(directions).n_columns()), [5, 6]);
+        let of = |x: f64| fraction_bits(&rows(&[[x, 0.0, 0.0]], false), x);
+        assert_eq!((of(5e6).unwrap(), of(4e6).unwrap()), (0, 1));
+        assert!(of(9e6).is_err());
+    }
+}

@@ -241,3 +241,67 @@ fn check_sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect>
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::splat::splats::Splat;
+
+    fn sums(values: &[(usize, f64)]) -> [f64; N_SUMS] {
+        let mut row = [0.0; N_SUMS];
+        values.iter().for_each(|&(i, value)| row[i] = value);
+        row
+    }
+
+    #[test]
+    fn bounds_of_sums_are_exact() {
+        let check = |values: &[(usize, f64)]| check_sums(SUMS, 3, &sums(values));
+        check(&[(0, 2.0), (10, 2.0 * MAX_TERM)]).unwrap();
+        assert!(check(&[(0, 2.0), (10, 2.1 * MAX_TERM)]).is_err());
+        // The slack grows with the number of points: 0.0926 for 1,000.
+        check(&[(0, 1000.0), (28, 1000.0), (31, 0.09)]).unwrap();
+        let found = check(&[(0, 1000.0), (28, 1000.0), (31, 0.1)]).unwrap_err().to_string();
+        assert!(
+            found.contains("[component 3, view yy]: expected at most the remainder"),
+            "{found}"
+        );
+    }
+
+    #[test]
+    fn wide_sums_begin_at_their_number_of_points_and_stand_alone() {
+        let wide = [WideRow { id: 0, sums: sums(&[(0, f64::from(WIDE_POINTS))]) }];
+        let mut rows = [[0; N_SUMS]];
+        check_wide_rows(&wide, &rows).unwrap();
+        rows[0][7] = 3;
+        let found = check_wide_rows(&wide, &rows).unwrap_err().to_string();
+        assert!(found.contains("[component 0, yy]: expected 0 beside sums"), "{found}");
+        assert!(found.contains("found 0.000091552734375"), "{found}");
+    }
+
+    #[test]
+    fn splats_precisions_and_noise_are_checked() {
+        let mut sound = PhotometricState::default();
+        sound.grow(1);
+        sound.splats[0] = Splat { opacity: 0.5, scale: [0.1; 3], ..Splat::default() };
+        (0..N_FORM).for_each(|i| sound.form[0][i * (i + 3) / 2] = 1.0);
+        (0..N_COLOR).for_each(|i| sound.color[0][i * (i + 3) / 2] = 1.0);
+        check_photometric(&sound).unwrap();
+        let last = |n: usize| n * (n + 1) / 2 - 1;
+        let found = |edit: &dyn Fn(&mut PhotometricState)| {
+            let mut state = sound.clone();
+            edit(&mut state);
+            check_photometric(&state).unwrap_err().to_string()
+        };
+        let precision = "[component 0, precision]: expected a positive number, found";
+        for (found, expected) in [
+            (found(&|s| s.form[0][last(N_FORM)] = 0.0), format!("{precision} 0")),
+            (found(&|s| s.form[0][0] = f32::INFINITY), format!("{precision} inf")),
+            (found(&|s| s.color[0][last(N_COLOR)] = -1.0), format!("{precision} -1")),
+            (found(&|s| s.appearance[0].directional[0][0] = f32::NAN), "can be drawn".to_owned()),
+            (found(&|s| s.noise[0] = f64::INFINITY), "0 or more, found inf".to_owned()),
+            (found(&|s| s.points[1] = -1.0), "0 or more, found -1".to_owned()),
+        ] {
+            assert!(found.contains(&expected), "{expected}: {found}");
+        }
+    }
+}
