@@ -155,7 +155,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         "Latency: stages, table of median/p95/max, sort and draw times, CSV",
         &[
             "viewer.rs: renderers_are_timed_and_compared_and_the_divider_is_dragged",
-            "tools.rs: timings_and_pictures_are_written_beside_the_dataset_and_never_over_a_file",
+            "tools.rs: timings_are_written_beside_the_dataset_and_never_over_a_file",
             "src/app/panels/latency.rs: frames_are_counted_against_the_budget_and_found_under_the_pointer",
             "src/app/panels/latency.rs: csv_has_a_column_per_heading",
         ],
@@ -235,7 +235,7 @@ const PROMISES: &[(&str, &[&str])] = &[
     ),
     (
         "The picture of the view can be saved to a file",
-        &["tools.rs: timings_and_pictures_are_written_beside_the_dataset_and_never_over_a_file"],
+        &["tools.rs: pictures_have_any_size_and_the_view_is_whole_in_them"],
     ),
     (
         "A full disk gives an error; the scene stays and can be written elsewhere",

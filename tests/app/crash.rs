@@ -4,7 +4,7 @@
 use super::device_loss::draw_film;
 use super::harness::{PATIENCE, Window, dataset, is, step, train, until, wait, wait_for_label};
 use crate::common::adapter::{turn, vulkan};
-use eframe::egui::Vec2;
+use eframe::egui::{Key, Vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
@@ -187,7 +187,9 @@ fn a_panic_of_a_film_costs_the_film_and_is_told() {
         s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Error && told(&n.text))
     });
     assert!(!armed.load(Ordering::SeqCst) && worker.crash().is_none());
-    // A second film is rendered normally.
+    // The dialog stays with the error. A second film is rendered normally.
+    window.key_press(Key::Escape);
+    window.run_steps(2);
     draw_film(window, &folder.path().join("again"));
     let second = folder.path().join("again/00002.png");
     wait(window, "pictures", |_| second.exists());

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Default structural scale of depth images of [`LARGE_IMAGE`] pixels and more, in pixels.
 const COARSEST_DEFAULT: f64 = 2.5;
 /// Default structural scale of small depth images, in pixels. Finer ones bring less than 0.1 dB
-/// (`scene.md`, Structural scale).
+/// (`scene.md`, Births).
 const FINEST_DEFAULT: f64 = 2.0;
 /// Pixels of a depth image of which two cores train a frame within 33 ms.
 const LARGE_IMAGE: f64 = 640.0 * 480.0;
