@@ -154,7 +154,7 @@ fn a_sequence_of_two_splits_is_said() {
     assert!(notes.contains("`test` and `train` share seq-01"), "{notes}");
 }
 
-/// A forged header of a hundred bytes may declare 60 million pixels. It is refused before
+/// A forged header of a hundred bytes may declare 30 million pixels. It is refused before
 /// allocation, also where a grey image would replace the photograph.
 #[test]
 fn sizes_that_no_file_can_hold_are_refused_before_pictures_are_made() {
@@ -164,7 +164,7 @@ fn sizes_that_no_file_can_hold_are_refused_before_pictures_are_made() {
         let path = file.unwrap().path();
         let mut bytes = std::fs::read(&path).unwrap();
         // After the signature and the length: `IHDR`, width, height, five bytes, checksum.
-        bytes[16..24].copy_from_slice(&[8000u32, 7500].map(u32::to_be_bytes).concat());
+        bytes[16..24].copy_from_slice(&[6000u32, 5000].map(u32::to_be_bytes).concat());
         let sum = crc32fast::hash(&bytes[12..29]);
         bytes[29..33].copy_from_slice(&sum.to_be_bytes());
         std::fs::write(path, bytes).unwrap();
@@ -173,10 +173,10 @@ fn sizes_that_no_file_can_hold_are_refused_before_pictures_are_made() {
         open(folder.path(), &LoadOptions { geometry_only: true, ..LoadOptions::default() });
     let dataset = dataset.unwrap();
     let frame = &dataset.splits[0].frames[0];
-    assert_eq!(frame.camera.intrinsics.width, 8000);
+    assert_eq!(frame.camera.intrinsics.width, 6000);
     for refused in [frame.load().map(drop), frame.load_color().map(drop)] {
         let said = refused.unwrap_err().to_string();
-        assert!(said.contains("8000x7500 pixels in "), "{said}");
+        assert!(said.contains("6000x5000 pixels in "), "{said}");
     }
     // Grey placeholder images are not checked for capture problems.
     assert_eq!(capture_check::check(&dataset.splits[0]).looked_at, 0);
