@@ -42,7 +42,14 @@ pub fn device() -> Option<WgpuSetup> {
 /// Creates the application with a worker of its own, and opens the subject.
 pub fn studio(cc: &CreationContext<'_>, subject: Option<Subject>, painting: Painting) -> Studio {
     let window = cc.egui_ctx.clone();
-    let worker = Worker::start(Arc::new(move || window.request_repaint())).unwrap();
+    // Of its own, so that no window offers what another one left. It lives as long as the worker.
+    let state = tempfile::tempdir().unwrap();
+    let folders = vec![state.path().to_owned()];
+    let waker = move || {
+        let _kept = &state;
+        window.request_repaint();
+    };
+    let worker = Worker::start_with(Arc::new(waker), folders).unwrap();
     let first = subject.map_or(WorkerOrder::Deliver, WorkerOrder::Open);
     let (worker, exit) = (Arc::new(worker), Exit::default());
     Studio::attach(cc, worker, vec![first], exit, painting, Instant::now()).unwrap()

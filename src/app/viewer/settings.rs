@@ -72,7 +72,7 @@ impl Default for PanelSettings {
             previews_export: true,
             quality_every: Some(DEFAULT_INTERVAL),
             frame_budget_ms: FRAME_BUDGET_MS,
-            past_mb: 128,
+            past_mb: 192,
         }
     }
 }
