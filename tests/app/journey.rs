@@ -19,13 +19,12 @@ struct Hand {
 }
 
 impl Hand {
-    /// Starts the program on what its arguments name; `None` without a display or `xdotool` outside strict
-    /// mode.
-    fn on(arguments: &[&Path], home: &Path) -> Option<Self> {
+    /// Starts the program on a path; `None` without a display or `xdotool` outside strict mode.
+    fn on(path: &Path, home: &Path) -> Option<Self> {
         display()?;
         xdotool(&["version"])?;
         let mut child = Command::new(env!("CARGO_BIN_EXE_vbgs-studio"))
-            .args(arguments)
+            .arg(path)
             .env("HOME", home)
             .env("VBGS_LOG", "debug")
             .stderr(Stdio::piped())
@@ -128,7 +127,7 @@ fn a_hand_opens_trains_orbits_compares_measures_exports_and_quits() {
     });
     let kitchen = second.with_file_name("kitchen");
     std::fs::rename(&second, &kitchen).unwrap();
-    let Some(mut hand) = Hand::on(&[&first], folder.path()) else { return };
+    let Some(mut hand) = Hand::on(&first, folder.path()) else { return };
     hand.wait_for("the first dataset", |hand| hand.title().starts_with("room"));
     hand.enter("ctrl+o", &kitchen);
     hand.wait_for("the second dataset", |hand| hand.title().starts_with("kitchen"));
@@ -180,7 +179,7 @@ fn a_hand_opens_trains_orbits_compares_measures_exports_and_quits() {
 fn figures_of_one_window() {
     let folder = tempfile::tempdir().unwrap();
     let path = super::waiting::large(folder.path(), 120);
-    let Some(hand) = Hand::on(&[&path], folder.path()) else { return };
+    let Some(hand) = Hand::on(&path, folder.path()) else { return };
     let shown = number_after(&hand.said("window after").unwrap(), "window after ").unwrap();
     hand.wait_for("the dataset", |hand| hand.said("shown: Ready").is_some());
     xdotool(&["mousemove", "--window", &hand.window, "300", "300"]);
@@ -249,7 +248,10 @@ fn figures_of_a_recording() {
     let asked = std::env::var_os("VBGS_RECORDING").map(PathBuf::from);
     let Some(path) = asked.or_else(|| shared("data/kinect_office")) else { return };
     let folder = tempfile::tempdir().unwrap();
-    let Some(hand) = Hand::on(&[], folder.path()) else { return };
+    // Without a path the demo would show its splats first.
+    let small = dataset(folder.path(), 2);
+    let Some(hand) = Hand::on(&small, folder.path()) else { return };
+    hand.wait_for("a small dataset", |hand| hand.said("shown: Ready").is_some());
     let size = std::env::var("VBGS_WINDOW_SIZE").unwrap_or_else(|_| "1280 800".to_owned());
     let mut resize = vec!["windowsize", "--sync", &hand.window];
     resize.extend(size.split(' '));
@@ -258,7 +260,7 @@ fn figures_of_a_recording() {
 
     hand.enter("ctrl+o", &path);
     let asked = Instant::now();
-    hand.wait_for("the recording", |hand| hand.said("shown: Ready").is_some());
+    hand.wait_for("the recording", |hand| hand.times("shown: Ready") == 2);
     let open = asked.elapsed();
     hand.key("space");
     hand.wait_for("a picture", |hand| hand.said("first splats visible").is_some());
